@@ -1,1 +1,18 @@
-//! See the crate's description in Cargo.toml.
+//! The physics of the dual-pressure rig.
+//!
+//! | module | subject |
+//! | --- | --- |
+//! | [`real`] | one rig or many lanes: the scalar of all formulas |
+//! | [`orifice`] | mass flow from standstill to choking, paper eq. (3) |
+//! | [`rig`] | a rig as data: TOML, checked |
+//! | [`mechanism`] | physics beyond the paper's, one file each |
+//! | [`plant`] | a rig compiled into flat arrays; RK4; simulation |
+//!
+//! SI units and absolute pressure inside; kPa gauge only where a name says so. This crate opens no files and
+//! knows no clock, no thread and no global random numbers.
+
+pub mod mechanism;
+pub mod orifice;
+pub mod plant;
+pub mod real;
+pub mod rig;

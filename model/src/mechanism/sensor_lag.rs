@@ -1,0 +1,31 @@
+//! `sensor_lag`: the reading follows the pressure with a first-order lag.
+//!
+//! ```text
+//! τ ẏ = P − y
+//! ```
+//!
+//! The sensor's own filter, or a thin hose to it. It changes what is read and nothing else: the other
+//! chamber never hears of it, which tells it from a lag of the valve.
+
+use serde::{Deserialize, Serialize};
+
+use crate::rig::{RigError, within};
+
+/// A first-order lag of a reading behind the pressure.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorLag {
+    /// Time constant τ in ms.
+    pub time_constant_ms: f64,
+}
+
+impl SensorLag {
+    pub(super) fn check(&self, key: &str) -> Result<(), RigError> {
+        within(&format!("{key}.time_constant_ms"), self.time_constant_ms, 0.01, 10_000.0, "ms", "")
+    }
+
+    /// Share of the distance that the reading covers in one integration step, 1 − e^(−h/τ).
+    pub(crate) fn approach(&self, step_s: f64) -> f64 {
+        -(-step_s / (self.time_constant_ms * 1e-3)).exp_m1()
+    }
+}

@@ -1,0 +1,197 @@
+//! A rig compiled into flat arrays, and its simulation.
+//!
+//! | file | subject |
+//! | --- | --- |
+//! | `elements` | the compiled records |
+//! | `assemble` | from a checked [`crate::rig::Rig`] to records |
+//! | `command` | command path of a valve, tick by tick |
+//! | `walls` | volumes and pistons, tick by tick |
+//! | `rates` | mass and energy balances |
+//! | `integrate` | RK4 over a tick |
+//! | `dispatch` | instruction sets |
+//! | `simulation` | a plant in motion |
+//!
+//! [`Plant`] never changes once made; [`State`] is a small `Copy` value, which is what lets MPObs roll ahead
+//! from now and come back; scratch space is allocated with the simulation, so a tick allocates nothing.
+
+mod assemble;
+mod command;
+mod dispatch;
+mod elements;
+mod integrate;
+mod rates;
+mod simulation;
+mod walls;
+
+pub(crate) use command::Samples;
+pub use dispatch::InstructionSet;
+pub(crate) use elements::lanes_of;
+pub use simulation::{FreeRunStart, Simulation};
+
+use command::CommandPath;
+use elements::{
+    Capillary, Compliant, Cylinder, Displacement, Drive, Feed, Given, Isothermal, Passage, SensorPath, Thermal, Vent,
+};
+use walls::{Wall, WallTable};
+
+use crate::orifice::FlowFunction;
+use crate::real::Real;
+
+/// Slots for pressures and temperatures: states first, then places whose pressure is given.
+pub(crate) const NODES: usize = 16;
+/// The most states (pressures of chambers and cylinders, temperatures) a rig may have.
+pub(crate) const MOST_STATES: usize = 12;
+/// The most places whose pressure is given, the atmosphere included.
+pub(crate) const MOST_GIVEN: usize = 4;
+/// Numbers that command paths and sensors may remember.
+pub(crate) const MEMORY: usize = 64;
+/// The most piston pumps a rig may have.
+pub(crate) const MOST_DRIVES: usize = 4;
+
+/// Outflow functions a rig may use.
+pub(crate) const LAWS: usize = 4;
+
+/// The number of states that the integrator is compiled for, given how many a rig has. Given pressures
+/// follow right after.
+fn carried(states: usize) -> usize {
+    match states {
+        0..=4 => 4,
+        5..=8 => 8,
+        _ => MOST_STATES,
+    }
+}
+
+/// A named input of a rig: a duty, a switch or a prescribed signal.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Input {
+    /// The column of recordings that holds it.
+    pub column: String,
+    /// Its value where a recording has no such column; `None` means the column must be there.
+    pub default: Option<f64>,
+}
+
+/// A rig compiled for simulation, in SI units; `R` is one rig (`f64`) or several of one structure.
+#[derive(Debug, Clone)]
+pub struct Plant<R> {
+    inputs: Vec<Input>,
+    chamber_names: Vec<String>,
+    sensor_columns: Vec<String>,
+    step_s: f64,
+    steps: usize,
+    states: usize,
+    chambers: usize,
+    gas_constant: R,
+    heat_capacity_ratio: R,
+    atmosphere_pa: R,
+    /// Temperature by node in K; thermal chambers override theirs.
+    temperature: [R; NODES],
+    /// 1/√(R T) by node in s/m.
+    inverse_speed: [R; NODES],
+    laws: [FlowFunction<R>; LAWS],
+    passages: Vec<Passage<R>>,
+    vents: Vec<Vent<R>>,
+    capillaries: Vec<Capillary<R>>,
+    displacements: Vec<Displacement<R>>,
+    feeds: Vec<Feed<R>>,
+    given: Vec<Given<R>>,
+    isothermal: Vec<Isothermal<R>>,
+    compliant: Vec<Compliant<R>>,
+    thermal: Vec<Thermal<R>>,
+    cylinders: Vec<Cylinder<R>>,
+    drives: Vec<Drive<R>>,
+    commands: Vec<CommandPath<R>>,
+    sensors: Vec<SensorPath<R>>,
+}
+
+impl<R: Real> Plant<R> {
+    /// The inputs that [`Simulation::tick`] takes, in order.
+    pub fn inputs(&self) -> &[Input] {
+        &self.inputs
+    }
+
+    /// The chambers, in the order of the rig file.
+    pub fn chambers(&self) -> &[String] {
+        &self.chamber_names
+    }
+
+    /// The recording columns of the sensors, in the order of [`Simulation::readings_kpa`].
+    pub fn sensor_columns(&self) -> &[String] {
+        &self.sensor_columns
+    }
+
+    /// Length of a control tick in seconds.
+    pub fn tick_s(&self) -> f64 {
+        self.step_s * self.steps as f64
+    }
+
+    /// Pressure of the atmosphere in Pa.
+    pub fn atmosphere_pa(&self) -> R {
+        self.atmosphere_pa
+    }
+
+    /// States that the integrator carries.
+    fn carried_states(&self) -> usize {
+        carried(self.states)
+    }
+
+    #[inline(always)]
+    fn law(&self, index: usize) -> &FlowFunction<R> {
+        &self.laws[index % LAWS]
+    }
+}
+
+/// What a plant remembers from tick to tick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct State<R> {
+    /// Pressures in Pa (chambers, cylinders), temperatures in K, then given pressures.
+    x: [R; NODES],
+    /// Crank angle of each pump in revolutions, 0 … 1.
+    phase: [R; MOST_DRIVES],
+    /// Memory of command paths and sensors.
+    memory: [R; MEMORY],
+    /// Ticks since the start.
+    ticks: u64,
+}
+
+/// Space for what a tick works out before it integrates.
+#[derive(Debug, Clone)]
+struct Scratch<R> {
+    duties: Vec<Samples<R>>,
+    walls: WallTable<R>,
+    speeds: Vec<R>,
+    displacements: Vec<R>,
+    feeds: Vec<R>,
+}
+
+impl<R: Real> Scratch<R> {
+    fn new(plant: &Plant<R>) -> Self {
+        let zero = R::splat(0.0);
+        Scratch {
+            duties: vec![Samples::new(plant.steps); plant.commands.len()],
+            walls: WallTable::new(plant.carried_states(), plant.drives.len(), plant.steps, &plant.isothermal),
+            speeds: vec![zero; plant.drives.len()],
+            displacements: vec![zero; plant.displacements.len()],
+            feeds: vec![zero; plant.feeds.len()],
+        }
+    }
+
+    #[inline(always)]
+    fn duty(&self, command: usize, k: usize) -> R {
+        self.duties.get(command).map_or(R::splat(0.0), |samples| samples.at(k))
+    }
+
+    #[inline(always)]
+    fn walls<const STATES: usize>(&self, k: usize) -> &[Wall<R>; STATES] {
+        self.walls.at(k)
+    }
+
+    #[inline(always)]
+    fn displacement(&self, index: usize) -> R {
+        self.displacements.get(index).copied().unwrap_or(R::splat(0.0))
+    }
+
+    #[inline(always)]
+    fn feed(&self, index: usize) -> R {
+        self.feeds.get(index).copied().unwrap_or(R::splat(0.0))
+    }
+}
