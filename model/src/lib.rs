@@ -7,12 +7,18 @@
 //! | [`rig`] | a rig as data: TOML, checked |
 //! | [`mechanism`] | physics beyond the paper's, one file each |
 //! | [`plant`] | a rig compiled into flat arrays; RK4; simulation |
+//! | [`predict`] | MPObs: the model rolled ahead |
+//! | [`steady`] | the rig averaged over a revolution; feed-forward |
+//! | [`contract`] | what a policy sees and answers |
 //!
 //! SI units and absolute pressure inside; kPa gauge only where a name says so. This crate opens no files and
 //! knows no clock, no thread and no global random numbers.
 
+pub mod contract;
 pub mod mechanism;
 pub mod orifice;
 pub mod plant;
+pub mod predict;
 pub mod real;
 pub mod rig;
+pub mod steady;

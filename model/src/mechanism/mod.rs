@@ -90,6 +90,11 @@ impl Mechanism {
         }
     }
 
+    /// Whether it changes the flows of a rig whose pressures and duties stand still.
+    pub fn acts_when_settled(&self) -> bool {
+        matches!(self, Mechanism::ChamberLeak(_))
+    }
+
     /// Checks the parameters and that `component` is of the right kind.
     pub(crate) fn check(&self, rig: &Rig, component: &str, key: &str) -> Result<(), RigError> {
         let (kind, known) = match self.place() {

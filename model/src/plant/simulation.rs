@@ -30,6 +30,9 @@ pub enum FreeRunStart {
 /// the sensors' noise of 110 Pa, far below what one revolution of the pump does (4.7 kPa).
 const AT_REST_PA: f64 = 500.0;
 
+/// Ticks after which held cylinders are periodic.
+const SETTLING_TICKS: usize = 30;
+
 impl<R: Real> Simulation<R> {
     /// A simulation at rest: atmospheric pressure everywhere, crank at zero, duties long at zero.
     pub fn new(plant: Arc<Plant<R>>) -> Self {
@@ -107,6 +110,21 @@ impl<R: Real> Simulation<R> {
         }
     }
 
+    /// Sets the chambers under the given sensors to what these measured (kPa gauge), and the sensors with them.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn correct(&mut self, sensors: &[usize], measured_kpa: &[R]) {
+        for (index, measured) in sensors.iter().zip(measured_kpa) {
+            let Some(sensor) = self.plant.sensors.get(*index).copied() else { continue };
+            let pressure = self.plant.atmosphere_pa + *measured * R::splat(1e3);
+            self.set_pressure_pa(sensor.node, pressure);
+            if let Some(slot) = sensor.memory.and_then(|m| self.state.memory.get_mut(m)) {
+                *slot = pressure;
+            }
+        }
+    }
+
     /// What sensor `index` reads, in gauge kPa; NaN beyond the last sensor.
     pub fn reading_kpa(&self, index: usize) -> R {
         let Some(sensor) = self.plant.sensors.get(index) else { return R::splat(f64::NAN) };
@@ -143,10 +161,10 @@ impl<R: Real> Simulation<R> {
         }
         self.settle_commands(inputs);
         if start == FreeRunStart::Running {
-            // Two ticks with the chambers put back after each leave the cylinders periodic: the clearance
-            // volume is 1/41 of the stroke's, so a revolution forgets all but 1/41 of its start.
+            // With the chambers put back after each tick the cylinders become periodic: a revolution forgets
+            // about a third of its start (the outlet valve is tight), so thirty leave 1e-5 of it.
             let held = self.state;
-            for _ in 0..2 {
+            for _ in 0..SETTLING_TICKS {
                 self.tick(inputs);
                 for node in (0..plant.chambers).chain(plant.thermal.iter().map(|t| t.temperature)) {
                     if let (Some(slot), Some(value)) = (self.state.x.get_mut(node), held.x.get(node)) {

@@ -68,18 +68,9 @@ impl Rig {
                 ));
             }
             let key = |k: &str| format!("volumes.{name}.{k}");
-            within(
-                &key("volume_l"),
-                v.volume_l,
-                1e-4,
-                1e3,
-                "L",
-                if v.volume_l > 1e2 { "a value in mL?" } else { "it must be positive" },
-            )
-            .and_then(|()| {
-                // 100 L … 1000 L would be a room, not a tank on a bench: more likely millilitres.
-                within(&key("volume_l"), v.volume_l, 1e-4, 100.0, "L", "a value in mL?")
-            })?;
+            // More than 100 L is a room, not a tank on a bench.
+            let hint = if v.volume_l > 100.0 { "a value in mL?" } else { "it must be positive" };
+            within(&key("volume_l"), v.volume_l, 1e-4, 100.0, "L", hint)?;
             temperature(&key("temperature_k"), v.temperature_k)?;
             within(
                 &key("compliance_ml_per_kpa"),

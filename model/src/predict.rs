@@ -1,0 +1,209 @@
+//! Model-predicted observations (MPObs), paper §III-A2.
+//!
+//! The model runs along with the rig since start-up. At tick τ its chamber pressures are set to the measured
+//! ones; what is not measured (cylinder pressures, crank angle, memory of mechanisms) stays the model's own.
+//! From there the actions planned one tick ago for τ … τ+4 roll a copy forward to õ(τ+1) … õ(τ+5).
+
+use std::sync::Arc;
+
+use crate::contract::{AHEAD, CHANNELS, Pair};
+use crate::plant::{FreeRunStart, Plant, Simulation};
+use crate::rig::{Rig, RigError};
+
+/// Where a rig's inputs and sensors are that the controller needs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DualPressurePorts {
+    duty: [usize; CHANNELS],
+    pump_on: Option<usize>,
+    sensor: [usize; CHANNELS],
+}
+
+/// The most inputs a rig flown by the controller may have: two duties, the pump's relay, and one to spare.
+const MOST_INPUTS: usize = 4;
+
+impl DualPressurePorts {
+    /// Input columns of the duties.
+    pub const DUTY: [&'static str; CHANNELS] = ["u_pos", "u_neg"];
+    /// Recording columns of the readings.
+    pub const READING: [&'static str; CHANNELS] = ["p_pos_kpa", "p_neg_kpa"];
+    /// Input column of the pump's relay.
+    pub const PUMP_ON: &'static str = "pump_on";
+
+    /// Finds the ports of a compiled rig.
+    ///
+    /// # Errors
+    /// Names the input or sensor that the rig lacks, or an input that the controller cannot serve.
+    pub fn of(plant: &Plant<f64>) -> Result<Self, RigError> {
+        let missing = |what: &str, column: &str| {
+            RigError::at(what, format!("no {what} uses column `{column}`; a rig for this controller needs it"))
+        };
+        let mut duty = [0; CHANNELS];
+        for (slot, column) in duty.iter_mut().zip(Self::DUTY) {
+            *slot = plant.inputs().iter().position(|i| i.column == column).ok_or_else(|| missing("valves", column))?;
+        }
+        let mut sensor = [0; CHANNELS];
+        for (slot, column) in sensor.iter_mut().zip(Self::READING) {
+            *slot =
+                plant.sensor_columns().iter().position(|c| c == column).ok_or_else(|| missing("sensors", column))?;
+        }
+        let pump_on = plant.inputs().iter().position(|i| i.column == Self::PUMP_ON);
+        let known = |i: usize| duty.contains(&i) || pump_on == Some(i);
+        if let Some((_, extra)) = plant.inputs().iter().enumerate().find(|(i, _)| !known(*i)) {
+            return Err(RigError::at(
+                "",
+                format!("input `{}` is neither a duty nor `pump_on`; the controller cannot serve it", extra.column),
+            ));
+        }
+        Ok(DualPressurePorts { duty, pump_on, sensor })
+    }
+
+    /// The inputs of a tick, in the order of [`Plant::inputs`].
+    fn inputs(&self, duty: Pair, pump_on: bool) -> [f64; MOST_INPUTS] {
+        let mut inputs = [0.0; MOST_INPUTS];
+        for (at, value) in
+            self.duty.into_iter().zip(duty).chain(self.pump_on.map(|at| (at, f64::from(u8::from(pump_on)))))
+        {
+            if let Some(slot) = inputs.get_mut(at) {
+                *slot = value;
+            }
+        }
+        inputs
+    }
+}
+
+/// A dual-pressure rig that is driven by two duties and a relay and read by two sensors.
+#[derive(Debug, Clone)]
+pub struct DualPressureRig {
+    simulation: Simulation<f64>,
+    ports: DualPressurePorts,
+}
+
+impl DualPressureRig {
+    /// Compiles a rig, at rest.
+    ///
+    /// # Errors
+    /// If the rig is unsound or lacks a port (see [`DualPressurePorts::of`]).
+    pub fn new(rig: &Rig) -> Result<Self, RigError> {
+        let plant = Arc::new(Plant::new(rig)?);
+        let ports = DualPressurePorts::of(&plant)?;
+        Ok(DualPressureRig { simulation: Simulation::new(plant), ports })
+    }
+
+    /// Advances by one tick.
+    ///
+    /// # Real-time
+    /// Bounded and allocation-free: it may run in the tick.
+    pub fn tick(&mut self, duty: Pair, pump_on: bool) {
+        let inputs = self.ports.inputs(duty, pump_on);
+        self.simulation.tick(&inputs);
+    }
+
+    /// What the two sensors read, in kPa gauge.
+    pub fn readings_kpa(&self) -> Pair {
+        self.ports.sensor.map(|i| self.simulation.reading_kpa(i))
+    }
+
+    /// Puts both chambers at the given gauge pressures in kPa, as if the duties had long been `duty`.
+    pub fn start_from(&mut self, readings_kpa: Pair, duty: Pair) {
+        let mut readings = [0.0; CHANNELS];
+        for (at, value) in self.ports.sensor.into_iter().zip(readings_kpa) {
+            if let Some(slot) = readings.get_mut(at) {
+                *slot = value;
+            }
+        }
+        let start = self.simulation.start_for(&readings);
+        self.simulation.start_from(&readings, &self.ports.inputs(duty, start == FreeRunStart::Running), start);
+    }
+
+    /// Sets the chamber pressures to measured ones (kPa gauge) and leaves everything else.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn correct(&mut self, measured_kpa: Pair) {
+        self.simulation.correct(&self.ports.sensor, &measured_kpa);
+    }
+}
+
+/// The model behind MPObs.
+#[derive(Debug, Clone)]
+pub struct Predictor {
+    model: DualPressureRig,
+}
+
+impl Predictor {
+    /// Compiles the model from a rig.
+    ///
+    /// # Errors
+    /// As [`DualPressureRig::new`].
+    pub fn new(rig: &Rig) -> Result<Self, RigError> {
+        Ok(Predictor { model: DualPressureRig::new(rig)? })
+    }
+
+    /// Starts anew from measured pressures (kPa gauge), with the duties that have been in force.
+    pub fn restart(&mut self, measured_kpa: Pair, duty: Pair) {
+        self.model.start_from(measured_kpa, duty);
+    }
+
+    /// Sets the chambers to what was measured at this tick, in kPa gauge.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn observe(&mut self, measured_kpa: Pair) {
+        self.model.correct(measured_kpa);
+    }
+
+    /// Predicts the readings (kPa gauge) of the next five ticks under the given duties.
+    ///
+    /// # Real-time
+    /// Five ticks of the model (1,000 RK4 steps on the paper's rig), allocation-free: it may run in the tick.
+    pub fn predict(&mut self, duties: &[Pair; AHEAD], pump_on: bool) -> [Pair; AHEAD] {
+        let now = self.model.simulation.state();
+        let predicted = duties.map(|duty| {
+            self.model.tick(duty, pump_on);
+            self.model.readings_kpa()
+        });
+        self.model.simulation.restore(&now);
+        predicted
+    }
+
+    /// Runs the model along through the tick, under the duties that were applied.
+    ///
+    /// # Real-time
+    /// One tick of the model, allocation-free: it may run in the tick, after the command is out.
+    pub fn advance(&mut self, applied: Pair, pump_on: bool) {
+        self.model.tick(applied, pump_on);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_perfect_model_predicts_what_comes() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let (mut plant, mut predictor) = (DualPressureRig::new(&rig).unwrap(), Predictor::new(&rig).unwrap());
+        let duty = |t: u32| [0.8 + 0.1 * f64::from(t % 7) / 7.0, 0.85 - 0.1 * f64::from(t % 5) / 5.0];
+        let mut expected: Vec<[Pair; AHEAD]> = Vec::new();
+        for t in 0..60 {
+            let measured = plant.readings_kpa();
+            predictor.observe(measured);
+            for (back, predicted) in expected.iter().rev().take(AHEAD).enumerate() {
+                for c in 0..CHANNELS {
+                    // Readings pass through gauge kPa and back: a few roundings of 1e-11 Pa each.
+                    assert!((predicted[back][c] - measured[c]).abs() < 1e-10, "tick {t}, {} ticks before", back + 1);
+                }
+            }
+            expected.push(predictor.predict(&std::array::from_fn(|j| duty(t + j as u32)), true));
+            plant.tick(duty(t), true);
+            predictor.advance(duty(t), true);
+        }
+    }
+
+    #[test]
+    fn a_rig_without_a_port_is_refused_by_name() {
+        let text = crate::rig::DUAL_PRESSURE.replace("column = \"p_neg_kpa\"", "column = \"vacuum_kpa\"");
+        let message = DualPressureRig::new(&Rig::from_toml(&text).unwrap()).unwrap_err().to_string();
+        assert!(message.contains("p_neg_kpa"), "{message}");
+    }
+}

@@ -1,0 +1,169 @@
+//! Files that are whole or not there: written aside, synced, renamed.
+//!
+//! The bytes go into a hidden file in the same folder, which is synced and then renamed over the
+//! target; at last the folder is synced, so that the new name survives a power cut. A reader sees
+//! the old file or the new one, never half of either, and a crash leaves at most a hidden file
+//! behind.
+//!
+//! Left out: keeping the old file's owner and mode (a rename gives the new file those of this
+//! process), and following links (a link is replaced, not what it points to).
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// What a file could not be written for.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: cannot write the file: {step}: {source}", .path.display())]
+pub struct AtomicFileError {
+    /// The file that was to be written.
+    pub path: PathBuf,
+    /// The step that failed.
+    pub step: AtomicFileStep,
+    /// What the system said.
+    pub source: io::Error,
+}
+
+/// A step of writing a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum AtomicFileStep {
+    /// The path names no file.
+    #[error("the path names no file")]
+    Name,
+    /// Opening the file beside it.
+    #[error("creating a file in that folder")]
+    Create,
+    /// Writing the bytes.
+    #[error("writing")]
+    Write,
+    /// Bringing them to the disk.
+    #[error("syncing to disk")]
+    Sync,
+    /// Giving the file its name.
+    #[error("renaming")]
+    Rename,
+}
+
+/// Writes a file so that it is there whole or not at all.
+///
+/// # Errors
+/// The step that failed, with the path; the target is then what it was before, and nothing is left
+/// beside it.
+pub fn write(path: &Path, bytes: &[u8]) -> Result<(), AtomicFileError> {
+    let fail = |step| move |source| AtomicFileError { path: path.to_owned(), step, source };
+    let aside = aside_path(path).map_err(fail(AtomicFileStep::Name))?;
+    let written = write_aside(&aside, path, bytes);
+    written.map_err(|(step, source)| {
+        // The first error is the one to tell; a file that cannot be removed is only litter.
+        let _ = std::fs::remove_file(&aside);
+        fail(step)(source)
+    })
+}
+
+/// Renames a file that is already synced, and syncs the folder so that the name is kept.
+///
+/// # Errors
+/// The file cannot be renamed, or the folder cannot be synced.
+pub fn rename_synced(from: &Path, to: &Path) -> Result<(), AtomicFileError> {
+    let fail = |step| move |source| AtomicFileError { path: to.to_owned(), step, source };
+    std::fs::rename(from, to).map_err(fail(AtomicFileStep::Rename))?;
+    sync_folder(to).map_err(fail(AtomicFileStep::Sync))
+}
+
+fn write_aside(aside: &Path, path: &Path, bytes: &[u8]) -> Result<(), (AtomicFileStep, io::Error)> {
+    let step = |step| move |source| (step, source);
+    let mut file = OpenOptions::new().write(true).create_new(true).open(aside).map_err(step(AtomicFileStep::Create))?;
+    file.write_all(bytes).map_err(step(AtomicFileStep::Write))?;
+    file.sync_all().map_err(step(AtomicFileStep::Sync))?;
+    drop(file);
+    std::fs::rename(aside, path).map_err(step(AtomicFileStep::Rename))?;
+    sync_folder(path).map_err(step(AtomicFileStep::Sync))
+}
+
+/// A name beside the target that no other process or thread uses.
+fn aside_path(path: &Path) -> io::Result<PathBuf> {
+    static COUNT: AtomicU32 = AtomicU32::new(0);
+    let Some(name) = path.file_name() else {
+        return Err(io::Error::from(io::ErrorKind::InvalidInput));
+    };
+    let count = COUNT.fetch_add(1, Ordering::Relaxed);
+    let mut hidden = std::ffi::OsString::from(".");
+    hidden.push(name);
+    hidden.push(format!(".{}-{count}.tmp", std::process::id()));
+    Ok(path.with_file_name(hidden))
+}
+
+fn sync_folder(path: &Path) -> io::Result<()> {
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    File::open(folder)?.sync_all()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("atomic-file-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        folder
+    }
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = std::fs::read_dir(folder).unwrap();
+        let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn writes_and_replaces_and_leaves_nothing_beside() {
+        let folder = folder("replace");
+        let path = folder.join("a.csv");
+        write(&path, b"first").unwrap();
+        write(&path, b"second").unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"second");
+        assert_eq!(names(&folder), ["a.csv"]);
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn a_failed_rename_leaves_the_old_state_and_no_litter() {
+        let folder = folder("rename");
+        // A folder in the way: the rename fails after everything else went well.
+        let path = folder.join("a.csv");
+        std::fs::create_dir(&path).unwrap();
+        let error = write(&path, b"x").unwrap_err();
+        assert_eq!(error.step, AtomicFileStep::Rename);
+        assert_eq!(names(&folder), ["a.csv"]);
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn errors_are_one_line_with_the_path() {
+        let path = Path::new("/nonexistent-folder/out.csv");
+        let message = write(path, b"x").unwrap_err().to_string();
+        assert!(message.starts_with("/nonexistent-folder/out.csv: cannot write"), "{message}");
+        assert!(!message.contains('\n'));
+        let error = write(Path::new("/"), b"x").unwrap_err();
+        assert_eq!(error.step, AtomicFileStep::Name);
+    }
+
+    #[test]
+    fn threads_that_write_one_file_leave_one_whole_version() {
+        let folder = folder("threads");
+        let path = folder.join("a.bin");
+        let versions: Vec<Vec<u8>> = (0..4_u8).map(|fill| vec![fill; 100_000]).collect();
+        std::thread::scope(|scope| {
+            for version in &versions {
+                scope.spawn(|| write(&path, version).unwrap());
+            }
+        });
+        assert!(versions.contains(&std::fs::read(&path).unwrap()));
+        assert_eq!(names(&folder), ["a.bin"]);
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+}

@@ -1,0 +1,182 @@
+//! CSV bytes to rows of cells, with the line on which each row begins.
+//!
+//! Rows end with LF or CRLF. Cells are separated by commas; blanks around them do not count. A cell
+//! in double quotes may hold commas, line ends and, doubled, quotes. Lines with nothing but blanks
+//! are skipped, and still counted: an error must name the line that an editor shows.
+
+use std::borrow::Cow;
+
+/// A break of the grammar.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Broken {
+    /// Line of the broken cell, from 1.
+    pub(super) line: u64,
+    /// Column of it, from 1.
+    pub(super) position: usize,
+    /// True when the file ends within quotes, false when something follows a closing quote.
+    pub(super) open: bool,
+}
+
+/// Walks through the rows of a file.
+#[derive(Debug)]
+pub(super) struct Rows<'a> {
+    rest: &'a [u8],
+    line: u64,
+}
+
+impl<'a> Rows<'a> {
+    pub(super) fn new(bytes: &'a [u8]) -> Self {
+        Self { rest: bytes, line: 1 }
+    }
+
+    /// Puts the next row's cells into `cells` and returns its line; `None` at the end.
+    pub(super) fn next_row(&mut self, cells: &mut Vec<Cow<'a, [u8]>>) -> Result<Option<u64>, Broken> {
+        cells.clear();
+        self.skip_blank_lines();
+        if self.rest.is_empty() {
+            return Ok(None);
+        }
+        let row_line = self.line;
+        loop {
+            self.skip_blanks();
+            let cell = match self.rest.strip_prefix(b"\"") {
+                Some(rest) => {
+                    self.rest = rest;
+                    self.quoted(cells.len() + 1)?
+                }
+                None => Cow::Borrowed(self.plain()),
+            };
+            cells.push(cell);
+            match self.rest.split_first() {
+                Some((b',', rest)) => self.rest = rest,
+                Some((_, rest)) => {
+                    // Nothing but a comma or a line end stops a cell.
+                    self.rest = rest;
+                    self.line += 1;
+                    return Ok(Some(row_line));
+                }
+                None => return Ok(Some(row_line)),
+            }
+        }
+    }
+
+    fn skip_blank_lines(&mut self) {
+        while let Some(end) = self.rest.iter().position(|byte| *byte == b'\n') {
+            let (line, rest) = self.rest.split_at(end + 1);
+            if !line.iter().all(u8::is_ascii_whitespace) {
+                return;
+            }
+            self.rest = rest;
+            self.line += 1;
+        }
+        if self.rest.iter().all(u8::is_ascii_whitespace) {
+            self.rest = &[];
+        }
+    }
+
+    fn skip_blanks(&mut self) {
+        let blanks = self.rest.iter().take_while(|byte| matches!(byte, b' ' | b'\t')).count();
+        self.rest = self.rest.split_at(blanks).1;
+    }
+
+    /// Up to the next comma or line end.
+    fn plain(&mut self) -> &'a [u8] {
+        let stop = |byte: &u8| matches!(byte, b',' | b'\n');
+        let end = self.rest.iter().position(stop).unwrap_or(self.rest.len());
+        let (cell, rest) = self.rest.split_at(end);
+        self.rest = rest;
+        cell.trim_ascii_end()
+    }
+
+    /// From behind the opening quote to behind the closing one and the blanks after it.
+    fn quoted(&mut self, position: usize) -> Result<Cow<'a, [u8]>, Broken> {
+        let opened = self.line;
+        let mut cell: Cow<'a, [u8]> = Cow::Borrowed(&[]);
+        loop {
+            let Some(end) = self.rest.iter().position(|byte| *byte == b'"') else {
+                return Err(Broken { line: opened, position, open: true });
+            };
+            let (part, rest) = self.rest.split_at(end);
+            self.line += part.iter().filter(|byte| **byte == b'\n').count() as u64;
+            if cell.is_empty() {
+                cell = Cow::Borrowed(part);
+            } else {
+                cell.to_mut().extend_from_slice(part);
+            }
+            match rest.strip_prefix(b"\"\"") {
+                Some(rest) => {
+                    cell.to_mut().push(b'"');
+                    self.rest = rest;
+                }
+                None => {
+                    self.rest = rest.split_at(1).1;
+                    break;
+                }
+            }
+        }
+        self.skip_blanks();
+        match self.rest {
+            [] | [b',' | b'\n', ..] => {}
+            [b'\r', rest @ ..] if matches!(rest, [] | [b'\n', ..]) => self.rest = rest,
+            _ => return Err(Broken { line: self.line, position, open: false }),
+        }
+        Ok(cell)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn all(text: &str) -> Result<Vec<(u64, Vec<String>)>, Broken> {
+        let mut rows = Rows::new(text.as_bytes());
+        let (mut cells, mut found) = (Vec::new(), Vec::new());
+        while let Some(line) = rows.next_row(&mut cells)? {
+            let texts = cells.iter().map(|cell| String::from_utf8(cell.to_vec()).unwrap());
+            found.push((line, texts.collect()));
+        }
+        Ok(found)
+    }
+
+    fn row(line: u64, cells: &[&str]) -> (u64, Vec<String>) {
+        (line, cells.iter().map(|cell| (*cell).to_owned()).collect())
+    }
+
+    #[test]
+    fn rows_cells_and_lines_are_told_apart() {
+        assert_eq!(all("a,b\n1,2").unwrap(), [row(1, &["a", "b"]), row(2, &["1", "2"])]);
+        assert_eq!(all("\r\n a ,\tb \r\n \n,\n").unwrap(), [row(2, &["a", "b"]), row(4, &["", ""])]);
+        assert_eq!(all("\"\",x\n").unwrap(), [row(1, &["", "x"])]);
+        assert_eq!(all("\"a, \"\"b\"\"\nc\" ,d\r\ne,f").unwrap(), [row(1, &["a, \"b\"\nc", "d"]), row(3, &["e", "f"])]);
+        assert_eq!(all(" \n\t\n").unwrap(), []);
+        assert_eq!(all("\"\"\"\"").unwrap(), [row(1, &["\""])]);
+    }
+
+    #[test]
+    fn broken_quotes_are_placed() {
+        assert_eq!(all("a\nb,\"c\nd"), Err(Broken { line: 2, position: 2, open: true }));
+        assert_eq!(all("\"a\"b\n"), Err(Broken { line: 1, position: 1, open: false }));
+        assert_eq!(all("\"a\n\"b\n"), Err(Broken { line: 2, position: 1, open: false }));
+    }
+
+    proptest! {
+        #[test]
+        fn it_agrees_with_the_csv_crate_on_clean_files(
+            cells in proptest::collection::vec(proptest::collection::vec("[a-z0-9\",\n.]{1,6}", 3), 1..8),
+        ) {
+            let mut writer = csv::WriterBuilder::new().from_writer(Vec::new());
+            for row in &cells {
+                writer.write_record(row).unwrap();
+            }
+            let text = String::from_utf8(writer.into_inner().unwrap()).unwrap();
+            let found: Vec<Vec<String>> = all(&text).unwrap().into_iter().map(|(_, row)| row).collect();
+            prop_assert_eq!(found, cells);
+        }
+
+        #[test]
+        fn no_text_makes_it_panic(text in "[a\", \r\n]{0,40}") {
+            let _ = all(&text);
+        }
+    }
+}

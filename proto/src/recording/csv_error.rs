@@ -1,0 +1,188 @@
+//! What can be wrong with a CSV file: one plain line each, with file, line and column.
+//!
+//! Lines and columns count from 1, as an editor shows them; blank lines count.
+
+/// What is wrong with a CSV file, and where.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum CsvError {
+    /// Nothing in it.
+    #[error("{file}: the file is empty; it needs a header line beginning with time_s, then one row per tick")]
+    Empty {
+        /// The file.
+        file: String,
+    },
+    /// A header and no rows.
+    #[error("{file}: there is a header line but no row of data below it")]
+    NoRows {
+        /// The file.
+        file: String,
+    },
+    /// Bytes that are not UTF-8.
+    #[error("{file}: line {line}, column {position}: not UTF-8 text; save the file as UTF-8 CSV")]
+    NotUtf8 {
+        /// The file.
+        file: String,
+        /// Line, from 1.
+        line: u64,
+        /// Column, from 1.
+        position: usize,
+    },
+    /// The header separates by something else.
+    #[error("{file}: line {line}: columns are separated by {separator}; use commas (and points in numbers)")]
+    Separator {
+        /// The file.
+        file: String,
+        /// Line of the header, from 1.
+        line: u64,
+        /// What stands there, in words.
+        separator: &'static str,
+    },
+    /// The first line holds numbers.
+    #[error("{file}: line {line}: \"{cell}\" is a number; the first line must name the columns, beginning with time_s")]
+    NoHeader {
+        /// The file.
+        file: String,
+        /// Line of the header, from 1.
+        line: u64,
+        /// The number found.
+        cell: String,
+    },
+    /// A needed column is not there.
+    #[error("{file}: {}column {column} is missing; there are {found}", .line.map(|line| format!("line {line}: ")).unwrap_or_default())]
+    MissingColumn {
+        /// The file.
+        file: String,
+        /// Line of the header, from 1; none where there is no file of lines.
+        line: Option<u64>,
+        /// The missing column.
+        column: String,
+        /// The columns that are there.
+        found: String,
+    },
+    /// A name stands twice.
+    #[error(
+        "{file}: line {line}, column {position}: {column} stands here a second time; every column needs a name of its own"
+    )]
+    DuplicateColumn {
+        /// The file.
+        file: String,
+        /// Line of the header, from 1.
+        line: u64,
+        /// Column, from 1.
+        position: usize,
+        /// Its name.
+        column: String,
+    },
+    /// A column without a name.
+    #[error("{file}: line {line}, column {position}: the column has no name")]
+    UnnamedColumn {
+        /// The file.
+        file: String,
+        /// Line of the header, from 1.
+        line: u64,
+        /// Column, from 1.
+        position: usize,
+    },
+    /// A row with too few or too many cells.
+    #[error("{file}: line {line}: {found} cells where the header has {expected} columns{hint}")]
+    Ragged {
+        /// The file.
+        file: String,
+        /// Line, from 1.
+        line: u64,
+        /// Cells in the row.
+        found: usize,
+        /// Columns in the header.
+        expected: usize,
+        /// A guess at the reason, or nothing.
+        hint: &'static str,
+    },
+    /// A cell that is no number.
+    #[error("{file}: line {line}, column {position} ({column}): \"{cell}\" is not a number")]
+    NotANumber {
+        /// The file.
+        file: String,
+        /// Line, from 1.
+        line: u64,
+        /// Column, from 1.
+        position: usize,
+        /// Its name.
+        column: String,
+        /// What stands there.
+        cell: String,
+    },
+    /// NaN or infinity.
+    #[error(
+        "{file}: line {line}, column {position} ({column}): {cell} is not a finite number; leave out rows without a reading"
+    )]
+    NotFinite {
+        /// The file.
+        file: String,
+        /// Line, from 1.
+        line: u64,
+        /// Column, from 1.
+        position: usize,
+        /// Its name.
+        column: String,
+        /// What stands there.
+        cell: String,
+    },
+    /// A number outside what its column may hold.
+    #[error("{file}: line {line}, column {position} ({column}): {value} is outside {low} … {high}{hint}")]
+    OutOfRange {
+        /// The file.
+        file: String,
+        /// Line, from 1.
+        line: u64,
+        /// Column, from 1.
+        position: usize,
+        /// Its name.
+        column: String,
+        /// What stands there.
+        value: f64,
+        /// Least allowed value.
+        low: f64,
+        /// Largest allowed value.
+        high: f64,
+        /// A guess at the reason, or nothing.
+        hint: &'static str,
+    },
+    /// Time that does not go forward.
+    #[error(
+        "{file}: line {line}, column {position} (time_s): {value} s does not come after {previous} s in the row before; sort the rows and leave out repeated ones"
+    )]
+    TimeNotForward {
+        /// The file.
+        file: String,
+        /// Line, from 1.
+        line: u64,
+        /// Column, from 1.
+        position: usize,
+        /// Time of this row (s).
+        value: f64,
+        /// Time of the row before (s).
+        previous: f64,
+    },
+    /// A quote is opened and not closed.
+    #[error("{file}: line {line}, column {position}: the quote that opens here is never closed")]
+    OpenQuote {
+        /// The file.
+        file: String,
+        /// Line, from 1.
+        line: u64,
+        /// Column, from 1.
+        position: usize,
+    },
+    /// Something follows a closing quote.
+    #[error(
+        "{file}: line {line}, column {position}: text follows a closing quote; double a quote that is meant to be text"
+    )]
+    TextAfterQuote {
+        /// The file.
+        file: String,
+        /// Line, from 1.
+        line: u64,
+        /// Column, from 1.
+        position: usize,
+    },
+}

@@ -1,0 +1,101 @@
+//! From the daemon's ticks to the rows of a recording.
+//!
+//! A row needs what a reader may rely on: both pressures, and the command that was applied from
+//! then on. A tick without a sound reading, or in which no command left, has no row; the hole it
+//! leaves is a gap like any other.
+
+use super::csv::{Column, ColumnData};
+use super::table::{PERIOD_S, Recording, RecordingError};
+use super::tick::{Arrival, TickRecord};
+
+/// Least pause between two sessions in the table (s): must read as a gap.
+const SESSION_PAUSE_S: f64 = 1.0;
+
+/// A column and where its numbers come from.
+type Source = (&'static str, fn(&TickRecord) -> f64);
+
+/// Columns of every recording made from ticks.
+const COLUMNS: [Source; 8] = [
+    ("u_pos", |tick| tick.u_pos),
+    ("u_neg", |tick| tick.u_neg),
+    ("p_pos_kpa", |tick| tick.p_pos_kpa),
+    ("p_neg_kpa", |tick| tick.p_neg_kpa),
+    ("pump_on", |tick| f64::from(u8::from(tick.pump_on))),
+    ("mode", |tick| f64::from(tick.mode)),
+    ("state", |tick| f64::from(tick.state)),
+    ("fault", |tick| f64::from(tick.fault)),
+];
+
+/// Columns that are there when every row has them.
+const REFERENCES: [Source; 2] = [("ref_pos_kpa", |tick| tick.ref_pos_kpa), ("ref_neg_kpa", |tick| tick.ref_neg_kpa)];
+
+pub(super) fn recording(source: &str, ticks: &[TickRecord]) -> Result<Recording, RecordingError> {
+    let sound: Vec<&TickRecord> = ticks.iter().filter(|tick| has_row(tick)).collect();
+    let (rows, time_s) = timed(&sound);
+    if rows.is_empty() {
+        return Err(RecordingError::NoReadings { file: source.to_owned(), ticks: ticks.len() });
+    }
+    let column = |(name, value): Source| Column {
+        name: name.to_owned(),
+        data: ColumnData::Numbers(rows.iter().map(|tick| value(tick)).collect()),
+    };
+    let mut columns: Vec<Column> = COLUMNS.into_iter().map(column).collect();
+    let mut notes = Vec::new();
+    let references = rows.iter().filter(|tick| referenced(tick)).count();
+    if references == rows.len() {
+        columns.splice(4..4, REFERENCES.into_iter().map(column));
+    } else if references > 0 {
+        notes.push(format!(
+            "{source}: {references} of {} rows have a reference; ref_pos_kpa and ref_neg_kpa left out",
+            rows.len()
+        ));
+    }
+    let left_out = ticks.len() - rows.len();
+    if left_out > 0 {
+        notes.push(format!(
+            "{source}: {left_out} of {} ticks left out (no sound reading, no command sent, or a repeated tick)",
+            ticks.len()
+        ));
+    }
+    Ok(Recording::new(source, time_s, columns)?.with_notes(notes))
+}
+
+fn has_row(tick: &TickRecord) -> bool {
+    matches!(tick.arrival, Arrival::InTime | Arrival::Late)
+        && tick.command_present
+        && tick.p_pos_kpa.is_finite()
+        && tick.p_neg_kpa.is_finite()
+}
+
+fn referenced(tick: &TickRecord) -> bool {
+    tick.ref_pos_kpa.is_finite() && tick.ref_neg_kpa.is_finite()
+}
+
+/// The ticks that move on, with their times.
+fn timed<'a>(sound: &[&'a TickRecord]) -> (Vec<&'a TickRecord>, Vec<f64>) {
+    let mut rows: Vec<&TickRecord> = Vec::with_capacity(sound.len());
+    let mut time_s: Vec<f64> = Vec::with_capacity(sound.len());
+    // Where the running session's first row stands, and its tick.
+    let mut origin = (0.0, 0_u32);
+    for tick in sound {
+        match (rows.last(), time_s.last()) {
+            (Some(before), Some(at)) if before.session == tick.session => {
+                if tick.tick <= before.tick {
+                    continue;
+                }
+                debug_assert!(*at >= origin.0);
+            }
+            (Some(before), Some(at)) => {
+                let pause_ns = tick.receive_ns.saturating_sub(before.receive_ns);
+                let pause_s = (pause_ns as f64 * 1e-9).max(SESSION_PAUSE_S);
+                // On the 20 ms grid, so that times stay short and read well.
+                origin = (((at + pause_s) / PERIOD_S).round() * PERIOD_S, tick.tick);
+            }
+            _ => origin = (0.0, tick.tick),
+        }
+        // k / 50 rounds once; k · 0.02 would carry the rounding of 0.02 along.
+        time_s.push(origin.0 + f64::from(tick.tick - origin.1) / 50.0);
+        rows.push(tick);
+    }
+    (rows, time_s)
+}

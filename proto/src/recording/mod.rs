@@ -1,0 +1,35 @@
+//! Recordings: what the daemon writes, what every offline command reads.
+//!
+//! | part | what |
+//! | --- | --- |
+//! | [`TickRecord`] | one tick of the daemon, plain data for a lock-free queue |
+//! | [`RecordingWriter`] | `TickRecord`s to an MCAP file, a second at a time |
+//! | [`read_mcap`] | an MCAP file, whole or truncated, back to the same `TickRecord`s |
+//! | [`Recording`] | a table of named columns over time, from MCAP or CSV |
+//! | [`csv`] | the checked CSV table below it, used for reference files too |
+//!
+//! The time convention of every recording: row *k* holds the reading at `t_k` and the command
+//! applied from `t_k` to `t_{k+1}`; rows are 20 ms apart; pressures are gauge kPa.
+//!
+//! Left out: reading MCAP files of other programs (their messages are not ours), and compression
+//! (see [`RecordingWriter`]).
+
+mod cells;
+pub mod csv;
+mod csv_error;
+mod from_ticks;
+mod log_clock;
+mod mcap_reader;
+mod mcap_writer;
+mod protobuf;
+mod recording_info;
+mod schema;
+mod table;
+mod tick;
+mod wall_clock;
+
+pub use mcap_reader::{ForeignMcap, McapContent, ReadMcapError, parse_mcap, read_mcap};
+pub use mcap_writer::{Event, EventLevel, RecordingWriter, WriteMcapError, unfinished_path};
+pub use recording_info::{Attachment, LogTime, RecordingInfo};
+pub use table::{MAX_STEP_S, PERIOD_S, Recording, RecordingError};
+pub use tick::{Arrival, COMMAND_BYTES, LawParts, PREDICTED_TICKS, SENSE_BYTES, TickRecord};
