@@ -1,0 +1,79 @@
+//! Control laws of the dual-pressure rig, free of sockets, clocks and files.
+//!
+//! | module | subject |
+//! | --- | --- |
+//! | [`fallback`] | feed-forward PI: what flies when no policy does |
+//! | [`integral`] | the paper's integral action and anti-windup, on top of a policy or of the fallback |
+//! | [`approach`] | from where the rig is to where the reference is, without saturating |
+//! | [`direction`] | which way a planned duty moves, for play in a valve |
+//!
+//! A law is told the [`Situation`] of a tick and answers with a [`Decision`]; once limits have made the duty
+//! that is really sent, it is told that too, so that what saturates does not wind up. Daemon, trainer and
+//! tests use these same laws. Everything here is bounded and allocation-free and may run in the tick.
+
+pub mod approach;
+pub mod direction;
+pub mod fallback;
+pub mod integral;
+
+pub use approach::Approach;
+pub use fallback::{Fallback, FallbackSettings};
+pub use integral::{IntegralAction, IntegralSettings};
+
+use model::contract::{ActionTrajectory, CHANNELS, GOALS_AHEAD, Pair, TICKS_PER_S};
+
+/// Length of a control tick in seconds.
+pub const TICK_S: f64 = 1.0 / TICKS_PER_S;
+
+/// What a law knows at a tick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Situation {
+    /// Measured pressures in kPa gauge.
+    pub measured_kpa: Pair,
+    /// Goals in kPa gauge: now, and the next fifteen ticks.
+    pub goals_kpa: [Pair; GOALS_AHEAD + 1],
+}
+
+/// What makes up the duty of one channel, before limits.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Parts {
+    /// Feed-forward, or the policy's action (duty).
+    pub feed_forward: f64,
+    /// Proportional part (duty).
+    pub proportional: f64,
+    /// Integral part (duty).
+    pub integral: f64,
+}
+
+impl Parts {
+    /// The sum.
+    pub fn raw(&self) -> f64 {
+        self.feed_forward + self.proportional + self.integral
+    }
+}
+
+/// What a law answers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Decision {
+    /// What makes up the duties, positive and negative channel.
+    pub parts: [Parts; CHANNELS],
+    /// Duties for now and the next five ticks, within 0 … 1; what MPObs rolls ahead at the next tick.
+    pub trajectory: ActionTrajectory,
+}
+
+impl Decision {
+    /// The duties before limits.
+    pub fn raw(&self) -> Pair {
+        self.parts.map(|p| p.raw())
+    }
+
+    /// The duties within 0 … 1.
+    pub fn duty(&self) -> Pair {
+        self.trajectory.now()
+    }
+}
+
+/// Limits a duty to 0 … 1; NaN becomes 1, the vent.
+pub fn saturated(duty: f64) -> f64 {
+    if duty.is_nan() { 1.0 } else { duty.clamp(0.0, 1.0) }
+}
