@@ -1,1 +1,51 @@
-//! See the crate's description in Cargo.toml.
+//! ONNX policies for the 50 Hz tick: one file in, twelve duties out, nothing allocated on the way.
+//!
+//! A policy is a multilayer perceptron in ONNX (opset 13 to 20) with one float32 input `[1, n]` or
+//! `[batch, n]` and one float32 output `[1, m]`; `n`, `m`, their names, units and physical ranges are
+//! a [`Contract`], which the caller hands in. Observations are kPa gauge as the contract says;
+//! normalisation is part of the graph; the outputs are duties in 0..=1.
+//!
+//! ```text
+//! bytes (once) -> wire scan -> protobuf -> signature -> chain of layers -> kernel
+//!    |                                                                       |
+//!    sha256                                  tract on the same graph -> compared on probes
+//!                                            golden pairs of the file -> compared
+//! ```
+//!
+//! tract parses the file and serves as oracle, nothing more: it allocates on every inference and its
+//! rectifiers turn NaN into finite, plausible actions. What runs in the tick is `kernel`, which refuses
+//! a non-finite input before it computes and a non-finite output after.
+//!
+//! | module | does |
+//! | --- | --- |
+//! | [`contract`] | what a policy must take and give |
+//! | `file` | reads at most 16 MiB of a regular file, tells a truncated file from a foreign one |
+//! | `metadata` | the keys of `metadata_props`; golden pairs |
+//! | `signature`, `constant`, `node`, `chain` | the graph's outside, weights, nodes; the graph as a chain of layers, or why it is none |
+//! | `activation`, `kernel` | the arithmetic, the same bits on every machine |
+//! | `oracle`, `probe` | tract, and the inputs on which both must agree |
+//! | `policy` | [`Policy::load`] and [`Policy::run`] |
+//!
+//! Left out: recurrent cells, convolutions and branching graphs (residuals, attention); float16 and
+//! quantised weights; weights in side files; signatures over the file.
+
+mod activation;
+mod chain;
+mod constant;
+pub mod contract;
+mod error;
+mod file;
+mod kernel;
+mod metadata;
+mod node;
+mod oracle;
+mod policy;
+mod probe;
+mod signature;
+
+pub use chain::SUPPORTED_OPS;
+pub use contract::{Channel, Contract};
+pub use error::{Fault, PolicyError, Refused};
+pub use file::{MAX_FILE_BYTES, PolicyHash};
+pub use metadata::Metadata;
+pub use policy::{Checks, Policy};

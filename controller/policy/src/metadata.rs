@@ -1,0 +1,206 @@
+//! What a policy says about itself: ONNX `metadata_props`, all of them optional.
+//!
+//! | key | holds | if it is there |
+//! | --- | --- | --- |
+//! | `contract` | version of the observation contract, `1` | must be one that the caller knows |
+//! | `rate_hz` | control rate, `50` | must be the contract's |
+//! | `input_unit`, `output_unit` | one unit for all values, or one per value, comma-separated | must be the contract's; case, spaces, `_`, `(` and `)` do not count |
+//! | `input_names`, `output_names` | comma-separated, in the order of the tensor | must be the contract's |
+//! | `golden_input`, `golden_output` | pairs to reproduce: numbers parted by commas, pairs by semicolons | checked to 1e-4 |
+//!
+//! Golden numbers are decimals that read back to the same f32 (nine significant digits do). Other keys
+//! (`name`, `rig_hash`, `seed`, `steps`, `variant`, ...) are kept and shown, not judged.
+
+use tract_onnx::pb::ModelProto;
+
+use crate::contract::{Channel, Contract};
+use crate::error::{Fault, GoldenProblem, shown};
+
+/// Golden pairs that are read; more only make loading slow.
+const MOST_GOLDEN_PAIRS: usize = 256;
+
+/// Keys and values in the order of the file.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Metadata(Vec<(String, String)>);
+
+/// An observation and the action that belongs to it.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct GoldenPair {
+    pub(crate) input: Vec<f32>,
+    pub(crate) output: Vec<f32>,
+}
+
+impl Metadata {
+    /// The value of a key.
+    pub fn get(&self, key: &str) -> Option<&str> {
+        self.iter().find(|(k, _)| *k == key).map(|(_, v)| v)
+    }
+
+    /// All keys and values in the order of the file.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.0.iter().map(|(k, v)| (k.as_str(), v.as_str()))
+    }
+
+    /// Reads them out of a model.
+    ///
+    /// # Errors
+    /// [`Fault::MetadataTwice`].
+    pub(crate) fn read(model: &ModelProto) -> Result<Self, Fault> {
+        let mut seen = Self::default();
+        for entry in &model.metadata_props {
+            if seen.get(&entry.key).is_some() {
+                return Err(Fault::MetadataTwice { key: shown(&entry.key) });
+            }
+            seen.0.push((entry.key.clone(), entry.value.clone()));
+        }
+        Ok(seen)
+    }
+
+    /// The contract version that the file names.
+    ///
+    /// # Errors
+    /// [`Fault::ContractUnknown`] if none of `known` has it.
+    pub(crate) fn contract<'c>(&self, known: &'c [Contract]) -> Result<Option<&'c Contract>, Fault> {
+        let Some(text) = self.get("contract") else { return Ok(None) };
+        let version = text.trim().parse::<u32>().ok();
+        let found = known.iter().find(|c| Some(c.version) == version);
+        found.map(Some).ok_or_else(|| Fault::ContractUnknown {
+            found: shown(text),
+            known: known.iter().map(|c| c.version).collect(),
+        })
+    }
+
+    /// Compares rate, units and names with the contract.
+    ///
+    /// # Errors
+    /// [`Fault::MetadataContradicts`].
+    pub(crate) fn check(&self, contract: &Contract) -> Result<(), Fault> {
+        if let Some(text) = self.get("rate_hz") {
+            // A rate is a small decimal; a thousandth is far below any that differ.
+            let same = text.trim().parse::<f64>().is_ok_and(|r| (r - contract.rate_hz).abs() < 1e-3);
+            if !same {
+                return Err(contradicts("rate_hz", text, &contract.rate_hz.to_string(), contract));
+            }
+        }
+        self.check_list("input_unit", contract, &contract.inputs, true)?;
+        self.check_list("output_unit", contract, &contract.outputs, true)?;
+        self.check_list("input_names", contract, &contract.inputs, false)?;
+        self.check_list("output_names", contract, &contract.outputs, false)
+    }
+
+    fn check_list(
+        &self,
+        key: &'static str,
+        contract: &Contract,
+        channels: &[Channel],
+        units: bool,
+    ) -> Result<(), Fault> {
+        let Some(text) = self.get(key) else { return Ok(()) };
+        let words: Vec<&str> = text.split(',').map(str::trim).collect();
+        let one_for_all = units && words.len() == 1;
+        if !one_for_all && words.len() != channels.len() {
+            let found = format!("{} entries", words.len());
+            return Err(contradicts(key, &found, &format!("{} entries", channels.len()), contract));
+        }
+        for (i, channel) in channels.iter().enumerate() {
+            let word = words[if one_for_all { 0 } else { i }];
+            let wanted = if units { &channel.unit } else { &channel.name };
+            let same = if units { plain(word) == plain(wanted) } else { word == wanted };
+            if !same {
+                let at = |text: &str| if one_for_all { text.to_owned() } else { format!("{text} (value {i})") };
+                return Err(contradicts(key, &at(&shown(word)), &at(wanted), contract));
+            }
+        }
+        Ok(())
+    }
+
+    /// The golden pairs, none if the file has none.
+    ///
+    /// # Errors
+    /// [`Fault::GoldenUnreadable`].
+    pub(crate) fn golden(&self, contract: &Contract) -> Result<Vec<GoldenPair>, Fault> {
+        let rows = |key| self.get(key).map_or_else(Vec::new, |text| parted(text, ';'));
+        let (inputs, outputs) = (rows("golden_input"), rows("golden_output"));
+        if inputs.len() != outputs.len() || inputs.len() > MOST_GOLDEN_PAIRS {
+            let problem = GoldenProblem::Count { inputs: inputs.len(), outputs: outputs.len() };
+            let pair = inputs.len().min(outputs.len()).min(MOST_GOLDEN_PAIRS) + 1;
+            return Err(Fault::GoldenUnreadable { key: "golden_input", pair, problem });
+        }
+        let pairs = inputs.iter().zip(&outputs).enumerate();
+        pairs
+            .map(|(i, (input, output))| {
+                Ok(GoldenPair {
+                    input: numbers("golden_input", i + 1, input, contract.inputs.len())?,
+                    output: numbers("golden_output", i + 1, output, contract.outputs.len())?,
+                })
+            })
+            .collect()
+    }
+}
+
+/// Parts of a text; a separator at the end starts no further part.
+fn parted(text: &str, separator: char) -> Vec<&str> {
+    let text = text.trim();
+    let text = text.strip_suffix(separator).unwrap_or(text);
+    if text.is_empty() { Vec::new() } else { text.split(separator).collect() }
+}
+
+fn numbers(key: &'static str, pair: usize, row: &str, expected: usize) -> Result<Vec<f32>, Fault> {
+    let fault = |problem| Fault::GoldenUnreadable { key, pair, problem };
+    let words = parted(row, ',');
+    if words.len() != expected {
+        return Err(fault(GoldenProblem::Width { found: words.len(), expected }));
+    }
+    let number = |word: &&str| match word.trim().parse::<f32>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => Err(fault(GoldenProblem::Number { text: shown(word) })),
+    };
+    words.iter().map(number).collect()
+}
+
+/// A unit without what writers vary: `kPa (gauge)`, `kpa_gauge` and `kPa gauge` are one.
+fn plain(unit: &str) -> String {
+    let kept = unit.chars().filter(|c| !matches!(c, ' ' | '_' | '(' | ')' | '-'));
+    kept.flat_map(char::to_lowercase).collect()
+}
+
+fn contradicts(key: &'static str, found: &str, expected: &str, contract: &Contract) -> Fault {
+    Fault::MetadataContradicts { key, found: shown(found), expected: expected.to_owned(), contract: contract.version }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn metadata(entries: &[(&str, &str)]) -> Metadata {
+        Metadata(entries.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect())
+    }
+
+    #[test]
+    fn units_are_compared_by_meaning_not_by_spelling() {
+        let contract = Contract::pressures_to_duties(1, 2, 1);
+        for unit in ["kPa gauge", "kpa_gauge", "KPA (gauge)", "kPa gauge, kPa gauge"] {
+            metadata(&[("input_unit", unit)]).check(&contract).unwrap();
+        }
+        for unit in ["kPa", "Pa", "kPa absolute", "bar", "", "kPa gauge,kPa"] {
+            let refused = metadata(&[("input_unit", unit)]).check(&contract);
+            assert!(matches!(refused, Err(Fault::MetadataContradicts { .. })), "{unit}");
+        }
+    }
+
+    #[test]
+    fn golden_pairs_are_numbers_in_rows() {
+        let contract = Contract::pressures_to_duties(1, 2, 1);
+        let good = metadata(&[("golden_input", "1.5, -2;3e1,4;"), ("golden_output", "0.25; 1")]);
+        let pairs = good.golden(&contract).unwrap();
+        assert_eq!(pairs[0], GoldenPair { input: vec![1.5, -2.0], output: vec![0.25] });
+        assert_eq!(pairs[1], GoldenPair { input: vec![30.0, 4.0], output: vec![1.0] });
+        assert_eq!(metadata(&[]).golden(&contract).unwrap(), []);
+        for (input, output) in [("1,2", ""), ("1", "1"), ("1,x", "1"), ("1,nan", "1"), ("1,2;3,4", "1"), ("1,2", "1,1")]
+        {
+            let bad = metadata(&[("golden_input", input), ("golden_output", output)]);
+            let refused = bad.golden(&contract);
+            assert!(matches!(refused, Err(Fault::GoldenUnreadable { .. })), "{input}/{output}");
+        }
+    }
+}

@@ -1,0 +1,315 @@
+//! The daemon's configuration file.
+//!
+//! TOML; every key has a default but `link.address`, an unknown key is an error that names it. Paths are
+//! relative to the folder of the configuration file.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+/// The whole configuration.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// The link to the cRIO.
+    pub link: Link,
+    /// The model behind MPObs.
+    #[serde(default)]
+    pub rig: RigChoice,
+    /// What flies.
+    #[serde(default)]
+    pub policy: PolicyChoice,
+    /// Where to go.
+    #[serde(default)]
+    pub reference: ReferenceChoice,
+    /// Recordings.
+    #[serde(default)]
+    pub record: Record,
+    /// Operator access.
+    #[serde(default)]
+    pub control: Control,
+    /// Limits.
+    #[serde(default)]
+    pub safety: Safety,
+    /// Scheduling.
+    #[serde(default)]
+    pub realtime: Realtime,
+}
+
+/// `[link]`
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Link {
+    /// Host and port of the cRIO.
+    pub address: String,
+    /// Whether deadlines hold.
+    #[serde(default)]
+    pub pacing: Pacing,
+}
+
+/// How time passes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Pacing {
+    /// The cRIO sends 50 frames a second; one that does not come in time is missed.
+    #[default]
+    Realtime,
+    /// The cRIO waits for every answer: no deadlines, for simulation.
+    Lockstep,
+}
+
+/// `[rig]`
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RigChoice {
+    /// Name of a built-in rig, or a rig file.
+    pub file: String,
+}
+
+impl Default for RigChoice {
+    fn default() -> Self {
+        RigChoice { file: "dual_pressure".to_owned() }
+    }
+}
+
+/// `[policy]`
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PolicyChoice {
+    /// Folder with `NAME.onnx` files.
+    pub directory: PathBuf,
+    /// Name of the policy that flies, or `fallback`.
+    pub active: String,
+}
+
+/// The name of the policy that ships with the program.
+pub const DEFAULT_POLICY: &str = "default";
+/// The name that stands for no policy at all.
+pub const FALLBACK: &str = "fallback";
+
+impl Default for PolicyChoice {
+    fn default() -> Self {
+        PolicyChoice { directory: "policies".into(), active: DEFAULT_POLICY.to_owned() }
+    }
+}
+
+/// `[reference]`
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ReferenceChoice {
+    /// CSV file `time_s,ref_pos_kpa,ref_neg_kpa`; absent means `reference.csv` where there is one, else the
+    /// paper's reference.
+    pub file: Option<PathBuf>,
+}
+
+/// `[record]`
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Record {
+    /// Folder for recordings; made if it is not there.
+    pub directory: PathBuf,
+}
+
+impl Default for Record {
+    fn default() -> Self {
+        Record { directory: "recordings".into() }
+    }
+}
+
+/// `[control]`
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Control {
+    /// Unix socket for `controller status`, `arm`, `disarm`.
+    pub socket: PathBuf,
+    /// Arms by itself once the link is sound: for simulation and tests.
+    pub auto_arm: bool,
+}
+
+impl Default for Control {
+    fn default() -> Self {
+        Control { socket: "controller.sock".into(), auto_arm: false }
+    }
+}
+
+/// `[safety]`
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Safety {
+    /// Above this gauge pressure (kPa) the positive chamber is vented.
+    pub max_pos_kpa: f64,
+    /// Below this gauge pressure (kPa) the negative chamber is vented.
+    pub min_neg_kpa: f64,
+}
+
+impl Default for Safety {
+    fn default() -> Self {
+        Safety { max_pos_kpa: 160.0, min_neg_kpa: -95.0 }
+    }
+}
+
+/// `[realtime]`
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Realtime {
+    /// SCHED_FIFO priority of the tick, 1 … 95.
+    pub priority: u8,
+    /// CPU that the tick is pinned to; absent means the last one where there are several.
+    pub cpu: Option<usize>,
+}
+
+impl Default for Realtime {
+    fn default() -> Self {
+        Realtime { priority: 80, cpu: None }
+    }
+}
+
+/// What is wrong with a configuration, in one line.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("{}: cannot be read: {source}; give the path of a configuration file", .file.display())]
+    Read {
+        /// The file.
+        file: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// TOML or a key is wrong.
+    #[error("{}: line {line}: {problem}", .file.display())]
+    Parse {
+        /// The file.
+        file: PathBuf,
+        /// Line from 1.
+        line: usize,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A value makes no sense.
+    #[error("{}: {key}: {problem}", .file.display())]
+    Value {
+        /// The file.
+        file: PathBuf,
+        /// Dotted key.
+        key: &'static str,
+        /// What is wrong, and the mend.
+        problem: String,
+    },
+}
+
+impl Config {
+    /// A configuration with all defaults for a cRIO at `address`.
+    pub fn for_address(address: &str) -> Self {
+        Config {
+            link: Link { address: address.to_owned(), pacing: Pacing::default() },
+            rig: RigChoice::default(),
+            policy: PolicyChoice::default(),
+            reference: ReferenceChoice::default(),
+            record: Record::default(),
+            control: Control::default(),
+            safety: Safety::default(),
+            realtime: Realtime::default(),
+        }
+    }
+
+    /// Reads a configuration file, checks it and makes its paths absolute to the file's folder.
+    ///
+    /// # Errors
+    /// The first thing that is wrong, with its line or key.
+    pub fn read(file: &Path) -> Result<Self, ConfigError> {
+        let text = std::fs::read_to_string(file)
+            .map_err(|source| ConfigError::Read { file: file.to_owned(), source })?;
+        let mut config = Self::parse(&text, file)?;
+        let folder = file.parent().unwrap_or(Path::new(""));
+        for path in [&mut config.policy.directory, &mut config.record.directory, &mut config.control.socket] {
+            *path = folder.join(&*path);
+        }
+        // Without a choice, `reference.csv` beside the configuration counts where there is one.
+        let default = folder.join("reference.csv");
+        config.reference.file = match config.reference.file.take() {
+            Some(chosen) => Some(folder.join(chosen)),
+            None => default.is_file().then_some(default),
+        };
+        if model::rig::Rig::builtin_text(&config.rig.file).is_none() {
+            config.rig.file = folder.join(&config.rig.file).to_string_lossy().into_owned();
+        }
+        Ok(config)
+    }
+
+    /// Reads a configuration from text; `file` is for messages only, and paths stay as they are.
+    ///
+    /// # Errors
+    /// As [`Config::read`].
+    pub fn parse(text: &str, file: &Path) -> Result<Self, ConfigError> {
+        let config: Config = toml::from_str(text).map_err(|error| {
+            let at = error.span().map_or(0, |span| span.start);
+            let line = 1 + text.bytes().take(at).filter(|b| *b == b'\n').count();
+            ConfigError::Parse { file: file.to_owned(), line, problem: error.message().replace('\n', "; ") }
+        })?;
+        config.check(file)?;
+        Ok(config)
+    }
+
+    fn check(&self, file: &Path) -> Result<(), ConfigError> {
+        let wrong = |key, problem: String| Err(ConfigError::Value { file: file.to_owned(), key, problem });
+        let address = &self.link.address;
+        if !address.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok()) {
+            return wrong("link.address", format!("`{address}` is no address; write host:port, such as 192.168.1.20:50500"));
+        }
+        let Safety { max_pos_kpa, min_neg_kpa } = self.safety;
+        if !(10.0..=280.0).contains(&max_pos_kpa) {
+            return wrong("safety.max_pos_kpa", format!("{max_pos_kpa} kPa is outside 10 … 280 kPa gauge; the cRIO trips at 300"));
+        }
+        if !(-100.0..=-10.0).contains(&min_neg_kpa) {
+            return wrong("safety.min_neg_kpa", format!("{min_neg_kpa} kPa is outside -100 … -10 kPa gauge"));
+        }
+        if !(1..=95).contains(&self.realtime.priority) {
+            return wrong("realtime.priority", format!("{} is outside 1 … 95", self.realtime.priority));
+        }
+        let name = &self.policy.active;
+        if name.is_empty() || !name.chars().all(|c| c.is_ascii_alphanumeric() || "._-".contains(c)) || name.starts_with('.') {
+            return wrong("policy.active", format!("`{name}` is no policy name; letters, digits, `.`, `_` and `-`, without .onnx"));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Result<Config, String> {
+        Config::parse(text, Path::new("c.toml")).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn only_the_address_is_needed() {
+        let config = parse("[link]\naddress = \"10.0.0.2:50500\"\n").unwrap();
+        assert_eq!(config, Config::for_address("10.0.0.2:50500"));
+        assert_eq!((config.safety.max_pos_kpa, config.safety.min_neg_kpa), (160.0, -95.0));
+    }
+
+    #[test]
+    fn bad_configurations_get_one_line_that_names_the_key() {
+        let link = "[link]\naddress = \"10.0.0.2:50500\"\n";
+        for (text, words) in [
+            ("", vec!["line 1", "link"]),
+            ("[link]\n", vec!["address"]),
+            ("[link]\naddress = \"10.0.0.2\"\n", vec!["link.address", "host:port"]),
+            (&format!("{link}speed = 3\n"), vec!["line 3", "speed"]),
+            (&format!("{link}[safty]\n"), vec!["line 3", "safty"]),
+            (&format!("{link}pacing = \"fast\"\n"), vec!["line 3", "fast", "lockstep"]),
+            (&format!("{link}[safety]\nmax_pos_kpa = \"high\"\n"), vec!["line 4", "string"]),
+            (&format!("{link}[safety]\nmax_pos_kpa = 500.0\n"), vec!["safety.max_pos_kpa", "500", "280"]),
+            (&format!("{link}[safety]\nmin_neg_kpa = nan\n"), vec!["safety.min_neg_kpa", "NaN"]),
+            (&format!("{link}[policy]\nactive = \"../x\"\n"), vec!["policy.active"]),
+            (&format!("{link}[realtime]\npriority = 99\n"), vec!["realtime.priority", "99"]),
+        ] {
+            let message = parse(text).expect_err(text);
+            assert!(!message.contains('\n') && message.starts_with("c.toml"), "{message}");
+            for word in words {
+                assert!(message.contains(word), "`{word}` is not in: {message}");
+            }
+        }
+    }
+}

@@ -1,0 +1,154 @@
+//! What the daemon tells a person: numbered notices, made in the tick without text, told outside it.
+
+use flight::Event;
+use proto::recording::EventLevel;
+use proto::wire::TripBits;
+
+/// Why the rig was vented.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u16)]
+pub enum Cause {
+    /// Frames stopped coming.
+    FramesMissing = 1,
+    /// A sensor's voltage is out of range or not a number; 0 positive, 1 negative.
+    SensorPositive = 2,
+    /// As above, negative sensor.
+    SensorNegative = 3,
+    /// Positive pressure above its limit.
+    OverPressure = 4,
+    /// Negative pressure below its limit.
+    OverVacuum = 5,
+    /// The cRIO tripped by itself.
+    CrioTripped = 6,
+    /// The link is gone.
+    LinkLost = 7,
+    /// The law's answer was not a number.
+    LawNotFinite = 8,
+    /// The cRIO vented because our commands did not reach it in time.
+    CommandsLost = 9,
+}
+
+impl Cause {
+    /// Whether the rig may be armed again by itself (with `auto_arm`) once this is over: only what has to
+    /// do with the link, never what has to do with pressure or sensors.
+    pub fn clears_by_itself(self) -> bool {
+        matches!(self, Cause::FramesMissing | Cause::LinkLost | Cause::CommandsLost)
+    }
+}
+
+/// Something that happened in the tick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Notice {
+    /// A session was opened.
+    SessionOpened {
+        /// The session.
+        session: u32,
+    },
+    /// The rig was armed.
+    Armed {
+        /// Tick.
+        tick: u32,
+        /// By itself.
+        auto: bool,
+    },
+    /// The rig was disarmed by the operator.
+    Disarmed {
+        /// Tick.
+        tick: u32,
+    },
+    /// The rig was vented.
+    Vented {
+        /// Why.
+        cause: Cause,
+        /// Tick.
+        tick: u32,
+        /// The number behind it: volts, kPa, ms, trip bits.
+        value: f64,
+    },
+    /// What caused the venting is over.
+    Recovered {
+        /// Tick.
+        tick: u32,
+    },
+    /// A single frame was lost or late; the plan was followed.
+    FrameMissed {
+        /// Tick.
+        tick: u32,
+        /// How late it was by then, in ms.
+        late_ms: f64,
+    },
+    /// The command left late.
+    DeadlineMissed {
+        /// Tick.
+        tick: u32,
+        /// Time from the expected frame to the command, in ms.
+        took_ms: f64,
+    },
+    /// A frame was damaged and dropped.
+    FrameDamaged {
+        /// How many since the session began.
+        count: u64,
+    },
+    /// The policy refused to answer; the fallback flies.
+    PolicyRefused {
+        /// Tick.
+        tick: u32,
+    },
+    /// The flight reached its end.
+    FlightOver {
+        /// Tick.
+        tick: u32,
+    },
+}
+
+impl Notice {
+    /// The notice as the recorder's queue carries it.
+    pub fn event(self, at_ns: u64) -> Event {
+        let (code, values) = match self {
+            Notice::SessionOpened { session } => (1, [f64::from(session), 0.0, 0.0, 0.0]),
+            Notice::Armed { tick, auto } => (2, [f64::from(tick), f64::from(u8::from(auto)), 0.0, 0.0]),
+            Notice::Disarmed { tick } => (3, [f64::from(tick), 0.0, 0.0, 0.0]),
+            Notice::Vented { cause, tick, value } => (100 + cause as u16, [f64::from(tick), value, 0.0, 0.0]),
+            Notice::Recovered { tick } => (4, [f64::from(tick), 0.0, 0.0, 0.0]),
+            Notice::FrameMissed { tick, late_ms } => (5, [f64::from(tick), late_ms, 0.0, 0.0]),
+            Notice::DeadlineMissed { tick, took_ms } => (6, [f64::from(tick), took_ms, 0.0, 0.0]),
+            Notice::FrameDamaged { count } => (7, [count as f64, 0.0, 0.0, 0.0]),
+            Notice::PolicyRefused { tick } => (8, [f64::from(tick), 0.0, 0.0, 0.0]),
+            Notice::FlightOver { tick } => (9, [f64::from(tick), 0.0, 0.0, 0.0]),
+        };
+        let level = match code {
+            100.. => EventLevel::Error,
+            5..=8 => EventLevel::Warning,
+            _ => EventLevel::Info,
+        };
+        Event { at_ns, level, part: "tick", code, values }
+    }
+}
+
+/// One plain sentence for an event made by [`Notice::event`].
+pub fn sentence(event: &Event) -> String {
+    let [a, b, ..] = event.values;
+    let at = format!("at tick {a:.0}");
+    match event.code {
+        1 => format!("session {:08X} opened", a as u32),
+        2 if b > 0.0 => format!("armed by itself {at} (control.auto_arm)"),
+        2 => format!("armed {at}"),
+        3 => format!("disarmed {at}; both vents open"),
+        4 => format!("sound again {at}; standing by, vents open"),
+        5 => format!("frame {a:.0} did not come ({b:.1} ms late); following the plan for one tick"),
+        6 => format!("deadline missed {at}: the command left {b:.1} ms after its frame was due"),
+        7 => format!("a frame came damaged and was dropped ({a:.0} in this session)"),
+        8 => format!("the policy refused to answer {at}; the fallback flies on"),
+        9 => format!("the flight is over {at}; vents open"),
+        101 => format!("VENTED {at}: no frame for {b:.0} ms; waiting for the cRIO"),
+        102 => format!("VENTED {at}: the positive sensor reads {b:.3} V, outside 0.8 … 5.2 V; check sensor and wire"),
+        103 => format!("VENTED {at}: the negative sensor reads {b:.3} V, outside 0.8 … 5.2 V; check sensor and wire"),
+        104 => format!("VENTED {at}: positive pressure {b:.1} kPa is above safety.max_pos_kpa"),
+        105 => format!("VENTED {at}: negative pressure {b:.1} kPa is below safety.min_neg_kpa"),
+        106 => format!("VENTED {at}: the cRIO tripped ({}); a new session will be opened", TripBits::from_bits(b as u8)),
+        107 => format!("VENTED {at}: the link to the cRIO is lost; connecting again"),
+        108 => format!("VENTED {at}: the control law gave no finite duty"),
+        109 => format!("VENTED {at}: the cRIO got no command in time and vented by itself; a new session will be opened"),
+        code => format!("event {code} {:?}", event.values),
+    }
+}

@@ -1,0 +1,59 @@
+//! Makes the tick's thread a real-time one, as far as the machine allows.
+//!
+//! What it does not allow is told in one line each and does not stop the daemon: on a lab PC without the
+//! rights the loop still runs, just later at times, and the recording shows how much.
+
+use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+use thread_priority::{
+    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
+    set_thread_priority_and_policy, thread_native_id,
+};
+
+use crate::config::Realtime;
+
+/// Locks all memory, present and future, so that the tick never waits for a page; call it before threads
+/// are started. Answers what was refused.
+pub fn lock_memory() -> Option<String> {
+    // Stacks and heap of later threads are locked as they are made.
+    mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).err().map(|errno| {
+        format!("memory is not locked ({errno}); a page fault may delay a tick: give the service LimitMEMLOCK=infinity")
+    })
+}
+
+/// Gives the calling thread SCHED_FIFO and one CPU. Answers what was refused.
+pub fn make_realtime(settings: &Realtime) -> Vec<String> {
+    let mut refused = Vec::new();
+    if let Err(problem) = pin(settings.cpu) {
+        refused.push(problem);
+    }
+    let fifo = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+    let outcome = ThreadPriorityValue::try_from(settings.priority)
+        .map_err(|e| e.to_string())
+        .and_then(|value| {
+            set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Crossplatform(value), fifo)
+                .map_err(|e| e.to_string())
+        });
+    if let Err(error) = outcome {
+        refused.push(format!(
+            "no SCHED_FIFO priority {} ({error}); other programs may delay a tick: give the service LimitRTPRIO=95",
+            settings.priority
+        ));
+    }
+    refused
+}
+
+/// Pins the calling thread; by default to the last CPU it may use, if there are several.
+fn pin(wanted: Option<usize>) -> Result<(), String> {
+    let allowed = sched_getaffinity(None).map_err(|errno| format!("the CPUs allowed are not known ({errno}); not pinned"))?;
+    let last = (0..CpuSet::MAX_CPU).rev().find(|cpu| allowed.is_set(*cpu));
+    let cpu = match wanted {
+        Some(cpu) if cpu < CpuSet::MAX_CPU && allowed.is_set(cpu) => cpu,
+        Some(cpu) => return Err(format!("realtime.cpu = {cpu} is none of the CPUs allowed here; not pinned")),
+        None if allowed.count() < 2 => return Ok(()),
+        None => last.unwrap_or(0),
+    };
+    let mut only = CpuSet::new();
+    only.set(cpu);
+    sched_setaffinity(None, &only).map_err(|errno| format!("the tick is not pinned to CPU {cpu} ({errno})"))
+}
