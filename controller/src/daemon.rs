@@ -23,7 +23,7 @@ use crate::config::{Config, DEFAULT_POLICY, FALLBACK, Pacing};
 use crate::cycle::Cycle;
 use crate::flying::{Flight, fly};
 use crate::notice::sentence;
-use crate::panel::{OperatorPanel, panel};
+use crate::panel::panel;
 use crate::realtime::lock_memory;
 
 /// Program and version, as recordings and reports name it.

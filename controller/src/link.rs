@@ -300,7 +300,7 @@ fn connect_to(address: SocketAddr) -> io::Result<TcpStream> {
     socket.set_tcp_nodelay(true)?;
     let stream: TcpStream = socket.into();
     // A cRIO that lost its power says nothing; without probes the link would look alive for hours.
-    let keepalive = TcpKeepalive::new().with_time(Duration::from_secs(1)).with_interval(Duration::from_secs(1)).with_retries(3);
+    let keepalive = TcpKeepalive::new().with_time(Duration::from_secs(1)).with_interval(Duration::from_secs(1));
     SockRef::from(&stream).set_tcp_keepalive(&keepalive)?;
     stream.set_nonblocking(true)?;
     Ok(stream)

@@ -125,6 +125,22 @@ impl Notice {
     }
 }
 
+/// What a recorded fault is called.
+pub fn fault_name(code: u16) -> &'static str {
+    match code {
+        1 => "frames missing",
+        2 => "positive sensor broken",
+        3 => "negative sensor broken",
+        4 => "over-pressure",
+        5 => "over-vacuum",
+        6 => "cRIO tripped",
+        7 => "link lost",
+        8 => "control law not finite",
+        9 => "commands lost",
+        _ => "unknown fault",
+    }
+}
+
 /// One plain sentence for an event made by [`Notice::event`].
 pub fn sentence(event: &Event) -> String {
     let [a, b, ..] = event.values;

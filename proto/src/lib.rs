@@ -4,4 +4,5 @@ pub mod atomic_file;
 pub mod emulator;
 pub mod recording;
 pub mod reference;
+pub mod rig_file;
 pub mod wire;

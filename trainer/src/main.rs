@@ -1,2 +1,77 @@
-//! trainer
-fn main() {}
+//! `trainer`: simulates and validates rigs, plays the cRIO, and measures this machine.
+//!
+//! One file per command; what several of them need stands in a file named after it. Left out so far:
+//! identification, diagnosis and training.
+
+mod accuracy;
+mod bench;
+mod failure;
+mod free_run;
+mod progress;
+mod rig;
+mod rig_choice;
+mod rig_log;
+mod schedule;
+mod simulate;
+mod stdout;
+mod usage;
+mod validate;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Offline companion of the dual-pressure controller: emulates the cRIO, simulates rigs, checks a
+/// rig's model against recordings.
+///
+/// Pressures are gauge kPa, times s, duties 0 (valve shut) to 1 (open). A recording is the daemon's
+/// MCAP file or CSV with the header time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa, rows 20 ms apart. Exit
+/// status: 0 done, 1 the work failed, 2 wrong usage or bad input.
+#[derive(Debug, Parser)]
+#[command(name = "trainer", version, after_help = EXAMPLES, disable_help_subcommand = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXAMPLES: &str = "Examples:
+  trainer rig --listen 127.0.0.1:50500
+  trainer simulate --rig dual_pressure --inputs run.csv --out simulated.csv
+  trainer validate --rig bench run1.mcap run2.csv
+  trainer bench --json";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Rig(rig::RigArgs),
+    Simulate(simulate::SimulateArgs),
+    Validate(validate::ValidateArgs),
+    Bench(bench::BenchArgs),
+}
+
+fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return usage::explain::<Cli>(&error),
+    };
+    let done = match &cli.command {
+        Command::Rig(args) => rig::run(args),
+        Command::Simulate(args) => simulate::run(args),
+        Command::Validate(args) => validate::run(args),
+        Command::Bench(args) => bench::run(args),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => failure.told(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    /// clap's own check of the whole command line: names twice, defaults that do not parse.
+    #[test]
+    fn the_command_line_is_sound() {
+        super::Cli::command().debug_assert();
+    }
+}

@@ -28,10 +28,9 @@ impl CommandDelay {
     }
 
     pub(crate) fn operator(&self, tick_ms: f64) -> Delay<f64> {
-        let ticks = self.delay_ms / tick_ms;
-        // A delay at the upper limit is seven ticks and the whole of the eighth.
-        let whole = ticks.floor().min((LONGEST_TICKS - 1) as f64);
-        Delay { whole, part: ticks - whole }
+        // Rounding of the division must not push a delay at the upper limit beyond the memory.
+        let ticks = (self.delay_ms / tick_ms).min(LONGEST_TICKS as f64);
+        Delay { whole: ticks.floor(), part: ticks.fract() }
     }
 }
 
@@ -68,7 +67,9 @@ impl<R: Real> Delay<R> {
                 let past = R::splat(j) - self.part * R::splat(half_steps) + R::splat(1.0);
                 let weight = past.limited(R::splat(0.0), R::splat(1.0));
                 j += 1.0;
-                weight.mul_add(newer - older, older)
+                // Not `older + weight (newer − older)`: at weight one this is the newer duty to the last bit, as
+                // in a run alone, when a neighbour's delay makes a lane without a part of a tick come here.
+                weight.mul_add(newer, (R::splat(1.0) - weight) * older)
             });
         } else {
             samples.each(|_| newer);

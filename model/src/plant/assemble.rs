@@ -118,7 +118,8 @@ impl<'a> Assembly<'a> {
         let steps = (rig.integrator.tick_ms / rig.integrator.step_ms).round() as usize;
         let cylinders = rig.pumps.values().map(|pump| if let Pump::Piston(p) = pump { p.phases_deg.len() } else { 0 });
         let thermal = |m: &&Attached| m.enabled && matches!(m.mechanism, Mechanism::ChamberThermal(_));
-        let states = rig.volumes.len() + cylinders.sum::<usize>() + rig.mechanisms.iter().filter(thermal).count();
+        let temperatures = rig.mechanisms.iter().filter(thermal).count();
+        let states = rig.volumes.len() + cylinders.sum::<usize>() + temperatures;
         if states > MOST_STATES {
             return Err(RigError::at(
                 "",
@@ -154,7 +155,7 @@ impl<'a> Assembly<'a> {
             commands: Vec::new(),
             sensors: Vec::new(),
         };
-        let mut assembly = Assembly { rig, plant, given_from: carried(states), memory: 0 };
+        let mut assembly = Assembly { rig, plant, given_from: carried(states, temperatures > 0), memory: 0 };
         assembly.places()?;
         Ok(assembly)
     }

@@ -11,14 +11,10 @@ use crate::real::Real;
 #[inline(always)]
 pub(crate) fn tick<R: Real>(plant: &Plant<R>, state: &mut State<R>, scratch: &mut Scratch<R>, inputs: &[R]) {
     prepare(plant, state, scratch, inputs);
-    let thermal = !plant.thermal.is_empty();
-    match (plant.carried_states(), thermal) {
-        (4, false) => steps::<R, 4, 8, false>(plant, state, scratch),
-        (4, true) => steps::<R, 4, 8, true>(plant, state, scratch),
-        (8, false) => steps::<R, 8, 16, false>(plant, state, scratch),
-        (8, true) => steps::<R, 8, 16, true>(plant, state, scratch),
-        (_, false) => steps::<R, MOST_STATES, 16, false>(plant, state, scratch),
-        (_, true) => steps::<R, MOST_STATES, 16, true>(plant, state, scratch),
+    match plant.carried_states() {
+        4 => steps::<R, 4, 8, false>(plant, state, scratch),
+        8 => steps::<R, 8, 16, true>(plant, state, scratch),
+        _ => steps::<R, MOST_STATES, 16, true>(plant, state, scratch),
     }
     for (phase, speed) in state.phase.iter_mut().zip(&scratch.speeds) {
         *phase = (*phase + *speed * R::splat(plant.tick_s())).map(|p| p - p.floor());

@@ -52,11 +52,11 @@ pub(crate) const MOST_DRIVES: usize = 4;
 pub(crate) const LAWS: usize = 4;
 
 /// The number of states that the integrator is compiled for, given how many a rig has. Given pressures
-/// follow right after.
-fn carried(states: usize) -> usize {
+/// follow right after. Only the smallest, the paper's, goes without temperatures: each size costs build time.
+fn carried(states: usize, thermal: bool) -> usize {
     match states {
-        0..=4 => 4,
-        5..=8 => 8,
+        0..=4 if !thermal => 4,
+        0..=8 => 8,
         _ => MOST_STATES,
     }
 }
@@ -131,7 +131,7 @@ impl<R: Real> Plant<R> {
 
     /// States that the integrator carries.
     fn carried_states(&self) -> usize {
-        carried(self.states)
+        carried(self.states, !self.thermal.is_empty())
     }
 
     #[inline(always)]

@@ -88,7 +88,9 @@ pub(crate) fn rates<R: Real, const STATES: usize, const NODES: usize, const THER
         balance.pass::<THERMAL>(capillary.down, capillary.up, (-flow).at_least(zero), temperature);
     }
     for (i, pump) in plant.displacements.iter().enumerate() {
-        let flow = pump.flow * scratch.displacement(i) * x[pump.up % NODES] / pump.rt;
+        // What is displaced has the temperature that the inlet has now.
+        let rt = if THERMAL { plant.gas_constant * temperature[pump.up % NODES] } else { pump.rt };
+        let flow = pump.flow * scratch.displacement(i) * x[pump.up % NODES] / rt;
         balance.pass::<THERMAL>(pump.up, pump.down, flow, temperature);
     }
     for (i, feed) in plant.feeds.iter().enumerate() {

@@ -1,7 +1,7 @@
 //! Whether a rig makes sense: numbers within the range of their unit, joins that lead somewhere.
 
 use super::error::RigError;
-use super::schema::{ATMOSPHERE, Line, Pump, Rig, Source};
+use super::schema::{ATMOSPHERE, Attached, Line, Pump, Rig, Source};
 
 /// Checks one number against a range.
 ///
@@ -51,7 +51,19 @@ impl Rig {
         self.check_paths()?;
         self.check_sensors()?;
         for (n, attached) in self.mechanisms.iter().enumerate() {
-            attached.mechanism.check(self, &attached.component, &format!("mechanisms.{}", n + 1))?;
+            let key = format!("mechanisms.{}", n + 1);
+            attached.mechanism.check(self, &attached.component, &key)?;
+            let twin = |other: &&Attached| {
+                other.enabled
+                    && other.component == attached.component
+                    && other.mechanism.id() == attached.mechanism.id()
+            };
+            if attached.enabled && self.mechanisms.iter().take(n).any(|other| twin(&other)) {
+                return Err(RigError::at(
+                    key,
+                    format!("`{}` acts on `{}` already; keep one", attached.mechanism.id(), attached.component),
+                ));
+            }
         }
         Ok(())
     }

@@ -126,5 +126,8 @@ mod tests {
         assert!(message.contains("valve_magic") && message.contains("valve_lag"), "{message}");
         let message = with("id = \"valve_hysteresis\"\ncomponent = \"valve_pos\"\nhalf_width_duty = 0.7\n");
         assert!(message.contains("half_width_duty") && message.contains("0.7"), "{message}");
+        let lag = "id = \"valve_lag\"\ncomponent = \"valve_pos\"\ntime_constant_ms = 50.0\n";
+        let message = with(&format!("{lag}[[mechanisms]]\n{lag}"));
+        assert!(message.contains("mechanisms.2") && message.contains("already"), "{message}");
     }
 }

@@ -1,4 +1,17 @@
 //! What stands behind the emulated cRIO: a rig that two duties and a pump switch drive.
+//!
+//! [`RigBehind`] is all the emulator asks for; [`model::predict::DualPressureRig`] is the rig that
+//! files describe. The pressures it hands over are what its sensors show before the converter, so
+//! mechanisms of the sensors (lag, for one) are in them; noise and steps come from
+//! [`Sensors`](super::Sensors).
+
+use model::plant::Plant;
+use model::predict::{DualPressurePorts, DualPressureRig};
+use model::rig::{Rig, RigError};
+
+use super::crio::CrioConfig;
+use super::pace::TICK;
+use super::sensors::SensorScale;
 
 /// A rig advanced by one 20 ms tick per call.
 pub trait RigBehind: Send {
@@ -16,5 +29,110 @@ impl<R: RigBehind + ?Sized> RigBehind for Box<R> {
 
     fn pressures_gauge_kpa(&self) -> [f64; 2] {
         (**self).pressures_gauge_kpa()
+    }
+}
+
+impl RigBehind for DualPressureRig {
+    fn tick(&mut self, duty: [f64; 2], pump_on: bool) {
+        Self::tick(self, duty, pump_on);
+    }
+
+    fn pressures_gauge_kpa(&self) -> [f64; 2] {
+        self.readings_kpa()
+    }
+}
+
+/// A rig as its file describes it, at rest, and the cRIO that goes with it.
+///
+/// The cRIO has a pump relay where the rig's pump is switched by `pump_on`, and sensors of the
+/// ranges that the rig states.
+///
+/// # Errors
+/// The rig is unsound, lacks a duty or a sensor of the wire's (see [`DualPressurePorts::of`]), or has
+/// another tick than the wire's 20 ms.
+pub fn rig_and_crio(rig: &Rig) -> Result<(DualPressureRig, CrioConfig), RigError> {
+    let behind = DualPressureRig::new(rig)?;
+    let tick_ms = TICK.as_secs_f64() * 1e3;
+    // A tick is written in ms with a few digits; one part in a million is far below what moves a pressure.
+    if (rig.integrator.tick_ms / tick_ms - 1.0).abs() > 1e-6 {
+        return Err(RigError::at(
+            "integrator.tick_ms",
+            format!("a tick of {} ms; the cRIO samples every {tick_ms} ms", rig.integrator.tick_ms),
+        ));
+    }
+    let mut crio = CrioConfig::default();
+    for (scale, column) in crio.scales.iter_mut().zip(DualPressurePorts::READING) {
+        if let Some(sensor) = rig.sensors.values().find(|sensor| sensor.column == column) {
+            *scale = scale_of(sensor);
+        }
+    }
+    let inputs = Plant::<f64>::new(rig)?;
+    crio.pump_relay = inputs.inputs().iter().any(|input| input.column == DualPressurePorts::PUMP_ON);
+    Ok((behind, crio))
+}
+
+/// The straight line through both ends of a sensor's range, at 1 V and 5 V.
+fn scale_of(sensor: &model::rig::Sensor) -> SensorScale {
+    let [low_kpa, high_kpa] = sensor.range_kpa_gauge;
+    let [low_v, high_v] = sensor.range_v;
+    let at = |volts: f64| low_kpa + (volts - low_v) / (high_v - low_v) * (high_kpa - low_kpa);
+    SensorScale { at_1v_kpa: at(1.0), at_5v_kpa: at(5.0) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn paper(edit: impl Fn(&mut Rig)) -> Rig {
+        let mut rig = Rig::builtin("dual_pressure").unwrap();
+        edit(&mut rig);
+        rig
+    }
+
+    #[test]
+    fn built_in_rigs_stand_at_rest_behind_the_protocols_crio() {
+        for name in Rig::BUILTIN {
+            let (behind, crio) = rig_and_crio(&Rig::builtin(name).unwrap()).unwrap();
+            assert_eq!(behind.pressures_gauge_kpa(), [0.0, 0.0], "{name}");
+            // The protocol's page names the sensors; both built-in rigs state the same.
+            assert_eq!(crio, CrioConfig::default(), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_tick_moves_both_pressures_the_way_the_pump_does() {
+        let (mut behind, _) = rig_and_crio(&paper(|_| {})).unwrap();
+        RigBehind::tick(&mut behind, [0.0, 0.0], true);
+        let [pos, neg] = behind.pressures_gauge_kpa();
+        // First row of a converged trace made elsewhere: 4.7116 and -19.6512 kPa, and RK4 at 0.1 ms is
+        // within 0.01 kPa of it.
+        assert!((pos - 4.7116).abs() < 0.01 && (neg + 19.6512).abs() < 0.01, "{pos} {neg}");
+    }
+
+    #[test]
+    fn a_rig_without_a_relay_has_a_crio_without_one() {
+        let rig = paper(|rig| {
+            if let Some(model::rig::Pump::Piston(pump)) = rig.pumps.get_mut("pump") {
+                pump.relay = None;
+            }
+        });
+        assert!(!rig_and_crio(&rig).unwrap().1.pump_relay);
+    }
+
+    #[test]
+    fn sensors_are_those_of_the_rig() {
+        let rig = paper(|rig| {
+            if let Some(sensor) = rig.sensors.get_mut("sensor_neg") {
+                (sensor.range_kpa_gauge, sensor.range_v) = ([-100.0, 100.0], [0.0, 10.0]);
+            }
+        });
+        // 20 kPa per volt from -100 kPa at 0 V.
+        assert_eq!(rig_and_crio(&rig).unwrap().1.scales[1], SensorScale { at_1v_kpa: -80.0, at_5v_kpa: 0.0 });
+    }
+
+    #[test]
+    fn a_rig_with_another_tick_is_refused_by_name() {
+        let error = rig_and_crio(&paper(|rig| rig.integrator.tick_ms = 10.0)).err().unwrap();
+        assert_eq!(error.to_string(), "integrator.tick_ms: a tick of 10 ms; the cRIO samples every 20 ms");
     }
 }

@@ -1,0 +1,54 @@
+//! What a flight leaves behind: its recording, its figures, and a report that a person looks at.
+//!
+//! ```text
+//!  tick thread                 recorder thread                      when the flight is over
+//!  RecordSink::push ──queue──► Recorder ──► flight.mcap ──read──► flight_report ──► report.html
+//!                                 └─ observer ──► FlightStatistics ──► live line, table, JSON
+//! ```
+//!
+//! | module | what |
+//! | --- | --- |
+//! | [`recorder`] | the thread that turns ticks and events into an MCAP file; its failures never reach the tick |
+//! | [`sink`] | the tick's end of the queue: bounded, lock-free, counts what it must refuse |
+//! | [`duration_histogram`] | times in logarithmic bins of known width, for percentiles without keeping the values |
+//! | [`oscillation`] | whether an error repeats itself faster than the reference moves: a sign of a limit cycle |
+//! | [`flight_clock`] | seconds of flight from session, tick and arrival |
+//! | [`tracking`] | errors and valve movement of one channel |
+//! | [`statistics`] | all figures of a flight, tick by tick |
+//! | [`summary`] | these figures as data (`--json`) and as a table |
+//! | [`verdict`] | what a person should think of them, and one sentence |
+//! | [`flight_info`] | what a report says about a flight beside its ticks |
+//! | [`flight_report`](mod@flight_report) | the self-contained page with plots |
+//!
+//! Left out: what the daemon's states and faults are called. They are the daemon's own, so it gives
+//! their names as functions.
+
+pub mod duration_histogram;
+pub mod flight_clock;
+pub mod flight_info;
+pub mod flight_report;
+mod flight_rows;
+mod occurrences;
+pub mod oscillation;
+mod prediction_check;
+mod record_error;
+pub mod recorder;
+mod report_plots;
+pub mod sink;
+pub mod statistics;
+pub mod summary;
+mod terminal;
+pub mod tracking;
+pub mod verdict;
+mod wording;
+mod writing;
+
+pub use flight_clock::FlightClock;
+pub use flight_info::{CodeNames, FlightInfo, FlightNote, NoteTime};
+pub use flight_report::flight_report;
+pub use record_error::RecordError;
+pub use recorder::{Recorded, Recorder, RecorderHealth, RecorderOptions, RecordingSummary};
+pub use sink::{Event, RecordSink};
+pub use statistics::{FlightStatistics, Pacing, StatisticsOptions};
+pub use summary::FlightSummary;
+pub use verdict::Verdict;

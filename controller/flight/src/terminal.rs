@@ -1,0 +1,163 @@
+//! What a flight prints on a terminal: a line each second, and a table at the end.
+//!
+//! Plain ASCII in fixed columns, so that it reads the same in a log file and over a serial console.
+
+use std::fmt::Write;
+
+use crate::oscillation::{AMPLITUDE_KPA, REGULARITY};
+use crate::statistics::FlightStatistics;
+use crate::summary::{DurationFigures, FlightSummary, RepetitionFigures};
+use crate::wording;
+
+impl FlightStatistics {
+    /// The line that stands above the live lines.
+    pub fn live_header() -> &'static str {
+        concat!(
+            "   time  positive: now -> reference (error)      negative: now -> reference (error)     ",
+            "valve duty     slowest tick      deadlines"
+        )
+    }
+
+    /// The state of the flight now, in one line of fixed columns; begins another second.
+    ///
+    /// `note` stands at the end: the daemon's state or fault in a few words, or nothing. The compute time
+    /// is the slowest tick since the last line.
+    ///
+    /// # Real-time
+    /// Not in the tick: it allocates.
+    pub fn live_line(&mut self, note: &str) -> String {
+        let slowest_ms = f64::from(std::mem::take(&mut self.window_max_ns)) / 1e6;
+        let Some((moment, tick)) = &self.last else {
+            return format!("     0 s  no tick yet  {note}").trim_end().to_owned();
+        };
+        let channel = |measured: f64, reference: f64| {
+            let (now, target, error) = (cell(measured, 7), cell(reference, 7), signed_cell(measured - reference));
+            format!("{now} -> {target} kPa ({error})")
+        };
+        format!(
+            "{:>5.0} s  pos {}  neg {}  u {:.3} {:.3}  compute {slowest_ms:>4.1} ms  missed {}  {note}",
+            moment.time_s,
+            channel(tick.p_pos_kpa, tick.ref_pos_kpa),
+            channel(tick.p_neg_kpa, tick.ref_neg_kpa),
+            tick.u_pos,
+            tick.u_neg,
+            self.counts.deadline_misses,
+        )
+        .trim_end()
+        .to_owned()
+    }
+
+    /// The table of [`FlightSummary::table`].
+    pub fn final_table(&self) -> String {
+        self.summary().table()
+    }
+}
+
+impl FlightSummary {
+    /// All figures in plain words, and the verdict in the last line.
+    pub fn table(&self) -> String {
+        let mut out = String::new();
+        self.tracking_rows(&mut out);
+        self.time_rows(&mut out);
+        self.count_rows(&mut out);
+        // Writing to a String cannot fail.
+        let _ = writeln!(out, "\nVerdict: {}. {}", self.verdict.word(), self.headline.replace('µ', "u"));
+        for finding in &self.findings {
+            let _ = writeln!(out, "  - {}", finding.replace('±', "+-"));
+        }
+        out
+    }
+
+    fn tracking_rows(&self, out: &mut String) {
+        let after = format!("Tracking, after {} of settling", wording::seconds(self.settling_s));
+        let _ = writeln!(out, "{after:<42}{:>12}{:>12}", "positive", "negative");
+        let mut row = |name: &str, pos: String, neg: String, unit: &str| {
+            let _ = writeln!(out, "{:<42}{pos:>12}{neg:>12}  {unit}", format!("  {name}"));
+        };
+        let plain = |value| wording::number(value, 3);
+        row("RMSE (measured - reference)", plain(self.rmse_pos_kpa), plain(self.rmse_neg_kpa), "kPa");
+        if self.rmse_limit_pos_kpa.is_some() || self.rmse_limit_neg_kpa.is_some() {
+            row("limit", plain(self.rmse_limit_pos_kpa), plain(self.rmse_limit_neg_kpa), "kPa");
+        }
+        row("largest error", plain(self.max_abs_pos_kpa), plain(self.max_abs_neg_kpa), "kPa");
+        let signed = |value| wording::signed(value, 3);
+        row("mean error", signed(self.mean_error_pos_kpa), signed(self.mean_error_neg_kpa), "kPa");
+        let duty = |value| wording::number(value, 5);
+        row(
+            "valve movement per tick, RMS",
+            duty(self.action_change_rms_pos_duty),
+            duty(self.action_change_rms_neg_duty),
+            "duty",
+        );
+        row(
+            "oscillation faster than 3 s",
+            oscillation(self.repetition_pos),
+            oscillation(self.repetition_neg),
+            &format!("kPa at period, from regularity {REGULARITY} and {AMPLITUDE_KPA} kPa"),
+        );
+    }
+
+    fn time_rows(&self, out: &mut String) {
+        let _ = writeln!(
+            out,
+            "\n{:<42}{:>12}{:>12}{:>12}{:>12}",
+            "Time (a tick is 20 ms)", "median", "99 %", "99.9 %", "max"
+        );
+        let mut row = |name: &str, figures: DurationFigures| {
+            let _ = write!(out, "{:<42}", format!("  {name}"));
+            for figure in [figures.p50, figures.p99, figures.p999, figures.max] {
+                let _ = write!(out, "{:>12}", wording::time_ms(figure));
+            }
+            out.push('\n');
+        };
+        row("whole tick: frame in hand to command sent", self.compute_us());
+        row("  receive and check", self.stages_us.receive_check);
+        row("  prediction (MPObs)", self.stages_us.predict);
+        row("  control law and limits", self.stages_us.law);
+        row("  send", self.stages_us.send);
+        if self.is_realtime() {
+            row("frame later than expected", self.lateness_us);
+        }
+    }
+
+    fn count_rows(&self, out: &mut String) {
+        let pacing = if self.is_realtime() { "real time" } else { "lockstep, no deadlines" };
+        let _ = writeln!(
+            out,
+            "\n{} in {} ({pacing}), {} counted for tracking",
+            wording::counted(self.ticks, "tick", "ticks"),
+            wording::seconds(self.seconds),
+            wording::count(self.tracked_ticks)
+        );
+        let _ = writeln!(
+            out,
+            "deadlines missed {}, frames missing {}, late {}, damaged {}; faults {}, cRIO trips {}, vented {}; ticks without a record {}",
+            self.deadline_misses,
+            self.frames_missing,
+            self.frames_late,
+            self.frames_damaged,
+            self.faults,
+            self.crio_trips,
+            wording::seconds(self.vented_s),
+            self.ticks_skipped.max(self.records_dropped),
+        );
+    }
+}
+
+/// A pressure in a fixed width; `--` where there is none.
+fn cell(kpa: f64, width: usize) -> String {
+    if kpa.is_finite() { format!("{kpa:>width$.2}") } else { format!("{:>width$}", "--") }
+}
+
+fn signed_cell(kpa: f64) -> String {
+    if kpa.is_finite() { format!("{kpa:>+6.2}") } else { format!("{:>6}", "--") }
+}
+
+fn oscillation(repetition: Option<RepetitionFigures>) -> String {
+    match repetition {
+        Some(RepetitionFigures { oscillating: true, period_s, amplitude_kpa, .. }) => {
+            format!("{amplitude_kpa:.2}/{period_s:.2} s")
+        }
+        Some(_) | None => "none".to_owned(),
+    }
+}

@@ -1,0 +1,165 @@
+//! What a person should think of a flight: findings, a verdict, and one sentence.
+
+use serde::Serialize;
+
+use crate::summary::{FlightSummary, RepetitionFigures};
+use crate::wording;
+
+/// Whether a flight went as it should.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// Nothing to look at.
+    Good,
+    /// It flew, and something is worth a look.
+    Look,
+    /// Something failed.
+    Bad,
+}
+
+impl Verdict {
+    /// One or two plain words.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Good => "good",
+            Self::Look => "worth a look",
+            Self::Bad => "not good",
+        }
+    }
+}
+
+/// What a summary gives reason to look at, the worst first, and the verdict that follows.
+pub(crate) fn findings(summary: &FlightSummary) -> (Verdict, Vec<String>) {
+    let mut found: Vec<(Verdict, String)> = Vec::new();
+    let mut find = |level: Verdict, when: bool, text: &dyn Fn() -> String| {
+        if when {
+            found.push((level, text()));
+        }
+    };
+    let (bad, look) = (Verdict::Bad, Verdict::Look);
+    find(bad, summary.rmse_pos_kpa.is_none() || summary.rmse_neg_kpa.is_none(), &|| {
+        format!(
+            "no figure for tracking: nothing was steered with a sound reading for longer than the {} of settling",
+            wording::seconds(summary.settling_s)
+        )
+    });
+    for (channel, rmse, limit) in channels(summary) {
+        if let Some((rmse, limit)) = above(rmse, limit) {
+            find(bad, true, &|| format!("{channel} RMSE {rmse:.3} kPa is above its limit of {limit:.3} kPa"));
+        }
+    }
+    find(bad, summary.faults > 0, &|| {
+        let in_all = if summary.faults > 1 { " in all" } else { "" };
+        format!("{}, {} long{in_all}", counted_faults(summary), wording::seconds(summary.fault_s))
+    });
+    find(bad, summary.crio_trips > 0, &|| {
+        format!("the cRIO reported {}", wording::counted(summary.crio_trips, "trip", "trips"))
+    });
+    find(bad, summary.vented_s > 0.0, &|| format!("vented for {} while flying", wording::seconds(summary.vented_s)));
+    find(bad, summary.is_realtime() && summary.deadline_misses > 0, &|| {
+        format!("{} of {} missed", wording::count(summary.deadline_misses), deadlines(summary))
+    });
+    find(bad, summary.records_dropped > 0, &|| {
+        format!(
+            "{} not recorded: the recorder could not keep up (is the disk slow or full?)",
+            wording::counted(summary.records_dropped, "tick", "ticks")
+        )
+    });
+    find(look, summary.ticks_skipped > summary.records_dropped, &|| {
+        format!("{} without a record", wording::counted(summary.ticks_skipped, "tick", "ticks"))
+    });
+    find(look, summary.sessions > 1, &|| {
+        format!("{} sessions: the link was made anew in between", wording::count(summary.sessions))
+    });
+    let frames = [
+        (summary.frames_missing, "did not come"),
+        (summary.frames_late, "came late"),
+        (summary.frames_damaged, "came damaged"),
+    ];
+    for (number, what) in frames {
+        find(look, number > 0, &|| format!("{} {what}", wording::counted(number, "frame", "frames")));
+    }
+    for (channel, repetition) in [("positive", summary.repetition_pos), ("negative", summary.repetition_neg)] {
+        if let Some(RepetitionFigures { oscillating: true, period_s, amplitude_kpa, .. }) = repetition {
+            find(look, true, &|| {
+                format!(
+                    "the {channel} pressure oscillates every {period_s:.2} s by ±{amplitude_kpa:.2} kPa: perhaps a limit cycle"
+                )
+            });
+        }
+    }
+    found.sort_by_key(|(level, _)| std::cmp::Reverse(*level));
+    let worst = found.first().map_or(Verdict::Good, |(level, _)| *level);
+    (worst, found.into_iter().map(|(_, text)| text).collect())
+}
+
+/// The flight in one sentence.
+pub(crate) fn headline(summary: &FlightSummary) -> String {
+    let mut parts = vec![tracking(summary)];
+    if summary.faults > 0 {
+        parts.push(counted_faults(summary));
+    }
+    if summary.faults == 0 && summary.crio_trips > 0 {
+        parts.push(format!("the cRIO tripped {}", times(summary.crio_trips)));
+    }
+    if summary.vented_s > 0.0 {
+        parts.push(format!("vented for {}", wording::seconds(summary.vented_s)));
+    }
+    parts.push(match (summary.is_realtime(), summary.deadline_misses) {
+        (false, _) => "in lockstep, without deadlines".to_owned(),
+        (true, 0) => "no deadline missed".to_owned(),
+        (true, misses) => format!("{} of {} missed", wording::count(misses), deadlines(summary)),
+    });
+    if let Some(slowest) = summary.compute_us_max {
+        let time = wording::short_time(Some(slowest));
+        parts.push(match slowest < 20_000.0 {
+            true => format!("slowest tick {time} of 20 ms"),
+            false => format!("slowest tick {time}, and a tick has 20 ms"),
+        });
+    }
+    format!("{}.", parts.join("; "))
+}
+
+fn tracking(summary: &FlightSummary) -> String {
+    let (Some(pos), Some(neg)) = (summary.rmse_pos_kpa, summary.rmse_neg_kpa) else {
+        return match summary.ticks {
+            0 => "No tick was recorded".to_owned(),
+            _ => "Flew too little to say how well it tracks".to_owned(),
+        };
+    };
+    let limits: Vec<String> = channels(summary)
+        .into_iter()
+        .filter_map(|(channel, rmse, limit)| above(rmse, limit).map(|(_, limit)| (channel, limit)))
+        .map(|(channel, limit)| format!("the {channel} one above its limit of {limit:.2} kPa"))
+        .collect();
+    let limits = if limits.is_empty() { String::new() } else { format!(", {}", limits.join(" and ")) };
+    format!("Tracked the pressures to {pos:.2} kPa (positive) and {neg:.2} kPa (negative) RMS{limits}")
+}
+
+/// Name, RMSE and limit of both channels.
+fn channels(summary: &FlightSummary) -> [(&'static str, Option<f64>, Option<f64>); 2] {
+    [
+        ("positive", summary.rmse_pos_kpa, summary.rmse_limit_pos_kpa),
+        ("negative", summary.rmse_neg_kpa, summary.rmse_limit_neg_kpa),
+    ]
+}
+
+fn above(rmse: Option<f64>, limit: Option<f64>) -> Option<(f64, f64)> {
+    rmse.zip(limit).filter(|(rmse, limit)| rmse > limit)
+}
+
+fn counted_faults(summary: &FlightSummary) -> String {
+    wording::counted(summary.faults, "fault", "faults")
+}
+
+fn deadlines(summary: &FlightSummary) -> String {
+    wording::counted(summary.ticks, "deadline", "deadlines")
+}
+
+fn times(number: u64) -> String {
+    match number {
+        1 => "once".to_owned(),
+        2 => "twice".to_owned(),
+        _ => format!("{} times", wording::count(number)),
+    }
+}

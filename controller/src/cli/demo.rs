@@ -1,0 +1,179 @@
+//! `controller demo`: everything on one machine, over a real socket.
+//!
+//! An emulated cRIO with the rig `bench` behind it listens on loopback; the daemon, whose model is
+//! `dual_pressure`, connects, arms itself and follows the paper's reference; at the end there is a table, a
+//! recording and a report.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use clap::Args;
+use controller::config::{Config, FALLBACK, Pacing, Realtime};
+use controller::daemon::{self, Options, PROGRAM};
+use controller::notice::fault_name;
+use controller::state::State;
+use flight::{CodeNames, FlightInfo, FlightStatistics, FlightSummary, Recorded, StatisticsOptions, flight_report};
+use proto::emulator::{Emulator, EmulatorConfig, EmulatorHandle, FaultScript, Pace, rig_and_crio};
+use proto::recording::read_mcap;
+
+use super::Failure;
+
+/// Ticks between two live lines: one second.
+const LIVE_TICKS: u64 = 50;
+
+/// Flags of the demo.
+#[derive(Debug, Args)]
+pub(crate) struct Demo {
+    /// Seconds to fly.
+    #[arg(long, default_value_t = 60.0, value_name = "S")]
+    seconds: f64,
+    /// In lockstep, as fast as it goes, instead of in real time.
+    #[arg(long)]
+    fast: bool,
+    /// Folder for recording and report.
+    #[arg(long, default_value = "out/demo", value_name = "DIR")]
+    out: PathBuf,
+    /// The rig behind the emulated cRIO: a built-in name (bench, dual_pressure) or a file.
+    #[arg(long, default_value = "bench", value_name = "FILE")]
+    rig: String,
+    /// The model behind MPObs and feed-forward.
+    #[arg(long, default_value = "dual_pressure", value_name = "FILE")]
+    model: String,
+    /// Policy to fly (an ONNX file); by default the feed-forward PI.
+    #[arg(long, value_name = "FILE")]
+    policy: Option<PathBuf>,
+    /// Script of faults on the wire and at the sensors.
+    #[arg(long, value_name = "FILE")]
+    faults: Option<PathBuf>,
+    /// Seed of the sensors' noise.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Print one JSON object with the figures, and nothing else on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Demo {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        if !(self.seconds.is_finite() && self.seconds > 0.0 && self.seconds <= 86_400.0) {
+            return Err(Failure::input(format!("--seconds {}: give a time above 0, a day at most", self.seconds)));
+        }
+        std::fs::create_dir_all(&self.out)
+            .map_err(|e| Failure::work(format!("{}: cannot be made: {e}; choose another --out", self.out.display())))?;
+        let emulator = self.emulator()?;
+        let mut config = Config::for_address(&emulator.local_addr().to_string());
+        config.link.pacing = if self.fast { Pacing::Lockstep } else { Pacing::Realtime };
+        config.rig.file.clone_from(&self.model);
+        config.control.auto_arm = true;
+        config.policy.active = FALLBACK.to_owned();
+        config.realtime = Realtime::default();
+        let mut loaded = daemon::load(&config)?;
+        loaded.remarks.clear();
+        if let Some(file) = &self.policy {
+            loaded.policy = Some(policy::Policy::load(file, &daemon::contracts()).map_err(Failure::input)?);
+        }
+        let statistics = StatisticsOptions { pacing: self.pacing(), ..StatisticsOptions::default() };
+        let figures = Arc::new(Mutex::new(FlightStatistics::new(statistics)));
+        let recording = self.out.join("flight.mcap");
+        for stale in [recording.clone(), proto::recording::unfinished_path(&recording)] {
+            let _ = std::fs::remove_file(stale);
+        }
+        self.announce(&loaded);
+        let options = Options {
+            recording: Some(recording),
+            seconds: Some(self.seconds),
+            socket: false,
+            extra: vec![("rig".to_owned(), format!("{} (emulated)", self.rig)), ("command".to_owned(), self.command())],
+            config_text: String::new(),
+            observer: watcher(Arc::clone(&figures), self.json),
+            stop: Arc::new(AtomicBool::new(false)),
+        };
+        let recorded = daemon::run(&config, loaded, options)?;
+        emulator.stop();
+        emulator.join().map_err(Failure::work)?;
+        let report = self.report(&recorded.path, statistics)?;
+        let summary = figures.lock().unwrap_or_else(PoisonError::into_inner).summary();
+        self.tell(&summary, &recorded.path, &report)
+    }
+
+    fn pacing(&self) -> flight::Pacing {
+        if self.fast { flight::Pacing::Lockstep } else { flight::Pacing::Realtime }
+    }
+
+    fn emulator(&self) -> Result<EmulatorHandle, Failure> {
+        let rig = proto::rig_file::load(&self.rig).map_err(Failure::input)?;
+        let (behind, crio) = rig_and_crio(&rig).map_err(|e| Failure::input(format!("rig {}: {e}", self.rig)))?;
+        let faults = match &self.faults {
+            Some(file) => FaultScript::read(file).map_err(Failure::input)?,
+            None => FaultScript::none(),
+        };
+        let pace = if self.fast { Pace::LOCKSTEP } else { Pace::RealTime };
+        let config = EmulatorConfig { crio, pace, seed: self.seed, faults, ..EmulatorConfig::default() };
+        Emulator::bind("127.0.0.1:0", config, Box::new(behind)).and_then(Emulator::start).map_err(Failure::work)
+    }
+
+    fn announce(&self, loaded: &daemon::Loaded) {
+        if self.json {
+            return;
+        }
+        println!(
+            "{PROGRAM}: {} s of the paper's reference; rig `{}` behind the emulated cRIO, model `{}`, {} flies{}",
+            self.seconds,
+            self.rig,
+            loaded.rig.name,
+            loaded.policy.as_ref().map_or("the feed-forward PI", |p| p.name()),
+            if self.fast { ", in lockstep" } else { "" }
+        );
+        println!("{}", FlightStatistics::live_header());
+    }
+
+    fn command(&self) -> String {
+        let mut command = format!("controller demo --seconds {} --rig {} --model {} --seed {}", self.seconds, self.rig, self.model, self.seed);
+        for (flag, file) in [("--policy", &self.policy), ("--faults", &self.faults)] {
+            if let Some(file) = file {
+                command.push_str(&format!(" {flag} {}", file.display()));
+            }
+        }
+        command + if self.fast { " --fast" } else { "" }
+    }
+
+    fn report(&self, recording: &Path, options: StatisticsOptions) -> Result<PathBuf, Failure> {
+        let content = read_mcap(recording).map_err(Failure::work)?;
+        let codes = CodeNames { state: State::name, fault: fault_name };
+        let title = format!("Demo: {} s on the emulated rig {}", self.seconds, self.rig);
+        let info = FlightInfo::from_recording(&title, &content, codes, options);
+        let path = self.out.join("report.html");
+        proto::atomic_file::write(&path, flight_report(&content.ticks, &info).as_bytes()).map_err(Failure::work)?;
+        Ok(path)
+    }
+
+    fn tell(&self, summary: &FlightSummary, recording: &Path, report: &Path) -> Result<(), Failure> {
+        if self.json {
+            let mut object = serde_json::to_value(summary).map_err(Failure::work)?;
+            object["recording"] = recording.to_string_lossy().into();
+            object["report"] = report.to_string_lossy().into();
+            println!("{object}");
+        } else {
+            println!("\n{}", summary.table());
+            println!("recording  {}\nreport     {}", recording.display(), report.display());
+        }
+        Ok(())
+    }
+}
+
+/// Sees every tick in the recorder's thread: figures, a live line a second, and what happens.
+fn watcher(figures: Arc<Mutex<FlightStatistics>>, quiet: bool) -> Box<dyn FnMut(Recorded<'_>) + Send> {
+    let mut steered = 0;
+    Box::new(move |recorded| match recorded {
+        Recorded::Tick(tick) => {
+            let mut figures = figures.lock().unwrap_or_else(PoisonError::into_inner);
+            figures.push(tick);
+            steered += u64::from(tick.state == State::Run.code());
+            if !quiet && steered > 0 && steered % LIVE_TICKS == 0 && tick.state == State::Run.code() {
+                println!("{}", figures.live_line(""));
+            }
+        }
+        Recorded::Event { .. } => super::run::say_events(recorded),
+    })
+}

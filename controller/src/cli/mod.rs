@@ -1,0 +1,123 @@
+//! The command line.
+
+mod check;
+mod demo;
+mod run;
+mod talk;
+
+use std::path::PathBuf;
+
+use clap::{Parser, Subcommand};
+use controller::config::ConfigError;
+use controller::daemon::DaemonError;
+
+/// Flies the dual-pressure rig: +100 kPa and −75 kPa from one two-piston pump, 50 times a second.
+#[derive(Debug, Parser)]
+#[command(name = "controller", version, about, max_term_width = 110)]
+pub(crate) struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// The whole loop on this machine: an emulated cRIO over TCP, the daemon, the paper's reference.
+    Demo(demo::Demo),
+    /// The daemon.
+    Run {
+        /// Configuration file (TOML); only link.address is needed.
+        #[arg(long, value_name = "FILE")]
+        config: PathBuf,
+        /// Disarm and end this many seconds after arming; without it, fly until told to stop.
+        #[arg(long, value_name = "S")]
+        seconds: Option<f64>,
+    },
+    /// Says what is wrong with a configuration and with everything it names, or that all is sound.
+    Check {
+        /// Configuration file (TOML).
+        #[arg(long, value_name = "FILE")]
+        config: PathBuf,
+        /// Print one JSON object.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Says what is wrong with a policy, or that it is sound.
+    CheckPolicy {
+        /// ONNX file.
+        file: PathBuf,
+        /// Print one JSON object.
+        #[arg(long)]
+        json: bool,
+    },
+    /// What a running daemon is doing.
+    Status(talk::Target),
+    /// Starts controlling the pressures.
+    Arm(talk::Target),
+    /// Opens both vents.
+    Disarm(talk::Target),
+    /// Follows another reference, from its start.
+    Reference {
+        /// CSV file: time_s,ref_pos_kpa,ref_neg_kpa.
+        file: PathBuf,
+        #[command(flatten)]
+        target: talk::Target,
+    },
+}
+
+/// How a command failed.
+#[derive(Debug)]
+pub(crate) struct Failure {
+    /// 1: the work failed; 2: wrong usage or bad input.
+    pub(crate) status: u8,
+    /// One or two plain lines.
+    pub(crate) line: String,
+}
+
+impl Failure {
+    fn work(error: impl ToString) -> Self {
+        Failure { status: 1, line: error.to_string() }
+    }
+
+    fn input(error: impl ToString) -> Self {
+        Failure { status: 2, line: error.to_string() }
+    }
+}
+
+impl From<ConfigError> for Failure {
+    fn from(error: ConfigError) -> Self {
+        Failure::input(error)
+    }
+}
+
+impl From<DaemonError> for Failure {
+    fn from(error: DaemonError) -> Self {
+        match error {
+            DaemonError::Rig(_)
+            | DaemonError::Unflyable { .. }
+            | DaemonError::Reference(_)
+            | DaemonError::Policy(_)
+            | DaemonError::NoPolicy { .. }
+            | DaemonError::ReferenceBeyond { .. } => Failure::input(error),
+            _ => Failure::work(error),
+        }
+    }
+}
+
+impl Arguments {
+    /// Does what was asked for.
+    ///
+    /// # Errors
+    /// What went wrong, with the exit status that says whose fault it is.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        match self.command {
+            Command::Demo(demo) => demo.run(),
+            Command::Run { config, seconds } => run::run(&config, seconds),
+            Command::Check { config, json } => check::check(&config, json),
+            Command::CheckPolicy { file, json } => check::check_policy(&file, json),
+            Command::Status(target) => target.status(),
+            Command::Arm(target) => target.arm(),
+            Command::Disarm(target) => target.disarm(),
+            Command::Reference { file, target } => target.reference(&file),
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! Why a command ends without its work done: one plain line, and the exit status.
+
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+use proto::atomic_file::AtomicFileError;
+use proto::emulator::{EmulatorError, FaultScriptError};
+use proto::recording::RecordingError;
+use proto::rig_file::RigFileError;
+
+use crate::bench::LanesDiffer;
+use crate::free_run::FreeRunError;
+
+/// Exit status of work that failed.
+pub(crate) const FAILED: u8 = 1;
+/// Exit status of wrong usage and bad input.
+pub(crate) const BAD_INPUT: u8 = 2;
+
+/// Why a command ends without its work done.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum Failure {
+    #[error(transparent)]
+    Rig(#[from] RigFileError),
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    #[error(transparent)]
+    FreeRun(#[from] FreeRunError),
+    #[error(transparent)]
+    Faults(#[from] FaultScriptError),
+    #[error(transparent)]
+    Emulator(#[from] EmulatorError),
+    #[error(transparent)]
+    Write(#[from] AtomicFileError),
+    #[error(transparent)]
+    Lanes(#[from] LanesDiffer),
+    #[error("{out}: this is the file of --inputs, which would be lost; give --out another name")]
+    OverInputs { out: String },
+    #[error("standard output cannot be written: {0}")]
+    Stdout(io::Error),
+    #[error("SIGINT and SIGTERM cannot be caught: {0}")]
+    Signals(io::Error),
+}
+
+impl Failure {
+    /// Exit status: 2 where the user's input is to be mended, 1 where the work failed.
+    pub(crate) fn status(&self) -> u8 {
+        match self {
+            Self::Rig(RigFileError::Write(_)) | Self::Recording(RecordingError::Write(_)) => FAILED,
+            Self::FreeRun(FreeRunError::NotFinite { .. }) => FAILED,
+            Self::Rig(_) | Self::Recording(_) | Self::FreeRun(_) | Self::Faults(_) | Self::OverInputs { .. } => {
+                BAD_INPUT
+            }
+            // `host:port` that is none, as against a port that another program has.
+            Self::Emulator(EmulatorError::Bind { source, .. }) if source.kind() == io::ErrorKind::InvalidInput => {
+                BAD_INPUT
+            }
+            Self::Emulator(_) | Self::Write(_) | Self::Lanes(_) | Self::Stdout(_) | Self::Signals(_) => FAILED,
+        }
+    }
+
+    /// Tells the user, and gives the exit status.
+    pub(crate) fn told(&self) -> ExitCode {
+        tell(&self.to_string());
+        ExitCode::from(self.status())
+    }
+}
+
+/// One line on standard error, whatever is in the text.
+pub(crate) fn tell(text: &str) {
+    // A file's name may hold line ends; a message that falls apart over lines is not found again in a log.
+    let line: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    // Where standard error is closed there is no one to tell.
+    let _ = writeln!(io::stderr().lock(), "trainer: {line}");
+}

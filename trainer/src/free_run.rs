@@ -1,0 +1,178 @@
+//! A rig's model let loose on a recording: it starts at the first row's pressures, then only the commands count.
+//!
+//! Row k holds the reading at t_k and the commands from t_k to t_{k+1}, so row k of the free run is read
+//! before the commands of row k act. A gap in the recording starts the run anew at its next row. Time is
+//! the rig's: 20 ms from row to row, whatever jitter stands in `time_s`.
+//!
+//! What recordings do not tell is guessed in one place, [`Simulation::start_from`]: cylinders at atmospheric
+//! pressure where the first row is, periodic ones otherwise; commands as if the first row's had long been
+//! in force.
+
+use std::sync::Arc;
+
+use model::plant::{FreeRunStart, Plant, Simulation};
+use model::rig::RigError;
+use proto::recording::{PERIOD_S, Recording, RecordingError};
+
+use crate::progress::Progress;
+
+/// A compiled rig that runs freely over recordings.
+#[derive(Debug)]
+pub(crate) struct FreeRun {
+    simulation: Simulation<f64>,
+    ticks_per_row: u32,
+}
+
+/// What a free run gave.
+#[derive(Debug)]
+pub(crate) struct Trace {
+    /// Simulated readings in gauge kPa: one column per sensor of the rig, one number per row.
+    pub(crate) readings_kpa: Vec<Vec<f64>>,
+    /// How the first stretch started.
+    pub(crate) start: FreeRunStart,
+    /// Whether the recording had pressures to start from.
+    pub(crate) pressures_given: bool,
+}
+
+/// Why a recording cannot be run.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum FreeRunError {
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    #[error(
+        "{file}: a gap before {time_s} s and no pressures to start from again; add column {column} or close the gap"
+    )]
+    GapWithoutPressures { file: String, time_s: f64, column: String },
+    #[error("{file}: column {column}: the simulation left the numbers at {time_s} s; check the rig's parameters")]
+    NotFinite { file: String, time_s: f64, column: String },
+}
+
+/// Rows between two looks at the clock of the progress.
+const ROWS_AT_ONCE: usize = 64;
+
+impl FreeRun {
+    /// A free run of a compiled rig.
+    ///
+    /// # Errors
+    /// The rig's tick does not divide the 20 ms between rows.
+    pub(crate) fn new(plant: Arc<Plant<f64>>) -> Result<Self, RigError> {
+        let ticks = PERIOD_S / plant.tick_s();
+        // Ticks are written in ms with a few digits.
+        if ticks < 0.5 || (ticks - ticks.round()).abs() > 1e-6 {
+            let problem = format!(
+                "rows are {} ms apart, which is no whole number of ticks of {} ms; use {} ms",
+                PERIOD_S * 1e3,
+                plant.tick_s() * 1e3,
+                PERIOD_S * 1e3
+            );
+            return Err(RigError::at("integrator.tick_ms", problem));
+        }
+        // Between 1 and 20: a rig's tick is at least 1 ms.
+        Ok(FreeRun { simulation: Simulation::new(plant), ticks_per_row: ticks.round() as u32 })
+    }
+
+    /// Runs over a recording from the first row of each stretch.
+    ///
+    /// A recording without any of the rig's pressures starts at rest, if it has no gap.
+    ///
+    /// # Errors
+    /// A command column is missing or is text, some but not all pressures are missing, a gap without
+    /// pressures, or a simulation that diverges.
+    pub(crate) fn over(&mut self, recording: &Recording, progress: &mut Progress) -> Result<Trace, FreeRunError> {
+        let plant = Arc::clone(self.simulation.plant());
+        let inputs = inputs(&plant, recording)?;
+        let has = |column: &String| recording.names().any(|name| name == column);
+        let pressures_given = plant.sensor_columns().iter().any(has);
+        let pressures = if pressures_given {
+            recording.require_all(plant.sensor_columns().iter().map(String::as_str))?
+        } else {
+            self.refuse_gaps(recording)?;
+            Vec::new()
+        };
+        let mut readings_kpa = vec![Vec::with_capacity(recording.rows()); plant.sensor_columns().len()];
+        let mut first_start = None;
+        let mut commands = vec![0.0; inputs.len()];
+        for rows in recording.segments() {
+            read_row(&inputs, rows.start, &mut commands);
+            let start = self.start(&pressures, rows.start, &commands);
+            first_start.get_or_insert(start);
+            for row in rows.clone() {
+                for ((column, reading), name) in
+                    readings_kpa.iter_mut().zip(self.simulation.readings_kpa()).zip(plant.sensor_columns())
+                {
+                    if !reading.is_finite() {
+                        return Err(FreeRunError::NotFinite {
+                            file: recording.source().to_owned(),
+                            time_s: recording.time_s().get(row).copied().unwrap_or(f64::NAN),
+                            column: name.clone(),
+                        });
+                    }
+                    column.push(reading);
+                }
+                read_row(&inputs, row, &mut commands);
+                for _ in 0..self.ticks_per_row {
+                    self.simulation.tick(&commands);
+                }
+                if (row + 1) % ROWS_AT_ONCE == 0 {
+                    progress.advance(ROWS_AT_ONCE as u64);
+                }
+            }
+        }
+        Ok(Trace { readings_kpa, start: first_start.unwrap_or(FreeRunStart::AtRest), pressures_given })
+    }
+
+    /// Starts a stretch at its first row.
+    fn start(&mut self, pressures: &[&[f64]], row: usize, inputs: &[f64]) -> FreeRunStart {
+        let sensors = self.simulation.plant().sensor_columns().len();
+        let first: Vec<f64> = if pressures.is_empty() {
+            vec![0.0; sensors]
+        } else {
+            pressures.iter().filter_map(|column| column.get(row)).copied().collect()
+        };
+        let start = self.simulation.start_for(&first);
+        self.simulation.start_from(&first, inputs, start);
+        start
+    }
+
+    fn refuse_gaps(&self, recording: &Recording) -> Result<(), FreeRunError> {
+        let Some(second) = recording.segments().get(1) else { return Ok(()) };
+        Err(FreeRunError::GapWithoutPressures {
+            file: recording.source().to_owned(),
+            time_s: recording.time_s().get(second.start).copied().unwrap_or(f64::NAN),
+            column: self.simulation.plant().sensor_columns().join(" and "),
+        })
+    }
+}
+
+/// Where the values of one input come from.
+#[derive(Debug)]
+enum Values<'a> {
+    Column(&'a [f64]),
+    Constant(f64),
+}
+
+impl Values<'_> {
+    fn at(&self, row: usize) -> f64 {
+        match self {
+            // Columns have as many numbers as the recording has rows.
+            Values::Column(numbers) => numbers.get(row).copied().unwrap_or(f64::NAN),
+            Values::Constant(value) => *value,
+        }
+    }
+}
+
+/// Reads the commands of one row.
+fn read_row(inputs: &[Values<'_>], row: usize, commands: &mut [f64]) {
+    for (slot, input) in commands.iter_mut().zip(inputs) {
+        *slot = input.at(row);
+    }
+}
+
+/// The rig's inputs: columns of the recording, or the default where the recording has none.
+fn inputs<'a>(plant: &Plant<f64>, recording: &'a Recording) -> Result<Vec<Values<'a>>, RecordingError> {
+    let values = |input: &model::plant::Input| match input.default {
+        Some(value) if recording.names().all(|name| name != input.column) => Ok(Values::Constant(value)),
+        _ => recording.require([input.column.as_str()]).map(|[numbers]| Values::Column(numbers)),
+    };
+    plant.inputs().iter().map(values).collect()
+}

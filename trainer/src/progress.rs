@@ -1,0 +1,87 @@
+//! How far long work is: a bar on a terminal, plain lines elsewhere, nothing for short work.
+//!
+//! On standard error, so that results on standard output stay clean.
+
+use std::io::{IsTerminal, Write};
+use std::time::{Duration, Instant};
+
+/// Work this short needs no progress.
+const SHORT: Duration = Duration::from_secs(1);
+const BAR_EVERY: Duration = Duration::from_millis(100);
+const LINE_EVERY: Duration = Duration::from_secs(5);
+const BAR_WIDTH: usize = 30;
+
+/// Progress of work with a known number of steps.
+#[derive(Debug)]
+pub(crate) struct Progress {
+    what: String,
+    total: u64,
+    done: u64,
+    terminal: bool,
+    next: Instant,
+    bar_shown: bool,
+}
+
+impl Progress {
+    /// Work of `total` steps that begins now.
+    pub(crate) fn new(what: &str, total: u64) -> Self {
+        Progress {
+            what: what.to_owned(),
+            total: total.max(1),
+            done: 0,
+            terminal: std::io::stderr().is_terminal(),
+            next: Instant::now() + SHORT,
+            bar_shown: false,
+        }
+    }
+
+    /// `steps` more are done.
+    pub(crate) fn advance(&mut self, steps: u64) {
+        self.done += steps;
+        let now = Instant::now();
+        if now < self.next {
+            return;
+        }
+        let text = if self.terminal {
+            self.next = now + BAR_EVERY;
+            self.bar_shown = true;
+            format!("\r{}", bar(&self.what, self.done, self.total))
+        } else {
+            self.next = now + LINE_EVERY;
+            format!("{}: {} %\n", self.what, percent(self.done, self.total))
+        };
+        // Progress that cannot be shown is no reason to stop the work.
+        let _ = std::io::stderr().lock().write_all(text.as_bytes());
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        if self.bar_shown {
+            // Carriage return and "erase to the end of the line": what follows stands on a clean line.
+            let _ = std::io::stderr().lock().write_all(b"\r\x1b[K");
+        }
+    }
+}
+
+fn percent(done: u64, total: u64) -> u64 {
+    (100 * done.min(total)).checked_div(total).unwrap_or(100)
+}
+
+fn bar(what: &str, done: u64, total: u64) -> String {
+    let percent = percent(done, total);
+    let full = BAR_WIDTH * usize::try_from(percent).unwrap_or(100) / 100;
+    format!("{what} [{}{}] {percent:3} %", "#".repeat(full), "-".repeat(BAR_WIDTH - full))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_bar_runs_from_empty_to_full_and_no_further() {
+        assert_eq!(bar("x", 0, 7), format!("x [{}]   0 %", "-".repeat(30)));
+        assert_eq!(bar("x", 1, 2), format!("x [{}{}]  50 %", "#".repeat(15), "-".repeat(15)));
+        assert_eq!(bar("x", 9, 7), format!("x [{}] 100 %", "#".repeat(30)));
+    }
+}

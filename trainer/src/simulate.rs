@@ -1,0 +1,128 @@
+//! `trainer simulate`: a free run of a rig under recorded or planned commands, as a CSV file.
+//!
+//! Written are `time_s`, the commands the rig needs, its pressures (simulated, rounded to 1e-7 kPa), and every
+//! other column of the input as it was: for the paper's rig `time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa`, then
+//! references, `pump_on` and the rest. Rows are those of the input.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use model::plant::{FreeRunStart, Plant};
+use proto::atomic_file;
+use proto::recording::Recording;
+use proto::recording::csv::{self, Column, ColumnData};
+use proto::rig_file::RigFileError;
+use serde_json::json;
+
+use crate::failure::{Failure, tell};
+use crate::free_run::{FreeRun, Trace};
+use crate::progress::Progress;
+use crate::rig_choice::RigChoice;
+use crate::stdout;
+
+/// Runs a rig freely under given commands: starts at the first row's pressures, then only the commands count.
+///
+/// Row k holds the pressures at t_k and the commands from t_k to t_{k+1}, 20 ms later. A first row within 0.5 kPa of
+/// the atmosphere starts a rig that stood still; any other one a rig whose pump was running. A file without any
+/// pressure column (such as next_experiment.csv) starts at rest. A gap in the rows starts the run anew at the next row.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: trainer simulate --rig dual_pressure --inputs run.csv --out simulated.csv")]
+pub(crate) struct SimulateArgs {
+    #[command(flatten)]
+    rig: RigChoice,
+    /// Commands and first pressures: a recording, MCAP or CSV with the header
+    /// time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa (s, duty 0 to 1, gauge kPa), rows 20 ms apart
+    #[arg(long, value_name = "FILE")]
+    inputs: PathBuf,
+    /// CSV file to write: the same rows and columns, with simulated pressures
+    #[arg(long, value_name = "CSV")]
+    out: PathBuf,
+    /// Print a summary as one JSON object instead of a line
+    #[arg(long)]
+    json: bool,
+}
+
+/// Digits kept behind the point of a simulated pressure in kPa: ten thousand times finer than the sensors.
+const DIGITS: i32 = 7;
+
+pub(crate) fn run(args: &SimulateArgs) -> Result<(), Failure> {
+    let (rig, plant) = args.rig.compile()?;
+    let recording = Recording::read(&args.inputs)?;
+    if same_file(&args.inputs, &args.out) {
+        return Err(Failure::OverInputs { out: args.out.display().to_string() });
+    }
+    for note in recording.notes() {
+        tell(note);
+    }
+    let mut free_run =
+        FreeRun::new(plant.clone()).map_err(|problem| RigFileError::Rig { file: args.rig.rig.clone(), problem })?;
+    let trace = {
+        let mut progress = Progress::new("simulating", recording.rows() as u64);
+        free_run.over(&recording, &mut progress)?
+    };
+    if !trace.pressures_given {
+        tell(&format!("{}: no column {}; starting at rest", recording.source(), plant.sensor_columns().join(" or ")));
+    }
+    let start = match trace.start {
+        FreeRunStart::AtRest => "at rest",
+        FreeRunStart::Running => "running",
+    };
+    let (rows, segments) = (recording.rows(), recording.segments().len());
+    let columns = columns(&plant, &recording, trace);
+    atomic_file::write(&args.out, csv::to_csv(recording.time_s(), &columns).as_bytes())?;
+    if args.json {
+        return stdout::say_json(&json!({
+            "rig": rig.name, "inputs": recording.source(), "out": args.out.display().to_string(),
+            "rows": rows, "segments": segments, "start": start, "notes": recording.notes(),
+        }));
+    }
+    let anew = if segments > 1 { format!(", started anew after {} gaps", segments - 1) } else { String::new() };
+    stdout::say(&format!("{}: {rows} rows of {}, started {start}{anew}", args.out.display(), rig.name))
+}
+
+/// The columns of the file to write, `time_s` aside.
+fn columns(plant: &Plant<f64>, recording: &Recording, trace: Trace) -> Vec<Column> {
+    let needed = plant.inputs().iter().filter(|input| input.default.is_none()).map(|input| input.column.as_str());
+    let mut columns: Vec<Column> = needed.filter_map(|name| column(recording, name)).collect();
+    for (name, readings) in plant.sensor_columns().iter().zip(trace.readings_kpa) {
+        let numbers = readings.into_iter().map(rounded).collect();
+        columns.push(Column { name: name.clone(), data: ColumnData::Numbers(numbers) });
+    }
+    for name in recording.names() {
+        if columns.iter().all(|known| known.name != name) {
+            columns.extend(column(recording, name));
+        }
+    }
+    columns
+}
+
+fn column(recording: &Recording, name: &str) -> Option<Column> {
+    let numbers = || recording.column(name).map(|numbers| ColumnData::Numbers(numbers.to_vec()));
+    let texts = || recording.text_column(name).map(|texts| ColumnData::Text(texts.to_vec()));
+    Some(Column { name: name.to_owned(), data: numbers().or_else(texts)? })
+}
+
+fn rounded(kpa: f64) -> f64 {
+    let scale = 10.0_f64.powi(DIGITS);
+    // Adding zero turns a rounded −0 into 0.
+    (kpa * scale).round() / scale + 0.0
+}
+
+/// Whether both paths lead to one file that is there.
+fn same_file(one: &Path, other: &Path) -> bool {
+    match (one.canonicalize(), other.canonicalize()) {
+        (Ok(one), Ok(other)) => one == other,
+        _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pressures_keep_seven_digits_and_no_negative_zero() {
+        assert_eq!(rounded(-70.123_456_789), -70.123_456_8);
+        assert_eq!(rounded(-1e-9).to_bits(), 0.0_f64.to_bits());
+    }
+}

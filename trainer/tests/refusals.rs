@@ -1,0 +1,156 @@
+//! Wrong usage and bad input, end to end: status 2, one or two plain lines that name the place and the mend.
+
+// What fails here fails the test, helper functions included.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod program;
+
+use program::{Folder, refused, run};
+
+const HEADER: &str = "time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa";
+
+/// Each bad file must be refused with these words by every command that reads recordings.
+#[test]
+fn bad_recordings_get_one_line_with_line_and_column() {
+    let folder = Folder::new("bad-csv");
+    let rows = |rows: &str| format!("{HEADER}\n0,1,1,0,0\n{rows}");
+    let cases: [(&str, Vec<u8>, &str); 13] = [
+        ("missing", b"time_s,u_pos,u_neg,p_pos_kpa\n0,1,1,0\n".to_vec(), "column p_neg_kpa is missing"),
+        ("no_command", b"time_s,u_pos,p_pos_kpa,p_neg_kpa\n0,1,0,0\n".to_vec(), "line 1: column u_neg is missing"),
+        ("no_time", b"u_pos,u_neg\n1,1\n".to_vec(), "line 1: column time_s is missing"),
+        ("nan", rows("0.02,1,1,NaN,0\n").into(), "line 3, column 4 (p_pos_kpa): NaN is not a finite number"),
+        ("text", rows("0.02,1,open,0,0\n").into(), "line 3, column 3 (u_neg): \"open\" is not a number"),
+        ("back", rows("0.02,1,1,0,0\n0.01,1,1,0,0\n").into(), "line 4, column 1 (time_s): 0.01 s does not come after"),
+        ("ragged", rows("0.02,1,1,0\n").into(), "line 3: 4 cells where the header has 5 columns"),
+        ("empty", Vec::new(), "the file is empty"),
+        ("only_header", format!("{HEADER}\n").into(), "no row of data"),
+        ("percent", rows("0.02,85,1,0,0\n").into(), "line 3, column 2 (u_pos): 85 is outside 0 … 1"),
+        ("ms", format!("{HEADER}\n0,1,1,0,0\n20,1,1,0,0\n40,1,1,0,0\n").into(), "milliseconds"),
+        ("semicolons", HEADER.replace(',', ";").into(), "line 1: columns are separated by"),
+        ("binary", vec![0x89, b'P', 0xFF, 0xFE, b'\n', 0, 1], "not UTF-8"),
+    ];
+    for (name, bytes, words) in cases {
+        let path = folder.with(&format!("{name}.csv"), bytes);
+        let out = folder.path("out.csv");
+        let simulated = refused(["simulate", "--inputs", &path, "--out", &out]);
+        assert!(simulated.starts_with(&format!("trainer: {path}: ")) && simulated.contains(words), "{simulated}");
+        assert_eq!(simulated.lines().count(), 1, "{simulated}");
+        assert!(!std::path::Path::new(&out).exists(), "{name} left a file");
+        assert_eq!(refused(["validate", &path]), simulated, "{name}");
+    }
+}
+
+#[test]
+fn gaps_without_pressures_cannot_be_started_anew() {
+    let folder = Folder::new("bad-gap");
+    let text: String =
+        (0..8).map(|k| format!("{},1,1\n", 0.02 * f64::from(k) + if k > 4 { 1.0 } else { 0.0 })).collect();
+    let path = folder.with("gap.csv", format!("time_s,u_pos,u_neg\n{text}"));
+    let said = refused(["simulate", "--inputs", &path, "--out", &folder.path("out.csv")]);
+    assert!(said.contains("a gap before 1.1 s and no pressures"), "{said}");
+}
+
+#[test]
+fn bad_rigs_get_one_line_with_line_and_key() {
+    let folder = Folder::new("bad-rig");
+    let recording = folder.with("in.csv", format!("{HEADER}\n0,1,1,0,0\n"));
+    let paper = model::rig::DUAL_PRESSURE;
+    let cases = [
+        (paper.replace("volume_l = 0.75", "volume_l = -0.75"), "volumes.positive.volume_l: -0.75 L"),
+        (paper.replace("volume_l = 0.75", "volume_ml = 750.0"), "volume_ml"),
+        (paper.replace("volume_l = 0.75", "volume_l = "), "volumes.positive"),
+        (paper.replace("from = \"positive\"", "from = \"positve\""), "`positve` joins nothing"),
+        (String::new(), "missing field"),
+    ];
+    for (index, (text, words)) in cases.into_iter().enumerate() {
+        let rig = folder.with(&format!("{index}.toml"), text);
+        let said = refused(["validate", "--rig", &rig, &recording]);
+        assert!(said.starts_with(&format!("trainer: {rig}: line ")) && said.contains(words), "{said}");
+        assert_eq!(said.lines().count(), 1, "{said}");
+        assert_eq!(refused(["rig", "--listen", "127.0.0.1:0", "--rig", &rig]), said);
+    }
+    // Sound by themselves, and of no use here.
+    let slow = folder.with("slow.toml", paper.replace("tick_ms = 20.0", "tick_ms = 30.0"));
+    assert!(refused(["validate", "--rig", &slow, &recording]).contains(": integrator.tick_ms: rows are 20 ms apart"));
+    let quick = folder.with("quick.toml", paper.replace("tick_ms = 20.0", "tick_ms = 10.0"));
+    assert_eq!(run(["validate", "--rig", &quick, &recording]).status, 0);
+    let said = refused(["rig", "--listen", "127.0.0.1:0", "--rig", &quick]);
+    assert!(said.contains(": integrator.tick_ms: a tick of 10 ms"), "{said}");
+    let blind = folder.with("blind.toml", paper.replace("column = \"p_neg_kpa\"", "column = \"vacuum_kpa\""));
+    assert!(refused(["rig", "--listen", "127.0.0.1:0", "--rig", &blind]).contains("p_neg_kpa"));
+}
+
+#[test]
+fn missing_files_are_named() {
+    let folder = Folder::new("missing-file");
+    let (none, out) = (folder.path("none.csv"), folder.path("out.csv"));
+    assert!(refused(["simulate", "--inputs", &none, "--out", &out]).contains(&format!("{none}: cannot read")));
+    let said = refused(["validate", "--rig", "benhc", &none]);
+    assert!(said.contains("benhc: there is neither a file nor a built-in rig of that name"), "{said}");
+    assert!(said.contains("dual_pressure, bench"), "{said}");
+    let said = refused(["rig", "--listen", "127.0.0.1:0", "--faults", &folder.path("none.toml")]);
+    assert!(said.contains("none.toml: cannot read the fault script"), "{said}");
+    let faults = folder.with("faults.toml", "[[fault]]\nkind = \"lose\"\nframe = \"sense\"\n");
+    let said = refused(["rig", "--listen", "127.0.0.1:0", "--faults", &faults]);
+    assert!(said.contains(&format!("{faults}:1: fault 1: key ")), "{said}");
+}
+
+#[test]
+fn the_input_is_never_written_over() {
+    let folder = Folder::new("over");
+    let text = format!("{HEADER}\n0,1,1,0,0\n");
+    let path = folder.with("run.csv", &text);
+    let said = refused(["simulate", "--inputs", &path, "--out", &folder.path("./run.csv")]);
+    assert!(said.contains("would be lost"), "{said}");
+    assert_eq!(std::fs::read_to_string(path).unwrap(), text);
+}
+
+#[test]
+fn a_file_that_cannot_be_written_is_work_that_failed() {
+    let folder = Folder::new("no-folder");
+    let path = folder.with("run.csv", format!("{HEADER}\n0,1,1,0,0\n"));
+    let said = run(["simulate", "--inputs", &path, "--out", &folder.path("nowhere/out.csv")]);
+    assert_eq!((said.status, said.err.lines().count()), (1, 1), "{}", said.err);
+    assert!(said.err.contains("out.csv: cannot write the file"), "{}", said.err);
+}
+
+#[test]
+fn wrong_usage_is_told_in_two_lines() {
+    let cases: [(&[&str], &str, &str); 9] = [
+        (&[], "no command given; there are rig, simulate, validate, bench", "see trainer --help"),
+        (&["simluate"], "unrecognized subcommand 'simluate'", "see trainer --help"),
+        (&["simulate"], "--inputs <FILE>; --out <CSV>", "see trainer simulate --help"),
+        (&["simulate", "--input", "x"], "unexpected argument '--input'", "see trainer simulate --help"),
+        (&["validate"], "<RECORDING>...", "see trainer validate --help"),
+        (
+            &["validate", "--least-kpa", "far", "f"],
+            "a pressure from 0 to 1000 kPa is meant",
+            "see trainer validate --help",
+        ),
+        (&["bench", "--ticks", "0"], "invalid value '0' for '--ticks <N>'", "see trainer bench --help"),
+        (&["rig", "--listen", "50500"], "HOST:PORT is meant", "see trainer rig --help"),
+        (&["rig", "--pace", "fast"], "[possible values: real, lockstep]", "see trainer rig --help"),
+    ];
+    for (args, problem, mend) in cases {
+        let said = refused(args);
+        let lines: Vec<&str> = said.lines().collect();
+        assert!(lines.len() == 2 && lines[0].contains(problem) && lines[1].contains(mend), "{said}");
+    }
+    // A name with a line end must not make more lines of the message.
+    assert_eq!(refused(["validate", "no\nsuch\nfile.csv"]).lines().count(), 1);
+}
+
+#[test]
+fn help_is_complete_and_on_standard_output() {
+    for args in
+        [&["--help"][..], &["rig", "--help"], &["simulate", "--help"], &["validate", "--help"], &["bench", "--help"]]
+    {
+        let said = run(args);
+        assert_eq!((said.status, said.err.as_str()), (0, ""), "{args:?}");
+        assert!(said.out.contains("Example") && said.out.contains("Usage: trainer"), "{}", said.out);
+        for words in said.out.lines().filter(|line| line.trim_start().starts_with("--")) {
+            assert!(words.len() > 4, "an option without a word on it: {words}");
+        }
+    }
+    assert!(run(["--version"]).out.starts_with("trainer "));
+}

@@ -1,0 +1,100 @@
+//! `trainer validate`, end to end: figures that are known beforehand.
+
+// What fails here fails the test, helper functions included.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod program;
+
+use program::{Csv, Folder, refused, sound};
+
+/// A recording that the model itself made: from 90 and −60 kPa along steps of both duties.
+fn simulated(folder: &Folder) -> String {
+    let mut text = String::from("time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa\n");
+    for row in 0..100 {
+        let (u_pos, u_neg) = (0.7 + 0.1 * f64::from(row / 25), 0.9 - 0.1 * f64::from(row / 40));
+        text.push_str(&format!("{},{u_pos},{u_neg},90,-60\n", f64::from(row) * 0.02));
+    }
+    let (inputs, out) = (folder.with("commands.csv", text), folder.path("simulated.csv"));
+    sound(["simulate", "--inputs", &inputs, "--out", &out]);
+    out
+}
+
+fn json(args: &[&str]) -> serde_json::Value {
+    serde_json::from_str(&sound([&["validate", "--json"], args].concat())).unwrap()
+}
+
+#[test]
+fn a_simulated_recording_is_all_right() {
+    let folder = Folder::new("perfect");
+    let path = simulated(&folder);
+    let value = json(&[&path]);
+    for channel in ["pos", "neg"] {
+        let figure = |key: &str| value["overall"][format!("{channel}_{key}")].as_f64().unwrap();
+        // The file's seven digits: errors up to 5e-8 kPa, on pressures of some ten.
+        assert!(figure("accuracy") > 1.0 - 1e-8, "{value:#}");
+        assert!(figure("rmse_kpa") < 5e-8 && figure("max_error_kpa") <= 5.1e-8, "{value:#}");
+        assert_eq!((figure("rows"), figure("rows_near_zero")), (100.0, 0.0), "{value:#}");
+    }
+    let table = sound(["validate", &path]);
+    assert_eq!((table.lines().count(), table.matches("100.00 %").count()), (3, 2), "{table}");
+}
+
+/// Readings 2 % above the simulation from the second row on, and 1 kPa below it.
+#[test]
+fn known_errors_give_known_figures() {
+    let folder = Folder::new("known");
+    let csv = Csv::read(simulated(&folder));
+    let (pos, neg) = (csv.numbers("p_pos_kpa"), csv.numbers("p_neg_kpa"));
+    let mut text = csv.header.join(",") + "\n";
+    let mut shares = 0.0;
+    for (row, cells) in csv.rows.iter().enumerate() {
+        let (p, n) = if row == 0 { (pos[0], neg[0]) } else { (pos[row] * 1.02, neg[row] - 1.0) };
+        shares += (n - neg[row]).abs() / n.abs();
+        text.push_str(&format!("{},{},{},{p:?},{n:?}\n", cells[0], cells[1], cells[2]));
+    }
+    let value = json(&[&folder.with("known.csv", text)]);
+    let figure = |key: &str| value["overall"][key].as_f64().unwrap();
+    // |s − p|/p is 0.02/1.02 in 99 of 100 rows. Tolerances: seven digits in the simulated file.
+    assert!((figure("pos_accuracy") - (1.0 - 0.99 * 0.02 / 1.02)).abs() < 1e-8, "{value:#}");
+    assert!((figure("neg_accuracy") - (1.0 - shares / 100.0)).abs() < 1e-8, "{value:#}");
+    assert!((figure("neg_rmse_kpa") - 0.99_f64.sqrt()).abs() < 1e-6, "{value:#}");
+    assert!((figure("neg_max_error_kpa") - 1.0).abs() < 1e-6, "{value:#}");
+}
+
+#[test]
+fn rows_near_the_atmosphere_are_counted_and_left_out() {
+    let folder = Folder::new("near");
+    let header = "time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa\n";
+    // At rest with the pump off nothing moves: recorded 0.3 and 40 kPa are errors of all they are.
+    let rows: String = [(0.0, 0), (0.3, 0), (40.0, 0)]
+        .iter()
+        .enumerate()
+        .map(|(k, (p, n))| format!("{},1,1,{p},{n},0\n", k as f64 * 0.02))
+        .collect();
+    let path = folder.with("near.csv", header.replace("kpa\n", "kpa,pump_on\n") + &rows);
+    let overall = json(&[&path])["overall"].clone();
+    assert_eq!((&overall["pos_rows"], &overall["pos_rows_near_zero"]), (&3.into(), &2.into()), "{overall:#}");
+    assert_eq!((overall["pos_accuracy"].as_f64(), &overall["neg_accuracy"]), (Some(0.0), &serde_json::Value::Null));
+    // With no least pressure the row at 0.3 kPa counts, the one at 0 never can.
+    let overall = json(&["--least-kpa", "0", &path])["overall"].clone();
+    assert_eq!(overall["pos_rows_near_zero"], 1, "{overall:#}");
+}
+
+#[test]
+fn several_recordings_get_a_line_each_and_one_for_all() {
+    let folder = Folder::new("several");
+    let path = simulated(&folder);
+    let table = sound(["validate", &path, &path]);
+    assert_eq!(table.lines().count(), 1 + 3 * 2, "{table}");
+    assert!(table.lines().nth(5).is_some_and(|line| line.starts_with("all ")), "{table}");
+    let value = json(&[&path, &path]);
+    assert_eq!((value["recordings"].as_array().map(Vec::len), &value["overall"]["pos_rows"]), (Some(2), &200.into()));
+}
+
+#[test]
+fn without_recorded_pressures_there_is_nothing_to_compare() {
+    let folder = Folder::new("missing");
+    let path = folder.with("commands.csv", "time_s,u_pos,u_neg\n0,1,1\n0.02,1,1\n");
+    let said = refused(["validate", &path]);
+    assert!(said.contains("column p_pos_kpa is missing"), "{said}");
+}
