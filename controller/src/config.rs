@@ -217,8 +217,8 @@ impl Config {
     /// # Errors
     /// The first thing that is wrong, with its line or key.
     pub fn read(file: &Path) -> Result<Self, ConfigError> {
-        let text = std::fs::read_to_string(file)
-            .map_err(|source| ConfigError::Read { file: file.to_owned(), source })?;
+        let text =
+            std::fs::read_to_string(file).map_err(|source| ConfigError::Read { file: file.to_owned(), source })?;
         let mut config = Self::parse(&text, file)?;
         let folder = file.parent().unwrap_or(Path::new(""));
         for path in [&mut config.policy.directory, &mut config.record.directory, &mut config.control.socket] {
@@ -254,11 +254,17 @@ impl Config {
         let wrong = |key, problem: String| Err(ConfigError::Value { file: file.to_owned(), key, problem });
         let address = &self.link.address;
         if !address.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok()) {
-            return wrong("link.address", format!("`{address}` is no address; write host:port, such as 192.168.1.20:50500"));
+            return wrong(
+                "link.address",
+                format!("`{address}` is no address; write host:port, such as 192.168.1.20:50500"),
+            );
         }
         let Safety { max_pos_kpa, min_neg_kpa } = self.safety;
         if !(10.0..=280.0).contains(&max_pos_kpa) {
-            return wrong("safety.max_pos_kpa", format!("{max_pos_kpa} kPa is outside 10 … 280 kPa gauge; the cRIO trips at 300"));
+            return wrong(
+                "safety.max_pos_kpa",
+                format!("{max_pos_kpa} kPa is outside 10 … 280 kPa gauge; the cRIO trips at 300"),
+            );
         }
         if !(-100.0..=-10.0).contains(&min_neg_kpa) {
             return wrong("safety.min_neg_kpa", format!("{min_neg_kpa} kPa is outside -100 … -10 kPa gauge"));
@@ -267,8 +273,14 @@ impl Config {
             return wrong("realtime.priority", format!("{} is outside 1 … 95", self.realtime.priority));
         }
         let name = &self.policy.active;
-        if name.is_empty() || !name.chars().all(|c| c.is_ascii_alphanumeric() || "._-".contains(c)) || name.starts_with('.') {
-            return wrong("policy.active", format!("`{name}` is no policy name; letters, digits, `.`, `_` and `-`, without .onnx"));
+        if name.is_empty()
+            || !name.chars().all(|c| c.is_ascii_alphanumeric() || "._-".contains(c))
+            || name.starts_with('.')
+        {
+            return wrong(
+                "policy.active",
+                format!("`{name}` is no policy name; letters, digits, `.`, `_` and `-`, without .onnx"),
+            );
         }
         Ok(())
     }

@@ -9,7 +9,12 @@ const RANGE_KPA: [(f32, f32); CHANNELS] = [(0.0, 160.0), (-95.0, 0.0)];
 /// Version 1: the paper's 84 observations and 12 actions.
 pub fn version_1() -> Contract {
     let (past, ahead, goals) = (PAST as i32, AHEAD as i32, GOALS_AHEAD as i32);
-    let channel = |name: String, side: usize| Channel { name, unit: "kPa gauge".into(), low: RANGE_KPA[side].0, high: RANGE_KPA[side].1 };
+    let channel = |name: String, side: usize| Channel {
+        name,
+        unit: "kPa gauge".into(),
+        low: RANGE_KPA[side].0,
+        high: RANGE_KPA[side].1,
+    };
     let pair = |prefix: &'static str, j: i32| {
         ["pos", "neg"].into_iter().enumerate().map(move |(side, name)| (format!("{prefix}_{name}[{j}]"), side))
     };
@@ -34,7 +39,10 @@ mod tests {
         let contract = version_1();
         assert_eq!((contract.inputs.len(), contract.outputs.len()), (OBSERVATION_LEN, ACTION_LEN));
         let name = |i: usize| contract.inputs[i].name.as_str();
-        assert_eq!((name(0), name(21), name(22), name(32), name(83)), ("p_pos[-10]", "p_neg[0]", "p_pos[1]", "ref_pos[-10]", "ref_neg[15]"));
+        assert_eq!(
+            (name(0), name(21), name(22), name(32), name(83)),
+            ("p_pos[-10]", "p_neg[0]", "p_pos[1]", "ref_pos[-10]", "ref_neg[15]")
+        );
         assert_eq!(contract.outputs[11].name, "u_neg[5]");
     }
 }

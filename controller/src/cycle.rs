@@ -76,7 +76,13 @@ impl Cycle {
     ///
     /// # Errors
     /// If the rig cannot be flown: unsound, or without the valves and sensors the controller needs.
-    pub fn new(rig: &Rig, policy: Option<Policy>, reference: Reference, safety: Safety, auto_arm: bool) -> Result<Self, RigError> {
+    pub fn new(
+        rig: &Rig,
+        policy: Option<Policy>,
+        reference: Reference,
+        safety: Safety,
+        auto_arm: bool,
+    ) -> Result<Self, RigError> {
         let map = Arc::new(SteadyMap::new(rig)?);
         Ok(Cycle {
             sensing: Sensing::of(rig)?,

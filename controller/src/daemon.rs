@@ -58,7 +58,9 @@ pub enum DaemonError {
         known: String,
     },
     /// The reference leaves the safety envelope.
-    #[error("reference {name}: it goes to {worst_kpa:.1} kPa, beyond safety.{key} = {limit_kpa} kPa; change the one or the other")]
+    #[error(
+        "reference {name}: it goes to {worst_kpa:.1} kPa, beyond safety.{key} = {limit_kpa} kPa; change the one or the other"
+    )]
     ReferenceBeyond {
         /// The reference.
         name: String,
@@ -122,7 +124,8 @@ pub fn load(config: &Config) -> Result<Loaded, DaemonError> {
     let (reference, reference_name) = match &config.reference.file {
         Some(file) => (Reference::read(file)?, file.display().to_string()),
         None => {
-            remarks.push("no reference file: following the paper's reference (set reference.file for another)".to_owned());
+            remarks
+                .push("no reference file: following the paper's reference (set reference.file for another)".to_owned());
             (Reference::paper(), "the paper's".to_owned())
         }
     };
@@ -134,7 +137,9 @@ pub fn load(config: &Config) -> Result<Loaded, DaemonError> {
 
 fn check_reference(config: &Config, reference: &Reference, name: &str) -> Result<(), DaemonError> {
     let [[_, highest], [lowest, _]] = reference.range_kpa();
-    let beyond = |worst_kpa, key, limit_kpa| Err(DaemonError::ReferenceBeyond { name: name.to_owned(), worst_kpa, key, limit_kpa });
+    let beyond = |worst_kpa, key, limit_kpa| {
+        Err(DaemonError::ReferenceBeyond { name: name.to_owned(), worst_kpa, key, limit_kpa })
+    };
     if highest > config.safety.max_pos_kpa {
         return beyond(highest, "max_pos_kpa", config.safety.max_pos_kpa);
     }
@@ -201,6 +206,10 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
     if let Some(seconds) = options.seconds {
         cycle.end_after(seconds);
     }
+    // Before anything is made: a second daemon leaves no empty recording behind.
+    if options.socket {
+        crate::socket::check_free(&config.control.socket)?;
+    }
     let path = match &options.recording {
         Some(path) => path.clone(),
         None => recording_path(&config.record.directory)?,
@@ -210,7 +219,11 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
     info.policy = policy_id;
     info.extra.extend([("model_rig".to_owned(), rig.name.clone()), ("reference".to_owned(), reference_name)]);
     info.extra.extend(options.extra);
-    let file = |name: &str, text: String| Attachment { name: name.to_owned(), media_type: "application/toml".to_owned(), data: text.into_bytes() };
+    let file = |name: &str, text: String| Attachment {
+        name: name.to_owned(),
+        media_type: "application/toml".to_owned(),
+        data: text.into_bytes(),
+    };
     let attachments = [file("model_rig.toml", rig_text), file("controller.toml", options.config_text)];
     let recorder_options = RecorderOptions::new(sentence).observer(options.observer);
     let (recorder, sink) = Recorder::start(&path, &info, &attachments, recorder_options)?;
@@ -220,7 +233,13 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
     }
     let (tick_panel, operator) = panel();
     let socket = if options.socket {
-        Some(crate::socket::serve(&config.control.socket, operator, config.safety, recorder.health(), Arc::clone(&options.stop))?)
+        Some(crate::socket::serve(
+            &config.control.socket,
+            operator,
+            config.safety,
+            recorder.health(),
+            Arc::clone(&options.stop),
+        )?)
     } else {
         None
     };
@@ -256,7 +275,8 @@ fn recording_path(directory: &Path) -> Result<PathBuf, DaemonError> {
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs();
     let stamp = file_stamp(seconds);
     // A second flight in the same second gets a number.
-    let names = std::iter::once(format!("flight-{stamp}.mcap")).chain((2..1000).map(|n| format!("flight-{stamp}-{n}.mcap")));
+    let names =
+        std::iter::once(format!("flight-{stamp}.mcap")).chain((2..1000).map(|n| format!("flight-{stamp}-{n}.mcap")));
     let free = names.map(|name| directory.join(name)).find(|path| !path.exists());
     Ok(free.unwrap_or_else(|| directory.join("flight.mcap")))
 }

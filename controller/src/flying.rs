@@ -124,7 +124,8 @@ fn session(flight: &mut Flight, link: &mut Link, counts: &mut Counts) -> Ending 
             (Some(grid), true) => grid.give_up_ns(),
             _ => now_ns() + STOP_CHECK_NS,
         };
-        let mut record = TickRecord { session: link.session(), records_dropped: flight.sink.dropped(), ..TickRecord::default() };
+        let mut record =
+            TickRecord { session: link.session(), records_dropped: flight.sink.dropped(), ..TickRecord::default() };
         let incoming = link.receive(Some(until));
         if link.damaged() != damaged {
             damaged = link.damaged();

@@ -152,7 +152,11 @@ impl Link {
                         })?;
                         if hello.session != link.session {
                             link.bye(ByeReason::ProtocolError);
-                            return Err(LinkError::Session { address: address.to_owned(), sent: link.session, found: hello.session });
+                            return Err(LinkError::Session {
+                                address: address.to_owned(),
+                                sent: link.session,
+                                found: hello.session,
+                            });
                         }
                         return Ok(link);
                     }
@@ -169,7 +173,11 @@ impl Link {
                     }
                 }
                 Err(damage) if damage.is_fatal() => {
-                    let reason = if matches!(damage.error, WireError::Version { .. }) { ByeReason::Version } else { ByeReason::ProtocolError };
+                    let reason = if matches!(damage.error, WireError::Version { .. }) {
+                        ByeReason::Version
+                    } else {
+                        ByeReason::ProtocolError
+                    };
                     link.bye(reason);
                     return Err(LinkError::Wire { address: address.to_owned(), error: damage.error });
                 }
@@ -268,7 +276,8 @@ impl Link {
     fn wait(&self, until_ns: Option<u64>) -> bool {
         loop {
             let left = until_ns.map(|until| until.saturating_sub(now_ns()));
-            let timeout = left.map(|ns| Timespec { tv_sec: (ns / 1_000_000_000) as i64, tv_nsec: (ns % 1_000_000_000) as _ });
+            let timeout =
+                left.map(|ns| Timespec { tv_sec: (ns / 1_000_000_000) as i64, tv_nsec: (ns % 1_000_000_000) as _ });
             let mut fds = [PollFd::new(&self.socket, PollFlags::IN)];
             match poll(&mut fds, timeout.as_ref()) {
                 Ok(0) => return false,

@@ -161,10 +161,14 @@ pub fn sentence(event: &Event) -> String {
         103 => format!("VENTED {at}: the negative sensor reads {b:.3} V, outside 0.8 … 5.2 V; check sensor and wire"),
         104 => format!("VENTED {at}: positive pressure {b:.1} kPa is above safety.max_pos_kpa"),
         105 => format!("VENTED {at}: negative pressure {b:.1} kPa is below safety.min_neg_kpa"),
-        106 => format!("VENTED {at}: the cRIO tripped ({}); a new session will be opened", TripBits::from_bits(b as u8)),
+        106 => {
+            format!("VENTED {at}: the cRIO tripped ({}); a new session will be opened", TripBits::from_bits(b as u8))
+        }
         107 => format!("VENTED {at}: the link to the cRIO is lost; connecting again"),
         108 => format!("VENTED {at}: the control law gave no finite duty"),
-        109 => format!("VENTED {at}: the cRIO got no command in time and vented by itself; a new session will be opened"),
+        109 => {
+            format!("VENTED {at}: the cRIO got no command in time and vented by itself; a new session will be opened")
+        }
         code => format!("event {code} {:?}", event.values),
     }
 }

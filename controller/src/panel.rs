@@ -60,8 +60,10 @@ pub struct OperatorPanel {
 
 /// Makes both sides.
 pub fn panel() -> (TickPanel, OperatorPanel) {
-    let (status, requests, retired) = (Arc::new(ArrayQueue::new(1)), Arc::new(ArrayQueue::new(8)), Arc::new(ArrayQueue::new(8)));
-    let tick = TickPanel { status: Arc::clone(&status), requests: Arc::clone(&requests), retired: Arc::clone(&retired) };
+    let (status, requests, retired) =
+        (Arc::new(ArrayQueue::new(1)), Arc::new(ArrayQueue::new(8)), Arc::new(ArrayQueue::new(8)));
+    let tick =
+        TickPanel { status: Arc::clone(&status), requests: Arc::clone(&requests), retired: Arc::clone(&retired) };
     (tick, OperatorPanel { status, requests, retired })
 }
 

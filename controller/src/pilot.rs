@@ -81,9 +81,8 @@ impl Pilot {
     pub fn applied(&mut self, duty: Pair) {
         self.fallback.applied(duty);
         if let Some(flying) = &mut self.policy {
-            for c in 0..CHANNELS {
-                let (error_kpa, raw) = flying.pending[c];
-                flying.integral.update(c, error_kpa, raw, duty[c]);
+            for (c, ((error_kpa, raw), applied)) in flying.pending.into_iter().zip(duty).enumerate() {
+                flying.integral.update(c, error_kpa, raw, applied);
             }
         }
     }
@@ -101,11 +100,8 @@ impl Flying {
         self.policy.run(observation, &mut outputs).ok()?;
         let actions = ActionTrajectory::from_outputs(&outputs);
         let integral = self.integral.duty();
-        let parts: [Parts; CHANNELS] = std::array::from_fn(|c| Parts {
-            feed_forward: actions.now()[c],
-            proportional: 0.0,
-            integral: integral[c],
-        });
+        let parts: [Parts; CHANNELS] =
+            std::array::from_fn(|c| Parts { feed_forward: actions.now()[c], proportional: 0.0, integral: integral[c] });
         self.pending = std::array::from_fn(|c| (situation.goals_kpa[0][c] - situation.measured_kpa[c], parts[c].raw()));
         let trajectory = ActionTrajectory(actions.0.map(|a| std::array::from_fn(|c| saturated(a[c] + integral[c]))));
         Some(Decision { parts, trajectory })

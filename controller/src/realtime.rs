@@ -27,14 +27,7 @@ pub fn make_realtime(settings: &Realtime) -> Vec<String> {
     if let Err(problem) = pin(settings.cpu) {
         refused.push(problem);
     }
-    let fifo = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
-    let outcome = ThreadPriorityValue::try_from(settings.priority)
-        .map_err(|e| e.to_string())
-        .and_then(|value| {
-            set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Crossplatform(value), fifo)
-                .map_err(|e| e.to_string())
-        });
-    if let Err(error) = outcome {
+    if let Err(error) = raise(settings.priority) {
         refused.push(format!(
             "no SCHED_FIFO priority {} ({error}); other programs may delay a tick: give the service LimitRTPRIO=95",
             settings.priority
@@ -43,9 +36,33 @@ pub fn make_realtime(settings: &Realtime) -> Vec<String> {
     refused
 }
 
+/// Calls `start` on a thread with SCHED_FIFO `priority`, so that threads it starts inherit that.
+///
+/// For the emulated cRIO of the demo, which stands in for hardware that is never late. Without the rights it is
+/// called all the same.
+pub fn with_priority<T: Send>(priority: u8, start: impl FnOnce() -> T + Send) -> std::thread::Result<T> {
+    std::thread::scope(|scope| {
+        let raised = scope.spawn(move || {
+            // The tick's own refusal, for the same reason, is the line that a person needs.
+            let _ = raise(priority);
+            start()
+        });
+        raised.join()
+    })
+}
+
+/// Gives the calling thread SCHED_FIFO.
+fn raise(priority: u8) -> Result<(), String> {
+    let fifo = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+    let value = ThreadPriorityValue::try_from(priority).map_err(|e| e.to_string())?;
+    set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Crossplatform(value), fifo)
+        .map_err(|e| e.to_string())
+}
+
 /// Pins the calling thread; by default to the last CPU it may use, if there are several.
 fn pin(wanted: Option<usize>) -> Result<(), String> {
-    let allowed = sched_getaffinity(None).map_err(|errno| format!("the CPUs allowed are not known ({errno}); not pinned"))?;
+    let allowed =
+        sched_getaffinity(None).map_err(|errno| format!("the CPUs allowed are not known ({errno}); not pinned"))?;
     let last = (0..CpuSet::MAX_CPU).rev().find(|cpu| allowed.is_set(*cpu));
     let cpu = match wanted {
         Some(cpu) if cpu < CpuSet::MAX_CPU && allowed.is_set(cpu) => cpu,

@@ -34,7 +34,8 @@ impl Sensing {
         let mut scales = [(0.0, 0.0); CHANNELS];
         for (scale, column) in scales.iter_mut().zip(DualPressurePorts::READING) {
             let sensor = rig.sensors.values().find(|s| s.column == column);
-            *scale = sensor.map(scale_of).ok_or_else(|| RigError::at("sensors", format!("no sensor writes `{column}`")))?;
+            *scale =
+                sensor.map(scale_of).ok_or_else(|| RigError::at("sensors", format!("no sensor writes `{column}`")))?;
         }
         Ok(Sensing { scales })
     }
@@ -48,7 +49,9 @@ impl Sensing {
     /// May run in the tick.
     pub fn pressures_kpa(&self, volts: &[f32; 4]) -> Result<Pair, BrokenSensor> {
         let mut pressures = [0.0; CHANNELS];
-        for (channel, ((pressure, (offset, slope)), volts)) in pressures.iter_mut().zip(self.scales).zip(volts).enumerate() {
+        for (channel, ((pressure, (offset, slope)), volts)) in
+            pressures.iter_mut().zip(self.scales).zip(volts).enumerate()
+        {
             let volts = f64::from(*volts);
             if !(LOWEST_V..=HIGHEST_V).contains(&volts) {
                 return Err(BrokenSensor { channel, volts });
@@ -81,7 +84,9 @@ mod tests {
     #[test]
     fn broken_wires_are_named() {
         let sensing = Sensing::of(&Rig::builtin("dual_pressure").unwrap()).unwrap();
-        for (volts, channel) in [([0.79, 2.0], 0), ([5.21, 2.0], 0), ([f32::NAN, 2.0], 0), ([2.0, 0.0], 1), ([2.0, f32::INFINITY], 1)] {
+        for (volts, channel) in
+            [([0.79, 2.0], 0), ([5.21, 2.0], 0), ([f32::NAN, 2.0], 0), ([2.0, 0.0], 1), ([2.0, f32::INFINITY], 1)]
+        {
             let broken = sensing.pressures_kpa(&[volts[0], volts[1], 0.0, 0.0]).unwrap_err();
             assert_eq!(broken.channel, channel);
         }

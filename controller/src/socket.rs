@@ -110,16 +110,31 @@ impl Served {
     }
 }
 
+/// Refuses a socket that another daemon answers on; changes nothing.
+///
+/// # Errors
+/// If one answers.
+pub fn check_free(path: &Path) -> Result<(), SocketError> {
+    if UnixStream::connect(path).is_ok() {
+        return Err(SocketError::InUse { path: path.to_owned() });
+    }
+    Ok(())
+}
+
 /// Makes the socket and answers on it until `stop` is set.
 ///
 /// # Errors
 /// If it cannot be made, or another daemon answers on it.
-pub fn serve(path: &Path, panel: OperatorPanel, safety: Safety, health: RecorderHealth, stop: Arc<AtomicBool>) -> Result<Served, SocketError> {
+pub fn serve(
+    path: &Path,
+    panel: OperatorPanel,
+    safety: Safety,
+    health: RecorderHealth,
+    stop: Arc<AtomicBool>,
+) -> Result<Served, SocketError> {
     let make = |source| SocketError::Make { path: path.to_owned(), source };
     if path.exists() {
-        if UnixStream::connect(path).is_ok() {
-            return Err(SocketError::InUse { path: path.to_owned() });
-        }
+        check_free(path)?;
         // What a daemon that was killed left behind.
         std::fs::remove_file(path).map_err(make)?;
     }
@@ -174,7 +189,9 @@ impl Desk {
         let outcome = match ask {
             Ask::Status {} => Ok(()),
             Ask::Arm {} => self.arm(),
-            Ask::Disarm {} => self.ask_for(Request::Disarm, |s| s.state != State::Run.code(), "it still runs; is the cRIO there?"),
+            Ask::Disarm {} => {
+                self.ask_for(Request::Disarm, |s| s.state != State::Run.code(), "it still runs; is the cRIO there?")
+            }
             Ask::Reference { file } => self.reference(&file),
         };
         self.reply(outcome)
@@ -186,7 +203,10 @@ impl Desk {
             return Err("it is armed already".to_owned());
         }
         if !status.can_arm {
-            return Err(format!("it is {} and cannot be armed yet; `controller status` tells why", State::name(status.state)));
+            return Err(format!(
+                "it is {} and cannot be armed yet; `controller status` tells why",
+                State::name(status.state)
+            ));
         }
         if let Some(problem) = self.health.error() {
             return Err(format!("the recording has failed ({problem}); mend that and restart before arming"));

@@ -16,7 +16,7 @@ use std::process::Command;
 use std::sync::Arc;
 use std::time::Instant;
 
-use model::plant::{InstructionSet, Plant, Simulation};
+use model::plant::{InstructionSet, Plant, Simulated, Simulation};
 use model::predict::{DualPressureRig, Predictor};
 use model::real::{Lanes, Real};
 use model::rig::Rig;
@@ -29,7 +29,10 @@ const TIMED_TICKS: u32 = 50_000;
 const TIMED_PREDICTIONS: u32 = 20_000;
 
 fn main() {
-    println!("instruction set {:?}; a tick is 200 RK4 steps", InstructionSet::detect());
+    println!(
+        "instruction set {:?}; a tick is 200 RK4 steps, refined where check valves switch",
+        InstructionSet::detect()
+    );
     let peer = Peer::from_environment();
     for name in Rig::BUILTIN {
         let rig = Rig::builtin(name).unwrap();
@@ -69,8 +72,11 @@ fn predictions(rig: &Rig) -> Vec<f64> {
 }
 
 fn speeds(rig: &Rig, peer: Option<&Peer>) {
-    let one = Arc::new(Plant::<f64>::new(rig).unwrap());
-    let eight = Arc::new(Plant::<Eight>::side_by_side(std::slice::from_ref(rig)).unwrap());
+    // Exactly 200 steps to a tick, as in the C program.
+    let mut rig = rig.clone();
+    rig.integrator.refine_switching = false;
+    let one = Arc::new(Plant::<f64>::new(&rig).unwrap());
+    let eight = Arc::new(Plant::<Eight>::side_by_side(std::slice::from_ref(&rig)).unwrap());
     let (mut single, mut lanes, mut theirs) = (Vec::new(), Vec::new(), Vec::new());
     let mut end = Vec::new();
     for _ in 0..REPEATS {
@@ -82,8 +88,8 @@ fn speeds(rig: &Rig, peer: Option<&Peer>) {
     }
     let ratio = |ours: &[f64]| median(ours.iter().zip(&theirs).map(|(ours, theirs)| ours / theirs.ticks_per_s));
     let (one, eight) = (median(single.iter().copied()), median(lanes.iter().copied()));
-    println!("  one rig         {one:>10.0} ticks/s");
-    println!("  8 lanes         {eight:>10.0} ticks/s, all lanes, {:.1} times one rig", eight / one);
+    println!("  one rig         {one:>10.0} ticks/s, plain RK4");
+    println!("  8 lanes         {eight:>10.0} ticks/s, plain RK4, all lanes, {:.1} times one rig", eight / one);
     if let Some(last) = theirs.last() {
         let speed = median(theirs.iter().map(|each| each.ticks_per_s));
         println!("  C program       {speed:>10.0} ticks/s");
@@ -97,7 +103,7 @@ fn speeds(rig: &Rig, peer: Option<&Peer>) {
 }
 
 /// Ticks per second along the schedule from rest, all lanes counted, and where lane 0 ended in kPa.
-fn ticks_per_s<R: Real>(plant: &Arc<Plant<R>>) -> (f64, Vec<f64>) {
+fn ticks_per_s<R: Simulated>(plant: &Arc<Plant<R>>) -> (f64, Vec<f64>) {
     let mut simulation = Simulation::new(Arc::clone(plant));
     let column = |name: &str| plant.inputs().iter().position(|input| input.column == name).unwrap();
     let at = [column("u_pos"), column("u_neg")];

@@ -62,6 +62,9 @@ pub trait Real:
     /// Whether every lane of `self` is at least `other`.
     fn all_at_least(self, other: Self) -> bool;
 
+    /// Whether in any lane exactly one of the two numbers is above zero.
+    fn any_across_zero(self, other: Self) -> bool;
+
     /// Limits to `[low, high]`, lane by lane.
     #[inline(always)]
     fn limited(self, low: Self, high: Self) -> Self {
@@ -124,6 +127,11 @@ impl Real for f64 {
     #[inline(always)]
     fn all_at_least(self, other: Self) -> bool {
         self >= other
+    }
+
+    #[inline(always)]
+    fn any_across_zero(self, other: Self) -> bool {
+        (self > 0.0) != (other > 0.0)
     }
 
     #[inline(always)]
@@ -256,6 +264,15 @@ impl<const N: usize> Real for Lanes<N> {
             all &= *a >= b;
         }
         all
+    }
+
+    #[inline(always)]
+    fn any_across_zero(self, other: Self) -> bool {
+        let mut any = false;
+        for (a, b) in self.0.iter().zip(other.0) {
+            any |= (*a > 0.0) != (b > 0.0);
+        }
+        any
     }
 
     #[inline(always)]

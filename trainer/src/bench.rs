@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use clap::builder::RangedU64ValueParser;
-use model::plant::{InstructionSet, Plant, Simulation};
+use model::plant::{InstructionSet, Plant, Simulated, Simulation};
 use model::predict::{DualPressurePorts, DualPressureRig, Predictor};
 use model::real::{Lanes, Real};
 use model::rig::{Rig, RigError};
@@ -84,9 +84,13 @@ struct Speed {
 
 pub(crate) fn run(args: &BenchArgs) -> Result<(), Failure> {
     let wrong = |problem: RigError| RigFileError::Rig { file: RIG.to_owned(), problem };
-    let rig = Rig::builtin(RIG).map_err(wrong)?;
+    let mut rig = Rig::builtin(RIG).map_err(wrong)?;
+    // Exactly 200 steps to a tick, as in the C program that the figures are held against.
+    rig.integrator.refine_switching = false;
     let one = Arc::new(Plant::<f64>::new(&rig).map_err(wrong)?);
     let many = Arc::new(Plant::<Lanes<LANES>>::side_by_side(std::slice::from_ref(&rig)).map_err(wrong)?);
+    // Predictions as the daemon makes them.
+    rig.integrator.refine_switching = true;
     let predictor = Predictor::new(&rig).map_err(wrong)?;
     let plant = DualPressureRig::new(&rig).map_err(wrong)?;
 
@@ -151,7 +155,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<(), Failure> {
 }
 
 /// Runs from rest along the schedule; what it took, and where lane 0's sensors ended, in kPa.
-fn along_the_schedule<R: Real>(plant: &Arc<Plant<R>>, ticks: u32) -> (Took, Vec<f64>) {
+fn along_the_schedule<R: Simulated>(plant: &Arc<Plant<R>>, ticks: u32) -> (Took, Vec<f64>) {
     // The inputs of this rig: two duties, and its relay held on.
     let columns: Vec<Option<usize>> = plant
         .inputs()

@@ -132,10 +132,9 @@ impl Fallback {
     /// # Real-time
     /// May run in the tick.
     pub fn applied(&mut self, duty: Pair) {
-        for c in 0..CHANNELS {
-            let Pending { error_kpa, raw, reachable } = self.pending[c];
-            if reachable {
-                self.integral.update(c, error_kpa, raw, duty[c]);
+        for (c, (pending, applied)) in self.pending.into_iter().zip(duty).enumerate() {
+            if pending.reachable {
+                self.integral.update(c, pending.error_kpa, pending.raw, applied);
             }
         }
     }

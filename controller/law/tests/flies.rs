@@ -1,6 +1,8 @@
 //! The fallback in closed loop on the plants it was built for, with the converter's noise, against the
 //! limits that the project set for it.
 
+#![allow(clippy::unwrap_used)] // a test's own set-up; clippy knows tests only by their attribute
+
 use std::sync::Arc;
 
 use law::{Approach, Fallback, FallbackSettings, Situation, TICK_S};

@@ -16,28 +16,42 @@ pub(super) fn check(file: &Path, as_json: bool) -> Result<(), Failure> {
         let loaded = daemon::load(&config)?;
         let (name, remarks) = (loaded.rig.name.clone(), loaded.remarks.clone());
         let flies = loaded.policy.as_ref().map_or("the feed-forward PI".to_owned(), |p| p.name().to_owned());
-        let summary = format!("cRIO {}, model {name}, {flies} flies, reference {}", config.link.address, loaded.reference_name);
+        let summary =
+            format!("cRIO {}, model {name}, {flies} flies, reference {}", config.link.address, loaded.reference_name);
         Cycle::new(&loaded.rig, loaded.policy, loaded.reference, config.safety, false)
             .map_err(|e| Failure::input(format!("rig {}: {e}", config.rig.file)))?;
         Ok((summary, remarks))
     };
-    answer(as_json, sound(), |(summary, remarks)| {
-        for remark in remarks {
-            eprintln!("controller: {remark}");
-        }
-        println!("{}: sound ({summary})", file.display());
-    }, |(summary, remarks)| json!({"sound": true, "summary": summary, "remarks": remarks}))
+    answer(
+        as_json,
+        sound(),
+        |(summary, remarks)| {
+            for remark in remarks {
+                eprintln!("controller: {remark}");
+            }
+            println!("{}: sound ({summary})", file.display());
+        },
+        |(summary, remarks)| json!({"sound": true, "summary": summary, "remarks": remarks}),
+    )
 }
 
 pub(super) fn check_policy(file: &Path, as_json: bool) -> Result<(), Failure> {
     let loaded = Policy::load(file, &contracts()).map_err(Failure::input);
-    answer(as_json, loaded, |policy| println!("{}: sound. {}", file.display(), policy.describe()), |policy| {
-        json!({"sound": true, "name": policy.name(), "sha256": policy.hash().to_string(), "description": policy.describe()})
-    })
+    answer(
+        as_json,
+        loaded,
+        |policy| println!("{}: sound. {}", file.display(), policy.describe()),
+        |policy| json!({"sound": true, "name": policy.name(), "sha256": policy.hash().to_string(), "description": policy.describe()}),
+    )
 }
 
 /// Prints what was found as text or as one JSON object, also where it is bad.
-fn answer<T>(as_json: bool, outcome: Result<T, Failure>, text: impl Fn(&T), object: impl Fn(&T) -> serde_json::Value) -> Result<(), Failure> {
+fn answer<T>(
+    as_json: bool,
+    outcome: Result<T, Failure>,
+    text: impl Fn(&T),
+    object: impl Fn(&T) -> serde_json::Value,
+) -> Result<(), Failure> {
     match &outcome {
         Ok(found) if as_json => println!("{}", object(found)),
         Ok(found) => text(found),

@@ -12,6 +12,7 @@ use clap::Args;
 use controller::config::{Config, FALLBACK, Pacing, Realtime};
 use controller::daemon::{self, Options, PROGRAM};
 use controller::notice::fault_name;
+use controller::realtime::with_priority;
 use controller::state::State;
 use flight::{CodeNames, FlightInfo, FlightStatistics, FlightSummary, Recorded, StatisticsOptions, flight_report};
 use proto::emulator::{Emulator, EmulatorConfig, EmulatorHandle, FaultScript, Pace, rig_and_crio};
@@ -19,6 +20,8 @@ use proto::recording::read_mcap;
 
 use super::Failure;
 
+/// The emulated cRIO runs above the tick's priority of 80: hardware is never late.
+const CRIO_PRIORITY: u8 = 85;
 /// Ticks between two live lines: one second.
 const LIVE_TICKS: u64 = 50;
 
@@ -110,7 +113,11 @@ impl Demo {
         };
         let pace = if self.fast { Pace::LOCKSTEP } else { Pace::RealTime };
         let config = EmulatorConfig { crio, pace, seed: self.seed, faults, ..EmulatorConfig::default() };
-        Emulator::bind("127.0.0.1:0", config, Box::new(behind)).and_then(Emulator::start).map_err(Failure::work)
+        let start = move || Emulator::bind("127.0.0.1:0", config, Box::new(behind)).and_then(Emulator::start);
+        match with_priority(CRIO_PRIORITY, start) {
+            Ok(started) => started.map_err(Failure::work),
+            Err(_) => Err(Failure::work("the emulated cRIO could not be started")),
+        }
     }
 
     fn announce(&self, loaded: &daemon::Loaded) {
@@ -129,7 +136,10 @@ impl Demo {
     }
 
     fn command(&self) -> String {
-        let mut command = format!("controller demo --seconds {} --rig {} --model {} --seed {}", self.seconds, self.rig, self.model, self.seed);
+        let mut command = format!(
+            "controller demo --seconds {} --rig {} --model {} --seed {}",
+            self.seconds, self.rig, self.model, self.seed
+        );
         for (flag, file) in [("--policy", &self.policy), ("--faults", &self.faults)] {
             if let Some(file) = file {
                 command.push_str(&format!(" {flag} {}", file.display()));

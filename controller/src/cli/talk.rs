@@ -91,7 +91,10 @@ fn print_status(reply: &Reply) {
         let (p, r, u) = (s.pressures_kpa[c], s.reference_kpa[c], s.duty[c]);
         println!("{name}   {p:8.2} kPa   reference {r:8.2} kPa   duty {u:.3}");
     }
-    println!("deadlines  {} missed, {} frames missed, slowest tick {:.2} ms", s.deadline_misses, s.frames_missed, s.slowest_ms);
+    println!(
+        "deadlines  {} missed, {} frames missed, slowest tick {:.2} ms",
+        s.deadline_misses, s.frames_missed, s.slowest_ms
+    );
     if let Some(problem) = &reply.recording_problem {
         println!("recording  {problem}");
     }

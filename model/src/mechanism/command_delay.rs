@@ -1,8 +1,8 @@
 //! `command_delay`: a duty acts a fixed time after it was sent.
 //!
 //! `y(t) = u(t − d)`: latching at the cRIO's next edge, transport, driver. Any `d` up to
-//! [`LONGEST_TICKS`] ticks; a part of a tick switches at the matching half step, blended linearly over
-//! one half step so that a fit sees a smooth function of `d`.
+//! [`LONGEST_TICKS`] ticks; a part of a tick switches at the matching instant of the table, blended linearly
+//! over one such interval so that a fit sees a smooth function of `d`.
 
 use serde::{Deserialize, Serialize};
 
@@ -61,10 +61,10 @@ impl<R: Real> Delay<R> {
         let (newer, older) = (sent(0), sent(1));
         if self.part.any_above(R::splat(0.0)) {
             samples.spread();
-            let half_steps = samples.half_steps() as f64;
+            let instants = samples.instants() as f64;
             let mut j = 0.0;
             samples.each(|_| {
-                let past = R::splat(j) - self.part * R::splat(half_steps) + R::splat(1.0);
+                let past = R::splat(j) - self.part * R::splat(instants) + R::splat(1.0);
                 let weight = past.limited(R::splat(0.0), R::splat(1.0));
                 j += 1.0;
                 // Not `older + weight (newer − older)`: at weight one this is the newer duty to the last bit, as

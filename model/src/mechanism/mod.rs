@@ -12,7 +12,7 @@
 //! | sensor | `sensor_lag` |
 //!
 //! The command path runs ahead of the pressures: a command is constant over a tick and nothing in the
-//! path depends on pressure, so its operators fill one table of half steps per tick and the integrator
+//! path depends on pressure, so its operators fill one table of instants per tick and the integrator
 //! only reads it. Volumes and flow paths are terms of the mass and energy balances. A rig without
 //! mechanisms compiles to the very same arrays as if this module did not exist.
 //!

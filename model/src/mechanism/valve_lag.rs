@@ -5,7 +5,7 @@
 //! ```
 //!
 //! L/R of a coil and the armature's inertia put `τ` at 5 … 200 ms for proportional solenoids of this size.
-//! Solved exactly between half steps, `y ← u + (y − u) e^(−h/2τ)`, so it costs no integrator state
+//! Solved exactly between tabled instants `s` apart, `y ← u + (y − u) e^(−s/τ)`, so it costs no integrator state
 //! and cannot go unstable however short `τ` is.
 
 use serde::{Deserialize, Serialize};
@@ -27,15 +27,15 @@ impl ValveLag {
         within(&format!("{key}.time_constant_ms"), self.time_constant_ms, 0.01, 10_000.0, "ms", "")
     }
 
-    pub(crate) fn operator(&self, half_step_s: f64) -> Lag<f64> {
-        Lag { approach: -(-half_step_s / (self.time_constant_ms * 1e-3)).exp_m1() }
+    pub(crate) fn operator(&self, instant_s: f64) -> Lag<f64> {
+        Lag { approach: -(-instant_s / (self.time_constant_ms * 1e-3)).exp_m1() }
     }
 }
 
-/// The lag over one half step; its memory is the lagged duty.
+/// The lag from one tabled instant to the next; its memory is the lagged duty.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Lag<R> {
-    /// 1 − e^(−h/2τ): the share of the distance covered in a half step.
+    /// 1 − e^(−s/τ): the share of the distance covered.
     approach: R,
 }
 

@@ -51,7 +51,7 @@ impl<R: Real> Plant<R> {
         macro_rules! same {
             ($($field:ident),*) => { $(if parts.iter().any(|p| p.$field != first.$field) { return None; })* };
         }
-        same!(inputs, chamber_names, sensor_columns, step_s, steps, states, chambers);
+        same!(inputs, chamber_names, sensor_columns, step_s, steps, refine, states, chambers);
         macro_rules! number {
             ($field:ident) => {
                 lanes_of(parts, |p| p.$field)
@@ -73,6 +73,7 @@ impl<R: Real> Plant<R> {
             sensor_columns: first.sensor_columns.clone(),
             step_s: first.step_s,
             steps: first.steps,
+            refine: first.refine,
             states: first.states,
             chambers: first.chambers,
             gas_constant: number!(gas_constant),
@@ -133,6 +134,7 @@ impl<'a> Assembly<'a> {
             // Divided, not multiplied: 20 ms in 200 steps is 1e-4 s to the last bit.
             step_s: rig.integrator.tick_ms * MS / steps as f64,
             steps,
+            refine: rig.integrator.refine_switching,
             states: 0,
             chambers: rig.volumes.len(),
             gas_constant,
@@ -227,7 +229,7 @@ impl<'a> Assembly<'a> {
             let mut stages: Vec<Stage<f64>> = mechanisms_on(self.rig, name)
                 .filter_map(|mechanism| match mechanism {
                     Mechanism::CommandDelay(m) => Some(Stage::Delay(m.operator(self.rig.integrator.tick_ms))),
-                    Mechanism::ValveLag(m) => Some(Stage::Lag(m.operator(0.5 * self.plant.step_s))),
+                    Mechanism::ValveLag(m) => Some(Stage::Lag(m.operator(self.plant.instant_s()))),
                     Mechanism::ValveHysteresis(m) => Some(Stage::Play(m.operator())),
                     _ => None,
                 })

@@ -1,9 +1,10 @@
-//! The command path of a valve: from the duty sent to the duty that acts, half step by half step.
+//! The command path of a valve: from the duty sent to the duty that acts, instant by instant.
 
+use super::INSTANTS_PER_STEP;
 use crate::mechanism::{Delay, Lag, Play};
 use crate::real::Real;
 
-/// A duty over one tick, at the half steps of the integrator: one value, or `2n + 1` of them.
+/// A duty over one tick, at the instants the integrator asks for: one value, or one for each.
 #[derive(Debug, Clone)]
 pub(crate) struct Samples<R> {
     values: Vec<R>,
@@ -13,7 +14,7 @@ pub(crate) struct Samples<R> {
 impl<R: Real> Samples<R> {
     /// Room for a tick of `steps` integration steps.
     pub(crate) fn new(steps: usize) -> Self {
-        Samples { values: vec![R::splat(0.0); 2 * steps + 1], spread: false }
+        Samples { values: vec![R::splat(0.0); INSTANTS_PER_STEP * steps + 1], spread: false }
     }
 
     /// Sets the duty that was sent, constant over the tick.
@@ -31,15 +32,15 @@ impl<R: Real> Samples<R> {
         self.values.first().copied().unwrap_or(R::splat(0.0))
     }
 
-    /// The duty at half step `k`.
+    /// The duty at instant `k`.
     #[inline(always)]
     pub(crate) fn at(&self, k: usize) -> R {
         let k = if self.spread { k } else { 0 };
         self.values.get(k).copied().unwrap_or(R::splat(0.0))
     }
 
-    /// Half steps in a tick.
-    pub(crate) fn half_steps(&self) -> usize {
+    /// Instants after the first in a tick.
+    pub(crate) fn instants(&self) -> usize {
         self.values.len() - 1
     }
 

@@ -9,7 +9,7 @@
 
 use super::integrate::tick;
 use super::{Plant, Scratch, State};
-use crate::real::Real;
+use crate::real::{Lanes, Real};
 
 /// An instruction set the tick is compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,25 +36,60 @@ impl InstructionSet {
     }
 }
 
-/// Advances `state` by one tick on `set`, which must be available.
-pub(crate) fn advance<R: Real>(
-    set: InstructionSet,
-    plant: &Plant<R>,
-    state: &mut State<R>,
-    scratch: &mut Scratch<R>,
-    inputs: &[R],
-) {
-    match set {
-        // SAFETY: simulations are only made with a set that `is_available`, so the CPU has these features.
-        #[cfg(target_arch = "x86_64")]
-        #[allow(unsafe_code)]
-        InstructionSet::Avx2 => unsafe { advance_avx2(plant, state, scratch, inputs) },
-        _ => tick(plant, state, scratch, inputs),
+/// The bundles that the tick is compiled for: one rig, and eight side by side.
+///
+/// A closed list, so that the tick is compiled here once and not again in every crate that simulates.
+pub trait Simulated: Real + sealed::Tick {}
+
+impl Simulated for f64 {}
+impl Simulated for Lanes<8> {}
+
+pub(crate) mod sealed {
+    use super::{InstructionSet, Plant, Scratch, State};
+
+    /// One tick on `set`, which must be available.
+    pub trait Tick: Sized {
+        #[doc(hidden)]
+        fn advance(
+            set: InstructionSet,
+            plant: &Plant<Self>,
+            state: &mut State<Self>,
+            scratch: &mut Scratch<Self>,
+            inputs: &[Self],
+        );
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
-fn advance_avx2<R: Real>(plant: &Plant<R>, state: &mut State<R>, scratch: &mut Scratch<R>, inputs: &[R]) {
-    tick(plant, state, scratch, inputs);
+macro_rules! compile_tick {
+    ($bundle:ty) => {
+        impl sealed::Tick for $bundle {
+            fn advance(
+                set: InstructionSet,
+                plant: &Plant<Self>,
+                state: &mut State<Self>,
+                scratch: &mut Scratch<Self>,
+                inputs: &[Self],
+            ) {
+                #[cfg(target_arch = "x86_64")]
+                #[target_feature(enable = "avx2,fma")]
+                fn avx2(
+                    plant: &Plant<$bundle>,
+                    state: &mut State<$bundle>,
+                    scratch: &mut Scratch<$bundle>,
+                    inputs: &[$bundle],
+                ) {
+                    tick(plant, state, scratch, inputs);
+                }
+                match set {
+                    // SAFETY: simulations are only made with a set that `is_available`, so the CPU has these features.
+                    #[cfg(target_arch = "x86_64")]
+                    #[allow(unsafe_code)]
+                    InstructionSet::Avx2 => unsafe { avx2(plant, state, scratch, inputs) },
+                    _ => tick(plant, state, scratch, inputs),
+                }
+            }
+        }
+    };
 }
+compile_tick!(f64);
+compile_tick!(Lanes<8>);

@@ -24,7 +24,7 @@ mod simulation;
 mod walls;
 
 pub(crate) use command::Samples;
-pub use dispatch::InstructionSet;
+pub use dispatch::{InstructionSet, Simulated};
 pub(crate) use elements::lanes_of;
 pub use simulation::{FreeRunStart, Simulation};
 
@@ -61,6 +61,10 @@ fn carried(states: usize, thermal: bool) -> usize {
     }
 }
 
+/// Instants per integration step at which what is known ahead is tabled: RK4 needs three in a step, and three in
+/// each half of one that is refined.
+pub(crate) const INSTANTS_PER_STEP: usize = 4;
+
 /// A named input of a rig: a duty, a switch or a prescribed signal.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Input {
@@ -78,6 +82,8 @@ pub struct Plant<R> {
     sensor_columns: Vec<String>,
     step_s: f64,
     steps: usize,
+    /// Whether steps in which a one-way passage opens or shuts are taken again in two halves.
+    refine: bool,
     states: usize,
     chambers: usize,
     gas_constant: R,
@@ -124,6 +130,11 @@ impl<R: Real> Plant<R> {
         self.step_s * self.steps as f64
     }
 
+    /// Time between two tabled instants in seconds.
+    fn instant_s(&self) -> f64 {
+        self.step_s / INSTANTS_PER_STEP as f64
+    }
+
     /// Pressure of the atmosphere in Pa.
     pub fn atmosphere_pa(&self) -> R {
         self.atmosphere_pa
@@ -155,7 +166,7 @@ pub struct State<R> {
 
 /// Space for what a tick works out before it integrates.
 #[derive(Debug, Clone)]
-struct Scratch<R> {
+pub struct Scratch<R> {
     duties: Vec<Samples<R>>,
     walls: WallTable<R>,
     speeds: Vec<R>,

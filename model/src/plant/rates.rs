@@ -38,7 +38,7 @@ impl<R: Real, const NODES: usize> Balance<R, NODES> {
     }
 }
 
-/// Time derivatives of the states at half step `k` of the tick.
+/// Time derivatives of the states at instant `k` of the tick.
 ///
 /// `x` holds pressures in Pa by node (chambers, cylinders, given places); the states among them are the first
 /// `STATES`, and temperatures in K of thermal chambers are the last of those.

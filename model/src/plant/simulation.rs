@@ -2,9 +2,8 @@
 
 use std::sync::Arc;
 
-use super::dispatch::{InstructionSet, advance};
+use super::dispatch::{InstructionSet, Simulated};
 use super::{MEMORY, MOST_DRIVES, NODES, Plant, Scratch, State};
-use crate::real::Real;
 
 /// A plant with its state and everything a tick needs.
 ///
@@ -33,7 +32,7 @@ const AT_REST_PA: f64 = 500.0;
 /// Ticks after which held cylinders are periodic.
 const SETTLING_TICKS: usize = 30;
 
-impl<R: Real> Simulation<R> {
+impl<R: Simulated> Simulation<R> {
     /// A simulation at rest: atmospheric pressure everywhere, crank at zero, duties long at zero.
     pub fn new(plant: Arc<Plant<R>>) -> Self {
         Self::on(plant, InstructionSet::detect())
@@ -66,7 +65,7 @@ impl<R: Real> Simulation<R> {
     /// Bounded, allocation-free, lock-free: it may run in the tick.
     #[inline]
     pub fn tick(&mut self, inputs: &[R]) {
-        advance(self.set, &self.plant, &mut self.state, &mut self.scratch, inputs);
+        R::advance(self.set, &self.plant, &mut self.state, &mut self.scratch, inputs);
     }
 
     /// Everything that a later [`Simulation::restore`] needs to continue from here.

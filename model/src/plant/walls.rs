@@ -8,11 +8,12 @@
 //! With a wall that moves, `Ṗ = (R T/V) Σṁ − (V̇/V) P` (paper eq. (1)); with `V̇ = 0` that is the rigid chamber
 //! of eqs. (6)-(7), so the integrator treats chambers and cylinders alike.
 //!
-//! RK4 needs the crank at `2n + 1` half steps of a tick, and nothing about it depends on pressure, so the
+//! RK4 needs the crank at fixed instants of a tick, and nothing about it depends on pressure, so the
 //! table is filled ahead of the pressures and only when phase or speed differ from the last tick. At
-//! 3000 rpm a tick is one revolution and the table is filled once for ever. Between half steps the
+//! 3000 rpm a tick is one revolution and the table is filled once for ever. Between instants the
 //! crank pin is turned by a fixed rotation instead of taking sines and cosines.
 
+use super::INSTANTS_PER_STEP;
 use super::elements::{Cylinder, Drive, Isothermal};
 use crate::real::Real;
 
@@ -25,14 +26,14 @@ pub(crate) struct Wall<R> {
     pub(crate) pressure_per_mass: R,
 }
 
-/// The walls of all states at the half steps of one tick.
+/// The walls of all states at the instants of one tick.
 #[derive(Debug, Clone)]
 pub(crate) struct WallTable<R> {
-    /// `[half step][state]`, flattened.
+    /// `[instant][state]`, flattened.
     walls: Vec<Wall<R>>,
     /// Phase and speed of each drive for which the table holds.
     filled_for: Vec<(R, R)>,
-    /// States per half step: as many as the integrator carries.
+    /// States per instant: as many as the integrator carries.
     states: usize,
 }
 
@@ -47,10 +48,10 @@ impl<R: Real> WallTable<R> {
             }
         }
         // NaN equals nothing, so the first call of `turn` fills the cylinders in.
-        WallTable { walls: row.repeat(2 * steps + 1), filled_for: vec![(nan, nan); drives], states }
+        WallTable { walls: row.repeat(INSTANTS_PER_STEP * steps + 1), filled_for: vec![(nan, nan); drives], states }
     }
 
-    /// The walls at half step `k`; `STATES` is the number the table was made for.
+    /// The walls at instant `k`; `STATES` is the number the table was made for.
     #[inline(always)]
     pub(crate) fn at<const STATES: usize>(&self, k: usize) -> &[Wall<R>; STATES] {
         &self.walls.as_chunks().0[k]
@@ -66,7 +67,7 @@ impl<R: Real> WallTable<R> {
         cylinders: &[Cylinder<R>],
         phase: R,
         speed: R,
-        half_step_s: f64,
+        instant_s: f64,
     ) {
         let Some(filled_for) = self.filled_for.get_mut(index) else { return };
         if *filled_for == (phase, speed) {
@@ -78,7 +79,7 @@ impl<R: Real> WallTable<R> {
             let omega = speed * turn;
             let angle = (phase + cylinder.phase) * turn;
             let (mut sin, mut cos) = (angle.map(f64::sin), angle.map(f64::cos));
-            let step = omega * R::splat(half_step_s);
+            let step = omega * R::splat(instant_s);
             let (step_sin, step_cos) = (step.map(f64::sin), step.map(f64::cos));
             let (r, l) = (drive.crank_radius, drive.rod_length);
             let (r2, l2) = (r * r, l * l);
@@ -115,21 +116,21 @@ mod tests {
     #[test]
     fn table_agrees_with_the_formula_and_its_derivative() {
         let (drive, cylinders) = paper();
-        let (phase, speed, half) = (0.3, 47.0, 0.5e-4);
+        let (phase, speed, instant) = (0.3, 47.0, 0.25e-4);
         let mut table = WallTable::new(2, 1, 200, &[]);
-        table.turn(0, &drive, &cylinders, phase, speed, half);
+        table.turn(0, &drive, &cylinders, phase, speed, instant);
         let volume = |revolutions: f64| {
             let a = std::f64::consts::TAU * revolutions;
             let (s, c) = a.sin_cos();
             38.485e-4 * (0.041 - 0.02 + 0.07 - 0.02 * c - (0.07f64.powi(2) - (0.02 * s).powi(2)).sqrt())
         };
-        for k in 0..=400 {
+        for k in 0..=800 {
             for (i, wall) in table.at::<2>(k).iter().enumerate() {
                 let turned = |t: f64| phase + 0.5 * i as f64 + speed * t;
-                let t = k as f64 * half;
+                let t = k as f64 * instant;
                 let v = volume(turned(t));
-                // 400 rotations of one rounding each: 400 · 1.1e-16, amplified by V_max/V_min = 41.
-                assert!((wall.pressure_per_mass * v / drive.rt - 1.0).abs() < 5e-12);
+                // 800 rotations of one rounding each: 800 · 1.1e-16, amplified by V_max/V_min = 41.
+                assert!((wall.pressure_per_mass * v / drive.rt - 1.0).abs() < 1e-11);
                 let slope = (volume(turned(t + 1e-7)) - volume(turned(t - 1e-7))) / 2e-7;
                 assert!((wall.growth * v - slope).abs() < 1e-6, "central difference at {k}");
             }
@@ -140,7 +141,7 @@ mod tests {
     fn dead_and_full_volume_are_the_geometry() {
         let (drive, cylinders) = paper();
         let mut table = WallTable::new(2, 1, 200, &[]);
-        table.turn(0, &drive, &cylinders, 0.0, 50.0, 0.5e-4);
+        table.turn(0, &drive, &cylinders, 0.0, 50.0, 0.25e-4);
         let volumes: Vec<f64> = table.at::<2>(0).iter().map(|w| drive.rt / w.pressure_per_mass).collect();
         assert!((volumes[0] - 38.485e-4 * 0.001).abs() < 1e-15, "clearance δ − 2r = 1 mm");
         assert!((volumes[1] - 38.485e-4 * 0.041).abs() < 1e-15, "whole length δ = 41 mm");

@@ -78,11 +78,14 @@ pub struct Integrator {
     pub step_ms: f64,
     /// Control tick in ms, a whole number of steps; commands are constant over it.
     pub tick_ms: f64,
+    /// Takes a step in which a check valve opens or shuts again in two halves; off is plain RK4.
+    #[serde(default = "yes", skip_serializing_if = "is_true")]
+    pub refine_switching: bool,
 }
 
 impl Default for Integrator {
     fn default() -> Self {
-        Integrator { step_ms: 0.1, tick_ms: 20.0 }
+        Integrator { step_ms: 0.1, tick_ms: 20.0, refine_switching: true }
     }
 }
 

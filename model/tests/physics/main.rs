@@ -1,0 +1,33 @@
+//! The physics against closed forms, independent implementations and its own invariants.
+//!
+//! One program for all subjects: the plant is generic, so each test program would compile its own copy of it,
+//! which takes longer than all these tests run.
+//!
+//! | file | subject |
+//! | --- | --- |
+//! | `golden` | traces of other implementations, row by row |
+//! | `steady_table` | settled pressures for constant duties |
+//! | `closed_forms` | small rigs whose solution is a formula |
+//! | `crank` | piston pumps whose limit is a formula |
+//! | `thermal` | the first law in a chamber |
+//! | `conservation` | mass and energy in closed rigs |
+//! | `convergence` | order of the integrator |
+//! | `mechanisms` | each mechanism on and off |
+//! | `lanes` | many rigs at once against one at a time |
+//! | `no_alloc` | a tick allocates nothing |
+//! | `small_rigs` | what the small rigs share |
+
+// The workspace's exemption covers test functions; here the helpers between them are tests as well.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod closed_forms;
+mod conservation;
+mod convergence;
+mod crank;
+mod golden;
+mod lanes;
+mod mechanisms;
+mod no_alloc;
+mod small_rigs;
+mod steady_table;
+mod thermal;
