@@ -32,6 +32,12 @@ pub const VENT: Pair = [1.0, 1.0];
 /// Frames that may be missing in a row before the rig is vented; the plan is followed meanwhile.
 const TOLERATED_MISSING: u32 = 1;
 
+/// How often a reference is looked at for places out of reach, in s, and at how many places at most.
+const REACH_EVERY_S: f64 = 0.25;
+const REACH_LOOKS: f64 = 100_000.0;
+/// Duty by which the model may be off before a place counts as out of reach.
+const REACH_SLACK: f64 = 0.03;
+
 /// What is to be sent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Answer {
@@ -55,6 +61,7 @@ pub struct Cycle {
     sensing: Sensing,
     safety: Safety,
     predictor: Predictor,
+    map: Arc<SteadyMap>,
     pilot: Pilot,
     supervisor: Supervisor,
     reference: Box<Reference>,
@@ -88,7 +95,8 @@ impl Cycle {
             sensing: Sensing::of(rig)?,
             safety,
             predictor: Predictor::new(rig)?,
-            pilot: Pilot::new(map, policy),
+            pilot: Pilot::new(Arc::clone(&map), policy),
+            map,
             supervisor: Supervisor::new(auto_arm),
             reference: Box::new(reference),
             approach: Approach::new([0.0; CHANNELS], [0.0; CHANNELS]),
@@ -112,6 +120,17 @@ impl Cycle {
     /// Whether the flight has come to the end set by [`Cycle::end_after`].
     pub fn is_over(&self) -> bool {
         self.over
+    }
+
+    /// The first place of the reference that no duty holds, by the model: time in s, pressures in kPa gauge.
+    pub fn out_of_reach(&self) -> Option<(f64, Pair)> {
+        let looks = (self.reference.end_s() / REACH_EVERY_S).ceil().min(REACH_LOOKS);
+        (0..=looks as u32).map(|n| f64::from(n) * REACH_EVERY_S).find_map(|time_s| {
+            let goal = self.reference.at(time_s);
+            let duty = self.map.duty_for(goal, [0.0; CHANNELS]);
+            let held = duty.iter().all(|u| (-REACH_SLACK..=1.0 + REACH_SLACK).contains(u));
+            (!held).then_some((time_s, goal))
+        })
     }
 
     /// The state.

@@ -173,6 +173,13 @@ fn load_policy(config: &Config, remarks: &mut Vec<String>) -> Result<Option<Poli
     Err(DaemonError::NoPolicy { file, known: known.join(", ") })
 }
 
+/// What a person is told about a place of the reference that the rig cannot hold.
+pub fn out_of_reach_text((time_s, [pos, neg]): (f64, [f64; 2])) -> String {
+    format!(
+        "the reference at {time_s:.2} s ({pos:.1}/{neg:.1} kPa) is out of the rig's reach by its model: a valve would have to open further than it can, or shut further than shut"
+    )
+}
+
 /// How a flight is run.
 pub struct Options {
     /// Where the recording goes; by default a file named after the time in the configured folder.
@@ -203,6 +210,7 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
     let unflyable = |problem| DaemonError::Unflyable { name: config.rig.file.clone(), problem };
     let policy_id = policy.as_ref().map(|p| (p.name().to_owned(), p.hash().to_string()));
     let mut cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.auto_arm).map_err(unflyable)?;
+    let out_of_reach = cycle.out_of_reach().map(out_of_reach_text);
     if let Some(seconds) = options.seconds {
         cycle.end_after(seconds);
     }
@@ -228,7 +236,7 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
     let recorder_options = RecorderOptions::new(sentence).observer(options.observer);
     let (recorder, sink) = Recorder::start(&path, &info, &attachments, recorder_options)?;
     let recorder = Arc::new(recorder);
-    for remark in remarks.into_iter().chain(lock_memory()) {
+    for remark in remarks.into_iter().chain(out_of_reach).chain(lock_memory()) {
         recorder.note(now_ns(), EventLevel::Warning, "start", remark);
     }
     let (tick_panel, operator) = panel();

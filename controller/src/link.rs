@@ -110,6 +110,10 @@ pub enum Incoming {
     Lost,
 }
 
+/// A frame did not go out whole: the link is lost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NotSent;
+
 /// An open session.
 pub struct Link {
     socket: TcpStream,
@@ -222,10 +226,10 @@ impl Link {
     ///
     /// # Real-time
     /// Runs in the tick: one system call that does not wait.
-    pub fn send(&mut self, frame: &[u8]) -> Result<(), ()> {
+    pub fn send(&mut self, frame: &[u8]) -> Result<(), NotSent> {
         match self.socket.write(frame) {
             Ok(sent) if sent == frame.len() => Ok(()),
-            _ => Err(()),
+            _ => Err(NotSent),
         }
     }
 

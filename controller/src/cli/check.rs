@@ -14,12 +14,13 @@ pub(super) fn check(file: &Path, as_json: bool) -> Result<(), Failure> {
     let sound = || -> Result<(String, Vec<String>), Failure> {
         let config = Config::read(file)?;
         let loaded = daemon::load(&config)?;
-        let (name, remarks) = (loaded.rig.name.clone(), loaded.remarks.clone());
+        let (name, mut remarks) = (loaded.rig.name.clone(), loaded.remarks.clone());
         let flies = loaded.policy.as_ref().map_or("the feed-forward PI".to_owned(), |p| p.name().to_owned());
         let summary =
             format!("cRIO {}, model {name}, {flies} flies, reference {}", config.link.address, loaded.reference_name);
-        Cycle::new(&loaded.rig, loaded.policy, loaded.reference, config.safety, false)
+        let cycle = Cycle::new(&loaded.rig, loaded.policy, loaded.reference, config.safety, false)
             .map_err(|e| Failure::input(format!("rig {}: {e}", config.rig.file)))?;
+        remarks.extend(cycle.out_of_reach().map(daemon::out_of_reach_text));
         Ok((summary, remarks))
     };
     answer(

@@ -29,7 +29,7 @@ const LIVE_TICKS: u64 = 50;
 #[derive(Debug, Args)]
 pub(crate) struct Demo {
     /// Seconds to fly.
-    #[arg(long, default_value_t = 60.0, value_name = "S")]
+    #[arg(long, default_value_t = 60.0, value_name = "S", allow_negative_numbers = true)]
     seconds: f64,
     /// In lockstep, as fast as it goes, instead of in real time.
     #[arg(long)]

@@ -29,7 +29,7 @@ enum Command {
         #[arg(long, value_name = "FILE")]
         config: PathBuf,
         /// Disarm and end this many seconds after arming; without it, fly until told to stop.
-        #[arg(long, value_name = "S")]
+        #[arg(long, value_name = "S", allow_negative_numbers = true)]
         seconds: Option<f64>,
     },
     /// Says what is wrong with a configuration and with everything it names, or that all is sound.

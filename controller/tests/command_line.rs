@@ -1,0 +1,88 @@
+//! The program from outside: usage, exit status, and one line for what is wrong.
+
+#![allow(clippy::unwrap_used)] // a test's own set-up; clippy knows tests only by their attribute
+
+use std::path::PathBuf;
+use std::process::{Command, Output};
+
+fn controller(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_controller")).args(arguments).output().unwrap()
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+/// A file that is gone when the test is over.
+struct Scratch(PathBuf);
+
+impl Scratch {
+    fn new(name: &str, text: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("controller-{}-{name}", std::process::id()));
+        std::fs::write(&path, text).unwrap();
+        Scratch(path)
+    }
+
+    fn path(&self) -> &str {
+        self.0.to_str().unwrap()
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+#[test]
+fn every_command_has_help() {
+    for command in ["demo", "run", "check", "check-policy", "status", "arm", "disarm", "reference"] {
+        let output = controller(&[command, "--help"]);
+        assert!(output.status.success(), "{command}");
+        assert!(String::from_utf8_lossy(&output.stdout).contains("Usage:"), "{command}");
+    }
+}
+
+#[test]
+fn bad_input_is_status_2_and_one_line() {
+    let unknown = Scratch::new("unknown.toml", "[link]\naddress = \"127.0.0.1:1\"\nspeed = 1\n");
+    let no_rig = Scratch::new("norig.toml", "[link]\naddress = \"127.0.0.1:1\"\n[rig]\nfile = \"nowhere.toml\"\n");
+    let no_policy = Scratch::new("nopolicy.toml", "[link]\naddress = \"127.0.0.1:1\"\n[policy]\nactive = \"best\"\n");
+    let no_onnx = Scratch::new("text.onnx", "this is no policy");
+    for (arguments, words) in [
+        (vec!["check", "--config", unknown.path()], vec!["line 3", "speed"]),
+        (vec!["check", "--config", no_rig.path()], vec!["nowhere.toml"]),
+        (vec!["run", "--config", no_policy.path()], vec!["best.onnx", "fallback"]),
+        (vec!["run", "--config", "/nowhere/controller.toml"], vec!["/nowhere/controller.toml"]),
+        (vec!["check-policy", no_onnx.path()], vec!["text.onnx"]),
+        (vec!["demo", "--seconds", "-1"], vec!["--seconds -1"]),
+        (vec!["demo", "--rig", "no_such_rig"], vec!["no_such_rig", "bench"]),
+    ] {
+        let output = controller(&arguments);
+        let said = said(&output);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+        assert_eq!(said.trim_end().lines().count(), 1, "{arguments:?}: {said}");
+        for word in words {
+            assert!(said.contains(word), "{arguments:?}: `{word}` is not in: {said}");
+        }
+    }
+}
+
+#[test]
+fn talking_to_nobody_is_status_1_and_says_so() {
+    let output = controller(&["status", "--socket", "/nowhere/controller.sock"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(said(&output).contains("no controller answers"), "{}", said(&output));
+}
+
+#[test]
+fn a_reference_out_of_reach_is_told() {
+    let reference = Scratch::new("low.csv", "time_s,ref_pos_kpa,ref_neg_kpa\n0,40,-60\n10,40,-60\n");
+    let config = Scratch::new(
+        "low.toml",
+        &format!("[link]\naddress = \"127.0.0.1:1\"\n[reference]\nfile = {:?}\n", reference.path()),
+    );
+    let output = controller(&["check", "--config", config.path()]);
+    assert!(output.status.success(), "{}", said(&output));
+    assert!(said(&output).contains("out of the rig's reach"), "{}", said(&output));
+}

@@ -1,0 +1,160 @@
+//! `controller demo --fast`: the whole loop on one machine, as a person would run it.
+//!
+//! The limits on the tracking error are the project's own: RMSE of the measured pressures on the paper's reference
+//! after the first 5 s.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::path::Path;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use proto::recording::{McapContent, read_mcap};
+use serde_json::Value;
+use tests::{Folder, Running, alone, program};
+
+/// Ticks of 60 s.
+const TICKS: usize = 3000;
+/// The code of the state in which pressures are controlled.
+const RUN: u8 = 1;
+
+struct Demo {
+    folder: Folder,
+    summary: Value,
+    content: McapContent,
+}
+
+fn demo(seconds: &str, more: &[&str]) -> Demo {
+    let folder = Folder::new();
+    let out = folder.join("out");
+    let mut command = Command::new(program("controller"));
+    command.args(["demo", "--fast", "--json", "--seconds", seconds, "--out"]).arg(&out).args(more);
+    let started = Instant::now();
+    let ended = Running::start(&mut command).wait(Duration::from_secs(60));
+    let took = started.elapsed();
+    assert_eq!(ended.status, Some(0), "{}", ended.stderr);
+    println!("{seconds} s of plant time, {more:?}: {:.2} s of wall time, report and all", took.as_secs_f64());
+    // 5 s on an idle machine; this only tells a machine that is busy from a program that waits.
+    assert!(took < Duration::from_secs(30), "{took:?}");
+    // One JSON object and nothing else: parsing fails on anything before or after it.
+    let summary: Value = serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {}", ended.stdout));
+    assert!(summary.is_object() && ended.stdout.lines().count() == 1, "{}", ended.stdout);
+    let content = read_mcap(Path::new(summary["recording"].as_str().unwrap())).unwrap();
+    assert!(content.complete, "{:?}", content.notes);
+    Demo { folder, summary, content }
+}
+
+impl Demo {
+    fn number(&self, key: &str) -> f64 {
+        self.summary[key].as_f64().unwrap_or_else(|| panic!("{key} is no number in {}", self.summary))
+    }
+
+    /// RMSE after the first 5 s, worked out from the recording alone: positive, negative, in kPa.
+    fn rmse_kpa(&self) -> [f64; 2] {
+        let steered: Vec<_> = self.content.ticks.iter().filter(|t| t.state == RUN).skip(250).collect();
+        let rms = |errors: Vec<f64>| (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
+        [
+            rms(steered.iter().map(|t| t.p_pos_kpa - t.ref_pos_kpa).collect()),
+            rms(steered.iter().map(|t| t.p_neg_kpa - t.ref_neg_kpa).collect()),
+        ]
+    }
+
+    /// Every duty that was sent, as bits.
+    fn duties(&self) -> Vec<[u64; 2]> {
+        self.content.ticks.iter().map(|t| [t.u_pos.to_bits(), t.u_neg.to_bits()]).collect()
+    }
+
+    fn check_tracking(&self, limits_kpa: [f64; 2]) {
+        let found = [self.number("rmse_pos_kpa"), self.number("rmse_neg_kpa")];
+        println!("RMSE {found:.3?} kPa, limits {limits_kpa:?}");
+        assert!(found[0] < limits_kpa[0] && found[1] < limits_kpa[1], "{found:?}");
+        for (told, recorded) in found.into_iter().zip(self.rmse_kpa()) {
+            // The one starts its 5 s at the first steered tick, the other may be a tick off.
+            assert!((told - recorded).abs() < 0.01 * recorded, "told {told}, recorded {recorded}");
+        }
+        assert_eq!(
+            self.number("deadline_misses") + self.number("frames_missing") + self.number("records_dropped"),
+            0.0
+        );
+    }
+}
+
+#[test]
+fn tracks_the_papers_reference_on_the_bench() {
+    let _alone = alone();
+    let demo = demo("60", &[]);
+    demo.check_tracking([0.60, 0.25]);
+    // Every tick is recorded once, in order, with frame, command and prediction.
+    let steered: Vec<_> = demo.content.ticks.iter().filter(|t| t.state == RUN).collect();
+    assert!((TICKS..=TICKS + 1).contains(&steered.len()), "{} steered ticks", steered.len());
+    for (earlier, later) in demo.content.ticks.iter().zip(demo.content.ticks.iter().skip(1)) {
+        assert_eq!(later.tick, earlier.tick + 1);
+    }
+    assert!(steered.iter().all(|t| t.sense_present && t.command_present && t.predicted_pos_kpa[0].is_finite()));
+    check_report(&demo);
+}
+
+/// The report is one file that needs no other and runs nothing from elsewhere.
+fn check_report(demo: &Demo) {
+    let html = std::fs::read_to_string(demo.folder.join("out/report.html")).unwrap();
+    assert!(html.starts_with("<!DOCTYPE html") || html.starts_with("<!doctype html"), "{:.60}", html);
+    let lower = html.to_ascii_lowercase();
+    for foreign in [
+        "<script src",
+        "<link",
+        "@import",
+        "<iframe",
+        "src=\"http",
+        "href=\"http",
+        "src='http",
+        "url(http",
+        "url(\"http",
+    ] {
+        assert!(!lower.contains(foreign), "the report loads something: {foreign}");
+    }
+    // The names of XML namespaces are addresses that nothing is loaded from.
+    let addresses = lower.matches("http://").count() + lower.matches("https://").count();
+    let names = lower.matches("http://www.w3.org/").count();
+    assert_eq!(addresses, names, "an address in the report");
+    for subject in ["kPa", "duty", "Predictions against what came", "Time of a tick"] {
+        assert!(lower.contains(&subject.to_ascii_lowercase()), "nothing about `{subject}` in the report");
+    }
+    assert!(lower.matches("<svg").count() >= 5, "references, errors, duties, predictions, histogram");
+}
+
+#[test]
+fn tracks_better_on_the_rig_that_the_model_knows() {
+    let _alone = alone();
+    demo("60", &["--rig", "dual_pressure"]).check_tracking([0.20, 0.15]);
+}
+
+#[test]
+fn lockstep_repeats_itself_bit_for_bit() {
+    let _alone = alone();
+    let [first, again, other] =
+        [["--seed", "7"], ["--seed", "7"], ["--seed", "8"]].map(|seed| demo("10", &seed).duties());
+    assert_eq!(first, again);
+    assert_ne!(first, other, "the seed does nothing, so the comparison above says nothing");
+}
+
+#[test]
+fn bad_input_gets_one_line_and_status_2() {
+    let folder = Folder::new();
+    let rig = folder.write("rig.toml", "[volumes.pos]\nvolum_l = 1.0\n");
+    let rig = rig.to_str().unwrap();
+    for (arguments, words) in [
+        (vec!["--rig", "no_such_rig"], vec!["no_such_rig"]),
+        (vec!["--rig", rig], vec!["rig.toml"]),
+        (vec!["--policy", "nowhere.onnx"], vec!["nowhere.onnx"]),
+        (vec!["--faults", "nowhere.toml"], vec!["nowhere.toml"]),
+        (vec!["--seconds=-1"], vec!["--seconds"]),
+        (vec!["--seconds", "NaN"], vec!["--seconds"]),
+    ] {
+        let mut command = Command::new(program("controller"));
+        command.args(["demo", "--fast", "--out"]).arg(folder.join("out")).args(&arguments);
+        let ended = tests::finish(&mut command);
+        assert_eq!(ended.status, Some(2), "{arguments:?}: {ended:?}");
+        for word in words {
+            assert!(ended.stderr.contains(word), "{arguments:?}: {}", ended.stderr);
+        }
+    }
+}

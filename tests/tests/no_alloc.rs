@@ -1,0 +1,135 @@
+//! The tick allocates nothing: counted, not believed.
+//!
+//! An allocator that counts what this thread asks for stands in for the system's. The cycle is armed, then 500
+//! ticks in state RUN, a missing frame among them, must leave the count as it is.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+// A `GlobalAlloc` cannot be written without unsafe code; this one hands everything on to the system's allocator.
+#![allow(unsafe_code)]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::hint::black_box;
+
+use controller::config::Safety;
+use controller::cycle::Cycle;
+use controller::state::State;
+use model::contract::Pair;
+use model::rig::Rig;
+use proto::recording::TickRecord;
+use proto::reference::Reference;
+use proto::wire::{CrioState, Mode, Sense, TripBits};
+
+thread_local! {
+    // Made without allocation and never dropped, so the allocator itself may use it.
+    static COUNT: Cell<u64> = const { Cell::new(0) };
+}
+
+/// Counts what goes through it, frees included: freeing takes the same locks.
+struct Counting;
+
+// SAFETY: every call goes to the system's allocator unchanged, which keeps the contract of `GlobalAlloc`.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        COUNT.with(|count| count.set(count.get() + 1));
+        // SAFETY: the caller's promises are those that `System` asks for.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        COUNT.with(|count| count.set(count.get() + 1));
+        // SAFETY: as above.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        COUNT.with(|count| count.set(count.get() + 1));
+        // SAFETY: as above.
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+fn counted(work: impl FnOnce()) -> u64 {
+    let before = COUNT.with(Cell::get);
+    work();
+    COUNT.with(Cell::get) - before
+}
+
+/// A frame with these pressures (kPa gauge) as the data sheets' volts: 1–5 V for 0 … 1000 and 0 … −101 kPa.
+fn sense(tick: u32, kpa: Pair) -> Sense {
+    Sense {
+        sequence: tick + 1,
+        clock_ns: 1 + u64::from(tick) * 20_000_000,
+        session: 1,
+        tick,
+        command_in_force: tick,
+        volts: [(1.0 + 0.004 * kpa[0]) as f32, (1.0 - 4.0 / 101.0 * kpa[1]) as f32, f32::NAN, f32::NAN],
+        duty: [0.8, 0.8],
+        state: CrioState::Running,
+        pump_running: true,
+        trips: TripBits::NONE,
+        commands_missed: 0,
+    }
+}
+
+/// One whole tick. The plant is a lag toward pressures that fall with the duties: enough for the law to have work.
+fn tick(cycle: &mut Cycle, number: u32, kpa: &mut Pair, notices: &mut u32) -> Mode {
+    let mut record = TickRecord::default();
+    let mut tell = |_| *notices += 1;
+    cycle.observe(&sense(number, *kpa), &mut record, &mut tell);
+    cycle.predict(&mut record);
+    let answer = cycle.decide(&mut record, &mut tell);
+    cycle.settle();
+    let settled =
+        [150.6 - 161.5 * answer.duty[0] + 92.9 * answer.duty[1], -108.0 - 2.7 * answer.duty[0] + 48.5 * answer.duty[1]];
+    for c in 0..2 {
+        kpa[c] += 0.04 * (settled[c] - kpa[c]);
+    }
+    black_box(record);
+    answer.mode
+}
+
+#[test]
+fn five_hundred_ticks_in_run_allocate_nothing() {
+    let rig = Rig::builtin("dual_pressure").unwrap();
+    let mut cycle = Cycle::new(&rig, None, Reference::paper(), Safety::default(), true).unwrap();
+    cycle.session_opened();
+    let (mut kpa, mut notices) = ([0.0, 0.0], 0);
+    let mut number = 0;
+    while cycle.state() != State::Run {
+        tick(&mut cycle, number, &mut kpa, &mut notices);
+        number += 1;
+        assert!(number < 100, "armed by itself within 100 sound frames");
+    }
+
+    assert!(counted(|| drop(black_box(Box::new(1)))) >= 2, "the count does not count");
+    let mut running = 0;
+    let allocations = counted(|| {
+        for k in number..number + 500 {
+            running += u32::from(tick(&mut cycle, k, &mut kpa, &mut notices) == Mode::Run);
+            if k % 100 == 0 {
+                let mut record = TickRecord::default();
+                black_box(cycle.frame_missing(6.0, &mut record, &mut |_| notices += 1));
+                cycle.settle();
+            }
+        }
+    });
+    assert_eq!((running, cycle.state()), (500, State::Run));
+    assert_eq!(allocations, 0, "in 500 ticks");
+    assert!(kpa[0] > 60.0 && kpa[1] < -50.0, "it flew: {kpa:?}");
+    assert!(notices >= 5, "the missing frames were told");
+
+    // Venting, too, must not allocate: it happens in the tick.
+    let broken = counted(|| {
+        let mut record = TickRecord::default();
+        let mut tell = |_| notices += 1;
+        cycle.observe(&sense(number + 600, [f64::NAN, -70.0]), &mut record, &mut tell);
+        cycle.predict(&mut record);
+        assert!(cycle.decide(&mut record, &mut tell).duty == [1.0, 1.0]);
+        cycle.settle();
+    });
+    assert_eq!(broken, 0, "while venting");
+    assert!(matches!(cycle.state(), State::Vented(_)));
+}
