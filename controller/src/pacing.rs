@@ -1,7 +1,7 @@
 //! When the next frame is due.
 //!
 //! The cRIO is the master of time: the grid follows its frames. Each arrival pulls the grid by at most
-//! [`SLEW_NS`], so that one late frame does not shift what counts as late; an arrival far off starts the
+//! 0.1 ms, so that one late frame does not shift what counts as late; an arrival far off starts the
 //! grid anew. A frame that has not come [`FRAME_GRACE_NS`] after it was due is missing; a command that
 //! leaves later than [`COMMAND_DEADLINE_NS`] after its frame was due missed its deadline.
 

@@ -20,7 +20,7 @@ use clap::Args;
 use clap::builder::RangedU64ValueParser;
 use model::plant::{InstructionSet, Plant, Simulated, Simulation};
 use model::predict::{DualPressurePorts, DualPressureRig, Predictor};
-use model::real::{Lanes, Real};
+use model::real::Lanes;
 use model::rig::{Rig, RigError};
 use proto::rig_file::RigFileError;
 use rustix::time::{ClockId, clock_gettime};

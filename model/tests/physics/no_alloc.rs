@@ -11,7 +11,7 @@ use std::hint::black_box;
 use std::sync::Arc;
 
 use model::plant::{Plant, Simulated, Simulation};
-use model::real::{Lanes, Real};
+use model::real::Lanes;
 use model::rig::Rig;
 
 struct Counting;
