@@ -18,7 +18,7 @@ use std::time::Instant;
 
 use model::plant::{InstructionSet, Plant, Simulated, Simulation};
 use model::predict::{DualPressureRig, Predictor};
-use model::real::{Lanes, Real};
+use model::real::Lanes;
 use model::rig::Rig;
 
 type Eight = Lanes<8>;
