@@ -46,6 +46,10 @@ impl Grid {
     /// May run in the tick.
     pub fn arrived(&mut self, now_ns: u64) -> i64 {
         let late = now_ns as i64 - self.due_ns as i64;
+        // The frame that was given up comes after all: the next one is due already, and stays so.
+        if late < -(PERIOD_NS as i64) / 2 {
+            return late + PERIOD_NS as i64;
+        }
         self.off = if late.abs() > LOST_NS { self.off + 1 } else { 0 };
         // Several in a row, not one: after a stall of this machine frames come in a burst.
         if self.off >= 3 {
@@ -90,6 +94,15 @@ mod tests {
         grid.arrived(0);
         assert_eq!(grid.arrived(PERIOD_NS + 4_000_000), 4_000_000);
         assert_eq!(grid.due_ns(), 2 * PERIOD_NS + 100_000);
+    }
+
+    #[test]
+    fn a_frame_that_comes_after_it_was_given_up_does_not_shift_the_next() {
+        let mut grid = Grid::new(0);
+        grid.arrived(0);
+        grid.missed(grid.give_up_ns());
+        assert_eq!(grid.arrived(PERIOD_NS + 8_000_000), 8_000_000);
+        assert_eq!(grid.due_ns(), 2 * PERIOD_NS);
     }
 
     #[test]

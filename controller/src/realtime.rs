@@ -4,6 +4,7 @@
 //! rights the loop still runs, just later at times, and the recording shows how much.
 
 use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::process::{Resource, geteuid, getrlimit};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use thread_priority::{
     RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
@@ -12,9 +13,20 @@ use thread_priority::{
 
 use crate::config::Realtime;
 
+/// Memory that locking must be allowed for, far above what the daemon uses: 1 GiB.
+const ENOUGH_MEMORY: u64 = 1 << 30;
+
 /// Locks all memory, present and future, so that the tick never waits for a page; call it before threads
 /// are started. Answers what was refused.
 pub fn lock_memory() -> Option<String> {
+    // Locking what will come, too, under a small limit would not fail here but when the next thread needs a stack.
+    let limit = getrlimit(Resource::Memlock).current.unwrap_or(u64::MAX);
+    if limit < ENOUGH_MEMORY && !geteuid().is_root() {
+        return Some(format!(
+            "memory is not locked (the limit is {} MiB); a page fault may delay a tick: give the service LimitMEMLOCK=infinity",
+            limit >> 20
+        ));
+    }
     // Stacks and heap of later threads are locked as they are made.
     mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).err().map(|errno| {
         format!("memory is not locked ({errno}); a page fault may delay a tick: give the service LimitMEMLOCK=infinity")
