@@ -76,6 +76,7 @@ pub struct Cycle {
     trajectory: ActionTrajectory,
     answer: Answer,
     missing: u32,
+    crio_tripped: bool,
 }
 
 impl Cycle {
@@ -109,6 +110,7 @@ impl Cycle {
             trajectory: ActionTrajectory::held(VENT),
             answer: Answer::VENT,
             missing: 0,
+            crio_tripped: false,
         })
     }
 
@@ -156,6 +158,7 @@ impl Cycle {
     pub fn session_opened(&mut self) {
         self.supervisor.session_opened();
         self.missing = 0;
+        self.crio_tripped = false;
         self.answer = Answer::VENT;
     }
 
@@ -166,6 +169,7 @@ impl Cycle {
     pub fn observe(&mut self, sense: &Sense, record: &mut TickRecord, tell: Tell<'_>) {
         self.tick = sense.tick;
         self.missing = 0;
+        self.crio_tripped = sense.state == CrioState::Tripped;
         record.volts = sense.volts;
         [record.echo_pos, record.echo_neg] = sense.duty;
         record.crio_state = sense.state.code();
@@ -180,7 +184,7 @@ impl Cycle {
                 return self.vent(cause, broken.volts, tell);
             }
         }
-        if sense.state == CrioState::Tripped {
+        if self.crio_tripped {
             let ours = sense.trips == TripBits::COMMAND_LOST;
             let cause = if ours { Cause::CommandsLost } else { Cause::CrioTripped };
             return self.vent(cause, f64::from(sense.trips.bits()), tell);
@@ -301,6 +305,11 @@ impl Cycle {
         }
     }
 
+    /// Whether the cRIO has tripped and waits for a new session, whatever vented the rig before.
+    pub fn crio_tripped(&self) -> bool {
+        self.crio_tripped
+    }
+
     /// Frames missing in a row.
     pub fn missing(&self) -> u32 {
         self.missing
@@ -331,5 +340,92 @@ impl Cycle {
         record.state = self.state().code();
         record.fault = self.state().fault();
         self.answer
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sense(tick: u32, volts: [f32; 2], state: CrioState, trips: TripBits) -> Sense {
+        Sense {
+            sequence: tick + 1,
+            clock_ns: 0,
+            session: 1,
+            tick,
+            command_in_force: 0,
+            volts: [volts[0], volts[1], f32::NAN, f32::NAN],
+            duty: [1.0; 2],
+            state,
+            pump_running: false,
+            trips,
+            commands_missed: 0,
+        }
+    }
+
+    /// Answers one frame; the notices it made.
+    fn answer(cycle: &mut Cycle, frame: &Sense) -> (Answer, Vec<Notice>) {
+        let (mut record, mut told) = (TickRecord::default(), Vec::new());
+        cycle.observe(frame, &mut record, &mut |notice| told.push(notice));
+        cycle.predict(&mut record);
+        let answer = cycle.decide(&mut record, &mut |notice| told.push(notice));
+        cycle.settle();
+        (answer, told)
+    }
+
+    fn cycle() -> Cycle {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        Cycle::new(&rig, None, Reference::constant(85.0, -72.0), Safety::default(), true).unwrap()
+    }
+
+    const SOUND: [f32; 2] = [1.34, 3.85];
+
+    #[test]
+    fn arms_runs_and_vents_in_the_tick_of_a_fault() {
+        for (volts, state, trips, cause) in [
+            ([0.0, 3.85], CrioState::Running, TripBits::NONE, Cause::SensorPositive),
+            ([1.34, f32::NAN], CrioState::Running, TripBits::NONE, Cause::SensorNegative),
+            ([1.65, 3.85], CrioState::Running, TripBits::NONE, Cause::OverPressure),
+            ([1.34, 4.8], CrioState::Running, TripBits::NONE, Cause::OverVacuum),
+            (SOUND, CrioState::Tripped, TripBits::OVER_PRESSURE, Cause::CrioTripped),
+            (SOUND, CrioState::Tripped, TripBits::COMMAND_LOST, Cause::CommandsLost),
+        ] {
+            let mut cycle = cycle();
+            for tick in 0..60 {
+                let (answer, _) = answer(&mut cycle, &sense(tick, SOUND, CrioState::Running, TripBits::NONE));
+                assert_eq!(answer.mode == Mode::Run, tick >= 24, "tick {tick}");
+            }
+            let (answer, told) = answer(&mut cycle, &sense(60, volts, state, trips));
+            assert_eq!(answer, Answer::VENT);
+            assert!(matches!(told.as_slice(), [Notice::Vented { cause: c, tick: 60, .. }] if *c == cause), "{told:?}");
+        }
+    }
+
+    #[test]
+    fn a_trip_of_the_crio_is_seen_whatever_vented_before() {
+        let mut cycle = cycle();
+        answer(&mut cycle, &sense(0, [0.0, 3.85], CrioState::Idle, TripBits::NONE));
+        assert_eq!(cycle.state(), State::Vented(Cause::SensorPositive));
+        answer(&mut cycle, &sense(1, SOUND, CrioState::Tripped, TripBits::SENSOR));
+        assert!(cycle.crio_tripped());
+        cycle.session_opened();
+        assert!(!cycle.crio_tripped());
+    }
+
+    #[test]
+    fn one_missing_frame_follows_the_plan_and_the_second_vents() {
+        let mut cycle = cycle();
+        for tick in 0..60 {
+            answer(&mut cycle, &sense(tick, SOUND, CrioState::Running, TripBits::NONE));
+        }
+        let (mut record, mut told) = (TickRecord::default(), Vec::new());
+        let bridged = cycle.frame_missing(26.0, &mut record, &mut |notice| told.push(notice));
+        assert_eq!((bridged.mode, record.tick), (Mode::Run, 60));
+        let vented = cycle.frame_missing(46.0, &mut record, &mut |notice| told.push(notice));
+        assert_eq!((vented, record.tick), (Answer::VENT, 61));
+        assert!(matches!(
+            told.as_slice(),
+            [Notice::FrameMissed { .. }, Notice::Vented { cause: Cause::FramesMissing, .. }]
+        ));
     }
 }

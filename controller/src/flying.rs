@@ -12,11 +12,10 @@ use crate::clock::now_ns;
 use crate::config::{Config, Pacing};
 use crate::cycle::{Answer, Cycle};
 use crate::link::{Incoming, Link};
-use crate::notice::{Cause, Notice};
+use crate::notice::Notice;
 use crate::pacing::{COMMAND_DEADLINE_NS, Grid};
 use crate::panel::{Request, Status, TickPanel};
 use crate::realtime::make_realtime;
-use crate::state::State;
 
 /// Ticks without a frame after which the link counts as lost: 1 s.
 const LINK_LOST_TICKS: u32 = 50;
@@ -188,7 +187,7 @@ fn session(flight: &mut Flight, link: &mut Link, counts: &mut Counts) -> Ending 
             part(link, sequence_tick);
             return Ending::Finished;
         }
-        if matches!(flight.cycle.state(), State::Vented(Cause::CrioTripped | Cause::CommandsLost)) {
+        if flight.cycle.crio_tripped() {
             link.bye(ByeReason::Fault);
             return Ending::Tripped;
         }
