@@ -12,10 +12,7 @@ use crate::wording;
 impl FlightStatistics {
     /// The line that stands above the live lines.
     pub fn live_header() -> &'static str {
-        concat!(
-            "   time  positive: now -> reference (error)      negative: now -> reference (error)     ",
-            "valve duty     slowest tick      deadlines"
-        )
+        concat!("   time  positive -> reference (kPa)  negative -> reference (kPa)  ", "valve duty   slowest  missed")
     }
 
     /// The state of the flight now, in one line of fixed columns; begins another second.
@@ -32,10 +29,10 @@ impl FlightStatistics {
         };
         let channel = |measured: f64, reference: f64| {
             let (now, target, error) = (cell(measured, 7), cell(reference, 7), signed_cell(measured - reference));
-            format!("{now} -> {target} kPa ({error})")
+            format!("{now} -> {target} ({error})")
         };
         format!(
-            "{:>5.0} s  pos {}  neg {}  u {:.3} {:.3}  compute {slowest_ms:>4.1} ms  missed {}  {note}",
+            "{:>5.0} s  {}  {}  {:.3} {:.3}  {slowest_ms:>4.1} ms  {:>6}  {note}",
             moment.time_s,
             channel(tick.p_pos_kpa, tick.ref_pos_kpa),
             channel(tick.p_neg_kpa, tick.ref_neg_kpa),

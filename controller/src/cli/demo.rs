@@ -125,12 +125,12 @@ impl Demo {
             return;
         }
         println!(
-            "{PROGRAM}: {} s of the paper's reference; rig `{}` behind the emulated cRIO, model `{}`, {} flies{}",
+            "{PROGRAM}: {} s of the paper's reference{}\nrig `{}` behind the emulated cRIO, model `{}`, {} flies",
             self.seconds,
+            if self.fast { ", in lockstep" } else { "" },
             self.rig,
             loaded.rig.name,
             loaded.policy.as_ref().map_or("the feed-forward PI", |p| p.name()),
-            if self.fast { ", in lockstep" } else { "" }
         );
         println!("{}", FlightStatistics::live_header());
     }
