@@ -86,3 +86,20 @@ fn a_reference_out_of_reach_is_told() {
     assert!(output.status.success(), "{}", said(&output));
     assert!(said(&output).contains("out of the rig's reach"), "{}", said(&output));
 }
+
+/// `controller demo | head` must not lose the flight.
+#[test]
+fn a_closed_standard_output_does_not_end_the_flight() {
+    let out = std::env::temp_dir().join(format!("controller-{}-closed", std::process::id()));
+    let mut child = Command::new(env!("CARGO_BIN_EXE_controller"))
+        .args(["demo", "--fast", "--seconds", "3", "--out", out.to_str().unwrap()])
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let status = child.wait().unwrap();
+    let recorded = out.join("flight.mcap").is_file();
+    let _ = std::fs::remove_dir_all(&out);
+    assert!(status.success() && recorded, "{status}");
+}

@@ -9,6 +9,7 @@ use policy::Policy;
 use serde_json::json;
 
 use super::Failure;
+use super::console::{say, tell};
 
 pub(super) fn check(file: &Path, as_json: bool) -> Result<(), Failure> {
     let sound = || -> Result<(String, Vec<String>), Failure> {
@@ -28,9 +29,9 @@ pub(super) fn check(file: &Path, as_json: bool) -> Result<(), Failure> {
         sound(),
         |(summary, remarks)| {
             for remark in remarks {
-                eprintln!("controller: {remark}");
+                tell(format_args!("{remark}"));
             }
-            println!("{}: sound ({summary})", file.display());
+            say(format_args!("{}: sound ({summary})", file.display()));
         },
         |(summary, remarks)| json!({"sound": true, "summary": summary, "remarks": remarks}),
     )
@@ -41,7 +42,7 @@ pub(super) fn check_policy(file: &Path, as_json: bool) -> Result<(), Failure> {
     answer(
         as_json,
         loaded,
-        |policy| println!("{}: sound. {}", file.display(), policy.describe()),
+        |policy| say(format_args!("{}: sound. {}", file.display(), policy.describe())),
         |policy| json!({"sound": true, "name": policy.name(), "sha256": policy.hash().to_string(), "description": policy.describe()}),
     )
 }
@@ -54,9 +55,9 @@ fn answer<T>(
     object: impl Fn(&T) -> serde_json::Value,
 ) -> Result<(), Failure> {
     match &outcome {
-        Ok(found) if as_json => println!("{}", object(found)),
+        Ok(found) if as_json => say(format_args!("{}", object(found))),
         Ok(found) => text(found),
-        Err(failure) if as_json => println!("{}", json!({"sound": false, "error": failure.line})),
+        Err(failure) if as_json => say(format_args!("{}", json!({"sound": false, "error": failure.line}))),
         Err(_) => {}
     }
     outcome.map(|_| ())

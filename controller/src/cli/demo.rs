@@ -19,6 +19,7 @@ use proto::emulator::{Emulator, EmulatorConfig, EmulatorHandle, FaultScript, Pac
 use proto::recording::read_mcap;
 
 use super::Failure;
+use super::console::say;
 
 /// The emulated cRIO runs above the tick's priority of 80: hardware is never late.
 const CRIO_PRIORITY: u8 = 85;
@@ -124,15 +125,15 @@ impl Demo {
         if self.json {
             return;
         }
-        println!(
+        say(format_args!(
             "{PROGRAM}: {} s of the paper's reference{}\nrig `{}` behind the emulated cRIO, model `{}`, {} flies",
             self.seconds,
             if self.fast { ", in lockstep" } else { "" },
             self.rig,
             loaded.rig.name,
             loaded.policy.as_ref().map_or("the feed-forward PI", |p| p.name()),
-        );
-        println!("{}", FlightStatistics::live_header());
+        ));
+        say(format_args!("{}", FlightStatistics::live_header()));
     }
 
     fn command(&self) -> String {
@@ -163,10 +164,10 @@ impl Demo {
             let mut object = serde_json::to_value(summary).map_err(Failure::work)?;
             object["recording"] = recording.to_string_lossy().into();
             object["report"] = report.to_string_lossy().into();
-            println!("{object}");
+            say(format_args!("{object}"));
         } else {
-            println!("\n{}", summary.table());
-            println!("recording  {}\nreport     {}", recording.display(), report.display());
+            say(format_args!("\n{}", summary.table()));
+            say(format_args!("recording  {}\nreport     {}", recording.display(), report.display()));
         }
         Ok(())
     }
@@ -181,7 +182,7 @@ fn watcher(figures: Arc<Mutex<FlightStatistics>>, quiet: bool) -> Box<dyn FnMut(
             figures.push(tick);
             steered += u64::from(tick.state == State::Run.code());
             if !quiet && steered > 0 && steered % LIVE_TICKS == 0 && tick.state == State::Run.code() {
-                println!("{}", figures.live_line(""));
+                say(format_args!("{}", figures.live_line("")));
             }
         }
         Recorded::Event { .. } => super::run::say_events(recorded),

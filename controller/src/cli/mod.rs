@@ -1,6 +1,7 @@
 //! The command line.
 
 mod check;
+mod console;
 mod demo;
 mod run;
 mod talk;

@@ -9,6 +9,7 @@ use controller::daemon::{self, Options};
 use flight::Recorded;
 
 use super::Failure;
+use super::console::tell;
 
 pub(super) fn run(file: &Path, seconds: Option<f64>) -> Result<(), Failure> {
     if let Some(s) = seconds
@@ -18,12 +19,12 @@ pub(super) fn run(file: &Path, seconds: Option<f64>) -> Result<(), Failure> {
     }
     let config = Config::read(file)?;
     let loaded = daemon::load(&config)?;
-    eprintln!(
-        "controller: flying {} on the model {}, cRIO at {}",
+    tell(format_args!(
+        "flying {} on the model {}, cRIO at {}",
         loaded.policy.as_ref().map_or("the feed-forward PI", |p| p.name()),
         loaded.rig.name,
         config.link.address
-    );
+    ));
     let options = Options {
         recording: None,
         seconds,
@@ -34,13 +35,13 @@ pub(super) fn run(file: &Path, seconds: Option<f64>) -> Result<(), Failure> {
         stop: Arc::new(AtomicBool::new(false)),
     };
     let summary = daemon::run(&config, loaded, options)?;
-    eprintln!("controller: recorded {} ticks in {}", summary.ticks, summary.path.display());
+    tell(format_args!("recorded {} ticks in {}", summary.ticks, summary.path.display()));
     Ok(())
 }
 
 /// Prints what a person should know; runs in the recorder's thread.
 pub(super) fn say_events(recorded: Recorded<'_>) {
     if let Recorded::Event { message, .. } = recorded {
-        eprintln!("controller: {message}");
+        tell(format_args!("{message}"));
     }
 }

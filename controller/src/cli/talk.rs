@@ -7,6 +7,7 @@ use controller::config::{Config, Control};
 use controller::socket::{Ask, Reply, ask};
 
 use super::Failure;
+use super::console::say;
 
 /// Which daemon.
 #[derive(Debug, Args)]
@@ -50,7 +51,7 @@ impl Target {
 
     fn done(&self, text: &str) -> Result<(), Failure> {
         if !self.json {
-            println!("{text}");
+            say(format_args!("{text}"));
         }
         Ok(())
     }
@@ -59,7 +60,7 @@ impl Target {
     fn ask(&self, question: &Ask) -> Result<Reply, Failure> {
         let reply = ask(&self.path()?, question).map_err(Failure::work)?;
         if self.json {
-            println!("{}", serde_json::to_string(&reply).map_err(Failure::work)?);
+            say(format_args!("{}", serde_json::to_string(&reply).map_err(Failure::work)?));
         }
         match &reply.error {
             Some(error) => Err(Failure::work(error)),
@@ -77,25 +78,25 @@ impl Target {
 }
 
 fn print_status(reply: &Reply) {
-    println!("state      {}", reply.state);
+    say(format_args!("state      {}", reply.state));
     let Some(s) = &reply.status else {
-        println!("           no tick yet");
+        say(format_args!("           no tick yet"));
         return;
     };
     let armable = if s.can_arm { ", can be armed" } else { "" };
-    println!("session    {:08X}, tick {}{armable}", s.session, s.tick);
+    say(format_args!("session    {:08X}, tick {}{armable}", s.session, s.tick));
     if s.fault != 0 {
-        println!("fault      {}", controller::notice::fault_name(s.fault));
+        say(format_args!("fault      {}", controller::notice::fault_name(s.fault)));
     }
     for (c, name) in ["positive", "negative"].into_iter().enumerate() {
         let (p, r, u) = (s.pressures_kpa[c], s.reference_kpa[c], s.duty[c]);
-        println!("{name}   {p:8.2} kPa   reference {r:8.2} kPa   duty {u:.3}");
+        say(format_args!("{name}   {p:8.2} kPa   reference {r:8.2} kPa   duty {u:.3}"));
     }
-    println!(
+    say(format_args!(
         "deadlines  {} missed, {} frames missed, slowest tick {:.2} ms",
         s.deadline_misses, s.frames_missed, s.slowest_ms
-    );
+    ));
     if let Some(problem) = &reply.recording_problem {
-        println!("recording  {problem}");
+        say(format_args!("recording  {problem}"));
     }
 }
