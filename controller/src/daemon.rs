@@ -15,7 +15,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use flight::{Recorded, Recorder, RecorderOptions, RecordingSummary};
 use model::rig::Rig;
 use policy::{Contract, Policy};
-use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo};
+use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo, rfc3339};
 use proto::reference::Reference;
 
 use crate::clock::now_ns;
@@ -289,18 +289,11 @@ fn recording_path(directory: &Path) -> Result<PathBuf, DaemonError> {
     Ok(free.unwrap_or_else(|| directory.join("flight.mcap")))
 }
 
-/// UTC date and time for a file name, from seconds since 1970 (civil-from-days, Howard Hinnant).
+/// UTC date and time for a file name, from seconds since 1970: RFC 3339 without its separators and milliseconds.
 fn file_stamp(seconds: u64) -> String {
-    let (days, rest) = ((seconds / 86_400) as i64, seconds % 86_400);
-    let z = days + 719_468;
-    let (era, day_of_era) = (z.div_euclid(146_097), z.rem_euclid(146_097));
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * shifted + 2) / 5 + 1;
-    let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
-    let year = year_of_era + era * 400 + i64::from(month <= 2);
-    format!("{year:04}{month:02}{day:02}-{:02}{:02}{:02}", rest / 3600, rest / 60 % 60, rest % 60)
+    let text = rfc3339(UNIX_EPOCH + Duration::from_secs(seconds));
+    let whole = text.split('.').next().unwrap_or_default();
+    whole.replace(['-', ':'], "").replace('T', "-")
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use clap::Args;
-use controller::config::{Config, FALLBACK, Pacing, Realtime};
+use controller::config::{Config, FALLBACK, Pacing};
 use controller::daemon::{self, Options, PROGRAM};
 use controller::notice::fault_name;
 use controller::realtime::with_priority;
@@ -71,7 +71,6 @@ impl Demo {
         config.rig.file.clone_from(&self.model);
         config.control.auto_arm = true;
         config.policy.active = FALLBACK.to_owned();
-        config.realtime = Realtime::default();
         let mut loaded = daemon::load(&config)?;
         loaded.remarks.clear();
         if let Some(file) = &self.policy {

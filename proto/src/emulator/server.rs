@@ -1,14 +1,15 @@
 //! The emulated cRIO on a TCP socket: one thread that serves one client and advances the rig.
 //!
 //! ```no_run
-//! use proto::emulator::{Emulator, EmulatorConfig, RigBehind};
-//! # fn rig() -> Box<dyn RigBehind> { unimplemented!() }
-//! let emulator = Emulator::bind("127.0.0.1:0", EmulatorConfig::default(), rig())?.start()?;
+//! use proto::emulator::{Emulator, EmulatorConfig, rig_and_crio};
+//! let (rig, crio) = rig_and_crio(&model::rig::Rig::builtin("bench")?)?;
+//! let config = EmulatorConfig { crio, ..EmulatorConfig::default() };
+//! let emulator = Emulator::bind("127.0.0.1:0", config, Box::new(rig))?.start()?;
 //! println!("listening on {}", emulator.local_addr());
 //! // ... a daemon connects ...
 //! emulator.stop();
 //! println!("{:?}", emulator.join()?);
-//! # Ok::<(), proto::emulator::EmulatorError>(())
+//! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
 use std::net::{SocketAddr, TcpListener};

@@ -33,3 +33,4 @@ pub use mcap_writer::{Event, EventLevel, RecordingWriter, WriteMcapError, unfini
 pub use recording_info::{Attachment, LogTime, RecordingInfo};
 pub use table::{MAX_STEP_S, PERIOD_S, Recording, RecordingError};
 pub use tick::{Arrival, COMMAND_BYTES, LawParts, PREDICTED_TICKS, SENSE_BYTES, TickRecord};
+pub use wall_clock::rfc3339;
