@@ -200,7 +200,7 @@ impl Cycle {
             Transition::Armed { auto } => {
                 self.start_reference();
                 self.predictor.restart(self.measured, VENT);
-                self.pilot.restart();
+                self.pilot.restart(VENT);
                 self.trajectory = ActionTrajectory::held(VENT);
                 tell(Notice::Armed { tick: self.tick, auto });
             }
@@ -256,7 +256,7 @@ impl Cycle {
             }
             let decision = piloted.decision;
             [record.law_pos, record.law_neg] = decision.parts.map(|p| LawParts {
-                feed_forward: p.feed_forward,
+                feed_forward: p.feed_forward + p.play + p.correction,
                 proportional: p.proportional,
                 integral: p.integral,
                 u_raw: p.raw(),

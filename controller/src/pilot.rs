@@ -5,24 +5,15 @@
 
 use std::sync::Arc;
 
-use law::{Decision, Fallback, FallbackSettings, IntegralAction, IntegralSettings, Parts, Situation, saturated};
-use model::contract::{ACTION_LEN, AHEAD, ActionTrajectory, CHANNELS, GOALS_AHEAD, History, OBSERVATION_LEN, Pair};
+use law::{Decision, PolicyLaw, Situation};
+use model::contract::{ACTION_LEN, AHEAD, CORRECTION_OBSERVATION_LEN, Contract, Pair};
 use model::steady::SteadyMap;
 use policy::Policy;
 
 /// The control law in force, with everything it remembers.
 pub struct Pilot {
-    fallback: Fallback,
-    policy: Option<Flying>,
-    history: History,
-}
-
-/// A policy in the air.
-struct Flying {
-    policy: Policy,
-    integral: IntegralAction,
-    /// Error (kPa) and raw duty of the last decision, for the anti-windup.
-    pending: [(f64, f64); CHANNELS],
+    law: PolicyLaw,
+    policy: Option<Policy>,
 }
 
 /// A decision and who made it.
@@ -37,21 +28,14 @@ pub struct Piloted {
 impl Pilot {
     /// A pilot for the rig that `map` was made of; without a policy the fallback flies.
     pub fn new(map: Arc<SteadyMap>, policy: Option<Policy>) -> Self {
-        let integral = IntegralAction::new(IntegralSettings::default());
-        Pilot {
-            fallback: Fallback::new(map, FallbackSettings::default()),
-            policy: policy.map(|policy| Flying { policy, integral, pending: [(0.0, 0.0); CHANNELS] }),
-            history: History::default(),
-        }
+        // A file is only ever loaded against the contracts this program offers; the paper's is the first of them.
+        let contract = policy.as_ref().and_then(|p| Contract::of_version(p.contract().version));
+        Pilot { law: PolicyLaw::new(map, contract.unwrap_or(Contract::Paper)), policy }
     }
 
-    /// Starts anew after arming.
-    pub fn restart(&mut self) {
-        self.fallback.restart();
-        self.history = History::default();
-        if let Some(flying) = &mut self.policy {
-            flying.integral.set([0.0; CHANNELS]);
-        }
+    /// Starts anew after arming, with `duty` long in force.
+    pub fn restart(&mut self, duty: Pair) {
+        self.law.restart(duty);
     }
 
     /// Decides the duties of a tick, given the model's predictions for the next five.
@@ -59,19 +43,17 @@ impl Pilot {
     /// # Real-time
     /// Allocation-free and bounded: runs in the tick.
     pub fn decide(&mut self, situation: &Situation, predicted_kpa: &[Pair; AHEAD]) -> Piloted {
-        self.history.push(situation.measured_kpa, situation.goals_kpa[0]);
-        let fallback = self.fallback.decide(situation);
-        let Some(flying) = &mut self.policy else { return Piloted { decision: fallback, refused: false } };
-        let mut observation = [0.0; OBSERVATION_LEN];
-        let ahead: [Pair; GOALS_AHEAD] = std::array::from_fn(|j| situation.goals_kpa[j + 1]);
-        self.history.observe(predicted_kpa, &ahead, &mut observation);
-        match flying.decide(&observation, situation) {
-            Some(decision) => Piloted { decision, refused: false },
-            None => {
-                self.policy = None;
-                Piloted { decision: fallback, refused: true }
-            }
+        let fallback = self.law.observe(situation);
+        let Some(policy) = &mut self.policy else { return Piloted { decision: fallback, refused: false } };
+        let mut observation = [0.0; CORRECTION_OBSERVATION_LEN];
+        let told = observation.get_mut(..self.law.contract().observation_len()).unwrap_or_default();
+        self.law.write_observation(situation, predicted_kpa, told);
+        let mut outputs = [0.0; ACTION_LEN];
+        if policy.run(told, &mut outputs).is_err() {
+            self.policy = None;
+            return Piloted { decision: fallback, refused: true };
         }
+        Piloted { decision: self.law.decide(situation, &outputs), refused: false }
     }
 
     /// Tells what was really sent.
@@ -79,31 +61,11 @@ impl Pilot {
     /// # Real-time
     /// Runs in the tick.
     pub fn applied(&mut self, duty: Pair) {
-        self.fallback.applied(duty);
-        if let Some(flying) = &mut self.policy {
-            for (c, ((error_kpa, raw), applied)) in flying.pending.into_iter().zip(duty).enumerate() {
-                flying.integral.update(c, error_kpa, raw, applied);
-            }
-        }
+        self.law.applied(duty);
     }
 
     /// Half width of play that the fallback learned, in duty.
     pub fn learned_play(&self) -> Pair {
-        self.fallback.learned_play()
-    }
-}
-
-impl Flying {
-    /// The paper's law, u = sat(a + I); `None` if the policy refuses its inputs or answers nonsense.
-    fn decide(&mut self, observation: &[f32; OBSERVATION_LEN], situation: &Situation) -> Option<Decision> {
-        let mut outputs = [0.0; ACTION_LEN];
-        self.policy.run(observation, &mut outputs).ok()?;
-        let actions = ActionTrajectory::from_outputs(&outputs);
-        let integral = self.integral.duty();
-        let parts: [Parts; CHANNELS] =
-            std::array::from_fn(|c| Parts { feed_forward: actions.now()[c], proportional: 0.0, integral: integral[c] });
-        self.pending = std::array::from_fn(|c| (situation.goals_kpa[0][c] - situation.measured_kpa[c], parts[c].raw()));
-        let trajectory = ActionTrajectory(actions.0.map(|a| std::array::from_fn(|c| saturated(a[c] + integral[c]))));
-        Some(Decision { parts, trajectory })
+        self.law.learned_play()
     }
 }

@@ -14,6 +14,21 @@
 //! | --- | --- | --- |
 //! | 2j, 2j+1 for j = 0 … 5 | duty of the positive, negative valve at tick τ+j | duty, 0 … 1 |
 //!
+//! # A second contract beside the paper's
+//! With these 84 numbers a policy cannot tell a valve that has shifted or that has play: the duties that led to
+//! the pressures are not among them. [`Contract::Correction`] adds what was applied and lets the policy correct the
+//! fallback instead of replacing it:
+//!
+//! | index of 120 | meaning | unit |
+//! | --- | --- | --- |
+//! | 0 … 83 | as above | kPa gauge |
+//! | 84+2(j+10), … for j = −10 … −1 | duty that was applied at tick τ+j | duty, 0 … 1 |
+//! | 104+2j, … for j = 0 … 5 | the fallback's own duty for tick τ+j | duty, 0 … 1 |
+//! | 116, 117 | the fallback's integral part | duty |
+//! | 118, 119 | the part of the fallback's duty that undoes play | duty |
+//!
+//! Its 12 answers are added to the fallback's duties, each within ±[`CORRECTION_LIMIT`].
+//!
 //! # Departs from the paper
 //! Its Table IV calls n_f = 15 the "number of predicted observations"; its text uses n_a = 5 predicted
 //! observations and 15 future goals. The text's dimensions hold.
@@ -34,11 +49,47 @@ pub const GOAL_LEN: usize = CHANNELS * (PAST + 1 + GOALS_AHEAD);
 pub const OBSERVATION_LEN: usize = STATE_LEN + GOAL_LEN;
 /// Outputs of a policy: 12.
 pub const ACTION_LEN: usize = CHANNELS * (AHEAD + 1);
+/// Inputs of a policy that corrects the fallback.
+pub const CORRECTION_OBSERVATION_LEN: usize = OBSERVATION_LEN + CHANNELS * (PAST + AHEAD + 1) + 2 * CHANNELS;
+/// The most that a policy may add to or take from the fallback's duty.
+pub const CORRECTION_LIMIT: f64 = 0.25;
 /// Control ticks per second.
 pub const TICKS_PER_S: f64 = 50.0;
 
 /// One number per channel: positive, then negative.
 pub type Pair = [f64; CHANNELS];
+
+/// What a policy is told and what its answer means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Contract {
+    /// Version 1, the paper's: 84 pressures and goals in, duties out.
+    Paper,
+    /// Version 2: besides these the duties applied and the fallback's; out come corrections of the latter.
+    Correction,
+}
+
+impl Contract {
+    /// The number in a policy's metadata.
+    pub fn version(self) -> u32 {
+        match self {
+            Contract::Paper => 1,
+            Contract::Correction => 2,
+        }
+    }
+
+    /// The contract of that number.
+    pub fn of_version(version: u32) -> Option<Self> {
+        [Contract::Paper, Contract::Correction].into_iter().find(|c| c.version() == version)
+    }
+
+    /// Numbers of an observation; both answer with [`ACTION_LEN`].
+    pub fn observation_len(self) -> usize {
+        match self {
+            Contract::Paper => OBSERVATION_LEN,
+            Contract::Correction => CORRECTION_OBSERVATION_LEN,
+        }
+    }
+}
 
 /// Duties for now and the next five ticks.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -125,6 +176,7 @@ mod tests {
     #[test]
     fn lengths_are_the_papers() {
         assert_eq!((STATE_LEN, GOAL_LEN, OBSERVATION_LEN, ACTION_LEN), (32, 52, 84, 12));
+        assert_eq!(CORRECTION_OBSERVATION_LEN, 120);
     }
 
     /// Ticks are numbered so that the value tells its own place: measured τ, goal 1000 + τ, negative channel minus.

@@ -109,7 +109,9 @@ impl Fallback {
             let feed_forward = planned[c].clamp(0.0, 1.0);
             let direction = self.directions[c].follow(feed_forward);
             parts[c] = Parts {
-                feed_forward: feed_forward + self.play[c].half_width() * direction,
+                feed_forward,
+                play: self.play[c].half_width() * direction,
+                correction: 0.0,
                 proportional: self.settings.bandwidth_per_s * error_kpa / gain[c],
                 integral: integral[c],
             };
@@ -125,6 +127,16 @@ impl Fallback {
             std::array::from_fn(|c| saturated(parts[c].raw() - planned[c].clamp(0.0, 1.0) + ahead[c].clamp(0.0, 1.0)))
         }));
         Decision { parts, trajectory }
+    }
+
+    /// Tells what a policy has added to the last decision, so that the anti-windup does not work against it.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn corrected(&mut self, correction: Pair) {
+        for (pending, correction) in self.pending.iter_mut().zip(correction) {
+            pending.raw += correction;
+        }
     }
 
     /// Tells what was really sent, after all limits; the integral moves on from there.

@@ -3,6 +3,7 @@
 //! | module | subject |
 //! | --- | --- |
 //! | [`fallback`] | feed-forward PI: what flies when no policy does |
+//! | [`policy_law`] | what a policy is told, and how its answer becomes a duty |
 //! | [`integral`] | the paper's integral action and anti-windup, on top of a policy or of the fallback |
 //! | [`approach`] | from where the rig is to where the reference is, without saturating |
 //! | [`direction`] | which way a planned duty moves, for play in a valve |
@@ -15,10 +16,12 @@ pub mod approach;
 pub mod direction;
 pub mod fallback;
 pub mod integral;
+pub mod policy_law;
 
 pub use approach::Approach;
 pub use fallback::{Fallback, FallbackSettings};
 pub use integral::{IntegralAction, IntegralSettings};
+pub use policy_law::PolicyLaw;
 
 use model::contract::{ActionTrajectory, CHANNELS, GOALS_AHEAD, Pair, TICKS_PER_S};
 
@@ -39,6 +42,10 @@ pub struct Situation {
 pub struct Parts {
     /// Feed-forward, or the policy's action (duty).
     pub feed_forward: f64,
+    /// What undoes the valve's play (duty).
+    pub play: f64,
+    /// What a policy adds to the fallback (duty).
+    pub correction: f64,
     /// Proportional part (duty).
     pub proportional: f64,
     /// Integral part (duty).
@@ -48,7 +55,7 @@ pub struct Parts {
 impl Parts {
     /// The sum.
     pub fn raw(&self) -> f64 {
-        self.feed_forward + self.proportional + self.integral
+        self.feed_forward + self.play + self.correction + self.proportional + self.integral
     }
 }
 

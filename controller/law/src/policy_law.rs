@@ -1,0 +1,234 @@
+//! What a policy is told, and how its answer becomes a duty.
+//!
+//! Under the paper's contract the policy answers duties, and the paper's integral is added (§III-B2):
+//!
+//! ```text
+//! u = sat(a + I)
+//! ```
+//!
+//! Under the second contract the policy answers corrections `δ` of what the fallback would do, which has an
+//! integral of its own:
+//!
+//! ```text
+//! u = sat(u_fallback + δ)
+//! ```
+//!
+//! The fallback is worked out in every tick under both, and is told what was really sent: its integral stands
+//! where the rig is, so it can take over within a tick. Daemon, training and evaluation fly policies through this
+//! one law.
+
+use std::sync::Arc;
+
+use model::contract::{
+    ACTION_LEN, AHEAD, ActionTrajectory, CHANNELS, CORRECTION_LIMIT, CORRECTION_OBSERVATION_LEN, Contract, GOALS_AHEAD,
+    History, OBSERVATION_LEN, PAST, Pair,
+};
+use model::steady::SteadyMap;
+
+use crate::fallback::{Fallback, FallbackSettings};
+use crate::integral::{IntegralAction, IntegralSettings};
+use crate::{Decision, Parts, Situation, saturated};
+
+/// Everything around a policy but the policy itself.
+#[derive(Debug, Clone)]
+pub struct PolicyLaw {
+    contract: Contract,
+    fallback: Fallback,
+    history: History,
+    /// Duties that were applied, oldest first; the last was in force until now.
+    applied: [Pair; PAST],
+    integral: IntegralAction,
+    base: Decision,
+    /// Error (kPa) and raw duty of the policy's last decision under the paper's contract, for the anti-windup.
+    pending: Option<[(f64, f64); CHANNELS]>,
+}
+
+impl PolicyLaw {
+    /// A law for the rig that `map` was made of.
+    pub fn new(map: Arc<SteadyMap>, contract: Contract) -> Self {
+        PolicyLaw {
+            contract,
+            fallback: Fallback::new(map, FallbackSettings::default()),
+            history: History::default(),
+            applied: [[1.0; CHANNELS]; PAST],
+            integral: IntegralAction::new(IntegralSettings::default()),
+            base: Decision { parts: [Parts::default(); CHANNELS], trajectory: ActionTrajectory::held([1.0; CHANNELS]) },
+            pending: None,
+        }
+    }
+
+    /// What the policy is told and answers.
+    pub fn contract(&self) -> Contract {
+        self.contract
+    }
+
+    /// Starts anew with `duty` long in force; keeps what the fallback learned about the valves.
+    pub fn restart(&mut self, duty: Pair) {
+        self.fallback.restart();
+        self.history = History::default();
+        self.applied = [duty; PAST];
+        self.integral.set([0.0; CHANNELS]);
+        self.pending = None;
+    }
+
+    /// Takes in a tick and works out the fallback's decision for it.
+    ///
+    /// # Real-time
+    /// Allocation-free and bounded: may run in the tick.
+    pub fn observe(&mut self, situation: &Situation) -> Decision {
+        self.history.push(situation.measured_kpa, situation.goals_kpa[0]);
+        self.base = self.fallback.decide(situation);
+        self.pending = None;
+        self.base
+    }
+
+    /// Writes what the policy is told, given the model's predictions for the next five ticks. The slice must hold
+    /// [`Contract::observation_len`] numbers; of a shorter one only the whole groups that fit are written.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn write_observation(&self, situation: &Situation, predicted_kpa: &[Pair; AHEAD], observation: &mut [f32]) {
+        let ahead: [Pair; GOALS_AHEAD] = std::array::from_fn(|j| situation.goals_kpa[j + 1]);
+        let Some((paper, rest)) = observation.split_first_chunk_mut::<OBSERVATION_LEN>() else { return };
+        self.history.observe(predicted_kpa, &ahead, paper);
+        if self.contract == Contract::Correction {
+            let integral = self.base.parts.map(|p| p.integral);
+            let play = self.base.parts.map(|p| p.play);
+            let pairs = self.applied.iter().chain(&self.base.trajectory.0).chain([&integral, &play]);
+            for (slot, value) in rest.iter_mut().zip(pairs.flatten()) {
+                *slot = *value as f32;
+            }
+        }
+    }
+
+    /// Turns the policy's answer into a decision.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn decide(&mut self, situation: &Situation, outputs: &[f32; ACTION_LEN]) -> Decision {
+        let actions = ActionTrajectory::from_outputs(outputs);
+        match self.contract {
+            Contract::Paper => {
+                let integral = self.integral.duty();
+                let parts: [Parts; CHANNELS] = std::array::from_fn(|c| Parts {
+                    feed_forward: actions.now()[c],
+                    integral: integral[c],
+                    ..Parts::default()
+                });
+                self.pending = Some(std::array::from_fn(|c| {
+                    (situation.goals_kpa[0][c] - situation.measured_kpa[c], parts[c].raw())
+                }));
+                let trajectory =
+                    ActionTrajectory(actions.0.map(|a| std::array::from_fn(|c| saturated(a[c] + integral[c]))));
+                Decision { parts, trajectory }
+            }
+            Contract::Correction => {
+                let correction = actions.0.map(|a| a.map(|d| d.clamp(-CORRECTION_LIMIT, CORRECTION_LIMIT)));
+                let mut decision = self.base;
+                for (parts, now) in decision.parts.iter_mut().zip(correction[0]) {
+                    parts.correction = now;
+                }
+                let base = self.base.trajectory.0;
+                decision.trajectory = ActionTrajectory(std::array::from_fn(|j| {
+                    std::array::from_fn(|c| {
+                        // Now counts what the limits took from the fallback; the plan starts from limited duties.
+                        let from = if j == 0 { self.base.parts[c].raw() } else { base[j][c] };
+                        saturated(from + correction[j][c])
+                    })
+                }));
+                self.fallback.corrected(correction[0]);
+                decision
+            }
+        }
+    }
+
+    /// Tells what was really sent, whoever decided it.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn applied(&mut self, duty: Pair) {
+        self.applied.rotate_left(1);
+        self.applied[PAST - 1] = duty;
+        self.fallback.applied(duty);
+        if let Some(pending) = self.pending {
+            for (c, ((error_kpa, raw), applied)) in pending.into_iter().zip(duty).enumerate() {
+                self.integral.update(c, error_kpa, raw, applied);
+            }
+        }
+    }
+
+    /// Half width of play that the fallback learned, in duty.
+    pub fn learned_play(&self) -> Pair {
+        self.fallback.learned_play()
+    }
+}
+
+// The two lengths are told apart by the contract alone; a third group would be forgotten silently without this.
+const _: () = assert!(CORRECTION_OBSERVATION_LEN == OBSERVATION_LEN + CHANNELS * (PAST + AHEAD + 1 + 2));
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::rig::Rig;
+
+    fn law(contract: Contract) -> PolicyLaw {
+        let map = Arc::new(SteadyMap::new(&Rig::builtin("dual_pressure").unwrap()).unwrap());
+        PolicyLaw::new(map, contract)
+    }
+
+    fn situation(measured_kpa: Pair) -> Situation {
+        Situation { measured_kpa, goals_kpa: [[90.0, -72.0]; GOALS_AHEAD + 1] }
+    }
+
+    #[test]
+    fn a_correction_of_nothing_is_the_fallback() {
+        let (mut corrected, mut plain) = (law(Contract::Correction), law(Contract::Correction));
+        for t in 0..50 {
+            let now = situation([85.0 + 0.1 * f64::from(t), -70.0]);
+            let base = plain.observe(&now);
+            corrected.observe(&now);
+            let decision = corrected.decide(&now, &[0.0; ACTION_LEN]);
+            assert_eq!(decision, base);
+            plain.applied(base.duty());
+            corrected.applied(decision.duty());
+        }
+    }
+
+    #[test]
+    fn every_number_of_the_second_contract_lands_where_the_table_says() {
+        let mut law = law(Contract::Correction);
+        law.restart([0.5, 0.6]);
+        for t in 0..10 {
+            law.observe(&situation([80.0, -70.0]));
+            law.applied([0.7 + 0.01 * f64::from(t), 0.8 + 0.01 * f64::from(t)]);
+        }
+        let now = situation([80.0, -70.0]);
+        let base = law.observe(&now);
+        let mut observation = [f32::NAN; CORRECTION_OBSERVATION_LEN];
+        law.write_observation(&now, &[[81.0, -71.0]; AHEAD], &mut observation);
+        assert_eq!(observation[22..24], [81.0, -71.0]);
+        assert_eq!(observation[84..86], [0.7, 0.8]);
+        assert_eq!(observation[102..104], [0.79, 0.89]);
+        for (j, pair) in base.trajectory.0.iter().enumerate() {
+            assert_eq!(observation[104 + 2 * j..106 + 2 * j], pair.map(|u| u as f32));
+        }
+        assert_eq!(observation[116..118], base.parts.map(|p| p.integral as f32));
+        assert_eq!(observation[118..120], base.parts.map(|p| p.play as f32));
+    }
+
+    /// A policy that is off by a constant duty: the paper's integral takes it up, and no error is left to correct.
+    #[test]
+    fn the_papers_integral_takes_up_a_constant_error_of_the_policy() {
+        let mut law = law(Contract::Paper);
+        let now = situation([91.0, -72.0]);
+        let mut last = 0.0;
+        for _ in 0..50 {
+            law.observe(&now);
+            let decision = law.decide(&now, &[0.7; ACTION_LEN]);
+            law.applied(decision.duty());
+            last = decision.duty()[0];
+        }
+        // 49 ticks of 1 kPa too much at 0.01 duty/(kPa s): the vent opens.
+        assert!((last - 0.7 - 0.01 * 0.98).abs() < 1e-6, "{last}");
+    }
+}
