@@ -110,8 +110,8 @@ pub struct Loaded {
 }
 
 /// The contracts that policies may meet.
-pub fn contracts() -> [Contract; 1] {
-    [crate::contract::version_1()]
+pub fn contracts() -> [Contract; 2] {
+    crate::contract::offered()
 }
 
 /// Reads and checks everything a configuration names.

@@ -6,8 +6,9 @@
 
 use std::sync::Arc;
 
-use crate::contract::{AHEAD, CHANNELS, Pair};
-use crate::plant::{FreeRunStart, Plant, Simulation};
+use crate::contract::{AHEAD, CHANNELS};
+use crate::plant::{FreeRunStart, Plant, Simulated, Simulation};
+use crate::real::{Lanes, Real};
 use crate::rig::{Rig, RigError};
 
 /// Where a rig's inputs and sensors are that the controller needs.
@@ -33,7 +34,7 @@ impl DualPressurePorts {
     ///
     /// # Errors
     /// Names the input or sensor that the rig lacks, or an input that the controller cannot serve.
-    pub fn of(plant: &Plant<f64>) -> Result<Self, RigError> {
+    pub fn of<R: Real>(plant: &Plant<R>) -> Result<Self, RigError> {
         let missing = |what: &str, column: &str| {
             RigError::at(what, format!("no {what} uses column `{column}`; a rig for this controller needs it"))
         };
@@ -58,11 +59,10 @@ impl DualPressurePorts {
     }
 
     /// The inputs of a tick, in the order of [`Plant::inputs`].
-    fn inputs(&self, duty: Pair, pump_on: bool) -> [f64; MOST_INPUTS] {
-        let mut inputs = [0.0; MOST_INPUTS];
-        for (at, value) in
-            self.duty.into_iter().zip(duty).chain(self.pump_on.map(|at| (at, f64::from(u8::from(pump_on)))))
-        {
+    fn inputs<R: Real>(&self, duty: [R; CHANNELS], pump_on: bool) -> [R; MOST_INPUTS] {
+        let mut inputs = [R::splat(0.0); MOST_INPUTS];
+        let relay = R::splat(f64::from(u8::from(pump_on)));
+        for (at, value) in self.duty.into_iter().zip(duty).chain(self.pump_on.map(|at| (at, relay))) {
             if let Some(slot) = inputs.get_mut(at) {
                 *slot = value;
             }
@@ -71,10 +71,10 @@ impl DualPressurePorts {
     }
 }
 
-/// A dual-pressure rig that is driven by two duties and a relay and read by two sensors.
+/// A dual-pressure rig that is driven by two duties and a relay and read by two sensors; `R` is one rig or several.
 #[derive(Debug, Clone)]
-pub struct DualPressureRig {
-    simulation: Simulation<f64>,
+pub struct DualPressureRig<R = f64> {
+    simulation: Simulation<R>,
     ports: DualPressurePorts,
 }
 
@@ -84,28 +84,55 @@ impl DualPressureRig {
     /// # Errors
     /// If the rig is unsound or lacks a port (see [`DualPressurePorts::of`]).
     pub fn new(rig: &Rig) -> Result<Self, RigError> {
-        let plant = Arc::new(Plant::new(rig)?);
+        Self::of(Plant::new(rig)?)
+    }
+}
+
+impl<const N: usize> DualPressureRig<Lanes<N>>
+where
+    Lanes<N>: Simulated,
+{
+    /// Compiles `N` rigs of one structure, at rest, to be driven each by its own duties.
+    ///
+    /// # Errors
+    /// As [`DualPressureRig::new`], or if the rigs differ in more than numbers.
+    pub fn side_by_side(rigs: &[Rig; N]) -> Result<Self, RigError> {
+        Self::of(Plant::side_by_side(rigs)?)
+    }
+
+    /// Puts one lane's chambers at the given gauge pressures in kPa, as [`DualPressureRig::start_from`] does with
+    /// all of them; the others go on as they are. Runs the pump for some thirty ticks.
+    pub fn restart_lane(&mut self, lane: usize, readings_kpa: [f64; CHANNELS], duty: [f64; CHANNELS]) {
+        let mut others = self.simulation.state();
+        self.start_from(readings_kpa.map(Lanes::splat), duty.map(Lanes::splat));
+        others.take_lane(lane, &self.simulation.state());
+        self.simulation.restore(&others);
+    }
+}
+
+impl<R: Simulated> DualPressureRig<R> {
+    fn of(plant: Plant<R>) -> Result<Self, RigError> {
         let ports = DualPressurePorts::of(&plant)?;
-        Ok(DualPressureRig { simulation: Simulation::new(plant), ports })
+        Ok(DualPressureRig { simulation: Simulation::new(Arc::new(plant)), ports })
     }
 
     /// Advances by one tick.
     ///
     /// # Real-time
     /// Bounded and allocation-free: it may run in the tick.
-    pub fn tick(&mut self, duty: Pair, pump_on: bool) {
+    pub fn tick(&mut self, duty: [R; CHANNELS], pump_on: bool) {
         let inputs = self.ports.inputs(duty, pump_on);
         self.simulation.tick(&inputs);
     }
 
     /// What the two sensors read, in kPa gauge.
-    pub fn readings_kpa(&self) -> Pair {
+    pub fn readings_kpa(&self) -> [R; CHANNELS] {
         self.ports.sensor.map(|i| self.simulation.reading_kpa(i))
     }
 
     /// Puts both chambers at the given gauge pressures in kPa, as if the duties had long been `duty`.
-    pub fn start_from(&mut self, readings_kpa: Pair, duty: Pair) {
-        let mut readings = [0.0; CHANNELS];
+    pub fn start_from(&mut self, readings_kpa: [R; CHANNELS], duty: [R; CHANNELS]) {
+        let mut readings = [R::splat(0.0); CHANNELS];
         for (at, value) in self.ports.sensor.into_iter().zip(readings_kpa) {
             if let Some(slot) = readings.get_mut(at) {
                 *slot = value;
@@ -119,15 +146,15 @@ impl DualPressureRig {
     ///
     /// # Real-time
     /// May run in the tick.
-    pub fn correct(&mut self, measured_kpa: Pair) {
+    pub fn correct(&mut self, measured_kpa: [R; CHANNELS]) {
         self.simulation.correct(&self.ports.sensor, &measured_kpa);
     }
 }
 
-/// The model behind MPObs.
+/// The model behind MPObs, for one rig or for several side by side.
 #[derive(Debug, Clone)]
-pub struct Predictor {
-    model: DualPressureRig,
+pub struct Predictor<R = f64> {
+    model: DualPressureRig<R>,
 }
 
 impl Predictor {
@@ -138,9 +165,26 @@ impl Predictor {
     pub fn new(rig: &Rig) -> Result<Self, RigError> {
         Ok(Predictor { model: DualPressureRig::new(rig)? })
     }
+}
+
+impl<const N: usize> Predictor<Lanes<N>>
+where
+    Lanes<N>: Simulated,
+{
+    /// Starts one lane anew, as [`DualPressureRig::restart_lane`] does.
+    pub fn restart_lane(&mut self, lane: usize, measured_kpa: [f64; CHANNELS], duty: [f64; CHANNELS]) {
+        self.model.restart_lane(lane, measured_kpa, duty);
+    }
+}
+
+impl<R: Simulated> Predictor<R> {
+    /// Predicts with a model that was compiled before.
+    pub fn with(model: DualPressureRig<R>) -> Self {
+        Predictor { model }
+    }
 
     /// Starts anew from measured pressures (kPa gauge), with the duties that have been in force.
-    pub fn restart(&mut self, measured_kpa: Pair, duty: Pair) {
+    pub fn restart(&mut self, measured_kpa: [R; CHANNELS], duty: [R; CHANNELS]) {
         self.model.start_from(measured_kpa, duty);
     }
 
@@ -148,7 +192,7 @@ impl Predictor {
     ///
     /// # Real-time
     /// May run in the tick.
-    pub fn observe(&mut self, measured_kpa: Pair) {
+    pub fn observe(&mut self, measured_kpa: [R; CHANNELS]) {
         self.model.correct(measured_kpa);
     }
 
@@ -156,7 +200,7 @@ impl Predictor {
     ///
     /// # Real-time
     /// Five ticks of the model (1,000 RK4 steps on the paper's rig), allocation-free: it may run in the tick.
-    pub fn predict(&mut self, duties: &[Pair; AHEAD], pump_on: bool) -> [Pair; AHEAD] {
+    pub fn predict(&mut self, duties: &[[R; CHANNELS]; AHEAD], pump_on: bool) -> [[R; CHANNELS]; AHEAD] {
         let now = self.model.simulation.state();
         let predicted = duties.map(|duty| {
             self.model.tick(duty, pump_on);
@@ -170,7 +214,7 @@ impl Predictor {
     ///
     /// # Real-time
     /// One tick of the model, allocation-free: it may run in the tick, after the command is out.
-    pub fn advance(&mut self, applied: Pair, pump_on: bool) {
+    pub fn advance(&mut self, applied: [R; CHANNELS], pump_on: bool) {
         self.model.tick(applied, pump_on);
     }
 }
@@ -178,6 +222,7 @@ impl Predictor {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::contract::Pair;
 
     #[test]
     fn a_perfect_model_predicts_what_comes() {
@@ -197,6 +242,31 @@ mod tests {
             expected.push(predictor.predict(&std::array::from_fn(|j| duty(t + j as u32)), true));
             plant.tick(duty(t), true);
             predictor.advance(duty(t), true);
+        }
+    }
+
+    #[test]
+    fn a_lane_that_is_restarted_leaves_the_others_alone() {
+        let rigs: [Rig; 8] = std::array::from_fn(|_| Rig::builtin("bench").unwrap());
+        let mut disturbed = DualPressureRig::side_by_side(&rigs).unwrap();
+        disturbed.start_from([80.0, -70.0].map(Lanes::splat), [0.8, 0.8].map(Lanes::splat));
+        let mut alone = disturbed.clone();
+        let duty = |t: usize| [0.7 + 0.01 * t as f64, 0.9 - 0.01 * t as f64].map(Lanes::splat);
+        for t in 0..20 {
+            if t == 10 {
+                disturbed.restart_lane(3, [60.0, -60.0], [1.0, 1.0]);
+                let restarted = disturbed.readings_kpa().map(|p| p.lane(3));
+                assert!((restarted[0] - 60.0).abs() < 1e-9 && (restarted[1] + 60.0).abs() < 1e-9, "{restarted:?}");
+            }
+            disturbed.tick(duty(t), true);
+            alone.tick(duty(t), true);
+        }
+        for lane in (0..8).filter(|lane| *lane != 3) {
+            assert_eq!(
+                disturbed.readings_kpa().map(|p| p.lane(lane)),
+                alone.readings_kpa().map(|p| p.lane(lane)),
+                "lane {lane}"
+            );
         }
     }
 

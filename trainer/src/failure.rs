@@ -7,6 +7,7 @@ use proto::atomic_file::AtomicFileError;
 use proto::emulator::{EmulatorError, FaultScriptError};
 use proto::recording::RecordingError;
 use proto::rig_file::RigFileError;
+use training::TrainingError;
 
 use crate::bench::LanesDiffer;
 use crate::free_run::FreeRunError;
@@ -33,6 +34,8 @@ pub(crate) enum Failure {
     Write(#[from] AtomicFileError),
     #[error(transparent)]
     Lanes(#[from] LanesDiffer),
+    #[error(transparent)]
+    Training(#[from] TrainingError),
     #[error("{out}: this is the file of --inputs, which would be lost; give --out another name")]
     OverInputs { out: String },
     #[error("standard output cannot be written: {0}")]
@@ -45,6 +48,8 @@ impl Failure {
     /// Exit status: 2 where the user's input is to be mended, 1 where the work failed.
     pub(crate) fn status(&self) -> u8 {
         match self {
+            Self::Training(TrainingError::Diverged { .. } | TrainingError::Write(_)) => FAILED,
+            Self::Training(_) => BAD_INPUT,
             Self::Rig(RigFileError::Write(_)) | Self::Recording(RecordingError::Write(_)) => FAILED,
             Self::FreeRun(FreeRunError::NotFinite { .. }) => FAILED,
             Self::Rig(_) | Self::Recording(_) | Self::FreeRun(_) | Self::Faults(_) | Self::OverInputs { .. } => {

@@ -14,6 +14,7 @@ mod rig_log;
 mod schedule;
 mod simulate;
 mod stdout;
+mod train;
 mod usage;
 mod validate;
 
@@ -46,6 +47,7 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     Validate(validate::ValidateArgs),
     Bench(bench::BenchArgs),
+    Train(train::TrainArgs),
 }
 
 fn main() -> ExitCode {
@@ -58,6 +60,7 @@ fn main() -> ExitCode {
         Command::Simulate(args) => simulate::run(args),
         Command::Validate(args) => validate::run(args),
         Command::Bench(args) => bench::run(args),
+        Command::Train(args) => train::run(args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

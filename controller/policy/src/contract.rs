@@ -11,15 +11,16 @@ pub struct Channel {
     pub name: String,
     /// Unit, for example `kPa gauge` or `duty`.
     pub unit: String,
-    /// Lowest value the rig can produce, in `unit`; probes start here.
+    /// Lowest value that can occur, in `unit`; probes start here. May be negative.
     pub low: f32,
-    /// Highest value the rig can produce, in `unit`; probes end here.
+    /// Highest value that can occur, in `unit`; probes end here.
     pub high: f32,
 }
 
 /// A versioned layout of a policy's inputs and outputs.
 ///
-/// For an output, `low..=high` is what the actuator takes: a policy that leaves it is refused.
+/// Each value has its own unit and range. For an output, `low..=high` is what the control law takes (a duty in 0..=1,
+/// or a correction of one on either side of 0): a policy that leaves it is refused.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contract {
     /// The number that the metadata key `contract` carries.

@@ -410,7 +410,7 @@ pub enum Fault {
     },
     /// Kernel and tract compute different actions.
     #[error(
-        "output {output} is {ours} by the controller's kernel and {tract} by tract on probe {probe}; keep the file and report it: one of the two is wrong"
+        "output {output} is {ours} by the controller's kernel and {tract} by tract on probe {probe}, more than rounding explains; keep the file and report it: one of the two is wrong"
     )]
     OracleDiffers {
         /// Number of the probe.
@@ -423,7 +423,9 @@ pub enum Fault {
         tract: f32,
     },
     /// An output leaves what the actuator takes.
-    #[error("output {output} reaches {value}; {unit} must lie in [{low}, {high}]: end the graph with Sigmoid or Clip")]
+    #[error(
+        "output {output} reaches {value}; {unit} must lie in [{low}, {high}]: end the graph with Clip, or with Sigmoid or Tanh mapped to that range"
+    )]
     OutputRange {
         /// Place in the output.
         output: usize,

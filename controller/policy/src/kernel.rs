@@ -97,6 +97,19 @@ impl Dense {
         (self.inputs, self.outputs)
     }
 
+    /// One weight, out of its panel.
+    pub(crate) fn weight(&self, input: usize, output: usize) -> f32 {
+        let line = output / LINE;
+        let first = line - line % WIDE;
+        let wide = WIDE.min(self.bias.len() - first);
+        self.weights[first * self.inputs + input * wide + line - first].0[output % LINE]
+    }
+
+    /// One bias.
+    pub(crate) fn bias(&self, output: usize) -> f32 {
+        self.bias[output / LINE].0[output % LINE]
+    }
+
     #[inline(always)]
     fn apply(&self, x: &[f32], y: &mut [f32]) {
         let x = &x[..self.inputs];
@@ -273,6 +286,9 @@ mod tests {
         #[test]
         fn dense_is_the_defined_sum(inputs in 1usize..90, outputs in 1usize..70, seed: u32) {
             let (layer, weights, bias) = dense(inputs, outputs, seed);
+            let places = (0..inputs).flat_map(|i| (0..outputs).map(move |j| (i, j)));
+            prop_assert!(places.zip(&weights).all(|((i, j), w)| layer.weight(i, j) == *w));
+            prop_assert!(bias.iter().enumerate().all(|(j, b)| layer.bias(j) == *b));
             let x: Vec<f32> = (0..inputs).map(|i| (i as f32 * 0.7).sin()).collect();
             let expected: Vec<f32> = (0..outputs).map(|j| {
                 let mut sum = 0.0f32;

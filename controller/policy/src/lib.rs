@@ -1,9 +1,10 @@
-//! ONNX policies for the 50 Hz tick: one file in, twelve duties out, nothing allocated on the way.
+//! ONNX policies for the 50 Hz tick: one file in, twelve numbers out, nothing allocated on the way.
 //!
 //! A policy is a multilayer perceptron in ONNX (opset 13 to 20) with one float32 input `[1, n]` or
 //! `[batch, n]` and one float32 output `[1, m]`; `n`, `m`, their names, units and physical ranges are
-//! a [`Contract`], which the caller hands in. Observations are kPa gauge as the contract says;
-//! normalisation is part of the graph; the outputs are duties in 0..=1.
+//! a [`Contract`]; the caller hands in all that it flies, and the file says which one it was made for.
+//! Observations come in the contract's units (kPa gauge, duty); normalisation is part of the graph; the
+//! outputs lie in the contract's ranges (duties in 0..=1, or corrections of them on either side of 0).
 //!
 //! ```text
 //! bytes (once) -> wire scan -> protobuf -> signature -> chain of layers -> kernel
@@ -23,7 +24,7 @@
 //! | `metadata` | the keys of `metadata_props`; golden pairs |
 //! | `signature`, `constant`, `node`, `chain` | the graph's outside, weights, nodes; the graph as a chain of layers, or why it is none |
 //! | `activation`, `kernel` | the arithmetic, the same bits on every machine |
-//! | `oracle`, `probe` | tract, and the inputs on which both must agree |
+//! | `oracle`, `probe`, `rounding` | tract, the inputs on which both must agree, and how closely they can |
 //! | `policy` | [`Policy::load`] and [`Policy::run`] |
 //!
 //! Left out: recurrent cells, convolutions and branching graphs (residuals, attention); float16 and
@@ -41,6 +42,7 @@ mod node;
 mod oracle;
 mod policy;
 mod probe;
+mod rounding;
 mod signature;
 
 pub use chain::SUPPORTED_OPS;

@@ -4,7 +4,8 @@
 //! | --- | --- | --- |
 //! | `contract` | version of the observation contract, `1` | must be one that the caller knows |
 //! | `rate_hz` | control rate, `50` | must be the contract's |
-//! | `input_unit`, `output_unit` | one unit for all values, or one per value, comma-separated | must be the contract's; case, spaces, `_`, `(` and `)` do not count |
+//! | `input_unit`, `output_unit` | one unit for all values, or one per value, comma-separated | must be the contract's; case, spaces, `_`, `-`, `(` and `)` do not count |
+//! | `input_units`, `output_units` | one unit per value, comma-separated, where they differ | as above |
 //! | `input_names`, `output_names` | comma-separated, in the order of the tensor | must be the contract's |
 //! | `golden_input`, `golden_output` | pairs to reproduce: numbers parted by commas, pairs by semicolons | checked to 1e-4 |
 //!
@@ -18,6 +19,17 @@ use crate::error::{Fault, GoldenProblem, shown};
 
 /// Golden pairs that are read; more only make loading slow.
 const MOST_GOLDEN_PAIRS: usize = 256;
+
+/// What a list in the metadata tells about the values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Told {
+    /// One unit for all of them, or one for each.
+    UnitOrUnits,
+    /// A unit for each.
+    Units,
+    /// A name for each.
+    Names,
+}
 
 /// Keys and values in the order of the file.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -82,10 +94,12 @@ impl Metadata {
                 return Err(contradicts("rate_hz", text, &contract.rate_hz.to_string(), contract));
             }
         }
-        self.check_list("input_unit", contract, &contract.inputs, true)?;
-        self.check_list("output_unit", contract, &contract.outputs, true)?;
-        self.check_list("input_names", contract, &contract.inputs, false)?;
-        self.check_list("output_names", contract, &contract.outputs, false)
+        self.check_list("input_unit", contract, &contract.inputs, Told::UnitOrUnits)?;
+        self.check_list("output_unit", contract, &contract.outputs, Told::UnitOrUnits)?;
+        self.check_list("input_units", contract, &contract.inputs, Told::Units)?;
+        self.check_list("output_units", contract, &contract.outputs, Told::Units)?;
+        self.check_list("input_names", contract, &contract.inputs, Told::Names)?;
+        self.check_list("output_names", contract, &contract.outputs, Told::Names)
     }
 
     fn check_list(
@@ -93,21 +107,24 @@ impl Metadata {
         key: &'static str,
         contract: &Contract,
         channels: &[Channel],
-        units: bool,
+        told: Told,
     ) -> Result<(), Fault> {
         let Some(text) = self.get(key) else { return Ok(()) };
         let words: Vec<&str> = text.split(',').map(str::trim).collect();
-        let one_for_all = units && words.len() == 1;
+        let one_for_all = told == Told::UnitOrUnits && words.len() == 1;
         if !one_for_all && words.len() != channels.len() {
             let found = format!("{} entries", words.len());
             return Err(contradicts(key, &found, &format!("{} entries", channels.len()), contract));
         }
-        for (i, channel) in channels.iter().enumerate() {
-            let word = words[if one_for_all { 0 } else { i }];
-            let wanted = if units { &channel.unit } else { &channel.name };
-            let same = if units { plain(word) == plain(wanted) } else { word == wanted };
+        // One word stands for all values, and only where all have that unit.
+        let words = words.iter().cycle();
+        for (i, (channel, word)) in channels.iter().zip(words).enumerate() {
+            let wanted = if told == Told::Names { &channel.name } else { &channel.unit };
+            let same = if told == Told::Names { word == wanted } else { plain(word) == plain(wanted) };
             if !same {
-                let at = |text: &str| if one_for_all { text.to_owned() } else { format!("{text} (value {i})") };
+                // The first value speaks for all where the contract has one unit.
+                let for_all = one_for_all && i == 0;
+                let at = |text: &str| if for_all { text.to_owned() } else { format!("{text} (value {i})") };
                 return Err(contradicts(key, &at(&shown(word)), &at(wanted), contract));
             }
         }
@@ -186,6 +203,29 @@ mod tests {
             let refused = metadata(&[("input_unit", unit)]).check(&contract);
             assert!(matches!(refused, Err(Fault::MetadataContradicts { .. })), "{unit}");
         }
+    }
+
+    /// A contract whose values differ in unit: one word cannot say it, a list must say it for every value.
+    #[test]
+    fn mixed_units_are_told_value_by_value() {
+        let mut contract = Contract::pressures_to_duties(2, 3, 1);
+        contract.inputs[2].unit = "duty".into();
+        for key in ["input_unit", "input_units"] {
+            metadata(&[(key, "kPa gauge, kPa (gauge), duty")]).check(&contract).unwrap();
+        }
+        let refused = |key, text| match metadata(&[(key, text)]).check(&contract) {
+            Err(Fault::MetadataContradicts { key: told, found, expected, .. }) => {
+                assert_eq!(told, key);
+                (found, expected)
+            }
+            other => panic!("{key} {text}: {other:?}"),
+        };
+        let said = |found: &str, expected: &str| (found.to_owned(), expected.to_owned());
+        assert_eq!(refused("input_unit", "kPa gauge"), said("kPa gauge (value 2)", "duty (value 2)"));
+        assert_eq!(refused("input_units", "kPa gauge"), said("1 entries", "3 entries"));
+        assert_eq!(refused("input_units", "duty,kPa gauge,duty"), said("duty (value 0)", "kPa gauge (value 0)"));
+        assert_eq!(refused("output_units", "V"), said("V (value 0)", "duty (value 0)"));
+        metadata(&[("output_unit", "duty"), ("output_units", "duty")]).check(&contract).unwrap();
     }
 
     #[test]

@@ -149,7 +149,7 @@ refuses! {
     too_large_for_the_tick: |o| become_mlp(o, &[84, 1400, 1400, 12], "Sigmoid"),
         Fault::TooSlow { .. }, ["smaller network"];
     no_squashing: |o| { become_mlp(o, &[84, 16, 12], "Identity") },
-        Fault::OutputRange { .. }, ["[0, 1]", "Sigmoid or Clip", "duty"];
+        Fault::OutputRange { .. }, ["[0, 1]", "with Clip", "Sigmoid or Tanh mapped", "duty"];
     tanh_without_mapping: |o| { become_mlp(o, &[84, 16, 12], "Tanh") },
         Fault::OutputRange { .. }, ["duty must lie in"];
     overflowing_weights: |o| { weight_of(o, "l0.weight").raw_data = (0..84 * 32).flat_map(|_| 1e38f32.to_le_bytes()).collect(); set_op(o, "h0", "Identity"); set_op(o, "h1", "Identity") },

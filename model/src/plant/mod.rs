@@ -35,7 +35,7 @@ use elements::{
 use walls::{Wall, WallTable};
 
 use crate::orifice::FlowFunction;
-use crate::real::Real;
+use crate::real::{Lanes, Real};
 
 /// Slots for pressures and temperatures: states first, then places whose pressure is given.
 pub(crate) const NODES: usize = 16;
@@ -162,6 +162,18 @@ pub struct State<R> {
     memory: [R; MEMORY],
     /// Ticks since the start.
     ticks: u64,
+}
+
+impl<const N: usize> State<Lanes<N>> {
+    /// Takes over one lane from another state of the same plant; a lane that there is not changes nothing.
+    pub fn take_lane(&mut self, lane: usize, from: &Self) {
+        let slots = self.x.iter_mut().chain(&mut self.phase).chain(&mut self.memory);
+        for (slot, from) in slots.zip(from.x.iter().chain(&from.phase).chain(&from.memory)) {
+            if let (Some(value), Some(new)) = (slot.0.get_mut(lane), from.0.get(lane)) {
+                *value = *new;
+            }
+        }
+    }
 }
 
 /// Space for what a tick works out before it integrates.

@@ -77,6 +77,12 @@ impl Sensors {
         Self { scales, noise_v_rms: noise_v_rms.max(0.0), noise: SplitMix64::new(seed), last: ambient }
     }
 
+    /// The scales, positive and negative.
+    #[must_use]
+    pub fn scales(&self) -> [SensorScale; 2] {
+        self.scales
+    }
+
     /// The volts of one tick: positive and negative sensor, two absent ones as NaN.
     ///
     /// `faults` holds, for each of the two sensors, what is wrong with it now.

@@ -1,0 +1,245 @@
+//! One case: a rig is drawn, effects are concealed in it at a given size, recordings are made.
+
+use crate::build_sheet::{BuildSheet, Spread};
+use crate::effects::{Effect, Kind, Place};
+use crate::excitation::{OperatingRange, commission, random_holds, references_kpa, triangles_and_stairs};
+use crate::recording::{Recording, pump_on, ticks};
+use crate::rng::Draws;
+use crate::run::Rig;
+use crate::sizing::{Probe, Size, difference, larger, rms};
+use crate::truth::{Class, Planted, RecordingEntry, Truth};
+
+/// What is to be made.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// Name of the case: says nothing about what is in it.
+    pub name: String,
+    /// What it is for.
+    pub class: Class,
+    /// What is to be concealed, and where.
+    pub effects: Vec<(Kind, Place)>,
+    /// Raw size that each effect is given (kPa).
+    pub level_kpa: f64,
+    /// Whether the motor slips a little, so that the ripple beats.
+    pub ripple_beats: bool,
+    /// Seed of all its draws.
+    pub seed: u64,
+}
+
+/// How the cases of a suite are made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Making {
+    /// Lengths of the three recordings (s).
+    pub seconds: [f64; 3],
+    /// How much of the first recording effects are sized on (s).
+    pub probe_s: f64,
+    /// Whether net sizes are worked out: thirteen more runs of the probe.
+    pub net_sizes: bool,
+    /// No nuisance is larger than this (kPa, raw): beyond, it would be an effect of its own.
+    pub nuisance_ceiling_kpa: f64,
+}
+
+impl Making {
+    /// For the full suite.
+    pub const FULL: Self =
+        Self { seconds: [100.0, 100.0, 100.0], probe_s: 60.0, net_sizes: true, nuisance_ceiling_kpa: 0.06 };
+    /// For a suite that is made in seconds.
+    pub const QUICK: Self =
+        Self { seconds: [60.0, 60.0, 60.0], probe_s: 20.0, net_sizes: false, nuisance_ceiling_kpa: 0.06 };
+}
+
+/// A case that was made.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Case {
+    /// Its truth.
+    pub truth: Truth,
+    /// Its recordings, in the order of the truth's entries.
+    pub recordings: Vec<Recording>,
+}
+
+/// No rig with these draws has valves that hold pressures over a useful range.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("case {case}: none of {attempts} drawn rigs has a useful operating range; take another seed")]
+pub struct NoUsefulRig {
+    /// The case.
+    pub case: String,
+    /// How many rigs were drawn.
+    pub attempts: u32,
+}
+
+/// Rigs that are drawn before giving up.
+const ATTEMPTS: u32 = 40;
+/// What nulls take their nuisances from: 5 to 15 % of this level (kPa).
+const NULL_LEVEL_KPA: f64 = 0.3;
+/// Nuisances are 5 to 15 % of the concealed effect.
+const NUISANCE_SHARE: (f64, f64) = (0.05, 0.15);
+/// A motor that slips: the ripple beats once in 25 to 200 s.
+const SLIP: (f64, f64) = (5e-5, 4e-4);
+/// What nuisances are drawn from: small everyday imperfections.
+const NUISANCES: &[Kind] = &[
+    Kind::ValveHysteresis,
+    Kind::ValveLag,
+    Kind::ValveForceCurve,
+    Kind::CoilHeating,
+    Kind::SupplySag,
+    Kind::ChamberLeak,
+    Kind::CrossLeak,
+    Kind::PistonBlowby,
+    Kind::ChamberThermal,
+    Kind::VolumeCompliance,
+    Kind::LineResistance,
+    Kind::CriticalRatio,
+    Kind::CheckValveCracking,
+    Kind::SensorDrift,
+    Kind::SensorBias,
+    Kind::SensorGain,
+    Kind::SensorCrosstalk,
+    Kind::DeadEndVolume,
+    Kind::SupplyHunting,
+];
+
+/// Draws the rig, conceals the effects, makes the recordings.
+///
+/// # Errors
+/// No drawn rig has a useful operating range.
+pub fn make(plan: &Plan, making: &Making) -> Result<Case, NoUsefulRig> {
+    let root = Draws::new(plan.seed);
+    let (build, range) = draw_rig(plan, &root)?;
+    let holds = random_holds(&mut root.stream("holds"), &range, ticks(making.seconds[0]));
+    let probe_rows = ticks(making.probe_s).min(holds.len());
+    let probe = if making.net_sizes {
+        Probe::new(&build, &holds[..probe_rows])
+    } else {
+        Probe::without_sensitivities(&build, &holds[..probe_rows])
+    };
+    let truth = conceal(plan, making, &root, &probe);
+    let nuisances = nuisances(plan, making, &root, &probe);
+    let nuisances_together = size_together(&build, &nuisances, &probe);
+    let mut truth = Truth {
+        case: plan.name.clone(),
+        class: plan.class,
+        level_kpa: if plan.effects.is_empty() { 0.0 } else { plan.level_kpa },
+        truth,
+        nuisances,
+        nuisances_together,
+        ripple_beats: plan.ripple_beats,
+        parameter_shifts: build.shifts().map(|(name, shift)| (name.to_owned(), shift)).to_vec(),
+        build: build.clone(),
+        range,
+        noise_seed: root.stream("noise").bits(),
+        recordings: Vec::new(),
+    };
+    let recordings = record(&mut truth, making, &root, &holds);
+    Ok(Case { truth, recordings })
+}
+
+/// Draws rigs until one has a useful operating range.
+fn draw_rig(plan: &Plan, root: &Draws) -> Result<(BuildSheet, OperatingRange), NoUsefulRig> {
+    let spread = if plan.class == Class::Nothing { Spread::AS_BUILT } else { Spread::MOVED };
+    for attempt in 0..ATTEMPTS {
+        let mut draws = root.stream(&format!("rig {attempt}"));
+        let mut build = BuildSheet::draw(&mut draws, spread);
+        if plan.ripple_beats {
+            build.speed_rpm *= 1.0 + draws.sign() * draws.log_between(SLIP.0, SLIP.1);
+        }
+        if let Some(range) = commission(&build.rig()) {
+            return Ok((build, range));
+        }
+    }
+    Err(NoUsefulRig { case: plan.name.clone(), attempts: ATTEMPTS })
+}
+
+/// Gives each effect its shape and the strength that the level asks for.
+fn conceal(plan: &Plan, making: &Making, root: &Draws, probe: &Probe<'_>) -> Vec<Planted> {
+    let planted = plan.effects.iter().map(|(kind, place)| {
+        let shape = kind.draw(&mut root.stream(kind.name()));
+        // A volume that is switched in after the probe's end would have no size there.
+        let shape = earlier(shape, making.probe_s);
+        let effect = probe.at_size(&shape, *place, plan.level_kpa);
+        let mut rig = probe.rig();
+        effect.install(*place, &mut rig);
+        Planted::new(effect, *place, probe.size_of(&rig))
+    });
+    planted.collect()
+}
+
+fn earlier(effect: Effect, probe_s: f64) -> Effect {
+    match effect {
+        Effect::VolumeChange(mut change) => {
+            change.time_s = change.time_s.map(|time_s| time_s.min(0.5 * probe_s));
+            Effect::VolumeChange(change)
+        }
+        other => other,
+    }
+}
+
+/// Three to six small effects beside the concealed ones.
+fn nuisances(plan: &Plan, making: &Making, root: &Draws, probe: &Probe<'_>) -> Vec<Planted> {
+    let mut draws = root.stream("nuisances");
+    let level_kpa = if plan.effects.is_empty() { NULL_LEVEL_KPA } else { plan.level_kpa };
+    let mut kinds: Vec<Kind> =
+        NUISANCES.iter().copied().filter(|kind| plan.effects.iter().all(|(other, _)| other != kind)).collect();
+    draws.shuffle(&mut kinds);
+    let count = 3 + draws.index(4);
+    kinds
+        .into_iter()
+        .take(count)
+        .map(|kind| {
+            let place = kind.places()[draws.index(kind.places().len())];
+            let shape = kind.draw(&mut draws);
+            let wanted_kpa =
+                (level_kpa * draws.between(NUISANCE_SHARE.0, NUISANCE_SHARE.1)).min(making.nuisance_ceiling_kpa);
+            let effect = probe.at_size(&shape, place, wanted_kpa);
+            let mut rig = probe.rig();
+            effect.install(place, &mut rig);
+            Planted::new(effect, place, probe.size_of(&rig))
+        })
+        // The weakest of some kinds is still too strong in some rigs: left out rather than larger than allowed.
+        .filter(|planted| larger(planted.size.raw_kpa) <= 1.2 * NUISANCE_SHARE.1 * level_kpa)
+        .collect()
+}
+
+fn size_together(build: &BuildSheet, planted: &[Planted], probe: &Probe<'_>) -> Size {
+    let mut rig = build.rig();
+    for planted in planted {
+        planted.effect.install(planted.place, &mut rig);
+    }
+    probe.size_of(&rig)
+}
+
+/// Makes the three recordings and enters them in the truth.
+fn record(truth: &mut Truth, making: &Making, root: &Draws, holds: &[[f64; 2]]) -> Vec<Recording> {
+    let (rig, without) = (truth.rig(), truth.rig_without_effects());
+    let range = truth.range;
+    let noise = Draws::new(truth.noise_seed);
+    let slow = triangles_and_stairs(&mut root.stream("triangles"), &range, ticks(making.seconds[1]));
+    let goals = references_kpa(&mut root.stream("references"), &range, ticks(making.seconds[2]));
+    let start = |duties: &[[f64; 2]]| duties.first().copied().unwrap_or_else(|| range.rest());
+    let of_duties = |duties: &[[f64; 2]], name: &str| {
+        Recording::of_commands(&rig, start(duties), &pump_on(duties), noise.stream(name))
+    };
+    let in_loop = Recording::of_references(&rig, range.rest(), &goals, noise.stream("rec_c"));
+    let made = [
+        ("rec_a.csv", "random_holds", "fit", start(holds), of_duties(holds, "rec_a")),
+        ("rec_b.csv", "triangles_and_stairs", "select", start(&slow), of_duties(&slow, "rec_b")),
+        ("rec_c.csv", "closed_loop", "held_out", range.rest(), in_loop),
+    ];
+    let mut recordings = Vec::new();
+    for (file, excitation, role, start, recording) in made {
+        truth.recordings.push(RecordingEntry {
+            file: file.to_owned(),
+            excitation: excitation.to_owned(),
+            role: role.to_owned(),
+            effect_kpa: if truth.truth.is_empty() { [0.0; 2] } else { effect_in(&recording, start, &without) },
+            noise_kpa: rms(&recording.noise_kpa()),
+        });
+        recordings.push(recording);
+    }
+    recordings
+}
+
+/// What the concealed effects do in a recording (kPa, root mean square), against a rig settled at the same duties.
+fn effect_in(recording: &Recording, start: [f64; 2], without: &Rig) -> [f64; 2] {
+    let plain = Recording::of_commands(without, start, &recording.commands(), Draws::new(0));
+    rms(&difference(&recording.clean_kpa(), &plain.clean_kpa()))
+}

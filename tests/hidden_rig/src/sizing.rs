@@ -1,0 +1,200 @@
+//! How large an effect is: what it does to the pressures, and what of that a refit could not take up.
+//!
+//! *Raw* is the difference of the traces with and without the effect under the same commands. *Net* is what is left of
+//! that difference after the best combination of small changes of the thirteen identifiable parameters
+//! ([`crate::build_sheet::IDENTIFIABLE`]): the sensitivities are differences of this rig's own runs, the combination
+//! is least squares weighted by the noise. Net over noise, squared and summed over the rows, is the χ² by which an
+//! oracle that knows the effect could tell it from none, to first order. Static effects (a leak, a bias) have a large
+//! raw size and hardly any net size on ordinary recordings: that is physics, not a fault of the measure.
+
+use serde::{Deserialize, Serialize};
+
+use crate::build_sheet::{BuildSheet, IDENTIFIABLE};
+use crate::effects::{Effect, Place};
+use crate::run::{Precision, Rig, Run};
+
+/// Pressures of both channels over time (kPa gauge), without noise.
+pub type Trace = Vec<[f64; 2]>;
+
+/// Size of an effect on one stretch of commands.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Size {
+    /// Root mean square of the raw difference (kPa), by channel.
+    pub raw_kpa: [f64; 2],
+    /// What of it a refit would leave (kPa), by channel.
+    pub net_kpa: [f64; 2],
+    /// χ² of the net difference against the noise, per second of recording.
+    pub net_chi2_per_s: f64,
+}
+
+/// A stretch of commands on one nominal rig, with its sensitivities: what effects are sized with.
+pub struct Probe<'a> {
+    sheet: &'a BuildSheet,
+    duties: &'a [[f64; 2]],
+    nominal: Trace,
+    /// Orthonormal columns that span the sensitivities, in units of the noise.
+    span: Vec<Trace>,
+}
+
+/// The trace of a rig under duties, pump on, from a settled start.
+pub fn trace(rig: &Rig, duties: &[[f64; 2]], precision: Precision) -> Trace {
+    let Some(start) = duties.first() else { return Trace::new() };
+    let mut run = Run::settled(rig, *start, precision);
+    duties
+        .iter()
+        .map(|duty| {
+            let now = run.clean_kpa();
+            run.tick(*duty, true);
+            now
+        })
+        .collect()
+}
+
+/// Difference of two traces.
+pub fn difference(with: &[[f64; 2]], without: &[[f64; 2]]) -> Trace {
+    with.iter().zip(without).map(|(a, b)| [a[0] - b[0], a[1] - b[1]]).collect()
+}
+
+/// Root mean square, by channel.
+#[expect(clippy::cast_precision_loss, reason = "rows of minutes")]
+pub fn rms(trace: &[[f64; 2]]) -> [f64; 2] {
+    std::array::from_fn(|c| {
+        (trace.iter().map(|row| row[c] * row[c]).sum::<f64>() / trace.len().max(1) as f64).sqrt()
+    })
+}
+
+/// The larger of both channels.
+pub fn larger(pair: [f64; 2]) -> f64 {
+    pair[0].max(pair[1])
+}
+
+/// Relative step of the finite differences: the traces' own error is some 1e-6, their curvature some 1.
+const STEP: f64 = 3e-3;
+/// Runs that sizing one effect may take.
+const ATTEMPTS: usize = 7;
+/// How close to the wanted size is close enough, as a ratio.
+const CLOSE: f64 = 1.1;
+
+impl<'a> Probe<'a> {
+    /// Prepares a stretch of commands on a rig; takes fourteen runs.
+    pub fn new(sheet: &'a BuildSheet, duties: &'a [[f64; 2]]) -> Self {
+        let mut probe = Self::without_sensitivities(sheet, duties);
+        for k in 0..IDENTIFIABLE.len() {
+            let mut moved = sheet.clone();
+            *moved.identifiable()[k] *= 1.0 + STEP;
+            let change = difference(&trace(&moved.rig(), duties, Precision::Coarse), &probe.nominal);
+            probe.add_direction(change);
+        }
+        probe
+    }
+
+    /// The same without sensitivities, for where net sizes are not wanted: they are then the raw ones.
+    pub fn without_sensitivities(sheet: &'a BuildSheet, duties: &'a [[f64; 2]]) -> Self {
+        Self { sheet, duties, nominal: trace(&sheet.rig(), duties, Precision::Coarse), span: Vec::new() }
+    }
+
+    /// The nominal trace.
+    pub fn nominal(&self) -> &[[f64; 2]] {
+        &self.nominal
+    }
+
+    /// The nominal rig, to build effects into.
+    pub fn rig(&self) -> Rig {
+        self.sheet.rig()
+    }
+
+    fn in_noise(&self, trace: &[[f64; 2]]) -> Trace {
+        let sigma = self.sheet.noise.sigma_pa().map(|pa| 1e-3 * pa);
+        trace.iter().map(|row| [row[0] / sigma[0], row[1] / sigma[1]]).collect()
+    }
+
+    /// Adds a direction that a refit can move along (modified Gram–Schmidt, twice for the rounding).
+    fn add_direction(&mut self, change: Trace) {
+        let mut direction = self.in_noise(&change);
+        let size = norm(&direction);
+        for _ in 0..2 {
+            for column in &self.span {
+                subtract_projection(&mut direction, column);
+            }
+        }
+        let left = norm(&direction);
+        // What is but rounding of the directions before it would only add noise.
+        if left > 1e-6 * size {
+            direction.iter_mut().for_each(|row| *row = row.map(|x| x / left));
+            self.span.push(direction);
+        }
+    }
+
+    /// Size of whatever differs between a rig and the nominal one.
+    #[expect(clippy::cast_precision_loss, reason = "rows of minutes")]
+    pub fn size_of(&self, rig: &Rig) -> Size {
+        let raw = difference(&trace(rig, self.duties, Precision::Coarse), &self.nominal);
+        let mut net = self.in_noise(&raw);
+        for column in &self.span {
+            subtract_projection(&mut net, column);
+        }
+        let sigma = self.sheet.noise.sigma_pa().map(|pa| 1e-3 * pa);
+        let net_rms = rms(&net);
+        Size {
+            raw_kpa: rms(&raw),
+            net_kpa: [net_rms[0] * sigma[0], net_rms[1] * sigma[1]],
+            net_chi2_per_s: norm(&net).powi(2) / (self.duties.len() as f64 * crate::run::TICK_S),
+        }
+    }
+
+    /// Raw size of an effect on its own (kPa, the larger channel).
+    pub fn raw_of(&self, effect: &Effect, place: Place) -> f64 {
+        let mut rig = self.sheet.rig();
+        effect.install(place, &mut rig);
+        larger(rms(&difference(&trace(&rig, self.duties, Precision::Coarse), &self.nominal)))
+    }
+
+    /// Gives an effect the strength at which its raw size is `wanted_kpa`, as far as its physical range allows.
+    ///
+    /// Secant steps in the logarithms of strength and size, with slopes held between a quarter and four: effects are
+    /// nearly proportional to their strength, except where they begin (friction) or saturate (insulation).
+    pub fn at_size(&self, effect: &Effect, place: Place, wanted_kpa: f64) -> Effect {
+        let (low, high) = effect.kind().strengths();
+        let mut best = (f64::INFINITY, effect.clone());
+        let mut last: Option<(f64, f64)> = None;
+        let mut strength = effect.strength();
+        for _ in 0..ATTEMPTS {
+            let candidate = effect.at_strength(strength);
+            let size = self.raw_of(&candidate, place).max(1e-6);
+            let miss = (wanted_kpa / size).ln();
+            if miss.abs() < best.0 {
+                best = (miss.abs(), candidate);
+            }
+            let next = match last {
+                Some((s, z)) if s != strength => {
+                    let slope = ((size / z).ln() / (strength / s).ln()).clamp(0.25, 4.0);
+                    strength * (miss / slope).exp()
+                }
+                _ => strength * miss.exp(),
+            }
+            .clamp(low, high);
+            if miss.abs() < CLOSE.ln() || next == strength {
+                break;
+            }
+            last = Some((strength, size));
+            strength = next;
+        }
+        best.1
+    }
+}
+
+fn dot(a: &[[f64; 2]], b: &[[f64; 2]]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a[0] * b[0] + a[1] * b[1]).sum()
+}
+
+fn norm(a: &[[f64; 2]]) -> f64 {
+    dot(a, a).sqrt()
+}
+
+fn subtract_projection(from: &mut [[f64; 2]], unit: &[[f64; 2]]) {
+    let share = dot(from, unit);
+    for (row, column) in from.iter_mut().zip(unit) {
+        row[0] -= share * column[0];
+        row[1] -= share * column[1];
+    }
+}

@@ -1,0 +1,3 @@
+//! Finds the physics missing in a rig's model.
+
+pub mod locate;

@@ -1,0 +1,3 @@
+//! Where the mismatch lives.
+
+pub mod smoother;

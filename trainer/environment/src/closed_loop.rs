@@ -1,0 +1,158 @@
+//! One rig, one controller, one reference: a flight without sockets and clocks, tick by tick as in the daemon.
+
+use law::{Approach, Decision, Fallback, PolicyLaw, Situation, TICK_S};
+use model::contract::{ACTION_LEN, AHEAD, ActionTrajectory, CHANNELS, CORRECTION_OBSERVATION_LEN, Pair};
+use model::predict::{DualPressureRig, Predictor};
+use model::rig::Rig;
+use proto::emulator::Sensors;
+use proto::reference::Reference;
+
+use crate::{EnvironmentError, sensor_scales};
+
+/// Both vents open: how a rig is found.
+const VENT: Pair = [1.0; CHANNELS];
+
+/// Whatever decides duties.
+pub trait Controller {
+    /// Starts anew, with `duty` long in force.
+    fn restart(&mut self, duty: Pair);
+    /// Decides the duties of a tick, given what the model predicts for the next five.
+    fn decide(&mut self, situation: &Situation, predicted_kpa: &[Pair; AHEAD]) -> Decision;
+    /// Told what was sent.
+    fn applied(&mut self, duty: Pair);
+}
+
+impl Controller for Fallback {
+    fn restart(&mut self, _duty: Pair) {
+        Fallback::restart(self);
+    }
+
+    fn decide(&mut self, situation: &Situation, _predicted_kpa: &[Pair; AHEAD]) -> Decision {
+        Fallback::decide(self, situation)
+    }
+
+    fn applied(&mut self, duty: Pair) {
+        Fallback::applied(self, duty);
+    }
+}
+
+/// A policy in its law; `run` maps an observation to twelve outputs in the contract's units.
+pub struct PolicyController<F> {
+    law: PolicyLaw,
+    run: F,
+}
+
+impl<F: FnMut(&[f32]) -> [f32; ACTION_LEN]> PolicyController<F> {
+    /// Flies `run` in `law`.
+    pub fn new(law: PolicyLaw, run: F) -> Self {
+        PolicyController { law, run }
+    }
+}
+
+impl<F: FnMut(&[f32]) -> [f32; ACTION_LEN]> Controller for PolicyController<F> {
+    fn restart(&mut self, duty: Pair) {
+        self.law.restart(duty);
+    }
+
+    fn decide(&mut self, situation: &Situation, predicted_kpa: &[Pair; AHEAD]) -> Decision {
+        self.law.observe(situation);
+        let mut observation = [0.0; CORRECTION_OBSERVATION_LEN];
+        let told = observation.get_mut(..self.law.contract().observation_len()).unwrap_or_default();
+        self.law.write_observation(situation, predicted_kpa, told);
+        let outputs = (self.run)(told);
+        self.law.decide(situation, &outputs)
+    }
+
+    fn applied(&mut self, duty: Pair) {
+        self.law.applied(duty);
+    }
+}
+
+/// One tick of a flight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FlownTick {
+    /// What the sensors showed, noise and converter included, in kPa gauge.
+    pub measured_kpa: Pair,
+    /// What there was to show.
+    pub true_kpa: Pair,
+    /// The reference as given.
+    pub goal_kpa: Pair,
+    /// The duties that were sent.
+    pub duty: Pair,
+}
+
+/// A flight.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Flown {
+    /// Its ticks.
+    pub ticks: Vec<FlownTick>,
+}
+
+/// How a flight is set up.
+#[derive(Debug, Clone, Copy)]
+pub struct FlightPlan<'a> {
+    /// The rig that is flown.
+    pub rig: &'a Rig,
+    /// The model behind MPObs; `None` tells the controller that everything stays as it is.
+    pub model: Option<&'a Rig>,
+    /// The reference.
+    pub reference: &'a Reference,
+    /// How long, in s.
+    pub seconds: f64,
+    /// Noise of the converter in V RMS.
+    pub noise_v_rms: f64,
+    /// Seed of the noise.
+    pub seed: u64,
+}
+
+/// Flies: from rest and vented, along an approach to where the reference begins, then along the reference.
+///
+/// # Errors
+/// If the rig or the model cannot be flown.
+pub fn fly(plan: &FlightPlan<'_>, controller: &mut impl Controller) -> Result<Flown, EnvironmentError> {
+    let scales = sensor_scales(plan.rig)?;
+    let mut plant = DualPressureRig::new(plan.rig).map_err(EnvironmentError::rig(plan.rig))?;
+    let mut predictor = match plan.model {
+        Some(model) => Some(Predictor::new(model).map_err(EnvironmentError::rig(model))?),
+        None => None,
+    };
+    let mut sensors = Sensors::new(scales, plan.noise_v_rms, plan.seed);
+    let count = (plan.seconds / TICK_S).round() as usize;
+    let mut ticks = Vec::with_capacity(count);
+    let mut trajectory = ActionTrajectory::held(VENT);
+    let mut approach = None;
+    for tick in 0..count {
+        let true_kpa = plant.readings_kpa();
+        let volts = sensors.sample(true_kpa, [&[], &[]]);
+        let measured_kpa: Pair = std::array::from_fn(|c| scales[c].gauge_kpa(f64::from(volts[c])));
+        if approach.is_none() {
+            controller.restart(VENT);
+            if let Some(predictor) = &mut predictor {
+                predictor.restart(measured_kpa, VENT);
+            }
+        }
+        let approach = *approach.get_or_insert_with(|| Approach::new(measured_kpa, plan.reference.at(0.0)));
+        let goals_kpa = std::array::from_fn(|j| {
+            let time_s = (tick + j) as f64 * TICK_S;
+            let (goal, offset) = (plan.reference.at(time_s), approach.offset_kpa(time_s));
+            std::array::from_fn(|c| goal[c] + offset[c])
+        });
+        let predicted = match &mut predictor {
+            Some(predictor) => {
+                predictor.observe(measured_kpa);
+                predictor.predict(&trajectory.remaining(), true)
+            }
+            None => [measured_kpa; AHEAD],
+        };
+        let decision = controller.decide(&Situation { measured_kpa, goals_kpa }, &predicted);
+        let duty = decision.duty();
+        trajectory = decision.trajectory;
+        controller.applied(duty);
+        if let Some(predictor) = &mut predictor {
+            predictor.advance(duty, true);
+        }
+        ticks.push(FlownTick { measured_kpa, true_kpa, goal_kpa: plan.reference.at(tick as f64 * TICK_S), duty });
+        plant.tick(duty, true);
+    }
+    Ok(Flown { ticks })
+}

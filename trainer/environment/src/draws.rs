@@ -1,0 +1,54 @@
+//! Random numbers: one stream for each purpose, so that one more draw here changes nothing there.
+
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+
+/// What a stream of random numbers is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Purpose {
+    /// Rig parameters and mechanisms.
+    Rig,
+    /// References.
+    Reference,
+    /// Where an episode begins.
+    Start,
+    /// Seeds of the sensors' noise.
+    Noise,
+}
+
+/// The stream of a seed, a purpose, an episode and a lane.
+///
+/// The four are mixed by the finaliser of SplitMix64 (Steele, Lea, Flood, OOPSLA 2014), one after the other, into
+/// the seed of a PCG generator (O'Neill, 2014), whose numbers are the same on every machine.
+pub fn stream(seed: u64, purpose: Purpose, episode: u64, lane: usize) -> Pcg64Mcg {
+    let mixed = [purpose as u64 + 1, episode, lane as u64].into_iter().fold(mix(seed), |key, part| mix(key ^ part));
+    Pcg64Mcg::seed_from_u64(mixed)
+}
+
+fn mix(value: u64) -> u64 {
+    let value = value.wrapping_add(0x9E37_79B9_7F4A_7C15);
+    let value = (value ^ (value >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let value = (value ^ (value >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    value ^ (value >> 31)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::RngExt as _;
+
+    #[test]
+    fn streams_differ_in_every_key_and_repeat() {
+        let first = |seed, purpose, episode, lane| stream(seed, purpose, episode, lane).random::<u64>();
+        let here = first(1, Purpose::Rig, 2, 3);
+        assert_eq!(here, first(1, Purpose::Rig, 2, 3));
+        for other in [
+            first(2, Purpose::Rig, 2, 3),
+            first(1, Purpose::Noise, 2, 3),
+            first(1, Purpose::Rig, 3, 3),
+            first(1, Purpose::Rig, 2, 4),
+        ] {
+            assert_ne!(here, other);
+        }
+    }
+}

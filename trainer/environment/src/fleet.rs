@@ -1,0 +1,348 @@
+//! Eight rigs side by side, each with its own parameters, reference, noise and law: what a learner acts on.
+//!
+//! The eight share one compiled structure and are integrated in lanes, plant and MPObs model both, which makes a
+//! step of one environment several times cheaper than alone. Episodes begin and end together. A rig that leaves
+//! the safety envelope ends its own episode there (a terminal state) and is started anew on the same reference.
+
+use std::sync::Arc;
+
+use law::{Approach, Decision, PolicyLaw, Situation, TICK_S, saturated};
+use model::contract::{ACTION_LEN, AHEAD, ActionTrajectory, CHANNELS, Contract, GOALS_AHEAD, Pair};
+use model::predict::{DualPressureRig, Predictor};
+use model::real::{Lanes, Real};
+use model::rig::Rig;
+use model::steady::SteadyMap;
+use proto::emulator::{SensorScale, Sensors};
+use rand::{Rng, RngExt as _};
+use rand_distr::{Distribution, StandardNormal};
+
+use crate::draws::{Purpose, stream};
+use crate::reward::reward;
+use crate::rig_draw::RigDraw;
+use crate::settings::EnvironmentSettings;
+use crate::{EnvironmentError, reference_draw, sensor_scales};
+
+/// Environments that run side by side.
+pub const SIDE_BY_SIDE: usize = 8;
+type Eight = Lanes<SIDE_BY_SIDE>;
+
+/// Pressures beyond which the daemon vents, in kPa gauge: positive above, negative below.
+const ENVELOPE_KPA: Pair = [160.0, -95.0];
+/// Share of episodes that begin with the rig at rest and vented, as a flight does.
+const FROM_REST: f64 = 0.15;
+/// Share that begins anywhere.
+const FROM_ANYWHERE: f64 = 0.15;
+/// How far from the reference the others begin, in kPa RMS.
+const NEAR_KPA: Pair = [3.0, 1.5];
+
+/// What a step of all eight led to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Step {
+    /// Rewards.
+    pub rewards: [f32; SIDE_BY_SIDE],
+    /// Whether the rig left its envelope: nothing comes after.
+    pub terminal: [bool; SIDE_BY_SIDE],
+    /// Error of the measured pressures in kPa.
+    pub error_kpa: [Pair; SIDE_BY_SIDE],
+    /// Change of the applied duties since the tick before.
+    pub duty_change: [Pair; SIDE_BY_SIDE],
+}
+
+/// One rig of the fleet, but for its physics.
+struct Member {
+    law: PolicyLaw,
+    sensors: Sensors,
+    reference: Vec<Pair>,
+    approach: Approach,
+    approach_from: usize,
+    situation: Situation,
+    predicted: [Pair; AHEAD],
+    trajectory: ActionTrajectory,
+    duty: Pair,
+}
+
+/// The fleet.
+pub struct Fleet {
+    settings: EnvironmentSettings,
+    contract: Contract,
+    draw: RigDraw,
+    scales: [SensorScale; CHANNELS],
+    map: Arc<SteadyMap>,
+    seed: u64,
+    plant: DualPressureRig<Eight>,
+    /// The model behind MPObs; without it the prediction is "stays as it is".
+    predictor: Option<Predictor<Eight>>,
+    members: Vec<Member>,
+    tick: usize,
+    ticks: usize,
+    observations: Vec<f32>,
+    reached: Vec<f32>,
+}
+
+impl Fleet {
+    /// A fleet of rigs drawn by `draw`, with `model` behind MPObs and feed-forward. Call [`Fleet::begin`] next.
+    ///
+    /// # Errors
+    /// If settings are out of range, or a rig lacks what a dual-pressure rig needs.
+    pub fn new(
+        draw: RigDraw,
+        model: &Rig,
+        contract: Contract,
+        model_predicted: bool,
+        settings: &EnvironmentSettings,
+        seed: u64,
+    ) -> Result<Self, EnvironmentError> {
+        settings.check()?;
+        let same: [Rig; SIDE_BY_SIDE] = std::array::from_fn(|_| model.clone());
+        let compiled = DualPressureRig::side_by_side(&same).map_err(EnvironmentError::rig(model))?;
+        let map = Arc::new(SteadyMap::new(model).map_err(EnvironmentError::rig(model))?);
+        let scales = sensor_scales(draw.nominal())?;
+        let mut fleet = Fleet {
+            contract,
+            scales,
+            map,
+            seed,
+            plant: compiled.clone(),
+            predictor: model_predicted.then(|| Predictor::with(compiled)),
+            members: Vec::new(),
+            tick: 0,
+            ticks: (settings.episode_s / TICK_S).round() as usize,
+            observations: vec![0.0; SIDE_BY_SIDE * contract.observation_len()],
+            reached: vec![0.0; SIDE_BY_SIDE * contract.observation_len()],
+            settings: settings.clone(),
+            draw,
+        };
+        fleet.begin(0)?;
+        Ok(fleet)
+    }
+
+    /// Begins episode `number`: everything about it follows from the seed and this number.
+    ///
+    /// # Errors
+    /// If a drawn rig is unsound.
+    pub fn begin(&mut self, number: u64) -> Result<(), EnvironmentError> {
+        let mut rigs = Vec::with_capacity(SIDE_BY_SIDE);
+        self.members.clear();
+        for lane in 0..SIDE_BY_SIDE {
+            let of = |purpose| stream(self.seed, purpose, number, lane);
+            rigs.push(self.draw.draw(&mut of(Purpose::Rig))?);
+            let reference = reference_draw::draw(&self.map, self.ticks + GOALS_AHEAD + 2, &mut of(Purpose::Reference));
+            self.members.push(Member {
+                law: PolicyLaw::new(Arc::clone(&self.map), self.contract),
+                sensors: Sensors::new(self.scales, self.settings.noise_v_rms, of(Purpose::Noise).random()),
+                reference,
+                approach: Approach::new([0.0; CHANNELS], [0.0; CHANNELS]),
+                approach_from: 0,
+                situation: Situation { measured_kpa: [0.0; CHANNELS], goals_kpa: [[0.0; CHANNELS]; GOALS_AHEAD + 1] },
+                predicted: [[0.0; CHANNELS]; AHEAD],
+                trajectory: ActionTrajectory::held([1.0; CHANNELS]),
+                duty: [1.0; CHANNELS],
+            });
+        }
+        let named = rigs.first().cloned();
+        let rigs: [Rig; SIDE_BY_SIDE] = rigs.try_into().unwrap_or_else(|_| unreachable!("one rig was drawn per lane"));
+        self.plant = DualPressureRig::side_by_side(&rigs)
+            .map_err(|error| EnvironmentError::Rig { name: named.map_or_else(String::new, |rig| rig.name), error })?;
+        self.tick = 0;
+        let starts: [(Pair, Pair); SIDE_BY_SIDE] =
+            std::array::from_fn(|lane| self.start(lane, &mut stream(self.seed, Purpose::Start, number, lane)));
+        let pressures = std::array::from_fn(|c| Eight::from_lanes(|lane| starts[lane].0[c]));
+        let duties = std::array::from_fn(|c| Eight::from_lanes(|lane| starts[lane].1[c]));
+        self.plant.start_from(pressures, duties);
+        if let Some(predictor) = &mut self.predictor {
+            predictor.restart(pressures, duties);
+        }
+        for (lane, (_, duty)) in starts.into_iter().enumerate() {
+            self.member_starts(lane, duty);
+        }
+        self.sense();
+        self.observations.copy_from_slice(&self.reached);
+        Ok(())
+    }
+
+    /// What the policy is told, eight rows of [`Contract::observation_len`] numbers.
+    pub fn observations(&self) -> &[f32] {
+        &self.observations
+    }
+
+    /// What the last step led to, before rigs that left their envelope were started anew.
+    pub fn reached(&self) -> &[f32] {
+        &self.reached
+    }
+
+    /// Whether the episode's time is over: a truncation, no terminal state.
+    pub fn is_over(&self) -> bool {
+        self.tick >= self.ticks
+    }
+
+    /// Steps of one environment in an episode.
+    pub fn ticks(&self) -> usize {
+        self.ticks
+    }
+
+    /// Acts: eight rows of twelve numbers within −1 … 1, which become duties or corrections as the settings say.
+    pub fn step(&mut self, actions: &[f32]) -> Step {
+        let mut duty_change = [[0.0; CHANNELS]; SIDE_BY_SIDE];
+        for ((member, action), change) in
+            self.members.iter_mut().zip(actions.chunks_exact(ACTION_LEN)).zip(&mut duty_change)
+        {
+            let outputs = outputs(self.contract, &self.settings, action);
+            let decision = member.law.decide(&member.situation, &outputs);
+            *change = member.apply(&decision);
+        }
+        let duties: [Eight; CHANNELS] =
+            std::array::from_fn(|c| Eight::from_lanes(|lane| self.members.get(lane).map_or(1.0, |m| m.duty[c])));
+        if let Some(predictor) = &mut self.predictor {
+            predictor.advance(duties, true);
+        }
+        self.plant.tick(duties, true);
+        self.tick += 1;
+        self.sense();
+        let mut step = Step {
+            rewards: [0.0; SIDE_BY_SIDE],
+            terminal: [false; SIDE_BY_SIDE],
+            error_kpa: [[0.0; CHANNELS]; SIDE_BY_SIDE],
+            duty_change,
+        };
+        self.observations.copy_from_slice(&self.reached);
+        let reached = self.plant.readings_kpa();
+        for lane in 0..SIDE_BY_SIDE {
+            let Some(member) = self.members.get(lane) else { continue };
+            let Situation { measured_kpa, goals_kpa } = &member.situation;
+            let predicted = self.predictor.as_ref().map(|_| &member.predicted);
+            let settings = &self.settings.reward;
+            let mut paid = reward(settings, goals_kpa, *measured_kpa, predicted);
+            let [pos, neg] = reached.map(|p| p.lane(lane));
+            step.error_kpa[lane] = std::array::from_fn(|c| measured_kpa[c] - goals_kpa[0][c]);
+            // Written so that NaN counts as outside.
+            step.terminal[lane] = !(pos <= ENVELOPE_KPA[0] && neg >= ENVELOPE_KPA[1]);
+            if step.terminal[lane] {
+                paid = settings.scale * settings.tripped;
+                self.restart(lane);
+            }
+            step.rewards[lane] = paid as f32;
+        }
+        step
+    }
+
+    /// Where an episode begins: pressures in kPa gauge, and the duties long in force.
+    fn start(&self, lane: usize, random: &mut impl Rng) -> (Pair, Pair) {
+        let first = self.members.get(lane).and_then(|m| m.reference.first().copied()).unwrap_or([80.0, -70.0]);
+        let kind: f64 = random.random_range(0.0..1.0);
+        let near: Pair = std::array::from_fn(|c| {
+            let gauss: f64 = StandardNormal.sample(random);
+            first[c] + NEAR_KPA[c] * gauss
+        });
+        let anywhere = reference_draw::place(&self.map, random);
+        if kind < FROM_REST {
+            return ([0.0; CHANNELS], [1.0; CHANNELS]);
+        }
+        let place = if kind < FROM_REST + FROM_ANYWHERE { anywhere } else { near };
+        let place = [place[0].clamp(0.0, 150.0), place[1].clamp(-90.0, 0.0)];
+        (place, self.map.duty_for(place, [0.0; CHANNELS]).map(saturated))
+    }
+
+    /// Starts one rig anew near its reference, in the middle of the episode.
+    fn restart(&mut self, lane: usize) {
+        let Some(at) = self.members.get(lane).and_then(|m| m.reference.get(self.tick)).copied() else { return };
+        let duty = self.map.duty_for(at, [0.0; CHANNELS]).map(saturated);
+        self.plant.restart_lane(lane, at, duty);
+        if let Some(predictor) = &mut self.predictor {
+            predictor.restart_lane(lane, at, duty);
+        }
+        self.member_starts(lane, duty);
+        let readings = self.plant.readings_kpa().map(|p| p.lane(lane));
+        let length = self.contract.observation_len();
+        let (map, contract) = (&self.map, self.contract);
+        let Some(member) = self.members.get_mut(lane) else { return };
+        // The valve's play is that of the rig, so what was learned of it stays; all else is new.
+        member.law = PolicyLaw::new(Arc::clone(map), contract);
+        member.law.restart(duty);
+        member.measure(readings, self.tick);
+        member.predicted = [member.situation.measured_kpa; AHEAD];
+        member.law.observe(&member.situation);
+        if let Some(row) = self.observations.chunks_exact_mut(length).nth(lane) {
+            member.law.write_observation(&member.situation, &member.predicted, row);
+        }
+    }
+
+    fn member_starts(&mut self, lane: usize, duty: Pair) {
+        let readings = self.plant.readings_kpa().map(|p| p.lane(lane));
+        let tick = self.tick;
+        if let Some(member) = self.members.get_mut(lane) {
+            let first = member.reference.get(tick).copied().unwrap_or(readings);
+            member.approach = Approach::new(readings, first);
+            member.approach_from = tick;
+            member.trajectory = ActionTrajectory::held(duty);
+            member.duty = duty;
+            member.law.restart(duty);
+        }
+    }
+
+    /// Measures, predicts and writes what the policies are told.
+    fn sense(&mut self) {
+        let readings = self.plant.readings_kpa();
+        for (lane, member) in self.members.iter_mut().enumerate() {
+            member.measure(readings.map(|p| p.lane(lane)), self.tick);
+        }
+        let members = &self.members;
+        let of = |value: &dyn Fn(&Member) -> f64| Eight::from_lanes(|lane| members.get(lane).map_or(0.0, value));
+        if let Some(predictor) = &mut self.predictor {
+            predictor.observe(std::array::from_fn(|c| of(&|m| m.situation.measured_kpa[c])));
+            let plan = std::array::from_fn(|j| std::array::from_fn(|c| of(&|m| m.trajectory.remaining()[j][c])));
+            let predicted = predictor.predict(&plan, true);
+            for (lane, member) in self.members.iter_mut().enumerate() {
+                member.predicted = predicted.map(|pair| pair.map(|p| p.lane(lane)));
+                if !member.predicted.as_flattened().iter().all(|p| p.is_finite()) {
+                    member.predicted = [member.situation.measured_kpa; AHEAD];
+                }
+            }
+        } else {
+            for member in &mut self.members {
+                member.predicted = [member.situation.measured_kpa; AHEAD];
+            }
+        }
+        let length = self.contract.observation_len();
+        for (member, row) in self.members.iter_mut().zip(self.reached.chunks_exact_mut(length)) {
+            member.law.observe(&member.situation);
+            member.law.write_observation(&member.situation, &member.predicted, row);
+        }
+    }
+}
+
+impl Member {
+    fn measure(&mut self, readings_kpa: Pair, tick: usize) {
+        let volts = self.sensors.sample(readings_kpa, [&[], &[]]);
+        let scales = self.sensors.scales();
+        self.situation.measured_kpa = std::array::from_fn(|c| scales[c].gauge_kpa(f64::from(volts[c])));
+        self.situation.goals_kpa = std::array::from_fn(|j| {
+            let goal = self.reference.get(tick + j).or(self.reference.last()).copied().unwrap_or_default();
+            let offset = self.approach.offset_kpa((tick + j - self.approach_from) as f64 * TICK_S);
+            std::array::from_fn(|c| goal[c] + offset[c])
+        });
+    }
+
+    /// Sends a decision; answers by how much the duties changed.
+    fn apply(&mut self, decision: &Decision) -> Pair {
+        let duty = decision.duty();
+        self.trajectory = decision.trajectory;
+        self.law.applied(duty);
+        let before = std::mem::replace(&mut self.duty, duty);
+        std::array::from_fn(|c| duty[c] - before[c])
+    }
+}
+
+/// What twelve numbers within −1 … 1 mean under a contract: duties, or corrections of the fallback's.
+pub fn outputs(contract: Contract, settings: &EnvironmentSettings, action: &[f32]) -> [f32; ACTION_LEN] {
+    let (middle, half) = match contract {
+        Contract::Paper => {
+            (0.5 * (settings.duty_high + settings.duty_low), 0.5 * (settings.duty_high - settings.duty_low))
+        }
+        Contract::Correction => (0.0, settings.correction_duty),
+    };
+    let mut outputs = [0.0; ACTION_LEN];
+    for (output, action) in outputs.iter_mut().zip(action) {
+        *output = (half as f32).mul_add(*action, middle as f32);
+    }
+    outputs
+}

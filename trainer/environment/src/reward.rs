@@ -1,0 +1,62 @@
+//! The paper's reward (§III-A4, Table IV).
+//!
+//! ```text
+//! r = k Σ_{j=0…5} w_j Σ_c f_c min(|g_{τ+j,c} − o_{τ+j,c}|, e_c)       pressures in kPa
+//! ```
+//!
+//! `o_τ` is measured, `o_{τ+1} …` are MPObs. `k` and the channels' `f_c` are 1 in the paper, `e_c` is endless. Without MPObs only what
+//! is measured can be paid for; its weight is then the sum of all, so that rewards of both kinds compare.
+
+use model::contract::{AHEAD, Pair};
+
+use crate::settings::RewardSettings;
+
+/// The reward of being where the measurement says, with the predictions that there are.
+pub fn reward(
+    settings: &RewardSettings,
+    goals_kpa: &[Pair],
+    measured_kpa: Pair,
+    predicted_kpa: Option<&[Pair; AHEAD]>,
+) -> f64 {
+    let paid = |goal: Option<&Pair>, at: Pair| -> f64 {
+        let Some(goal) = goal else { return 0.0 };
+        let channels = settings.channels.iter().zip(settings.most_kpa);
+        goal.iter().zip(at).zip(channels).map(|((g, o), (f, most))| f * (g - o).abs().min(most)).sum()
+    };
+    let weight = |j: usize| if j == AHEAD { settings.last } else { settings.between };
+    let sum = match predicted_kpa {
+        Some(predicted) => {
+            let ahead = predicted.iter().enumerate().map(|(j, at)| weight(j + 1) * paid(goals_kpa.get(j + 1), *at));
+            settings.now * paid(goals_kpa.first(), measured_kpa) + ahead.sum::<f64>()
+        }
+        None => {
+            let all = settings.now + (1..=AHEAD).map(weight).sum::<f64>();
+            all * paid(goals_kpa.first(), measured_kpa)
+        }
+    };
+    settings.scale * sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_beyond_the_limit_cost_no_more() {
+        let settings = RewardSettings { most_kpa: [5.0, 2.0], ..RewardSettings::default() };
+        let goals = [[90.0, -70.0]; AHEAD + 1];
+        let r = reward(&settings, &goals, [40.0, -30.0], None);
+        assert!((r + 0.59 * 7.0).abs() < 1e-12, "{r}");
+    }
+
+    #[test]
+    fn is_the_papers_sum() {
+        let goals = [[90.0, -70.0]; AHEAD + 1];
+        let predicted = std::array::from_fn(|j| [90.0 + j as f64, -70.0]);
+        let r = reward(&RewardSettings::default(), &goals, [88.0, -71.0], Some(&predicted));
+        // −0.3·(2+1) − 0.01·(0+1+2+3) − 0.25·4
+        assert!((r - (-0.9 - 0.06 - 1.0)).abs() < 1e-12, "{r}");
+        let r = reward(&RewardSettings::default(), &goals, [88.0, -71.0], None);
+        assert!((r + 0.59 * 3.0).abs() < 1e-12, "{r}");
+    }
+}

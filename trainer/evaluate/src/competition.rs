@@ -1,0 +1,176 @@
+//! Entrants fly rigs: the flights behind a table.
+
+use std::sync::Arc;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use environment::closed_loop::{FlightPlan, Flown, PolicyController};
+use environment::{EnvironmentError, Score, fly};
+use law::{Fallback, FallbackSettings, PolicyLaw};
+use model::rig::Rig;
+use model::steady::SteadyMap;
+use proto::reference::Reference;
+use training::TrainedPolicy;
+
+use crate::clairvoyant::Clairvoyant;
+use crate::dob::Dob;
+use crate::table::{Cell, LIMIT, Row};
+
+/// Who flies.
+#[derive(Clone)]
+pub enum Entrant {
+    /// The daemon's fallback.
+    Fallback,
+    /// The disturbance observer, tuned on the model at its linearisation point.
+    Dob(Dob),
+    /// Policies that differ in nothing but their seed.
+    Policies {
+        /// What they are called in the table.
+        label: String,
+        /// One for each seed.
+        policies: Vec<Arc<TrainedPolicy>>,
+    },
+    /// The limit.
+    Clairvoyant,
+}
+
+impl Entrant {
+    /// Its name in tables.
+    pub fn label(&self) -> String {
+        match self {
+            Entrant::Fallback => "fallback PI".into(),
+            Entrant::Dob(dob) => {
+                let [feedback, observer] = dob.bandwidths_per_s();
+                format!("disturbance observer (K {feedback}/s, L {observer}/s)")
+            }
+            Entrant::Policies { label, .. } => label.clone(),
+            Entrant::Clairvoyant => LIMIT.into(),
+        }
+    }
+}
+
+/// What is flown.
+pub struct Competition {
+    /// The model behind MPObs, feed-forward and linearisation.
+    pub model: Rig,
+    /// Columns: a name and the rigs whose flights it is the mean of.
+    pub columns: Vec<(String, Vec<Rig>)>,
+    /// The reference.
+    pub reference: Reference,
+    /// Length of a flight in s.
+    pub seconds: f64,
+    /// Noise of the converter in V RMS.
+    pub noise_v_rms: f64,
+    /// Noise seeds of entrants without a seed of their own.
+    pub seeds: Vec<u64>,
+    /// Threads that fly.
+    pub threads: usize,
+}
+
+/// One flight to fly.
+struct Task {
+    row: usize,
+    column: usize,
+    rig: usize,
+    seed: usize,
+}
+
+impl Competition {
+    /// Flies everything; `told` is called after every flight with how many are done and how many there are.
+    ///
+    /// # Errors
+    /// The first rig that cannot be flown.
+    pub fn fly(&self, entrants: &[Entrant], told: &(dyn Fn(usize, usize) + Sync)) -> Result<Vec<Row>, EnvironmentError> {
+        let map = Arc::new(SteadyMap::new(&self.model).map_err(|error| EnvironmentError::Rig {
+            name: self.model.name.clone(),
+            error,
+        })?);
+        let seeds_of = |entrant: &Entrant| match entrant {
+            Entrant::Policies { policies, .. } => policies.len(),
+            // Its duties do not depend on the noise; one solution a rig is enough.
+            Entrant::Clairvoyant => 1,
+            _ => self.seeds.len(),
+        };
+        let mut tasks = Vec::new();
+        for (row, entrant) in entrants.iter().enumerate() {
+            for (column, (_, rigs)) in self.columns.iter().enumerate() {
+                for rig in 0..rigs.len() {
+                    tasks.extend((0..seeds_of(entrant)).map(|seed| Task { row, column, rig, seed }));
+                }
+            }
+        }
+        // The longest first, so that no thread is left with one of them at the end.
+        tasks.sort_by_key(|task| !matches!(entrants.get(task.row), Some(Entrant::Clairvoyant)));
+        let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        let results: Mutex<Vec<(usize, Result<Score, EnvironmentError>)>> = Mutex::new(Vec::new());
+        std::thread::scope(|scope| {
+            for _ in 0..self.threads.max(1) {
+                scope.spawn(|| {
+                    loop {
+                        let index = next.fetch_add(1, Ordering::Relaxed);
+                        let Some(task) = tasks.get(index) else { break };
+                        let score = self.fly_one(&map, entrants, task).map(|flown| Score::of(&flown.ticks));
+                        if let Ok(mut results) = results.lock() {
+                            results.push((index, score));
+                        }
+                        told(done.fetch_add(1, Ordering::Relaxed) + 1, tasks.len());
+                    }
+                });
+            }
+        });
+        let mut results = results.into_inner().unwrap_or_default();
+        results.sort_by_key(|(index, _)| *index);
+        let mut scores: Vec<Vec<Vec<Vec<Score>>>> = entrants
+            .iter()
+            .map(|entrant| vec![vec![Vec::new(); seeds_of(entrant)]; self.columns.len()])
+            .collect();
+        for (index, score) in results {
+            let score = score?;
+            if let Some(task) = tasks.get(index)
+                && let Some(cell) = scores.get_mut(task.row).and_then(|r| r.get_mut(task.column))
+                && let Some(seed) = cell.get_mut(task.seed)
+            {
+                seed.push(score);
+            }
+        }
+        Ok(entrants
+            .iter()
+            .zip(scores)
+            .map(|(entrant, columns)| Row {
+                entrant: entrant.label(),
+                seeds: seeds_of(entrant),
+                cells: columns.iter().map(|seeds| Cell::of(seeds)).collect(),
+            })
+            .collect())
+    }
+
+    fn fly_one(&self, map: &Arc<SteadyMap>, entrants: &[Entrant], task: &Task) -> Result<Flown, EnvironmentError> {
+        let missing = || EnvironmentError::Setting { key: "table".into(), problem: "holds no such rig".into() };
+        let rig = self.columns.get(task.column).and_then(|(_, rigs)| rigs.get(task.rig)).ok_or_else(missing)?;
+        let seed = self.seeds.get(task.seed).copied().unwrap_or(task.seed as u64 + 1);
+        let plan = FlightPlan {
+            rig,
+            model: None,
+            reference: &self.reference,
+            seconds: self.seconds,
+            noise_v_rms: self.noise_v_rms,
+            seed,
+        };
+        match entrants.get(task.row).ok_or_else(missing)? {
+            Entrant::Fallback => fly(&plan, &mut Fallback::new(Arc::clone(map), FallbackSettings::default())),
+            Entrant::Dob(dob) => fly(&plan, &mut dob.clone()),
+            Entrant::Clairvoyant => {
+                let mut solved = Clairvoyant::solve(map, rig, &self.reference, self.seconds)?;
+                fly(&plan, &mut solved)
+            }
+            Entrant::Policies { policies, .. } => {
+                let policy = policies.get(task.seed).ok_or_else(missing)?;
+                let predicts = policy.settings().policy.variant.predicts();
+                let plan = FlightPlan { model: predicts.then_some(&self.model), ..plan };
+                let law = PolicyLaw::new(Arc::clone(map), policy.settings().contract());
+                let mut runner = policy.runner();
+                fly(&plan, &mut PolicyController::new(law, |observation: &[f32]| runner.outputs(observation)))
+            }
+        }
+    }
+}

@@ -1,0 +1,18 @@
+//! The paper's tables: controllers side by side on the same rigs.
+//!
+//! | module | subject |
+//! | --- | --- |
+//! | [`dob`] | the disturbance-observer controller that the paper compares with |
+//! | [`clairvoyant`] | the limit: what any controller could reach that knows rig and reference |
+//! | [`competition`] | entrants fly rigs |
+//! | [`table`] | tables as JSON, Markdown and page |
+//! | [`rigs_around`] | rigs drawn around a given one |
+
+pub mod clairvoyant;
+pub mod competition;
+pub mod dob;
+pub mod rigs_around;
+pub mod table;
+
+pub use clairvoyant::Clairvoyant;
+pub use dob::Dob;

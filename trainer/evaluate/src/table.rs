@@ -1,0 +1,223 @@
+//! A table of the paper: who flew what, how well, with its spread; as JSON, Markdown and page.
+
+use report::{Color, Panel, Plot, Report, Scatter, Table as Page};
+use serde::Serialize;
+
+/// Figures of one entrant on one rig: means over flights, and their spread (standard deviation over seeds).
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Cell {
+    /// RMSE of the measured pressures after the first 5 s, in kPa; positive, negative.
+    pub rmse_kpa: [f64; 2],
+    /// Its spread over seeds, in kPa; 0 with one seed.
+    pub spread_kpa: [f64; 2],
+    /// Worst RMSE of any flight in the cell, in kPa.
+    pub worst_kpa: [f64; 2],
+    /// RMS of the duty's change per tick.
+    pub duty_change_rms: [f64; 2],
+    /// Flights that the cell is the mean of.
+    pub flights: usize,
+}
+
+/// One entrant.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    /// Who flew.
+    pub entrant: String,
+    /// How many trainings or noise seeds.
+    pub seeds: usize,
+    /// One cell for each column.
+    pub cells: Vec<Cell>,
+}
+
+/// A table.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Table {
+    /// What it shows.
+    pub title: String,
+    /// What is flown in each column.
+    pub columns: Vec<String>,
+    /// Entrants.
+    pub rows: Vec<Row>,
+    /// The paper's own figures, where it has such a table: entrant, positive and negative RMSE in kPa on its rig.
+    pub paper: Vec<(String, [f64; 2])>,
+    /// What a reader must know.
+    pub notes: Vec<String>,
+    /// Command, versions, seeds: how to make it again.
+    pub provenance: Vec<(String, String)>,
+}
+
+/// The row that others are multiples of.
+pub const LIMIT: &str = "limit (rig and reference known)";
+
+impl Cell {
+    /// The mean of flights' figures, spread over groups of one seed each.
+    pub fn of(seeds: &[Vec<environment::Score>]) -> Self {
+        let mean = |values: &mut dyn Iterator<Item = f64>| {
+            let (mut sum, mut count) = (0.0, 0.0);
+            for value in values {
+                sum += value;
+                count += 1.0;
+            }
+            sum / count
+        };
+        let flights = || seeds.iter().flatten();
+        let by_seed = |c: usize| -> Vec<f64> {
+            seeds.iter().map(|flights| mean(&mut flights.iter().map(|s| s.rmse_kpa[c]))).collect()
+        };
+        let spread = |c: usize| {
+            let values = by_seed(c);
+            if values.len() < 2 {
+                return 0.0;
+            }
+            let middle = mean(&mut values.iter().copied());
+            (values.iter().map(|v| (v - middle).powi(2)).sum::<f64>() / (values.len() - 1) as f64).sqrt()
+        };
+        let each = |f: &dyn Fn(usize) -> f64| std::array::from_fn(f);
+        Cell {
+            rmse_kpa: each(&|c| mean(&mut by_seed(c).into_iter())),
+            spread_kpa: each(&spread),
+            worst_kpa: each(&|c| flights().fold(0.0, |worst: f64, s| worst.max(s.rmse_kpa[c]))),
+            duty_change_rms: each(&|c| mean(&mut flights().map(|s| s.duty_change_rms[c]))),
+            flights: flights().count(),
+        }
+    }
+}
+
+impl Table {
+    /// The cell of the limit in a column.
+    fn limit(&self, column: usize) -> Option<&Cell> {
+        self.rows.iter().find(|row| row.entrant == LIMIT).and_then(|row| row.cells.get(column))
+    }
+
+    /// What a cell says, in kPa, with the multiple of the limit where there is one.
+    fn words(&self, row: &Row, column: usize) -> String {
+        let Some(cell) = row.cells.get(column) else { return String::new() };
+        let channel = |c: usize| {
+            let spread = if row.seeds > 1 { format!(" ± {:.3}", cell.spread_kpa[c]) } else { String::new() };
+            let times = match self.limit(column) {
+                Some(limit) if row.entrant != LIMIT => format!(" ({:.1}×)", cell.rmse_kpa[c] / limit.rmse_kpa[c]),
+                _ => String::new(),
+            };
+            format!("{:.3}{spread}{times}", cell.rmse_kpa[c])
+        };
+        format!("{} / {}", channel(0), channel(1))
+    }
+
+    /// As Markdown: RMSE positive / negative in kPa, spread, multiple of the limit; then duty changes.
+    pub fn to_markdown(&self) -> String {
+        let mut text = format!("# {}\n\nRMSE of the measured pressures after the first 5 s, positive / negative, kPa", self.title);
+        text += ", mean ± spread over seeds; in brackets multiples of the limit.\n\n";
+        text += &format!("| | seeds | {} |\n", self.columns.join(" | "));
+        text += &format!("| --- | --- |{}\n", " --- |".repeat(self.columns.len()));
+        for row in &self.rows {
+            let cells: Vec<String> = (0..self.columns.len()).map(|n| self.words(row, n)).collect();
+            text += &format!("| {} | {} | {} |\n", row.entrant, row.seeds, cells.join(" | "));
+        }
+        text += "\nWorst flight of each cell, kPa, and RMS of the duty's change per tick:\n\n";
+        text += &format!("| | {} |\n| --- |{}\n", self.columns.join(" | "), " --- |".repeat(self.columns.len()));
+        for row in &self.rows {
+            let cells: Vec<String> = row
+                .cells
+                .iter()
+                .map(|c| {
+                    format!(
+                        "{:.3} / {:.3}; {:.4} / {:.4}",
+                        c.worst_kpa[0], c.worst_kpa[1], c.duty_change_rms[0], c.duty_change_rms[1]
+                    )
+                })
+                .collect();
+            text += &format!("| {} | {} |\n", row.entrant, cells.join(" | "));
+        }
+        if !self.paper.is_empty() {
+            text += "\nThe paper, on its own rig:\n\n| | positive | negative |\n| --- | --- | --- |\n";
+            for (entrant, [pos, neg]) in &self.paper {
+                text += &format!("| {entrant} | {pos} | {neg} |\n");
+            }
+        }
+        for note in &self.notes {
+            text += &format!("\n{note}\n");
+        }
+        text += "\n";
+        for (key, value) in &self.provenance {
+            text += &format!("- {key}: {value}\n");
+        }
+        text
+    }
+
+    /// As a page with a plot: RMSE of every entrant in every column.
+    pub fn to_html(&self) -> String {
+        let mut page = Report::new(&self.title).text(
+            "RMSE of the measured pressures after the first 5 s, positive / negative, in kPa: mean ± spread over seeds; \
+             in brackets multiples of the limit.",
+        );
+        let mut table = Page::new(std::iter::once("".to_owned()).chain(self.columns.iter().cloned()));
+        for row in &self.rows {
+            let cells = (0..self.columns.len()).map(|n| self.words(row, n));
+            table.push(std::iter::once(row.entrant.clone()).chain(cells));
+        }
+        page = page.table(table);
+        let colors = [Color::Blue, Color::Vermilion];
+        for (n, column) in self.columns.iter().enumerate() {
+            let x: Vec<f64> = (1..=self.rows.len()).map(|k| k as f64).collect();
+            let mut panel = Panel::new("RMSE (kPa)").log_y();
+            for (c, (name, color)) in ["positive", "negative"].into_iter().zip(colors).enumerate() {
+                let y: Vec<f64> =
+                    self.rows.iter().map(|r| r.cells.get(n).map_or(f64::NAN, |cell| cell.rmse_kpa[c])).collect();
+                panel = panel.scatter(Scatter::new(name, &x, &y).color(color));
+            }
+            let who: Vec<String> = self.rows.iter().enumerate().map(|(k, r)| format!("{}: {}", k + 1, r.entrant)).collect();
+            page = page.plot(Plot::new(column, "entrant").caption(&who.join("; ")).panel(panel));
+        }
+        for note in &self.notes {
+            page = page.text(note);
+        }
+        let mut provenance = Page::new(["made by", ""]);
+        for (key, value) in &self.provenance {
+            provenance.push([key.clone(), value.clone()]);
+        }
+        page.table(provenance).to_html()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use environment::Score;
+
+    fn score(rmse: f64) -> Score {
+        Score {
+            rmse_kpa: [rmse, 2.0 * rmse],
+            offset_kpa: [0.0; 2],
+            worst_kpa: [0.0; 2],
+            duty_change_rms: [0.01, 0.02],
+        }
+    }
+
+    #[test]
+    fn cells_are_means_over_seeds_with_their_spread() {
+        let cell = Cell::of(&[vec![score(0.1), score(0.3)], vec![score(0.4)]]);
+        assert!((cell.rmse_kpa[0] - 0.3).abs() < 1e-12, "mean of 0.2 and 0.4");
+        assert!((cell.spread_kpa[0] - 0.02_f64.sqrt()).abs() < 1e-12);
+        assert_eq!((cell.worst_kpa[1], cell.flights), (0.8, 3));
+    }
+
+    #[test]
+    fn rows_are_told_as_multiples_of_the_limit() {
+        let row = |entrant: &str, rmse: f64| Row {
+            entrant: entrant.into(),
+            seeds: 1,
+            cells: vec![Cell::of(&[vec![score(rmse)]])],
+        };
+        let table = Table {
+            title: "t".into(),
+            columns: vec!["bench".into()],
+            rows: vec![row("ours", 0.3), row(LIMIT, 0.1)],
+            paper: vec![("Our RL".into(), [0.6935, 0.2646])],
+            notes: vec![],
+            provenance: vec![("commit".into(), "abc".into())],
+        };
+        let markdown = table.to_markdown();
+        assert!(markdown.contains("0.300 (3.0×) / 0.600 (3.0×)"), "{markdown}");
+        assert!(markdown.contains("| Our RL | 0.6935 | 0.2646 |"), "{markdown}");
+    }
+}

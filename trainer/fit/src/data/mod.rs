@@ -1,0 +1,18 @@
+//! Recordings as the fits see them.
+//!
+//! | file | subject |
+//! | --- | --- |
+//! | `record` | the columns a rig needs, as numbers |
+//! | `layout` | where a row of a channel lies in one long vector of readings |
+//! | `noise` | what the readings scatter by when nothing happens |
+//! | `split` | which rows are fitted, which choose between models, which are kept back |
+
+mod layout;
+mod noise;
+mod record;
+mod split;
+
+pub use layout::Layout;
+pub use noise::{Noise, noise};
+pub use record::{Record, Records};
+pub use split::{Role, Split, Stretch};

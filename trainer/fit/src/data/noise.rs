@@ -1,0 +1,138 @@
+//! What the readings scatter by when nothing happens.
+//!
+//! White noise shows in differences of neighbouring rows, which a plant with a time constant of a second hardly
+//! passes; noise of the fourth difference `Δ⁴y` is `√70` times that of a reading, a parabola's is nil. Quantisation is
+//! the smallest step on which (nearly) all readings lie. Whether neighbouring noise belongs together is asked of
+//! plateaus alone: residuals of a model that lacks something are coloured too, and an AR(1) fitted to those would
+//! explain away what is to be found.
+
+use super::Records;
+
+/// The noise of one channel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Noise {
+    /// Standard deviation of a reading in kPa, quantisation included.
+    pub sigma_kpa: f64,
+    /// Quantisation step in kPa; 0 where none shows.
+    pub step_kpa: f64,
+    /// Correlation of neighbouring readings' noise on plateaus; `None` where there are too few plateaus.
+    pub correlation: Option<f64>,
+}
+
+/// Rows that a plateau must last for, after as many rows for settling: 1.5 s.
+const PLATEAU_ROWS: usize = 75;
+/// Fewest plateaus that a correlation is told from.
+const PLATEAUS: usize = 5;
+
+/// The noise of every channel, all recordings together.
+pub fn noise(records: &Records) -> Vec<Noise> {
+    (0..records.layout().channels())
+        .map(|channel| {
+            let step_kpa = quantisation(records, channel);
+            // A reading that never moves by less than a step has at least the rounding's own noise.
+            let floor = step_kpa / 12.0_f64.sqrt();
+            let sigma_kpa = white(records, channel).max(floor).max(1e-6);
+            Noise { sigma_kpa, step_kpa, correlation: correlation(records, channel) }
+        })
+        .collect()
+}
+
+/// Coefficients of the fourth difference and the root of the sum of their squares.
+const FOURTH: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
+
+fn white(records: &Records, channel: usize) -> f64 {
+    let norm = FOURTH.iter().map(|c| c * c).sum::<f64>().sqrt();
+    let mut sizes = Vec::new();
+    for (record, r) in records.records().iter().enumerate() {
+        for rows in &r.segments {
+            let values = records.channel_kpa(record, channel).get(rows.clone()).unwrap_or_default();
+            sizes.extend(
+                values.windows(5).map(|w| (w.iter().zip(FOURTH).map(|(y, c)| y * c).sum::<f64>() / norm).abs()),
+            );
+        }
+    }
+    if sizes.is_empty() {
+        return 0.0;
+    }
+    let middle = sizes.len() / 2;
+    let mut sigma = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745;
+    // The median of quantised differences is a multiple of the step over the norm; the mean square of those within
+    // three deviations (0.9733 of the variance of a normal) is not. Steps of a valve fall outside.
+    for _ in 0..4 {
+        let within: Vec<f64> = sizes.iter().filter(|s| **s <= 3.0 * sigma).map(|s| s * s).collect();
+        if within.is_empty() {
+            break;
+        }
+        sigma = (within.iter().sum::<f64>() / within.len() as f64 / 0.9733).sqrt();
+    }
+    sigma
+}
+
+fn quantisation(records: &Records, channel: usize) -> f64 {
+    let mut values: Vec<f64> =
+        (0..records.records().len()).flat_map(|record| records.channel_kpa(record, channel)).copied().collect();
+    values.sort_by(f64::total_cmp);
+    let gaps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > 1e-9).collect();
+    // Readings written with few digits scatter around the true grid by their rounding.
+    let Some(least) = gaps.iter().copied().reduce(f64::min) else { return 0.0 };
+    let near: Vec<f64> = gaps.iter().copied().filter(|gap| *gap < 1.5 * least).collect();
+    let step = near.iter().sum::<f64>() / near.len() as f64;
+    let on_grid = gaps.iter().filter(|gap| (*gap / step - (*gap / step).round()).abs() < 0.1).count();
+    // Unquantised noise has gaps of every size; and thousands of values on a handful of steps are a grid.
+    let distinct = gaps.len() + 1;
+    if on_grid * 10 >= gaps.len() * 9 && distinct * 2 < values.len() { step } else { 0.0 }
+}
+
+/// Lag-one correlation of residuals from a parabola on stretches where no command moves.
+fn correlation(records: &Records, channel: usize) -> Option<f64> {
+    let (mut products, mut squares, mut plateaus, mut used) = (0.0, 0.0, 0, 0.0);
+    for (record, r) in records.records().iter().enumerate() {
+        let values = records.channel_kpa(record, channel);
+        let still = |row: usize| {
+            r.inputs.iter().all(|input| {
+                matches!((input.get(row), input.get(row.wrapping_sub(1))), (Some(a), Some(b)) if (a - b).abs() < 1e-6)
+            })
+        };
+        for rows in &r.segments {
+            let mut since = rows.start;
+            for row in rows.clone().skip(1) {
+                if !still(row) {
+                    since = row;
+                }
+                // Settled for as long again as the plateau itself.
+                if row + 1 - since == 3 * PLATEAU_ROWS {
+                    let part = values.get(row + 1 - PLATEAU_ROWS..row + 1).unwrap_or_default();
+                    let residual = without_parabola(part);
+                    products += residual.windows(2).map(|w| w[0] * w[1]).sum::<f64>();
+                    squares += residual.iter().map(|r| r * r).sum::<f64>();
+                    used += PLATEAU_ROWS as f64;
+                    plateaus += 1;
+                    since = row + 1 - PLATEAU_ROWS;
+                }
+            }
+        }
+    }
+    if plateaus < PLATEAUS || squares <= 0.0 {
+        return None;
+    }
+    // Taking three coefficients out of n rows lowers the correlation of white noise by about 3/n.
+    Some((products / squares + 3.0 * plateaus as f64 / used).clamp(-1.0, 1.0))
+}
+
+/// Residuals from the parabola that fits best.
+fn without_parabola(values: &[f64]) -> Vec<f64> {
+    let n = values.len() as f64;
+    // Legendre-like polynomials, orthogonal on the rows: 1, x, x² − mean(x²).
+    let x = |i: usize| i as f64 - 0.5 * (n - 1.0);
+    let mean_square = (n * n - 1.0) / 12.0;
+    let bases: [fn(f64, f64) -> f64; 3] = [|_, _| 1.0, |x, _| x, |x, m| x * x - m];
+    let mut residual = values.to_vec();
+    for base in bases {
+        let norm: f64 = (0..values.len()).map(|i| base(x(i), mean_square).powi(2)).sum();
+        let along = residual.iter().enumerate().map(|(i, v)| v * base(x(i), mean_square)).sum::<f64>() / norm;
+        for (i, v) in residual.iter_mut().enumerate() {
+            *v -= along * base(x(i), mean_square);
+        }
+    }
+    residual
+}

@@ -1,0 +1,130 @@
+//! The columns of recordings that a rig needs, as numbers.
+
+use std::ops::Range;
+
+use model::plant::{Input, Plant};
+use model::rig::Rig;
+use proto::recording::Recording;
+
+use super::Layout;
+use crate::FitError;
+
+/// One recording: commands and readings, row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    /// The file it comes from.
+    pub source: String,
+    /// Time of each row in s.
+    pub time_s: Vec<f64>,
+    /// Commands by input of the rig, then by row.
+    pub inputs: Vec<Vec<f64>>,
+    /// Runs of rows without a gap; in order, never empty, together all rows.
+    pub segments: Vec<Range<usize>>,
+}
+
+/// Recordings of one rig.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Records {
+    inputs: Vec<Input>,
+    sensors: Vec<String>,
+    records: Vec<Record>,
+    layout: Layout,
+    readings_kpa: Vec<f64>,
+}
+
+impl Records {
+    /// Takes the columns that `rig` needs out of recordings.
+    ///
+    /// # Errors
+    /// No recordings; a column that the rig reads or is commanded by is missing or text; the rig is unsound.
+    pub fn new(rig: &Rig, recordings: &[Recording]) -> Result<Self, FitError> {
+        if recordings.is_empty() {
+            return Err(FitError::NoRecordings);
+        }
+        let plant = Plant::new(rig).map_err(FitError::rig(rig))?;
+        let mut records = Vec::with_capacity(recordings.len());
+        for recording in recordings {
+            let inputs = plant
+                .inputs()
+                .iter()
+                .map(|input| match input.default {
+                    Some(value) if recording.names().all(|name| name != input.column) => {
+                        Ok(vec![value; recording.rows()])
+                    }
+                    _ => recording.require([input.column.as_str()]).map(|[numbers]| numbers.to_vec()),
+                })
+                .collect::<Result<Vec<_>, _>>()?;
+            records.push(Record {
+                source: recording.source().to_owned(),
+                time_s: recording.time_s().to_vec(),
+                inputs,
+                segments: recording.segments().to_vec(),
+            });
+        }
+        let sensors = plant.sensor_columns().to_vec();
+        let layout = Layout::new(sensors.len(), recordings.iter().map(Recording::rows).collect());
+        let mut readings_kpa = Vec::with_capacity(layout.len());
+        for recording in recordings {
+            for column in recording.require_all(sensors.iter().map(String::as_str))? {
+                readings_kpa.extend_from_slice(column);
+            }
+        }
+        Ok(Records { inputs: plant.inputs().to_vec(), sensors, records, layout, readings_kpa })
+    }
+
+    /// The same recordings with other readings: a simulated experiment.
+    ///
+    /// # Errors
+    /// Another number of readings than there are places for.
+    pub fn with_readings(&self, readings_kpa: Vec<f64>) -> Result<Self, FitError> {
+        if readings_kpa.len() != self.layout.len() {
+            return Err(FitError::Unusable(format!(
+                "{} readings for {} places; give one for each row of each channel",
+                readings_kpa.len(),
+                self.layout.len()
+            )));
+        }
+        Ok(Records { readings_kpa, ..self.clone() })
+    }
+
+    /// The inputs of the rig, in the order of [`Record::inputs`].
+    pub fn inputs(&self) -> &[Input] {
+        &self.inputs
+    }
+
+    /// The columns of the sensors, in the order of channels.
+    pub fn sensors(&self) -> &[String] {
+        &self.sensors
+    }
+
+    /// The recordings.
+    pub fn records(&self) -> &[Record] {
+        &self.records
+    }
+
+    /// How [`Records::readings_kpa`] and every trace are laid out.
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// All readings in gauge kPa.
+    pub fn readings_kpa(&self) -> &[f64] {
+        &self.readings_kpa
+    }
+
+    /// The readings of one channel of one recording, in gauge kPa.
+    pub fn channel_kpa(&self, record: usize, channel: usize) -> &[f64] {
+        self.readings_kpa.get(self.layout.channel(record, channel)).unwrap_or_default()
+    }
+
+    /// The commands of the input with this column in one recording; `None` if the rig has no such input.
+    pub fn input(&self, record: usize, column: &str) -> Option<&[f64]> {
+        let index = self.inputs.iter().position(|input| input.column == column)?;
+        self.records.get(record)?.inputs.get(index).map(Vec::as_slice)
+    }
+
+    /// Rows of all recordings together.
+    pub fn rows(&self) -> usize {
+        self.records.iter().map(|record| record.time_s.len()).sum()
+    }
+}

@@ -1,0 +1,199 @@
+//! Which rows are fitted, which choose between models, and which are kept back for the final figures.
+//!
+//! With five recordings or more, whole recordings are given away (about 60 : 20 : 20 by rows); what is tested is
+//! then another day's run. With fewer, each recording is cut into contiguous stretches of at least 10 s, for a
+//! model that fits neighbouring rows says nothing about others: the first half of every recording is mostly
+//! fitted, and each recording gives its share to every role, so that every kind of excitation is in all three.
+//!
+//! A stretch that is not fitted is simulated along with its recording from the recording's start (commands only),
+//! so slow states are right where it begins; it is the *readings* of it that no fit sees.
+
+use std::ops::Range;
+
+use super::{Layout, Records};
+
+/// What a stretch of rows is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Parameters are fitted to it.
+    Fit,
+    /// Models are compared on it.
+    Select,
+    /// Final figures come from it and nothing else does.
+    HeldOut,
+}
+
+/// Contiguous rows of one recording.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Stretch {
+    /// Index of the recording.
+    pub record: usize,
+    /// Its rows.
+    pub rows: Range<usize>,
+    /// What they are for.
+    pub role: Role,
+}
+
+/// Every row of every recording with its role.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Split {
+    stretches: Vec<Stretch>,
+}
+
+/// The shortest stretch, in rows: 10 s.
+const SHORTEST_ROWS: usize = 500;
+/// So many recordings and more are given away whole.
+const WHOLE_FROM: usize = 5;
+
+impl Split {
+    /// Splits recordings into 60 : 20 : 20.
+    pub fn of(records: &Records) -> Self {
+        let rows: Vec<Vec<Range<usize>>> = records.records().iter().map(|r| r.segments.clone()).collect();
+        Self::of_segments(&rows)
+    }
+
+    /// Everything in one role.
+    pub fn all(records: &Records, role: Role) -> Self {
+        let stretches = records
+            .records()
+            .iter()
+            .enumerate()
+            .flat_map(|(record, r)| r.segments.iter().map(move |rows| Stretch { record, rows: rows.clone(), role }))
+            .collect();
+        Split { stretches }
+    }
+
+    /// A split made by hand.
+    pub fn from_stretches(stretches: Vec<Stretch>) -> Self {
+        Split { stretches }
+    }
+
+    /// The stretches, in order.
+    pub fn stretches(&self) -> &[Stretch] {
+        &self.stretches
+    }
+
+    /// Those of one role.
+    pub fn of_role(&self, role: Role) -> impl Iterator<Item = &Stretch> {
+        self.stretches.iter().filter(move |stretch| stretch.role == role)
+    }
+
+    /// Rows of one role, all recordings together.
+    pub fn rows(&self, role: Role) -> usize {
+        self.of_role(role).map(|stretch| stretch.rows.len()).sum()
+    }
+
+    /// 1 at the readings of a role, 0 elsewhere.
+    pub fn weights(&self, layout: &Layout, role: Role) -> Vec<f64> {
+        let mut weights = vec![0.0; layout.len()];
+        for stretch in self.of_role(role) {
+            for channel in 0..layout.channels() {
+                if let Some(part) = weights.get_mut(layout.stretch(stretch.record, channel, stretch.rows.clone())) {
+                    part.fill(1.0);
+                }
+            }
+        }
+        weights
+    }
+
+    /// Stretches of a role cut into blocks of about `rows` rows (never shorter, unless the stretch is).
+    pub fn blocks(&self, role: Role, rows: usize) -> Vec<Stretch> {
+        let mut blocks = Vec::new();
+        for stretch in self.of_role(role) {
+            let count = (stretch.rows.len() / rows.max(1)).max(1);
+            for block in 0..count {
+                let at = |k: usize| stretch.rows.start + stretch.rows.len() * k / count;
+                blocks.push(Stretch { record: stretch.record, rows: at(block)..at(block + 1), role });
+            }
+        }
+        blocks
+    }
+
+    fn of_segments(records: &[Vec<Range<usize>>]) -> Self {
+        let mut stretches = Vec::new();
+        if records.len() >= WHOLE_FROM {
+            // One in five each for selection and the final figures, spread over the list.
+            for (record, segments) in records.iter().enumerate() {
+                let role = match record % 5 {
+                    2 => Role::Select,
+                    4 => Role::HeldOut,
+                    _ => Role::Fit,
+                };
+                stretches.extend(segments.iter().map(|rows| Stretch { record, rows: rows.clone(), role }));
+            }
+        } else {
+            for (record, segments) in records.iter().enumerate() {
+                for rows in segments {
+                    cut(record, rows, &mut stretches);
+                }
+            }
+        }
+        Split { stretches }
+    }
+}
+
+/// Cuts one segment into stretches: fit, select, fit, held out, in shares of 3 : 2 : 3 : 2.
+///
+/// A segment too short for that gives less: below 20 s it is fitted as a whole, below 30 s its last third (at
+/// least 10 s) is held out.
+fn cut(record: usize, rows: &Range<usize>, stretches: &mut Vec<Stretch>) {
+    let n = rows.len();
+    let mut add = |from: usize, to: usize, role: Role| {
+        stretches.push(Stretch { record, rows: rows.start + from..rows.start + to, role });
+    };
+    if n < 2 * SHORTEST_ROWS {
+        add(0, n, Role::Fit);
+    } else if n < 3 * SHORTEST_ROWS {
+        add(0, n - SHORTEST_ROWS, Role::Fit);
+        add(n - SHORTEST_ROWS, n, Role::HeldOut);
+    } else {
+        let share = (n / 5).max(SHORTEST_ROWS);
+        let fitted = n - 2 * share;
+        // The first part holds the recording's start, whose pressures are guessed: it takes the larger half.
+        let first = fitted - fitted / 2;
+        if fitted < 2 * SHORTEST_ROWS {
+            add(0, fitted, Role::Fit);
+            add(fitted, fitted + share, Role::Select);
+            add(fitted + share, n, Role::HeldOut);
+        } else {
+            add(0, first, Role::Fit);
+            add(first, first + share, Role::Select);
+            add(first + share, n - share, Role::Fit);
+            add(n - share, n, Role::HeldOut);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Every row once, in order; nothing shorter than 10 s unless the segment is.
+        #[test]
+        fn stretches_tile_the_rows(lengths in prop::collection::vec(1_usize..20_000, 1..9)) {
+            let records: Vec<Vec<Range<usize>>> = lengths.iter().map(|n| std::iter::once(0..*n).collect()).collect();
+            let split = Split::of_segments(&records);
+            for (record, n) in lengths.iter().enumerate() {
+                let mut end = 0;
+                for stretch in split.stretches().iter().filter(|s| s.record == record) {
+                    prop_assert_eq!(stretch.rows.start, end);
+                    end = stretch.rows.end;
+                    prop_assert!(stretch.rows.len() >= SHORTEST_ROWS.min(*n));
+                }
+                prop_assert_eq!(end, *n);
+            }
+        }
+    }
+
+    #[test]
+    fn three_recordings_give_every_role_its_share() {
+        let records: Vec<Vec<Range<usize>>> = [5000, 5000, 4000].map(|n| std::iter::once(0..n).collect()).to_vec();
+        let split = Split::of_segments(&records);
+        assert_eq!([Role::Fit, Role::Select, Role::HeldOut].map(|role| split.rows(role)), [8400, 2800, 2800]);
+        let blocks = split.blocks(Role::Fit, 500);
+        assert_eq!(blocks.iter().map(|b| b.rows.len()).sum::<usize>(), 8400);
+        assert!(blocks.iter().all(|b| (500..1000).contains(&b.rows.len())));
+    }
+}

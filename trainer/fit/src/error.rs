@@ -1,0 +1,55 @@
+//! What can go wrong in a fit.
+
+use model::rig::RigError;
+use proto::recording::RecordingError;
+
+/// Why a fit cannot be made, in one line.
+#[derive(Debug, thiserror::Error)]
+pub enum FitError {
+    /// A recording lacks what the rig needs.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The rig cannot be simulated.
+    #[error("{rig}: {problem}")]
+    Rig {
+        /// The rig's name.
+        rig: String,
+        /// Key and problem.
+        problem: RigError,
+    },
+    /// No recording was given.
+    #[error("no recordings; name at least one file")]
+    NoRecordings,
+    /// The recordings are too poor to fit anything to.
+    #[error("{0}")]
+    Unusable(String),
+    /// A start of the fit cannot be simulated.
+    #[error("{rig}: the simulation leaves the numbers; check the rig's parameters")]
+    NotFinite {
+        /// The rig's name.
+        rig: String,
+    },
+    /// A parameter that is not one of the rig's, or has a value it cannot have.
+    #[error("parameter {path}: {problem}")]
+    Parameter {
+        /// Path of the parameter.
+        path: String,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A system of equations without a solution.
+    #[error("{what}: {problem}")]
+    Singular {
+        /// What was solved for.
+        what: String,
+        /// What is wrong and what to do.
+        problem: String,
+    },
+}
+
+impl FitError {
+    /// A problem of `rig`.
+    pub(crate) fn rig(rig: &model::rig::Rig) -> impl Fn(RigError) -> Self + '_ {
+        |problem| FitError::Rig { rig: rig.name.clone(), problem }
+    }
+}

@@ -1,0 +1,178 @@
+//! What a Jacobian says: covariance, intervals, and combinations that the data do not determine.
+//!
+//! With coordinates in units of the prior's standard deviation the information of the data is `F = JᵀWJ` and that of
+//! the prior is `P` (ones). Then
+//!
+//! ```text
+//! model      cov = (F + P)⁻¹                                 right if residuals are independent
+//! blocks     cov = (F + P)⁻¹ (Σ_b g_b g_bᵀ + P) (F + P)⁻¹     g_b = J_bᵀ W r_b over blocks of time
+//! ```
+//!
+//! The second (White 1982; Newey & West's idea with whole blocks) stays right when residuals of neighbouring rows
+//! belong together, as they do wherever the model is a little wrong. An eigenvector of `F` with eigenvalue below one is
+//! a combination of parameters on which the data say less than the prior did.
+
+use nalgebra::{DMatrix, SymmetricEigen};
+
+use super::levenberg::{Linearised, dot};
+use super::loss::Loss;
+
+/// A combination of parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Direction {
+    /// Components in units of the prior's standard deviations; a unit vector.
+    pub components: Vec<f64>,
+    /// Information of the data along it: 1 is as much as the prior's.
+    pub information: f64,
+}
+
+/// What data and prior say about parameters at the minimum.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Information {
+    /// Information of the data alone.
+    data: DMatrix<f64>,
+    /// `(F + P)⁻¹`.
+    covariance: DMatrix<f64>,
+    /// The covariance that allows for residuals that belong together.
+    by_blocks: DMatrix<f64>,
+}
+
+impl Information {
+    /// Works it out from residuals and Jacobian at the minimum; `blocks` holds the block of each residual (rows in
+    /// no block: `usize::MAX`).
+    ///
+    /// `None` if some combination is determined neither by the data nor by a prior.
+    pub fn of(at: &Linearised, loss: Loss, prior: &[f64], blocks: &[usize]) -> Option<Self> {
+        let n = at.jacobian.len();
+        let weights: Vec<f64> = at.residuals.iter().map(|r| loss.weight(*r)).collect();
+        let mut data = DMatrix::zeros(n, n);
+        let count = blocks.iter().filter(|b| **b != usize::MAX).max().map_or(0, |b| b + 1);
+        let mut scores = DMatrix::<f64>::zeros(count, n);
+        for (i, column) in at.jacobian.iter().enumerate() {
+            let weighted: Vec<f64> = column.iter().zip(&weights).map(|(j, w)| j * w).collect();
+            for (k, other) in at.jacobian.iter().enumerate().take(i + 1) {
+                let sum = dot(&weighted, other);
+                data[(i, k)] = sum;
+                data[(k, i)] = sum;
+            }
+            for ((j, r), block) in weighted.iter().zip(&at.residuals).zip(blocks) {
+                if *block < count {
+                    scores[(*block, i)] += j * r;
+                }
+            }
+        }
+        let penalty = DMatrix::from_fn(n, n, |i, k| if i == k { prior.get(i).copied().unwrap_or(0.0) } else { 0.0 });
+        let covariance = (&data + &penalty).cholesky()?.inverse();
+        // With few blocks the sum is short of the freedom that the fit used up.
+        let correction = if count > n + 1 { count as f64 / (count - n) as f64 } else { 1.0 };
+        let middle = (scores.transpose() * &scores) * correction + penalty;
+        let by_blocks = &covariance * middle * &covariance;
+        Some(Information { data, covariance, by_blocks })
+    }
+
+    /// Standard errors if residuals are independent, in units of the prior's.
+    pub fn sd(&self) -> Vec<f64> {
+        self.covariance.diagonal().iter().map(|v| v.max(0.0).sqrt()).collect()
+    }
+
+    /// Standard errors that allow for residuals that belong together: the larger of both estimates, for few blocks
+    /// may chance to agree.
+    pub fn cautious_sd(&self) -> Vec<f64> {
+        let blocks = self.by_blocks.diagonal();
+        self.sd().iter().zip(blocks.iter()).map(|(sd, v)| sd.max(v.max(0.0).sqrt())).collect()
+    }
+
+    /// `(F + P)⁻¹`.
+    pub fn covariance(&self) -> &DMatrix<f64> {
+        &self.covariance
+    }
+
+    /// The covariance by blocks.
+    pub fn covariance_by_blocks(&self) -> &DMatrix<f64> {
+        &self.by_blocks
+    }
+
+    /// Information of the data alone.
+    pub fn data(&self) -> &DMatrix<f64> {
+        &self.data
+    }
+
+    /// All combinations, least determined first.
+    pub fn directions(&self) -> Vec<Direction> {
+        let eigen = SymmetricEigen::new(self.data.clone());
+        let mut directions: Vec<Direction> = eigen
+            .eigenvalues
+            .iter()
+            .zip(eigen.eigenvectors.column_iter())
+            .map(|(information, vector)| Direction {
+                components: vector.iter().copied().collect(),
+                information: information.max(0.0),
+            })
+            .collect();
+        directions.sort_by(|a, b| a.information.total_cmp(&b.information));
+        directions
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// Two parameters of a line, fitted 4000 times to fresh noise: the spread of the fits is the covariance stated.
+    #[test]
+    fn covariance_is_the_spread_of_repeated_fits() {
+        let x: Vec<f64> = (0..20).map(|k| 0.1 * k as f64).collect();
+        let jacobian = vec![vec![1.0; 20], x.clone()];
+        let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(7);
+        let repeats = 4000;
+        let mut fits = Vec::new();
+        for _ in 0..repeats {
+            let noise: Vec<f64> = (0..20).map(|_| StandardNormal.sample(&mut random)).collect();
+            fits.push(super::super::solve(&jacobian, &noise, "line").unwrap().x);
+        }
+        let at = Linearised { residuals: vec![0.0; 20], jacobian };
+        let stated = Information::of(&at, Loss::Gaussian, &[0.0, 0.0], &[]).unwrap();
+        for i in 0..2 {
+            for k in 0..2 {
+                let spread = fits.iter().map(|f| f[i] * f[k]).sum::<f64>() / repeats as f64;
+                let expected = stated.covariance()[(i, k)];
+                let scale = (stated.covariance()[(i, i)] * stated.covariance()[(k, k)]).sqrt();
+                // The standard error of a variance from 4000 draws is √(2/4000) = 2.2 %; four of them.
+                assert!((spread - expected).abs() < 0.09 * scale, "{i}{k}: {spread} against {expected}");
+            }
+        }
+    }
+
+    /// A mean of correlated noise (every value ten times over): the block estimate sees that there are a tenth as many.
+    #[test]
+    fn blocks_see_residuals_that_belong_together() {
+        let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(8);
+        let (groups, size) = (400, 10);
+        let residuals: Vec<f64> = (0..groups)
+            .flat_map(|_| {
+                let value: f64 = StandardNormal.sample(&mut random);
+                std::iter::repeat_n(value, size)
+            })
+            .collect();
+        let blocks: Vec<usize> = (0..groups * size).map(|k| k / size).collect();
+        let at = Linearised { residuals, jacobian: vec![vec![1.0; groups * size]] };
+        let information = Information::of(&at, Loss::Gaussian, &[0.0], &blocks).unwrap();
+        let (naive, cautious) = (information.sd()[0], information.cautious_sd()[0]);
+        assert!((naive - 1.0 / f64::sqrt(4000.0)).abs() < 1e-12);
+        // √10 times as much; the standard error of a standard deviation from 400 groups is 3.5 %; three of them.
+        assert!((cautious / naive / 10.0_f64.sqrt() - 1.0).abs() < 0.11, "{}", cautious / naive);
+    }
+
+    #[test]
+    fn the_least_determined_combination_comes_first() {
+        // Only the sum of both parameters is seen, 100 times.
+        let at = Linearised { residuals: vec![0.0; 100], jacobian: vec![vec![1.0; 100], vec![1.0; 100]] };
+        assert!(Information::of(&at, Loss::Gaussian, &[0.0, 0.0], &[]).is_none());
+        let information = Information::of(&at, Loss::Gaussian, &[1.0, 1.0], &[]).unwrap();
+        let directions = information.directions();
+        assert!(directions[0].information < 1e-9 && (directions[1].information - 200.0).abs() < 1e-9);
+        assert!((directions[0].components[0] + directions[0].components[1]).abs() < 1e-12, "the difference");
+    }
+}

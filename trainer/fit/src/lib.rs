@@ -1,0 +1,21 @@
+//! Fits a rig's parameters to recordings.
+//!
+//! | module | subject |
+//! | --- | --- |
+//! | [`data`] | recordings as numbers; what is wrong with them; which rows are fitted and which are kept back; noise |
+//! | [`parameters`] | which numbers of a rig are free, how they are scaled, what is known of them |
+//! | [`least_squares`] | Levenberg-Marquardt, simplex, covariance |
+//! | [`objective`] | fits of a rig to recordings; likelihoods |
+//! | [`simulate`] | many rigs run over all recordings at once: free runs, windows |
+//!
+//! Pressures of recordings and simulated readings are gauge kPa throughout (`_kpa`), parameters are in the
+//! units of the rig file's keys.
+
+pub mod data;
+mod error;
+pub mod least_squares;
+pub mod objective;
+pub mod parameters;
+pub mod simulate;
+
+pub use error::FitError;

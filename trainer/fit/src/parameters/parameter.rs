@@ -1,0 +1,183 @@
+//! One free parameter: how it is scaled and what is known of it beforehand.
+//!
+//! Fits work in coordinates `z`: the parameter, transformed, less its prior mean, in units of the prior's standard
+//! deviation. All coordinates are then of order one, and a Gaussian prior is `½ z²`.
+
+/// How a parameter varies naturally.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Transform {
+    /// By factors: areas, volumes, time constants; always positive.
+    Log,
+    /// By differences: offsets, and anything that may be zero or negative.
+    Linear,
+}
+
+/// What is known of a parameter before the recordings are looked at.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Knowledge {
+    /// Gaussian around the rig file's value: `sd` in the parameter's unit, or as a share for [`Transform::Log`].
+    Prior {
+        /// Standard deviation.
+        sd: f64,
+    },
+    /// Nothing; `scale` is a distance that makes a visible difference (units as `sd`).
+    Nothing {
+        /// Scale of the coordinate.
+        scale: f64,
+    },
+}
+
+/// A free parameter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameter {
+    /// Dotted key of the rig file.
+    pub path: String,
+    /// How it varies.
+    pub transform: Transform,
+    /// The value at coordinate zero: the prior's mean (median for [`Transform::Log`]).
+    pub mean: f64,
+    /// What is known beforehand.
+    pub knowledge: Knowledge,
+    /// Lowest and highest value, in the parameter's unit.
+    pub bounds: [f64; 2],
+}
+
+impl Parameter {
+    /// A positive parameter with a relative prior.
+    pub fn log(path: impl Into<String>, mean: f64, sd: f64) -> Self {
+        // Five times as much or a fifth of what a part is sold as is another part.
+        let bounds = [mean / 5.0, mean * 5.0];
+        Parameter { path: path.into(), transform: Transform::Log, mean, knowledge: Knowledge::Prior { sd }, bounds }
+    }
+
+    /// A parameter that may be negative, with a prior in its unit.
+    pub fn linear(path: impl Into<String>, mean: f64, sd: f64) -> Self {
+        let bounds = [mean - 20.0 * sd, mean + 20.0 * sd];
+        Parameter { path: path.into(), transform: Transform::Linear, mean, knowledge: Knowledge::Prior { sd }, bounds }
+    }
+
+    /// The same without a prior; its standard deviation stays the scale of the coordinate.
+    #[must_use]
+    pub fn without_prior(mut self) -> Self {
+        self.knowledge = Knowledge::Nothing { scale: self.scale() };
+        self
+    }
+
+    /// The same within other bounds.
+    #[must_use]
+    pub fn within(mut self, low: f64, high: f64) -> Self {
+        self.bounds = [low, high];
+        self
+    }
+
+    /// What one unit of the coordinate is, in the parameter's unit or as a share.
+    pub fn scale(&self) -> f64 {
+        match self.knowledge {
+            Knowledge::Prior { sd } => sd,
+            Knowledge::Nothing { scale } => scale,
+        }
+    }
+
+    /// 1 with a prior, 0 without.
+    pub fn prior_weight(&self) -> f64 {
+        match self.knowledge {
+            Knowledge::Prior { .. } => 1.0,
+            Knowledge::Nothing { .. } => 0.0,
+        }
+    }
+
+    /// The value at a coordinate.
+    pub fn value(&self, coordinate: f64) -> f64 {
+        match self.transform {
+            Transform::Log => self.mean * (self.scale() * coordinate).exp(),
+            Transform::Linear => self.mean + self.scale() * coordinate,
+        }
+    }
+
+    /// The coordinate of a value.
+    pub fn coordinate(&self, value: f64) -> f64 {
+        match self.transform {
+            Transform::Log => (value / self.mean).ln() / self.scale(),
+            Transform::Linear => (value - self.mean) / self.scale(),
+        }
+    }
+
+    /// The bounds as coordinates.
+    pub fn coordinate_bounds(&self) -> [f64; 2] {
+        self.bounds.map(|value| self.coordinate(value))
+    }
+
+    /// Interval of the value for an interval of `±by` around `coordinate`, within the bounds.
+    pub fn interval(&self, coordinate: f64, by: f64) -> [f64; 2] {
+        let [low, high] = self.bounds;
+        [self.value(coordinate - by).clamp(low, high), self.value(coordinate + by).clamp(low, high)]
+    }
+
+    /// What stands after the last underscore group that is a unit, for tables: `mm2` in `input_area_mm2`.
+    pub fn unit(&self) -> &'static str {
+        const UNITS: [(&str, &str); 24] = [
+            ("_mm2_per_n", "mm²/N"),
+            ("_kg_per_s_pa2", "kg/(s Pa²)"),
+            ("_kpa_s_per_l", "kPa s/L"),
+            ("_l_per_min", "L/min"),
+            ("_ml_per_kpa", "mL/kPa"),
+            ("_w_per_k", "W/K"),
+            ("_per_bar", "1/bar"),
+            ("_per_kpa", "1/kPa"),
+            ("_kpa_abs", "kPa"),
+            ("_kpa_gauge", "kPa"),
+            ("_percent", "%"),
+            ("_mm2", "mm²"),
+            ("_cm2", "cm²"),
+            ("_mm", "mm"),
+            ("_ml", "mL"),
+            ("_rpm", "rev/min"),
+            ("_kpa", "kPa"),
+            ("_duty", "duty"),
+            ("_deg", "°"),
+            ("_hz", "Hz"),
+            ("_ms", "ms"),
+            ("_k", "K"),
+            ("_l", "L"),
+            ("_s", "s"),
+        ];
+        UNITS.iter().find(|(ending, _)| self.path.ends_with(ending)).map_or("", |(_, unit)| unit)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn coordinates_and_values_are_inverse(mean in 0.01_f64..100.0, sd in 0.001_f64..0.5, z in -4.0_f64..4.0) {
+            for parameter in [Parameter::log("a_mm", mean, sd), Parameter::linear("b_k", mean, sd)] {
+                // Cancellation of `value − mean` costs up to mean/sd roundings.
+                prop_assert!((parameter.coordinate(parameter.value(z)) - z).abs() < 1e-9);
+                prop_assert_eq!(parameter.value(0.0), mean);
+            }
+        }
+    }
+
+    #[test]
+    fn a_unit_of_the_coordinate_is_a_standard_deviation() {
+        assert!((Parameter::log("x", 2.0, 0.1).value(1.0) - 2.0 * 0.1_f64.exp()).abs() < 1e-15);
+        assert!((Parameter::linear("x", 2.0, 0.1).value(-1.0) - 1.9).abs() < 1e-15);
+    }
+
+    #[test]
+    fn units_stand_in_the_path() {
+        for (path, unit) in [
+            ("valves.v.input_area_mm2", "mm²"),
+            ("valves.v.pressure_area_mm2_per_n", "mm²/N"),
+            ("volumes.p.volume_l", "L"),
+            ("pumps.p.gas_temperature_k", "K"),
+            ("mechanisms.valve_lag@v.time_constant_ms", "ms"),
+            ("gas.heat_capacity_ratio", ""),
+        ] {
+            assert_eq!(Parameter::log(path, 1.0, 1.0).unit(), unit, "{path}");
+        }
+    }
+}

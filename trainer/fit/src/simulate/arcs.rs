@@ -1,0 +1,102 @@
+//! Where simulations start: once per recording, or anew in every window.
+//!
+//! An arc is a run of rows simulated from a start of its own; the commands alone decide the rest of it. One arc per
+//! segment is a free run, arcs of 0.5 s are multiple shooting (Bock 1981: shorter arcs forget a wrong parameter
+//! before it has driven the simulation out of reach of a linear step), arcs of 1 s and 10 s measure how fast a
+//! model goes astray. Within a segment only the chamber pressures start anew; what no sensor shows (cylinders, crank
+//! angle, memories of mechanisms) is carried on from the arc before.
+
+use std::ops::Range;
+
+use crate::data::Records;
+
+/// Rows simulated from one start.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Arc {
+    /// Index of the recording.
+    pub record: usize,
+    /// Its rows.
+    pub rows: Range<usize>,
+    /// The readings it starts from, in gauge kPa, by channel.
+    pub start_kpa: Vec<f64>,
+    /// Whether everything starts anew (at a segment's first row) or the chamber pressures alone.
+    pub fresh: bool,
+}
+
+/// Arcs in the order of recordings and rows; they do not overlap.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Arcs {
+    arcs: Vec<Arc>,
+}
+
+impl Arcs {
+    /// One arc per segment, each from the first row's readings: free runs.
+    pub fn free(records: &Records) -> Self {
+        let mut arcs = Vec::new();
+        for (record, r) in records.records().iter().enumerate() {
+            for rows in &r.segments {
+                arcs.push(Arc { record, rows: rows.clone(), start_kpa: at(records, record, rows.start), fresh: true });
+            }
+        }
+        Arcs { arcs }
+    }
+
+    /// Windows of `rows` rows, each from `smoothed_kpa` (a vector of the recordings' layout) at its first row.
+    ///
+    /// A remainder shorter than half a window joins the one before.
+    pub fn windows(records: &Records, rows: usize, smoothed_kpa: &[f64]) -> Self {
+        let layout = records.layout();
+        let mut arcs = Vec::new();
+        for (record, r) in records.records().iter().enumerate() {
+            for segment in &r.segments {
+                let count = ((segment.len() as f64 / rows.max(1) as f64).round() as usize).max(1);
+                for window in 0..count {
+                    let start = segment.start + window * rows;
+                    let end = if window + 1 == count { segment.end } else { start + rows };
+                    let start_kpa = (0..layout.channels())
+                        .map(|channel| {
+                            let index = layout.channel(record, channel).start + start;
+                            smoothed_kpa.get(index).copied().unwrap_or(f64::NAN)
+                        })
+                        .collect();
+                    arcs.push(Arc { record, rows: start..end, start_kpa, fresh: window == 0 });
+                }
+            }
+        }
+        Arcs { arcs }
+    }
+
+    /// The same arcs, those that start at or after `end[record]` left out and the last ones cut there: rows that
+    /// nothing is asked of cost no time.
+    #[must_use]
+    pub fn until(mut self, end: &[usize]) -> Self {
+        let end_of = |arc: &Arc| end.get(arc.record).copied().unwrap_or(usize::MAX);
+        self.arcs.retain(|arc| arc.rows.start < end_of(arc));
+        for arc in &mut self.arcs {
+            arc.rows.end = arc.rows.end.min(end_of(arc));
+        }
+        self
+    }
+
+    /// The arcs, in order.
+    pub fn arcs(&self) -> &[Arc] {
+        &self.arcs
+    }
+
+    /// The arcs, to move their starts.
+    pub fn arcs_mut(&mut self) -> &mut [Arc] {
+        &mut self.arcs
+    }
+
+    /// The arcs of one recording.
+    pub(crate) fn of(&self, record: usize) -> impl Iterator<Item = &Arc> + Clone {
+        self.arcs.iter().filter(move |arc| arc.record == record)
+    }
+}
+
+/// The readings of one row.
+fn at(records: &Records, record: usize, row: usize) -> Vec<f64> {
+    (0..records.layout().channels())
+        .map(|channel| records.channel_kpa(record, channel).get(row).copied().unwrap_or(f64::NAN))
+        .collect()
+}

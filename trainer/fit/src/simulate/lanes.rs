@@ -1,0 +1,57 @@
+//! One bundle of rigs through one recording.
+
+use std::sync::Arc as Shared;
+
+use model::plant::{Plant, Simulated, Simulation};
+
+use super::arcs::Arc;
+use crate::data::Record;
+
+/// Runs a bundle through the arcs of one recording.
+///
+/// `shift_kpa` is added to the start of every arc, by channel. `out` is `[channel][row]`, flattened; rows in no arc
+/// are left as they are.
+pub(super) fn sweep<'a, R: Simulated>(
+    plant: &Shared<Plant<R>>,
+    ticks_per_row: u32,
+    record: &Record,
+    arcs: impl Iterator<Item = &'a Arc>,
+    shift_kpa: &[R],
+    out: &mut [R],
+) {
+    let rows = record.time_s.len();
+    let sensors: Vec<usize> = (0..plant.sensor_columns().len()).collect();
+    let mut simulation = Simulation::new(Shared::clone(plant));
+    let mut commands = vec![R::splat(0.0); record.inputs.len()];
+    let mut start = vec![R::splat(0.0); sensors.len()];
+    let read = |row: usize, commands: &mut [R]| {
+        for (slot, column) in commands.iter_mut().zip(&record.inputs) {
+            *slot = R::splat(column.get(row).copied().unwrap_or(0.0));
+        }
+    };
+    for arc in arcs {
+        for ((slot, kpa), shift) in start.iter_mut().zip(&arc.start_kpa).zip(shift_kpa) {
+            *slot = R::splat(*kpa) + *shift;
+        }
+        read(arc.rows.start, &mut commands);
+        if arc.fresh {
+            // Asked of the recorded pressures, not of the shifted ones: all runs must start alike.
+            let recorded: Vec<R> = arc.start_kpa.iter().map(|kpa| R::splat(*kpa)).collect();
+            let how = simulation.start_for(&recorded);
+            simulation.start_from(&start, &commands, how);
+        } else {
+            simulation.correct(&sensors, &start);
+        }
+        for row in arc.rows.clone() {
+            for (channel, reading) in simulation.readings_kpa().enumerate() {
+                if let Some(slot) = out.get_mut(channel * rows + row) {
+                    *slot = reading;
+                }
+            }
+            read(row, &mut commands);
+            for _ in 0..ticks_per_row {
+                simulation.tick(&commands);
+            }
+        }
+    }
+}

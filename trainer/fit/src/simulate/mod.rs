@@ -1,0 +1,25 @@
+//! Rigs run over recordings: many at once, freely or from many starts.
+//!
+//! | file | subject |
+//! | --- | --- |
+//! | `arcs` | where simulations start: once per recording, or anew in every window |
+//! | `lanes` | eight rigs of one structure through one recording |
+//! | `simulator` | many rigs through all recordings, on all cores |
+//! | `start` | starts that noise does not spoil |
+//! | `horizon` | how far off a rig is after 1 s, 10 s, or for ever |
+//!
+//! A fit runs the same recordings hundreds of times with parameters a little off. Eight such rigs lie side by side in
+//! the lanes of the model, groups of eight and recordings are shared out among the cores, and nothing is
+//! allocated per row.
+
+mod arcs;
+mod horizon;
+mod lanes;
+mod simulator;
+mod start;
+
+pub use arcs::{Arc, Arcs};
+pub use horizon::{ChannelError, Horizon, errors, errors_at, trace_at};
+pub use simulator::{Fidelity, Run, Simulator};
+pub(crate) use start::NUDGE_KPA;
+pub use start::{refined_starts, smoothed_kpa};

@@ -1,0 +1,275 @@
+//! Many rigs through all recordings, on all cores.
+
+use std::num::NonZero;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc as Shared, Mutex, PoisonError};
+
+use model::plant::{Plant, Simulated};
+use model::real::{Lanes, Real};
+use model::rig::{Rig, RigError};
+use proto::recording::PERIOD_S;
+
+use super::arcs::Arcs;
+use super::lanes::sweep;
+use crate::FitError;
+use crate::data::Records;
+
+/// Rigs that run side by side.
+const SIDE_BY_SIDE: usize = 8;
+
+/// How closely the pump is simulated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fidelity {
+    /// Every stroke of the pistons, at the rig's own step: what figures are reported from.
+    Detailed,
+    /// Every stroke, at a step of 0.4 ms: off by about 0.05 kPa, four times as fast.
+    Coarse,
+}
+
+/// The coarse step in ms.
+const COARSE_STEP_MS: f64 = 0.4;
+
+/// One rig to be run, and how its starts differ from the arcs'.
+#[derive(Debug, Clone)]
+pub struct Run {
+    /// The rig.
+    pub rig: Rig,
+    /// Added to the readings that every arc starts from, in kPa, by channel; empty for nothing.
+    pub shift_kpa: Vec<f64>,
+}
+
+impl From<Rig> for Run {
+    fn from(rig: Rig) -> Self {
+        Run { rig, shift_kpa: Vec::new() }
+    }
+}
+
+/// Recordings, and what it takes to run rigs over them.
+#[derive(Debug, Clone, Copy)]
+pub struct Simulator<'r> {
+    records: &'r Records,
+    fidelity: Fidelity,
+    threads: usize,
+}
+
+/// What became of one run: a trace of the recordings' layout, or why the rig cannot be simulated.
+pub(super) type Outcome = Result<Vec<f64>, RigError>;
+
+/// Rigs of one structure, compiled.
+enum Bundle {
+    One(Shared<Plant<f64>>),
+    Several(Shared<Plant<Lanes<SIDE_BY_SIDE>>>),
+}
+
+/// A compiled bundle and the runs that are in it, by index.
+struct Group {
+    bundle: Bundle,
+    ticks_per_row: u32,
+    runs: Vec<usize>,
+}
+
+impl<'r> Simulator<'r> {
+    /// Runs rigs over `records` on all cores.
+    pub fn new(records: &'r Records, fidelity: Fidelity) -> Self {
+        let threads = std::thread::available_parallelism().map_or(1, NonZero::get);
+        Simulator { records, fidelity, threads }
+    }
+
+    /// The same on a given number of cores.
+    #[must_use]
+    pub fn on(self, threads: usize) -> Self {
+        Simulator { threads: threads.max(1), ..self }
+    }
+
+    /// The same at another fidelity.
+    #[must_use]
+    pub fn at(self, fidelity: Fidelity) -> Self {
+        Simulator { fidelity, ..self }
+    }
+
+    /// The recordings.
+    pub fn records(&self) -> &'r Records {
+        self.records
+    }
+
+    /// How closely the pump is simulated.
+    pub fn fidelity(&self) -> Fidelity {
+        self.fidelity
+    }
+
+    /// Readings (gauge kPa, in the recordings' layout) of every run, in the order of `runs`; rows in no arc hold what
+    /// was recorded. A run that diverges holds NaN or infinities.
+    ///
+    /// # Errors
+    /// By run: a rig that fails its checks, or has other inputs or sensors than the recordings.
+    pub fn run(&self, runs: &[Run], arcs: &Arcs) -> Vec<Result<Vec<f64>, RigError>> {
+        let mut outcomes: Vec<Outcome> = runs.iter().map(|_| Ok(self.records.readings_kpa().to_vec())).collect();
+        let groups = self.groups(runs, &mut outcomes);
+        let items: Vec<(usize, usize)> =
+            (0..groups.len()).flat_map(|g| (0..self.records.records().len()).map(move |record| (g, record))).collect();
+        let next = AtomicUsize::new(0);
+        let outcomes = Mutex::new(outcomes);
+        let work = || {
+            while let Some((group, record)) = items.get(next.fetch_add(1, Ordering::Relaxed)).copied() {
+                let Some(group) = groups.get(group) else { break };
+                match &group.bundle {
+                    Bundle::One(plant) => self.through(plant, group, runs, record, arcs, &outcomes),
+                    Bundle::Several(plant) => self.through(plant, group, runs, record, arcs, &outcomes),
+                }
+            }
+        };
+        std::thread::scope(|scope| {
+            for _ in 1..self.threads.min(items.len()) {
+                scope.spawn(work);
+            }
+            work();
+        });
+        outcomes.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Free runs of rigs, from the first readings.
+    ///
+    /// # Errors
+    /// As [`Simulator::run`].
+    pub fn free(&self, rigs: &[Rig]) -> Vec<Result<Vec<f64>, RigError>> {
+        let runs: Vec<Run> = rigs.iter().cloned().map(Run::from).collect();
+        self.run(&runs, &Arcs::free(self.records))
+    }
+
+    /// One rig over the arcs.
+    ///
+    /// # Errors
+    /// The rig fails its checks, has other inputs or sensors than the recordings, or diverges.
+    pub fn one(&self, rig: &Rig, arcs: &Arcs) -> Result<Vec<f64>, FitError> {
+        let outcome = self.run(&[Run::from(rig.clone())], arcs).pop().unwrap_or_else(|| Ok(Vec::new()));
+        let trace = outcome.map_err(FitError::rig(rig))?;
+        if trace.iter().all(|kpa| kpa.is_finite()) {
+            Ok(trace)
+        } else {
+            Err(FitError::NotFinite { rig: rig.name.clone() })
+        }
+    }
+
+    /// One group through one recording.
+    fn through<R: Simulated>(
+        &self,
+        plant: &Shared<Plant<R>>,
+        group: &Group,
+        runs: &[Run],
+        record: usize,
+        arcs: &Arcs,
+        outcomes: &Mutex<Vec<Outcome>>,
+    ) {
+        let Some(columns) = self.records.records().get(record) else { return };
+        let layout = self.records.layout();
+        let place = layout.channel(record, 0).start..layout.channel(record, layout.channels().saturating_sub(1)).end;
+        let recorded = self.records.readings_kpa().get(place.clone()).unwrap_or_default();
+        let mut out: Vec<R> = recorded.iter().map(|kpa| R::splat(*kpa)).collect();
+        let run_of = |lane: usize| group.runs.get(lane).or(group.runs.last()).and_then(|run| runs.get(*run));
+        let shift: Vec<R> = (0..layout.channels())
+            .map(|channel| {
+                R::from_lanes(|lane| run_of(lane).and_then(|run| run.shift_kpa.get(channel)).copied().unwrap_or(0.0))
+            })
+            .collect();
+        sweep(plant, group.ticks_per_row, columns, arcs.of(record), &shift, &mut out);
+        let mut outcomes = outcomes.lock().unwrap_or_else(PoisonError::into_inner);
+        for (lane, run) in group.runs.iter().enumerate() {
+            if let Some(Ok(trace)) = outcomes.get_mut(*run)
+                && let Some(part) = trace.get_mut(place.clone())
+            {
+                for (slot, value) in part.iter_mut().zip(&out) {
+                    *slot = value.lane(lane);
+                }
+            }
+        }
+    }
+
+    /// Compiles the runs in bundles of one structure; what cannot be compiled becomes an error.
+    fn groups(&self, runs: &[Run], outcomes: &mut [Outcome]) -> Vec<Group> {
+        let mut kinds: Vec<(String, Vec<usize>)> = Vec::new();
+        for (index, run) in runs.iter().enumerate() {
+            let kind = structure(&run.rig);
+            match kinds.iter_mut().find(|(known, _)| *known == kind) {
+                Some((_, members)) => members.push(index),
+                None => kinds.push((kind, vec![index])),
+            }
+        }
+        let mut groups = Vec::new();
+        for (_, members) in kinds {
+            for members in members.chunks(SIDE_BY_SIDE) {
+                self.compile(runs, members, outcomes, &mut groups);
+            }
+        }
+        groups
+    }
+
+    fn compile(&self, runs: &[Run], members: &[usize], outcomes: &mut [Outcome], groups: &mut Vec<Group>) {
+        let rigs: Vec<Rig> = members.iter().filter_map(|m| runs.get(*m)).map(|run| self.prepared(&run.rig)).collect();
+        let bundle = match rigs.as_slice() {
+            [rig] => Plant::new(rig).and_then(|plant| {
+                let ticks = self.fits(&plant)?;
+                Ok((Bundle::One(Shared::new(plant)), ticks))
+            }),
+            several => Plant::side_by_side(several).and_then(|plant| {
+                let ticks = self.fits(&plant)?;
+                Ok((Bundle::Several(Shared::new(plant)), ticks))
+            }),
+        };
+        match bundle {
+            Ok((bundle, ticks_per_row)) => groups.push(Group { bundle, ticks_per_row, runs: members.to_vec() }),
+            // One of them is unsound, or numbers (a compliance of zero) changed the structure after all.
+            Err(_) if members.len() > 1 => {
+                let (front, back) = members.split_at(members.len() / 2);
+                self.compile(runs, front, outcomes, groups);
+                self.compile(runs, back, outcomes, groups);
+            }
+            Err(problem) => {
+                if let Some(outcome) = members.first().and_then(|m| outcomes.get_mut(*m)) {
+                    *outcome = Err(problem);
+                }
+            }
+        }
+    }
+
+    fn prepared(&self, rig: &Rig) -> Rig {
+        let mut rig = rig.clone();
+        if self.fidelity == Fidelity::Coarse && rig.integrator.step_ms < COARSE_STEP_MS {
+            let steps = (rig.integrator.tick_ms / COARSE_STEP_MS).round().max(1.0);
+            rig.integrator.step_ms = rig.integrator.tick_ms / steps;
+        }
+        rig
+    }
+
+    /// Ticks from row to row, if the plant has the inputs and sensors of the recordings.
+    fn fits<R: Real>(&self, plant: &Plant<R>) -> Result<u32, RigError> {
+        if plant.inputs() != self.records.inputs() || plant.sensor_columns() != self.records.sensors() {
+            let problem = "the rig has other inputs or sensors than the one that the recordings were read for";
+            return Err(RigError::at("", problem));
+        }
+        let ticks = PERIOD_S / plant.tick_s();
+        // Ticks are written in ms with a few digits.
+        if ticks < 0.5 || (ticks - ticks.round()).abs() > 1e-6 {
+            let problem = format!(
+                "rows are {} ms apart, which is no whole number of ticks of {} ms; use {} ms",
+                PERIOD_S * 1e3,
+                plant.tick_s() * 1e3,
+                PERIOD_S * 1e3
+            );
+            return Err(RigError::at("integrator.tick_ms", problem));
+        }
+        // Between 1 and 20: a rig's tick is at least 1 ms.
+        Ok(ticks.round() as u32)
+    }
+}
+
+/// What must be equal for rigs to lie side by side, as far as it shows without compiling them.
+fn structure(rig: &Rig) -> String {
+    let mut key = rig.name.clone();
+    for mechanism in rig.mechanisms.iter().filter(|m| m.enabled) {
+        key.push_str(&format!(" {}@{}", mechanism.mechanism.id(), mechanism.component));
+    }
+    for volume in rig.volumes.values() {
+        key.push(if volume.compliance_ml_per_kpa == 0.0 { 'r' } else { 'c' });
+    }
+    key
+}

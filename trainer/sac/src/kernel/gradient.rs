@@ -1,0 +1,186 @@
+//! The weight gradient of a layer and, while it is still warm, the step it causes.
+//!
+//! ```text
+//! g[n][k] = Σ_samples dy[n] x[k]      samples in order, products fused
+//! ```
+//!
+//! Lanes run over `k` here: the layer's input is read sample by sample, `dy` feature by feature and broadcast. Four
+//! panels (128 samples) of 32 inputs are 16 KiB and stay in the first-level cache while all rows pass; a batch of
+//! three times that goes in three rounds over partial sums. The last round ends in [`AdamStep`], so a gradient never
+//! goes to memory; moments and slow copies are asked for a tile ahead, because all parameters together exceed the
+//! second-level cache.
+#![allow(unsafe_code)] // reason: the innermost loops run without bounds checks, which are made once per call
+
+use super::prefetch::touch;
+use super::{LANES, Line, Vector, WIDTH, Work, lines_for};
+use crate::adam::{AdamStep, Learned};
+
+/// Panels whose inputs share the first-level cache.
+const PANELS_A_ROUND: usize = 4;
+
+/// One step of some rows of a layer's weights.
+pub(crate) struct WeightStep<'a> {
+    /// For each panel the layer's input, sample by sample, and these rows of `dy`, feature by feature.
+    pub(crate) panels: &'a [(&'a [Line], &'a [Line])],
+    pub(crate) rows: usize,
+    pub(crate) inputs: usize,
+    /// Partial sums: two lines a row.
+    pub(crate) scratch: &'a mut [Line],
+    /// In panels of 16 inputs, as [`super::Weights`].
+    pub(crate) weights: &'a mut Learned,
+    pub(crate) step: AdamStep,
+}
+
+/// Which sums a tile works on.
+#[derive(Clone, Copy)]
+struct Tile {
+    row: usize,
+    /// First line of inputs, `k / 16`.
+    block: usize,
+    first_round: bool,
+    last_round: bool,
+}
+
+impl Work for WeightStep<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<V: Vector>(mut self) {
+        let blocks = lines_for(self.inputs);
+        assert!(self.scratch.len() >= 2 * self.rows, "partial sums");
+        assert!(self.weights.value.len() >= blocks * self.rows, "weights of a layer");
+        for (x, dy) in self.panels {
+            assert!(x.len() >= blocks * LANES && dy.len() >= 2 * self.rows, "panels of a layer");
+        }
+        let rounds = self.panels.len().div_ceil(PANELS_A_ROUND);
+        let mut block = 0;
+        while block < blocks {
+            let wide = blocks - block >= 2;
+            for (round, panels) in self.panels.chunks(PANELS_A_ROUND).enumerate() {
+                let (first_round, last_round) = (round == 0, round + 1 == rounds);
+                let mut row = 0;
+                while row < self.rows {
+                    let tile = Tile { row, block, first_round, last_round };
+                    // SAFETY: `row + R <= rows`, `block + L <= blocks`, and the lengths are checked above.
+                    row += unsafe {
+                        match (self.rows - row, wide) {
+                            (8.., true) if V::ROWS >= 8 => self.tile::<V, 8, 2>(panels, tile),
+                            (8.., false) if V::ROWS >= 8 => self.tile::<V, 8, 1>(panels, tile),
+                            (4.., true) if V::ROWS >= 4 => self.tile::<V, 4, 2>(panels, tile),
+                            (4.., false) if V::ROWS >= 4 => self.tile::<V, 4, 1>(panels, tile),
+                            (2.., true) if V::ROWS >= 2 => self.tile::<V, 2, 2>(panels, tile),
+                            (2.., false) if V::ROWS >= 2 => self.tile::<V, 2, 1>(panels, tile),
+                            (_, true) => self.tile::<V, 1, 2>(panels, tile),
+                            (_, false) => self.tile::<V, 1, 1>(panels, tile),
+                        }
+                    };
+                }
+            }
+            block += if wide { 2 } else { 1 };
+        }
+    }
+}
+
+impl WeightStep<'_> {
+    /// # Safety
+    /// Rows `row..row + R` and lines of inputs `block..block + L` exist and the slices have their lengths.
+    #[inline(always)]
+    unsafe fn tile<V: Vector, const R: usize, const L: usize>(
+        &mut self,
+        panels: &[(&[Line], &[Line])],
+        tile: Tile,
+    ) -> usize {
+        let Tile { row, block, first_round, last_round } = tile;
+        if last_round {
+            for l in 0..L {
+                let at = (block + l) * self.rows + row;
+                let learned = [&self.weights.value, &self.weights.mean, &self.weights.square, &self.weights.target];
+                for memory in learned {
+                    (0..R).for_each(|r| touch(memory.as_ptr().wrapping_add(at + r).cast()));
+                }
+            }
+        }
+        // SAFETY: every address below is within the slices by the caller's promise: scratch lines 2 (row + r) + l,
+        // input lines (block + l) · 32 + sample, dy floats (row + r) · 32 + sample.
+        unsafe {
+            let scratch = self.scratch.as_mut_ptr().add(2 * row).cast::<f32>();
+            let mut sums = [[V::splat(0.0); L]; R];
+            if !first_round {
+                for (r, sum) in sums.iter_mut().enumerate() {
+                    for (l, sum) in sum.iter_mut().enumerate() {
+                        *sum = V::load(scratch.add(r * LANES + l * WIDTH));
+                    }
+                }
+            }
+            for (x, dy) in panels {
+                let x = x.as_ptr().add(block * LANES).cast::<f32>();
+                let dy = dy.as_ptr().add(2 * row).cast::<f32>();
+                for sample in 0..LANES {
+                    let mut inputs = [V::splat(0.0); L];
+                    for (l, input) in inputs.iter_mut().enumerate() {
+                        *input = V::load(x.add((l * LANES + sample) * WIDTH));
+                    }
+                    for (r, sum) in sums.iter_mut().enumerate() {
+                        let dy = V::splat(*dy.add(r * LANES + sample));
+                        for (sum, input) in sum.iter_mut().zip(inputs) {
+                            *sum = sum.plus_product(dy, input);
+                        }
+                    }
+                }
+            }
+            for (r, sum) in sums.into_iter().enumerate() {
+                for (l, sum) in sum.into_iter().enumerate() {
+                    sum.store(scratch.add(r * LANES + l * WIDTH));
+                }
+            }
+        }
+        if last_round {
+            for r in 0..R {
+                for l in 0..L {
+                    let gradient = self.scratch[2 * (row + r) + l];
+                    self.step.line(self.weights, (block + l) * self.rows + row + r, &gradient);
+                }
+            }
+        }
+        R
+    }
+}
+
+/// One step of some biases: `g[n] = Σ_samples dy[n]`, first lane by lane, then across lanes in halves.
+pub(crate) struct BiasStep<'a> {
+    /// For each panel these rows of `dy`, feature by feature.
+    pub(crate) panels: &'a [&'a [Line]],
+    pub(crate) rows: usize,
+    pub(crate) bias: &'a mut Learned,
+    pub(crate) step: AdamStep,
+}
+
+impl Work for BiasStep<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        for at in 0..lines_for(self.rows) {
+            let mut gradient = Line::ZERO;
+            for (row, sum) in (at * WIDTH..self.rows).zip(&mut gradient.0) {
+                let mut lanes = [0.0; WIDTH];
+                for dy in self.panels {
+                    for line in &dy[2 * row..2 * row + 2] {
+                        lanes.iter_mut().zip(&line.0).for_each(|(lane, x)| *lane += x);
+                    }
+                }
+                *sum = across(lanes);
+            }
+            self.step.line(self.bias, at, &gradient);
+        }
+    }
+}
+
+/// The sum of 16 lanes, halves first.
+#[inline(always)]
+fn across(mut lanes: [f32; WIDTH]) -> f32 {
+    for half in [8, 4, 2, 1] {
+        for l in 0..half {
+            lanes[l] += lanes[l + half];
+        }
+    }
+    lanes[0]
+}

@@ -1,0 +1,185 @@
+//! Forward and backward through a dense layer, a panel of 32 samples at a time.
+//!
+//! ```text
+//! forward    y[n] = b[n] + Σ_k w[n][k] x[k]            k in order, products fused
+//! backward  dx[k] =        Σ_n w[n][k] dy[n]           n in order, products fused
+//! ```
+//!
+//! A tile of `R` rows keeps `2 R` sums in registers; for each term it loads one row of the panel (two lines) and
+//! broadcasts `R` weights. The panel (32 KiB for 256 features) stays in the first-level cache while the weights
+//! pass by once.
+#![allow(unsafe_code)] // reason: the innermost loops run without bounds checks, which are made once per call
+
+use super::prefetch::touch;
+use super::{LANES, Line, Vector, WIDTH, Work, lines_for};
+
+/// Some rows of a layer's weights.
+#[derive(Clone, Copy)]
+pub(crate) struct Weights<'a> {
+    /// `lines[(k / 16) · rows + n]` holds `w[n][k..k + 16]`.
+    pub(crate) lines: &'a [Line],
+    /// One value a row.
+    pub(crate) bias: &'a [Line],
+    pub(crate) rows: usize,
+    pub(crate) inputs: usize,
+}
+
+impl Weights<'_> {
+    fn check(&self) {
+        assert!(self.lines.len() >= lines_for(self.inputs) * self.rows, "weights of a layer");
+        assert!(self.bias.len() >= lines_for(self.rows), "biases of a layer");
+    }
+}
+
+/// `y = b + W x`, rectified or not, for some rows.
+pub(crate) struct Forward<'a> {
+    pub(crate) weights: Weights<'a>,
+    /// Two lines for each input.
+    pub(crate) x: &'a [Line],
+    /// Two lines for each row.
+    pub(crate) y: &'a mut [Line],
+    pub(crate) rectify: bool,
+}
+
+impl Work for Forward<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<V: Vector>(mut self) {
+        let Weights { rows, inputs, .. } = self.weights;
+        self.weights.check();
+        assert!(self.x.len() >= 2 * inputs && self.y.len() >= 2 * rows, "panels of a layer");
+        let mut row = 0;
+        while row < rows {
+            // SAFETY: `row + R <= rows`, and the lengths are checked above.
+            row += unsafe {
+                match rows - row {
+                    8.. if V::ROWS >= 8 => self.tile::<V, 8>(row),
+                    4.. if V::ROWS >= 4 => self.tile::<V, 4>(row),
+                    2.. if V::ROWS >= 2 => self.tile::<V, 2>(row),
+                    _ => self.tile::<V, 1>(row),
+                }
+            };
+        }
+    }
+}
+
+impl Forward<'_> {
+    /// # Safety
+    /// Rows `row..row + R` exist and the slices have their lengths.
+    #[inline(always)]
+    unsafe fn tile<V: Vector, const R: usize>(&mut self, row: usize) -> usize {
+        let Weights { lines, bias, rows, inputs } = self.weights;
+        // SAFETY: every address below is within the slices by the caller's promise: weight line
+        // (k / 16) · rows + row + r, panel lines 2 k and 2 k + 1, bias row + r.
+        unsafe {
+            let bias = bias.as_ptr().cast::<f32>().add(row);
+            let mut sums = [[V::splat(0.0); 2]; R];
+            for (r, sum) in sums.iter_mut().enumerate() {
+                *sum = [V::splat(*bias.add(r)); 2];
+            }
+            let mut weights = lines.as_ptr().add(row);
+            let mut x = self.x.as_ptr().cast::<f32>();
+            let mut left = inputs;
+            while left > 0 {
+                let terms = left.min(WIDTH);
+                for r in 0..R {
+                    touch(weights.wrapping_add(rows + r).cast());
+                }
+                let w = weights.cast::<f32>();
+                for k in 0..terms {
+                    let panel = [V::load(x), V::load(x.add(WIDTH))];
+                    for (r, sum) in sums.iter_mut().enumerate() {
+                        let w = V::splat(*w.add(r * WIDTH + k));
+                        *sum = [sum[0].plus_product(w, panel[0]), sum[1].plus_product(w, panel[1])];
+                    }
+                    x = x.add(LANES);
+                }
+                left -= terms;
+                weights = weights.wrapping_add(rows);
+            }
+            let y = self.y.as_mut_ptr().cast::<f32>().add(row * LANES);
+            for (r, sum) in sums.into_iter().enumerate() {
+                let sum = if self.rectify { sum.map(|s| s.rectified()) } else { sum };
+                sum[0].store(y.add(r * LANES));
+                sum[1].store(y.add(r * LANES + WIDTH));
+            }
+        }
+        R
+    }
+}
+
+/// `dx = Wᵀ dy` for the first inputs of a layer, whose rows may lie in several parts, closed where `gate ≤ 0`.
+pub(crate) struct Backward<'a> {
+    /// The parts in the order of their rows, each with its rows of `dy` (two lines each).
+    pub(crate) parts: &'a [(Weights<'a>, &'a [Line])],
+    /// Inputs wanted: the first so many.
+    pub(crate) inputs: usize,
+    /// The layer's input, where it came from a rectifier: two lines for each input.
+    pub(crate) gate: Option<&'a [Line]>,
+    /// Two lines for each input wanted.
+    pub(crate) dx: &'a mut [Line],
+}
+
+impl Work for Backward<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<V: Vector>(mut self) {
+        for (weights, dy) in self.parts {
+            weights.check();
+            assert!(weights.inputs >= self.inputs && dy.len() >= 2 * weights.rows, "parts of a layer");
+        }
+        assert!(self.dx.len() >= 2 * self.inputs, "panel of a layer");
+        assert!(self.gate.is_none_or(|gate| gate.len() >= 2 * self.inputs), "gate of a layer");
+        let mut input = 0;
+        while input < self.inputs {
+            // Tiles never straddle two lines of weights: 8, 4, 2 and 1 divide 16 and come in falling order.
+            // SAFETY: `input + R <= inputs`, and the lengths are checked above.
+            input += unsafe {
+                match self.inputs - input {
+                    8.. if V::ROWS >= 8 => self.tile::<V, 8>(input),
+                    4.. if V::ROWS >= 4 => self.tile::<V, 4>(input),
+                    2.. if V::ROWS >= 2 => self.tile::<V, 2>(input),
+                    _ => self.tile::<V, 1>(input),
+                }
+            };
+        }
+    }
+}
+
+impl Backward<'_> {
+    /// # Safety
+    /// Inputs `input..input + R` exist and lie in one line, and the slices have their lengths.
+    #[inline(always)]
+    unsafe fn tile<V: Vector, const R: usize>(&mut self, input: usize) -> usize {
+        // SAFETY: every address below is within the slices by the caller's promise: weight line
+        // (input / 16) · rows + n from float input % 16 on, dy lines 2 n and 2 n + 1, dx and gate lines of the inputs.
+        unsafe {
+            let mut sums = [[V::splat(0.0); 2]; R];
+            for (weights, dy) in self.parts {
+                let mut w = weights.lines.as_ptr().add(input / WIDTH * weights.rows).cast::<f32>().add(input % WIDTH);
+                let mut dy = dy.as_ptr().cast::<f32>();
+                for _ in 0..weights.rows {
+                    let panel = [V::load(dy), V::load(dy.add(WIDTH))];
+                    for (r, sum) in sums.iter_mut().enumerate() {
+                        let w = V::splat(*w.add(r));
+                        *sum = [sum[0].plus_product(w, panel[0]), sum[1].plus_product(w, panel[1])];
+                    }
+                    w = w.wrapping_add(WIDTH);
+                    dy = dy.wrapping_add(LANES);
+                }
+            }
+            let dx = self.dx.as_mut_ptr().cast::<f32>().add(input * LANES);
+            let gate = self.gate.map(|gate| gate.as_ptr().cast::<f32>().add(input * LANES));
+            for (r, sum) in sums.into_iter().enumerate() {
+                for (half, mut sum) in sum.into_iter().enumerate() {
+                    let at = r * LANES + half * WIDTH;
+                    if let Some(gate) = gate {
+                        sum = sum.where_positive(V::load(gate.add(at)));
+                    }
+                    sum.store(dx.add(at));
+                }
+            }
+        }
+        R
+    }
+}

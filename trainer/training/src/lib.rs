@@ -1,0 +1,97 @@
+//! Training runs.
+//!
+//! | module | subject |
+//! | --- | --- |
+//! | [`settings`] | a run as data; presets |
+//! | [`features`] | how observations are put to the network |
+//! | [`run`] | acting and learning in turns; stop, checkpoint, resume |
+//! | `checkpoint` | what a run goes on from |
+//! | [`run_files`] | the folder of a run |
+//! | [`trained_policy`] | a policy as it was trained: network, features, contract; flown and exported |
+//! | [`metrics`] | the learning curve: JSON lines, TensorBoard |
+//! | [`event_file`] | TensorBoard's file format |
+//! | [`run_report`] | the learning curve as a page |
+//!
+//! A run is a function of its settings: the same settings give the same bytes, whatever the machine does meanwhile
+//! and however many threads learn. Episodes begin and end together and are drawn from seed and number, so a
+//! checkpoint between two episodes needs nothing of the environment but the number of the next.
+
+mod checkpoint;
+pub mod event_file;
+pub mod features;
+pub mod metrics;
+pub mod run;
+pub mod run_files;
+pub mod run_report;
+pub mod settings;
+pub mod trained_policy;
+
+pub use run::{Ended, Observer, Progress, Run};
+pub use run_files::RunFiles;
+pub use settings::{TrainingSettings, Variant};
+pub use trained_policy::TrainedPolicy;
+
+use environment::EnvironmentError;
+use proto::atomic_file::AtomicFileError;
+use proto::rig_file::RigFileError;
+
+/// Why a run cannot begin or go on.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainingError {
+    /// A settings file is wrong.
+    #[error("{file}{}: {problem}", line.map_or(String::new(), |line| format!(", line {line}")))]
+    Settings {
+        /// The file or preset.
+        file: String,
+        /// Its line, where known.
+        line: Option<usize>,
+        /// What is wrong and the mend.
+        problem: String,
+    },
+    /// There is no such preset.
+    #[error("`{name}` is no preset and no file; presets are {known}")]
+    Preset {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// A file of the run cannot be read.
+    #[error("{file}: {problem}")]
+    File {
+        /// The file.
+        file: String,
+        /// What is wrong and the mend.
+        problem: String,
+    },
+    /// A rig cannot be read.
+    #[error(transparent)]
+    Rig(#[from] RigFileError),
+    /// The environment cannot be made.
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
+    /// A file cannot be written.
+    #[error(transparent)]
+    Write(#[from] AtomicFileError),
+    /// A loss, a weight or an action is not finite.
+    #[error("training diverged at step {step}: {what} is not finite; {kept}")]
+    Diverged {
+        /// The step.
+        step: u64,
+        /// What is not finite.
+        what: String,
+        /// What is kept and the mend.
+        kept: String,
+    },
+}
+
+impl TrainingError {
+    fn file(path: &std::path::Path, problem: &str) -> Self {
+        TrainingError::File { file: path.display().to_string(), problem: problem.to_owned() }
+    }
+
+    /// What the learner refuses.
+    fn learner(what: &str, error: &dyn std::fmt::Display) -> Self {
+        TrainingError::Settings { file: what.to_owned(), line: None, problem: error.to_string() }
+    }
+}

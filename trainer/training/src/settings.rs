@@ -1,0 +1,415 @@
+//! A training run as data: what is trained on what, by what, for how long.
+//!
+//! One TOML file; every key has a default, which is the paper's (Table IV) where the paper has one. Presets are
+//! such files built in.
+
+use environment::EnvironmentSettings;
+use model::contract::{ACTION_LEN, Contract, GOAL_LEN, OBSERVATION_LEN, STATE_LEN};
+use serde::{Deserialize, Serialize};
+
+use crate::{TrainingError, features};
+
+/// A training run.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainingSettings {
+    /// Length, seed and what is written when.
+    pub run: RunSettings,
+    /// Rigs, by name or file.
+    pub rig: RigSettings,
+    /// What the policy is told and answers.
+    pub policy: PolicySettings,
+    /// Soft Actor-Critic.
+    pub sac: SacSettings,
+    /// Conditioning for action policy smoothness.
+    pub caps: CapsSettings,
+    /// The environment.
+    pub environment: EnvironmentSettings,
+}
+
+/// Length, seed and what is written when.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RunSettings {
+    /// Environment steps; each is followed by one update.
+    pub steps: u64,
+    /// Seed of everything.
+    pub seed: u64,
+    /// Steps with random actions before learning begins.
+    pub random_steps: u64,
+    /// Steps between evaluations, which are also the points of the learning curve.
+    pub evaluate_every_steps: u64,
+    /// Steps between checkpoints.
+    pub checkpoint_every_steps: u64,
+}
+
+impl Default for RunSettings {
+    fn default() -> Self {
+        RunSettings {
+            steps: 512_000,
+            seed: 1,
+            random_steps: 4_000,
+            evaluate_every_steps: 32_000,
+            checkpoint_every_steps: 128_000,
+        }
+    }
+}
+
+/// Rigs, by name or file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RigSettings {
+    /// What is flown in training, or drawn around.
+    pub trained_on: String,
+    /// The model behind MPObs and the fallback's feed-forward.
+    pub model: String,
+    /// What is flown in evaluations.
+    pub evaluated_on: Vec<String>,
+}
+
+impl Default for RigSettings {
+    fn default() -> Self {
+        RigSettings {
+            trained_on: "dual_pressure".into(),
+            model: "dual_pressure".into(),
+            evaluated_on: vec!["dual_pressure".into(), "bench".into()],
+        }
+    }
+}
+
+/// The ablation's four variants.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Variant {
+    /// Neither MPObs nor CAPS.
+    Raw,
+    /// MPObs without CAPS.
+    Mpobs,
+    /// CAPS without MPObs.
+    Caps,
+    /// Both: the paper's controller.
+    Both,
+}
+
+impl Variant {
+    /// All four, in the paper's order.
+    pub const ALL: [Variant; 4] = [Variant::Raw, Variant::Mpobs, Variant::Caps, Variant::Both];
+
+    /// Its name in files and on command lines.
+    pub fn name(self) -> &'static str {
+        match self {
+            Variant::Raw => "raw",
+            Variant::Mpobs => "mpobs",
+            Variant::Caps => "caps",
+            Variant::Both => "both",
+        }
+    }
+
+    /// Whether the policy is told predictions and paid for them.
+    pub fn predicts(self) -> bool {
+        matches!(self, Variant::Mpobs | Variant::Both)
+    }
+
+    /// Whether the policy's changes are penalised.
+    pub fn smooths(self) -> bool {
+        matches!(self, Variant::Caps | Variant::Both)
+    }
+}
+
+impl std::str::FromStr for Variant {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let known = || Variant::ALL.map(Variant::name).join(", ");
+        Variant::ALL
+            .into_iter()
+            .find(|v| v.name() == name)
+            .ok_or_else(|| format!("`{name}` is no variant; there are {}", known()))
+    }
+}
+
+/// How the numbers of an observation are put to the network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Features {
+    /// Each pressure and goal by itself, scaled: what the paper describes.
+    Plain,
+    /// Errors to the goal of the same tick, changes of the goal, and the goal itself.
+    Errors,
+}
+
+/// What the policy is told and answers.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PolicySettings {
+    /// Version of the observation contract: 1 is the paper's, 2 corrects the fallback.
+    pub contract: u32,
+    /// Ablation.
+    pub variant: Variant,
+    /// How observations are put to the network.
+    pub features: Features,
+    /// Units of the hidden layers.
+    pub hidden: [usize; 2],
+    /// Factor of the actor's last layer at the start: a small one starts with hardly any action.
+    pub first_output_scale: f64,
+    /// Logarithm of the actor's standard deviation at the start.
+    pub first_log_std: f64,
+}
+
+impl Default for PolicySettings {
+    fn default() -> Self {
+        PolicySettings {
+            contract: 1,
+            variant: Variant::Both,
+            features: Features::Plain,
+            hidden: [256, 256],
+            first_output_scale: 1.0,
+            first_log_std: 0.0,
+        }
+    }
+}
+
+/// Soft Actor-Critic (paper, Table IV).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SacSettings {
+    /// Adam's learning rate, of all three losses.
+    pub learning_rate: f64,
+    /// Discount γ.
+    pub discount: f64,
+    /// Target smoothing τ.
+    pub soft_update: f64,
+    /// Samples per update.
+    pub batch: usize,
+    /// Transitions that are kept.
+    pub replay: usize,
+    /// Entropy that the temperature aims at; the paper has −dim(a) = −12.
+    pub target_entropy: f64,
+    /// Temperature at the start.
+    pub first_temperature: f64,
+}
+
+impl Default for SacSettings {
+    fn default() -> Self {
+        SacSettings {
+            learning_rate: 3e-4,
+            discount: 0.9,
+            soft_update: 0.005,
+            batch: 128,
+            replay: 500_000,
+            target_entropy: -12.0,
+            first_temperature: 1.0,
+        }
+    }
+}
+
+/// Conditioning for action policy smoothness (paper, Table IV).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CapsSettings {
+    /// λ_T.
+    pub temporal: f64,
+    /// λ_S.
+    pub spatial: f64,
+    /// σ of the spatial term on pressures, in kPa.
+    pub sigma_kpa: f64,
+    /// σ of the spatial term on duties that the second contract tells.
+    pub sigma_duty: f64,
+}
+
+impl Default for CapsSettings {
+    fn default() -> Self {
+        CapsSettings { temporal: 1.0, spatial: 0.4, sigma_kpa: 1.5, sigma_duty: 0.0 }
+    }
+}
+
+/// Built-in presets: name and text.
+pub const PRESETS: [(&str, &str); 3] = [
+    ("paper", include_str!("../presets/paper.toml")),
+    ("paper-drawn", include_str!("../presets/paper-drawn.toml")),
+    ("correction", include_str!("../presets/correction.toml")),
+];
+
+impl TrainingSettings {
+    /// A built-in preset.
+    ///
+    /// # Errors
+    /// Names the presets that there are.
+    pub fn preset(name: &str) -> Result<Self, TrainingError> {
+        let (_, text) = PRESETS.iter().find(|(known, _)| *known == name).ok_or_else(|| {
+            let known: Vec<&str> = PRESETS.iter().map(|(name, _)| *name).collect();
+            TrainingError::Preset { name: name.to_owned(), known: known.join(", ") }
+        })?;
+        Self::parse(name, text)
+    }
+
+    /// Reads a TOML text; `file` names it in errors.
+    ///
+    /// # Errors
+    /// The line, the key and the mend, on one line.
+    pub fn parse(file: &str, text: &str) -> Result<Self, TrainingError> {
+        let settings: TrainingSettings = toml::from_str(text).map_err(|error| {
+            let line = error.span().map_or(1, |span| text[..span.start.min(text.len())].lines().count().max(1));
+            let problem = error.message().lines().map(str::trim).collect::<Vec<_>>().join(" ");
+            TrainingError::Settings { file: file.to_owned(), line: Some(line), problem }
+        })?;
+        settings.check().map_err(|problem| TrainingError::Settings { file: file.to_owned(), line: None, problem })?;
+        Ok(settings)
+    }
+
+    /// The effective settings, as a file.
+    ///
+    /// # Errors
+    /// If they cannot be written as TOML, which no settings that came from TOML do.
+    pub fn to_toml(&self) -> Result<String, TrainingError> {
+        toml::to_string(self).map_err(|error| TrainingError::Settings {
+            file: "settings".into(),
+            line: None,
+            problem: error.to_string(),
+        })
+    }
+
+    /// The observation contract.
+    pub fn contract(&self) -> Contract {
+        Contract::of_version(self.policy.contract).unwrap_or(Contract::Paper)
+    }
+
+    /// Sizes of the learning problem.
+    pub fn shape(&self) -> sac::Shape {
+        let observations = self.contract().observation_len();
+        sac::Shape { observations, goal: STATE_LEN..STATE_LEN + GOAL_LEN, actions: ACTION_LEN }
+    }
+
+    /// How observations are put to the network.
+    ///
+    /// # Errors
+    /// Never for the two maps that there are.
+    pub fn feature_map(&self) -> Result<sac::FeatureMap, TrainingError> {
+        let feature = |t: features::Term| sac::Feature {
+            plus: t.plus,
+            minus: t.minus,
+            offset: t.offset as f32,
+            scale: t.scale as f32,
+        };
+        let features = features::terms(&self.policy).into_iter().map(feature).collect();
+        sac::FeatureMap::new(self.contract().observation_len(), features)
+            .map_err(|error| TrainingError::learner("features", &error))
+    }
+
+    /// What the learner is told.
+    pub fn learner_settings(&self) -> sac::Settings {
+        let observations = self.contract().observation_len();
+        let smooths = if self.policy.variant.smooths() { 1.0 } else { 0.0 };
+        let sigma = |at: usize| match at {
+            0..STATE_LEN => self.caps.sigma_kpa,
+            at if at < OBSERVATION_LEN => 0.0,
+            _ => self.caps.sigma_duty,
+        };
+        sac::Settings {
+            hidden: self.policy.hidden.to_vec(),
+            batch: self.sac.batch,
+            learning_rate: self.sac.learning_rate as f32,
+            discount: self.sac.discount as f32,
+            soft_update: self.sac.soft_update as f32,
+            lambda_temporal: (smooths * self.caps.temporal) as f32,
+            lambda_spatial: (smooths * self.caps.spatial) as f32,
+            spatial_sigma: (0..observations).map(|at| sigma(at) as f32).collect(),
+            target_entropy: self.sac.target_entropy as f32,
+            temperature: sac::TemperatureRule::Learned(self.sac.first_temperature as f32),
+            replay_capacity: self.sac.replay,
+            seed: self.run.seed,
+            last_layer_scale: self.policy.first_output_scale as f32,
+            initial_log_std: self.policy.first_log_std as f32,
+            ..sac::Settings::paper(&self.shape())
+        }
+    }
+
+    /// Checks every number; the text names key, value and range.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn check(&self) -> Result<(), String> {
+        let within = |key: &str, value: f64, low: f64, high: f64| {
+            if value.is_finite() && (low..=high).contains(&value) {
+                return Ok(());
+            }
+            Err(format!("{key} = {value} is not within {low} … {high}"))
+        };
+        let run = &self.run;
+        within("run.steps", run.steps as f64, 1.0, 1e10)?;
+        within("run.evaluate_every_steps", run.evaluate_every_steps as f64, 1.0, 1e10)?;
+        within("run.checkpoint_every_steps", run.checkpoint_every_steps as f64, 1.0, 1e10)?;
+        if Contract::of_version(self.policy.contract).is_none() {
+            return Err(format!(
+                "policy.contract = {} is none; 1 is the paper's, 2 corrects the fallback",
+                self.policy.contract
+            ));
+        }
+        for units in self.policy.hidden {
+            if !(32..=1024).contains(&units) || !units.is_multiple_of(32) {
+                return Err(format!("policy.hidden: {units} units are not a multiple of 32 within 32 … 1024"));
+            }
+        }
+        within("policy.first_output_scale", self.policy.first_output_scale, 0.0, 1.0)?;
+        within("policy.first_log_std", self.policy.first_log_std, -10.0, 2.0)?;
+        let sac = &self.sac;
+        within("sac.learning_rate", sac.learning_rate, 1e-7, 0.1)?;
+        within("sac.discount", sac.discount, 0.0, 0.9999)?;
+        within("sac.soft_update", sac.soft_update, 1e-6, 1.0)?;
+        within("sac.batch", sac.batch as f64, 32.0, 4096.0)?;
+        if !sac.batch.is_multiple_of(32) {
+            return Err(format!("sac.batch = {} is no multiple of 32", sac.batch));
+        }
+        within("sac.replay", sac.replay as f64, sac.batch as f64, 1e8)?;
+        within("sac.target_entropy", sac.target_entropy, -1000.0, 100.0)?;
+        within("sac.first_temperature", sac.first_temperature, 1e-6, 100.0)?;
+        within("caps.temporal", self.caps.temporal, 0.0, 1e4)?;
+        within("caps.spatial", self.caps.spatial, 0.0, 1e4)?;
+        within("caps.sigma_kpa", self.caps.sigma_kpa, 0.0, 100.0)?;
+        within("caps.sigma_duty", self.caps.sigma_duty, 0.0, 1.0)?;
+        if self.run.random_steps < sac.batch as u64 {
+            return Err(format!("run.random_steps = {} is less than one batch of {}", self.run.random_steps, sac.batch));
+        }
+        if self.rig.evaluated_on.is_empty() {
+            return Err("rig.evaluated_on names no rig; a learning curve needs one".into());
+        }
+        self.environment.check().map_err(|error| error.to_string())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_are_the_papers() {
+        let paper = TrainingSettings::preset("paper").unwrap();
+        assert_eq!(paper, TrainingSettings::default());
+    }
+
+    #[test]
+    fn every_preset_reads_and_survives_a_round_trip() {
+        for (name, _) in PRESETS {
+            let settings = TrainingSettings::preset(name).unwrap();
+            let again = TrainingSettings::parse(name, &settings.to_toml().unwrap()).unwrap();
+            assert_eq!(settings, again, "{name}");
+        }
+    }
+
+    #[test]
+    fn mistakes_are_told_with_line_or_key() {
+        for (text, words) in [
+            ("[sac]\nlearning_rat = 1.0\n", vec!["line 2", "learning_rat"]),
+            ("[sac]\ndiscount = nan\n", vec!["sac.discount"]),
+            ("[policy]\ncontract = 7\n", vec!["policy.contract", "7"]),
+            ("[run]\nsteps = \"many\"\n", vec!["line 2"]),
+            ("[environment.reward]\nnow = 0.3\n", vec!["environment.reward.now"]),
+        ] {
+            let message = TrainingSettings::parse("run.toml", text).unwrap_err().to_string();
+            assert!(message.starts_with("run.toml") && message.lines().count() == 1, "{message}");
+            for word in words {
+                assert!(message.contains(word), "{message}");
+            }
+        }
+    }
+}
