@@ -10,6 +10,7 @@
 //! | [`predict`] | MPObs: the model rolled ahead |
 //! | [`steady`] | the rig averaged over a revolution; feed-forward |
 //! | [`contract`] | what a policy sees and answers |
+//! | [`ports`] | names, units and ranges of that, as policy files carry them |
 //!
 //! SI units and absolute pressure inside; kPa gauge only where a name says so. This crate opens no files and
 //! knows no clock, no thread and no global random numbers.
@@ -18,6 +19,7 @@ pub mod contract;
 pub mod mechanism;
 pub mod orifice;
 pub mod plant;
+pub mod ports;
 pub mod predict;
 pub mod real;
 pub mod rig;

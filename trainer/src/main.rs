@@ -5,6 +5,8 @@
 
 mod accuracy;
 mod bench;
+mod evaluate;
+mod export;
 mod failure;
 mod free_run;
 mod progress;
@@ -48,6 +50,8 @@ enum Command {
     Validate(validate::ValidateArgs),
     Bench(bench::BenchArgs),
     Train(train::TrainArgs),
+    Evaluate(evaluate::EvaluateArgs),
+    Export(export::ExportArgs),
 }
 
 fn main() -> ExitCode {
@@ -61,6 +65,8 @@ fn main() -> ExitCode {
         Command::Validate(args) => validate::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Train(args) => train::run(args),
+        Command::Evaluate(args) => evaluate::run(args),
+        Command::Export(args) => export::run(args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

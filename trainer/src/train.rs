@@ -174,10 +174,12 @@ impl Observer for Bar {
         if now < self.next {
             return;
         }
-        let left = if p.steps_per_s > 0.0 { p.steps_planned.saturating_sub(p.steps) as f64 / p.steps_per_s } else { 0.0 };
-        let evaluated = p.last_evaluation.as_ref().map_or(String::new(), |e| {
-            format!(", {} {:.2}/{:.2} kPa", e.rig, e.rmse_kpa[0], e.rmse_kpa[1])
-        });
+        let left =
+            if p.steps_per_s > 0.0 { p.steps_planned.saturating_sub(p.steps) as f64 / p.steps_per_s } else { 0.0 };
+        let evaluated = p
+            .last_evaluation
+            .as_ref()
+            .map_or(String::new(), |e| format!(", {} {:.2}/{:.2} kPa", e.rig, e.rmse_kpa[0], e.rmse_kpa[1]));
         let figures = format!(
             "{:.0} steps/s, reward {:.3}, acting {:.2}/{:.2} kPa{evaluated}, {}:{:02} left",
             p.steps_per_s,
@@ -190,7 +192,11 @@ impl Observer for Bar {
         let percent = 100 * p.steps / p.steps_planned.max(1);
         if self.terminal {
             let full = BAR_WIDTH * usize::try_from(percent.min(100)).unwrap_or(100) / 100;
-            self.write(&format!("\r\x1b[K[{}{}] {percent:3} % {figures}", "#".repeat(full), "-".repeat(BAR_WIDTH - full)));
+            self.write(&format!(
+                "\r\x1b[K[{}{}] {percent:3} % {figures}",
+                "#".repeat(full),
+                "-".repeat(BAR_WIDTH - full)
+            ));
             self.shown = true;
             self.next = now + BAR_EVERY;
         } else {

@@ -64,7 +64,15 @@ pub struct RewardSettings {
 
 impl Default for RewardSettings {
     fn default() -> Self {
-        RewardSettings { now: -0.3, between: -0.01, last: -0.25, channels: [1.0, 1.0], most_kpa: [1000.0, 1000.0], scale: 1.0, tripped: -300.0 }
+        RewardSettings {
+            now: -0.3,
+            between: -0.01,
+            last: -0.25,
+            channels: [1.0, 1.0],
+            most_kpa: [1000.0, 1000.0],
+            scale: 1.0,
+            tripped: -300.0,
+        }
     }
 }
 

@@ -35,7 +35,7 @@ const ROUNDS: usize = 24;
 const REGULARISATION: f64 = 4.0;
 /// Iterations of conjugate gradients.
 const ITERATIONS: usize = 60;
-/// Share of each correction that is applied: play makes full steps overshoot.
+/// Largest share of a correction that is applied: play makes full steps overshoot. Halved when a round made it worse.
 const SHARE: f64 = 0.7;
 
 /// Duties for every tick.
@@ -76,10 +76,10 @@ impl Clairvoyant {
         let approach = Approach::new(start.ticks.first().map_or([0.0; 2], |t| t.true_kpa), reference.at(0.0));
         let duties: Vec<Pair> = start.ticks.iter().map(|t| t.duty).collect();
         let responses = pulse_responses(&plan, &duties)?;
-        let mut best = (cost(&start), Clairvoyant { duties: duties.clone(), tick: 0 });
-        let mut now = duties;
-        let mut flown = start;
+        let mut best = (cost(&start), duties, start);
+        let mut share = SHARE;
         for _ in 0..ROUNDS {
+            let (least, now, flown) = &best;
             let error: Vec<Pair> = flown
                 .ticks
                 .iter()
@@ -90,16 +90,21 @@ impl Clairvoyant {
                 })
                 .collect();
             let change = least_squares(&responses, &error);
-            for (duty, change) in now.iter_mut().zip(change) {
-                *duty = std::array::from_fn(|c| law::saturated(duty[c] + SHARE * change[c]));
-            }
-            flown = fly(&plan, &mut Clairvoyant { duties: now.clone(), tick: 0 })?;
+            let tried: Vec<Pair> = now
+                .iter()
+                .zip(change)
+                .map(|(duty, change)| std::array::from_fn(|c| law::saturated(duty[c] + share * change[c])))
+                .collect();
+            let flown = fly(&plan, &mut Clairvoyant { duties: tried.clone(), tick: 0 })?;
             let reached = cost(&flown);
-            if reached < best.0 {
-                best = (reached, Clairvoyant { duties: now.clone(), tick: 0 });
+            if reached < *least {
+                best = (reached, tried, flown);
+                share = (share * 1.5).min(SHARE);
+            } else {
+                share *= 0.5;
             }
         }
-        Ok(best.1)
+        Ok(Clairvoyant { duties: best.1, tick: 0 })
     }
 }
 
@@ -129,19 +134,21 @@ fn pulse_responses(plan: &FlightPlan<'_>, duties: &[Pair]) -> Result<Responses, 
     let base = fly(&until, &mut Clairvoyant { duties: held.clone(), tick: 0 })?;
     let mut responses: Responses = Default::default();
     for (valve, response) in responses.iter_mut().enumerate() {
-        let step = |size: f64| -> Result<Flown, EnvironmentError> {
+        // Downwards where the valve is nearly open already.
+        let size = if rest[valve] + 2.0 * PULSE > 0.97 { -PULSE } else { PULSE };
+        let step = |steps: f64| -> Result<Flown, EnvironmentError> {
             let mut stepped = held.clone();
-            stepped.iter_mut().skip(at).for_each(|u| u[valve] = law::saturated(u[valve] + size));
+            stepped.iter_mut().skip(at).for_each(|u| u[valve] = law::saturated(u[valve] + steps * size));
             fly(&until, &mut Clairvoyant { duties: stepped, tick: 0 })
         };
-        let (small, large) = (step(PULSE)?, step(2.0 * PULSE)?);
+        let (small, large) = (step(1.0)?, step(2.0)?);
         let base_at = |n: usize, c: usize| base.ticks.get(at + n).map_or(0.0, |t| t.true_kpa[c]);
         let value = |flown: &Flown, n: usize, c: usize| flown.ticks.get(at + n).map_or(0.0, |t| t.true_kpa[c]);
         for (c, taps) in response.iter_mut().enumerate() {
             // The second half of a double step is past the play, so the difference of the two is play-free.
             let settled = |n: usize| {
                 let past = value(&large, n, c) - value(&small, n, c);
-                if past.abs() > 1e-6 { past / PULSE } else { (value(&small, n, c) - base_at(n, c)) / PULSE }
+                if past.abs() > 1e-6 { past / size } else { (value(&small, n, c) - base_at(n, c)) / size }
             };
             *taps = (0..TAPS).map(|n| settled(n + 1) - settled(n)).collect();
         }
@@ -238,7 +245,7 @@ mod tests {
         for (name, limit) in [("dual_pressure", [0.05, 0.02]), ("bench", [0.15, 0.10])] {
             let rig = Rig::builtin(name).unwrap();
             let reference = Reference::paper();
-            let mut solved = Clairvoyant::solve(&map, &rig, &reference, 20.0).unwrap();
+            let mut solved = Clairvoyant::solve(&map, &rig, &reference, 40.0).unwrap();
             let plan =
                 FlightPlan { rig: &rig, model: None, reference: &reference, seconds: 20.0, noise_v_rms: 0.0, seed: 1 };
             let score = Score::of(&fly(&plan, &mut solved).unwrap().ticks);

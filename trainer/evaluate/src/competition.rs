@@ -80,11 +80,15 @@ impl Competition {
     ///
     /// # Errors
     /// The first rig that cannot be flown.
-    pub fn fly(&self, entrants: &[Entrant], told: &(dyn Fn(usize, usize) + Sync)) -> Result<Vec<Row>, EnvironmentError> {
-        let map = Arc::new(SteadyMap::new(&self.model).map_err(|error| EnvironmentError::Rig {
-            name: self.model.name.clone(),
-            error,
-        })?);
+    pub fn fly(
+        &self,
+        entrants: &[Entrant],
+        told: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<Vec<Row>, EnvironmentError> {
+        let map = Arc::new(
+            SteadyMap::new(&self.model)
+                .map_err(|error| EnvironmentError::Rig { name: self.model.name.clone(), error })?,
+        );
         let seeds_of = |entrant: &Entrant| match entrant {
             Entrant::Policies { policies, .. } => policies.len(),
             // Its duties do not depend on the noise; one solution a rig is enough.
@@ -120,10 +124,8 @@ impl Competition {
         });
         let mut results = results.into_inner().unwrap_or_default();
         results.sort_by_key(|(index, _)| *index);
-        let mut scores: Vec<Vec<Vec<Vec<Score>>>> = entrants
-            .iter()
-            .map(|entrant| vec![vec![Vec::new(); seeds_of(entrant)]; self.columns.len()])
-            .collect();
+        let mut scores: Vec<Vec<Vec<Vec<Score>>>> =
+            entrants.iter().map(|entrant| vec![vec![Vec::new(); seeds_of(entrant)]; self.columns.len()]).collect();
         for (index, score) in results {
             let score = score?;
             if let Some(task) = tasks.get(index)

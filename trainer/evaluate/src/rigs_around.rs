@@ -19,11 +19,7 @@ pub const MECHANISMS: [f64; 2] = [0.5, 1.5];
 /// If a drawn rig is unsound.
 pub fn rigs_around(rig: &Rig, count: usize, seed: u64) -> Result<Vec<Rig>, EnvironmentError> {
     let settings = EnvironmentSettings {
-        spread: Spread {
-            volumes_percent: PARAMETERS,
-            valves_percent: PARAMETERS,
-            check_valves_percent: PARAMETERS,
-        },
+        spread: Spread { volumes_percent: PARAMETERS, valves_percent: PARAMETERS, check_valves_percent: PARAMETERS },
         ..EnvironmentSettings::default()
     };
     let draw = RigDraw::new(rig, &settings)?;

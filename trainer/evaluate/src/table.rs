@@ -105,7 +105,8 @@ impl Table {
 
     /// As Markdown: RMSE positive / negative in kPa, spread, multiple of the limit; then duty changes.
     pub fn to_markdown(&self) -> String {
-        let mut text = format!("# {}\n\nRMSE of the measured pressures after the first 5 s, positive / negative, kPa", self.title);
+        let mut text =
+            format!("# {}\n\nRMSE of the measured pressures after the first 5 s, positive / negative, kPa", self.title);
         text += ", mean ± spread over seeds; in brackets multiples of the limit.\n\n";
         text += &format!("| | seeds | {} |\n", self.columns.join(" | "));
         text += &format!("| --- | --- |{}\n", " --- |".repeat(self.columns.len()));
@@ -165,7 +166,8 @@ impl Table {
                     self.rows.iter().map(|r| r.cells.get(n).map_or(f64::NAN, |cell| cell.rmse_kpa[c])).collect();
                 panel = panel.scatter(Scatter::new(name, &x, &y).color(color));
             }
-            let who: Vec<String> = self.rows.iter().enumerate().map(|(k, r)| format!("{}: {}", k + 1, r.entrant)).collect();
+            let who: Vec<String> =
+                self.rows.iter().enumerate().map(|(k, r)| format!("{}: {}", k + 1, r.entrant)).collect();
             page = page.plot(Plot::new(column, "entrant").caption(&who.join("; ")).panel(panel));
         }
         for note in &self.notes {
@@ -185,12 +187,7 @@ mod tests {
     use environment::Score;
 
     fn score(rmse: f64) -> Score {
-        Score {
-            rmse_kpa: [rmse, 2.0 * rmse],
-            offset_kpa: [0.0; 2],
-            worst_kpa: [0.0; 2],
-            duty_change_rms: [0.01, 0.02],
-        }
+        Score { rmse_kpa: [rmse, 2.0 * rmse], offset_kpa: [0.0; 2], worst_kpa: [0.0; 2], duty_change_rms: [0.01, 0.02] }
     }
 
     #[test]

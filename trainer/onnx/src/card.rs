@@ -14,7 +14,7 @@
 
 use crate::error::ExportError;
 use crate::network::PolicyGraph;
-use crate::ports::{Port, Ports};
+use model::ports::{Port, Ports};
 
 /// Golden pairs that the controller reads.
 const MOST_GOLDEN_PAIRS: usize = 256;

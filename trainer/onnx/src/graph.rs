@@ -13,8 +13,8 @@
 use crate::card::{self, GoldenPair, Provenance};
 use crate::error::ExportError;
 use crate::network::{OutputMap, PolicyGraph};
-use crate::ports::{Port, Ports};
 use crate::protobuf::Message;
+use model::ports::{Port, Ports};
 
 /// Name of the input tensor.
 pub const INPUT: &str = "observation";

@@ -13,7 +13,6 @@
 //! | module | subject |
 //! | --- | --- |
 //! | [`network`] | features, dense layers, tanh: what is exported, and an independent forward pass |
-//! | [`ports`] | names, units and ranges of both observation contracts |
 //! | [`card`] | what the file says about itself: contract, provenance, golden pairs |
 //! | `graph` | the network as ONNX operators |
 //! | `protobuf` | the wire format, as far as ONNX needs it |
@@ -24,11 +23,10 @@ pub mod card;
 mod error;
 mod graph;
 pub mod network;
-pub mod ports;
 mod protobuf;
 
 pub use card::{GoldenPair, Provenance};
 pub use error::ExportError;
 pub use graph::{INPUT, OUTPUT, to_onnx};
+pub use model::ports::{Port, Ports};
 pub use network::{Dense, FeatureTerm, OutputMap, PolicyGraph};
-pub use ports::{Port, Ports};

@@ -43,7 +43,7 @@ pub(crate) fn ln(x: f32) -> f32 {
         -0.166_680_57,
         0.200_007_14,
         -0.249_999_94,
-        0.333_333_31,
+        0.333_333_3,
     ];
     let square = m * m;
     let tail = (m * square).mul_add(polynomial(m, SERIES), exponent.mul_add(LN_2_LOW, -0.5 * square));
@@ -57,7 +57,7 @@ pub(crate) fn tanh(x: f32) -> f32 {
     let e = exp(-2.0 * size);
     let far = ((1.0 - e) / (1.0 + e)).copysign(x);
     let square = x * x;
-    const SERIES: [f32; 5] = [-5.704_988_7e-3, 2.063_908_9e-2, -5.373_971_6e-2, 0.133_314_42, -0.333_332_8];
+    const SERIES: [f32; 5] = [-5.704_988_7e-3, 2.063_909e-2, -5.373_971_6e-2, 0.133_314_42, -0.333_332_8];
     let near = (square * polynomial(square, SERIES)).mul_add(x, x);
     if size < 0.625 { near } else { far }
 }

@@ -10,6 +10,8 @@
 //!
 //! Same seed, same bytes: on any number of threads and with any instruction set (see the `kernel` module).
 
+#![allow(clippy::needless_range_loop)] // reason: a loop over lanes reads alike for every array it indexes
+
 mod actor_step;
 mod adam;
 mod batch;

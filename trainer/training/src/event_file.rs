@@ -114,8 +114,8 @@ mod tests {
             at += 16 + length;
         }
         assert_eq!(events[0], [&[9, 0, 0, 0, 0, 0, 0, 0, 0, 0x1a, 13][..], b"brain.Event:2"].concat());
-        let scalar = [&[9][..], &1.5f64.to_le_bytes(), &[0x10, 0xac, 2, 0x2a, 13, 0x0a, 11, 0x0a, 4], b"rmse", &[0x15]]
-            .concat();
+        let scalar =
+            [&[9][..], &1.5f64.to_le_bytes(), &[0x10, 0xac, 2, 0x2a, 13, 0x0a, 11, 0x0a, 4], b"rmse", &[0x15]].concat();
         assert_eq!(events[1], [&scalar[..], &0.25f32.to_le_bytes()].concat());
     }
 

@@ -145,10 +145,8 @@ pub fn read(lines: &Path, up_to_step: u64) -> Result<Vec<Point>, TrainingError> 
         .map_err(|error| TrainingError::File { file: file.clone(), problem: format!("cannot be read: {error}") })?;
     let mut points = Vec::new();
     for (n, line) in text.lines().enumerate() {
-        let point: Point = serde_json::from_str(line).map_err(|error| TrainingError::File {
-            file: file.clone(),
-            problem: format!("line {}: {error}", n + 1),
-        })?;
+        let point: Point = serde_json::from_str(line)
+            .map_err(|error| TrainingError::File { file: file.clone(), problem: format!("line {}: {error}", n + 1) })?;
         if point.step <= up_to_step {
             points.push(point);
         }

@@ -164,11 +164,8 @@ impl Run {
         let origin = Origin::of(&trained_on)?;
         let (position, learner) = checkpoint::read(&files, &settings, threads)?;
         // Points after the checkpoint belong to work that was lost; they will be made again.
-        let points = if files.metrics().exists() {
-            crate::metrics::read(&files.metrics(), position.steps)?
-        } else {
-            Vec::new()
-        };
+        let points =
+            if files.metrics().exists() { crate::metrics::read(&files.metrics(), position.steps)? } else { Vec::new() };
         let parts = Parts { trained_on, model, learner, position, points, origin };
         let fleet = parts.fleet(&settings)?;
         let evaluated_on = evaluated_on(&settings)?;
@@ -255,7 +252,10 @@ impl Run {
         let summary = serde_json::to_string_pretty(&self.summary())
             .map_err(|error| TrainingError::file(&self.files.summary(), &error.to_string()))?;
         RunFiles::write(&self.files.summary(), format!("{summary}\n").as_bytes())?;
-        RunFiles::write(&self.files.report(), run_report::page(&self.settings, &self.summary(), &self.points).as_bytes())?;
+        RunFiles::write(
+            &self.files.report(),
+            run_report::page(&self.settings, &self.summary(), &self.points).as_bytes(),
+        )?;
         Ok(ended)
     }
 

@@ -62,13 +62,14 @@ pub fn page(settings: &TrainingSettings, summary: &Summary, points: &[Point]) ->
             .panel(Panel::new("mean Q").line(line("Q", &|p| p.mean_q, Color::Blue)))
             .panel(Panel::new("temperature").log_y().line(line("α", &|p| p.temperature, Color::Blue)))
             .panel(Panel::new("entropy (nats)").line(line("entropy", &|p| p.entropy, Color::Blue)))
-            .panel(
-                Panel::new("CAPS terms")
-                    .line(line("temporal", &|p| p.caps_temporal, Color::Blue))
-                    .line(line("spatial", &|p| p.caps_spatial, Color::Vermilion)),
-            ),
+            .panel(Panel::new("CAPS terms").line(line("temporal", &|p| p.caps_temporal, Color::Blue)).line(line(
+                "spatial",
+                &|p| p.caps_spatial,
+                Color::Vermilion,
+            ))),
     );
-    let mut table = Table::new(["steps", "rig", "RMSE pos (kPa)", "RMSE neg (kPa)", "offset pos", "offset neg", "tripped"]);
+    let mut table =
+        Table::new(["steps", "rig", "RMSE pos (kPa)", "RMSE neg (kPa)", "offset pos", "offset neg", "tripped"]);
     for point in points {
         for e in &point.evaluated {
             table.push([

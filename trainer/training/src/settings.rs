@@ -368,7 +368,10 @@ impl TrainingSettings {
         within("caps.sigma_kpa", self.caps.sigma_kpa, 0.0, 100.0)?;
         within("caps.sigma_duty", self.caps.sigma_duty, 0.0, 1.0)?;
         if self.run.random_steps < sac.batch as u64 {
-            return Err(format!("run.random_steps = {} is less than one batch of {}", self.run.random_steps, sac.batch));
+            return Err(format!(
+                "run.random_steps = {} is less than one batch of {}",
+                self.run.random_steps, sac.batch
+            ));
         }
         if self.rig.evaluated_on.is_empty() {
             return Err("rig.evaluated_on names no rig; a learning curve needs one".into());

@@ -5,14 +5,17 @@
 //! | `record` | the columns a rig needs, as numbers |
 //! | `layout` | where a row of a channel lies in one long vector of readings |
 //! | `noise` | what the readings scatter by when nothing happens |
+//! | `ripple` | narrow lines: the pump's ripple, folded down by sampling |
 //! | `split` | which rows are fitted, which choose between models, which are kept back |
 
 mod layout;
 mod noise;
 mod record;
+mod ripple;
 mod split;
 
 pub use layout::Layout;
 pub use noise::{Noise, noise};
+pub use ripple::{Line, folded_hz, lines};
 pub use record::{Record, Records};
 pub use split::{Role, Split, Stretch};

@@ -19,8 +19,8 @@ pub struct Noise {
     pub correlation: Option<f64>,
 }
 
-/// Rows that a plateau must last for, after as many rows for settling: 1.5 s.
-const PLATEAU_ROWS: usize = 75;
+/// Rows that a plateau must last for, after twice as many rows for settling: 1 s after 2 s.
+const PLATEAU_ROWS: usize = 50;
 /// Fewest plateaus that a correlation is told from.
 const PLATEAUS: usize = 5;
 

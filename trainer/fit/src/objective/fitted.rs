@@ -12,7 +12,7 @@ use crate::FitError;
 use crate::data::{Records, Stretch};
 use crate::least_squares::{Information, Linearised, Loss, Settings, Stop, minimise};
 use crate::parameters::{Parameter, ParameterSet};
-use crate::simulate::{Arcs, Simulator, refined_starts, smoothed_kpa};
+use crate::simulate::{Arcs, Fidelity, Simulator, refined_starts, smoothed_kpa};
 
 /// Where simulations start anew during a stage of a fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,6 +37,8 @@ pub struct FitSettings {
     pub rounds: usize,
     /// A stage is done when a step gains less log-likelihood than this.
     pub least_gain: f64,
+    /// What the search runs on. The minimum is that of the simulator's own fidelity all the same.
+    pub search: Fidelity,
 }
 
 impl Default for FitSettings {
@@ -46,6 +48,7 @@ impl Default for FitSettings {
             stages: vec![Shooting::Windows { seconds: 2.0 }, Shooting::Free],
             rounds: 12,
             least_gain: 0.01,
+            search: Fidelity::Coarse,
         }
     }
 }
@@ -148,37 +151,43 @@ pub fn fit_from(
 ) -> Result<Fitted, FitError> {
     let records = simulator.records();
     let ends = ends(records, weights);
+    let fast = simulator.at(settings.search);
     let mut point = start.to_vec();
     let mut rounds = 0;
     let mut last = None;
     for (stage, shooting) in settings.stages.iter().enumerate() {
         let final_stage = stage + 1 == settings.stages.len();
-        // The scale depends on the fit and the fit on the scale; two or three rounds settle both.
-        let mut scale: Option<Vec<f64>> = None;
-        for _ in 0..if final_stage { 3 } else { 1 } {
+        // Scale and correction depend on the fit and the fit on them; two or three passes settle all three.
+        let mut before: Option<(Vec<f64>, Vec<f64>)> = None;
+        for pass in 0..if final_stage { PASSES } else { 1 } {
             let rig = set.rig_at(&point).map_err(FitError::rig(set.rig()))?;
-            let arcs = arcs_for(simulator, &rig, *shooting, &ends)?;
-            let trace = simulator.one(&rig, &arcs)?;
-            let found = scales(records, &trace, weights, sigma_kpa);
-            let settled = |old: &Vec<f64>| old.iter().zip(&found).all(|(a, b)| (a / b - 1.0).abs() < 0.1);
-            if scale.as_ref().is_some_and(settled) {
+            let arcs = arcs_for(fast, &rig, *shooting, &ends)?;
+            let mut trace = fast.one(&rig, &arcs)?;
+            let mut correction_kpa = Vec::new();
+            if final_stage && settings.search != simulator.fidelity() {
+                let close = simulator.one(&rig, &arcs)?;
+                correction_kpa = close.iter().zip(&trace).map(|(c, f)| c - f).collect();
+                trace = close;
+            }
+            let scale = scales(records, &trace, weights, sigma_kpa);
+            if before.as_ref().is_some_and(|(old, at)| settled(old, &scale) && near(at, &point)) {
                 break;
             }
-            let weighted = over(records, weights, &found);
-            let mut problem = RigProblem::new(simulator, set, arcs, weighted);
+            before = Some((scale.clone(), point.clone()));
+            let mut problem =
+                RigProblem::new(fast, set, arcs, over(records, weights, &scale)).corrected(correction_kpa);
             let search = Settings {
                 loss: settings.loss,
                 prior: set.prior(),
                 bounds: set.bounds(),
                 rounds: if final_stage { settings.rounds } else { settings.rounds.min(6) },
                 trials: 4,
-                least_gain: if final_stage { settings.least_gain } else { 1.0 },
+                least_gain: if final_stage && pass > 0 { settings.least_gain } else { 1.0 },
             };
             let outcome = minimise(&mut problem, &point, &search)?;
             point.clone_from(&outcome.point);
             rounds += outcome.rounds;
-            scale = Some(found.clone());
-            last = Some((outcome, found, problem.arcs().clone()));
+            last = Some((outcome, scale, problem.arcs().clone()));
         }
     }
     let Some((outcome, scale_kpa, arcs)) = last else { return Err(FitError::NoRecordings) };
@@ -212,6 +221,19 @@ impl Fitted {
         }
         cost
     }
+}
+
+/// Passes of the last stage.
+const PASSES: usize = 4;
+
+/// Whether a scale has hardly changed.
+fn settled(old: &[f64], new: &[f64]) -> bool {
+    old.iter().zip(new).all(|(a, b)| (a / b - 1.0).abs() < 0.1)
+}
+
+/// Whether a point has hardly moved: by so little the correction of the fast simulation does not change.
+fn near(old: &[f64], new: &[f64]) -> bool {
+    old.iter().zip(new).all(|(a, b)| (a - b).abs() < 0.1)
 }
 
 /// Where simulations may stop: after the last row that counts, by recording.

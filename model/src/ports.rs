@@ -4,7 +4,7 @@
 //! another order. Ranges are what the rig can produce (the safety envelope for pressures); for an answer they are what
 //! the law takes.
 
-use model::contract::{AHEAD, CORRECTION_LIMIT, Contract, GOALS_AHEAD, PAST, TICKS_PER_S};
+use crate::contract::{AHEAD, CORRECTION_LIMIT, Contract, GOALS_AHEAD, PAST, TICKS_PER_S};
 
 /// Pressures: positive, negative (kPa gauge).
 const PRESSURE_KPA: [(f32, f32); 2] = [(0.0, 160.0), (-95.0, 0.0)];
@@ -84,7 +84,7 @@ fn pair(quantity: &str, tick: &str, unit: &'static str, range: [(f32, f32); 2]) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model::contract::{ACTION_LEN, CORRECTION_OBSERVATION_LEN, OBSERVATION_LEN};
+    use crate::contract::{ACTION_LEN, CORRECTION_OBSERVATION_LEN, OBSERVATION_LEN};
 
     #[test]
     fn lengths_are_the_models() {

@@ -1,0 +1,201 @@
+//! The bench on which explanations are tried: recordings, their split and noise, and fits of a rig with terms.
+
+use fit::FitError;
+use fit::data::{Noise, Records, Role, Split, Stretch, noise};
+use fit::objective::{FitSettings, Fitted, NoiseModel, Score, Shooting, blocks_of, fit_from, score};
+use fit::parameters::{Parameter, ParameterSet, Scatter, nominal};
+use fit::simulate::{Arcs, Fidelity, Simulator, refined_starts};
+use model::rig::Rig;
+
+use crate::candidate::Candidate;
+use crate::error::DiagnoseError;
+
+/// What a model may be wrong by without anything being missing: no formula is exact, no build sheet complete. Errors
+/// of this size and slowness cost next to nothing when models are compared.
+const DRIFT_KPA: f64 = 0.03;
+/// Correlation time of that error in s.
+const DRIFT_S: f64 = 1.0;
+
+/// Recordings laid out for fits.
+pub struct Bench<'r> {
+    /// The rig as it was given.
+    pub rig: &'r Rig,
+    /// The recordings.
+    pub records: &'r Records,
+    /// Runs rigs over them.
+    pub simulator: Simulator<'r>,
+    /// Which rows are fitted, which choose, which are kept back.
+    pub split: Split,
+    /// Noise by channel.
+    pub noise: Vec<Noise>,
+    /// The nominal parameters, with priors.
+    pub nominal: Vec<Parameter>,
+    fit_weights: Vec<f64>,
+    counted: Vec<f64>,
+    noise_model: NoiseModel,
+}
+
+/// An explanation, fitted.
+#[derive(Debug, Clone)]
+pub struct Explanation {
+    /// Indices of its terms in the list of candidates, ascending.
+    pub terms: Vec<usize>,
+    /// Free parameters: the nominal ones, then those of the terms in order.
+    pub set: ParameterSet,
+    /// The fit; residuals and Jacobian are emptied to save memory unless asked to be kept.
+    pub fitted: Fitted,
+    /// Free run over all rows of all recordings.
+    pub trace: Vec<f64>,
+    /// Log-likelihood on fitted blocks.
+    pub fit_score: Score,
+    /// Log-likelihood on the blocks that choose.
+    pub select_score: Score,
+    /// Half the squared shifts of the nominal parameters in prior standard deviations.
+    pub prior_cost: f64,
+}
+
+/// How thorough a fit is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Effort {
+    /// A few rounds of free runs.
+    Glance,
+    /// Free runs until they converge.
+    Polish,
+    /// Windows first, then free runs.
+    Full,
+}
+
+impl Effort {
+    fn settings(self) -> FitSettings {
+        let (stages, rounds, least_gain) = match self {
+            Effort::Glance => (vec![Shooting::Free], 3, 1.0),
+            Effort::Polish => (vec![Shooting::Free], 10, 0.05),
+            Effort::Full => (vec![Shooting::Windows { seconds: 2.0 }, Shooting::Free], 12, 0.05),
+        };
+        FitSettings { stages, rounds, least_gain, ..FitSettings::default() }
+    }
+}
+
+impl<'r> Bench<'r> {
+    /// Lays out recordings.
+    pub fn new(rig: &'r Rig, records: &'r Records, fidelity: Fidelity, threads: Option<usize>) -> Self {
+        let simulator = Simulator::new(records, fidelity);
+        let simulator = threads.map_or(simulator, |threads| simulator.on(threads));
+        let split = Split::of(records);
+        let noise = noise(records);
+        let sigma_kpa: Vec<f64> = noise.iter().map(|n| n.sigma_kpa).collect();
+        let drift_kpa = vec![DRIFT_KPA; sigma_kpa.len()];
+        Bench {
+            rig,
+            records,
+            simulator,
+            nominal: nominal(rig, Scatter::default()),
+            fit_weights: split.weights(records.layout(), Role::Fit),
+            counted: vec![1.0; records.layout().len()],
+            noise_model: NoiseModel::Drifting { sigma_kpa, drift_kpa, time_s: DRIFT_S },
+            split,
+            noise,
+        }
+    }
+
+    /// Noise by channel in kPa.
+    pub fn sigma_kpa(&self) -> Vec<f64> {
+        self.noise.iter().map(|n| n.sigma_kpa).collect()
+    }
+
+    /// Weights of the readings that are fitted.
+    pub fn fit_weights(&self) -> &[f64] {
+        &self.fit_weights
+    }
+
+    /// The rig with terms attached at their starting magnitudes.
+    pub fn with_terms(&self, terms: &[&Candidate]) -> Rig {
+        let mut rig = self.rig.clone();
+        for term in terms {
+            rig.mechanisms.extend(term.attached.iter().cloned());
+        }
+        rig
+    }
+
+    /// The free parameters of an explanation.
+    ///
+    /// # Errors
+    /// A term whose parameters are not the rig's.
+    pub fn set(&self, terms: &[&Candidate]) -> Result<ParameterSet, DiagnoseError> {
+        let rig = self.with_terms(terms);
+        let free = self.nominal.iter().cloned().chain(terms.iter().flat_map(|t| t.free.iter().cloned())).collect();
+        ParameterSet::new(&rig, free).map_err(DiagnoseError::rig(&rig))
+    }
+
+    /// Fits an explanation from the best of some starts (coordinates of [`Bench::set`]).
+    ///
+    /// # Errors
+    /// No start can be simulated.
+    pub fn fit(
+        &self,
+        candidates: &[Candidate],
+        terms: &[usize],
+        starts: &[Vec<f64>],
+        effort: Effort,
+    ) -> Result<Explanation, DiagnoseError> {
+        let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
+        let set = self.set(&of)?;
+        let blocks = self.split.blocks(Role::Fit, BLOCK_ROWS);
+        let settings = effort.settings();
+        let mut best: Option<(f64, Fitted)> = None;
+        let mut failed = None;
+        for start in starts {
+            match fit_from(
+                self.simulator,
+                &set,
+                start,
+                &self.fit_weights,
+                &self.sigma_kpa(),
+                &blocks,
+                &settings,
+            ) {
+                Ok(fitted) => {
+                    let cost = fitted.comparable_cost(self.records, &self.fit_weights);
+                    if best.as_ref().is_none_or(|(least, _)| cost < *least) {
+                        best = Some((cost, fitted));
+                    }
+                }
+                Err(error) => failed = Some(error),
+            }
+        }
+        let Some((_, fitted)) = best else { return Err(failed.unwrap_or(FitError::NoRecordings).into()) };
+        let trace = self.free_run(&fitted.rig)?;
+        let prior_cost = fitted.point.iter().take(self.nominal.len()).map(|z| 0.5 * z * z).sum();
+        Ok(Explanation {
+            fit_score: self.score(&trace, Role::Fit),
+            select_score: self.score(&trace, Role::Select),
+            terms: terms.to_vec(),
+            set,
+            fitted,
+            trace,
+            prior_cost,
+        })
+    }
+
+    /// A free run over all rows, starts refined.
+    ///
+    /// # Errors
+    /// The rig cannot be simulated.
+    pub fn free_run(&self, rig: &Rig) -> Result<Vec<f64>, DiagnoseError> {
+        let arcs = refined_starts(&self.simulator, rig, &Arcs::free(self.records))?;
+        Ok(self.simulator.one(rig, &arcs)?)
+    }
+
+    /// Log-likelihood of a trace on the blocks of a role.
+    pub fn score(&self, trace: &[f64], role: Role) -> Score {
+        score(self.records, trace, &self.counted, &self.blocks(role), &self.noise_model)
+    }
+
+    /// Blocks of a role.
+    pub fn blocks(&self, role: Role) -> Vec<Stretch> {
+        blocks_of(&self.split, role)
+    }
+}
+
+/// Rows of a block: 10 s, several time constants of the slowest chamber.
+const BLOCK_ROWS: usize = 500;

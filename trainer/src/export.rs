@@ -1,0 +1,66 @@
+//! `trainer export`: a trained policy as the file that the daemon flies.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use proto::atomic_file;
+use serde_json::json;
+use training::TrainedPolicy;
+
+use crate::failure::Failure;
+use crate::stdout;
+
+/// Writes a trained policy as ONNX: kPa gauge in, duties out, normalisation inside the graph.
+///
+/// The file carries the names and units of its contract, where it comes from (rig and its hash, seed, steps, variant),
+/// and golden pairs of inputs and answers; before it is written, the graph is compared with the trainer's own network.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example: trainer export runs/first --out policies/default.onnx --note commit=$(git rev-parse HEAD)"
+)]
+pub(crate) struct ExportArgs {
+    /// Folder of a run, or its policy.bin
+    policy: PathBuf,
+    /// File to write
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// A further key and value for the file's metadata; may be given several times
+    #[arg(long, value_name = "KEY=VALUE", value_parser = note)]
+    note: Vec<(String, String)>,
+    /// Print what was written as one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+fn note(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((key, value)) if !key.trim().is_empty() => Ok((key.trim().to_owned(), value.to_owned())),
+        _ => Err("give it as KEY=VALUE".to_owned()),
+    }
+}
+
+pub(crate) fn run(args: &ExportArgs) -> Result<(), Failure> {
+    let policy = TrainedPolicy::load(&args.policy)?;
+    let bytes = policy.to_onnx(&args.note)?;
+    atomic_file::write(&args.out, &bytes)?;
+    let settings = policy.settings();
+    let (contract, variant) = (settings.policy.contract, settings.policy.variant.name());
+    if args.json {
+        return stdout::say_json(&json!({
+            "file": args.out.display().to_string(),
+            "bytes": bytes.len(),
+            "contract": contract,
+            "variant": variant,
+            "seed": settings.run.seed,
+            "steps": policy.steps(),
+        }));
+    }
+    stdout::say(&format!(
+        "{}: {} bytes; contract {contract}, variant {variant}, seed {}, {} steps\ncheck it: controller check-policy {}",
+        args.out.display(),
+        bytes.len(),
+        settings.run.seed,
+        policy.steps(),
+        args.out.display()
+    ))
+}
