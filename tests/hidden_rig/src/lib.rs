@@ -10,7 +10,7 @@
 //! | module | subject |
 //! | --- | --- |
 //! | [`gas`], [`orifice`] | air by mass and energy; ISO 6358, lines, gaps |
-//! | [`pump`], [`chamber`], [`valve`], [`sensor`] | the parts |
+//! | [`pump`], [`chamber`], [`valve`], [`series`], [`sensor`] | the parts |
 //! | [`preisach`], [`actuation`] | hysteresis; what happens between a command and a coil |
 //! | [`state`], [`plant`], [`rates`], [`integrate`], [`run`] | the whole, in motion |
 //! | [`build_sheet`] | the parameters of one hidden rig |
@@ -37,6 +37,7 @@ pub mod recording;
 pub mod rng;
 pub mod run;
 pub mod sensor;
+pub mod series;
 pub mod sizing;
 pub mod state;
 pub mod suite;

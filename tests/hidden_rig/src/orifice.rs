@@ -1,4 +1,4 @@
-//! Flow through restrictions: ISO 6358 for valves, a Darcy element for lines, the laminar law for leaks.
+//! Flow through restrictions: ISO 6358 for valves and holes, the laminar law for gaps.
 //!
 //! ISO 6358-1:2013, with the sonic conductance `C` and the critical ratio `b`:
 //! ```text
@@ -56,19 +56,6 @@ fn subsonic(critical_ratio: f64, ratio: f64) -> f64 {
     if ratio > LAMINAR_RATIO { ellipse(LAMINAR_RATIO) * (1.0 - ratio) / (1.0 - LAMINAR_RATIO) } else { ellipse(ratio) }
 }
 
-/// Mass flow (kg/s, signed) of a piece of line: a laminar and a turbulent loss in series.
-///
-/// ```text
-/// Δp = a ṁ + c |ṁ| ṁ    ⇒    ṁ = (√(a² + 4 c |Δp|) − a) / (2 c) · sign Δp
-/// ```
-/// (Darcy and Weisbach; `a` in Pa s/kg, `c` in Pa s²/kg².) Density is that of the caller's `c`; choking is left out,
-/// which holds while Δp is small beside p.
-#[inline]
-pub fn darcy(laminar: f64, turbulent: f64, difference_pa: f64) -> f64 {
-    let root = (laminar * laminar + 4.0 * turbulent * difference_pa.abs()).sqrt();
-    (root - laminar) / (2.0 * turbulent) * difference_pa.signum()
-}
-
 /// Mass flow (kg/s, signed) of a compressible laminar gap: `k (p₁² − p₂²)`, `k` in kg/(s Pa²).
 #[inline]
 pub fn laminar_gap(conductance: f64, from_pa: f64, to_pa: f64) -> f64 {
@@ -110,12 +97,5 @@ mod tests {
         }
         assert_eq!(at(1.0), 0.0);
         assert_eq!(at(1.2), 0.0);
-    }
-
-    #[test]
-    fn a_line_loses_what_its_two_laws_say() {
-        let flow = darcy(4e6, 3e9, 5_000.0);
-        assert!((4e6 * flow + 3e9 * flow * flow - 5_000.0).abs() < 1e-6);
-        assert_eq!(darcy(4e6, 3e9, -5_000.0), -flow);
     }
 }

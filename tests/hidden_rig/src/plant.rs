@@ -7,9 +7,7 @@ use crate::chamber::Chamber;
 use crate::gas::Gas;
 use crate::pump::{Pump, Swept};
 use crate::sensor::Sensor;
-use crate::state::{
-    CHAMBER, CRANK, CYLINDER, LIFT, MUFFLER, POCKET, SENSING, SNUBBER, SPEED, STATES, State, TUBE, VOLUME,
-};
+use crate::state::{CHAMBER, CRANK, CYLINDER, LIFT, POCKET, SENSING, SNUBBER, SPEED, STATES, State, VOLUME};
 use crate::valve::Vent;
 
 /// Index of the positive channel.
@@ -84,14 +82,6 @@ impl Plant {
             state[VOLUME + i] = chamber.volume_m3;
             let gas = Gas { temperature_k: chamber.wall_k, ..air };
             [state[CHAMBER + 2 * i], state[CHAMBER + 2 * i + 1]] = gas.store(chamber.volume_m3);
-            if let Some(tube) = self.vents[i].tube {
-                let [mass, _] = gas.store(0.5 * tube.volume_m3);
-                state[TUBE + 2 * i] = mass;
-                state[TUBE + 2 * i + 1] = mass;
-            }
-            if let Some(muffler) = self.vents[i].muffler {
-                [state[MUFFLER + i], _] = air.store(muffler.volume_m3);
-            }
             if let Some(pocket) = chamber.pocket {
                 [state[POCKET + i], _] = gas.store(pocket.volume_m3);
             }

@@ -6,16 +6,16 @@
 //! ṁ = Σ ṁ_in − Σ ṁ_out
 //! U̇ = Σ ṁ_in c_p T_up − Σ ṁ_out c_p T − G (T − T_wall) − p V̇
 //! ```
-//! Small spaces between metal walls (tubes, mufflers, pockets) are isothermal.
+//! Small spaces between metal walls (pockets) are isothermal.
 
 use crate::chamber::{LEAK_CRITICAL_RATIO, WALL_FOLLOWS_S};
 use crate::gas::{Gas, HEAT_AT_PRESSURE, isothermal_pressure};
 use crate::integrate::Switched;
-use crate::orifice::{darcy, iso6358, laminar_gap, sonic_conductance};
+use crate::orifice::{iso6358, laminar_gap, sonic_conductance};
 use crate::plant::{NEGATIVE, POSITIVE, Plant};
+use crate::series::{VentFlow, vent_flow};
 use crate::state::{
-    CHAMBER, CRANK, CURRENT, CYLINDER, LEDGER, LIFT, LIFT_SPEED, MUFFLER, POCKET, SENSING, SNUBBER, SPEED, STATES,
-    State, TUBE, VOLUME,
+    CHAMBER, CRANK, CURRENT, CYLINDER, LEDGER, LIFT, LIFT_SPEED, POCKET, SENSING, SNUBBER, SPEED, STATES, State, VOLUME,
 };
 
 /// The check valves, each a switch of the integration: inlets of both cylinders, then outlets.
@@ -71,46 +71,22 @@ impl Balance {
 impl Driven<'_> {
     /// Mass flow (kg/s) through a vent, out of the rig for the positive and into it for the negative one.
     pub fn vent_flow(&self, state: &State, channel: usize) -> f64 {
-        let ends = self.vent_ends(state, channel, self.plant.chamber_gas(state, channel));
-        self.flow_between(state, channel, ends)
-    }
-
-    /// Gas at the chamber's side and at the atmosphere's side of a vent valve.
-    #[inline]
-    fn vent_ends(&self, state: &State, c: usize, chamber: Gas) -> [Gas; 2] {
-        let plant = self.plant;
-        let vent = &plant.vents[c];
-        let wall_k = plant.chambers[c].wall_k;
-        let inner = vent.tube.map_or(chamber, |tube| Gas {
-            pressure_pa: isothermal_pressure(state[TUBE + 2 * c + 1], 0.5 * tube.volume_m3, wall_k),
-            temperature_k: wall_k,
-        });
-        let outer = vent.muffler.map_or(plant.atmosphere, |muffler| Gas {
-            pressure_pa: isothermal_pressure(state[MUFFLER + c], muffler.volume_m3, plant.atmosphere.temperature_k),
-            temperature_k: plant.atmosphere.temperature_k,
-        });
-        [inner, outer]
+        self.vent(state, channel, self.plant.chamber_gas(state, channel)).forward
     }
 
     #[inline]
-    fn flow_between(&self, state: &State, c: usize, [inner, outer]: [Gas; 2]) -> f64 {
+    fn vent(&self, state: &State, c: usize, chamber: Gas) -> VentFlow {
         let vent = &self.plant.vents[c];
         let conductance = sonic_conductance(vent.area(state[LIFT + c])) * self.drive.throat[c];
-        let (up, down) = if c == POSITIVE { (inner, outer) } else { (outer, inner) };
-        // A chamber on the wrong side of the atmosphere breathes the other way.
-        if up.pressure_pa >= down.pressure_pa {
-            iso6358(conductance, vent.critical_ratio, up, down.pressure_pa)
-        } else {
-            -iso6358(conductance, vent.critical_ratio, down, up.pressure_pa)
-        }
+        vent_flow(vent, c, conductance, chamber, self.plant.atmosphere)
     }
 
     /// Where the balance of forces puts a flapper (m).
     #[inline]
-    fn resting_lift(&self, state: &State, c: usize, [inner, outer]: [Gas; 2]) -> f64 {
+    fn resting_lift(&self, state: &State, c: usize, flow: &VentFlow) -> f64 {
         let vent = &self.plant.vents[c];
         let current = if vent.coil_is_instant() { self.drive.current[c] } else { state[CURRENT + c] };
-        let over = inner.pressure_pa - outer.pressure_pa;
+        let over = flow.inner.pressure_pa - flow.outer.pressure_pa;
         vent.resting_lift(current, if c == POSITIVE { over } else { -over })
     }
 
@@ -150,45 +126,17 @@ impl Driven<'_> {
 
     #[inline]
     fn vent_rates(&self, state: &State, c: usize, chamber: Gas, balance: &mut Balance, rates: &mut State) {
-        let plant = self.plant;
-        let vent = &plant.vents[c];
-        let store = 2 + c;
-        let ends = self.vent_ends(state, c, chamber);
-        let resting = self.resting_lift(state, c, ends);
+        let vent = &self.plant.vents[c];
+        let flow = self.vent(state, c, chamber);
+        let resting = self.resting_lift(state, c, &flow);
         [rates[LIFT + c], rates[LIFT_SPEED + c]] =
             vent.motion(state[LIFT + c], state[LIFT_SPEED + c], resting, self.held[c]);
         if !vent.coil_is_instant() {
             rates[CURRENT + c] = vent.current_rate(state[CURRENT + c], self.drive.current[c]);
         }
-        // Outwards for both channels from here on.
-        let out = self.flow_between(state, c, ends) * if c == POSITIVE { 1.0 } else { -1.0 };
-        let outside_k = ends[1].temperature_k;
-        match vent.tube {
-            None => balance.take(store, -out, if out > 0.0 { chamber.temperature_k } else { outside_k }),
-            Some(tube) => {
-                let wall_k = plant.chambers[c].wall_k;
-                let halves: [f64; 2] = std::array::from_fn(|k| {
-                    isothermal_pressure(state[TUBE + 2 * c + k], 0.5 * tube.volume_m3, wall_k)
-                });
-                let density = chamber.density();
-                // Half of the loss lies before each half of the volume.
-                let turbulent = 0.25 / (density * tube.area_m2 * tube.area_m2);
-                let first = darcy(0.5 * tube.laminar, turbulent, chamber.pressure_pa - halves[0]);
-                let second = darcy(0.5 * tube.laminar, turbulent, halves[0] - halves[1]);
-                balance.take(store, -first, if first > 0.0 { chamber.temperature_k } else { wall_k });
-                rates[TUBE + 2 * c] = first - second;
-                rates[TUBE + 2 * c + 1] = second - out;
-            }
-        }
-        if let Some(muffler) = vent.muffler {
-            let (node, air) = (ends[1], plant.atmosphere);
-            let lost = if node.pressure_pa >= air.pressure_pa {
-                iso6358(muffler.conductance, muffler.critical_ratio, node, air.pressure_pa)
-            } else {
-                -iso6358(muffler.conductance, muffler.critical_ratio, air, node.pressure_pa)
-            };
-            rates[MUFFLER + c] = out - lost;
-        }
+        let out = flow.forward * if c == POSITIVE { 1.0 } else { -1.0 };
+        let temperature_k = if out > 0.0 { chamber.temperature_k } else { self.plant.atmosphere.temperature_k };
+        balance.take(2 + c, -out, temperature_k);
     }
 
     #[inline]
@@ -302,8 +250,8 @@ impl Switched<STATES, CHECK_VALVES> for Driven<'_> {
         for c in 0..2 {
             let vent = &self.plant.vents[c];
             let Some(friction) = vent.friction else { continue };
-            let ends = self.vent_ends(state, c, self.plant.chamber_gas(state, c));
-            let missing_m = (self.resting_lift(state, c, ends) - state[LIFT + c]).abs();
+            let flow = self.vent(state, c, self.plant.chamber_gas(state, c));
+            let missing_m = (self.resting_lift(state, c, &flow) - state[LIFT + c]).abs();
             let breakaway_m = friction.breakaway_n / vent.stiffness_n_m;
             let held = if self.held[c] { missing_m <= breakaway_m } else { missing_m < friction.residual * breakaway_m };
             jumped |= held != self.held[c];

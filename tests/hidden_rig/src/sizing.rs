@@ -72,6 +72,8 @@ pub fn larger(pair: [f64; 2]) -> f64 {
 const STEP: f64 = 3e-3;
 /// Runs that sizing one effect may take.
 const ATTEMPTS: usize = 7;
+/// The level at which an effect that is sized by its strength stands at the top of its range (kPa).
+const STRONGEST_KPA: f64 = 3.0;
 /// How close to the wanted size is close enough, as a ratio.
 const CLOSE: f64 = 1.1;
 
@@ -155,6 +157,9 @@ impl<'a> Probe<'a> {
     /// nearly proportional to their strength, except where they begin (friction) or saturate (insulation).
     pub fn at_size(&self, effect: &Effect, place: Place, wanted_kpa: f64) -> Effect {
         let (low, high) = effect.kind().strengths();
+        if effect.kind().sized_by_strength() {
+            return effect.at_strength(high * (wanted_kpa / STRONGEST_KPA).powf(0.6));
+        }
         let mut best = (f64::INFINITY, effect.clone());
         let mut last: Option<(f64, f64)> = None;
         let mut strength = effect.strength();

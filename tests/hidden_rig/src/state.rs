@@ -16,20 +16,16 @@ pub const LIFT: usize = 12;
 pub const LIFT_SPEED: usize = 14;
 /// Current of the coils, as share of full scale.
 pub const CURRENT: usize = 16;
-/// Mass (kg) in the two halves of the tube to the positive valve, then to the negative one.
-pub const TUBE: usize = 18;
-/// Mass (kg) between a vent valve and its silencer or filter.
-pub const MUFFLER: usize = 22;
 /// Mass (kg) in the pockets.
-pub const POCKET: usize = 24;
+pub const POCKET: usize = 18;
 /// The two snubber states (Pa gauge) of the positive, then of the negative sensor.
-pub const SNUBBER: usize = 26;
+pub const SNUBBER: usize = 20;
 /// Pressure (Pa gauge) and rate (Pa/s) of the positive, then of the negative sensing line.
-pub const SENSING: usize = 30;
+pub const SENSING: usize = 24;
 /// Mass (kg) and energy (J) that cylinders and chambers have received from all that is not cylinder or chamber.
-pub const LEDGER: usize = 34;
+pub const LEDGER: usize = 28;
 /// How many there are.
-pub const STATES: usize = 36;
+pub const STATES: usize = 30;
 
 /// All states of the plant.
 pub type State = [f64; STATES];
@@ -42,7 +38,6 @@ pub fn scales() -> State {
     for k in 0..4 {
         scales[CYLINDER + k] = if k % 2 == 0 { 5e-6 } else { 1.0 };
         scales[CHAMBER + k] = if k % 2 == 0 { 1e-4 } else { 10.0 };
-        scales[TUBE + k] = 5e-6;
         scales[SNUBBER + k] = 1e4;
         scales[SENSING + k] = if k % 2 == 0 { 1e4 } else { 1e5 };
     }
@@ -51,7 +46,6 @@ pub fn scales() -> State {
         scales[LIFT + c] = 1e-4;
         scales[LIFT_SPEED + c] = 1e-2;
         scales[CURRENT + c] = 0.3;
-        scales[MUFFLER + c] = 2e-6;
         scales[POCKET + c] = 1e-5;
         scales[LEDGER + c] = if c == 0 { 1e-3 } else { 100.0 };
     }

@@ -35,15 +35,13 @@ pub struct Friction {
     pub residual: f64,
 }
 
-/// Loss in the tube between chamber and valve, split into two halves with a volume behind each.
+/// A tube between chamber and valve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tube {
-    /// Laminar loss of the whole tube (Pa s/kg).
+    /// Laminar part of the loss: difference of squared pressures per flow and `R T` (kg/(s m⁴)).
     pub laminar: f64,
     /// Flow area whose dynamic pressure is lost once (m²).
     pub area_m2: f64,
-    /// Volume of the whole tube (m³).
-    pub volume_m3: f64,
 }
 
 /// A silencer behind the positive valve, or a filter before the negative one.
@@ -53,8 +51,6 @@ pub struct Muffler {
     pub conductance: f64,
     /// Its critical ratio: low, as porous bodies have it.
     pub critical_ratio: f64,
-    /// Volume between valve and muffler (m³).
-    pub volume_m3: f64,
 }
 
 /// A vent valve with its plumbing.

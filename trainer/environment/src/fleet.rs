@@ -29,11 +29,11 @@ type Eight = Lanes<SIDE_BY_SIDE>;
 /// Pressures beyond which the daemon vents, in kPa gauge: positive above, negative below.
 const ENVELOPE_KPA: Pair = [160.0, -95.0];
 /// Share of episodes that begin with the rig at rest and vented, as a flight does.
-const FROM_REST: f64 = 0.06;
+const FROM_REST: f64 = 0.04;
 /// Share that begins anywhere.
-const FROM_ANYWHERE: f64 = 0.15;
+const FROM_ANYWHERE: f64 = 0.06;
 /// How far from the reference the others begin, in kPa RMS.
-const NEAR_KPA: Pair = [3.0, 1.5];
+const NEAR_KPA: Pair = [1.5, 0.7];
 
 /// What a step of all eight led to.
 #[derive(Debug, Clone, PartialEq)]

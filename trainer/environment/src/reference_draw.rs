@@ -21,7 +21,7 @@ const PERIOD_S: [f64; 2] = [3.0, 15.0];
 /// Length of a ramp or hold in s.
 const STRETCH_S: [f64; 2] = [2.0, 15.0];
 /// Share of stretches that begin with a step.
-const STEPS: f64 = 0.15;
+const STEPS: f64 = 0.1;
 /// Largest step in kPa: one that takes the rig part of a second, not many.
 const STEP_KPA: Pair = [8.0, 3.0];
 /// Steepest ramp in kPa/s: what the pump still follows with duty to spare.

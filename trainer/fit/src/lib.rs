@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | [`data`] | recordings as numbers; what is wrong with them; which rows are fitted and which are kept back; noise |
 //! | [`parameters`] | which numbers of a rig are free, how they are scaled, what is known of them |
+//! | [`identify`] | the paper's procedure and the joint refinement, with uncertainties and plain words |
 //! | [`least_squares`] | Levenberg-Marquardt, simplex, covariance |
 //! | [`objective`] | fits of a rig to recordings; likelihoods |
 //! | [`simulate`] | many rigs run over all recordings at once: free runs, windows |
@@ -13,6 +14,7 @@
 
 pub mod data;
 mod error;
+pub mod identify;
 pub mod least_squares;
 pub mod objective;
 pub mod parameters;

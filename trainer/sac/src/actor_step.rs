@@ -14,7 +14,7 @@
 //! Only the smaller critic of each sample has a gradient.
 
 use crate::adam::AdamStep;
-use crate::batch::{Block, Frame, NO_LANES, Panel, Smoothness, Spare, VIEWS, View, join};
+use crate::batch::{Block, Frame, NO_LANES, Panel, Smoothness, VIEWS, View, join};
 use crate::critic_step::{smaller, step_network};
 use crate::elementary::tanh;
 use crate::kernel::{Line, Vector, WIDTH, Work};
@@ -35,46 +35,56 @@ pub(crate) struct ActorPhase<'a> {
 }
 
 impl ActorPhase<'_> {
-    /// Passes a thread's panels forward and back.
+    /// Passes a thread's panels forward and back, network by network as in the critics' phase.
     pub(crate) fn pass(&self, block: &mut Block) {
-        for panel in &mut block.panels {
-            self.panel(panel, &mut block.spare);
+        let frame = self.frame;
+        let (cpu, actions, batch) = (frame.cpu, frame.shape.actions, frame.settings.batch);
+        let features = frame.features.features().len();
+        let Block { panels, spare } = block;
+        for panel in &mut *panels {
+            for view in self.views() {
+                let glance = &mut panel.views[view as usize];
+                glance.trace.forward(cpu, self.actor, &glance.x);
+                glance.trace.turn(cpu);
+            }
+            let here = &panel.views[View::Here as usize];
+            let sample = Sample {
+                head: &here.trace.output,
+                noise: &panel.noise[0],
+                log_std: frame.settings.log_std,
+                action: &mut panel.action,
+                stretch: &mut panel.stretch,
+            };
+            panel.records.log_probability = cpu.run(sample);
+            join(&panel.action, &here.x, features, &mut panel.joint);
+        }
+        for (c, net) in self.critics.iter().enumerate() {
+            for panel in &mut *panels {
+                panel.critics[c].forward(cpu, net, &panel.joint);
+            }
+        }
+        for panel in &mut *panels {
+            panel.records.value = cpu.run(Choose { critics: &mut panel.critics, batch });
+            panel.action_gradient.fill(Line::ZERO);
+        }
+        for (c, net) in self.critics.iter().enumerate() {
+            for panel in &mut *panels {
+                panel.critics[c].backward(cpu, net, Some((actions, &mut spare.action_gradient)));
+                for (sum, one) in panel.action_gradient.iter_mut().zip(&spare.action_gradient) {
+                    sum.0.iter_mut().zip(one.0).for_each(|(sum, one)| *sum += one);
+                }
+            }
+        }
+        for panel in &mut *panels {
+            cpu.run(PolicyGradient { phase: self, panel });
+            for view in self.views() {
+                panel.views[view as usize].trace.backward(cpu, self.actor, None);
+            }
         }
     }
 
-    fn panel(&self, panel: &mut Panel, spare: &mut Spare) {
-        let cpu = self.frame.cpu;
-        let features = self.frame.features.features().len();
-        let wanted = |view: &View| self.smoothness.wants(*view);
-        for view in VIEWS.iter().filter(|view| wanted(view)) {
-            let glance = &mut panel.views[*view as usize];
-            glance.trace.forward(cpu, self.actor, &glance.x);
-        }
-        let here = &panel.views[View::Here as usize];
-        let sample = Sample {
-            head: &here.trace.output,
-            noise: &panel.noise[0],
-            log_std: self.frame.settings.log_std,
-            action: &mut spare.action,
-            stretch: &mut spare.stretch,
-        };
-        panel.records.log_probability = cpu.run(sample);
-        join(&spare.action, &here.x, features, &mut panel.joint);
-        for (critic, net) in panel.critics.iter_mut().zip(self.critics) {
-            critic.forward(cpu, net, &panel.joint);
-        }
-        let batch = self.frame.settings.batch;
-        panel.records.value = cpu.run(Choose { critics: &mut panel.critics, batch });
-        let gradients = &mut spare.action_gradient;
-        for ((critic, net), gradient) in panel.critics.iter_mut().zip(self.critics).zip(gradients) {
-            critic.backward(cpu, net, Some((self.frame.shape.actions, gradient)));
-        }
-        cpu.run(PolicyGradient { phase: self, panel, spare });
-        for view in VIEWS.iter().filter(|view| wanted(view)) {
-            let trace = &mut panel.views[*view as usize].trace;
-            trace.backward(cpu, self.actor, None);
-            trace.turn(cpu);
-        }
+    fn views(&self) -> impl Iterator<Item = View> {
+        VIEWS.into_iter().filter(|view| self.smoothness.wants(*view))
     }
 }
 
@@ -110,7 +120,6 @@ impl Work for Choose<'_> {
 struct PolicyGradient<'a> {
     phase: &'a ActorPhase<'a>,
     panel: &'a mut Panel,
-    spare: &'a Spare,
 }
 
 impl Work for PolicyGradient<'_> {
@@ -128,12 +137,12 @@ impl Work for PolicyGradient<'_> {
         for n in 0..2 * actions {
             let log_std = &head[2 * actions + n];
             for l in 0..WIDTH {
-                let action = self.spare.action[n].0[l];
-                let from_value = self.spare.action_gradient[0][n].0[l] + self.spare.action_gradient[1][n].0[l];
+                let action = self.panel.action[n].0[l];
+                let from_value = self.panel.action_gradient[n].0[l];
                 let slope = (-action).mul_add(action, 1.0);
                 let to_u = slope.mul_add(from_value, 2.0 * temperature * part * action);
                 let inside = log_std.0[l] >= lowest && log_std.0[l] <= highest;
-                let to_log_std = to_u.mul_add(self.spare.stretch[n].0[l], -temperature * part);
+                let to_log_std = to_u.mul_add(self.panel.stretch[n].0[l], -temperature * part);
                 gradient[n].0[l] = to_u;
                 gradient[2 * actions + n].0[l] = if inside { to_log_std } else { 0.0 };
             }

@@ -116,22 +116,31 @@ pub(crate) struct Panel {
     pub(crate) noise: [Vec<Line>; 2],
     /// The actor at the three views.
     pub(crate) views: [Glance; 3],
+    /// The actions drawn at the first view, `σ ε` of each, and what the critics say about them; two lines each.
+    pub(crate) action: Vec<Line>,
+    pub(crate) stretch: Vec<Line>,
+    pub(crate) action_gradient: Vec<Line>,
     /// Actions and features, the critics' input.
     pub(crate) joint: Vec<Line>,
     pub(crate) joint_by_sample: Vec<Line>,
     pub(crate) critics: [Trace; 2],
+    /// The actor at `(s_(t+1), g_(t+1))`, what it draws there, and the critics' input with that.
+    pub(crate) next: Glance,
+    pub(crate) next_log_probability: Lanes,
+    pub(crate) next_joint: Vec<Line>,
+    /// What the slow critics say to it.
+    pub(crate) slow_value: [Lanes; 2],
     pub(crate) records: Records,
 }
 
 /// Buffers that the panels of a thread share, for passes that need no way back.
 #[derive(Debug)]
 pub(crate) struct Spare {
-    /// The actor at `(s_(t+1), g_(t+1))`.
-    pub(crate) next: Glance,
-    pub(crate) joint: Vec<Line>,
-    pub(crate) slow: [Trace; 2],
-    /// What the critics say about the actions, two lines each.
-    pub(crate) action_gradient: [Vec<Line>; 2],
+    /// For acting.
+    pub(crate) look: Glance,
+    pub(crate) slow: Trace,
+    /// What a critic says about the actions, two lines each.
+    pub(crate) action_gradient: Vec<Line>,
     /// The sampled actions and `σ ε` of each, two lines each.
     pub(crate) action: Vec<Line>,
     pub(crate) stretch: Vec<Line>,
@@ -159,15 +168,23 @@ impl Panel {
     fn new(frame: &Frame, number: usize) -> Self {
         let (actor, critic) = (frame.actor_widths(), frame.critic_widths());
         let joint = || zeroed(panel_lines(critic[0]));
+        let actions = || zeroed(2 * frame.shape.actions);
         Self {
             number,
             reward: NO_LANES,
             live: NO_LANES,
             noise: [(); 2].map(|()| zeroed(2 * frame.shape.actions)),
             views: [(); 3].map(|()| Glance::new(&actor)),
+            action: actions(),
+            stretch: actions(),
+            action_gradient: actions(),
             joint: joint(),
             joint_by_sample: joint(),
             critics: [(); 2].map(|()| Trace::new(&critic)),
+            next: Glance::new(&actor),
+            next_log_probability: NO_LANES,
+            next_joint: joint(),
+            slow_value: [NO_LANES; 2],
             records: Records {
                 critic_loss: NO_LANES,
                 actor_loss: NO_LANES,
@@ -185,10 +202,9 @@ impl Spare {
         let (actor, critic) = (frame.actor_widths(), frame.critic_widths());
         let actions = || zeroed(2 * frame.shape.actions);
         Self {
-            next: Glance::new(&actor),
-            joint: zeroed(panel_lines(critic[0])),
-            slow: [(); 2].map(|()| Trace::new(&critic)),
-            action_gradient: [(); 2].map(|()| actions()),
+            look: Glance::new(&actor),
+            slow: Trace::new(&critic),
+            action_gradient: actions(),
             action: actions(),
             stretch: actions(),
             observation: vec![0.0; frame.sigma.len()],
@@ -237,7 +253,7 @@ impl Work for Draw<'_> {
                 line[half].0[lane] = action;
             }
             place(&frame.features, row.observation, &mut spare.row, &mut here.by_sample, sample);
-            place(&frame.features, row.next, &mut spare.row, &mut spare.next.by_sample, sample);
+            place(&frame.features, row.next, &mut spare.row, &mut panel.next.by_sample, sample);
             let length = row.observation.len();
             if smoothness.wants(View::Next) {
                 let mixed = &mut spare.observation[..length];
@@ -273,7 +289,8 @@ impl Work for Draw<'_> {
                 ToFeatures { samples: &glance.by_sample, features: &mut glance.x }.run::<V>();
             }
         }
-        ToFeatures { samples: &spare.next.by_sample, features: &mut spare.next.x }.run::<V>();
+        let following = &mut panel.next;
+        ToFeatures { samples: &following.by_sample, features: &mut following.x }.run::<V>();
     }
 }
 

@@ -25,17 +25,19 @@ pub(crate) struct CriticPhase<'a> {
 }
 
 impl CriticPhase<'_> {
-    /// Draws a thread's panels, passes them forward and back.
+    /// Draws a thread's panels, passes them forward and back. Network by network, so that a network's weights stay in
+    /// the second-level cache while all panels pass.
     pub(crate) fn pass(&self, block: &mut Block) {
         let frame = self.frame;
         let (cpu, settings) = (frame.cpu, &frame.settings);
         let features = frame.features.features().len();
-        let actions = 2 * frame.shape.actions;
         let Block { panels, spare } = block;
-        for panel in panels {
+        for panel in &mut *panels {
             let Self { replay, smoothness, time, .. } = *self;
             cpu.run(Draw { frame, replay, smoothness, time, panel, spare });
-            let next = &mut spare.next;
+        }
+        for panel in &mut *panels {
+            let next = &mut panel.next;
             next.trace.forward(cpu, self.actor, &next.x);
             let sample = Sample {
                 head: &next.trace.output,
@@ -44,44 +46,58 @@ impl CriticPhase<'_> {
                 action: &mut spare.action,
                 stretch: &mut spare.stretch,
             };
-            let log_probability = cpu.run(sample);
-            join(&spare.action, &next.x, features, &mut spare.joint);
-            for (slow, net) in spare.slow.iter_mut().zip(self.slow) {
-                slow.forward(cpu, net, &spare.joint);
-            }
+            panel.next_log_probability = cpu.run(sample);
+            join(&spare.action, &next.x, features, &mut panel.next_joint);
+            let actions = 2 * frame.shape.actions;
             panel.joint[actions..][..2 * features].copy_from_slice(&panel.views[0].x[..2 * features]);
-            for (critic, net) in panel.critics.iter_mut().zip(self.critics) {
-                critic.forward(cpu, net, &panel.joint);
+            cpu.run(ToSamples { features: &panel.joint, samples: &mut panel.joint_by_sample });
+        }
+        for (c, net) in self.slow.iter().enumerate() {
+            for panel in &mut *panels {
+                spare.slow.forward(cpu, net, &panel.next_joint);
+                panel.slow_value[c].copy_from_slice(&spare.slow.output[..2]);
             }
-            let error = TargetError {
-                reward: &panel.reward,
-                live: &panel.live,
-                slow: &spare.slow,
-                log_probability: &log_probability,
-                critics: &mut panel.critics,
-                discount: settings.discount,
-                temperature: self.temperature,
-                batch: settings.batch,
-            };
-            panel.records.critic_loss = cpu.run(error);
-            for (critic, net) in panel.critics.iter_mut().zip(self.critics) {
+        }
+        for (c, net) in self.critics.iter().enumerate() {
+            for panel in &mut *panels {
+                let critic = &mut panel.critics[c];
+                critic.forward(cpu, net, &panel.joint);
+                let target = Target {
+                    reward: &panel.reward,
+                    live: &panel.live,
+                    slow_value: &panel.slow_value,
+                    log_probability: &panel.next_log_probability,
+                    discount: settings.discount,
+                    temperature: self.temperature,
+                };
+                let loss = cpu.run(TargetError { target, critic, batch: settings.batch });
+                let record = &mut panel.records.critic_loss;
+                *record = if c == 0 { loss } else { sum(record, &loss) };
                 critic.backward(cpu, net, None);
                 critic.turn(cpu);
             }
-            cpu.run(ToSamples { features: &panel.joint, samples: &mut panel.joint_by_sample });
         }
     }
 }
 
-/// Sets the critics' last gradients from their targets; gives the loss of each sample.
-struct TargetError<'a> {
+fn sum(a: &Lanes, b: &Lanes) -> Lanes {
+    std::array::from_fn(|half| Line(std::array::from_fn(|l| a[half].0[l] + b[half].0[l])))
+}
+
+/// What a target is made of.
+struct Target<'a> {
     reward: &'a Lanes,
     live: &'a Lanes,
-    slow: &'a [Trace; 2],
+    slow_value: &'a [Lanes; 2],
     log_probability: &'a Lanes,
-    critics: &'a mut [Trace; 2],
     discount: f32,
     temperature: f32,
+}
+
+/// Sets a critic's last gradient from its target; gives the loss of each sample.
+struct TargetError<'a> {
+    target: Target<'a>,
+    critic: &'a mut Trace,
     batch: usize,
 }
 
@@ -89,22 +105,18 @@ impl Work for TargetError<'_> {
     type Output = Lanes;
     #[inline(always)]
     fn run<V: Vector>(self) -> Lanes {
+        let Target { reward, live, slow_value, log_probability, discount, temperature } = self.target;
         let mut loss = NO_LANES;
+        let Some(gradient) = self.critic.gradient.last_mut() else { return loss };
         for half in 0..2 {
-            let values = [0, 1].map(|c| self.slow[c].output[half].0);
-            let mut target = [0.0; WIDTH];
+            let value = &self.critic.output[half].0;
             for l in 0..WIDTH {
-                let future = smaller(values[0][l], values[1][l]) - self.temperature * self.log_probability[half].0[l];
-                target[l] = (self.live[half].0[l] * self.discount).mul_add(future, self.reward[half].0[l]);
-            }
-            for critic in &mut *self.critics {
-                let value = critic.output[half];
-                let Some(gradient) = critic.gradient.last_mut() else { continue };
-                for l in 0..WIDTH {
-                    let error = value.0[l] - target[l];
-                    gradient[half].0[l] = 2.0 / self.batch as f32 * error;
-                    loss[half].0[l] = error.mul_add(error, loss[half].0[l]);
-                }
+                let [a, b] = [0, 1].map(|c| slow_value[c][half].0[l]);
+                let future = smaller(a, b) - temperature * log_probability[half].0[l];
+                let target = (live[half].0[l] * discount).mul_add(future, reward[half].0[l]);
+                let error = value[l] - target;
+                gradient[half].0[l] = 2.0 / self.batch as f32 * error;
+                loss[half].0[l] = error * error;
             }
         }
         loss

@@ -174,8 +174,8 @@ impl Learner {
         let mut out = Vec::with_capacity(observations.len() / width * actions);
         for (chunk, rows) in observations.chunks(width * LANES).enumerate() {
             frame.cpu.run(Look { frame, rows, spare });
-            spare.next.trace.forward(frame.cpu, &net, &spare.next.x);
-            let head = &spare.next.trace.output;
+            spare.look.trace.forward(frame.cpu, &net, &spare.look.x);
+            let head = &spare.look.trace.output;
             if explore {
                 let noise: Vec<Line> = (0..actions)
                     .flat_map(|j| {
@@ -339,11 +339,11 @@ impl Work for Look<'_> {
     type Output = ();
     #[inline(always)]
     fn run<V: crate::kernel::Vector>(self) {
-        let next = &mut self.spare.next;
-        next.by_sample.fill(Line::ZERO);
+        let look = &mut self.spare.look;
+        look.by_sample.fill(Line::ZERO);
         for (sample, observation) in self.rows.chunks_exact(self.frame.shape.observations).enumerate() {
-            crate::batch::place(&self.frame.features, observation, &mut self.spare.row, &mut next.by_sample, sample);
+            crate::batch::place(&self.frame.features, observation, &mut self.spare.row, &mut look.by_sample, sample);
         }
-        ToFeatures { samples: &next.by_sample, features: &mut next.x }.run::<V>();
+        ToFeatures { samples: &look.by_sample, features: &mut look.x }.run::<V>();
     }
 }

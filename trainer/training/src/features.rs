@@ -36,7 +36,7 @@ pub struct Term {
 const MIDDLE_KPA: [f64; CHANNELS] = [85.0, -70.0];
 const SPAN_KPA: [f64; CHANNELS] = [40.0, 15.0];
 /// Error that becomes 1, in kPa.
-const ERROR_KPA: [f64; CHANNELS] = [1.0, 0.5];
+const ERROR_KPA: [f64; CHANNELS] = [0.5, 0.25];
 /// Change of the goal over a few ticks that becomes 1, in kPa.
 const GOAL_CHANGE_KPA: [f64; CHANNELS] = [2.0, 1.0];
 /// Difference of duties that becomes 1.

@@ -249,7 +249,7 @@ impl TrainingSettings {
     /// The line, the key and the mend, on one line.
     pub fn parse(file: &str, text: &str) -> Result<Self, TrainingError> {
         let settings: TrainingSettings = toml::from_str(text).map_err(|error| {
-            let line = error.span().map_or(1, |span| text[..span.start.min(text.len())].lines().count().max(1));
+            let line = error.span().map_or(1, |span| 1 + text.bytes().take(span.start).filter(|b| *b == b'\n').count());
             let problem = error.message().lines().map(str::trim).collect::<Vec<_>>().join(" ");
             TrainingError::Settings { file: file.to_owned(), line: Some(line), problem }
         })?;

@@ -44,6 +44,8 @@ impl Place {
 const EITHER: &[Place] = &[Place::Positive, Place::Negative];
 /// One channel, the other, or both.
 const ANY: &[Place] = &[Place::Positive, Place::Negative, Place::Both];
+/// The positive channel, or both.
+const POSITIVE_OR_BOTH: &[Place] = &[Place::Positive, Place::Both];
 /// What both channels share.
 const SHARED: &[Place] = &[Place::Both];
 
@@ -53,6 +55,9 @@ pub trait Mechanism: Sized {
     const PLACES: &'static [Place];
     /// Physical range of its strength.
     const STRENGTHS: (f64, f64);
+    /// Whether its raw size says little, because the ripple that it makes beat is larger than what it does on average:
+    /// a level then stands for a share of its physical range.
+    const SIZED_BY_STRENGTH: bool = false;
 
     /// One of its kind: shape drawn, strength in the middle of the range.
     fn draw(draws: &mut Draws) -> Self;
@@ -108,6 +113,11 @@ macro_rules! catalogue {
             /// Physical range of its strength.
             pub fn strengths(self) -> (f64, f64) {
                 match self { $(Self::$variant => <$type>::STRENGTHS,)* }
+            }
+
+            /// Whether a level stands for a share of its physical range: see [`Mechanism::SIZED_BY_STRENGTH`].
+            pub fn sized_by_strength(self) -> bool {
+                match self { $(Self::$variant => <$type>::SIZED_BY_STRENGTH,)* }
             }
 
             /// One of its kind, with a drawn shape.

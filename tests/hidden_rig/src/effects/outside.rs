@@ -26,7 +26,7 @@ pub struct Resonance {
 
 impl Mechanism for Resonance {
     const PLACES: &'static [Place] = EITHER;
-    const STRENGTHS: (f64, f64) = (4e-3, 1.5);
+    const STRENGTHS: (f64, f64) = (4e-3, 5.0);
 
     fn draw(draws: &mut Draws) -> Self {
         Self {
@@ -234,7 +234,7 @@ pub struct Hunting {
 
 impl Mechanism for Hunting {
     const PLACES: &'static [Place] = SHARED;
-    const STRENGTHS: (f64, f64) = (1e-4, 0.06);
+    const STRENGTHS: (f64, f64) = (1e-4, 0.15);
 
     fn draw(draws: &mut Draws) -> Self {
         Self { amplitude: middle(Self::STRENGTHS), frequency_hz: draws.between(0.25, 0.9) }

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::chambers::laminar_like;
-use super::{ANY, Mechanism, Place, SHARED, middle};
+use super::{Mechanism, Place, SHARED, middle};
 use crate::rng::Draws;
 use crate::run::Rig;
 
@@ -45,7 +45,8 @@ pub struct Cracking {
 }
 
 impl Mechanism for Cracking {
-    const PLACES: &'static [Place] = ANY;
+    /// At the outlets alone it is next to nothing: the cylinders rise far above the chamber through the 1.46 mm².
+    const PLACES: &'static [Place] = &[Place::Negative, Place::Both];
     const STRENGTHS: (f64, f64) = (30.0, 4e4);
 
     fn draw(draws: &mut Draws) -> Self {
@@ -82,6 +83,7 @@ pub struct Droop {
 }
 
 impl Mechanism for Droop {
+    const SIZED_BY_STRENGTH: bool = true;
     const PLACES: &'static [Place] = SHARED;
     const STRENGTHS: (f64, f64) = (1e-4, 0.2);
 
@@ -115,6 +117,7 @@ pub struct Speed {
 }
 
 impl Mechanism for Speed {
+    const SIZED_BY_STRENGTH: bool = true;
     const PLACES: &'static [Place] = SHARED;
     const STRENGTHS: (f64, f64) = (2e-4, 0.12);
 

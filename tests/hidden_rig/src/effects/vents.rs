@@ -8,15 +8,13 @@ use crate::rng::Draws;
 use crate::run::Rig;
 use crate::valve::{Muffler, Tube};
 
-/// A tube between chamber and valve: two segments with loss and volume, laminar and turbulent.
+/// A tube between chamber and valve: an isothermal line with laminar and turbulent loss.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LineLoss {
     /// Flow area whose dynamic pressure is lost once over the tube (m²).
     pub area_m2: f64,
-    /// Laminar loss (Pa s/kg).
-    pub laminar_pa_s_kg: f64,
-    /// Volume of the tube (m³).
-    pub volume_m3: f64,
+    /// Share of the loss that is laminar at 0.5 g/s.
+    pub laminar_share: f64,
 }
 
 impl Mechanism for LineLoss {
@@ -25,26 +23,24 @@ impl Mechanism for LineLoss {
     const STRENGTHS: (f64, f64) = (1e4, 1e6);
 
     fn draw(draws: &mut Draws) -> Self {
-        let mut line = Self { area_m2: 0.0, laminar_pa_s_kg: 0.0, volume_m3: draws.between(4e-6, 12e-6) };
-        line.set_strength(middle(Self::STRENGTHS));
-        line
+        Self { area_m2: 1.0 / middle(Self::STRENGTHS), laminar_share: draws.between(0.05, 0.35) }
     }
     fn strength(&self) -> f64 {
         1.0 / self.area_m2
     }
     fn set_strength(&mut self, strength: f64) {
         self.area_m2 = 1.0 / strength;
-        // A fifth of the loss at 0.5 g/s and 2 kg/m³ is laminar, as in a metre of 4 mm tube.
-        self.laminar_pa_s_kg = 0.2 * 5e-4 / (2.0 * 2.0 * self.area_m2 * self.area_m2);
     }
     fn install(&self, place: Place, rig: &mut Rig) {
+        const USUAL_KG_S: f64 = 5e-4;
+        let turbulent = USUAL_KG_S / (self.area_m2 * self.area_m2);
         for &c in place.channels() {
-            rig.plant.vents[c].tube =
-                Some(Tube { laminar: self.laminar_pa_s_kg, area_m2: self.area_m2, volume_m3: self.volume_m3 });
+            let laminar = turbulent * self.laminar_share / (1.0 - self.laminar_share);
+            rig.plant.vents[c].tube = Some(Tube { laminar, area_m2: self.area_m2 });
         }
     }
     fn note(&self) -> String {
-        format!("tube to the valve like an area of {:.2} mm^2, {:.0} ml", 1e6 * self.area_m2, 1e6 * self.volume_m3)
+        format!("tube to the valve like an area of {:.2} mm^2", 1e6 * self.area_m2)
     }
 }
 
@@ -55,8 +51,6 @@ pub struct Exhaust {
     pub area_m2: f64,
     /// Its critical ratio.
     pub critical_ratio: f64,
-    /// Volume between valve and silencer (m³).
-    pub volume_m3: f64,
 }
 
 impl Mechanism for Exhaust {
@@ -65,11 +59,7 @@ impl Mechanism for Exhaust {
     const STRENGTHS: (f64, f64) = (1e4, 6.7e5);
 
     fn draw(draws: &mut Draws) -> Self {
-        Self {
-            area_m2: 1.0 / middle(Self::STRENGTHS),
-            critical_ratio: draws.between(0.3, 0.5),
-            volume_m3: draws.between(3e-6, 8e-6),
-        }
+        Self { area_m2: 1.0 / middle(Self::STRENGTHS), critical_ratio: draws.between(0.3, 0.5) }
     }
     fn strength(&self) -> f64 {
         1.0 / self.area_m2
@@ -82,7 +72,6 @@ impl Mechanism for Exhaust {
             rig.plant.vents[c].muffler = Some(Muffler {
                 conductance: sonic_conductance(self.area_m2),
                 critical_ratio: self.critical_ratio,
-                volume_m3: self.volume_m3,
             });
         }
     }

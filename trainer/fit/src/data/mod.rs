@@ -5,11 +5,13 @@
 //! | `record` | the columns a rig needs, as numbers |
 //! | `layout` | where a row of a channel lies in one long vector of readings |
 //! | `noise` | what the readings scatter by when nothing happens |
+//! | [`quality`] | what is wrong with recordings, in plain words |
 //! | `ripple` | narrow lines: the pump's ripple, folded down by sampling |
 //! | `split` | which rows are fitted, which choose between models, which are kept back |
 
 mod layout;
 mod noise;
+pub mod quality;
 mod record;
 mod ripple;
 mod split;

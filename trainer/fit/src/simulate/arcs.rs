@@ -66,6 +66,11 @@ impl Arcs {
         Arcs { arcs }
     }
 
+    /// Arcs made by hand, in the order of recordings and rows, not overlapping.
+    pub fn from_arcs(arcs: Vec<Arc>) -> Self {
+        Arcs { arcs }
+    }
+
     /// The same arcs, those that start at or after `end[record]` left out and the last ones cut there: rows that
     /// nothing is asked of cost no time.
     #[must_use]

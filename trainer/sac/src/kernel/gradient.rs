@@ -7,8 +7,8 @@
 //! Lanes run over `k` here: the layer's input is read sample by sample, `dy` feature by feature and broadcast. Four
 //! panels (128 samples) of 32 inputs are 16 KiB and stay in the first-level cache while all rows pass; a batch of
 //! three times that goes in three rounds over partial sums. The last round ends in [`AdamStep`], so a gradient never
-//! goes to memory; moments and slow copies are asked for a tile ahead, because all parameters together exceed the
-//! second-level cache.
+//! goes to memory; moments and slow copies are asked for while a tile is summed, because all parameters together
+//! exceed the second-level cache.
 #![allow(unsafe_code)] // reason: the innermost loops run without bounds checks, which are made once per call
 
 use super::prefetch::touch;
@@ -63,6 +63,7 @@ impl Work for WeightStep<'_> {
                     // SAFETY: `row + R <= rows`, `block + L <= blocks`, and the lengths are checked above.
                     row += unsafe {
                         match (self.rows - row, wide) {
+                            (12 | 20.., true) if V::ROWS >= 12 => self.tile::<V, 12, 2>(panels, tile),
                             (8.., true) if V::ROWS >= 8 => self.tile::<V, 8, 2>(panels, tile),
                             (8.., false) if V::ROWS >= 8 => self.tile::<V, 8, 1>(panels, tile),
                             (4.., true) if V::ROWS >= 4 => self.tile::<V, 4, 2>(panels, tile),
@@ -90,15 +91,6 @@ impl WeightStep<'_> {
         tile: Tile,
     ) -> usize {
         let Tile { row, block, first_round, last_round } = tile;
-        if last_round {
-            for l in 0..L {
-                let at = (block + l) * self.rows + row;
-                let learned = [&self.weights.value, &self.weights.mean, &self.weights.square, &self.weights.target];
-                for memory in learned {
-                    (0..R).for_each(|r| touch(memory.as_ptr().wrapping_add(at + r).cast()));
-                }
-            }
-        }
         // SAFETY: every address below is within the slices by the caller's promise: scratch lines 2 (row + r) + l,
         // input lines (block + l) · 32 + sample, dy floats (row + r) · 32 + sample.
         unsafe {
@@ -111,7 +103,10 @@ impl WeightStep<'_> {
                     }
                 }
             }
-            for (x, dy) in panels {
+            for (n, (x, dy)) in panels.iter().enumerate() {
+                if last_round {
+                    self.ask_for::<R, L>(row, block, n, panels.len());
+                }
                 let x = x.as_ptr().add(block * LANES).cast::<f32>();
                 let dy = dy.as_ptr().add(2 * row).cast::<f32>();
                 for sample in 0..LANES {
@@ -145,6 +140,21 @@ impl WeightStep<'_> {
     }
 }
 
+impl WeightStep<'_> {
+    /// Asks for a share of what a tile's step will need: one of the four arrays a panel, because only so many
+    /// requests fit under way.
+    #[inline(always)]
+    fn ask_for<const R: usize, const L: usize>(&self, row: usize, block: usize, panel: usize, panels: usize) {
+        let arrays = [&self.weights.value, &self.weights.mean, &self.weights.square, &self.weights.target];
+        for array in arrays.iter().skip(panel).step_by(panels) {
+            for l in 0..L {
+                let first = array.as_ptr().wrapping_add((block + l) * self.rows + row);
+                (0..R).for_each(|r| touch(first.wrapping_add(r).cast()));
+            }
+        }
+    }
+}
+
 /// One step of some biases: `g[n] = Σ_samples dy[n]`, first lane by lane, then across lanes in halves.
 pub(crate) struct BiasStep<'a> {
     /// For each panel these rows of `dy`, feature by feature.
@@ -159,27 +169,32 @@ impl Work for BiasStep<'_> {
     #[inline(always)]
     fn run<V: Vector>(self) {
         for at in 0..lines_for(self.rows) {
-            let mut gradient = Line::ZERO;
-            for (row, sum) in (at * WIDTH..self.rows).zip(&mut gradient.0) {
-                let mut lanes = [0.0; WIDTH];
+            let mut rows = [Line::ZERO; WIDTH];
+            for (row, lanes) in (at * WIDTH..self.rows).zip(&mut rows) {
+                let mut sums = lanes.0;
                 for dy in self.panels {
                     for line in &dy[2 * row..2 * row + 2] {
-                        lanes.iter_mut().zip(&line.0).for_each(|(lane, x)| *lane += x);
+                        sums.iter_mut().zip(&line.0).for_each(|(sum, x)| *sum += x);
                     }
                 }
-                *sum = across(lanes);
+                lanes.0 = sums;
             }
-            self.step.line(self.bias, at, &gradient);
+            let mut lanes = [Line::ZERO; WIDTH];
+            // SAFETY: both sides are 16 lines one apart.
+            unsafe { V::transpose(rows.as_ptr().cast(), WIDTH, lanes.as_mut_ptr().cast(), WIDTH) };
+            self.step.line(self.bias, at, &across(lanes));
         }
     }
 }
 
-/// The sum of 16 lanes, halves first.
+/// The sums of 16 lanes of 16 rows, lane by lane, halves first.
 #[inline(always)]
-fn across(mut lanes: [f32; WIDTH]) -> f32 {
+fn across(mut lanes: [Line; WIDTH]) -> Line {
     for half in [8, 4, 2, 1] {
         for l in 0..half {
-            lanes[l] += lanes[l + half];
+            for row in 0..WIDTH {
+                lanes[l].0[row] += lanes[l + half].0[row];
+            }
         }
     }
     lanes[0]

@@ -53,6 +53,7 @@ impl Work for Forward<'_> {
             // SAFETY: `row + R <= rows`, and the lengths are checked above.
             row += unsafe {
                 match rows - row {
+                    12 | 20.. if V::ROWS >= 12 => self.tile::<V, 12>(row),
                     8.. if V::ROWS >= 8 => self.tile::<V, 8>(row),
                     4.. if V::ROWS >= 4 => self.tile::<V, 4>(row),
                     2.. if V::ROWS >= 2 => self.tile::<V, 2>(row),

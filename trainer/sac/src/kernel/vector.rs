@@ -7,7 +7,7 @@
 /// The methods may only be called where the processor has the implementor's instructions, that is inside
 /// [`super::Cpu::run`]; pointers must be good for 16 floats.
 pub(crate) unsafe trait Vector: Copy {
-    /// Rows of a tile of two vectors a row that fit the registers: 8, 4, 2 or 1.
+    /// Rows of a tile of two vectors a row that fit the registers: 12, 8, 4, 2 or 1.
     const ROWS: usize;
     unsafe fn splat(x: f32) -> Self;
     unsafe fn load(from: *const f32) -> Self;

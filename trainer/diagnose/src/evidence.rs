@@ -1,0 +1,70 @@
+//! Whether one explanation is better than another, and by how much more than chance and small errors allow.
+
+use crate::bench::{Bench, Explanation};
+
+/// What speaks for one explanation against another.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Evidence {
+    /// Gain in log-likelihood on the rows that were fitted.
+    pub fitted: f64,
+    /// Its standard error from the scatter of 10 s blocks.
+    pub fitted_se: f64,
+    /// Gain in log-likelihood on the rows that choose, which nothing was fitted to.
+    pub chosen: f64,
+    /// Its standard error.
+    pub chosen_se: f64,
+    /// By what the free run became better, all channels together: root of the drop in mean squared error, in kPa
+    /// (negative if it became worse).
+    pub removed_kpa: f64,
+    /// Gain of prior and likelihood together on the fitted rows.
+    pub posterior: f64,
+}
+
+/// Evidence for `better` against `worse`.
+pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) -> Evidence {
+    let (fitted, fitted_se) = better.fit_score.gain_over(&worse.fit_score);
+    let (chosen, chosen_se) = better.select_score.gain_over(&worse.select_score);
+    let squares = |e: &Explanation| -> f64 {
+        let both = e.fit_score.blocks.iter().chain(&e.select_score.blocks);
+        both.flat_map(|b| &b.squares).sum()
+    };
+    let rows: usize = better.fit_score.blocks.iter().chain(&better.select_score.blocks).flat_map(|b| &b.rows).sum();
+    let drop = (squares(worse) - squares(better)) / rows.max(1) as f64 * bench.records.layout().channels() as f64;
+    Evidence {
+        fitted,
+        fitted_se,
+        chosen,
+        chosen_se,
+        removed_kpa: drop.abs().sqrt() * drop.signum(),
+        posterior: fitted + worse.prior_cost - better.prior_cost,
+    }
+}
+
+/// What a term must show before it is named.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bar {
+    /// Least gain in log-likelihood on the fitted rows, on top of the logarithm of the number of candidates and half
+    /// a unit per parameter and block (Schwarz 1978, blocks being what is independent).
+    pub fitted: f64,
+    /// Least gain on the rows that choose, in standard errors.
+    pub standard_errors: f64,
+    /// Least share of the free run that it must set right, in kPa: what is smaller is no physics worth a name.
+    pub removed_kpa: f64,
+}
+
+impl Default for Bar {
+    fn default() -> Self {
+        Bar { fitted: 12.0, standard_errors: 2.0, removed_kpa: 0.04 }
+    }
+}
+
+impl Bar {
+    /// Whether evidence for `parameters` more parameters, chosen among `candidates`, passes.
+    pub fn passed(&self, evidence: &Evidence, parameters: usize, candidates: usize, blocks: usize) -> bool {
+        let penalty = (candidates.max(1) as f64).ln() + 0.5 * parameters as f64 * (blocks.max(1) as f64).ln();
+        evidence.fitted - penalty > self.fitted
+            && evidence.chosen > self.standard_errors * evidence.chosen_se
+            && evidence.chosen > 3.0
+            && evidence.removed_kpa > self.removed_kpa
+    }
+}

@@ -1,0 +1,213 @@
+//! What could be recorded next: short programmes of commands.
+//!
+//! Each shows what ordinary recordings hide. With a valve shut, nothing can pass for its spring; with the pump off,
+//! nothing for its check valves; with everything open, the sensors read zero or tell their bias; triangles at two rates
+//! tell play from lag; a soak warms the coils.
+
+use model::plant::Input;
+use model::rig::{Pump, Rig};
+
+/// A programme: commands by input, row by row (20 ms).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Programme {
+    /// What it is, for people.
+    pub name: String,
+    /// Commands, `[input][row]`.
+    pub inputs: Vec<Vec<f64>>,
+}
+
+impl Programme {
+    /// Rows.
+    pub fn rows(&self) -> usize {
+        self.inputs.first().map_or(0, Vec::len)
+    }
+}
+
+/// What an input does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Role {
+    Valve,
+    Relay,
+    Other,
+}
+
+/// How each input was used in the recordings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Usage {
+    /// Middle of what was commanded, by input.
+    pub middle: Vec<f64>,
+    /// Lower end (5 %), by input.
+    pub low: Vec<f64>,
+    /// Upper end (95 %), by input.
+    pub high: Vec<f64>,
+}
+
+/// A programme in the making.
+struct Sheet<'a> {
+    roles: &'a [Role],
+    usage: &'a Usage,
+    inputs: Vec<Vec<f64>>,
+}
+
+const ROWS_PER_S: f64 = 50.0;
+/// Settling at the middle before a programme begins, in s.
+const SETTLE_S: f64 = 3.0;
+
+impl<'a> Sheet<'a> {
+    fn new(roles: &'a [Role], usage: &'a Usage) -> Self {
+        Sheet { roles, usage, inputs: vec![Vec::new(); roles.len()] }
+    }
+
+    /// The commands in the middle of what was recorded, pump on.
+    fn middle(&self) -> Vec<f64> {
+        let middle = |i: usize| self.usage.middle.get(i).copied().unwrap_or(0.5);
+        self.roles.iter().enumerate().map(|(i, role)| if *role == Role::Relay { 1.0 } else { middle(i) }).collect()
+    }
+
+    /// Appends rows; `command` gives all inputs at a time since the beginning of this part.
+    fn part(mut self, seconds: f64, command: impl Fn(f64, &mut [f64])) -> Self {
+        for row in 0..(seconds * ROWS_PER_S).round() as usize {
+            let mut now = self.middle();
+            command(row as f64 / ROWS_PER_S, &mut now);
+            for (column, value) in self.inputs.iter_mut().zip(now) {
+                column.push(value.clamp(0.0, 1.0));
+            }
+        }
+        self
+    }
+
+    fn hold(self, seconds: f64) -> Self {
+        self.part(seconds, |_, _| ())
+    }
+
+    fn named(self, name: impl Into<String>) -> Programme {
+        Programme { name: name.into(), inputs: self.inputs }
+    }
+}
+
+/// All programmes for a rig that was used like this.
+pub fn menu(rig: &Rig, inputs: &[Input], usage: &Usage) -> Vec<Programme> {
+    let roles: Vec<Role> = inputs.iter().map(|input| role(rig, &input.column)).collect();
+    let valves: Vec<usize> = (0..roles.len()).filter(|i| roles[*i] == Role::Valve).collect();
+    let relays: Vec<usize> = (0..roles.len()).filter(|i| roles[*i] == Role::Relay).collect();
+    let sheet = || Sheet::new(&roles, usage).hold(SETTLE_S);
+    let set = |now: &mut [f64], which: &[usize], value: f64| {
+        for i in which {
+            if let Some(slot) = now.get_mut(*i) {
+                *slot = value;
+            }
+        }
+    };
+    let mut all = Vec::new();
+    if !relays.is_empty() && !valves.is_empty() {
+        all.push(
+            sheet()
+                .part(14.0, |_, now| {
+                    set(now, &relays, 0.0);
+                    set(now, &valves, 0.0);
+                })
+                .named("pump off, all valves shut (14 s)"),
+        );
+        all.push(
+            sheet()
+                .part(10.0, |t, now| {
+                    set(now, &relays, 0.0);
+                    set(now, &valves, if t < 6.0 { 1.0 } else { 0.0 });
+                })
+                .named("pump off, everything open to the air (6 s), then shut (4 s)"),
+        );
+        all.push(sheet().part(8.0, |_, now| set(now, &relays, 0.0)).named("pump off, valves half open (8 s)"));
+        for valve in &valves {
+            let name = inputs.get(*valve).map_or("", |input| input.column.as_str());
+            all.push(
+                sheet()
+                    .part(10.0, |_, now| {
+                        set(now, &relays, 0.0);
+                        set(now, &valves, 0.0);
+                        set(now, &[*valve], *usage.high.get(*valve).unwrap_or(&1.0));
+                    })
+                    .named(format!("pump off, only {name} open (10 s)")),
+            );
+        }
+        all.push(
+            sheet()
+                .part(12.0, |t, now| set(now, &relays, if (t / 2.0) as usize % 2 == 0 { 0.0 } else { 1.0 }))
+                .named("pump off and on every 2 s"),
+        );
+    }
+    for valve in &valves {
+        let name = inputs.get(*valve).map_or("", |input| input.column.as_str());
+        let at = |of: &[f64], otherwise: f64| of.get(*valve).copied().unwrap_or(otherwise);
+        let (low, high) = (at(&usage.low, 0.3), at(&usage.high, 0.9));
+        let triangle = |t: f64, period: f64| {
+            let phase = (t / period).fract();
+            low + (high - low) * if phase < 0.5 { 2.0 * phase } else { 2.0 - 2.0 * phase }
+        };
+        all.push(
+            sheet()
+                .part(16.0, |t, now| set(now, &[*valve], triangle(t, 16.0)))
+                .part(6.0, |t, now| set(now, &[*valve], triangle(t, 2.0)))
+                .named(format!("triangles of {name}: one of 16 s, three of 2 s")),
+        );
+        all.push(
+            sheet()
+                .part(12.0, |t, now| set(now, &[*valve], if (t / 1.5) as usize % 2 == 0 { low } else { high }))
+                .named(format!("steps of {name} every 1.5 s")),
+        );
+        if valves.len() > 1 {
+            all.push(
+                sheet()
+                    .part(8.0, |t, now| {
+                        let others: Vec<usize> = valves.iter().copied().filter(|v| v != valve).collect();
+                        set(now, &others, 1.0);
+                        set(now, &[*valve], if t % 4.0 < 1.2 { 0.0 } else { high });
+                    })
+                    .named(format!("{name} shut for 1.2 s at a time, pump on")),
+            );
+        }
+    }
+    if !valves.is_empty() {
+        all.push(
+            sheet()
+                .part(12.0, |t, now| {
+                    for (k, valve) in valves.iter().enumerate() {
+                        let bit = register_bit((t / 0.2) as u32, 7 + 5 * k as u32);
+                        let of = if bit { &usage.high } else { &usage.low };
+                        set(now, &[*valve], of.get(*valve).copied().unwrap_or(0.5));
+                    }
+                })
+                .named("random steps of all valves every 0.2 s"),
+        );
+        all.push(
+            sheet()
+                .part(50.0, |t, now| {
+                    for valve in &valves {
+                        let of = if t < 40.0 { &usage.high } else { &usage.middle };
+                        set(now, &[*valve], of.get(*valve).copied().unwrap_or(0.5));
+                    }
+                })
+                .named("soak: valves far open for 40 s, then the middle"),
+        );
+    }
+    all
+}
+
+fn role(rig: &Rig, column: &str) -> Role {
+    if rig.valves.values().any(|valve| valve.command == column) {
+        Role::Valve
+    } else if rig.pumps.values().any(|pump| matches!(pump, Pump::Piston(p) if p.relay.as_deref() == Some(column))) {
+        Role::Relay
+    } else {
+        Role::Other
+    }
+}
+
+/// Bit `k` of a maximum-length sequence of seven bits (period 127), `x⁷ + x⁶ + 1`.
+fn register_bit(k: u32, offset: u32) -> bool {
+    let mut register = 0x5a_u32;
+    for _ in 0..(k + offset * 11) % 127 {
+        let bit = ((register >> 6) ^ (register >> 5)) & 1;
+        register = ((register << 1) | bit) & 0x7f;
+    }
+    register & 1 == 1
+}

@@ -1,0 +1,15 @@
+//! The next experiment: what to record so that rivals part.
+//!
+//! | file | subject |
+//! | --- | --- |
+//! | `menu` | programmes of commands to choose from |
+//! | `separation` | how far apart rivals would be |
+//! | `plan` | programmes chosen, joined, and checked to be safe |
+
+mod menu;
+mod plan;
+mod separation;
+
+pub use menu::{Programme, Usage, menu};
+pub use plan::{Plan, plan};
+pub use separation::{PairSums, Predicted};

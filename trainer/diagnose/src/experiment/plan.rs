@@ -1,0 +1,308 @@
+//! The experiment that tells rivals apart: programmes chosen one by one, checked to be safe.
+
+use fit::data::Records;
+use fit::simulate::{Arcs, Run, Simulator};
+use model::plant::Input;
+use model::rig::Rig;
+use nalgebra::DMatrix;
+use proto::recording::csv::{self, Column, ColumnData};
+use proto::recording::{PERIOD_S, Recording};
+
+use super::menu::{Programme, Usage, menu};
+use super::separation::{PairSums, Predicted};
+use crate::bench::{Bench, Explanation};
+use crate::error::DiagnoseError;
+
+/// The longest experiment in s.
+const LONGEST_S: f64 = 120.0;
+/// Pressures that every rival's simulation must stay within, in kPa gauge: the envelope of −95 … 160 kPa with room for
+/// what the rivals do not know either.
+const SAFE_KPA: [f64; 2] = [-92.0, 150.0];
+/// Expected difference of log-likelihoods (D/2) at which rivals count as told apart.
+const ENOUGH: f64 = 15.0;
+/// Errors of a model in an experiment of a kind that nothing was fitted to, in kPa, on top of the noise.
+const FOREIGN_KPA: f64 = 0.2;
+/// Step of a finite difference, in prior standard deviations.
+const STEP: f64 = 0.05;
+
+/// An experiment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// Names of the programmes, in order.
+    pub programmes: Vec<String>,
+    /// Input columns.
+    pub columns: Vec<String>,
+    /// Commands, `[input][row]`.
+    pub inputs: Vec<Vec<f64>>,
+    /// Expected difference of log-likelihoods of each pair of rivals, `(one, other, D/2)`.
+    pub separation: Vec<(usize, usize, f64)>,
+    /// What each rival predicts, `[rival]` in the layout `[channel][row]`.
+    pub predicted_kpa: Vec<Vec<f64>>,
+}
+
+impl Plan {
+    /// Time in s, by row.
+    pub fn time_s(&self) -> Vec<f64> {
+        (0..self.inputs.first().map_or(0, Vec::len)).map(|row| row as f64 * PERIOD_S).collect()
+    }
+
+    /// The text of `next_experiment.csv`.
+    pub fn to_csv(&self) -> String {
+        let columns: Vec<Column> = self
+            .columns
+            .iter()
+            .zip(&self.inputs)
+            .map(|(name, values)| Column {
+                name: name.clone(),
+                data: ColumnData::Numbers(values.iter().map(|v| (v * 1e4).round() / 1e4).collect()),
+            })
+            .collect();
+        let time_s: Vec<f64> = self.time_s().iter().map(|t| (t * 1e2).round() / 1e2).collect();
+        csv::to_csv(&time_s, &columns)
+    }
+
+    /// Whether every pair is told apart.
+    pub fn decides(&self) -> bool {
+        self.separation.iter().all(|(_, _, half_d)| *half_d >= ENOUGH)
+    }
+}
+
+/// Plans an experiment between rivals; `None` where there are fewer than two, or nothing safe separates them.
+///
+/// # Errors
+/// A rival cannot be simulated.
+pub fn plan(bench: &Bench<'_>, rivals: &[&Explanation]) -> Result<Option<Plan>, DiagnoseError> {
+    if rivals.len() < 2 {
+        return Ok(None);
+    }
+    let inputs = bench.records.inputs();
+    let usage = usage(bench);
+    let programmes: Vec<Programme> = menu(bench.rig, inputs, &usage);
+    if programmes.is_empty() {
+        return Ok(None);
+    }
+    let recordings = programmes.iter().map(|p| blank(bench, inputs, p)).collect::<Result<Vec<_>, _>>()?;
+    let records = Records::new(bench.rig, &recordings)?;
+    let simulator = Simulator::new(&records, bench.simulator.fidelity());
+    let predicted = rivals.iter().map(|rival| predict(&simulator, rival)).collect::<Result<Vec<_>, _>>()?;
+    let known: Vec<DMatrix<f64>> = rivals.iter().map(|rival| information(rival)).collect();
+    let sigma: Vec<f64> = bench.noise.iter().map(|n| n.sigma_kpa.hypot(FOREIGN_KPA)).collect();
+    let safe: Vec<usize> = (0..programmes.len())
+        .filter(|p| predicted.iter().all(|(base, _)| within(&records, *p, base, SAFE_KPA)))
+        .collect();
+    let pairs: Vec<(usize, usize)> =
+        (0..rivals.len()).flat_map(|i| (i + 1..rivals.len()).map(move |k| (i, k))).collect();
+    let sums: Vec<Vec<PairSums>> = (0..programmes.len())
+        .map(|p| {
+            let of: Vec<Predicted> =
+                predicted.iter().map(|(base, columns)| cut(&records, p, base, columns, &sigma)).collect();
+            pairs.iter().map(|(i, k)| PairSums::of(&of[*i], &of[*k])).collect()
+        })
+        .collect();
+    let chosen = choose(&programmes, &safe, &sums, &pairs, &known);
+    if chosen.is_empty() {
+        return Ok(None);
+    }
+    finish(bench, rivals, &programmes, &chosen, &sums, &pairs, &known).map(Some)
+}
+
+/// Adds programmes while the least separated pair gains from it and time is left.
+fn choose(
+    programmes: &[Programme],
+    safe: &[usize],
+    sums: &[Vec<PairSums>],
+    pairs: &[(usize, usize)],
+    known: &[DMatrix<f64>],
+) -> Vec<usize> {
+    let mut chosen: Vec<usize> = Vec::new();
+    let mut total: Option<Vec<PairSums>> = None;
+    let mut reached = 0.0;
+    let mut seconds = 0.0;
+    loop {
+        let mut best: Option<(f64, usize, Vec<PairSums>, f64)> = None;
+        for p in safe.iter().filter(|p| !chosen.contains(p)) {
+            let length = programmes.get(*p).map_or(0, Programme::rows) as f64 * PERIOD_S;
+            if seconds + length > LONGEST_S {
+                continue;
+            }
+            let Some(own) = sums.get(*p) else { continue };
+            let with: Vec<PairSums> = match &total {
+                Some(total) => total.iter().zip(own).map(|(a, b)| a.and(b)).collect(),
+                None => own.clone(),
+            };
+            // Pairs that are told apart already count no further.
+            let value: f64 = with
+                .iter()
+                .zip(pairs)
+                .map(|(s, (i, k))| (0.5 * s.divergence(&known[*i], &known[*k])).min(ENOUGH))
+                .sum();
+            let rate = (value - reached) / length.max(1.0);
+            if best.as_ref().is_none_or(|(r, ..)| rate > *r) {
+                best = Some((rate, *p, with, value));
+            }
+        }
+        // A programme that brings less than a twentieth of a unit per second is not worth anyone's time.
+        let Some((rate, p, with, value)) = best.filter(|(rate, ..)| *rate > 0.02) else { break };
+        let _ = rate;
+        seconds += programmes.get(p).map_or(0, Programme::rows) as f64 * PERIOD_S;
+        chosen.push(p);
+        total = Some(with);
+        reached = value;
+        if reached >= ENOUGH * pairs.len() as f64 - 1e-6 {
+            break;
+        }
+    }
+    chosen
+}
+
+/// Joins the chosen programmes and simulates the whole.
+fn finish(
+    bench: &Bench<'_>,
+    rivals: &[&Explanation],
+    programmes: &[Programme],
+    chosen: &[usize],
+    sums: &[Vec<PairSums>],
+    pairs: &[(usize, usize)],
+    known: &[DMatrix<f64>],
+) -> Result<Plan, DiagnoseError> {
+    let inputs = bench.records.inputs();
+    let mut chosen = chosen.to_vec();
+    loop {
+        let picked: Vec<&Programme> = chosen.iter().filter_map(|p| programmes.get(*p)).collect();
+        let joined = Programme {
+            name: "experiment".to_owned(),
+            inputs: (0..inputs.len())
+                .map(|i| picked.iter().flat_map(|p| p.inputs.get(i).cloned().unwrap_or_default()).collect())
+                .collect(),
+        };
+        let records = Records::new(bench.rig, &[blank(bench, inputs, &joined)?])?;
+        let simulator = Simulator::new(&records, bench.simulator.fidelity());
+        let predicted_kpa = rivals
+            .iter()
+            .map(|rival| simulator.one(&rival.fitted.rig, &Arcs::free(&records)))
+            .collect::<Result<Vec<_>, _>>()?;
+        let safe = predicted_kpa.iter().all(|trace| within(&records, 0, trace, SAFE_KPA));
+        if safe || chosen.len() == 1 {
+            let separation = pairs
+                .iter()
+                .enumerate()
+                .map(|(at, (i, k))| {
+                    let total = chosen
+                        .iter()
+                        .filter_map(|p| sums.get(*p).and_then(|s| s.get(at)).cloned())
+                        .reduce(|a, b| a.and(&b));
+                    (*i, *k, total.map_or(0.0, |t| 0.5 * t.divergence(&known[*i], &known[*k])))
+                })
+                .collect();
+            return Ok(Plan {
+                programmes: picked.iter().map(|p| p.name.clone()).collect(),
+                columns: inputs.iter().map(|input| input.column.clone()).collect(),
+                inputs: joined.inputs,
+                separation,
+                predicted_kpa,
+            });
+        }
+        chosen.pop();
+    }
+}
+
+/// How the inputs were used in the recordings.
+fn usage(bench: &Bench<'_>) -> Usage {
+    let inputs = bench.records.inputs().len();
+    let mut usage = Usage { middle: vec![0.5; inputs], low: vec![0.3; inputs], high: vec![0.9; inputs] };
+    for i in 0..inputs {
+        let mut all: Vec<f64> = bench
+            .records
+            .records()
+            .iter()
+            .flat_map(|r| r.inputs.get(i).map(Vec::as_slice).unwrap_or_default())
+            .copied()
+            .filter(|u| *u > 0.05)
+            .collect();
+        all.sort_by(f64::total_cmp);
+        let at = |share: f64| all.get(((all.len() as f64 - 1.0) * share).max(0.0) as usize).copied();
+        if let (Some(low), Some(middle), Some(high)) = (at(0.05), at(0.5), at(0.95)) {
+            (usage.low[i], usage.middle[i], usage.high[i]) = (low, middle, high);
+        }
+    }
+    usage
+}
+
+/// A recording of commands whose readings are not known: it starts at rest.
+fn blank(bench: &Bench<'_>, inputs: &[Input], programme: &Programme) -> Result<Recording, DiagnoseError> {
+    let rows = programme.rows();
+    let numbers = |name: &str, values: Vec<f64>| Column { name: name.to_owned(), data: ColumnData::Numbers(values) };
+    let mut columns: Vec<Column> =
+        inputs.iter().zip(&programme.inputs).map(|(input, values)| numbers(&input.column, values.clone())).collect();
+    columns.extend(bench.records.sensors().iter().map(|sensor| numbers(sensor, vec![0.0; rows])));
+    let time_s = (0..rows).map(|row| row as f64 * PERIOD_S).collect();
+    Ok(Recording::new(&programme.name, time_s, columns)?)
+}
+
+/// A rival's free runs and their derivatives.
+fn predict(
+    simulator: &Simulator<'_>,
+    rival: &Explanation,
+) -> Result<(Vec<f64>, Vec<Vec<f64>>), DiagnoseError> {
+    let point = &rival.fitted.point;
+    let problem = |rig: &Rig| {
+        let name = rig.name.clone();
+        move |problem| DiagnoseError::Rig { rig: name.clone(), problem }
+    };
+    let mut runs = vec![Run::from(rival.fitted.rig.clone())];
+    let mut steps = Vec::new();
+    for (i, [_, high]) in rival.set.bounds().into_iter().enumerate() {
+        let mut varied = point.clone();
+        let step = if varied[i] + STEP > high { -STEP } else { STEP };
+        varied[i] += step;
+        steps.push(step);
+        runs.push(Run::from(rival.set.rig_at(&varied).map_err(problem(rival.set.rig()))?));
+    }
+    let mut traces = simulator
+        .run(&runs, &Arcs::free(simulator.records()))
+        .into_iter()
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(problem(rival.set.rig()))?
+        .into_iter();
+    let base = traces.next().unwrap_or_default();
+    let columns = traces
+        .zip(steps)
+        .map(|(trace, step)| trace.iter().zip(&base).map(|(t, b)| (t - b) / step).collect())
+        .collect();
+    Ok((base, columns))
+}
+
+/// The part of one programme, over σ.
+fn cut(records: &Records, programme: usize, base: &[f64], columns: &[Vec<f64>], sigma: &[f64]) -> Predicted {
+    let layout = records.layout();
+    let take = |trace: &[f64]| -> Vec<f64> {
+        (0..layout.channels())
+            .flat_map(|c| {
+                let s = sigma.get(c).copied().unwrap_or(0.2);
+                trace.get(layout.channel(programme, c)).unwrap_or_default().iter().map(move |kpa| kpa / s)
+            })
+            .collect()
+    };
+    Predicted { readings: take(base), jacobian: columns.iter().map(|c| take(c)).collect() }
+}
+
+/// Information on a rival's coordinates: what was recorded, and the priors.
+fn information(rival: &Explanation) -> DMatrix<f64> {
+    let n = rival.set.len();
+    let prior = rival.set.prior();
+    let mut known = match &rival.fitted.information {
+        Some(information) => information.data().clone(),
+        None => DMatrix::zeros(n, n),
+    };
+    for (i, p) in prior.iter().enumerate().take(known.nrows()) {
+        known[(i, i)] += p + 1e-6;
+    }
+    known
+}
+
+fn within(records: &Records, record: usize, trace: &[f64], [low, high]: [f64; 2]) -> bool {
+    let layout = records.layout();
+    (0..layout.channels())
+        .flat_map(|c| layout.channel(record, c))
+        .all(|i| trace.get(i).is_some_and(|kpa| (low..=high).contains(kpa)))
+}

@@ -1,0 +1,246 @@
+//! Which terms belong into the model: added one by one, swapped, deleted.
+
+use crate::bench::{Bench, Effort, Explanation};
+use crate::candidate::Candidate;
+use crate::error::DiagnoseError;
+use crate::evidence::{Bar, Evidence, evidence};
+
+/// How to search.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SearchSettings {
+    /// The most terms.
+    pub most_terms: usize,
+    /// How many of the best candidates of a round are fitted to the end.
+    pub polished: usize,
+    /// Whether every candidate is also tried from the priors' means.
+    pub from_prior: bool,
+    /// What a term must show.
+    pub bar: Bar,
+}
+
+/// What a round of additions looked like.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Round {
+    /// Terms before the round.
+    pub base: Vec<usize>,
+    /// Candidates with their cost (half chi-square and prior), best first.
+    pub ranked: Vec<(usize, f64)>,
+    /// The best one's evidence against the base.
+    pub evidence: Option<Evidence>,
+    /// Whether it was taken.
+    pub taken: bool,
+}
+
+/// What a search found.
+pub struct Found {
+    /// The rig with its parameters fitted and nothing added.
+    pub nominal: Explanation,
+    /// The best explanation.
+    pub best: Explanation,
+    /// The strongest candidate that was not taken, on top of the best explanation.
+    pub next: Option<Explanation>,
+    /// Rounds in order.
+    pub rounds: Vec<Round>,
+    /// Every explanation that was fitted to the end.
+    pub tried: Vec<Explanation>,
+}
+
+/// Searches among `candidates`.
+///
+/// # Errors
+/// The rig itself cannot be fitted.
+pub fn search(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    settings: &SearchSettings,
+    tell: &mut dyn FnMut(&str, f64),
+) -> Result<Found, DiagnoseError> {
+    tell("fitting the rig's own parameters", 0.0);
+    let nominal = bench.fit(candidates, &[], &[vec![0.0; bench.nominal.len()]], Effort::Full)?;
+    let mut best = nominal.clone();
+    let mut rounds = Vec::new();
+    let mut tried = Vec::new();
+    let mut next = None;
+    let blocks = best.fit_score.blocks.len();
+    while best.terms.len() < settings.most_terms {
+        let (ranked, polished) = additions(bench, candidates, &best, settings, tell)?;
+        let Some(top) = polished.first().cloned() else { break };
+        let found = evidence(bench, &top, &best);
+        let parameters = top.set.len().saturating_sub(best.set.len());
+        let taken = settings.bar.passed(&found, parameters, candidates.len(), blocks);
+        rounds.push(Round { base: best.terms.clone(), ranked, evidence: Some(found), taken });
+        tried.extend(polished);
+        if !taken {
+            next = Some(top);
+            break;
+        }
+        best = top;
+        if best.terms.len() > 1 {
+            best = swaps(bench, candidates, best, &rounds, settings, &mut tried, tell)?;
+            best = deletions(bench, candidates, best, settings, &mut tried)?;
+        }
+    }
+    Ok(Found { nominal, best, next, rounds, tried })
+}
+
+/// Cost of an explanation: half chi-square (robust) and prior.
+pub fn cost(bench: &Bench<'_>, explanation: &Explanation) -> f64 {
+    explanation.fitted.comparable_cost(bench.records, bench.fit_weights())
+}
+
+type Ranked = Vec<(usize, f64)>;
+
+/// Tries every candidate on top of `base`; the ranking, and the best ones fitted to the end.
+fn additions(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    base: &Explanation,
+    settings: &SearchSettings,
+    tell: &mut dyn FnMut(&str, f64),
+) -> Result<(Ranked, Vec<Explanation>), DiagnoseError> {
+    let open: Vec<usize> = (0..candidates.len())
+        .filter(|k| base.terms.iter().all(|t| !candidates[*t].excludes(&candidates[*k])) && !base.terms.contains(k))
+        .collect();
+    let mut glances = Vec::new();
+    for (done, k) in open.iter().enumerate() {
+        tell("trying mechanisms", done as f64 / open.len().max(1) as f64);
+        let terms = with(&base.terms, *k);
+        let starts = starts(bench, candidates, base, &terms, settings.from_prior);
+        if let Ok(explanation) = bench.fit(candidates, &terms, &starts, Effort::Glance) {
+            glances.push((*k, cost(bench, &explanation), explanation));
+        }
+    }
+    glances.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let mut polished = Vec::new();
+    for (_, _, glance) in glances.iter().take(settings.polished) {
+        polished.push(bench.fit(candidates, &glance.terms, &[glance.fitted.point.clone()], Effort::Polish)?);
+    }
+    polished.sort_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b)));
+    Ok((glances.iter().map(|(k, cost, _)| (*k, *cost)).collect(), polished))
+}
+
+/// Starts for `terms`: the base's point with what is new at its prior mean, and the priors' means of everything else.
+fn starts(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    base: &Explanation,
+    terms: &[usize],
+    from_prior: bool,
+) -> Vec<Vec<f64>> {
+    let nominal = bench.nominal.len();
+    let mut warm: Vec<f64> = base.fitted.point.iter().take(nominal).copied().collect();
+    let mut cold = vec![0.0; nominal];
+    for term in terms {
+        let known = position_of(bench, candidates, base, *term);
+        let count = candidates[*term].free.len();
+        for i in 0..count {
+            let value = known.and_then(|at| base.fitted.point.get(at + i)).copied().unwrap_or(0.0);
+            warm.push(value);
+            cold.push(value);
+        }
+    }
+    if from_prior { vec![warm, cold] } else { vec![warm] }
+}
+
+/// Where the parameters of a term begin in an explanation's point.
+pub fn position_of(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    explanation: &Explanation,
+    term: usize,
+) -> Option<usize> {
+    let mut at = bench.nominal.len();
+    for known in &explanation.terms {
+        if *known == term {
+            return Some(at);
+        }
+        at += candidates[*known].free.len();
+    }
+    None
+}
+
+/// `terms` and `k`, ascending.
+pub fn with(terms: &[usize], k: usize) -> Vec<usize> {
+    let mut all = terms.to_vec();
+    all.push(k);
+    all.sort_unstable();
+    all
+}
+
+/// `terms` without `k`.
+pub fn without(terms: &[usize], k: usize) -> Vec<usize> {
+    terms.iter().copied().filter(|t| *t != k).collect()
+}
+
+/// Replaces terms one by one by what stood next to them in earlier rounds, while that lowers the cost.
+fn swaps(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    mut best: Explanation,
+    rounds: &[Round],
+    settings: &SearchSettings,
+    tried: &mut Vec<Explanation>,
+    tell: &mut dyn FnMut(&str, f64),
+) -> Result<Explanation, DiagnoseError> {
+    // What came close in any round so far.
+    let mut close: Vec<usize> =
+        rounds.iter().flat_map(|round| round.ranked.iter().take(settings.polished + 2).map(|(k, _)| *k)).collect();
+    close.sort_unstable();
+    close.dedup();
+    for term in best.terms.clone() {
+        let rest = without(&best.terms, term);
+        for k in &close {
+            if best.terms.contains(k) || rest.iter().any(|t| candidates[*t].excludes(&candidates[*k])) {
+                continue;
+            }
+            tell("swapping mechanisms", 0.5);
+            let terms = with(&rest, *k);
+            let starts = starts(bench, candidates, &best, &terms, settings.from_prior);
+            let Ok(glance) = bench.fit(candidates, &terms, &starts, Effort::Glance) else { continue };
+            // A swap that is far behind after a glance does not overtake.
+            if cost(bench, &glance) > cost(bench, &best) + 0.1 * cost_above_floor(bench, &best).max(100.0) {
+                continue;
+            }
+            let swapped = bench.fit(candidates, &terms, &[glance.fitted.point.clone()], Effort::Polish)?;
+            if cost(bench, &swapped) < cost(bench, &best) - 1.0 {
+                tried.push(best);
+                best = swapped;
+                break;
+            }
+            tried.push(swapped);
+        }
+    }
+    Ok(best)
+}
+
+/// Cost above what noise alone would cost.
+fn cost_above_floor(bench: &Bench<'_>, explanation: &Explanation) -> f64 {
+    let rows: f64 = bench.fit_weights().iter().filter(|w| **w != 0.0).count() as f64;
+    (explanation.fitted.cost - 0.5 * rows).max(0.0)
+}
+
+/// Removes terms that the others have made needless.
+fn deletions(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    mut best: Explanation,
+    settings: &SearchSettings,
+    tried: &mut Vec<Explanation>,
+) -> Result<Explanation, DiagnoseError> {
+    for term in best.terms.clone() {
+        if best.terms.len() < 2 {
+            break;
+        }
+        let terms = without(&best.terms, term);
+        let starts = starts(bench, candidates, &best, &terms, settings.from_prior);
+        let reduced = bench.fit(candidates, &terms, &starts, Effort::Polish)?;
+        let found = evidence(bench, &best, &reduced);
+        let parameters = candidates[term].free.len();
+        if settings.bar.passed(&found, parameters, candidates.len(), best.fit_score.blocks.len()) {
+            tried.push(reduced);
+        } else {
+            best = reduced;
+        }
+    }
+    Ok(best)
+}

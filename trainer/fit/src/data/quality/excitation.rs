@@ -1,0 +1,99 @@
+//! Commands that never move, pressures that hardly do, a pump that never runs.
+
+use model::rig::{Pump, Rig};
+
+use super::{Finding, Severity, Trouble};
+use crate::data::{Noise, Records};
+
+/// A duty that varies by less than this (standard deviation) does not excite its valve: half a per cent of duty
+/// moves a chamber by about 1 kPa.
+const LEAST_DUTY: f64 = 0.005;
+/// Pressures that vary by less than this many noise deviations say nothing.
+const LEAST_NOISES: f64 = 5.0;
+/// A duty that never exceeds this was written in another scale.
+const SMALLEST_SCALE: f64 = 0.02;
+
+pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mut Vec<Finding>) {
+    let everywhere = |severity, trouble, column: &str, text| Finding {
+        source: String::new(),
+        column: column.to_owned(),
+        severity,
+        trouble,
+        text,
+    };
+    let duties: Vec<&str> = rig.valves.values().map(|valve| valve.command.as_str()).collect();
+    for column in &duties {
+        let numbers = || (0..records.records().len()).filter_map(|r| records.input(r, column)).flatten().copied();
+        let spread = deviation(numbers());
+        let largest = numbers().fold(0.0, f64::max);
+        if largest > 0.0 && largest < SMALLEST_SCALE && spread > 0.0 {
+            findings.push(everywhere(
+                Severity::Unusable,
+                Trouble::DutyScale,
+                column,
+                format!("never above {largest:.4}: a duty is a share of 1; was it divided once too often?"),
+            ));
+        } else if spread < LEAST_DUTY {
+            findings.push(everywhere(
+                Severity::Doubtful,
+                Trouble::NoExcitation,
+                column,
+                "hardly moves in any recording; what this valve does cannot be told. Record steps or ramps of it"
+                    .to_owned(),
+            ));
+        }
+    }
+    let mut still = 0;
+    for (channel, column) in records.sensors().iter().enumerate() {
+        let sigma = noise.get(channel).map_or(0.0, |n| n.sigma_kpa);
+        let spread = (0..records.records().len())
+            .map(|record| deviation(records.channel_kpa(record, channel).iter().copied()))
+            .fold(0.0, f64::max);
+        if spread < LEAST_NOISES * sigma {
+            still += 1;
+            findings.push(everywhere(
+                Severity::Doubtful,
+                Trouble::NoExcitation,
+                column,
+                format!("varies by {spread:.2} kPa, hardly more than its noise; record a wider range"),
+            ));
+        }
+    }
+    if still == records.sensors().len() && still > 0 {
+        findings.push(everywhere(
+            Severity::Unusable,
+            Trouble::NoExcitation,
+            "",
+            "no pressure moves: nothing can be told from these recordings. Record steps over the whole range".to_owned(),
+        ));
+    }
+    for pump in rig.pumps.values() {
+        let Pump::Piston(piston) = pump else { continue };
+        let Some(relay) = &piston.relay else { continue };
+        let on = (0..records.records().len())
+            .filter_map(|r| records.input(r, relay))
+            .flatten()
+            .filter(|value| **value >= 0.5)
+            .count();
+        if on == 0 {
+            findings.push(everywhere(
+                Severity::Doubtful,
+                Trouble::PumpOff,
+                relay,
+                "the pump never runs; its parameters stay as they are".to_owned(),
+            ));
+        }
+    }
+}
+
+/// Standard deviation; 0 of nothing.
+fn deviation(numbers: impl Iterator<Item = f64>) -> f64 {
+    let (mut n, mut mean, mut squares) = (0.0, 0.0, 0.0);
+    for value in numbers {
+        n += 1.0;
+        let step = value - mean;
+        mean += step / n;
+        squares += step * (value - mean);
+    }
+    (squares / f64::max(n, 1.0)).sqrt()
+}

@@ -1,0 +1,69 @@
+//! What is wrong with recordings, in plain words.
+//!
+//! | file | subject |
+//! | --- | --- |
+//! | `finding` | a finding: where, how bad, what it is, what to do |
+//! | `shape` | too short, gaps, uneven time |
+//! | `readings` | flat, stuck, clipped and wild readings |
+//! | `excitation` | commands that never move, a pump that never runs |
+//! | `against_model` | swapped columns and wrong units, told by what the rig would do |
+//!
+//! A fit to bad recordings does not fail, it names the wrong parameter. So the checks come first, and each says what a
+//! person at the rig would: which file, which column, what it looks like, what to do. Rows that cannot be trusted
+//! (stuck, clipped, wild) are masked; the rest of their recording is still good.
+
+mod against_model;
+mod excitation;
+mod finding;
+mod readings;
+mod shape;
+
+pub use finding::{Finding, Severity, Trouble};
+
+use model::rig::Rig;
+
+use super::{Noise, Records};
+use crate::FitError;
+
+/// What the checks found, and which readings may be used.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Quality {
+    /// Findings, worst first.
+    pub findings: Vec<Finding>,
+    /// 1 at readings that may be used, 0 at others; of the recordings' layout.
+    pub usable: Vec<f64>,
+}
+
+impl Quality {
+    /// Checks recordings against each other and against what `rig` would do.
+    ///
+    /// # Errors
+    /// The rig cannot be compiled.
+    pub fn of(rig: &Rig, records: &Records, noise: &[Noise]) -> Result<Self, FitError> {
+        let mut findings = Vec::new();
+        let mut usable = vec![1.0; records.layout().len()];
+        shape::check(records, &mut findings);
+        readings::check(rig, records, noise, &mut usable, &mut findings);
+        excitation::check(rig, records, noise, &mut findings);
+        against_model::check(rig, records, &mut findings)?;
+        findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
+        Ok(Quality { findings, usable })
+    }
+
+    /// What makes the recordings unusable, all of it in one line; `None` if they can be used.
+    pub fn refusal(&self) -> Option<String> {
+        let worst: Vec<String> =
+            self.findings.iter().filter(|f| f.severity == Severity::Unusable).map(ToString::to_string).collect();
+        (!worst.is_empty()).then(|| worst.join("; "))
+    }
+
+    /// The findings that a result has to be read with.
+    pub fn doubts(&self) -> impl Iterator<Item = &Finding> {
+        self.findings.iter().filter(|f| f.severity == Severity::Doubtful)
+    }
+
+    /// Whether something of this kind was found.
+    pub fn has(&self, trouble: Trouble) -> bool {
+        self.findings.iter().any(|f| f.trouble == trouble)
+    }
+}

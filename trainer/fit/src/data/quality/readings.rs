@@ -1,0 +1,154 @@
+//! Flat, stuck, clipped and wild readings.
+//!
+//! All of these are told from the noise: a sensor that works scatters by at least a step of its converter, so a
+//! reading that repeats itself to the last digit for a second is not a calm plant but a dead or saturated sensor.
+//! Recordings without noise (simulated ones) are therefore not tested for stuck readings.
+
+use model::rig::Rig;
+
+use super::{Finding, Severity, Trouble};
+use crate::data::{Noise, Records};
+
+/// A run of this many equal readings is stuck: 0.5 s. With noise of half a step two neighbours are equal with
+/// probability 0.7 at most, 25 with 1e-4, and most noise is larger.
+const STUCK_ROWS: usize = 25;
+/// A channel with fewer distinct readings than this is flat.
+const DISTINCT: usize = 4;
+/// A reading this many noise deviations away from the median of its neighbours is wild …
+const WILD: f64 = 10.0;
+/// … and this far away at least, in kPa: more than the plant can do within two rows and go back on.
+const WILD_KPA: f64 = 2.0;
+
+pub(super) fn check(
+    rig: &Rig,
+    records: &Records,
+    noise: &[Noise],
+    usable: &mut [f64],
+    findings: &mut Vec<Finding>,
+) {
+    for (record, r) in records.records().iter().enumerate() {
+        for (channel, column) in records.sensors().iter().enumerate() {
+            let values = records.channel_kpa(record, channel);
+            let mask = usable.get_mut(records.layout().channel(record, channel)).unwrap_or_default();
+            let sigma = noise.get(channel).map_or(0.0, |n| n.sigma_kpa);
+            let mut add = |severity, trouble, text| {
+                findings.push(Finding { source: r.source.clone(), column: column.clone(), severity, trouble, text });
+            };
+            let mut distinct: Vec<f64> = values.to_vec();
+            distinct.sort_by(f64::total_cmp);
+            distinct.dedup();
+            if distinct.len() < DISTINCT && values.len() >= STUCK_ROWS {
+                let at = distinct.first().copied().unwrap_or(0.0);
+                add(
+                    Severity::Unusable,
+                    Trouble::Flat,
+                    format!("flat: {at:.2} kPa throughout; check the sensor, its cable and its converter's channel"),
+                );
+                mask.fill(0.0);
+                continue;
+            }
+            // Noise within a single recording, for another recording's noise is no proof that this one has any.
+            let moves = values.windows(2).filter(|w| w[0] != w[1]).count();
+            let noisy = moves * 2 > values.len();
+            if noisy {
+                let range = range_of(rig, column);
+                stuck(values, mask, range, &mut add);
+            }
+            wild(values, sigma, mask, &mut add);
+        }
+    }
+}
+
+/// Lowest and highest pressure that the sensor of a column can tell, in gauge kPa.
+fn range_of(rig: &Rig, column: &str) -> Option<[f64; 2]> {
+    let sensor = rig.sensors.values().find(|sensor| sensor.column == column)?;
+    let [a, b] = sensor.range_kpa_gauge;
+    Some([a.min(b), a.max(b)])
+}
+
+/// Masks runs of equal readings and tells clipped ones (at the channel's own extreme) from stuck ones.
+fn stuck(
+    values: &[f64],
+    mask: &mut [f64],
+    range: Option<[f64; 2]>,
+    add: &mut impl FnMut(Severity, Trouble, String),
+) {
+    let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    let (mut clipped, mut frozen, mut longest, mut at_limit) = (0, 0, 0, 0.0);
+    let mut start = 0;
+    for row in 1..=values.len() {
+        if row < values.len() && values.get(row) == values.get(start) {
+            continue;
+        }
+        let run = row - start;
+        if run >= STUCK_ROWS {
+            let value = values.get(start).copied().unwrap_or(0.0);
+            if value == low || value == high {
+                clipped += run;
+                at_limit = value;
+            } else {
+                frozen += run;
+                longest = longest.max(run);
+            }
+            mask.get_mut(start..row).unwrap_or_default().fill(0.0);
+        }
+        start = row;
+    }
+    let share = |rows: usize| 100.0 * rows as f64 / values.len() as f64;
+    let severity = |rows: usize| if share(rows) > 20.0 { Severity::Unusable } else { Severity::Doubtful };
+    if clipped > 0 {
+        let end = range.is_some_and(|[l, h]| (at_limit - l).abs().min((at_limit - h).abs()) < 0.02 * (h - l));
+        let whose = if end { "the end of the sensor's range" } else { "a limit (sensor, amplifier or converter)" };
+        add(
+            severity(clipped),
+            Trouble::Clipped,
+            format!(
+                "clipped: {clipped} readings ({:.1} %) stand at {at_limit:.2} kPa, {whose}; they are left out. Keep \
+                 the pressure within the sensor's range",
+                share(clipped)
+            ),
+        );
+    }
+    if frozen > 0 {
+        add(
+            severity(frozen),
+            Trouble::Stuck,
+            format!(
+                "stuck: {frozen} readings ({:.1} %) repeat the one before, for up to {:.1} s; they are left out. Look \
+                 for a logger that holds the last value",
+                share(frozen),
+                longest as f64 * proto::recording::PERIOD_S
+            ),
+        );
+    }
+}
+
+/// Masks single readings far from the median of the five around them.
+fn wild(values: &[f64], sigma: f64, mask: &mut [f64], add: &mut impl FnMut(Severity, Trouble, String)) {
+    let limit = WILD_KPA.max(WILD * sigma);
+    let mut count = 0;
+    let mut worst: f64 = 0.0;
+    for (row, window) in values.windows(5).enumerate() {
+        let mut sorted = [window[0], window[1], window[2], window[3], window[4]];
+        sorted.sort_by(f64::total_cmp);
+        let off = (window[2] - sorted[2]).abs();
+        if off > limit {
+            count += 1;
+            worst = worst.max(off);
+            if let Some(slot) = mask.get_mut(row + 2) {
+                *slot = 0.0;
+            }
+        }
+    }
+    if count > 0 {
+        let many = count * 100 > values.len();
+        add(
+            if many { Severity::Unusable } else { Severity::Doubtful },
+            Trouble::Spikes,
+            format!(
+                "{count} wild readings, up to {worst:.1} kPa off their neighbours; they are left out. Look for a \
+                 loose contact or interference"
+            ),
+        );
+    }
+}

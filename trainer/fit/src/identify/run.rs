@@ -1,0 +1,192 @@
+//! Identification from recordings to a rig with uncertainties.
+
+use model::rig::Rig;
+use proto::recording::Recording;
+
+use super::check_valves::{PaperFit, paper_fit};
+use crate::FitError;
+use crate::data::quality::Quality;
+use crate::data::{Line, Noise, Records, Role, Split, lines, noise};
+use crate::objective::{FitSettings, Fitted, blocks_of, fit};
+use crate::parameters::{ParameterSet, Scatter, nominal};
+use crate::simulate::{ChannelError, Fidelity, Horizon, Simulator, errors_at, refined_starts};
+use crate::simulate::Arcs;
+
+/// How to identify.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IdentifySettings {
+    /// What parts scatter by: the priors.
+    pub scatter: Scatter,
+    /// Cores; `None` for all.
+    pub threads: Option<usize>,
+    /// The fit.
+    pub fit: FitSettings,
+}
+
+impl Default for IdentifySettings {
+    fn default() -> Self {
+        IdentifySettings { scatter: Scatter::default(), threads: None, fit: FitSettings::default() }
+    }
+}
+
+/// What is being done, for a progress line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Step {
+    /// The recordings are checked.
+    Checking,
+    /// Check valves and valves, as in the paper.
+    Paper,
+    /// The joint refinement.
+    Refining,
+    /// Errors on what was kept back.
+    Testing,
+}
+
+/// Errors at three horizons, by channel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Accuracy {
+    /// From the start of each recording.
+    pub free: Vec<ChannelError>,
+    /// Windows of 10 s.
+    pub ten_seconds: Vec<ChannelError>,
+    /// Windows of 1 s.
+    pub one_second: Vec<ChannelError>,
+}
+
+/// What identification gave.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Identified {
+    /// The fit; its rig is the result.
+    pub fitted: Fitted,
+    /// Cost of the fit from each start, comparable with each other: whether they agree says whether the minimum is the
+    /// minimum.
+    pub costs: Vec<f64>,
+    /// What the paper's procedure found, for rigs that it applies to.
+    pub paper: Option<PaperFit>,
+    /// What is doubtful about the recordings.
+    pub quality: Quality,
+    /// Noise by channel.
+    pub noise: Vec<Noise>,
+    /// Columns of the channels.
+    pub channels: Vec<String>,
+    /// Errors on the stretches that were kept back, of the rig as it came.
+    pub before: Accuracy,
+    /// The same of the identified rig.
+    pub after: Accuracy,
+    /// Whether the errors are on rows that were fitted, because there were too few to keep any back.
+    pub tested_on_fitted: bool,
+    /// Narrow lines in the residual (a pump off its speed), by channel.
+    pub lines: Vec<Vec<Line>>,
+    /// How the rows were shared out.
+    pub split: Split,
+}
+
+impl Identified {
+    /// How far the identified rig's free run is from the true pressures, by channel in kPa: what the error exceeds the
+    /// noise by. Below about a fifth of the noise it is zero within its own uncertainty.
+    pub fn distance_from_truth_kpa(&self) -> Vec<f64> {
+        self.after
+            .free
+            .iter()
+            .zip(&self.noise)
+            .map(|(error, noise)| (error.rmse_kpa.powi(2) - noise.sigma_kpa.powi(2)).max(0.0).sqrt())
+            .collect()
+    }
+}
+
+/// Identifies the parameters of `rig` from recordings.
+///
+/// # Errors
+/// Recordings that cannot be used (all reasons in one line), or a rig that cannot be simulated.
+pub fn run(
+    rig: &Rig,
+    recordings: &[Recording],
+    settings: &IdentifySettings,
+    progress: &mut dyn FnMut(Step),
+) -> Result<Identified, FitError> {
+    progress(Step::Checking);
+    let records = Records::new(rig, recordings)?;
+    let noise = noise(&records);
+    let quality = Quality::of(rig, &records, &noise)?;
+    if let Some(refusal) = quality.refusal() {
+        return Err(FitError::Unusable(refusal));
+    }
+    let split = Split::of(&records);
+    let role = |role| -> Vec<f64> {
+        split.weights(records.layout(), role).iter().zip(&quality.usable).map(|(w, u)| w * u).collect()
+    };
+    // No models are compared here, so what is set aside for that is fitted too.
+    let fitted_rows: Vec<f64> = role(Role::Fit).iter().zip(role(Role::Select)).map(|(f, s)| f + s).collect();
+    let kept_back = role(Role::HeldOut);
+    let tested_on_fitted = kept_back.iter().all(|w| *w == 0.0);
+    let tested = if tested_on_fitted { &fitted_rows } else { &kept_back };
+
+    progress(Step::Paper);
+    // A regression that fails leaves one start less; it is not what the result rests on.
+    let paper = paper_fit(rig, &records, &fitted_rows, settings.scatter).ok().flatten();
+
+    progress(Step::Refining);
+    let mut simulator = Simulator::new(&records, Fidelity::Detailed);
+    if let Some(threads) = settings.threads {
+        simulator = simulator.on(threads);
+    }
+    let set = ParameterSet::new(rig, nominal(rig, settings.scatter)).map_err(FitError::rig(rig))?;
+    let mut starts = vec![set.origin()];
+    if let Some(paper) = &paper {
+        let mut point = set.point_of(&paper.rig).map_err(FitError::rig(rig))?;
+        // A coefficient that the regression hardly sees may be anywhere; a start need not be.
+        point.iter_mut().for_each(|z| *z = z.clamp(-3.0, 3.0));
+        starts.push(point);
+    }
+    let sigma_kpa: Vec<f64> = noise.iter().map(|n| n.sigma_kpa).collect();
+    let mut blocks = blocks_of(&split, Role::Fit);
+    blocks.extend(blocks_of(&split, Role::Select));
+    let (fitted, costs) = fit(simulator, &set, &starts, &fitted_rows, &sigma_kpa, &blocks, &settings.fit)?;
+
+    progress(Step::Testing);
+    let accuracy = |rig: &Rig| -> Result<Accuracy, FitError> {
+        let at = |horizon| errors_at(&simulator, rig, horizon, tested);
+        Ok(Accuracy {
+            free: at(Horizon::Free)?,
+            ten_seconds: at(Horizon::Windows { seconds: 10.0 })?,
+            one_second: at(Horizon::Windows { seconds: 1.0 })?,
+        })
+    };
+    let (before, after) = (accuracy(rig)?, accuracy(&fitted.rig)?);
+    let lines = residual_lines(&simulator, &fitted.rig)?;
+    Ok(Identified {
+        fitted,
+        costs,
+        paper,
+        channels: records.sensors().to_vec(),
+        quality,
+        noise,
+        before,
+        after,
+        tested_on_fitted,
+        lines,
+        split,
+    })
+}
+
+/// Narrow lines in the free-run residual, by channel: the strongest recording speaks.
+fn residual_lines(simulator: &Simulator<'_>, rig: &Rig) -> Result<Vec<Vec<Line>>, FitError> {
+    let records = simulator.records();
+    let arcs = refined_starts(simulator, rig, &Arcs::free(records))?;
+    let trace = simulator.one(rig, &arcs)?;
+    let mut found: Vec<Vec<Line>> = vec![Vec::new(); records.layout().channels()];
+    for (record, channel, range) in records.layout().all() {
+        let recorded = records.channel_kpa(record, channel);
+        let simulated = trace.get(range).unwrap_or_default();
+        let residual: Vec<f64> = recorded.iter().zip(simulated).map(|(r, s)| r - s).collect();
+        for segment in records.records().get(record).map_or(&[][..], |r| &r.segments) {
+            let here = lines(residual.get(segment.clone()).unwrap_or_default(), 1e-4);
+            if let Some(slot) = found.get_mut(channel)
+                && here.first().map_or(0.0, |l| l.contrast) > slot.first().map_or(0.0, |l| l.contrast)
+            {
+                *slot = here;
+            }
+        }
+    }
+    Ok(found)
+}

@@ -1,0 +1,144 @@
+//! What was identified, as a table and in plain words.
+
+use std::fmt::Write as _;
+
+use super::run::Identified;
+use crate::objective::{Estimate, Fitted};
+
+/// A parameter whose standard error is still this share of what was known beforehand is not determined.
+const HARDLY: f64 = 0.5;
+/// A parameter that moved by more prior deviations than this did not just scatter.
+const IMPLAUSIBLE: f64 = 3.0;
+
+/// The parameters with their uncertainties, one a line.
+pub fn table(identified: &Identified) -> String {
+    let mut text = String::new();
+    let width = identified.fitted.estimates.iter().map(|e| e.parameter.path.chars().count()).max().unwrap_or(9).max(9);
+    let _ = writeln!(text, "{:<width$}  {:>10}  {:>10}  {:>9}  {:<7}  moved", "parameter", "rig file", "identified", "±", "unit");
+    for e in &identified.fitted.estimates {
+        let digits = decimals(e.sd);
+        let mark = if e.undetermined > HARDLY { "  hardly determined" } else { "" };
+        let _ = writeln!(
+            text,
+            "{:<width$}  {:>10.digits$}  {:>10.digits$}  {:>9.digits$}  {:<7}  {}{mark}",
+            e.parameter.path,
+            e.parameter.mean,
+            e.value,
+            e.sd,
+            e.parameter.unit(),
+            moved(e),
+        );
+    }
+    text
+}
+
+/// By how much a parameter moved: in per cent, or in its unit where it may be zero.
+fn moved(e: &Estimate) -> String {
+    match e.parameter.transform {
+        crate::parameters::Transform::Log => format!("{:+.1} %", 100.0 * (e.value / e.parameter.mean - 1.0)),
+        crate::parameters::Transform::Linear => format!("{:+.2} {}", e.value - e.parameter.mean, e.parameter.unit()),
+    }
+}
+
+/// Decimals that show two digits of an uncertainty.
+fn decimals(sd: f64) -> usize {
+    if sd > 0.0 && sd.is_finite() { (1.0 - sd.log10().floor()).clamp(0.0, 6.0) as usize } else { 4 }
+}
+
+/// What the recordings do not determine, one sentence a line; empty if they determine everything.
+pub fn undetermined(fitted: &Fitted) -> Vec<String> {
+    let name = |i: usize| fitted.estimates.get(i).map_or("?", |e| e.parameter.path.as_str());
+    let Some(information) = &fitted.information else {
+        return vec!["some parameter without a prior does not show in these recordings at all".to_owned()];
+    };
+    let mut said = Vec::new();
+    for direction in information.directions() {
+        // The posterior's deviation along it, in prior deviations: 1/√(1 + information).
+        if (1.0 / (1.0 + direction.information)).sqrt() < HARDLY {
+            break;
+        }
+        let mut parts: Vec<(usize, f64)> = direction.components.iter().copied().enumerate().collect();
+        parts.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+        let largest = parts.first().map_or(0.0, |p| p.1.abs());
+        let shown: Vec<(usize, f64)> = parts.into_iter().filter(|(_, c)| c.abs() > 0.35 * largest).take(4).collect();
+        match shown.as_slice() {
+            [(one, _)] => said.push(format!("these recordings do not determine {}", name(*one))),
+            [(first, sign), rest @ ..] => {
+                let others: Vec<String> = rest
+                    .iter()
+                    .map(|(i, c)| format!("{} {}", if c * sign > 0.0 { "raising" } else { "lowering" }, name(*i)))
+                    .collect();
+                said.push(format!(
+                    "these recordings hardly tell raising {} from {}",
+                    name(*first),
+                    // To move along the direction leaves the readings as they are: what one does the others undo.
+                    inverted(&others).join(" with ")
+                ));
+            }
+            [] => {}
+        }
+    }
+    said
+}
+
+/// The opposite of each "raising"/"lowering".
+fn inverted(parts: &[String]) -> Vec<String> {
+    parts
+        .iter()
+        .map(|p| match p.strip_prefix("raising") {
+            Some(rest) => format!("lowering{rest}"),
+            None => p.replacen("lowering", "raising", 1),
+        })
+        .collect()
+}
+
+/// What to make of it, one sentence a line.
+pub fn verdict(identified: &Identified) -> Vec<String> {
+    let mut said = Vec::new();
+    for ((channel, error), noise) in identified.channels.iter().zip(&identified.after.free).zip(&identified.noise) {
+        let ratio = error.rmse_kpa / noise.sigma_kpa;
+        let rows = if identified.tested_on_fitted { "the fitted rows" } else { "rows that were not fitted" };
+        if ratio < 1.3 {
+            said.push(format!(
+                "{channel}: the free run is off by {:.3} kPa rms on {rows}, the noise is {:.3}: nothing more to explain",
+                error.rmse_kpa, noise.sigma_kpa
+            ));
+        } else {
+            said.push(format!(
+                "{channel}: the free run is off by {:.3} kPa rms on {rows}, {ratio:.1} times the noise: the rig file \
+                 lacks something; `trainer diagnose` looks for it",
+                error.rmse_kpa
+            ));
+        }
+    }
+    for e in &identified.fitted.estimates {
+        if e.shift.abs() > IMPLAUSIBLE {
+            said.push(format!(
+                "{} moved by {:.1} times what such parts scatter by: it may stand in for something that the rig file lacks",
+                e.parameter.path,
+                e.shift.abs()
+            ));
+        }
+    }
+    let spread = identified.costs.iter().fold(0.0_f64, |s, c| {
+        s.max(c - identified.costs.iter().copied().fold(f64::INFINITY, f64::min))
+    });
+    if spread > 2.0 {
+        said.push(format!(
+            "the starts ended {spread:.0} apart in log-likelihood: another minimum is near; the better one is taken"
+        ));
+    }
+    if !identified.fitted.converged {
+        said.push("the refinement had not converged when its rounds were used up".to_owned());
+    }
+    for (channel, lines) in identified.channels.iter().zip(&identified.lines) {
+        if let Some(line) = lines.first() {
+            said.push(format!(
+                "{channel}: a line of {:.3} kPa at {:.2} Hz: the pump's ripple, folded down by sampling, if its speed \
+                 is not what the rig file says",
+                line.amplitude, line.hz
+            ));
+        }
+    }
+    said
+}

@@ -1,0 +1,161 @@
+//! `trainer train` from the outside: the same bytes whatever happens in between, and plain words when it cannot go on.
+
+// What fails here fails the test, helper functions included.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod program;
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use program::{Folder, refused, sound, trainer};
+
+/// A run that is over in a second: small networks, episodes of one second (400 steps).
+const SMALL: &str = "[run]\nsteps = 2400\nrandom_steps = 400\nevaluate_every_steps = 1200\n\
+    checkpoint_every_steps = 800\n[policy]\nhidden = [32, 32]\nfeatures = \"errors\"\n[sac]\nbatch = 32\nreplay = 2000\n\
+    [rig]\nevaluated_on = [\"dual_pressure\"]\n[environment]\nepisode_s = 1.0\n";
+
+/// Trains with the small settings into `run`, which must end well.
+#[track_caller]
+fn trained(folder: &Folder, run: &str, more: &[&str]) -> String {
+    let (config, out) = (folder.with("small.toml", SMALL), folder.path(run));
+    sound([&["train", "--config", &config, "--out", &out], more].concat());
+    out
+}
+
+fn policy(run: &str) -> Vec<u8> {
+    std::fs::read(Path::new(run).join("policy.bin")).unwrap()
+}
+
+#[test]
+fn stopping_and_going_on_and_threads_change_no_bit() {
+    let folder = Folder::new("resume");
+    let straight = trained(&folder, "straight", &["--threads", "1"]);
+    let parted = trained(&folder, "parted", &["--threads", "2", "--steps", "1200"]);
+    sound(["train", "--resume", &parted, "--steps", "2400", "--threads", "1"]);
+    assert_eq!(policy(&straight), policy(&parted));
+    let onnx = |run: &str| std::fs::read(Path::new(run).join("policy.onnx")).unwrap();
+    assert_eq!(onnx(&straight), onnx(&parted));
+    let other = trained(&folder, "other", &["--threads", "1", "--seed", "2"]);
+    assert_ne!(policy(&straight), policy(&other));
+    for file in ["settings.toml", "rig.toml", "model.toml", "metrics.jsonl", "report.html", "summary.json"] {
+        assert!(Path::new(&straight).join(file).metadata().unwrap().len() > 50, "{file}");
+    }
+}
+
+#[test]
+fn an_interrupt_ends_the_episode_and_keeps_everything() {
+    let folder = Folder::new("interrupt");
+    let (config, out) = (folder.with("small.toml", SMALL), folder.path("run"));
+    let mut child = trainer()
+        .args(["train", "--config", &config, "--steps", "400000", "--out", &out])
+        .stderr(Stdio::null())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let metrics = Path::new(&out).join("metrics.jsonl");
+    let patience = Instant::now() + Duration::from_secs(60);
+    while std::fs::metadata(&metrics).map_or(0, |m| m.len()) == 0 && Instant::now() < patience {
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let status = child.wait().unwrap();
+    assert!(status.success(), "{status}");
+    let summary = std::fs::read_to_string(Path::new(&out).join("summary.json")).unwrap();
+    let steps = serde_json::from_str::<serde_json::Value>(&summary).unwrap()["steps"].as_u64().unwrap();
+    assert!(steps >= 1200 && steps.is_multiple_of(400) && steps < 400_000, "{steps}");
+    let until = (steps + 800).to_string();
+    sound(["train", "--resume", &out, "--steps", &until]);
+    assert_eq!(policy(&out), policy(&trained(&folder, "straight", &["--steps", &until])));
+}
+
+/// Tracking by a policy that starts from nothing: within a few thousand steps it must beat what it started as by far.
+#[test]
+fn a_small_run_learns() {
+    let folder = Folder::new("learns");
+    let learns = SMALL
+        .replace("hidden = [32, 32]", "hidden = [64, 64]")
+        .replace("batch = 32", "batch = 64")
+        .replace("replay = 2000", "replay = 20000")
+        .replace("steps = 2400", "steps = 12000")
+        .replace("evaluate_every_steps = 1200", "evaluate_every_steps = 2000")
+        .replace("episode_s = 1.0", "episode_s = 5.0\nduty_low = 0.5");
+    let (config, out) = (folder.with("learns.toml", learns), folder.path("run"));
+    sound(["train", "--config", &config, "--out", &out]);
+    let text = std::fs::read_to_string(Path::new(&out).join("metrics.jsonl")).unwrap();
+    let rmse: Vec<f64> = text
+        .lines()
+        .map(|line| {
+            serde_json::from_str::<serde_json::Value>(line).unwrap()["evaluated"][0]["rmse_kpa"][0].as_f64().unwrap()
+        })
+        .collect();
+    println!("positive RMSE over the run: {rmse:?} kPa");
+    assert!(rmse[rmse.len() - 1] < 0.4 * rmse[0], "{rmse:?}");
+}
+
+#[test]
+fn bad_configuration_is_told_in_one_line_and_leaves_nothing() {
+    let folder = Folder::new("bad-training");
+    let small = folder.with("small.toml", SMALL);
+    let key = folder.with("key.toml", "[sac]\nlerning_rate = 1e-3\n");
+    let nan = folder.with("nan.toml", "[caps]\ntemporal = nan\n");
+    let valve_x =
+        "[[environment.mechanisms]]\nid = \"valve_lag\"\ncomponent = \"valve_x\"\ntime_constant_ms = [1.0, 2.0]\n";
+    let mechanism = folder.with("mechanism.toml", valve_x);
+    let valveless =
+        folder.with("valveless.toml", without_valves(model::rig::Rig::builtin_text("dual_pressure").unwrap()));
+    let out = folder.path("run");
+    let told = |args: &[&str], words: &[&str]| {
+        let said = refused([&["train"], args].concat());
+        assert_eq!(said.lines().count(), 1, "{said}");
+        for word in words {
+            assert!(said.contains(word), "{args:?}: `{word}` is not in: {said}");
+        }
+    };
+    told(&["--out", &out, "--config", &key], &["key.toml", "line 2", "lerning_rate"]);
+    told(&["--out", &out, "--config", &nan], &["caps.temporal", "NaN"]);
+    told(&["--out", &out, "--config", &mechanism], &["environment.mechanisms[0]", "valve_x"]);
+    told(&["--out", &out, "--config", "no_such"], &["no_such", "correction"]);
+    told(&["--out", &out, "--config", &small, "--rig", &valveless], &["valveless", "valve"]);
+    told(&["--resume", &out], &["checkpoint.bin", "--resume"]);
+    assert!(!Path::new(&out).exists(), "nothing is left behind");
+    let begun = trained(&folder, "run", &["--steps", "800"]);
+    told(&["--config", &small, "--out", &begun], &["run", "--resume"]);
+    let checkpoint = Path::new(&begun).join("checkpoint.bin");
+    let mut bytes = std::fs::read(&checkpoint).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    std::fs::write(&checkpoint, bytes).unwrap();
+    told(&["--resume", &begun], &["checkpoint.bin"]);
+}
+
+fn without_valves(text: &str) -> String {
+    let mut keep = true;
+    let kept = text.lines().filter(|line| {
+        if line.starts_with('[') {
+            keep = !line.starts_with("[valves");
+        }
+        keep
+    });
+    kept.collect::<Vec<_>>().join("\n").replace("name = \"dual_pressure\"", "name = \"valveless\"")
+}
+
+/// A file that cannot grow stands in for a full disk: writing fails in the middle of a checkpoint.
+#[test]
+fn a_full_disk_is_told_and_the_old_checkpoint_is_kept() {
+    let folder = Folder::new("full");
+    let begun = trained(&folder, "run", &["--steps", "800"]);
+    let checkpoint = Path::new(&begun).join("checkpoint.bin");
+    let before = std::fs::read(&checkpoint).unwrap();
+    let program = env!("CARGO_BIN_EXE_trainer");
+    let limited = format!("trap '' XFSZ; ulimit -f 64; exec {program} train --resume {begun} --steps 2400");
+    let done = Command::new("sh").args(["-c", &limited]).output().unwrap();
+    let said = String::from_utf8_lossy(&done.stderr).into_owned();
+    assert_eq!(done.status.code(), Some(1), "{said}");
+    assert!(said.contains("checkpoint.bin") && said.lines().count() == 1, "{said}");
+    assert_eq!(std::fs::read(&checkpoint).unwrap(), before);
+    let names = std::fs::read_dir(&begun).unwrap().map(|e| e.unwrap().file_name().to_string_lossy().into_owned());
+    let left: Vec<String> = names.filter(|name| name.contains("tmp") || name.starts_with('.')).collect();
+    assert!(left.is_empty(), "{left:?}");
+}
