@@ -6,11 +6,12 @@
 //! | `ticks_per_s_lanes` | [`LANES`] rigs side by side on one core, each at its own place of the schedule; rig ticks, all lanes counted |
 //! | `mpobs_us_p50`, `mpobs_us_p999` | one MPObs prediction: five ticks ahead, state saved and put back |
 //!
-//! Everything runs in one thread. Machines are shared, so each speed is the median of several repeats, single
+//! | `updates_per_s` | SAC + CAPS updates of the paper's Table IV (84 in, 12 out, two layers of 256, batch 128) on `updates_threads` threads, all cores unless `--threads` says otherwise |
+//! | `fma_gflop_per_s` | what the same threads reach in multiply-adds alone, the bound of the line above |
+//!
+//! All but the updates runs in one thread. Machines are shared, so each speed is the median of several repeats, single
 //! rig and lanes in turns, by wall clock and (`_cpu`) by the thread's own CPU time: where the two differ,
 //! something else took the core. Lane 0 must end with the bits of the single rig, or nothing is reported.
-//!
-//! Left out: the speed of training, which comes with training.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -55,9 +56,38 @@ pub(crate) struct BenchArgs {
     /// Predictions that are timed one by one; of fewer than 1000 the 99.9th percentile is the slowest
     #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = RangedU64ValueParser::<u32>::new().range(100..=10_000_000))]
     predictions: u32,
+    /// Threads that learn [all cores, 4 at most]
+    #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<u32>::new().range(1..=64))]
+    threads: Option<u32>,
+    /// Repeats of half a second of learning; 0 leaves it out
+    #[arg(long, value_name = "N", default_value_t = 7, value_parser = RangedU64ValueParser::<u32>::new().range(0..=1001))]
+    learning: u32,
     /// Print the figures as one JSON object instead of a table
     #[arg(long)]
     json: bool,
+}
+
+/// Speed of learning, and the machine's bound beside it.
+struct Learning {
+    speed: sac::UpdateSpeed,
+    fma_per_s: f64,
+}
+
+const LEARNING_REPEAT: Duration = Duration::from_millis(500);
+/// Transitions of the replay that is learned from: as many as the paper keeps, so that memory is as far away.
+const TRANSITIONS: usize = 500_000;
+
+fn learning(args: &BenchArgs) -> Result<Option<Learning>, Failure> {
+    if args.learning == 0 {
+        return Ok(None);
+    }
+    let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let threads = args.threads.map_or(cores.min(crate::train::MOST_THREADS), |n| n as usize);
+    let unavailable = |error: sac::LearnerError| Failure::Learner(error.to_string());
+    let mut learner = sac::synthetic_learner(TRANSITIONS, sac::Machine::with_threads(threads)).map_err(unavailable)?;
+    let before = sac::fma_peak(threads, LEARNING_REPEAT);
+    let speed = sac::update_speed(&mut learner, args.learning as usize, LEARNING_REPEAT);
+    Ok(Some(Learning { speed, fma_per_s: before.max(sac::fma_peak(threads, LEARNING_REPEAT)) }))
 }
 
 /// The lanes did not do what the single rig does, so their speed means nothing.
@@ -113,20 +143,37 @@ pub(crate) fn run(args: &BenchArgs) -> Result<(), Failure> {
     let lanes = speed(&lanes, f64::from(args.ticks) * LANES as f64);
     let mpobs_us = predictions(plant, predictor, args.predictions);
     drop(progress);
+    let learning = learning(args)?;
 
     let [p50, p999, max] = [0.5, 0.999, 1.0].map(|share| percentile(&mpobs_us, share));
     let end = |channel: usize| ends_kpa.get(channel).copied().unwrap_or(f64::NAN);
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let set = format!("{:?}", InstructionSet::detect()).to_lowercase();
     if args.json {
-        return stdout::say_json(&json!({
+        let mut figures = json!({
             "rig": RIG, "ticks": args.ticks, "repeats": args.repeats, "lanes": LANES, "predictions": args.predictions,
             "ticks_per_s_single": single.wall, "ticks_per_s_single_cpu": single.cpu,
             "ticks_per_s_lanes": lanes.wall, "ticks_per_s_lanes_cpu": lanes.cpu,
             "mpobs_us_p50": p50, "mpobs_us_p999": p999, "mpobs_us_max": max,
             "p_pos_kpa": end(0), "p_neg_kpa": end(1), "instruction_set": set, "cores": cores,
-        }));
+        });
+        if let Some(Learning { speed, fma_per_s }) = learning {
+            figures["updates_per_s"] = speed.updates_per_s.into();
+            figures["updates_threads"] = speed.threads.into();
+            figures["fma_gflop_per_s"] = (fma_per_s * 1e-9).into();
+            figures["updates_share_of_fma"] = speed.part_of(fma_per_s).into();
+        }
+        return stdout::say_json(&figures);
     }
+    let learned = learning.map_or(String::new(), |Learning { speed, fma_per_s }| {
+        format!(
+            "\nlearning           {:>13.0} updates/s on {} threads, {:.0} % of {:.0} GFLOP/s",
+            speed.updates_per_s,
+            speed.threads,
+            100.0 * speed.part_of(fma_per_s),
+            fma_per_s * 1e-9
+        )
+    });
     let shared = 1.0 - (single.wall + lanes.wall) / (single.cpu + lanes.cpu);
     if shared > SHARED {
         tell(&format!(
@@ -140,7 +187,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<(), Failure> {
          one rig            {:>13.0} {:>13.0}  ticks/s\n\
          {LANES} lanes            {:>13.0} {:>13.0}  ticks/s, all lanes ({:.1} times one rig)\n\
          MPObs, 5 ticks     p50 {p50:.1} µs, p99.9 {p999:.1} µs, max {max:.1} µs over {} predictions\n\
-         after {} ticks     p_pos_kpa={:.4} p_neg_kpa={:.4}",
+         after {} ticks     p_pos_kpa={:.4} p_neg_kpa={:.4}{learned}",
         args.repeats,
         single.wall,
         single.cpu,

@@ -36,6 +36,8 @@ pub(crate) enum Failure {
     Lanes(#[from] LanesDiffer),
     #[error(transparent)]
     Training(#[from] TrainingError),
+    #[error("learning cannot be timed: {0}")]
+    Learner(String),
     #[error("{out}: this is the file of --inputs, which would be lost; give --out another name")]
     OverInputs { out: String },
     #[error("standard output cannot be written: {0}")]
@@ -59,7 +61,12 @@ impl Failure {
             Self::Emulator(EmulatorError::Bind { source, .. }) if source.kind() == io::ErrorKind::InvalidInput => {
                 BAD_INPUT
             }
-            Self::Emulator(_) | Self::Write(_) | Self::Lanes(_) | Self::Stdout(_) | Self::Signals(_) => FAILED,
+            Self::Emulator(_)
+            | Self::Write(_)
+            | Self::Lanes(_)
+            | Self::Learner(_)
+            | Self::Stdout(_)
+            | Self::Signals(_) => FAILED,
         }
     }
 

@@ -56,7 +56,7 @@ pub(crate) struct TrainArgs {
 }
 
 /// More threads than this wait for each other longer than they save.
-const MOST_THREADS: usize = 4;
+pub(crate) const MOST_THREADS: usize = 4;
 
 pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let stop = Arc::new(AtomicBool::new(false));

@@ -1,7 +1,7 @@
 //! Speed
-use hidden_rig::{actuation::Actuation, plant::Plant, run::{Precision, Rig, Run}, sensor::Noise};
+use hidden_rig::{actuation::Actuation, build_sheet::BuildSheet, run::{Precision, Rig, Run}, sensor::Noise};
 fn main() {
-    let rig = Rig { plant: Plant::paper(), actuation: Actuation::default(), noise: Noise { white_pa: [70.0; 2], slow_pa: [30.0; 2], slow_correlation: 0.9, jitter_s: 1e-4 } };
+    let rig = BuildSheet::paper().rig();
     for precision in [1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 1e-8] {
         let start = std::time::Instant::now();
         let mut run = Run::from_rest(&rig, [0.8, 0.8], Precision::Relative(precision));

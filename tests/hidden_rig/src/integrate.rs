@@ -53,9 +53,13 @@ pub struct Effort {
 pub struct DormandPrince<const N: usize> {
     tolerance: Tolerance<N>,
     step_s: f64,
+    /// Error of the last accepted step, for the proportional part of the step-size control.
+    last_error: f64,
     effort: Effort,
 }
 
+/// Weight of the last error in the step-size control (Hairer's β): steadies the step where stability limits it.
+const BETA: f64 = 0.04;
 /// No step is shorter (s): a stuck integration ends in wrong numbers that tests find, not in an endless loop.
 const SHORTEST_S: f64 = 1e-9;
 
@@ -63,7 +67,7 @@ impl<const N: usize> DormandPrince<N> {
     /// An integrator at rest.
     pub fn new(tolerance: Tolerance<N>) -> Self {
         let step_s = 0.1 * tolerance.longest_s;
-        Self { tolerance, step_s, effort: Effort::default() }
+        Self { tolerance, step_s, last_error: 1.0, effort: Effort::default() }
     }
 
     /// What it has cost so far.
@@ -82,6 +86,7 @@ impl<const N: usize> DormandPrince<N> {
         let mut time_s = from_s;
         let mut first = [0.0; N];
         system.rates(time_s, state, &mut first);
+        let mut just_rejected = false;
         while time_s < to_s {
             let left_s = to_s - time_s;
             // A last sliver would cost a whole step: stretch or halve instead.
@@ -98,6 +103,7 @@ impl<const N: usize> DormandPrince<N> {
             if error > 1.0 && step_s > SHORTEST_S {
                 self.effort.rejected += 1;
                 self.step_s = step_s * (0.9 * error.powf(-0.2)).max(0.2);
+                just_rejected = true;
                 continue;
             }
             let crossing = first_crossing(system, time_s, step_s, state, &first, &trial);
@@ -126,9 +132,13 @@ impl<const N: usize> DormandPrince<N> {
             } else {
                 first = taken.last;
                 // Steps cut short by the end of a stretch say nothing about the next one.
-                let grown_s = step_s * (0.9 * error.max(1e-6).powf(-0.2)).min(4.0);
+                let error = error.max(1e-6);
+                let growth = 0.9 * error.powf(BETA * 0.75 - 0.2) * self.last_error.powf(BETA);
+                let grown_s = step_s * growth.clamp(0.2, if just_rejected { 1.0 } else { 4.0 });
                 self.step_s = if step_s < wanted_s { self.step_s.max(grown_s) } else { grown_s };
+                self.last_error = error.max(1e-4);
             }
+            just_rejected = false;
         }
     }
 }

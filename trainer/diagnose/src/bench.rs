@@ -77,8 +77,14 @@ impl Effort {
 }
 
 impl<'r> Bench<'r> {
-    /// Lays out recordings.
-    pub fn new(rig: &'r Rig, records: &'r Records, fidelity: Fidelity, threads: Option<usize>) -> Self {
+    /// Lays out recordings; `usable` is 1 at readings that may be trusted, 0 elsewhere.
+    pub fn new(
+        rig: &'r Rig,
+        records: &'r Records,
+        usable: &[f64],
+        fidelity: Fidelity,
+        threads: Option<usize>,
+    ) -> Self {
         let simulator = Simulator::new(records, fidelity);
         let simulator = threads.map_or(simulator, |threads| simulator.on(threads));
         let split = Split::of(records);
@@ -90,8 +96,8 @@ impl<'r> Bench<'r> {
             records,
             simulator,
             nominal: nominal(rig, Scatter::default()),
-            fit_weights: split.weights(records.layout(), Role::Fit),
-            counted: vec![1.0; records.layout().len()],
+            fit_weights: split.weights(records.layout(), Role::Fit).iter().zip(usable).map(|(w, u)| w * u).collect(),
+            counted: usable.to_vec(),
             noise_model: NoiseModel::Drifting { sigma_kpa, drift_kpa, time_s: DRIFT_S },
             split,
             noise,
@@ -106,6 +112,11 @@ impl<'r> Bench<'r> {
     /// Weights of the readings that are fitted.
     pub fn fit_weights(&self) -> &[f64] {
         &self.fit_weights
+    }
+
+    /// 1 at readings that count, 0 elsewhere.
+    pub fn counted(&self) -> &[f64] {
+        &self.counted
     }
 
     /// The rig with terms attached at their starting magnitudes.

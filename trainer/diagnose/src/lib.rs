@@ -8,8 +8,14 @@ mod error;
 pub mod diagnosis;
 pub mod evidence;
 pub mod experiment;
+pub mod figures;
+pub mod judge;
 pub mod locate;
+mod page;
 pub mod place;
+mod run;
 pub mod search;
+mod words;
 
 pub use error::DiagnoseError;
+pub use run::{NEXT_EXPERIMENT, Request, run};

@@ -23,6 +23,8 @@ pub struct SearchSettings {
 pub struct Round {
     /// Terms before the round.
     pub base: Vec<usize>,
+    /// Cost before the round.
+    pub base_cost: f64,
     /// Candidates with their cost (half chi-square and prior), best first.
     pub ranked: Vec<(usize, f64)>,
     /// The best one's evidence against the base.
@@ -68,7 +70,7 @@ pub fn search(
         let found = evidence(bench, &top, &best);
         let parameters = top.set.len().saturating_sub(best.set.len());
         let taken = settings.bar.passed(&found, parameters, candidates.len(), blocks);
-        rounds.push(Round { base: best.terms.clone(), ranked, evidence: Some(found), taken });
+        rounds.push(Round { base: best.terms.clone(), base_cost: cost(bench, &best), ranked, evidence: Some(found), taken });
         tried.extend(polished);
         if !taken {
             next = Some(top);
@@ -120,7 +122,7 @@ fn additions(
 }
 
 /// Starts for `terms`: the base's point with what is new at its prior mean, and the priors' means of everything else.
-fn starts(
+pub fn starts(
     bench: &Bench<'_>,
     candidates: &[Candidate],
     base: &Explanation,

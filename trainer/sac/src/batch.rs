@@ -225,7 +225,7 @@ pub(crate) struct Draw<'a> {
 }
 
 /// How many rows ahead memory is asked for.
-const AHEAD: usize = 4;
+const AHEAD: usize = 8;
 
 impl Work for Draw<'_> {
     type Output = ();

@@ -5,6 +5,7 @@
 //! | [`settings`] | a run as data; presets |
 //! | [`features`] | how observations are put to the network |
 //! | [`run`] | acting and learning in turns; stop, checkpoint, resume |
+//! | `average` | the actor's weights averaged over the last updates |
 //! | `checkpoint` | what a run goes on from |
 //! | [`run_files`] | the folder of a run |
 //! | [`trained_policy`] | a policy as it was trained: network, features, contract; flown and exported |
@@ -16,6 +17,7 @@
 //! and however many threads learn. Episodes begin and end together and are drawn from seed and number, so a
 //! checkpoint between two episodes needs nothing of the environment but the number of the next.
 
+mod average;
 mod checkpoint;
 pub mod event_file;
 pub mod features;

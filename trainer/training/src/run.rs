@@ -22,6 +22,7 @@ use sac::{Learner, Machine, Transition};
 use serde::{Deserialize, Serialize};
 
 use crate::TrainingError;
+use crate::average::{Average, EVERY_STEPS};
 use crate::checkpoint::{self, Position};
 use crate::metrics::{Evaluated, Metrics, Point};
 use crate::run_files::RunFiles;
@@ -104,6 +105,7 @@ pub struct Run {
     evaluated_on: Vec<(String, Rig)>,
     fleet: Fleet,
     learner: Learner,
+    average: Average,
     metrics: Metrics,
     points: Vec<Point>,
     position: Position,
@@ -141,7 +143,8 @@ impl Run {
             Machine::with_threads(threads),
         )
         .map_err(|error| TrainingError::learner("settings", &error))?;
-        let parts = Parts { trained_on, model, learner, position: Position::default(), points: Vec::new(), origin };
+        let (average, position, points) = (Average::default(), Position::default(), Vec::new());
+        let parts = Parts { trained_on, model, learner, average, position, points, origin };
         let fleet = parts.fleet(&settings)?;
         let evaluated_on = evaluated_on(&settings)?;
         let files = RunFiles::create(folder)?;
@@ -162,11 +165,11 @@ impl Run {
         let load = |path: std::path::PathBuf| rig_file::load(&path.display().to_string());
         let (trained_on, model) = (load(files.rig())?, load(files.model())?);
         let origin = Origin::of(&trained_on)?;
-        let (position, learner) = checkpoint::read(&files, &settings, threads)?;
+        let (position, average, learner) = checkpoint::read(&files, &settings, threads)?;
         // Points after the checkpoint belong to work that was lost; they will be made again.
         let points =
             if files.metrics().exists() { crate::metrics::read(&files.metrics(), position.steps)? } else { Vec::new() };
-        let parts = Parts { trained_on, model, learner, position, points, origin };
+        let parts = Parts { trained_on, model, learner, average, position, points, origin };
         let fleet = parts.fleet(&settings)?;
         let evaluated_on = evaluated_on(&settings)?;
         let mut lines = String::new();
@@ -187,7 +190,7 @@ impl Run {
         fleet: Fleet,
         evaluated_on: Vec<(String, Rig)>,
     ) -> Result<Self, TrainingError> {
-        let Parts { model, learner, position, points, origin, .. } = parts;
+        let Parts { model, learner, average, position, points, origin, .. } = parts;
         let map = SteadyMap::new(&model)
             .map_err(|problem| RigFileError::Rig { file: settings.rig.model.clone(), problem })?;
         let metrics = Metrics::open(&files.metrics(), &files.events(), unix_s())?;
@@ -201,6 +204,7 @@ impl Run {
             evaluated_on,
             fleet,
             learner,
+            average,
             metrics,
             points,
             position,
@@ -215,7 +219,8 @@ impl Run {
 
     /// The policy as it stands.
     pub fn policy(&self) -> TrainedPolicy {
-        TrainedPolicy::new(self.settings.clone(), self.origin.clone(), self.position.steps, self.learner.policy())
+        let network = self.average.get().cloned().unwrap_or_else(|| self.learner.policy());
+        TrainedPolicy::new(self.settings.clone(), self.origin.clone(), self.position.steps, network)
     }
 
     /// Acts and learns until all steps are done or the observer wants to stop.
@@ -310,6 +315,10 @@ impl Run {
                 if !report.finite {
                     return Err(self.diverged("a loss or a weight"));
                 }
+                let over = self.settings.run.average_over_steps;
+                if over > 0 && self.position.steps.is_multiple_of(EVERY_STEPS) {
+                    self.average.add(self.learner.policy(), over);
+                }
                 self.window.updates += 1.0;
                 let losses = [
                     report.critic_loss,
@@ -394,7 +403,7 @@ impl Run {
     }
 
     fn checkpoint(&mut self) -> Result<(), TrainingError> {
-        checkpoint::write(&self.files, &self.position, &self.learner)?;
+        checkpoint::write(&self.files, &self.position, &self.average, &self.learner)?;
         RunFiles::write(&self.files.policy(), &self.policy().to_bytes()?)
     }
 
@@ -430,6 +439,7 @@ struct Parts {
     trained_on: Rig,
     model: Rig,
     learner: Learner,
+    average: Average,
     position: Position,
     points: Vec<Point>,
     origin: Origin,

@@ -41,6 +41,9 @@ pub struct RunSettings {
     pub evaluate_every_steps: u64,
     /// Steps between checkpoints.
     pub checkpoint_every_steps: u64,
+    /// Steps over which the actor's weights are averaged (exponentially) for what is evaluated and exported; 0, the
+    /// paper's, takes the last. Averaging takes out the wander of single updates (Polyak and Juditsky, 1992).
+    pub average_over_steps: u64,
 }
 
 impl Default for RunSettings {
@@ -51,6 +54,7 @@ impl Default for RunSettings {
             random_steps: 4_000,
             evaluate_every_steps: 32_000,
             checkpoint_every_steps: 128_000,
+            average_over_steps: 0,
         }
     }
 }

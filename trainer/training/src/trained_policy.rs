@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 use crate::TrainingError;
+use crate::checkpoint::part;
 use crate::settings::TrainingSettings;
 
 const MAGIC: &[u8; 8] = b"DPPOL001";
@@ -172,12 +173,6 @@ impl TrainedPolicy {
         onnx_file::to_onnx(&self.graph(), &Ports::of(contract), &provenance, &golden)
             .map_err(|error| TrainingError::learner("export", &error))
     }
-}
-
-/// A length and what follows it; the rest.
-fn part(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
-    let (length, rest) = bytes.split_first_chunk::<4>()?;
-    rest.split_at_checked(usize::try_from(u32::from_le_bytes(*length)).ok()?)
 }
 
 /// A policy that answers in the units of its contract.

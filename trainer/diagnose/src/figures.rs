@@ -1,0 +1,91 @@
+//! Before and after: errors of rigs on the rows that nothing was fitted to.
+
+use fit::FitError;
+use fit::data::Role;
+use fit::simulate::{ChannelError, Fidelity, Horizon, Simulator, errors, trace_at};
+use model::rig::Rig;
+
+use crate::bench::Bench;
+use crate::diagnosis::Fit;
+
+/// A recorded pressure closer to the atmosphere than this does not count for the accuracy, in kPa: a percentage of
+/// nearly nothing says nothing.
+const LEAST_KPA: f64 = 5.0;
+
+/// Errors of one rig at three horizons, by channel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figures {
+    /// From the start of each recording.
+    pub free: Vec<ChannelError>,
+    /// Windows of 10 s.
+    pub ten_seconds: Vec<ChannelError>,
+    /// Windows of 1 s.
+    pub one_second: Vec<ChannelError>,
+    /// 1 − mean absolute percentage error of the free run, by channel; NaN where no reading is far from the atmosphere.
+    pub accuracy: Vec<f64>,
+    /// The free run.
+    pub trace: Vec<f64>,
+}
+
+/// Weights of the rows that figures are taken from: those kept back, or all where there are none.
+pub fn held_out(bench: &Bench<'_>) -> Vec<f64> {
+    let layout = bench.records.layout();
+    let kept = bench.split.weights(layout, Role::HeldOut);
+    if kept.iter().any(|w| *w != 0.0) { kept } else { vec![1.0; layout.len()] }
+}
+
+/// The figures of a rig. `short` also runs the windows.
+///
+/// # Errors
+/// The rig cannot be simulated.
+pub fn figures(bench: &Bench<'_>, rig: &Rig, fidelity: Fidelity, short: bool) -> Result<Figures, FitError> {
+    let simulator: Simulator<'_> = bench.simulator.at(fidelity);
+    let weights = held_out(bench);
+    let trace = trace_at(&simulator, rig, Horizon::Free)?;
+    let windows = |seconds: f64| -> Result<Vec<ChannelError>, FitError> {
+        if !short {
+            return Ok(Vec::new());
+        }
+        Ok(errors(&simulator, &trace_at(&simulator, rig, Horizon::Windows { seconds })?, &weights))
+    };
+    Ok(Figures {
+        free: errors(&simulator, &trace, &weights),
+        ten_seconds: windows(10.0)?,
+        one_second: windows(1.0)?,
+        accuracy: accuracy(bench, &trace, &weights),
+        trace,
+    })
+}
+
+fn accuracy(bench: &Bench<'_>, trace: &[f64], weights: &[f64]) -> Vec<f64> {
+    let layout = bench.records.layout();
+    let readings = bench.records.readings_kpa();
+    (0..layout.channels())
+        .map(|channel| {
+            let (mut sum, mut rows) = (0.0, 0.0);
+            for i in (0..layout.records()).flat_map(|record| layout.channel(record, channel)) {
+                let (Some(s), Some(p), Some(w)) = (trace.get(i), readings.get(i), weights.get(i)) else { continue };
+                if *w != 0.0 && p.abs() >= LEAST_KPA {
+                    sum += (s - p).abs() / p.abs();
+                    rows += 1.0;
+                }
+            }
+            1.0 - sum / rows
+        })
+        .collect()
+}
+
+impl Figures {
+    /// In the form of `diagnosis.json`; a rig with one channel fills the first.
+    pub fn to_fit(&self) -> Fit {
+        let rmse = |c: usize| self.free.get(c).map_or(0.0, |e| e.rmse_kpa);
+        let share = |c: usize| self.accuracy.get(c).copied().filter(|a| a.is_finite()).unwrap_or(0.0);
+        Fit { pos_rmse_kpa: rmse(0), neg_rmse_kpa: rmse(1), pos_accuracy: share(0), neg_accuracy: share(1) }
+    }
+
+    /// Root of the mean squared free-run error of all channels, in kPa.
+    pub fn total_rmse_kpa(&self) -> f64 {
+        let rows: f64 = self.free.iter().map(|e| e.rows as f64).sum();
+        (self.free.iter().map(|e| e.rmse_kpa.powi(2) * e.rows as f64).sum::<f64>() / rows.max(1.0)).sqrt()
+    }
+}

@@ -1,0 +1,228 @@
+//! From explanations to a verdict.
+//!
+//! Three rules keep it honest. What is named must set right most of what is wrong ([`EXPLAINED`]); what explains the
+//! recordings as well as the best must be named as its rival; and a mechanism that only saves the priors a stretch is
+//! a reason to ask for an experiment, never to name it.
+
+use crate::bench::{Bench, Effort, Explanation};
+use crate::candidate::Candidate;
+use crate::diagnosis::Verdict;
+use crate::error::DiagnoseError;
+use crate::evidence::evidence;
+use crate::search::{Found, cost, starts, with, without};
+
+/// Error beyond the noise, in kPa, below which a model is as good as the recordings can tell.
+const FLOOR_KPA: f64 = 0.06;
+/// Share of the mean squared error beyond the noise that what is named must take away.
+const EXPLAINED: f64 = 0.85;
+/// Error beyond the noise, in kPa, above which a model that lacks nothing known lacks something unknown.
+const UNKNOWN_KPA: f64 = 0.12;
+/// Gain of prior and likelihood at which a mechanism that does not pass the bar is a rival of moved parameters.
+const HINT: f64 = 5.0;
+/// Log-likelihood within which two explanations are rivals whatever their blocks say.
+const TIE: f64 = 6.0;
+/// Standard errors within which they are.
+const TIE_SE: f64 = 2.0;
+
+/// The rival that is no mechanism.
+pub const MOVED: &str = "parameters_moved:both";
+
+/// A verdict and what it rests on.
+pub struct Judgement {
+    /// The answer.
+    pub verdict: Verdict,
+    /// Terms that are named.
+    pub named: Vec<usize>,
+    /// For each named or contested term: the term and what could stand in its place.
+    pub contested: Vec<Contest>,
+    /// Rival explanations as a whole, the best first; more than one if undecided.
+    pub rivals: Vec<Explanation>,
+    /// Groups of names that the recordings do not tell apart.
+    pub groups: Vec<Vec<String>>,
+    /// Error beyond the noise by channel in kPa: given, re-identified, extended.
+    pub excess_kpa: [Vec<f64>; 3],
+}
+
+/// A term and its rivals.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Contest {
+    /// The term.
+    pub term: usize,
+    /// Candidates that explain the recordings as well in its place.
+    pub rivals: Vec<usize>,
+    /// Log-likelihood lost without the term, everything else fitted again.
+    pub gain: f64,
+}
+
+/// Judges what a search found. `given` is the free run of the rig as it was given.
+///
+/// # Errors
+/// A fit failed.
+pub fn judge(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    found: &Found,
+    given: &[f64],
+    tell: &mut dyn FnMut(&str, f64),
+) -> Result<Judgement, DiagnoseError> {
+    let excess_kpa =
+        [excess(bench, given), excess(bench, &found.nominal.trace), excess(bench, &found.best.trace)];
+    if found.best.terms.is_empty() {
+        nothing_named(bench, candidates, found, given, excess_kpa)
+    } else {
+        something_named(bench, candidates, found, excess_kpa, tell)
+    }
+}
+
+/// No candidate passed the bar.
+fn nothing_named(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    found: &Found,
+    given: &[f64],
+    excess_kpa: [Vec<f64>; 3],
+) -> Result<Judgement, DiagnoseError> {
+    let judgement = |verdict, rivals, groups| Judgement {
+        verdict,
+        named: Vec::new(),
+        contested: Vec::new(),
+        rivals,
+        groups,
+        excess_kpa: excess_kpa.clone(),
+    };
+    if excess_kpa[1].iter().any(|kpa| *kpa > UNKNOWN_KPA) {
+        return Ok(judgement(Verdict::UnknownMechanism, Vec::new(), Vec::new()));
+    }
+    // Mechanisms that the recordings, or the priors, would rather have than a mere shift.
+    let mut hints: Vec<(f64, &Explanation)> = found
+        .tried
+        .iter()
+        .filter(|e| e.terms.len() == 1)
+        .map(|e| (evidence(bench, e, &found.nominal).posterior, e))
+        .filter(|(gain, _)| *gain > HINT)
+        .collect();
+    hints.sort_by(|a, b| b.0.total_cmp(&a.0));
+    if let Some((top, _)) = hints.first().copied() {
+        let close: Vec<&Explanation> = hints.iter().filter(|(g, _)| *g > top - TIE).map(|(_, e)| *e).collect();
+        let mut group = vec![MOVED.to_owned()];
+        group.extend(close.iter().flat_map(|e| &e.terms).filter_map(|t| candidates.get(*t)).map(Candidate::name));
+        let rivals = std::iter::once(found.nominal.clone()).chain(close.into_iter().cloned()).collect();
+        return Ok(judgement(Verdict::Undecided, rivals, vec![group]));
+    }
+    let as_given = excess(bench, given);
+    let same = as_given.iter().zip(&excess_kpa[1]).all(|(g, n)| *g < FLOOR_KPA || *g < 1.2 * n);
+    let verdict = if same { Verdict::Adequate } else { Verdict::ParametersMoved };
+    Ok(judgement(verdict, Vec::new(), Vec::new()))
+}
+
+/// Some candidates passed the bar.
+fn something_named(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    found: &Found,
+    excess_kpa: [Vec<f64>; 3],
+    tell: &mut dyn FnMut(&str, f64),
+) -> Result<Judgement, DiagnoseError> {
+    let best = &found.best;
+    let squares = |excess: &[f64]| excess.iter().map(|e| e * e).sum::<f64>();
+    let (before, after) = (squares(&excess_kpa[1]), squares(&excess_kpa[2]));
+    let explained = 1.0 - after / before.max(1e-12);
+    let left = excess_kpa[2].iter().copied().fold(0.0, f64::max);
+    if left > UNKNOWN_KPA && explained < EXPLAINED {
+        return Ok(Judgement {
+            verdict: Verdict::UnknownMechanism,
+            named: Vec::new(),
+            contested: Vec::new(),
+            rivals: Vec::new(),
+            groups: Vec::new(),
+            excess_kpa,
+        });
+    }
+    let mut contested = Vec::new();
+    let mut rivals = vec![best.clone()];
+    let mut groups = Vec::new();
+    for (done, term) in best.terms.iter().enumerate() {
+        tell("looking for rivals", done as f64 / best.terms.len() as f64);
+        let rest = without(&best.terms, *term);
+        let without_it = match found.tried.iter().chain([&found.nominal]).find(|e| e.terms == rest) {
+            Some(known) => known.clone(),
+            None => bench.fit(candidates, &rest, &starts(bench, candidates, best, &rest, false), Effort::Polish)?,
+        };
+        let gain = evidence(bench, best, &without_it).fitted;
+        let mut tied = Vec::new();
+        for k in close_to(found, *term, gain) {
+            if best.terms.contains(&k) || rest.iter().any(|t| candidates[*t].excludes(&candidates[k])) {
+                continue;
+            }
+            let terms = with(&rest, k);
+            let known = found.tried.iter().filter(|e| e.terms == terms).min_by(|a, b| {
+                cost(bench, a).total_cmp(&cost(bench, b))
+            });
+            let rival = match known {
+                Some(known) => known.clone(),
+                None => {
+                    let starts = starts(bench, candidates, best, &terms, true);
+                    bench.fit(candidates, &terms, &starts, Effort::Polish)?
+                }
+            };
+            if is_rival(bench, best, &rival) {
+                tied.push(k);
+                rivals.push(rival);
+            }
+        }
+        if !tied.is_empty() {
+            let mut group: Vec<String> = vec![candidates[*term].name()];
+            group.extend(tied.iter().map(|k| candidates[*k].name()));
+            groups.push(group);
+        }
+        contested.push(Contest { term: *term, rivals: tied, gain });
+    }
+    let verdict = if groups.is_empty() { Verdict::MissingPhysics } else { Verdict::Undecided };
+    let named = contested.iter().filter(|c| c.rivals.is_empty()).map(|c| c.term).collect();
+    Ok(Judgement { verdict, named, contested, rivals, groups, excess_kpa })
+}
+
+/// Whether the recordings cannot tell `rival` from `best`.
+fn is_rival(bench: &Bench<'_>, best: &Explanation, rival: &Explanation) -> bool {
+    let e = evidence(bench, best, rival);
+    let both = e.fitted + e.chosen;
+    let se = e.fitted_se.hypot(e.chosen_se);
+    both < TIE || both < TIE_SE * se && both < 5.0 * TIE
+}
+
+/// Candidates that came close to what `term` gained in any round.
+fn close_to(found: &Found, term: usize, gain: f64) -> Vec<usize> {
+    let mut close: Vec<usize> = Vec::new();
+    for round in &found.rounds {
+        let Some(own) = round.ranked.iter().find(|(k, _)| *k == term).map(|(_, cost)| *cost) else { continue };
+        // A glance is not converged, so a tenth of the gain is allowed for.
+        let within = 30.0 + 0.1 * gain.abs();
+        close.extend(round.ranked.iter().filter(|(k, cost)| *k != term && cost - own < within).map(|(k, _)| *k));
+    }
+    close.sort_unstable();
+    close.dedup();
+    close
+}
+
+/// Error beyond the noise by channel, on the rows that were fitted or chose, in kPa.
+pub fn excess(bench: &Bench<'_>, trace: &[f64]) -> Vec<f64> {
+    let layout = bench.records.layout();
+    let sigma = bench.sigma_kpa();
+    (0..layout.channels())
+        .map(|channel| {
+            let (mut sum, mut rows) = (0.0, 0.0);
+            for stretch in bench.split.stretches() {
+                if stretch.role == fit::data::Role::HeldOut {
+                    continue;
+                }
+                for i in layout.stretch(stretch.record, channel, stretch.rows.clone()) {
+                    let off = trace.get(i).unwrap_or(&0.0) - bench.records.readings_kpa().get(i).unwrap_or(&0.0);
+                    sum += off * off;
+                    rows += 1.0;
+                }
+            }
+            let s = sigma.get(channel).copied().unwrap_or(0.0);
+            (sum / f64::max(rows, 1.0) - s * s).max(0.0).sqrt()
+        })
+        .collect()
+}

@@ -1,0 +1,166 @@
+//! A diagnosis from recordings to files.
+
+use std::path::PathBuf;
+
+use fit::data::quality::Quality;
+use fit::data::{Records, noise};
+use fit::simulate::Fidelity;
+use model::rig::Rig;
+use proto::atomic_file;
+use proto::recording::Recording;
+
+use crate::bench::{Bench, Explanation};
+use crate::candidate::{Candidate, candidates};
+use crate::diagnosis::{Diagnosis, Fits, Verdict};
+use crate::error::DiagnoseError;
+use crate::evidence::Bar;
+use crate::experiment::{Plan, plan};
+use crate::figures::{Figures, figures};
+use crate::judge::{Judgement, judge};
+use crate::locate::{Missing, reconstruct};
+use crate::search::{Found, SearchSettings, search};
+use crate::{page, words};
+
+/// What is asked for.
+#[derive(Debug, Clone)]
+pub struct Request {
+    /// The rig as it is known.
+    pub rig: Rig,
+    /// What was recorded on it.
+    pub recordings: Vec<Recording>,
+    /// Where the results go.
+    pub out_dir: PathBuf,
+    /// A shorter search.
+    pub quick: bool,
+    /// Cores; `None` for all.
+    pub threads: Option<usize>,
+}
+
+/// Name of the experiment's file.
+pub const NEXT_EXPERIMENT: &str = "next_experiment.csv";
+
+/// Everything that the files are written from.
+pub(crate) struct Findings<'a, 'r> {
+    pub(crate) bench: &'a Bench<'r>,
+    pub(crate) candidates: &'a [Candidate],
+    pub(crate) found: &'a Found,
+    pub(crate) judgement: &'a Judgement,
+    pub(crate) missing: &'a Missing,
+    pub(crate) given: Figures,
+    pub(crate) reidentified: Figures,
+    pub(crate) extended: Figures,
+    pub(crate) plan: Option<Plan>,
+    pub(crate) notes: Vec<String>,
+}
+
+impl Findings<'_, '_> {
+    /// The explanation that the extended rig is made from.
+    pub(crate) fn extended_by(&self) -> &Explanation {
+        if self.judgement.verdict == Verdict::Adequate { &self.found.nominal } else { &self.found.best }
+    }
+}
+
+/// Diagnoses; writes `diagnosis.json`, `report.html`, `rig.toml` and, if undecided, `next_experiment.csv`.
+///
+/// `progress` is told what is being done and the share of it that is done (0 … 1).
+///
+/// # Errors
+/// Recordings that cannot be used, a rig that cannot be simulated, files that cannot be written.
+pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Diagnosis, DiagnoseError> {
+    progress("reading", 0.0);
+    let rig = &request.rig;
+    let records = Records::new(rig, &request.recordings)?;
+    let quality = Quality::of(rig, &records, &noise(&records))?;
+    if let Some(refusal) = quality.refusal() {
+        return Err(fit::FitError::Unusable(refusal).into());
+    }
+    let mut notes: Vec<String> = request.recordings.iter().flat_map(|r| r.notes().to_vec()).collect();
+    notes.extend(quality.doubts().map(|finding| finding.text.clone()));
+    let bench = Bench::new(rig, &records, &quality.usable, FITTING, request.threads);
+    let candidates = candidates(rig);
+    let settings = SearchSettings {
+        most_terms: 4,
+        polished: if request.quick { 2 } else { 4 },
+        from_prior: !request.quick,
+        bar: Bar::default(),
+    };
+    let given = bench.free_run(rig)?;
+    let found = search(&bench, &candidates, &settings, progress)?;
+    progress("reconstructing what is missing", 0.0);
+    let missing = reconstruct(&bench, &found.nominal.fitted.rig, &found.nominal.trace, !request.quick)?;
+    let judgement = judge(&bench, &candidates, &found, &given, progress)?;
+    progress("planning", 0.0);
+    let plan = if judgement.verdict == Verdict::Undecided {
+        plan(&bench, &judgement.rivals.iter().collect::<Vec<_>>())?
+    } else {
+        None
+    };
+    progress("running before and after", 0.0);
+    let of = |rig: &Rig| figures(&bench, rig, SHOWN, true);
+    let findings = Findings {
+        given: of(rig)?,
+        reidentified: of(&found.nominal.fitted.rig)?,
+        extended: of(&found.best.fitted.rig)?,
+        bench: &bench,
+        candidates: &candidates,
+        found: &found,
+        judgement: &judgement,
+        missing: &missing,
+        plan,
+        notes,
+    };
+    let diagnosis = summed_up(&findings);
+    write(request, &findings, &diagnosis)?;
+    Ok(diagnosis)
+}
+
+/// Fidelity of fits.
+const FITTING: Fidelity = Fidelity::Coarse;
+/// Fidelity of what is shown.
+const SHOWN: Fidelity = Fidelity::Coarse;
+
+/// The diagnosis in the form of its file.
+fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {
+    let judgement = findings.judgement;
+    let mechanisms = words::mechanisms(findings);
+    let extended = if judgement.verdict == Verdict::Adequate { &findings.given } else { &findings.extended };
+    Diagnosis {
+        verdict: judgement.verdict,
+        summary: words::summary(findings, &mechanisms),
+        location: words::locations(findings),
+        mechanisms,
+        fit: Fits {
+            nominal: findings.given.to_fit(),
+            reidentified: findings.reidentified.to_fit(),
+            extended: extended.to_fit(),
+        },
+        rivals: judgement.groups.clone(),
+        next_experiment: findings.plan.as_ref().map(|_| NEXT_EXPERIMENT.to_owned()),
+        notes: findings.notes.clone(),
+    }
+}
+
+fn write(request: &Request, findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Result<(), DiagnoseError> {
+    let directory = &request.out_dir;
+    std::fs::create_dir_all(directory).map_err(|e| DiagnoseError::Format {
+        file: directory.display().to_string(),
+        problem: format!("cannot make the directory: {e}"),
+    })?;
+    let put = |name: &str, text: &str| atomic_file::write(&directory.join(name), text.as_bytes());
+    let json = diagnosis
+        .to_json()
+        .map_err(|e| DiagnoseError::Format { file: "diagnosis.json".to_owned(), problem: e.to_string() })?;
+    let rig = if diagnosis.verdict == Verdict::Adequate {
+        request.rig.clone()
+    } else {
+        findings.extended_by().fitted.rig.clone()
+    };
+    let toml = rig.to_toml().map_err(DiagnoseError::rig(&rig))?;
+    put("rig.toml", &toml)?;
+    if let Some(plan) = &findings.plan {
+        put(NEXT_EXPERIMENT, &plan.to_csv())?;
+    }
+    put("report.html", &page::page(findings, diagnosis, &toml))?;
+    put("diagnosis.json", &json)?;
+    Ok(())
+}

@@ -1,0 +1,363 @@
+//! Findings in plain words.
+
+use std::collections::BTreeMap;
+
+use crate::candidate::Candidate;
+use crate::diagnosis::{FoundEvidence, FoundMechanism, FoundParameter, Location, Verdict};
+use crate::locate::region::{Stretch, region};
+use crate::locate::{Suspect, Suspicion};
+use crate::place::volumes_at;
+use crate::run::Findings;
+use crate::search::position_of;
+
+/// z of a two-sided interval of 90 %.
+const NINETY: f64 = 1.645;
+
+/// What a mechanism does, to be read after the name of the component.
+fn does(id: &str) -> &'static str {
+    match id {
+        "valve_hysteresis" => "opens less on the way up than on the way down: it has play",
+        "valve_stiction" => "sticks and then jumps instead of following small changes of its command",
+        "valve_lag" => "follows its command late",
+        "valve_force_curve" => "is pushed open by the pressure in another way than in proportion",
+        "coil_heating" => "opens less as its coil warms",
+        "supply_sag" => "opens less when both coils draw current, because the supply sags",
+        "command_delay" => "acts on a command a fixed time after it was sent",
+        "chamber_leak" => "leaks to the outside even when its valve is shut",
+        "cross_leak" => "lets air pass back from the positive to the negative side",
+        "piston_blowby" => "loses air past its piston rings",
+        "chamber_thermal" => "warms when it is filled and cools afterwards, so its pressure overshoots and creeps back",
+        "volume_compliance" => "grows with its pressure",
+        "volume_change" => "has another volume than stated",
+        "line_resistance" => "is throttled by the line to it",
+        "exhaust_restriction" => "is throttled by what is fitted to its outlet",
+        "critical_ratio" => "chokes at another pressure ratio than an ideal nozzle",
+        "check_valve_cracking" => "has check valves that open only above a pressure difference",
+        "pump_droop" => "slows down under load",
+        "pump_speed" => "runs at another speed than stated",
+        "sensor_lag" => "shows the pressure late",
+        "sensor_drift" => "drifts with time",
+        "sensor_bias" => "reads too much or too little by a constant",
+        "sensor_gain" => "reads too much or too little in proportion",
+        _ => "does something that the model leaves out",
+    }
+}
+
+/// A component in words: `valve_neg` becomes `The negative valve`.
+fn called(findings: &Findings<'_, '_>, candidate: &Candidate) -> String {
+    let rig = findings.bench.rig;
+    let component = candidate.components.first().map_or("", String::as_str);
+    let kind = if rig.valves.contains_key(component) {
+        "valve"
+    } else if rig.sensors.contains_key(component) {
+        "sensor"
+    } else if rig.pumps.contains_key(component) {
+        return "The pump".to_owned();
+    } else if rig.volumes.contains_key(component) {
+        "chamber"
+    } else {
+        return format!("`{component}`");
+    };
+    if candidate.components.len() > 1 { format!("Each {kind}") } else { format!("The {} {kind}", candidate.side) }
+}
+
+/// A number with three significant digits.
+pub(crate) fn three(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return format!("{value}");
+    }
+    let magnitude = value.abs().log10().floor() as i32;
+    if !(-3..6).contains(&magnitude) {
+        return format!("{value:.2e}");
+    }
+    let digits = usize::try_from((2 - magnitude).max(0)).unwrap_or(0);
+    format!("{value:.digits$}")
+}
+
+/// The mechanisms that are named, those of one kind on both sides as one.
+pub(crate) fn mechanisms(findings: &Findings<'_, '_>) -> Vec<FoundMechanism> {
+    let mut all: Vec<FoundMechanism> = Vec::new();
+    for term in &findings.judgement.named {
+        let found = mechanism(findings, *term);
+        match all.iter_mut().find(|known| known.id == found.id && known.side != found.side) {
+            Some(twin) => join(twin, found),
+            None => all.push(found),
+        }
+    }
+    all.sort_by(|a, b| b.evidence.delta_log_likelihood.total_cmp(&a.evidence.delta_log_likelihood));
+    all
+}
+
+/// The same mechanism on the other side.
+fn join(twin: &mut FoundMechanism, other: FoundMechanism) {
+    let sides = [twin.side.clone(), other.side.clone()];
+    for parameters in [&mut twin.parameters] {
+        let renamed: BTreeMap<String, FoundParameter> =
+            std::mem::take(parameters).into_iter().map(|(name, p)| (format!("{name}_{}", sides[0]), p)).collect();
+        *parameters = renamed;
+    }
+    twin.parameters.extend(other.parameters.into_iter().map(|(name, p)| (format!("{name}_{}", sides[1]), p)));
+    twin.side = "both".to_owned();
+    twin.component = format!("{},{}", twin.component, other.component);
+    twin.summary = format!("{} {}", twin.summary, other.summary);
+    twin.evidence.delta_log_likelihood += other.evidence.delta_log_likelihood;
+    twin.evidence.held_out_rmse_gain = twin.evidence.held_out_rmse_gain.max(other.evidence.held_out_rmse_gain);
+    twin.rivals.extend(other.rivals);
+}
+
+fn mechanism(findings: &Findings<'_, '_>, term: usize) -> FoundMechanism {
+    let candidate = &findings.candidates[term];
+    let best = &findings.found.best;
+    let mut parameters = BTreeMap::new();
+    let mut told = Vec::new();
+    if let Some(at) = position_of(findings.bench, findings.candidates, best, term) {
+        for estimate in best.fitted.estimates.iter().skip(at).take(candidate.free.len()) {
+            let z = estimate.parameter.coordinate(estimate.value);
+            let [low, high] = estimate.parameter.interval(z, NINETY * estimate.undetermined);
+            let unit = estimate.parameter.unit();
+            let key = estimate.parameter.path.rsplit('.').next().unwrap_or_default().to_owned();
+            told.push(format!("{} {} ({} … {}) {unit}", plain(&key), three(estimate.value), three(low), three(high)));
+            parameters.insert(key, FoundParameter { value: estimate.value, unit: unit.to_owned(), low, high });
+        }
+    }
+    let contest = findings.judgement.contested.iter().find(|c| c.term == term);
+    let before = findings.reidentified.total_rmse_kpa();
+    let after = findings.extended.total_rmse_kpa();
+    FoundMechanism {
+        id: candidate.id.clone(),
+        side: candidate.side.clone(),
+        component: candidate.components.join(","),
+        summary: format!("{} {} ({}).", called(findings, candidate), does(&candidate.id), told.join(", ")),
+        parameters,
+        evidence: FoundEvidence {
+            delta_log_likelihood: contest.map_or(0.0, |c| c.gain),
+            held_out_rmse_gain: 1.0 - after / before.max(1e-9),
+        },
+        rivals: contest
+            .map(|c| c.rivals.iter().map(|k| findings.candidates[*k].name()).collect())
+            .unwrap_or_default(),
+    }
+}
+
+/// A key of the rig file without its unit and underscores.
+fn plain(key: &str) -> String {
+    const UNITS: [&str; 14] = [
+        "_kg_per_s_pa2", "_w_per_k", "_ml_per_kpa", "_per_bar", "_percent", "_duty", "_mm2", "_kpa", "_rpm", "_ms",
+        "_ml", "_hz", "_k", "_s",
+    ];
+    let bare = UNITS.iter().find_map(|unit| key.strip_suffix(unit)).unwrap_or(key);
+    bare.replace('_', " ")
+}
+
+/// The answer in one sentence.
+pub(crate) fn summary(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) -> String {
+    let judgement = findings.judgement;
+    let before = findings.reidentified.total_rmse_kpa();
+    let after = findings.extended.total_rmse_kpa();
+    match judgement.verdict {
+        Verdict::Adequate => {
+            "The model as it stands explains these recordings to within their noise; nothing is missing.".to_owned()
+        }
+        Verdict::ParametersMoved => format!(
+            "Nothing is missing, but the rig's parameters are not those of the file: with them fitted the free run is \
+             off by {before:.2} kPa instead of {:.2} kPa. {}",
+            findings.given.total_rmse_kpa(),
+            moved(findings)
+        ),
+        Verdict::MissingPhysics => {
+            let what: Vec<String> = mechanisms.iter().map(|m| m.summary.clone()).collect();
+            format!("{} With this the free run is off by {after:.2} kPa instead of {before:.2} kPa.", what.join(" "))
+        }
+        Verdict::Undecided => {
+            let groups: Vec<String> = judgement
+                .groups
+                .iter()
+                .map(|group| group.iter().map(|name| in_words(name)).collect::<Vec<_>>().join(" or "))
+                .collect();
+            let known = if mechanisms.is_empty() {
+                String::new()
+            } else {
+                mechanisms.iter().map(|m| m.summary.clone() + " ").collect()
+            };
+            let next = match &findings.plan {
+                Some(plan) if plan.decides() => " The experiment in next_experiment.csv will tell them apart.",
+                Some(_) => " The experiment in next_experiment.csv is the best that was found to tell them apart.",
+                None => "",
+            };
+            format!("{known}These recordings do not decide between {}.{next}", groups.join("; and between "))
+        }
+        Verdict::UnknownMechanism => {
+            let at = findings.missing.suspicions.first();
+            format!(
+                "Something is missing that is none of the known mechanisms: {}. What is left is {before:.2} kPa.",
+                at.map_or_else(|| "its place is unclear".to_owned(), |s| place_of(findings, s))
+            )
+        }
+    }
+}
+
+/// `chamber_leak:positive` becomes `a chamber leak (positive)`.
+fn in_words(name: &str) -> String {
+    if name == crate::judge::MOVED {
+        return "a mere shift of parameters".to_owned();
+    }
+    let (id, side) = name.split_once(':').unwrap_or((name, ""));
+    format!("{} ({side})", id.replace('_', " "))
+}
+
+/// The parameters that moved most, in words.
+fn moved(findings: &Findings<'_, '_>) -> String {
+    let mut estimates: Vec<_> = findings.found.nominal.fitted.estimates.iter().collect();
+    estimates.retain(|e| e.undetermined < 0.7);
+    estimates.sort_by(|a, b| b.shift.abs().total_cmp(&a.shift.abs()));
+    let told: Vec<String> = estimates
+        .iter()
+        .take(3)
+        .map(|e| format!("{} {:+.1} %", e.parameter.path, 100.0 * (e.value / e.parameter.mean - 1.0)))
+        .collect();
+    if told.is_empty() { String::new() } else { format!("Moved most: {}.", told.join(", ")) }
+}
+
+/// A suspicion in words.
+fn place_of(findings: &Findings<'_, '_>, suspicion: &Suspicion) -> String {
+    let name = |channel: &usize| {
+        let sensor = findings.bench.rig.sensors.values().nth(*channel);
+        sensor.map_or_else(|| format!("channel {channel}"), |s| s.volume.clone())
+    };
+    let pace = match suspicion.length_s {
+        l if l < 0.2 => "fast",
+        l if l < 1.0 => "within a second",
+        l if l < 10.0 => "over seconds",
+        _ => "slow",
+    };
+    match &suspicion.suspect {
+        Suspect::Balance { channel } => {
+            format!("the mass balance of the {} chamber is off, {pace}", name(channel))
+        }
+        Suspect::Transfer { from, to } => {
+            format!("the pump moves another flow from the {} to the {} side, {pace}", name(from), name(to))
+        }
+        Suspect::Reading { channel } => {
+            format!("the reading of the {} sensor is off while its chamber behaves, {pace}", name(channel))
+        }
+    }
+}
+
+/// Where the mismatch lives.
+pub(crate) fn locations(findings: &Findings<'_, '_>) -> Vec<Location> {
+    if matches!(findings.judgement.verdict, Verdict::Adequate | Verdict::ParametersMoved) {
+        return Vec::new();
+    }
+    let total = findings.missing.all_flows_gain.max(
+        findings.missing.suspicions.first().map_or(0.0, |s| s.gain),
+    );
+    // What is named knows its component better than a balance does.
+    let named: Vec<usize> =
+        findings.judgement.contested.iter().map(|c| c.term).collect();
+    let strongest = findings.missing.suspicions.first().map_or(0.0, |s| s.gain);
+    let mut all = Vec::new();
+    if !named.is_empty() {
+        let gains: f64 = findings.judgement.contested.iter().map(|c| c.gain.max(0.0)).sum();
+        for contest in &findings.judgement.contested {
+            let candidate = &findings.candidates[contest.term];
+            let component = candidate.components.first().cloned().unwrap_or_default();
+            let channels = channels_of(findings, &component);
+            let (region, time_s) = words_of_region(findings, &component, &channels);
+            let reading = findings.bench.rig.sensors.contains_key(&component);
+            all.push(Location {
+                side: candidate.side.clone(),
+                component: candidate.components.join(","),
+                share_of_residual: contest.gain.max(0.0) / gains.max(1e-9),
+                region,
+                time_s,
+                time_scale_s: findings.missing.suspicions.first().map_or(0.0, |s| s.length_s),
+                enters: if reading { "reading" } else { "mass balance" }.to_owned(),
+            });
+        }
+        return all;
+    }
+    for suspicion in findings.missing.suspicions.iter().filter(|s| s.gain > 0.3 * strongest && s.gain > 10.0).take(2) {
+        let (channels, component, enters) = match &suspicion.suspect {
+            Suspect::Balance { channel } => (vec![*channel], volume_of(findings, *channel), "mass balance"),
+            Suspect::Transfer { from, to } => {
+                let pump = findings.bench.rig.pumps.keys().next().cloned().unwrap_or_default();
+                (vec![*from, *to], pump, "mass balance")
+            }
+            Suspect::Reading { channel } => (vec![*channel], sensor_of(findings, *channel), "reading"),
+        };
+        let (region, time_s) = words_of_region(findings, &component, &channels);
+        all.push(Location {
+            side: crate::place::side(findings.bench.rig, std::slice::from_ref(&component)),
+            component,
+            share_of_residual: (suspicion.gain / total.max(1e-9)).clamp(0.0, 1.0),
+            region,
+            time_s,
+            time_scale_s: suspicion.length_s,
+            enters: enters.to_owned(),
+        });
+    }
+    all
+}
+
+fn volume_of(findings: &Findings<'_, '_>, channel: usize) -> String {
+    findings.bench.rig.sensors.values().nth(channel).map(|s| s.volume.clone()).unwrap_or_default()
+}
+
+fn sensor_of(findings: &Findings<'_, '_>, channel: usize) -> String {
+    findings.bench.rig.sensors.keys().nth(channel).cloned().unwrap_or_default()
+}
+
+fn channels_of(findings: &Findings<'_, '_>, component: &str) -> Vec<usize> {
+    volumes_at(findings.bench.rig, component)
+        .iter()
+        .filter_map(|volume| crate::place::channel_of(findings.bench.rig, volume))
+        .collect()
+}
+
+/// The command that has to do with a component: its own, or that of a valve on its volume.
+pub(crate) fn command_of(findings: &Findings<'_, '_>, component: &str) -> Option<String> {
+    let rig = findings.bench.rig;
+    if let Some(valve) = rig.valves.get(component) {
+        return Some(valve.command.clone());
+    }
+    let volumes = volumes_at(rig, component);
+    rig.valves
+        .iter()
+        .find(|(name, _)| volumes_at(rig, name).iter().any(|v| volumes.contains(v)))
+        .map(|(_, valve)| valve.command.clone())
+        .or_else(|| findings.bench.records.inputs().first().map(|input| input.column.clone()))
+}
+
+fn words_of_region(findings: &Findings<'_, '_>, component: &str, channels: &[usize]) -> (String, [f64; 2]) {
+    let Some(command) = command_of(findings, component) else { return ("everywhere".to_owned(), [0.0, 0.0]) };
+    let energies = energies(findings, channels);
+    let records = findings.bench.records;
+    let stretches: Vec<Stretch<'_>> = energies
+        .iter()
+        .enumerate()
+        .filter_map(|(record, energy)| {
+            let r = records.records().get(record)?;
+            Some(Stretch { energy, command: records.input(record, &command)?, time_s: &r.time_s })
+        })
+        .collect();
+    match region(&stretches) {
+        Some(found) => (found.in_words(&command), found.time_s),
+        None => ("everywhere".to_owned(), [0.0, 0.0]),
+    }
+}
+
+/// Energy of what is missing from some channels' balances beyond its own uncertainty, by recording and row.
+fn energies(findings: &Findings<'_, '_>, channels: &[usize]) -> Vec<Vec<f64>> {
+    let layout = findings.bench.records.layout();
+    (0..layout.records())
+        .map(|record| {
+            let mut energy = vec![0.0; layout.rows(record)];
+            for flow in findings.missing.flows.iter().filter(|f| f.record == record && channels.contains(&f.channel)) {
+                for ((slot, flow), sd) in energy.iter_mut().zip(&flow.flow_kg_s).zip(&flow.sd_kg_s) {
+                    *slot += (flow * flow - sd * sd).max(0.0);
+                }
+            }
+            energy
+        })
+        .collect()
+}
