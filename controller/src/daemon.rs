@@ -149,6 +149,18 @@ fn check_reference(config: &Config, reference: &Reference, name: &str) -> Result
     Ok(())
 }
 
+/// The policy that ships with the program; docs/training.md says how it was trained.
+const SHIPPED_POLICY: &[u8] = include_bytes!("../policies/default.onnx");
+
+/// Loads and checks the policy that ships with the program, as any other.
+///
+/// # Errors
+/// If this build carries one that this program refuses.
+pub fn shipped_policy() -> Result<Policy, DaemonError> {
+    let refused = |fault| policy::PolicyError { file: "the shipped policy".into(), fault };
+    Ok(Policy::from_bytes("default, as shipped".to_owned(), SHIPPED_POLICY, &contracts()).map_err(refused)?)
+}
+
 fn load_policy(config: &Config, remarks: &mut Vec<String>) -> Result<Option<Policy>, DaemonError> {
     let choice = &config.policy;
     if choice.active == FALLBACK {
@@ -159,8 +171,8 @@ fn load_policy(config: &Config, remarks: &mut Vec<String>) -> Result<Option<Poli
         return Ok(Some(Policy::load(&file, &contracts())?));
     }
     if choice.active == DEFAULT_POLICY {
-        remarks.push(format!("no policy at {}: the feed-forward PI flies", file.display()));
-        return Ok(None);
+        remarks.push(format!("no policy at {}: the one that ships with the program flies", file.display()));
+        return shipped_policy().map(Some);
     }
     let mut known = vec![FALLBACK.to_owned()];
     for entry in std::fs::read_dir(&choice.directory).into_iter().flatten().flatten() {

@@ -82,7 +82,13 @@ impl Demo {
 fn tracks_the_papers_reference_on_the_bench() {
     let _alone = alone();
     let demo = demo("60", &[]);
-    demo.check_tracking([0.60, 0.25]);
+    // The project's aim for a trained policy on this rig, which it never saw.
+    demo.check_tracking([0.35, 0.13]);
+    let fallback = self::demo("60", &["--policy", "fallback"]);
+    fallback.check_tracking([0.60, 0.25]);
+    for key in ["rmse_pos_kpa", "rmse_neg_kpa"] {
+        assert!(demo.number(key) < fallback.number(key), "{key}: the shipped policy is no better than the fallback");
+    }
     // Every tick is recorded once, in order, with frame, command and prediction.
     let steered: Vec<_> = demo.content.ticks.iter().filter(|t| t.state == RUN).collect();
     assert!((TICKS..=TICKS + 1).contains(&steered.len()), "{} steered ticks", steered.len());
@@ -125,6 +131,25 @@ fn check_report(demo: &Demo) {
 fn tracks_better_on_the_rig_that_the_model_knows() {
     let _alone = alone();
     demo("60", &["--rig", "dual_pressure"]).check_tracking([0.20, 0.15]);
+}
+
+/// At rest nothing but noise may be left: a policy that hunts on play and lag would show as a limit cycle.
+#[test]
+fn the_shipped_policy_holds_without_a_limit_cycle() {
+    let _alone = alone();
+    let folder = Folder::new();
+    for (n, [pos, neg]) in [[80.0, -70.0], [95.0, -73.0], [110.0, -72.0]].into_iter().enumerate() {
+        let hold = folder.write(&format!("hold{n}.csv"), &format!("time_s,ref_pos_kpa,ref_neg_kpa\n0,{pos},{neg}\n"));
+        let demo = demo("40", &["--reference", hold.to_str().unwrap()]);
+        let late: Vec<_> = demo.content.ticks.iter().filter(|t| t.state == RUN).skip(1500).collect();
+        let rms = |errors: &dyn Fn(usize) -> f64| {
+            ((0..late.len()).map(|k| errors(k).powi(2)).sum::<f64>() / late.len() as f64).sqrt()
+        };
+        let error = [rms(&|k| late[k].p_pos_kpa - pos), rms(&|k| late[k].p_neg_kpa - neg)];
+        println!("holding {pos}/{neg}: {error:.3?} kPa");
+        // The converter's noise is 0.06 and 0.006 kPa; its steps, in which the play may rest, 0.08 and 0.008.
+        assert!(error[0] < 0.15 && error[1] < 0.06, "holding {pos}/{neg}: {error:?}");
+    }
 }
 
 #[test]

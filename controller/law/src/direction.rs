@@ -72,6 +72,14 @@ impl LearnedPlay {
         self.half_width
     }
 
+    /// Moves the half width, in duty.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn shift(&mut self, duty: f64) {
+        self.half_width = (self.half_width + duty).clamp(0.0, self.widest);
+    }
+
     /// Takes in one tick: the direction of the plan and the error in kPa times the vent's sign.
     ///
     /// # Real-time

@@ -37,6 +37,8 @@ pub struct FallbackSettings {
     pub widest_play: f64,
     /// Errors beyond these (kPa) are not blamed on play.
     pub play_gate_kpa: Pair,
+    /// How fast what a policy keeps adding is taken over by integral and play, in 1/s.
+    pub takeover_per_s: f64,
     /// Integral action.
     pub integral: IntegralSettings,
 }
@@ -49,6 +51,7 @@ impl Default for FallbackSettings {
             play_learning: 0.02,
             widest_play: 0.06,
             play_gate_kpa: [3.0, 2.0],
+            takeover_per_s: 0.5,
             integral: IntegralSettings::default(),
         }
     }
@@ -61,6 +64,10 @@ struct Pending {
     raw: f64,
     /// Whether the feed-forward itself is within 0 … 1; where no duty holds the goal, nothing may integrate.
     reachable: bool,
+    /// Way of the planned duty.
+    direction: f64,
+    /// What a policy added.
+    correction: f64,
 }
 
 /// The fallback controller.
@@ -120,7 +127,7 @@ impl Fallback {
             if error_kpa.abs() < self.settings.play_gate_kpa[c] && (0.0..=1.0).contains(&raw) {
                 self.play[c].learn(direction, VENT_SIGN[c] * error_kpa);
             }
-            self.pending[c] = Pending { error_kpa, raw, reachable };
+            self.pending[c] = Pending { error_kpa, raw, reachable, direction, correction: 0.0 };
         }
         let trajectory = ActionTrajectory(std::array::from_fn(|j| {
             let ahead = if j == 0 { planned } else { self.planned(situation, (lead + j).min(GOALS_AHEAD - 1)) };
@@ -129,13 +136,21 @@ impl Fallback {
         Decision { parts, trajectory }
     }
 
-    /// Tells what a policy has added to the last decision, so that the anti-windup does not work against it.
+    /// Tells what a policy has added to the last decision. The anti-windup then does not work against it, and what is
+    /// added for long is taken over by the parts that are there for it:
+    ///
+    /// ```text
+    /// İ += K_t δ,      ẇ += K_t s δ
+    /// ```
+    ///
+    /// A policy removes the error that integral and play would learn from; its correction tells them instead.
     ///
     /// # Real-time
     /// May run in the tick.
     pub fn corrected(&mut self, correction: Pair) {
         for (pending, correction) in self.pending.iter_mut().zip(correction) {
             pending.raw += correction;
+            pending.correction = correction;
         }
     }
 
@@ -147,6 +162,12 @@ impl Fallback {
         for (c, (pending, applied)) in self.pending.into_iter().zip(duty).enumerate() {
             if pending.reachable {
                 self.integral.update(c, pending.error_kpa, pending.raw, applied);
+                // Nothing is taken over at a limit, where the correction does not act.
+                if pending.correction != 0.0 && applied == pending.raw {
+                    let taken = self.settings.takeover_per_s * pending.correction;
+                    self.integral.shift(c, taken * TICK_S);
+                    self.play[c].shift(pending.direction * taken * TICK_S);
+                }
             }
         }
     }

@@ -216,6 +216,23 @@ mod tests {
         assert_eq!(observation[118..120], base.parts.map(|p| p.play as f32));
     }
 
+    /// What a policy keeps adding becomes the integral's: 0.02 for one second at 0.5/s are 0.01 of duty.
+    #[test]
+    fn a_lasting_correction_is_taken_over() {
+        let mut law = law(Contract::Correction);
+        let now = situation([90.0, -72.0]);
+        for _ in 0..50 {
+            law.observe(&now);
+            let decision = law.decide(&now, &[0.02; ACTION_LEN]);
+            law.applied(decision.duty());
+        }
+        let parts = law.observe(&now).parts;
+        for channel in parts {
+            assert!((channel.integral - 0.01).abs() < 1e-6, "{channel:?}");
+            assert_eq!(channel.play, 0.0, "the plan stands still, so nothing is blamed on play");
+        }
+    }
+
     /// A policy that is off by a constant duty: the paper's integral takes it up, and no error is left to correct.
     #[test]
     fn the_papers_integral_takes_up_a_constant_error_of_the_policy() {

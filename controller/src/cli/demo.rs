@@ -44,9 +44,12 @@ pub(crate) struct Demo {
     /// The model behind MPObs and feed-forward.
     #[arg(long, default_value = "dual_pressure", value_name = "FILE")]
     model: String,
-    /// Policy to fly (an ONNX file); by default the feed-forward PI.
-    #[arg(long, value_name = "FILE")]
+    /// Policy to fly: an ONNX file, or `fallback` for the feed-forward PI; by default the shipped policy.
+    #[arg(long, value_name = "FILE|fallback")]
     policy: Option<PathBuf>,
+    /// Reference to follow: CSV time_s,ref_pos_kpa,ref_neg_kpa; by default the paper's.
+    #[arg(long, value_name = "FILE")]
+    reference: Option<PathBuf>,
     /// Script of faults on the wire and at the sensors.
     #[arg(long, value_name = "FILE")]
     faults: Option<PathBuf>,
@@ -71,11 +74,14 @@ impl Demo {
         config.rig.file.clone_from(&self.model);
         config.control.auto_arm = true;
         config.policy.active = FALLBACK.to_owned();
+        config.reference.file.clone_from(&self.reference);
         let mut loaded = daemon::load(&config)?;
         loaded.remarks.clear();
-        if let Some(file) = &self.policy {
-            loaded.policy = Some(policy::Policy::load(file, &daemon::contracts()).map_err(Failure::input)?);
-        }
+        loaded.policy = match &self.policy {
+            None => Some(daemon::shipped_policy()?),
+            Some(name) if name.as_os_str() == FALLBACK => None,
+            Some(file) => Some(policy::Policy::load(file, &daemon::contracts()).map_err(Failure::input)?),
+        };
         let statistics = StatisticsOptions { pacing: self.pacing(), ..StatisticsOptions::default() };
         let figures = Arc::new(Mutex::new(FlightStatistics::new(statistics)));
         let recording = self.out.join("flight.mcap");
@@ -125,8 +131,9 @@ impl Demo {
             return;
         }
         say(format_args!(
-            "{PROGRAM}: {} s of the paper's reference{}\nrig `{}` behind the emulated cRIO, model `{}`, {} flies",
+            "{PROGRAM}: {} s of {}{}\nrig `{}` behind the emulated cRIO, model `{}`, {} flies",
             self.seconds,
+            self.reference.as_ref().map_or("the paper's reference".to_owned(), |file| file.display().to_string()),
             if self.fast { ", in lockstep" } else { "" },
             self.rig,
             loaded.rig.name,
@@ -140,7 +147,7 @@ impl Demo {
             "controller demo --seconds {} --rig {} --model {} --seed {}",
             self.seconds, self.rig, self.model, self.seed
         );
-        for (flag, file) in [("--policy", &self.policy), ("--faults", &self.faults)] {
+        for (flag, file) in [("--policy", &self.policy), ("--reference", &self.reference), ("--faults", &self.faults)] {
             if let Some(file) = file {
                 command.push_str(&format!(" {flag} {}", file.display()));
             }

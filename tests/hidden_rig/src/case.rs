@@ -45,7 +45,7 @@ impl Making {
         Self { seconds: [100.0, 100.0, 100.0], probe_s: 60.0, net_sizes: true, nuisance_ceiling_kpa: 0.06 };
     /// For a suite that is made in seconds.
     pub const QUICK: Self =
-        Self { seconds: [60.0, 60.0, 60.0], probe_s: 20.0, net_sizes: false, nuisance_ceiling_kpa: 0.06 };
+        Self { seconds: [40.0, 40.0, 40.0], probe_s: 12.0, net_sizes: false, nuisance_ceiling_kpa: 0.06 };
 }
 
 /// A case that was made.
@@ -155,10 +155,8 @@ fn conceal(plan: &Plan, making: &Making, root: &Draws, probe: &Probe<'_>) -> Vec
         let shape = kind.draw(&mut root.stream(kind.name()));
         // A volume that is switched in after the probe's end would have no size there.
         let shape = earlier(shape, making.probe_s);
-        let effect = probe.at_size(&shape, *place, plan.level_kpa);
-        let mut rig = probe.rig();
-        effect.install(*place, &mut rig);
-        Planted::new(effect, *place, probe.size_of(&rig))
+        let (effect, size) = probe.at_size(&shape, *place, plan.level_kpa);
+        Planted::new(effect, *place, size)
     });
     planted.collect()
 }
@@ -189,10 +187,8 @@ fn nuisances(plan: &Plan, making: &Making, root: &Draws, probe: &Probe<'_>) -> V
             let shape = kind.draw(&mut draws);
             let wanted_kpa =
                 (level_kpa * draws.between(NUISANCE_SHARE.0, NUISANCE_SHARE.1)).min(making.nuisance_ceiling_kpa);
-            let effect = probe.at_size(&shape, place, wanted_kpa);
-            let mut rig = probe.rig();
-            effect.install(place, &mut rig);
-            Planted::new(effect, place, probe.size_of(&rig))
+            let (effect, size) = probe.at_size(&shape, place, wanted_kpa);
+            Planted::new(effect, place, size)
         })
         // The weakest of some kinds is still too strong in some rigs: left out rather than larger than allowed.
         .filter(|planted| larger(planted.size.raw_kpa) <= 1.2 * NUISANCE_SHARE.1 * level_kpa)

@@ -45,7 +45,7 @@ impl Precision {
     pub fn relative(self) -> f64 {
         match self {
             Self::Fine => 1e-6,
-            Self::Coarse => 1e-5,
+            Self::Coarse => 3e-5,
             Self::Relative(relative) => relative,
         }
     }

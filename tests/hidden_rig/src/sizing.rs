@@ -128,47 +128,54 @@ impl<'a> Probe<'a> {
     }
 
     /// Size of whatever differs between a rig and the nominal one.
-    #[expect(clippy::cast_precision_loss, reason = "rows of minutes")]
     pub fn size_of(&self, rig: &Rig) -> Size {
-        let raw = difference(&trace(rig, self.duties, Precision::Coarse), &self.nominal);
-        let mut net = self.in_noise(&raw);
+        self.size(&difference(&trace(rig, self.duties, Precision::Coarse), &self.nominal))
+    }
+
+    #[expect(clippy::cast_precision_loss, reason = "rows of minutes")]
+    fn size(&self, raw: &[[f64; 2]]) -> Size {
+        let mut net = self.in_noise(raw);
         for column in &self.span {
             subtract_projection(&mut net, column);
         }
         let sigma = self.sheet.noise.sigma_pa().map(|pa| 1e-3 * pa);
         let net_rms = rms(&net);
         Size {
-            raw_kpa: rms(&raw),
+            raw_kpa: rms(raw),
             net_kpa: [net_rms[0] * sigma[0], net_rms[1] * sigma[1]],
             net_chi2_per_s: norm(&net).powi(2) / (self.duties.len() as f64 * crate::run::TICK_S),
         }
     }
 
-    /// Raw size of an effect on its own (kPa, the larger channel).
-    pub fn raw_of(&self, effect: &Effect, place: Place) -> f64 {
+    /// What an effect does on its own (kPa): the trace with it minus the one without.
+    pub fn change_by(&self, effect: &Effect, place: Place) -> Trace {
         let mut rig = self.sheet.rig();
         effect.install(place, &mut rig);
-        larger(rms(&difference(&trace(&rig, self.duties, Precision::Coarse), &self.nominal)))
+        difference(&trace(&rig, self.duties, Precision::Coarse), &self.nominal)
     }
 
-    /// Gives an effect the strength at which its raw size is `wanted_kpa`, as far as its physical range allows.
+    /// Gives an effect the strength at which its raw size (of the larger channel) is `wanted_kpa`, as far as its
+    /// physical range allows; with the size that it then has.
     ///
     /// Secant steps in the logarithms of strength and size, with slopes held between a quarter and four: effects are
     /// nearly proportional to their strength, except where they begin (friction) or saturate (insulation).
-    pub fn at_size(&self, effect: &Effect, place: Place, wanted_kpa: f64) -> Effect {
+    pub fn at_size(&self, effect: &Effect, place: Place, wanted_kpa: f64) -> (Effect, Size) {
         let (low, high) = effect.kind().strengths();
         if effect.kind().sized_by_strength() {
-            return effect.at_strength(high * (wanted_kpa / STRONGEST_KPA).powf(0.6));
+            let sized = effect.at_strength(high * (wanted_kpa / STRONGEST_KPA).powf(0.6));
+            let size = self.size(&self.change_by(&sized, place));
+            return (sized, size);
         }
-        let mut best = (f64::INFINITY, effect.clone());
+        let mut best: Option<(f64, Effect, Trace)> = None;
         let mut last: Option<(f64, f64)> = None;
         let mut strength = effect.strength();
         for _ in 0..ATTEMPTS {
             let candidate = effect.at_strength(strength);
-            let size = self.raw_of(&candidate, place).max(1e-6);
+            let change = self.change_by(&candidate, place);
+            let size = larger(rms(&change)).max(1e-6);
             let miss = (wanted_kpa / size).ln();
-            if miss.abs() < best.0 {
-                best = (miss.abs(), candidate);
+            if best.as_ref().is_none_or(|(least, ..)| miss.abs() < *least) {
+                best = Some((miss.abs(), candidate, change));
             }
             let next = match last {
                 Some((s, z)) if s != strength => {
@@ -184,7 +191,10 @@ impl<'a> Probe<'a> {
             last = Some((strength, size));
             strength = next;
         }
-        best.1
+        match best {
+            Some((_, effect, change)) => (effect, self.size(&change)),
+            None => (effect.clone(), self.size(&[])),
+        }
     }
 }
 

@@ -18,7 +18,7 @@ fn main() {
     let bench = Bench::new(&rig, &records, &vec![1.0; records.layout().len()], Fidelity::Coarse, None);
     println!("noise {:?}", bench.noise);
     let all = candidates(&rig);
-    let settings = SearchSettings { most_terms: 3, polished: 4, from_prior: false, bar: Bar::default() };
+    let settings = SearchSettings { most_terms: 3, glanced: 8, polished: 3, from_prior: false, bar: Bar::default() };
     let start = Instant::now();
     let found = search(&bench, &all, &settings, &mut |what, share| {
         eprintln!("{:.1} s {what} {:.0} %", start.elapsed().as_secs_f64(), 100.0 * share);
@@ -29,12 +29,12 @@ fn main() {
         println!("   {} {:.4} ± {:.4} shift {:.2} sd {:.3}", e.parameter.path, e.value, e.sd, e.shift, e.undetermined);
     }
     for round in &found.rounds {
-        println!("round on {:?} taken {} {:?}", round.base.iter().map(|t| all[*t].name()).collect::<Vec<_>>(), round.taken, round.evidence);
+        println!("round on {:?} taken {} {:?}", round.base.iter().map(|t| all[*t].full_name()).collect::<Vec<_>>(), round.taken, round.evidence);
         for (k, cost) in round.ranked.iter().take(8) {
-            println!("     {} {cost:.1}", all[*k].name());
+            println!("     {} {cost:.1}", all[*k].full_name());
         }
     }
-    println!("best {:?} rmse {:?}", found.best.terms.iter().map(|t| all[*t].name()).collect::<Vec<_>>(), found.best.fitted.rmse_kpa);
+    println!("best {:?} rmse {:?}", found.best.terms.iter().map(|t| all[*t].full_name()).collect::<Vec<_>>(), found.best.fitted.rmse_kpa);
     for e in found.best.fitted.estimates.iter() {
         println!("   {} {:.4e} ± {:.4e} shift {:.2}", e.parameter.path, e.value, e.sd, e.shift);
     }

@@ -114,16 +114,28 @@ impl<'r> Bench<'r> {
         &self.fit_weights
     }
 
+    /// Weights of the fitted readings over the scale of each channel.
+    pub fn weighted(&self, scale_kpa: &[f64]) -> Vec<f64> {
+        let mut weights = self.fit_weights.clone();
+        for (_, channel, range) in self.records.layout().all() {
+            let scale = scale_kpa.get(channel).copied().unwrap_or(1.0);
+            for w in weights.get_mut(range).unwrap_or_default() {
+                *w /= scale;
+            }
+        }
+        weights
+    }
+
     /// 1 at readings that count, 0 elsewhere.
     pub fn counted(&self) -> &[f64] {
         &self.counted
     }
 
-    /// The rig with terms attached at their starting magnitudes.
+    /// The rig with terms attached, each at its first start.
     pub fn with_terms(&self, terms: &[&Candidate]) -> Rig {
         let mut rig = self.rig.clone();
         for term in terms {
-            rig.mechanisms.extend(term.attached.iter().cloned());
+            rig.mechanisms.push(term.attached(term.starts.first().map_or(&[], Vec::as_slice)));
         }
         rig
     }
@@ -134,7 +146,9 @@ impl<'r> Bench<'r> {
     /// A term whose parameters are not the rig's.
     pub fn set(&self, terms: &[&Candidate]) -> Result<ParameterSet, DiagnoseError> {
         let rig = self.with_terms(terms);
-        let free = self.nominal.iter().cloned().chain(terms.iter().flat_map(|t| t.free.iter().cloned())).collect();
+        let before = self.rig.mechanisms.len();
+        let of_terms = terms.iter().enumerate().flat_map(|(n, term)| term.parameters(before + n));
+        let free = self.nominal.iter().cloned().chain(of_terms).collect();
         ParameterSet::new(&rig, free).map_err(DiagnoseError::rig(&rig))
     }
 
@@ -150,7 +164,20 @@ impl<'r> Bench<'r> {
         effort: Effort,
     ) -> Result<Explanation, DiagnoseError> {
         let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
-        let set = self.set(&of)?;
+        self.fit_set(terms, self.set(&of)?, starts, effort)
+    }
+
+    /// Fits a set of parameters from the best of some starts.
+    ///
+    /// # Errors
+    /// No start can be simulated.
+    pub fn fit_set(
+        &self,
+        terms: &[usize],
+        set: ParameterSet,
+        starts: &[Vec<f64>],
+        effort: Effort,
+    ) -> Result<Explanation, DiagnoseError> {
         let blocks = self.split.blocks(Role::Fit, BLOCK_ROWS);
         let settings = effort.settings();
         let mut best: Option<(f64, Fitted)> = None;

@@ -1,27 +1,31 @@
 //! What may be missing: a mechanism at a place, with what is free in it.
+//!
+//! The list is the model's ([`model::mechanism::candidates`]); here it gets priors. A magnitude that is never negative
+//! is fitted as a logarithm, with a prior so wide that it only keeps it in sight; what may have either sign, or has
+//! its neutral value in the middle of its range, is fitted as it is.
 
-use fit::parameters::Parameter;
-use model::mechanism::{
-    ChamberLeak, ChamberThermal, CommandDelay, Mechanism, SensorLag, ValveHysteresis, ValveLag,
-};
+use fit::parameters::{Knowledge, Parameter, Transform};
+use model::mechanism::{Candidate as Offered, CandidateParameter};
 use model::rig::{Attached, Rig};
 
 use crate::place::side;
 
-/// A mechanism at one or more components.
+/// Standard deviation of the logarithm of a magnitude: a factor of 4.5 either way.
+const LOG_SD: f64 = 1.5;
+
+/// A mechanism at a component.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {
     /// The mechanism's id.
     pub id: String,
-    /// The components it is attached to.
-    pub components: Vec<String>,
+    /// Which of its shapes, where it has several; empty otherwise.
+    pub form: String,
+    /// The component it is attached to.
+    pub component: String,
     /// `positive`, `negative` or `both`.
     pub side: String,
-    /// What is put into the rig, at the magnitudes where fits start.
-    pub attached: Vec<Attached>,
-    /// What is free in it; the prior's mean is where fits start.
-    pub free: Vec<Parameter>,
-    /// Further starts, in coordinates of [`Candidate::free`].
+    offered: Offered,
+    /// Values that fits may start from, one list per start, in the order of the parameters.
     pub starts: Vec<Vec<f64>>,
 }
 
@@ -31,72 +35,142 @@ impl Candidate {
         format!("{}:{}", self.id, self.side)
     }
 
+    /// The name with the shape, for tables.
+    pub fn full_name(&self) -> String {
+        if self.form.is_empty() { self.name() } else { format!("{} ({})", self.name(), self.form) }
+    }
+
+    /// Parameters that are free in it.
+    pub fn len(&self) -> usize {
+        self.offered.parameters.len()
+    }
+
+    /// Whether nothing is free in it.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
     /// Whether both cannot be in one rig at a time.
     pub fn excludes(&self, other: &Candidate) -> bool {
-        self.id == other.id && self.components.iter().any(|component| other.components.contains(component))
+        self.id == other.id && self.component == other.component
+    }
+
+    /// The entry of a rig file, with these values.
+    pub fn attached(&self, values: &[f64]) -> Attached {
+        self.offered.attached(values)
+    }
+
+    /// The free parameters when it is mechanism number `at` of the rig.
+    pub fn parameters(&self, at: usize) -> Vec<Parameter> {
+        self.offered.parameters.iter().map(|p| parameter(&self.id, p, format!("mechanisms.{at}.{}", p.key))).collect()
     }
 }
 
-/// Everything that may be missing from a rig: mechanisms that it has already are left out.
+/// Everything that may be missing from a rig.
 pub fn candidates(rig: &Rig) -> Vec<Candidate> {
+    model::mechanism::candidates(rig)
+        .into_iter()
+        .filter(|offered| !offered.parameters.is_empty())
+        .map(|offered| Candidate {
+            id: offered.id.to_owned(),
+            form: offered.form.to_owned(),
+            component: offered.component.clone(),
+            side: side(rig, std::slice::from_ref(&offered.component)),
+            starts: starts(&offered.parameters),
+            offered,
+        })
+        .collect()
+}
+
+/// First magnitudes: all of the first parameter with the first of the others, then the others varied.
+fn starts(parameters: &[CandidateParameter]) -> Vec<Vec<f64>> {
+    let first: Vec<f64> = parameters.iter().map(|p| p.starts.first().copied().unwrap_or(p.low)).collect();
     let mut all = Vec::new();
-    let log = |path: &str, mean: f64, low: f64, high: f64| (path.to_owned(), mean, [low, high]);
-    let mut add = |component: &str, mechanism: Mechanism, free: Vec<(String, f64, [f64; 2])>| {
-        let id = mechanism.id().to_owned();
-        let has = rig.mechanisms.iter().any(|m| m.enabled && m.component == component && m.mechanism.id() == id);
-        if has {
-            return;
+    for (at, p) in parameters.iter().enumerate() {
+        for start in &p.starts {
+            // A shape is tried at a magnitude that shows.
+            let mut values = first.clone();
+            if at > 0
+                && let (Some(slot), Some(p)) = (values.first_mut(), parameters.first())
+            {
+                *slot = p.starts.get(p.starts.len() / 2).copied().unwrap_or(*slot);
+            }
+            if let Some(slot) = values.get_mut(at) {
+                *slot = *start;
+            }
+            if !all.contains(&values) {
+                all.push(values);
+            }
         }
-        let parameters = free
-            .into_iter()
-            .map(|(key, mean, [low, high])| {
-                Parameter::log(format!("mechanisms.{id}@{component}.{key}"), mean, 1.5).within(low, high)
-            })
-            .collect::<Vec<_>>();
-        all.push(Candidate {
-            side: side(rig, &[component.to_owned()]),
-            components: vec![component.to_owned()],
-            attached: vec![Attached { component: component.to_owned(), enabled: true, mechanism }],
-            starts: Vec::new(),
-            free: parameters,
-            id,
-        });
-    };
-    for valve in rig.valves.keys() {
-        add(
-            valve,
-            Mechanism::ValveHysteresis(ValveHysteresis { half_width_duty: 0.02 }),
-            vec![log("half_width_duty", 0.02, 1e-4, 0.3)],
-        );
-        add(
-            valve,
-            Mechanism::ValveLag(ValveLag { time_constant_ms: 30.0 }),
-            vec![log("time_constant_ms", 30.0, 0.5, 2000.0)],
-        );
-        add(
-            valve,
-            Mechanism::CommandDelay(CommandDelay { delay_ms: 20.0 }),
-            vec![log("delay_ms", 20.0, 0.5, 160.0)],
-        );
-    }
-    for volume in rig.volumes.keys() {
-        add(
-            volume,
-            Mechanism::ChamberLeak(ChamberLeak { conductance_kg_per_s_pa2: 1e-15 }),
-            vec![log("conductance_kg_per_s_pa2", 1e-15, 1e-18, 1e-12)],
-        );
-        add(
-            volume,
-            Mechanism::ChamberThermal(ChamberThermal { wall_conductance_w_per_k: 2.0 }),
-            vec![log("wall_conductance_w_per_k", 2.0, 0.01, 500.0)],
-        );
-    }
-    for sensor in rig.sensors.keys() {
-        add(
-            sensor,
-            Mechanism::SensorLag(SensorLag { time_constant_ms: 40.0 }),
-            vec![log("time_constant_ms", 40.0, 0.5, 5000.0)],
-        );
     }
     all
+}
+
+/// The value at which a mechanism does nothing, where that is inside its range.
+fn neutral(id: &str, p: &CandidateParameter) -> Option<f64> {
+    match (id, p.key) {
+        ("critical_ratio", _) => Some(0.528),
+        ("sensor_gain", _) => Some(1.0),
+        _ => p.signed.then_some(0.0),
+    }
+}
+
+fn parameter(id: &str, p: &CandidateParameter, path: String) -> Parameter {
+    match neutral(id, p) {
+        Some(neutral) => {
+            let reach = p.starts.iter().map(|s| (s - neutral).abs()).fold(0.0, f64::max);
+            let sd = if reach > 0.0 { reach } else { 0.1 * (p.high - p.low) };
+            Parameter {
+                path,
+                transform: Transform::Linear,
+                mean: neutral,
+                knowledge: Knowledge::Prior { sd },
+                bounds: [p.low, p.high],
+            }
+        }
+        None => {
+            let positive: Vec<f64> = p.starts.iter().copied().filter(|s| *s > 0.0).collect();
+            let logs = positive.iter().map(|s| s.ln()).sum::<f64>() / positive.len().max(1) as f64;
+            let mean = if positive.is_empty() { (p.low.max(1e-3 * p.high) * p.high).sqrt() } else { logs.exp() };
+            let least = positive.iter().copied().fold(f64::INFINITY, f64::min).min(mean);
+            Parameter {
+                path,
+                transform: Transform::Log,
+                mean,
+                knowledge: Knowledge::Prior { sd: LOG_SD },
+                bounds: [p.low.max(1e-2 * least), p.high],
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_candidate_of_the_papers_rig_can_be_put_in_at_each_of_its_starts() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let all = candidates(&rig);
+        for id in ["valve_hysteresis", "chamber_leak", "sensor_lag", "pump_speed", "supply_sag", "coil_heating"] {
+            assert!(all.iter().any(|c| c.id == id), "{id}");
+        }
+        for candidate in &all {
+            assert!(!candidate.starts.is_empty(), "{}", candidate.full_name());
+            for start in &candidate.starts {
+                let mut with = rig.clone();
+                with.mechanisms.push(candidate.attached(start));
+                with.check().unwrap_or_else(|e| panic!("{}: {e}", candidate.full_name()));
+                for (parameter, value) in candidate.parameters(0).iter().zip(start) {
+                    let [low, high] = parameter.bounds;
+                    assert!(low <= *value && *value <= high, "{} {value} {parameter:?}", candidate.full_name());
+                    assert_eq!(fit::parameters::value(&with, &parameter.path).unwrap(), *value);
+                }
+            }
+        }
+        let sides: Vec<&str> = all.iter().map(|c| c.side.as_str()).collect();
+        for side in ["positive", "negative", "both"] {
+            assert!(sides.contains(&side));
+        }
+    }
 }

@@ -146,11 +146,15 @@ fn something_named(
         let rest = without(&best.terms, *term);
         let without_it = match found.tried.iter().chain([&found.nominal]).find(|e| e.terms == rest) {
             Some(known) => known.clone(),
-            None => bench.fit(candidates, &rest, &starts(bench, candidates, best, &rest, false), Effort::Polish)?,
+            None => bench.fit(candidates, &rest, &starts(bench, candidates, best, &rest, &[], false), Effort::Polish)?,
         };
         let gain = evidence(bench, best, &without_it).fitted;
         let mut tied = Vec::new();
         for k in close_to(found, *term, gain) {
+            // Another shape of the same mechanism at the same place is no other answer.
+            if candidates[k].name() == candidates[*term].name() {
+                continue;
+            }
             if best.terms.contains(&k) || rest.iter().any(|t| candidates[*t].excludes(&candidates[k])) {
                 continue;
             }
@@ -161,7 +165,7 @@ fn something_named(
             let rival = match known {
                 Some(known) => known.clone(),
                 None => {
-                    let starts = starts(bench, candidates, best, &terms, true);
+                    let starts = starts(bench, candidates, best, &terms, &[], true);
                     bench.fit(candidates, &terms, &starts, Effort::Polish)?
                 }
             };

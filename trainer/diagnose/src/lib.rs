@@ -14,7 +14,9 @@ pub mod locate;
 mod page;
 pub mod place;
 mod run;
+pub mod screen;
 pub mod search;
+pub mod unknown;
 mod words;
 
 pub use error::DiagnoseError;

@@ -133,6 +133,11 @@ fn found_table(diagnosis: &Diagnosis) -> Table {
     table
 }
 
+/// Whether there is an extended rig to show.
+fn shows_extended(findings: &Findings<'_, '_>) -> bool {
+    findings.unknown.is_some() || !findings.found.best.terms.is_empty()
+}
+
 fn horizons(findings: &Findings<'_, '_>) -> Table {
     let names: Vec<&String> = findings.bench.records.sensors().iter().collect();
     let mut columns = vec!["rig".to_owned()];
@@ -194,7 +199,7 @@ fn traces(findings: &Findings<'_, '_>) -> Plot {
         };
         let recorded = cut(records.readings_kpa());
         let error = |trace: &[f64]| -> Vec<f64> { cut(trace).iter().zip(&recorded).map(|(s, r)| s - r).collect() };
-        let extended = !findings.found.best.terms.is_empty();
+        let extended = shows_extended(findings);
         let mut pressures = Panel::new(&format!("{column} (kPa gauge)"))
             .line(Line::new("recorded", &time_s, &recorded).color(Color::Black))
             .line(Line::new("as given", &time_s, &cut(&findings.given.trace)).color(Color::Grey))
@@ -244,7 +249,7 @@ fn regions(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Vec<Plot> {
         let mut plot = Plot::new(&format!("Error over {command}: {}", location.region), &format!("{command} (duty)"))
             .caption("Simulated less recorded, averaged over 0.2 s; rising and falling command apart.");
         let mut rigs = vec![("parameters fitted", &findings.reidentified)];
-        if !findings.found.best.terms.is_empty() {
+        if shows_extended(findings) {
             rigs.push(("extended", &findings.extended));
         }
         let mut reach: f64 = 0.1;
@@ -336,7 +341,7 @@ fn flows(findings: &Findings<'_, '_>) -> Option<Plot> {
 fn tried(findings: &Findings<'_, '_>) -> Table {
     let mut table = Table::new(["on top of", "mechanism", "gain in log-likelihood (fitted rows, prior included)", ""])
         .caption("The best candidates of each round. Gains are of a short fit; the first was then fitted to the end.");
-    let name = |k: &usize| findings.candidates.get(*k).map_or_else(String::new, crate::candidate::Candidate::name);
+    let name = |k: &usize| findings.candidates.get(*k).map_or_else(String::new, crate::candidate::Candidate::full_name);
     for round in &findings.found.rounds {
         let base = if round.base.is_empty() {
             "parameters alone".to_owned()
@@ -364,7 +369,7 @@ fn rival_name(findings: &Findings<'_, '_>, index: usize) -> String {
             .terms
             .iter()
             .filter_map(|t| findings.candidates.get(*t))
-            .map(crate::candidate::Candidate::name)
+            .map(crate::candidate::Candidate::full_name)
             .collect::<Vec<_>>()
             .join(" + ")
     })

@@ -19,6 +19,7 @@ use crate::figures::{Figures, figures};
 use crate::judge::{Judgement, judge};
 use crate::locate::{Missing, reconstruct};
 use crate::search::{Found, SearchSettings, search};
+use crate::unknown::{UnknownTerm, fit_unknown};
 use crate::{page, words};
 
 /// What is asked for.
@@ -49,6 +50,7 @@ pub(crate) struct Findings<'a, 'r> {
     pub(crate) given: Figures,
     pub(crate) reidentified: Figures,
     pub(crate) extended: Figures,
+    pub(crate) unknown: Option<&'a UnknownTerm>,
     pub(crate) plan: Option<Plan>,
     pub(crate) notes: Vec<String>,
 }
@@ -56,7 +58,7 @@ pub(crate) struct Findings<'a, 'r> {
 impl Findings<'_, '_> {
     /// The explanation that the extended rig is made from.
     pub(crate) fn extended_by(&self) -> &Explanation {
-        if self.judgement.verdict == Verdict::Adequate { &self.found.nominal } else { &self.found.best }
+        self.unknown.map_or(&self.found.best, |term| &term.explanation)
     }
 }
 
@@ -80,6 +82,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     let candidates = candidates(rig);
     let settings = SearchSettings {
         most_terms: 4,
+        glanced: if request.quick { 6 } else { 14 },
         polished: if request.quick { 2 } else { 4 },
         from_prior: !request.quick,
         bar: Bar::default(),
@@ -89,6 +92,12 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     progress("reconstructing what is missing", 0.0);
     let missing = reconstruct(&bench, &found.nominal.fitted.rig, &found.nominal.trace, !request.quick)?;
     let judgement = judge(&bench, &candidates, &found, &given, progress)?;
+    let unknown = if judgement.verdict == Verdict::UnknownMechanism {
+        progress("shaping a term for what has no name", 0.0);
+        fit_unknown(&bench, &found.nominal, &missing)?
+    } else {
+        None
+    };
     progress("planning", 0.0);
     let plan = if judgement.verdict == Verdict::Undecided {
         plan(&bench, &judgement.rivals.iter().collect::<Vec<_>>())?
@@ -100,7 +109,8 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     let findings = Findings {
         given: of(rig)?,
         reidentified: of(&found.nominal.fitted.rig)?,
-        extended: of(&found.best.fitted.rig)?,
+        extended: of(unknown.as_ref().map_or(&found.best.fitted.rig, |term| &term.explanation.fitted.rig))?,
+        unknown: unknown.as_ref(),
         bench: &bench,
         candidates: &candidates,
         found: &found,

@@ -4,6 +4,7 @@ use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::evidence::{Bar, Evidence, evidence};
+use crate::screen::screen;
 
 /// How to search.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -12,7 +13,9 @@ pub struct SearchSettings {
     pub most_terms: usize,
     /// How many of the best candidates of a round are fitted to the end.
     pub polished: usize,
-    /// Whether every candidate is also tried from the priors' means.
+    /// How many candidates that the screen puts first are fitted at all.
+    pub glanced: usize,
+    /// Whether candidates are also tried from the priors' means.
     pub from_prior: bool,
     /// What a term must show.
     pub bar: Bar,
@@ -103,13 +106,18 @@ fn additions(
     let open: Vec<usize> = (0..candidates.len())
         .filter(|k| base.terms.iter().all(|t| !candidates[*t].excludes(&candidates[*k])) && !base.terms.contains(k))
         .collect();
+    tell("screening mechanisms", 0.0);
+    let screened = screen(bench, candidates, base, &open);
     let mut glances = Vec::new();
-    for (done, k) in open.iter().enumerate() {
-        tell("trying mechanisms", done as f64 / open.len().max(1) as f64);
-        let terms = with(&base.terms, *k);
-        let starts = starts(bench, candidates, base, &terms, settings.from_prior);
+    let count = settings.glanced.min(screened.len());
+    for (done, screened) in screened.iter().take(count).enumerate() {
+        tell("trying mechanisms", done as f64 / count.max(1) as f64);
+        let k = screened.candidate;
+        let terms = with(&base.terms, k);
+        let from = [(k, screened.start.clone())];
+        let starts = starts(bench, candidates, base, &terms, &from, settings.from_prior);
         if let Ok(explanation) = bench.fit(candidates, &terms, &starts, Effort::Glance) {
-            glances.push((*k, cost(bench, &explanation), explanation));
+            glances.push((k, cost(bench, &explanation), explanation));
         }
     }
     glances.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -121,12 +129,14 @@ fn additions(
     Ok((glances.iter().map(|(k, cost, _)| (*k, *cost)).collect(), polished))
 }
 
-/// Starts for `terms`: the base's point with what is new at its prior mean, and the priors' means of everything else.
+/// Starts for `terms`: the base's point, and the priors' means of the rig's own parameters. What the base does not have
+/// starts from `values`, or from its prior's mean.
 pub fn starts(
     bench: &Bench<'_>,
     candidates: &[Candidate],
     base: &Explanation,
     terms: &[usize],
+    values: &[(usize, Vec<f64>)],
     from_prior: bool,
 ) -> Vec<Vec<f64>> {
     let nominal = bench.nominal.len();
@@ -134,11 +144,13 @@ pub fn starts(
     let mut cold = vec![0.0; nominal];
     for term in terms {
         let known = position_of(bench, candidates, base, *term);
-        let count = candidates[*term].free.len();
-        for i in 0..count {
-            let value = known.and_then(|at| base.fitted.point.get(at + i)).copied().unwrap_or(0.0);
-            warm.push(value);
-            cold.push(value);
+        let given = values.iter().find(|(k, _)| k == term).map(|(_, v)| v);
+        for (i, parameter) in candidates[*term].parameters(0).iter().enumerate() {
+            let of_base = known.and_then(|at| base.fitted.point.get(at + i)).copied();
+            let of_values = given.and_then(|v| v.get(i)).map(|v| parameter.coordinate(*v));
+            let coordinate = of_base.or(of_values).filter(|z| z.is_finite()).unwrap_or(0.0);
+            warm.push(coordinate);
+            cold.push(coordinate);
         }
     }
     if from_prior { vec![warm, cold] } else { vec![warm] }
@@ -156,7 +168,7 @@ pub fn position_of(
         if *known == term {
             return Some(at);
         }
-        at += candidates[*known].free.len();
+        at += candidates[*known].len();
     }
     None
 }
@@ -197,7 +209,7 @@ fn swaps(
             }
             tell("swapping mechanisms", 0.5);
             let terms = with(&rest, *k);
-            let starts = starts(bench, candidates, &best, &terms, settings.from_prior);
+            let starts = starts(bench, candidates, &best, &terms, &[], settings.from_prior);
             let Ok(glance) = bench.fit(candidates, &terms, &starts, Effort::Glance) else { continue };
             // A swap that is far behind after a glance does not overtake.
             if cost(bench, &glance) > cost(bench, &best) + 0.1 * cost_above_floor(bench, &best).max(100.0) {
@@ -234,10 +246,10 @@ fn deletions(
             break;
         }
         let terms = without(&best.terms, term);
-        let starts = starts(bench, candidates, &best, &terms, settings.from_prior);
+        let starts = starts(bench, candidates, &best, &terms, &[], settings.from_prior);
         let reduced = bench.fit(candidates, &terms, &starts, Effort::Polish)?;
         let found = evidence(bench, &best, &reduced);
-        let parameters = candidates[term].free.len();
+        let parameters = candidates[term].len();
         if settings.bar.passed(&found, parameters, candidates.len(), best.fit_score.blocks.len()) {
             tried.push(reduced);
         } else {

@@ -46,7 +46,7 @@ fn does(id: &str) -> &'static str {
 /// A component in words: `valve_neg` becomes `The negative valve`.
 fn called(findings: &Findings<'_, '_>, candidate: &Candidate) -> String {
     let rig = findings.bench.rig;
-    let component = candidate.components.first().map_or("", String::as_str);
+    let component = candidate.component.as_str();
     let kind = if rig.valves.contains_key(component) {
         "valve"
     } else if rig.sensors.contains_key(component) {
@@ -58,7 +58,7 @@ fn called(findings: &Findings<'_, '_>, candidate: &Candidate) -> String {
     } else {
         return format!("`{component}`");
     };
-    if candidate.components.len() > 1 { format!("Each {kind}") } else { format!("The {} {kind}", candidate.side) }
+    format!("The {} {kind}", candidate.side)
 }
 
 /// A number with three significant digits.
@@ -111,7 +111,7 @@ fn mechanism(findings: &Findings<'_, '_>, term: usize) -> FoundMechanism {
     let mut parameters = BTreeMap::new();
     let mut told = Vec::new();
     if let Some(at) = position_of(findings.bench, findings.candidates, best, term) {
-        for estimate in best.fitted.estimates.iter().skip(at).take(candidate.free.len()) {
+        for estimate in best.fitted.estimates.iter().skip(at).take(candidate.len()) {
             let z = estimate.parameter.coordinate(estimate.value);
             let [low, high] = estimate.parameter.interval(z, NINETY * estimate.undetermined);
             let unit = estimate.parameter.unit();
@@ -126,7 +126,7 @@ fn mechanism(findings: &Findings<'_, '_>, term: usize) -> FoundMechanism {
     FoundMechanism {
         id: candidate.id.clone(),
         side: candidate.side.clone(),
-        component: candidate.components.join(","),
+        component: candidate.component.clone(),
         summary: format!("{} {} ({}).", called(findings, candidate), does(&candidate.id), told.join(", ")),
         parameters,
         evidence: FoundEvidence {
@@ -189,8 +189,12 @@ pub(crate) fn summary(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]
         Verdict::UnknownMechanism => {
             let at = findings.missing.suspicions.first();
             format!(
-                "Something is missing that is none of the known mechanisms: {}. What is left is {before:.2} kPa.",
-                at.map_or_else(|| "its place is unclear".to_owned(), |s| place_of(findings, s))
+                "Something is missing that is none of the known mechanisms: {}.{}",
+                at.map_or_else(|| "its place is unclear".to_owned(), |s| place_of(findings, s)),
+                findings.unknown.map_or_else(String::new, |term| format!(
+                    " The rig file now has {}; the free run is off by {after:.2} kPa instead of {before:.2} kPa.",
+                    term.depends_on
+                ))
             )
         }
     }
@@ -260,13 +264,13 @@ pub(crate) fn locations(findings: &Findings<'_, '_>) -> Vec<Location> {
         let gains: f64 = findings.judgement.contested.iter().map(|c| c.gain.max(0.0)).sum();
         for contest in &findings.judgement.contested {
             let candidate = &findings.candidates[contest.term];
-            let component = candidate.components.first().cloned().unwrap_or_default();
+            let component = candidate.component.clone();
             let channels = channels_of(findings, &component);
             let (region, time_s) = words_of_region(findings, &component, &channels);
             let reading = findings.bench.rig.sensors.contains_key(&component);
             all.push(Location {
                 side: candidate.side.clone(),
-                component: candidate.components.join(","),
+                component: candidate.component.clone(),
                 share_of_residual: contest.gain.max(0.0) / gains.max(1e-9),
                 region,
                 time_s,

@@ -157,6 +157,11 @@ impl Fleet {
         }
         self.sense();
         self.observations.copy_from_slice(&self.reached);
+        if self.contract == Contract::Correction {
+            for _ in 0..(self.settings.warm_up_s / TICK_S).round() as usize {
+                self.step(&[0.0; SIDE_BY_SIDE * ACTION_LEN]);
+            }
+        }
         Ok(())
     }
 

@@ -10,6 +10,9 @@ use crate::EnvironmentError;
 pub struct EnvironmentSettings {
     /// Length of an episode in s. Its end is a truncation: what would come after still counts.
     pub episode_s: f64,
+    /// First seconds of an episode that the fallback flies alone and nobody learns from; contract 2 only. In flight, too,
+    /// a policy meets integral and play that have settled, not the first seconds after arming over and over.
+    pub warm_up_s: f64,
     /// Noise of the converter in V RMS.
     pub noise_v_rms: f64,
     /// Lowest duty that a policy under the paper's contract can choose.
@@ -30,6 +33,7 @@ impl Default for EnvironmentSettings {
     fn default() -> Self {
         EnvironmentSettings {
             episode_s: 20.0,
+            warm_up_s: 0.0,
             noise_v_rms: proto::emulator::Sensors::ADC_NOISE_V_RMS,
             duty_low: 0.0,
             duty_high: 1.0,
@@ -114,6 +118,7 @@ impl EnvironmentSettings {
             Err(EnvironmentError::Setting { key: format!("environment.{key}"), problem })
         };
         within("episode_s", self.episode_s, 1.0, 600.0, " s")?;
+        within("warm_up_s", self.warm_up_s, 0.0, self.episode_s - 0.5, " s; it must leave something of the episode")?;
         within("noise_v_rms", self.noise_v_rms, 0.0, 0.1, " V")?;
         within("duty_low", self.duty_low, 0.0, 0.95, "")?;
         within("duty_high", self.duty_high, self.duty_low + 0.05, 1.0, "; it must lie above duty_low")?;

@@ -4,6 +4,7 @@
 //! it; a time limit leaves `live = 1`. Memory: `4 (2 · observations + actions + 2)` bytes a transition, that is 364 MB
 //! for 500,000 of 84 and 12, taken from the system as it fills.
 
+use crate::kernel::prefer_large_pages;
 use crate::settings::Shape;
 
 /// One step of an environment.
@@ -58,7 +59,8 @@ impl Replay {
     pub(crate) fn new(shape: &Shape, capacity: usize) -> Self {
         let Shape { observations, actions, .. } = *shape;
         // Zeroed memory is handed out untouched and becomes real page by page.
-        let floats = vec![0.0; capacity * Self::width_of(observations, actions)];
+        let mut floats = vec![0.0; capacity * Self::width_of(observations, actions)];
+        prefer_large_pages(&mut floats);
         Self { observations, actions, capacity, written: 0, floats }
     }
 

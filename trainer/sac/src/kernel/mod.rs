@@ -33,7 +33,7 @@ mod vector_avx512;
 
 pub(crate) use gradient::{BiasStep, WeightStep};
 pub(crate) use line::{LANES, Line, WIDTH, lines_for, zeroed};
-pub(crate) use prefetch::prefetch;
+pub(crate) use prefetch::{prefer_large_pages, prefetch};
 pub(crate) use probe::chained_products;
 pub(crate) use product::{Backward, Forward, Weights};
 pub(crate) use transpose::{ToFeatures, ToSamples};

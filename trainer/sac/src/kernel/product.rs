@@ -133,55 +133,49 @@ impl Work for Backward<'_> {
         assert!(self.gate.is_none_or(|gate| gate.len() >= 2 * self.inputs), "gate of a layer");
         let mut input = 0;
         while input < self.inputs {
-            // Groups of four (or what is left) never straddle two lines of weights: sizes come in falling order.
+            // Tiles never straddle two lines of weights: 8, 4, 2 and 1 divide 16 and come in falling order.
             // SAFETY: `input + R <= inputs`, and the lengths are checked above.
             input += unsafe {
                 match self.inputs - input {
-                    12 | 20.. if V::ROWS >= 12 => self.tile::<V, 4, 3>(input),
-                    8.. if V::ROWS >= 8 => self.tile::<V, 4, 2>(input),
-                    4.. if V::ROWS >= 4 => self.tile::<V, 4, 1>(input),
-                    2.. if V::ROWS >= 2 => self.tile::<V, 2, 1>(input),
-                    _ => self.tile::<V, 1, 1>(input),
+                    8.. if V::ROWS >= 8 => self.tile::<V, 8>(input),
+                    4.. if V::ROWS >= 4 => self.tile::<V, 4>(input),
+                    2.. if V::ROWS >= 2 => self.tile::<V, 2>(input),
+                    _ => self.tile::<V, 1>(input),
                 }
             };
         }
     }
 }
 
+/// Rows of weights that a tile asks for before it needs them: they come from the second-level cache.
+const AHEAD: usize = 8;
+
 impl Backward<'_> {
-    /// `G` groups of `R` inputs.
-    ///
     /// # Safety
-    /// Inputs `input..input + G R` exist, each group lies in one line, and the slices have their lengths.
+    /// Inputs `input..input + R` exist and lie in one line, and the slices have their lengths.
     #[inline(always)]
-    unsafe fn tile<V: Vector, const R: usize, const G: usize>(&mut self, input: usize) -> usize {
+    unsafe fn tile<V: Vector, const R: usize>(&mut self, input: usize) -> usize {
         // SAFETY: every address below is within the slices by the caller's promise: weight line
         // (input / 16) · rows + n from float input % 16 on, dy lines 2 n and 2 n + 1, dx and gate lines of the inputs.
         unsafe {
-            let mut sums = [[[V::splat(0.0); 2]; R]; G];
+            let mut sums = [[V::splat(0.0); 2]; R];
             for (weights, dy) in self.parts {
-                let lines = weights.lines.as_ptr();
-                let group = |g: usize| {
-                    let first = input + g * R;
-                    lines.add(first / WIDTH * weights.rows).cast::<f32>().add(first % WIDTH)
-                };
-                let mut groups: [*const f32; G] = std::array::from_fn(group);
+                let mut w = weights.lines.as_ptr().add(input / WIDTH * weights.rows).cast::<f32>().add(input % WIDTH);
                 let mut dy = dy.as_ptr().cast::<f32>();
                 for _ in 0..weights.rows {
                     let panel = [V::load(dy), V::load(dy.add(WIDTH))];
-                    for (sums, w) in sums.iter_mut().zip(&mut groups) {
-                        for (r, sum) in sums.iter_mut().enumerate() {
-                            let w = V::splat(*w.add(r));
-                            *sum = [sum[0].plus_product(w, panel[0]), sum[1].plus_product(w, panel[1])];
-                        }
-                        *w = w.wrapping_add(WIDTH);
+                    touch(w.wrapping_add(AHEAD * WIDTH).cast());
+                    for (r, sum) in sums.iter_mut().enumerate() {
+                        let w = V::splat(*w.add(r));
+                        *sum = [sum[0].plus_product(w, panel[0]), sum[1].plus_product(w, panel[1])];
                     }
+                    w = w.wrapping_add(WIDTH);
                     dy = dy.wrapping_add(LANES);
                 }
             }
             let dx = self.dx.as_mut_ptr().cast::<f32>().add(input * LANES);
             let gate = self.gate.map(|gate| gate.as_ptr().cast::<f32>().add(input * LANES));
-            for (r, sum) in sums.into_iter().flatten().enumerate() {
+            for (r, sum) in sums.into_iter().enumerate() {
                 for (half, mut sum) in sum.into_iter().enumerate() {
                     let at = r * LANES + half * WIDTH;
                     if let Some(gate) = gate {
@@ -191,6 +185,6 @@ impl Backward<'_> {
                 }
             }
         }
-        G * R
+        R
     }
 }

@@ -1,0 +1,146 @@
+//! Which candidates are worth a fit: each one's effect, less what the free parameters could do instead.
+//!
+//! At a fit with residuals `r`, Jacobian `J` and prior `P`, a candidate that moves the readings by `s` gains
+//!
+//! ```text
+//! max over a of  −(a s⊥·r + ½ a² s⊥·s),     s⊥ = s − J (JᵀWJ + P)⁻¹ JᵀW s
+//! ```
+//!
+//! in log-likelihood, to first order. One run per first magnitude is all it takes; `s` is the effect at that
+//! magnitude itself, so `a` near one means that the magnitude was right.
+
+use fit::least_squares::{Linearised, Loss};
+use fit::simulate::Run;
+use model::rig::Rig;
+use nalgebra::{DMatrix, DVector};
+
+use crate::bench::{Bench, Explanation};
+use crate::candidate::Candidate;
+
+/// What the screen says of a candidate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Screened {
+    /// Index of the candidate.
+    pub candidate: usize,
+    /// Gain in log-likelihood at its best first magnitude, to first order.
+    pub gain: f64,
+    /// That magnitude.
+    pub start: Vec<f64>,
+}
+
+/// How much weaker or stronger than tried an effect may turn out to be before the screen stops believing in it.
+const AMPLITUDE: [f64; 2] = [0.05, 2.5];
+
+/// Screens candidates on top of an explanation; strongest first.
+pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, open: &[usize]) -> Vec<Screened> {
+    let fitted = &base.fitted;
+    let Some(projector) = Projector::new(&fitted.linearised, &base.set.prior()) else { return Vec::new() };
+    let mut tries: Vec<(usize, &Vec<f64>)> = Vec::new();
+    let mut runs = vec![Run::from(fitted.rig.clone())];
+    for k in open {
+        let Some(candidate) = candidates.get(*k) else { continue };
+        for start in &candidate.starts {
+            let mut rig: Rig = fitted.rig.clone();
+            rig.mechanisms.push(candidate.attached(start));
+            tries.push((*k, start));
+            runs.push(Run::from(rig));
+        }
+    }
+    let mut traces = bench.simulator.run(&runs, &fitted.arcs).into_iter();
+    let Some(Ok(still)) = traces.next() else { return Vec::new() };
+    let weights = bench.weighted(&fitted.scale_kpa);
+    let mut best: Vec<Screened> = Vec::new();
+    for ((k, start), trace) in tries.into_iter().zip(traces) {
+        let Ok(trace) = trace else { continue };
+        let effect: Vec<f64> = trace
+            .iter()
+            .zip(&still)
+            .zip(&weights)
+            .map(|((t, s), w)| if *w == 0.0 { 0.0 } else { (t - s) * w })
+            .collect();
+        if effect.iter().any(|e| !e.is_finite()) {
+            continue;
+        }
+        let gain = projector.gain(&effect);
+        match best.iter_mut().find(|s| s.candidate == k) {
+            Some(known) if known.gain >= gain => {}
+            Some(known) => (known.gain, known.start) = (gain, start.clone()),
+            None => best.push(Screened { candidate: k, gain, start: start.clone() }),
+        }
+    }
+    best.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    best
+}
+
+/// A linearised fit, ready to judge effects.
+struct Projector<'a> {
+    at: &'a Linearised,
+    weights: Vec<f64>,
+    factor: nalgebra::Cholesky<f64, nalgebra::Dyn>,
+    /// (JᵀWJ + P)⁻¹ JᵀW r is not zero away from the minimum.
+    on_residual: DVector<f64>,
+}
+
+impl<'a> Projector<'a> {
+    fn new(at: &'a Linearised, prior: &[f64]) -> Option<Self> {
+        let loss = Loss::Student { freedom: 5.0 };
+        let weights: Vec<f64> = at.residuals.iter().map(|r| loss.weight(*r)).collect();
+        let n = at.jacobian.len();
+        let mut normal = DMatrix::zeros(n, n);
+        for (i, column) in at.jacobian.iter().enumerate() {
+            for (k, other) in at.jacobian.iter().enumerate().take(i + 1) {
+                let sum = dot(column, other, &weights);
+                normal[(i, k)] = sum;
+                normal[(k, i)] = sum;
+            }
+            normal[(i, i)] += prior.get(i).copied().unwrap_or(0.0) + 1e-9;
+        }
+        let factor = normal.cholesky()?;
+        let on_residual = DVector::from_iterator(n, at.jacobian.iter().map(|c| dot(c, &at.residuals, &weights)));
+        Some(Projector { at, weights, factor, on_residual })
+    }
+
+    /// The most that an effect can gain.
+    fn gain(&self, effect: &[f64]) -> f64 {
+        let n = self.at.jacobian.len();
+        let on_effect = DVector::from_iterator(n, self.at.jacobian.iter().map(|c| dot(c, effect, &self.weights)));
+        let solved = self.factor.solve(&on_effect);
+        let along = dot(effect, &self.at.residuals, &self.weights) - solved.dot(&self.on_residual);
+        let size = dot(effect, effect, &self.weights) - solved.dot(&on_effect);
+        if !(size > 1e-9) {
+            return 0.0;
+        }
+        let a = (-along / size).clamp(AMPLITUDE[0], AMPLITUDE[1]);
+        -(a * along + 0.5 * a * a * size)
+    }
+}
+
+fn dot(a: &[f64], b: &[f64], weights: &[f64]) -> f64 {
+    a.iter().zip(b).zip(weights).map(|((a, b), w)| a * b * w).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Residuals are a known multiple of an effect plus what a parameter explains: the gain is the exact one.
+    #[test]
+    fn gain_is_what_least_squares_would_gain() {
+        let n = 50;
+        let column: Vec<f64> = (0..n).map(|k| 0.01 * f64::from(k)).collect();
+        let effect: Vec<f64> = (0..n).map(|k| 0.01 * f64::from(k * k % 17)).collect();
+        // Small residuals, so that Student's weights are all 6/5.
+        let residuals: Vec<f64> = column.iter().zip(&effect).map(|(c, e)| 1e-3 * (0.7 * c - e)).collect();
+        let at = Linearised { residuals, jacobian: vec![column] };
+        let projector = Projector::new(&at, &[0.0]).unwrap();
+        let scaled: Vec<f64> = effect.iter().map(|e| 1e-3 * e).collect();
+        let r = |x: f64, a: f64| -> f64 {
+            at.residuals.iter().zip(&at.jacobian[0]).zip(&scaled).map(|((r, c), e)| (r + x * c + a * e).powi(2)).sum()
+        };
+        // The parameter's column explains 0.7 of it by itself, and the effect the rest.
+        let without = (0..2001).map(|k| r(-2e-3 + 2e-6 * f64::from(k), 0.0)).fold(f64::INFINITY, f64::min);
+        let with = r(-0.7e-3, 1.0);
+        let expected = 0.5 * 1.2 * (without - with);
+        assert!((projector.gain(&scaled) / expected - 1.0).abs() < 1e-3, "{} {expected}", projector.gain(&scaled));
+    }
+}

@@ -1,0 +1,175 @@
+//! Each check fires on a recording made bad in its way, and none fires on good ones.
+#![allow(clippy::unwrap_used)] // a test that cannot set up its case must fail
+
+mod made;
+
+use fit::data::quality::{Quality, Severity, Trouble};
+use fit::data::{Records, noise};
+use made::{noisy, quick_rig, recording, recording_at, truth};
+use model::rig::Rig;
+use proto::recording::Recording;
+
+const ROWS: usize = 2000;
+
+struct Good {
+    rig: Rig,
+    duty: [Vec<f64>; 2],
+    pressures: [Vec<f64>; 2],
+}
+
+fn good() -> Good {
+    let rig = quick_rig();
+    let (duty, pressures) = truth(&rig, ROWS, 11);
+    Good { rig, duty, pressures: noisy(&pressures, 12) }
+}
+
+fn quality(rig: &Rig, recordings: &[Recording]) -> Quality {
+    let records = Records::new(rig, recordings).unwrap();
+    let noise = noise(&records);
+    Quality::of(rig, &records, &noise).unwrap()
+}
+
+/// The finding of a kind, which must name the file or column and be of this severity.
+fn assert_finds(quality: &Quality, trouble: Trouble, severity: Severity, words: &[&str]) {
+    let found = quality.findings.iter().find(|f| f.trouble == trouble);
+    let found = found.unwrap_or_else(|| panic!("{trouble:?} not among {:?}", quality.findings));
+    assert_eq!(found.severity, severity, "{found}");
+    let text = found.to_string();
+    assert!(!text.contains('\n'));
+    for word in words {
+        assert!(text.contains(word), "`{word}` is not in: {text}");
+    }
+}
+
+#[test]
+fn good_recordings_have_no_findings() {
+    let g = good();
+    let found = quality(&g.rig, &[recording("good.csv", &g.duty, &g.pressures)]);
+    assert_eq!(found.findings, []);
+    assert!(found.usable.iter().all(|u| *u == 1.0));
+    // A rig whose parts are all ten per cent off is a rig to be identified, not a bad recording.
+    let mut other = g.rig.clone();
+    for valve in other.valves.values_mut() {
+        valve.input_area_mm2 *= 1.1;
+        valve.spring_area_mm2 *= 1.08;
+    }
+    other.volumes[0].volume_l *= 0.9;
+    assert_eq!(quality(&other, &[recording("good.csv", &g.duty, &g.pressures)]).findings, []);
+}
+
+#[test]
+fn noise_is_measured() {
+    let g = good();
+    let records = Records::new(&g.rig, &[recording("good.csv", &g.duty, &g.pressures)]).unwrap();
+    for channel in noise(&records) {
+        let expected = (made::SIGMA_KPA.powi(2) + made::STEP_KPA.powi(2) / 12.0).sqrt();
+        // 2000 readings, of which five go into each difference: ±3 %; the plant's own steps add a little.
+        assert!((channel.sigma_kpa / expected - 1.0).abs() < 0.06, "{channel:?}, {expected}");
+        assert!((channel.step_kpa - made::STEP_KPA).abs() < 1e-6, "{channel:?}");
+    }
+}
+
+#[test]
+fn too_short() {
+    let g = good();
+    let cut = |rows: usize| {
+        let part = |c: &[Vec<f64>; 2]| [c[0][..rows].to_vec(), c[1][..rows].to_vec()];
+        recording("short.csv", &part(&g.duty), &part(&g.pressures))
+    };
+    let found = quality(&g.rig, &[cut(600)]);
+    assert_finds(&found, Trouble::TooShort, Severity::Unusable, &["12.0 s", "20 s"]);
+    assert!(found.refusal().is_some());
+    let beside = quality(&g.rig, &[recording("good.csv", &g.duty, &g.pressures), cut(300)]);
+    assert_finds(&beside, Trouble::TooShort, Severity::Doubtful, &["short.csv", "6.0 s"]);
+    assert!(beside.refusal().is_none());
+}
+
+#[test]
+fn flat_stuck_clipped_and_wild_readings() {
+    let g = good();
+    let with = |change: &dyn Fn(&mut Vec<f64>)| {
+        let mut pressures = g.pressures.clone();
+        change(&mut pressures[0]);
+        quality(&g.rig, &[recording("bad.csv", &g.duty, &pressures)])
+    };
+    let flat = with(&|p| p.fill(90.0));
+    assert_finds(&flat, Trouble::Flat, Severity::Unusable, &["bad.csv", "p_pos_kpa", "90.00"]);
+
+    let stuck = with(&|p| {
+        let value = 0.5 * (p[700] + p[701]);
+        p[700..800].fill((value / 0.03).round() * 0.03);
+    });
+    assert_finds(&stuck, Trouble::Stuck, Severity::Doubtful, &["p_pos_kpa", "100 readings", "2.0 s"]);
+    assert!(stuck.usable[700..800].iter().all(|u| *u == 0.0) && stuck.usable[690] == 1.0);
+
+    let mut sorted = g.pressures[0].clone();
+    sorted.sort_by(f64::total_cmp);
+    let limit = (sorted[ROWS * 9 / 10] / 0.03).round() * 0.03;
+    let clipped = with(&|p| p.iter_mut().for_each(|v| *v = v.min(limit)));
+    assert_finds(&clipped, Trouble::Clipped, Severity::Doubtful, &["p_pos_kpa", "a limit"]);
+
+    let wild = with(&|p| [300, 900, 1500].map(|k: usize| p[k] += 25.0).into_iter().for_each(drop));
+    assert_finds(&wild, Trouble::Spikes, Severity::Doubtful, &["3 wild", "25."]);
+    assert_eq!(wild.usable[..ROWS].iter().filter(|u| **u == 0.0).count(), 3);
+}
+
+#[test]
+fn gaps_and_uneven_time() {
+    let g = good();
+    let time = |f: &dyn Fn(usize) -> f64| -> Vec<f64> { (0..ROWS).map(f).collect() };
+    let gap = time(&|k| k as f64 * 0.02 + if k >= 800 { 3.0 } else { 0.0 });
+    let found = quality(&g.rig, &[recording_at("gap.csv", gap, &g.duty, &g.pressures)]);
+    assert_finds(&found, Trouble::Gaps, Severity::Doubtful, &["gap.csv", "1 gaps", "19.00 s"]);
+    let torn = time(&|k| k as f64 * 0.02 + (k / 200) as f64);
+    let found = quality(&g.rig, &[recording_at("torn.csv", torn, &g.duty, &g.pressures)]);
+    assert_finds(&found, Trouble::Gaps, Severity::Unusable, &["9 gaps", "4.0 s"]);
+    let jitter = time(&|k| k as f64 * 0.02 + if k % 2 == 0 { 0.003 } else { -0.003 });
+    let found = quality(&g.rig, &[recording_at("jitter.csv", jitter, &g.duty, &g.pressures)]);
+    assert_finds(&found, Trouble::UnevenTime, Severity::Doubtful, &["jitters", "6.0 ms"]);
+    let slow = time(&|k| k as f64 * 0.0206);
+    let found = quality(&g.rig, &[recording_at("slow.csv", slow, &g.duty, &g.pressures)]);
+    assert_finds(&found, Trouble::UnevenTime, Severity::Doubtful, &["20.60 ms", "3.0 %"]);
+}
+
+#[test]
+fn swapped_columns_and_duties() {
+    let g = good();
+    let swap = |c: &[Vec<f64>; 2]| [c[1].clone(), c[0].clone()];
+    let pressures = quality(&g.rig, &[recording("swap.csv", &g.duty, &swap(&g.pressures))]);
+    assert_finds(&pressures, Trouble::SwappedPressures, Severity::Unusable, &["p_pos_kpa", "p_neg_kpa", "swapped"]);
+    let duties = quality(&g.rig, &[recording("swap.csv", &swap(&g.duty), &g.pressures)]);
+    assert_finds(&duties, Trouble::SwappedDuties, Severity::Unusable, &["u_pos", "u_neg", "swapped"]);
+    let inverted = [g.duty[0].clone(), g.duty[1].iter().map(|u| 1.64 - u).collect()];
+    let inverted = quality(&g.rig, &[recording("inverted.csv", &inverted, &g.pressures)]);
+    assert_finds(&inverted, Trouble::InvertedDuty, Severity::Unusable, &["u_neg", "wrong way"]);
+}
+
+#[test]
+fn wrong_units_and_scales() {
+    let g = good();
+    let with = |change: &dyn Fn(f64) -> f64| {
+        let changed = g.pressures.clone().map(|p| p.into_iter().map(change).collect());
+        quality(&g.rig, &[recording("unit.csv", &g.duty, &changed)])
+    };
+    assert_finds(&with(&|p| p * 0.01), Trouble::WrongUnit, Severity::Unusable, &["unit.csv", "bar"]);
+    assert_finds(&with(&|p| p * 0.001), Trouble::WrongUnit, Severity::Unusable, &["MPa"]);
+    assert_finds(&with(&|p| p * 0.145_04), Trouble::WrongUnit, Severity::Unusable, &["psi"]);
+    assert_finds(&with(&|p| p + 101.325), Trouble::Absolute, Severity::Unusable, &["absolute", "101.3"]);
+    // Pa and mbar put the vacuum below −101.325, which reading refuses, unless the positive chamber stands alone;
+    // absolute Pa pass.
+    assert_finds(&with(&|p| p.abs()), Trouble::WrongUnit, Severity::Unusable, &["sign"]);
+    let percent = g.duty.clone().map(|u| u.into_iter().map(|u| u * 0.01).collect());
+    let found = quality(&g.rig, &[recording("scale.csv", &percent, &g.pressures)]);
+    assert_finds(&found, Trouble::DutyScale, Severity::Unusable, &["u_pos", "share"]);
+}
+
+#[test]
+fn nothing_happens() {
+    let rig = quick_rig();
+    let g = good();
+    let still = [vec![0.8; ROWS], vec![0.8; ROWS]];
+    let level = [vec![g.pressures[0][0]; ROWS], vec![g.pressures[1][0]; ROWS]];
+    let found = quality(&rig, &[recording("still.csv", &still, &noisy(&level, 5))]);
+    assert_finds(&found, Trouble::NoExcitation, Severity::Unusable, &["no pressure moves"]);
+    assert!(found.findings.iter().any(|f| f.column == "u_pos" && f.trouble == Trouble::NoExcitation));
+}
