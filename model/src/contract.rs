@@ -19,13 +19,18 @@
 //! the pressures are not among them. [`Contract::Correction`] adds what was applied and lets the policy correct the
 //! fallback instead of replacing it:
 //!
-//! | index of 120 | meaning | unit |
+//! | index of 124 | meaning | unit |
 //! | --- | --- | --- |
 //! | 0 … 83 | as above | kPa gauge |
 //! | 84+2(j+10), … for j = −10 … −1 | duty that was applied at tick τ+j | duty, 0 … 1 |
 //! | 104+2j, … for j = 0 … 5 | the fallback's own duty for tick τ+j | duty, 0 … 1 |
 //! | 116, 117 | the fallback's integral part | duty |
 //! | 118, 119 | the part of the fallback's duty that undoes play | duty |
+//! | 120, 121 | half width of play that the fallback has learned | duty |
+//! | 122, 123 | how far the applied duty has come since it last turned round, upwards positive | duty |
+//!
+//! The last pair is what a play operator's state depends on and what the last tenths of a second do not tell: on a slow
+//! reference a valve crosses its play in a second.
 //!
 //! Its 12 answers are added to the fallback's duties, each within ±[`CORRECTION_LIMIT`].
 //!
@@ -50,7 +55,7 @@ pub const OBSERVATION_LEN: usize = STATE_LEN + GOAL_LEN;
 /// Outputs of a policy: 12.
 pub const ACTION_LEN: usize = CHANNELS * (AHEAD + 1);
 /// Inputs of a policy that corrects the fallback.
-pub const CORRECTION_OBSERVATION_LEN: usize = OBSERVATION_LEN + CHANNELS * (PAST + AHEAD + 1) + 2 * CHANNELS;
+pub const CORRECTION_OBSERVATION_LEN: usize = OBSERVATION_LEN + CHANNELS * (PAST + AHEAD + 1 + 4);
 /// The most that a policy may add to or take from the fallback's duty.
 pub const CORRECTION_LIMIT: f64 = 0.25;
 /// Control ticks per second.
@@ -176,7 +181,7 @@ mod tests {
     #[test]
     fn lengths_are_the_papers() {
         assert_eq!((STATE_LEN, GOAL_LEN, OBSERVATION_LEN, ACTION_LEN), (32, 52, 84, 12));
-        assert_eq!(CORRECTION_OBSERVATION_LEN, 120);
+        assert_eq!(CORRECTION_OBSERVATION_LEN, 124);
     }
 
     /// Ticks are numbered so that the value tells its own place: measured τ, goal 1000 + τ, negative channel minus.

@@ -14,6 +14,10 @@ const DUTY: (f32, f32) = (0.0, 1.0);
 const INTEGRAL_DUTY: (f32, f32) = (-1.0, 1.0);
 /// What the fallback adds to undo play, in duty.
 const PLAY_DUTY: (f32, f32) = (-0.1, 0.1);
+/// Half width of play that the fallback has learned, in duty.
+const WIDTH_DUTY: (f32, f32) = (0.0, 0.1);
+/// How far a duty has come since it last turned round.
+const TRAVEL_DUTY: (f32, f32) = (-0.15, 0.15);
 
 /// One observation or answer.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,6 +60,8 @@ impl Ports {
                 trajectory(&mut inputs, "base", 0..=ahead, "duty", [DUTY; 2]);
                 inputs.extend(pair("integral", "", "duty", [INTEGRAL_DUTY; 2]));
                 inputs.extend(pair("play", "", "duty", [PLAY_DUTY; 2]));
+                inputs.extend(pair("width", "", "duty", [WIDTH_DUTY; 2]));
+                inputs.extend(pair("travel", "", "duty", [TRAVEL_DUTY; 2]));
                 let most = CORRECTION_LIMIT as f32;
                 trajectory(&mut outputs, "du", 0..=ahead, "duty", [(-most, most); 2]);
             }
@@ -99,7 +105,7 @@ mod tests {
     fn groups_begin_and_end_where_the_tables_say() {
         let ports = Ports::of(Contract::Correction);
         let at = |i: usize| ports.inputs[i].name.as_str();
-        let ends = [0, 21, 22, 31, 32, OBSERVATION_LEN - 1, 84, 103, 104, 115, 116, 117, 118, 119].map(at);
+        let ends = [0, 21, 22, 31, 32, OBSERVATION_LEN - 1, 84, 103, 104, 115, 116, 117, 118, 119, 120, 123].map(at);
         assert_eq!(
             ends,
             [
@@ -116,7 +122,9 @@ mod tests {
                 "integral_pos",
                 "integral_neg",
                 "play_pos",
-                "play_neg"
+                "play_neg",
+                "width_pos",
+                "travel_neg"
             ]
         );
         assert_eq!(ports.inputs[..OBSERVATION_LEN], Ports::of(Contract::Paper).inputs);

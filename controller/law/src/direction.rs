@@ -53,6 +53,54 @@ impl Direction {
     }
 }
 
+/// How far a duty has come since it last turned round.
+///
+/// A valve with play of half width `w` is engaged again once the duty has come back by `2w`; before, nothing moves.
+/// Turns within [`Travel::TURN`] are none: noise of the converter makes them in every tick.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Travel {
+    /// Where it turned round.
+    from: f64,
+    /// The furthest it has come since.
+    furthest: f64,
+    now: f64,
+}
+
+impl From<f64> for Travel {
+    /// A duty that has long been what it is.
+    fn from(duty: f64) -> Self {
+        Travel { from: duty, furthest: duty, now: duty }
+    }
+}
+
+impl Travel {
+    /// How far a duty must come back to have turned round.
+    pub const TURN: f64 = 0.008;
+    /// More than this is told as this: the widest play is crossed.
+    pub const MOST: f64 = 0.15;
+
+    /// Takes in the duty of a tick.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn follow(&mut self, duty: f64) {
+        let upwards = self.furthest >= self.from;
+        let back = if upwards { self.furthest - duty } else { duty - self.furthest };
+        if back > Self::TURN {
+            self.from = self.furthest;
+            self.furthest = duty;
+        } else if back < 0.0 {
+            self.furthest = duty;
+        }
+        self.now = duty;
+    }
+
+    /// The distance since the last turn, upwards positive, within ±[`Travel::MOST`].
+    pub fn distance(&self) -> f64 {
+        (self.now - self.from).clamp(-Self::MOST, Self::MOST)
+    }
+}
+
 /// The play of one channel's valve, learned.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LearnedPlay {
@@ -102,6 +150,24 @@ mod tests {
         assert!(follow(0.599) > 0.99, "1e-3 back is no reversal");
         assert!(follow(0.598) < -0.99, "2e-3 back is one");
         assert!(follow(0.7) > 0.99);
+    }
+
+    #[test]
+    fn travel_counts_from_the_last_turn_and_ignores_noise() {
+        let mut travel = Travel::from(0.5);
+        let mut at = |duty: f64| {
+            travel.follow(duty);
+            travel.distance()
+        };
+        let close = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+        close(at(0.53), 0.03);
+        close(at(0.525), 0.025);
+        close(at(0.55), 0.05);
+        close(at(0.54), -0.01);
+        close(at(0.51), -0.04);
+        close(at(0.515), -0.035);
+        close(at(0.53), 0.02);
+        close(at(0.9), 0.15);
     }
 
     #[test]

@@ -25,6 +25,7 @@ use model::contract::{
 };
 use model::steady::SteadyMap;
 
+use crate::direction::Travel;
 use crate::fallback::{Fallback, FallbackSettings};
 use crate::integral::{IntegralAction, IntegralSettings};
 use crate::{Decision, Parts, Situation, saturated};
@@ -37,6 +38,8 @@ pub struct PolicyLaw {
     history: History,
     /// Duties that were applied, oldest first; the last was in force until now.
     applied: [Pair; PAST],
+    /// Where the applied duties last turned round.
+    travel: [Travel; CHANNELS],
     integral: IntegralAction,
     base: Decision,
     /// Error (kPa) and raw duty of the policy's last decision under the paper's contract, for the anti-windup.
@@ -51,6 +54,7 @@ impl PolicyLaw {
             fallback: Fallback::new(map, FallbackSettings::default()),
             history: History::default(),
             applied: [[1.0; CHANNELS]; PAST],
+            travel: [Travel::default(); CHANNELS],
             integral: IntegralAction::new(IntegralSettings::default()),
             base: Decision { parts: [Parts::default(); CHANNELS], trajectory: ActionTrajectory::held([1.0; CHANNELS]) },
             pending: None,
@@ -67,6 +71,7 @@ impl PolicyLaw {
         self.fallback.restart();
         self.history = History::default();
         self.applied = [duty; PAST];
+        self.travel = duty.map(Travel::from);
         self.integral.set([0.0; CHANNELS]);
         self.pending = None;
     }
@@ -94,7 +99,10 @@ impl PolicyLaw {
         if self.contract == Contract::Correction {
             let integral = self.base.parts.map(|p| p.integral);
             let play = self.base.parts.map(|p| p.play);
-            let pairs = self.applied.iter().chain(&self.base.trajectory.0).chain([&integral, &play]);
+            let width = self.fallback.learned_play();
+            let travelled = self.travel.map(|t| t.distance());
+            let few = [&integral, &play, &width, &travelled];
+            let pairs = self.applied.iter().chain(&self.base.trajectory.0).chain(few);
             for (slot, value) in rest.iter_mut().zip(pairs.flatten()) {
                 *slot = *value as f32;
             }
@@ -149,6 +157,9 @@ impl PolicyLaw {
     pub fn applied(&mut self, duty: Pair) {
         self.applied.rotate_left(1);
         self.applied[PAST - 1] = duty;
+        for (travel, duty) in self.travel.iter_mut().zip(duty) {
+            travel.follow(duty);
+        }
         self.fallback.applied(duty);
         if let Some(pending) = self.pending {
             for (c, ((error_kpa, raw), applied)) in pending.into_iter().zip(duty).enumerate() {
@@ -164,7 +175,7 @@ impl PolicyLaw {
 }
 
 // The two lengths are told apart by the contract alone; a third group would be forgotten silently without this.
-const _: () = assert!(CORRECTION_OBSERVATION_LEN == OBSERVATION_LEN + CHANNELS * (PAST + AHEAD + 1 + 2));
+const _: () = assert!(CORRECTION_OBSERVATION_LEN == OBSERVATION_LEN + CHANNELS * (PAST + AHEAD + 1 + 4));
 
 #[cfg(test)]
 mod tests {
@@ -214,6 +225,9 @@ mod tests {
         }
         assert_eq!(observation[116..118], base.parts.map(|p| p.integral as f32));
         assert_eq!(observation[118..120], base.parts.map(|p| p.play as f32));
+        assert_eq!(observation[120..122], law.learned_play().map(|w| w as f32));
+        // From 0.5 and 0.6, long in force, up to 0.79 and 0.89, further than is told.
+        assert_eq!(observation[122..124], [Travel::MOST as f32; 2]);
     }
 
     /// What a policy keeps adding becomes the integral's: 0.02 for one second at 0.5/s are 0.01 of duty.

@@ -95,8 +95,8 @@ fn what_check_policy_prints_tells_the_contract() {
     let graph = network(&ports, &[64, 64], 10.0, 2);
     let told = load(&export(&graph, &ports, &golden(&graph, &ports, 2))).describe();
     for part in [
-        "Contract 2 at 50 Hz: takes 120 (p_pos[-10] to play_neg), gives 12 (du_pos[0] to du_neg[5])",
-        "120 -> 150 scaled -> 64 relu -> 64 relu -> 12 tanh scaled",
+        "Contract 2 at 50 Hz: takes 124 (p_pos[-10] to travel_neg), gives 12 (du_pos[0] to du_neg[5])",
+        "124 -> 154 scaled -> 64 relu -> 64 relu -> 12 tanh scaled",
         "2 golden pairs",
         "rig bench",
         "seed 7",
@@ -129,7 +129,7 @@ fn the_two_contracts_are_not_mistaken_for_each_other() {
     disguised.contract = 1;
     let graph = network(&disguised, &[16], 10.0, 1);
     let refused = Policy::from_bytes("p".into(), &export(&graph, &disguised, &[]), &contracts()).err().unwrap();
-    assert!(matches!(refused, Fault::InputWidth { found: 120, expected: 84, contract: 1, .. }), "{refused}");
+    assert!(matches!(refused, Fault::InputWidth { found: 124, expected: 84, contract: 1, .. }), "{refused}");
 
     // The right widths and names, but the answers reach past what a correction may be.
     let mut ports = Ports::of(Correction);

@@ -158,7 +158,7 @@ mod tests {
         assert_eq!((value(&correction, "input_unit"), value(&paper, "input_units")), (None, None));
         let each = value(&correction, "input_units").unwrap();
         let each: Vec<&str> = each.split(',').collect();
-        assert_eq!((each.len(), each[83], each[84]), (120, "kPa gauge", "duty"));
+        assert_eq!((each.len(), each[83], each[84]), (124, "kPa gauge", "duty"));
         assert_eq!(value(&paper, "golden_input"), None);
     }
 

@@ -90,7 +90,7 @@ fn metadata_read_back() {
     let said = python(&[Path::new("describe"), &model, &golden_bits]);
     for line in [
         "ir 8 opset 17 producer trainer 0.1.0",
-        "observation ['batch', 120] action ['batch', 12]",
+        "observation ['batch', 124] action ['batch', 12]",
         "contract=2",
         "rate_hz=50",
         "output_unit=duty",

@@ -24,7 +24,7 @@ fn same_network_same_bytes() {
 fn a_network_of_the_other_contract() {
     let (graph, ports) = small(Contract::Correction);
     let refused = to_onnx(&graph, &Ports::of(Contract::Paper), &provenance(), &[]).unwrap_err();
-    assert_eq!(refused, ExportError::Width { side: "inputs", found: 120, expected: 84, contract: 1 });
+    assert_eq!(refused, ExportError::Width { side: "inputs", found: 124, expected: 84, contract: 1 });
     // Same inputs, but duties answered where corrections belong.
     let mut duties = graph;
     duties.outputs = vec![OutputMap::onto(0.0, 1.0); 12];

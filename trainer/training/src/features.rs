@@ -10,7 +10,7 @@
 //! | goal − goal now, −10 … −1 | where it came from |
 //! | goal now | the operating point, on which the valves' gains depend |
 //! | applied − fallback's duty now, −10 … −1 | contract 2 |
-//! | fallback's duty ahead − now, its duty now, its integral and its undone play | contract 2 |
+//! | fallback's duty ahead − now, its duty now, its integral, undone play, learned width; travel | contract 2 |
 //!
 //! Both maps have as many features as the observation has numbers, so variants and contracts share one network
 //! shape. Without MPObs the features of predictions are left out (scale 0): the exported policy ignores them.
@@ -69,7 +69,7 @@ fn plain(contract: Contract) -> Vec<Term> {
         Term { plus: at, minus: None, offset: MIDDLE_KPA[c], scale: 1.0 / SPAN_KPA[c] }
     };
     let rest = OBSERVATION_LEN..contract.observation_len();
-    let small = contract.observation_len() - 2 * CHANNELS;
+    let small = contract.observation_len() - 4 * CHANNELS;
     let duty = |at: usize| {
         let (offset, span) = if at < small { (MIDDLE_DUTY, SPAN_DUTY) } else { (0.0, DUTY_CHANGE) };
         Term { plus: at, minus: None, offset, scale: 1.0 / span }
@@ -109,7 +109,7 @@ fn errors(contract: Contract) -> Vec<Term> {
                 Term { plus, minus: Some(base + c), offset: 0.0, scale: 1.0 / DUTY_CHANGE }
             });
         }
-        for at in 0..2 * CHANNELS {
+        for at in 0..4 * CHANNELS {
             terms.push(Term { plus: small + at, minus: None, offset: 0.0, scale: 1.0 / DUTY_CHANGE });
         }
     }

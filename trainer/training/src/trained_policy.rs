@@ -214,7 +214,7 @@ fn golden_inputs(contract: Contract) -> Vec<Vec<f32>> {
                 for tick in 0..PAST + AHEAD + 1 {
                     input.extend((0..CHANNELS).map(|c| (0.75 + 0.3 * limit * shape(tick, c)).clamp(0.0, 1.0)));
                 }
-                input.extend([0.01, -0.02, 0.03, -0.03]);
+                input.extend([0.01, -0.02, 0.03, -0.03, 0.03, 0.02, 0.05, -0.04]);
             }
             input
         })
