@@ -70,7 +70,7 @@ impl Settings {
             discount: 0.9,
             soft_update: 0.005,
             lambda_temporal: 1.0,
-            lambda_spatial: 1.0,
+            lambda_spatial: 0.4,
             spatial_sigma: (0..shape.observations).map(sigma).collect(),
             target_entropy: -(shape.actions as f32),
             temperature: TemperatureRule::Learned(1.0),
