@@ -217,6 +217,11 @@ impl Fleet {
             let predicted = self.predictor.as_ref().map(|_| &member.predicted);
             let settings = &self.settings.reward;
             let mut paid = reward(settings, goals_kpa, *measured_kpa, predicted);
+            if self.contract == Contract::Correction {
+                let row = actions.chunks_exact(ACTION_LEN).nth(lane).unwrap_or_default();
+                let squares: f64 = row.iter().take(CHANNELS).map(|a| f64::from(*a).powi(2)).sum();
+                paid += settings.scale * settings.correction * squares;
+            }
             let [pos, neg] = reached.map(|p| p.lane(lane));
             step.error_kpa[lane] = std::array::from_fn(|c| measured_kpa[c] - goals_kpa[0][c]);
             // Written so that NaN counts as outside.

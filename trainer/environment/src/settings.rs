@@ -62,6 +62,9 @@ pub struct RewardSettings {
     pub most_kpa: [f64; 2],
     /// Factor of the whole; the paper has 1.
     pub scale: f64,
+    /// Price of a correction, per square of its share of the range it may have; contract 2 only, the paper has 0. What
+    /// does not help the tracking is then left alone instead of wandering.
+    pub correction: f64,
     /// Price of leaving the safety envelope, which ends an episode (paid once, times `scale`).
     pub tripped: f64,
 }
@@ -75,6 +78,7 @@ impl Default for RewardSettings {
             channels: [1.0, 1.0],
             most_kpa: [1000.0, 1000.0],
             scale: 1.0,
+            correction: 0.0,
             tripped: -300.0,
         }
     }
@@ -124,7 +128,13 @@ impl EnvironmentSettings {
         within("duty_high", self.duty_high, self.duty_low + 0.05, 1.0, "; it must lie above duty_low")?;
         within("correction_duty", self.correction_duty, 0.001, model::contract::CORRECTION_LIMIT, "")?;
         let r = &self.reward;
-        for (key, weight) in [("now", r.now), ("between", r.between), ("last", r.last), ("tripped", r.tripped)] {
+        for (key, weight) in [
+            ("now", r.now),
+            ("between", r.between),
+            ("last", r.last),
+            ("correction", r.correction),
+            ("tripped", r.tripped),
+        ] {
             within(&format!("reward.{key}"), weight, -1e4, 0.0, "; errors are paid for")?;
         }
         within("reward.scale", r.scale, 1e-3, 1e3, "")?;
