@@ -24,17 +24,29 @@ fn main() {
         eprintln!("{:.1} s {what} {:.0} %", start.elapsed().as_secs_f64(), 100.0 * share);
     })
     .unwrap();
-    println!("nominal rmse {:?} converged {} rounds {}", found.nominal.fitted.rmse_kpa, found.nominal.fitted.converged, found.nominal.fitted.rounds);
+    println!(
+        "nominal rmse {:?} converged {} rounds {}",
+        found.nominal.fitted.rmse_kpa, found.nominal.fitted.converged, found.nominal.fitted.rounds
+    );
     for e in &found.nominal.fitted.estimates {
         println!("   {} {:.4} ± {:.4} shift {:.2} sd {:.3}", e.parameter.path, e.value, e.sd, e.shift, e.undetermined);
     }
     for round in &found.rounds {
-        println!("round on {:?} taken {} {:?}", round.base.iter().map(|t| all[*t].full_name()).collect::<Vec<_>>(), round.taken, round.evidence);
+        println!(
+            "round on {:?} taken {} {:?}",
+            round.base.iter().map(|t| all[*t].full_name()).collect::<Vec<_>>(),
+            round.taken,
+            round.evidence
+        );
         for (k, cost) in round.ranked.iter().take(8) {
             println!("     {} {cost:.1}", all[*k].full_name());
         }
     }
-    println!("best {:?} rmse {:?}", found.best.terms.iter().map(|t| all[*t].full_name()).collect::<Vec<_>>(), found.best.fitted.rmse_kpa);
+    println!(
+        "best {:?} rmse {:?}",
+        found.best.terms.iter().map(|t| all[*t].full_name()).collect::<Vec<_>>(),
+        found.best.fitted.rmse_kpa
+    );
     for e in found.best.fitted.estimates.iter() {
         println!("   {} {:.4e} ± {:.4e} shift {:.2}", e.parameter.path, e.value, e.sd, e.shift);
     }

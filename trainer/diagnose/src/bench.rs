@@ -10,9 +10,9 @@ use model::rig::Rig;
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 
-/// What a model may be wrong by without anything being missing: no formula is exact, no build sheet complete. Errors
-/// of this size and slowness cost next to nothing when models are compared.
-const DRIFT_KPA: f64 = 0.03;
+/// Slow errors that a model is allowed to have when it is compared with another: no formula is exact, no build sheet
+/// complete. How large they are is estimated from the better of the two, out of these, in kPa.
+const DRIFTS_KPA: [f64; 7] = [0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32];
 /// Correlation time of that error in s.
 const DRIFT_S: f64 = 1.0;
 
@@ -32,7 +32,6 @@ pub struct Bench<'r> {
     pub nominal: Vec<Parameter>,
     fit_weights: Vec<f64>,
     counted: Vec<f64>,
-    noise_model: NoiseModel,
 }
 
 /// An explanation, fitted.
@@ -46,10 +45,6 @@ pub struct Explanation {
     pub fitted: Fitted,
     /// Free run over all rows of all recordings.
     pub trace: Vec<f64>,
-    /// Log-likelihood on fitted blocks.
-    pub fit_score: Score,
-    /// Log-likelihood on the blocks that choose.
-    pub select_score: Score,
     /// Half the squared shifts of the nominal parameters in prior standard deviations.
     pub prior_cost: f64,
 }
@@ -78,19 +73,11 @@ impl Effort {
 
 impl<'r> Bench<'r> {
     /// Lays out recordings; `usable` is 1 at readings that may be trusted, 0 elsewhere.
-    pub fn new(
-        rig: &'r Rig,
-        records: &'r Records,
-        usable: &[f64],
-        fidelity: Fidelity,
-        threads: Option<usize>,
-    ) -> Self {
+    pub fn new(rig: &'r Rig, records: &'r Records, usable: &[f64], fidelity: Fidelity, threads: Option<usize>) -> Self {
         let simulator = Simulator::new(records, fidelity);
         let simulator = threads.map_or(simulator, |threads| simulator.on(threads));
         let split = Split::of(records);
         let noise = noise(records);
-        let sigma_kpa: Vec<f64> = noise.iter().map(|n| n.sigma_kpa).collect();
-        let drift_kpa = vec![DRIFT_KPA; sigma_kpa.len()];
         Bench {
             rig,
             records,
@@ -98,7 +85,6 @@ impl<'r> Bench<'r> {
             nominal: nominal(rig, Scatter::default()),
             fit_weights: split.weights(records.layout(), Role::Fit).iter().zip(usable).map(|(w, u)| w * u).collect(),
             counted: usable.to_vec(),
-            noise_model: NoiseModel::Drifting { sigma_kpa, drift_kpa, time_s: DRIFT_S },
             split,
             noise,
         }
@@ -183,15 +169,7 @@ impl<'r> Bench<'r> {
         let mut best: Option<(f64, Fitted)> = None;
         let mut failed = None;
         for start in starts {
-            match fit_from(
-                self.simulator,
-                &set,
-                start,
-                &self.fit_weights,
-                &self.sigma_kpa(),
-                &blocks,
-                &settings,
-            ) {
+            match fit_from(self.simulator, &set, start, &self.fit_weights, &self.sigma_kpa(), &blocks, &settings) {
                 Ok(fitted) => {
                     let cost = fitted.comparable_cost(self.records, &self.fit_weights);
                     if best.as_ref().is_none_or(|(least, _)| cost < *least) {
@@ -204,15 +182,7 @@ impl<'r> Bench<'r> {
         let Some((_, fitted)) = best else { return Err(failed.unwrap_or(FitError::NoRecordings).into()) };
         let trace = self.free_run(&fitted.rig)?;
         let prior_cost = fitted.point.iter().take(self.nominal.len()).map(|z| 0.5 * z * z).sum();
-        Ok(Explanation {
-            fit_score: self.score(&trace, Role::Fit),
-            select_score: self.score(&trace, Role::Select),
-            terms: terms.to_vec(),
-            set,
-            fitted,
-            trace,
-            prior_cost,
-        })
+        Ok(Explanation { terms: terms.to_vec(), set, fitted, trace, prior_cost })
     }
 
     /// A free run over all rows, starts refined.
@@ -224,9 +194,30 @@ impl<'r> Bench<'r> {
         Ok(self.simulator.one(rig, &arcs)?)
     }
 
-    /// Log-likelihood of a trace on the blocks of a role.
-    pub fn score(&self, trace: &[f64], role: Role) -> Score {
-        score(self.records, trace, &self.counted, &self.blocks(role), &self.noise_model)
+    /// Log-likelihood of a trace on the blocks of a role, slow errors of `drift_kpa` (by channel) allowed for.
+    pub fn score(&self, trace: &[f64], role: Role, drift_kpa: &[f64]) -> Score {
+        let noise =
+            NoiseModel::Drifting { sigma_kpa: self.sigma_kpa(), drift_kpa: drift_kpa.to_vec(), time_s: DRIFT_S };
+        score(self.records, trace, &self.counted, &self.blocks(role), &noise)
+    }
+
+    /// The slow errors that a trace has, by channel in kPa: the size at which they are likeliest on the fitted rows.
+    ///
+    /// Estimated from plateaus it would be the noise's own colour, estimated from a model that lacks something it would
+    /// explain away what is to be found; so it is asked of the better of two explanations alone.
+    pub fn drift_of(&self, trace: &[f64]) -> Vec<f64> {
+        let channels = self.records.layout().channels();
+        let mut best = vec![(f64::NEG_INFINITY, DRIFTS_KPA[0]); channels];
+        for drift in DRIFTS_KPA {
+            let score = self.score(trace, Role::Fit, &vec![drift; channels]);
+            for (channel, best) in best.iter_mut().enumerate() {
+                let sum: f64 = score.blocks.iter().map(|b| b.log_likelihood.get(channel).copied().unwrap_or(0.0)).sum();
+                if sum > best.0 {
+                    *best = (sum, drift);
+                }
+            }
+        }
+        best.into_iter().map(|(_, drift)| drift).collect()
     }
 
     /// Blocks of a role.

@@ -1,5 +1,7 @@
 //! Whether one explanation is better than another, and by how much more than chance and small errors allow.
 
+use fit::data::Role;
+
 use crate::bench::{Bench, Explanation};
 
 /// What speaks for one explanation against another.
@@ -20,16 +22,17 @@ pub struct Evidence {
     pub posterior: f64,
 }
 
-/// Evidence for `better` against `worse`.
+/// Evidence for `better` against `worse`; slow errors of the size that `better` has count little.
 pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) -> Evidence {
-    let (fitted, fitted_se) = better.fit_score.gain_over(&worse.fit_score);
-    let (chosen, chosen_se) = better.select_score.gain_over(&worse.select_score);
-    let squares = |e: &Explanation| -> f64 {
-        let both = e.fit_score.blocks.iter().chain(&e.select_score.blocks);
-        both.flat_map(|b| &b.squares).sum()
-    };
-    let rows: usize = better.fit_score.blocks.iter().chain(&better.select_score.blocks).flat_map(|b| &b.rows).sum();
-    let drop = (squares(worse) - squares(better)) / rows.max(1) as f64 * bench.records.layout().channels() as f64;
+    let drift = bench.drift_of(&better.trace);
+    let of = |e: &Explanation, role| bench.score(&e.trace, role, &drift);
+    let fit = [of(better, Role::Fit), of(worse, Role::Fit)];
+    let select = [of(better, Role::Select), of(worse, Role::Select)];
+    let (fitted, fitted_se) = fit[0].gain_over(&fit[1]);
+    let (chosen, chosen_se) = select[0].gain_over(&select[1]);
+    let squares = |at: usize| -> f64 { fit[at].blocks.iter().chain(&select[at].blocks).flat_map(|b| &b.squares).sum() };
+    let rows: usize = fit[0].blocks.iter().chain(&select[0].blocks).flat_map(|b| &b.rows).sum();
+    let drop = (squares(1) - squares(0)) / rows.max(1) as f64 * bench.records.layout().channels() as f64;
     Evidence {
         fitted,
         fitted_se,
@@ -54,7 +57,7 @@ pub struct Bar {
 
 impl Default for Bar {
     fn default() -> Self {
-        Bar { fitted: 12.0, standard_errors: 2.0, removed_kpa: 0.04 }
+        Bar { fitted: 12.0, standard_errors: 2.0, removed_kpa: 0.02 }
     }
 }
 

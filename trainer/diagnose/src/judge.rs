@@ -65,8 +65,7 @@ pub fn judge(
     given: &[f64],
     tell: &mut dyn FnMut(&str, f64),
 ) -> Result<Judgement, DiagnoseError> {
-    let excess_kpa =
-        [excess(bench, given), excess(bench, &found.nominal.trace), excess(bench, &found.best.trace)];
+    let excess_kpa = [excess(bench, given), excess(bench, &found.nominal.trace), excess(bench, &found.best.trace)];
     if found.best.terms.is_empty() {
         nothing_named(bench, candidates, found, given, excess_kpa)
     } else {
@@ -146,7 +145,9 @@ fn something_named(
         let rest = without(&best.terms, *term);
         let without_it = match found.tried.iter().chain([&found.nominal]).find(|e| e.terms == rest) {
             Some(known) => known.clone(),
-            None => bench.fit(candidates, &rest, &starts(bench, candidates, best, &rest, &[], false), Effort::Polish)?,
+            None => {
+                bench.fit(candidates, &rest, &starts(bench, candidates, best, &rest, &[], false), Effort::Polish)?
+            }
         };
         let gain = evidence(bench, best, &without_it).fitted;
         let mut tied = Vec::new();
@@ -159,9 +160,11 @@ fn something_named(
                 continue;
             }
             let terms = with(&rest, k);
-            let known = found.tried.iter().filter(|e| e.terms == terms).min_by(|a, b| {
-                cost(bench, a).total_cmp(&cost(bench, b))
-            });
+            let known = found
+                .tried
+                .iter()
+                .filter(|e| e.terms == terms)
+                .min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b)));
             let rival = match known {
                 Some(known) => known.clone(),
                 None => {

@@ -4,8 +4,8 @@
 
 pub mod bench;
 pub mod candidate;
-mod error;
 pub mod diagnosis;
+mod error;
 pub mod evidence;
 pub mod experiment;
 pub mod figures;

@@ -34,9 +34,9 @@ pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, rig_toml:
         report = report.heading("What was found").table(found_table(diagnosis));
     }
     if !diagnosis.rivals.is_empty() {
-        report = report.heading("What these recordings cannot tell apart").list(
-            diagnosis.rivals.iter().map(|group| group.join("  ~  ")).collect::<Vec<_>>(),
-        );
+        report = report
+            .heading("What these recordings cannot tell apart")
+            .list(diagnosis.rivals.iter().map(|group| group.join("  ~  ")).collect::<Vec<_>>());
     }
     report = report.heading("Before and after").text(
         "Rows that nothing was fitted to. Free run: from the start of each recording, commands alone decide. 10 s and \
@@ -73,11 +73,7 @@ pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, rig_toml:
             .table(separation(findings))
             .plot(experiment(findings));
     }
-    report
-        .heading("Parameters of the rig")
-        .table(parameters(findings))
-        .verbatim("rig.toml", rig_toml)
-        .to_html()
+    report.heading("Parameters of the rig").table(parameters(findings)).verbatim("rig.toml", rig_toml).to_html()
 }
 
 fn title(diagnosis: &Diagnosis) -> &'static str {
@@ -107,8 +103,7 @@ fn key_figures(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Vec<KeyFig
             .note(&format!("free run, held out; noise {noise:.3} kPa"))
             .verdict(sign)
     };
-    let mut all =
-        vec![figure("As given", &findings.given), figure("Parameters fitted", &findings.reidentified)];
+    let mut all = vec![figure("As given", &findings.given), figure("Parameters fitted", &findings.reidentified)];
     if !matches!(diagnosis.verdict, Verdict::Adequate | Verdict::ParametersMoved) {
         all.push(figure("Extended", &findings.extended));
     }
@@ -204,14 +199,12 @@ fn traces(findings: &Findings<'_, '_>) -> Plot {
             .line(Line::new("recorded", &time_s, &recorded).color(Color::Black))
             .line(Line::new("as given", &time_s, &cut(&findings.given.trace)).color(Color::Grey))
             .line(Line::new("parameters fitted", &time_s, &cut(&findings.reidentified.trace)).color(Color::Vermilion));
-        let mut errors = Panel::new("error (kPa)")
-            .height(120.0)
-            .line(
-                Line::new("parameters fitted", &time_s, &error(&findings.reidentified.trace)).color(Color::Vermilion),
-            );
+        let mut errors = Panel::new("error (kPa)").height(120.0).line(
+            Line::new("parameters fitted", &time_s, &error(&findings.reidentified.trace)).color(Color::Vermilion),
+        );
         if extended {
-            pressures = pressures
-                .line(Line::new("extended", &time_s, &cut(&findings.extended.trace)).color(Color::Blue));
+            pressures =
+                pressures.line(Line::new("extended", &time_s, &cut(&findings.extended.trace)).color(Color::Blue));
             errors = errors.line(Line::new("extended", &time_s, &error(&findings.extended.trace)).color(Color::Blue));
         }
         plot = plot.panel(pressures).panel(errors.level("", 0.0, Color::Grey));
@@ -287,9 +280,7 @@ fn clouds(findings: &Findings<'_, '_>, trace: &[f64], channel: usize, command: &
         let simulated = trace.get(range.clone()).unwrap_or_default();
         let recorded = records.readings_kpa().get(range).unwrap_or_default();
         // One point in three: the eye sees no more.
-        for (k, ((s, r), u)) in
-            simulated.chunks(ROWS).zip(recorded.chunks(ROWS)).zip(u.chunks(ROWS)).enumerate()
-        {
+        for (k, ((s, r), u)) in simulated.chunks(ROWS).zip(recorded.chunks(ROWS)).zip(u.chunks(ROWS)).enumerate() {
             if k % 3 != 0 || s.len() < ROWS {
                 continue;
             }
@@ -320,7 +311,9 @@ fn flows(findings: &Findings<'_, '_>) -> Option<Plot> {
     );
     let mut any = false;
     for flow in findings.missing.flows.iter().filter(|f| f.record == record) {
-        let (Some(mean), Some(sd)) = (flow.flow_kg_s.get(rows.clone()), flow.sd_kg_s.get(rows.clone())) else { continue };
+        let (Some(mean), Some(sd)) = (flow.flow_kg_s.get(rows.clone()), flow.sd_kg_s.get(rows.clone())) else {
+            continue;
+        };
         let mg: Vec<f64> = mean.iter().map(|v| 1e6 * v).collect();
         let low: Vec<f64> = mean.iter().zip(sd).map(|(m, s)| 1e6 * (m - 2.0 * s)).collect();
         let high: Vec<f64> = mean.iter().zip(sd).map(|(m, s)| 1e6 * (m + 2.0 * s)).collect();
@@ -408,7 +401,8 @@ fn experiment(findings: &Findings<'_, '_>) -> Plot {
 }
 
 fn parameters(findings: &Findings<'_, '_>) -> Table {
-    let mut table = Table::new(["parameter", "given", "fitted", "± sd", "shift (prior sd)", "extended", "± sd", "unit"]);
+    let mut table =
+        Table::new(["parameter", "given", "fitted", "± sd", "shift (prior sd)", "extended", "± sd", "unit"]);
     let best = &findings.found.best;
     for (at, e) in findings.found.nominal.fitted.estimates.iter().enumerate() {
         let extended = best.fitted.estimates.get(at);

@@ -1,5 +1,7 @@
 //! Which terms belong into the model: added one by one, swapped, deleted.
 
+use fit::data::Role;
+
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
@@ -66,14 +68,20 @@ pub fn search(
     let mut rounds = Vec::new();
     let mut tried = Vec::new();
     let mut next = None;
-    let blocks = best.fit_score.blocks.len();
+    let blocks = bench.blocks(Role::Fit).len();
     while best.terms.len() < settings.most_terms {
         let (ranked, polished) = additions(bench, candidates, &best, settings, tell)?;
         let Some(top) = polished.first().cloned() else { break };
         let found = evidence(bench, &top, &best);
         let parameters = top.set.len().saturating_sub(best.set.len());
         let taken = settings.bar.passed(&found, parameters, candidates.len(), blocks);
-        rounds.push(Round { base: best.terms.clone(), base_cost: cost(bench, &best), ranked, evidence: Some(found), taken });
+        rounds.push(Round {
+            base: best.terms.clone(),
+            base_cost: cost(bench, &best),
+            ranked,
+            evidence: Some(found),
+            taken,
+        });
         tried.extend(polished);
         if !taken {
             next = Some(top);
@@ -116,8 +124,9 @@ fn additions(
         let terms = with(&base.terms, k);
         let from = [(k, screened.start.clone())];
         let starts = starts(bench, candidates, base, &terms, &from, settings.from_prior);
-        if let Ok(explanation) = bench.fit(candidates, &terms, &starts, Effort::Glance) {
-            glances.push((k, cost(bench, &explanation), explanation));
+        match bench.fit(candidates, &terms, &starts, Effort::Glance) {
+            Ok(explanation) => glances.push((k, cost(bench, &explanation), explanation)),
+            Err(e) => eprintln!("{}: {e}", candidates[k].full_name()),
         }
     }
     glances.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -250,7 +259,7 @@ fn deletions(
         let reduced = bench.fit(candidates, &terms, &starts, Effort::Polish)?;
         let found = evidence(bench, &best, &reduced);
         let parameters = candidates[term].len();
-        if settings.bar.passed(&found, parameters, candidates.len(), best.fit_score.blocks.len()) {
+        if settings.bar.passed(&found, parameters, candidates.len(), bench.blocks(Role::Fit).len()) {
             tried.push(reduced);
         } else {
             best = reduced;

@@ -5,7 +5,6 @@
 //! out, make the axes. The table is then fitted in free runs like any other mechanism (`residual_flow`), so that the
 //! rig file simulates with it everywhere. It says where, how much, and on what it depends; it does not say what it is.
 
-use fit::data::Role;
 use fit::parameters::{Knowledge, Parameter, ParameterSet, Transform};
 use model::mechanism::{Axis, Mechanism, ResidualFlow, Shape, Variable};
 use model::rig::{Attached, Rig};
@@ -14,6 +13,7 @@ use proto::recording::PERIOD_S;
 
 use crate::bench::{Bench, Effort, Explanation};
 use crate::error::DiagnoseError;
+use crate::evidence::evidence;
 use crate::locate::Missing;
 use crate::place::volumes_at;
 
@@ -65,8 +65,9 @@ pub fn fit_unknown(
     let mut best: Option<(f64, UnknownTerm)> = None;
     for design in designs.iter().take(FITTED) {
         let Ok(explanation) = fit_design(bench, base, design, missing) else { continue };
-        let (gain, se) = explanation.select_score.gain_over(&base.select_score);
-        if gain > 2.0 * se && best.as_ref().is_none_or(|(g, _)| gain > *g) {
+        let found = evidence(bench, &explanation, base);
+        let gain = found.chosen;
+        if gain > 2.0 * found.chosen_se && best.as_ref().is_none_or(|(g, _)| gain > *g) {
             let depends_on = words(design);
             best = Some((gain, UnknownTerm { explanation, depends_on }));
         }
@@ -127,7 +128,9 @@ fn column(bench: &Bench<'_>, base: &Explanation, axis: &Axis) -> Option<Vec<Vec<
         }
         Variable::Pressure => {
             let channel = crate::place::channel_of(bench.rig, &axis.of)?;
-            (0..layout.records()).map(|r| base.trace.get(layout.channel(r, channel)).map(<[f64]>::to_vec)).collect::<Option<_>>()?
+            (0..layout.records())
+                .map(|r| base.trace.get(layout.channel(r, channel)).map(<[f64]>::to_vec))
+                .collect::<Option<_>>()?
         }
         Variable::Difference => return None,
     };
@@ -186,13 +189,7 @@ fn hats(knots: &[f64], value: f64) -> [(usize, f64); 2] {
 
 /// Share of the missing flow's variance that a table over these axes explains, on every second block of 5 s, fitted on
 /// the others.
-fn explained(
-    bench: &Bench<'_>,
-    missing: &Missing,
-    channel: usize,
-    axes: &[Axis],
-    columns: &[Vec<Vec<f64>>],
-) -> f64 {
+fn explained(bench: &Bench<'_>, missing: &Missing, channel: usize, axes: &[Axis], columns: &[Vec<Vec<f64>>]) -> f64 {
     const BLOCK: usize = 250;
     let size: usize = axes.iter().map(|a| a.knots.len()).product();
     let mut normal = DMatrix::<f64>::zeros(size, size);
@@ -247,12 +244,7 @@ fn fit_design(
 ) -> Result<Explanation, DiagnoseError> {
     let size: usize = design.axes.iter().map(|a| a.knots.len()).product();
     // Sizes that the reconstruction calls for, in mg/s.
-    let scale = missing
-        .flows
-        .iter()
-        .flat_map(|f| &f.flow_kg_s)
-        .map(|v| (1e6 * v).powi(2))
-        .sum::<f64>()
+    let scale = missing.flows.iter().flat_map(|f| &f.flow_kg_s).map(|v| (1e6 * v).powi(2)).sum::<f64>()
         / missing.flows.iter().map(|f| f.flow_kg_s.len()).sum::<usize>().max(1) as f64;
     let scale = scale.sqrt().max(1.0);
     let mut rig = base.fitted.rig.clone();
@@ -278,9 +270,7 @@ fn fit_design(
     let set = ParameterSet::new(&rig, free).map_err(DiagnoseError::rig(&rig))?;
     let mut start = base.fitted.point.clone();
     start.resize(set.len(), 0.0);
-    let mut explanation = bench.fit_set(&base.terms, set, &[start], Effort::Polish)?;
-    explanation.select_score = bench.score(&explanation.trace, Role::Select);
-    Ok(explanation)
+    bench.fit_set(&base.terms, set, &[start], Effort::Polish)
 }
 
 fn words(design: &Design) -> String {

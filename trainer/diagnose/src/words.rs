@@ -133,17 +133,27 @@ fn mechanism(findings: &Findings<'_, '_>, term: usize) -> FoundMechanism {
             delta_log_likelihood: contest.map_or(0.0, |c| c.gain),
             held_out_rmse_gain: 1.0 - after / before.max(1e-9),
         },
-        rivals: contest
-            .map(|c| c.rivals.iter().map(|k| findings.candidates[*k].name()).collect())
-            .unwrap_or_default(),
+        rivals: contest.map(|c| c.rivals.iter().map(|k| findings.candidates[*k].name()).collect()).unwrap_or_default(),
     }
 }
 
 /// A key of the rig file without its unit and underscores.
 fn plain(key: &str) -> String {
     const UNITS: [&str; 14] = [
-        "_kg_per_s_pa2", "_w_per_k", "_ml_per_kpa", "_per_bar", "_percent", "_duty", "_mm2", "_kpa", "_rpm", "_ms",
-        "_ml", "_hz", "_k", "_s",
+        "_kg_per_s_pa2",
+        "_w_per_k",
+        "_ml_per_kpa",
+        "_per_bar",
+        "_percent",
+        "_duty",
+        "_mm2",
+        "_kpa",
+        "_rpm",
+        "_ms",
+        "_ml",
+        "_hz",
+        "_k",
+        "_s",
     ];
     let bare = UNITS.iter().find_map(|unit| key.strip_suffix(unit)).unwrap_or(key);
     bare.replace('_', " ")
@@ -252,12 +262,9 @@ pub(crate) fn locations(findings: &Findings<'_, '_>) -> Vec<Location> {
     if matches!(findings.judgement.verdict, Verdict::Adequate | Verdict::ParametersMoved) {
         return Vec::new();
     }
-    let total = findings.missing.all_flows_gain.max(
-        findings.missing.suspicions.first().map_or(0.0, |s| s.gain),
-    );
+    let total = findings.missing.all_flows_gain.max(findings.missing.suspicions.first().map_or(0.0, |s| s.gain));
     // What is named knows its component better than a balance does.
-    let named: Vec<usize> =
-        findings.judgement.contested.iter().map(|c| c.term).collect();
+    let named: Vec<usize> = findings.judgement.contested.iter().map(|c| c.term).collect();
     let strongest = findings.missing.suspicions.first().map_or(0.0, |s| s.gain);
     let mut all = Vec::new();
     if !named.is_empty() {

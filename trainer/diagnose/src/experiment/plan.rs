@@ -240,10 +240,7 @@ fn blank(bench: &Bench<'_>, inputs: &[Input], programme: &Programme) -> Result<R
 }
 
 /// A rival's free runs and their derivatives.
-fn predict(
-    simulator: &Simulator<'_>,
-    rival: &Explanation,
-) -> Result<(Vec<f64>, Vec<Vec<f64>>), DiagnoseError> {
+fn predict(simulator: &Simulator<'_>, rival: &Explanation) -> Result<(Vec<f64>, Vec<Vec<f64>>), DiagnoseError> {
     let point = &rival.fitted.point;
     let problem = |rig: &Rig| {
         let name = rig.name.clone();
@@ -265,10 +262,8 @@ fn predict(
         .map_err(problem(rival.set.rig()))?
         .into_iter();
     let base = traces.next().unwrap_or_default();
-    let columns = traces
-        .zip(steps)
-        .map(|(trace, step)| trace.iter().zip(&base).map(|(t, b)| (t - b) / step).collect())
-        .collect();
+    let columns =
+        traces.zip(steps).map(|(trace, step)| trace.iter().zip(&base).map(|(t, b)| (t - b) / step).collect()).collect();
     Ok((base, columns))
 }
 

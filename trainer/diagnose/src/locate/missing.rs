@@ -158,11 +158,7 @@ pub fn reconstruct(bench: &Bench<'_>, rig: &Rig, trace: &[f64], thorough: bool) 
 }
 
 impl Prepared {
-    fn series(
-        &self,
-        channels: usize,
-        noise_kpa2: [f64; MOST_CHANNELS],
-    ) -> impl Iterator<Item = Series<'_>> {
+    fn series(&self, channels: usize, noise_kpa2: [f64; MOST_CHANNELS]) -> impl Iterator<Item = Series<'_>> {
         self.segments.iter().map(move |rows| Series {
             channels,
             residual_kpa: self.residual.get(rows.start * channels..rows.end * channels).unwrap_or_default(),
@@ -219,8 +215,7 @@ fn prepare(bench: &Bench<'_>, rig: &Rig, trace: &[f64]) -> Result<Vec<Prepared>,
                     let index = layout.channel(record, to).start + arc.rows.start + 1;
                     let moved = nudged.get(index).unwrap_or(&0.0) - base.get(index).unwrap_or(&0.0);
                     for row in arc.rows.clone() {
-                        transition[(row * channels + to) * channels + from] =
-                            (moved / NUDGE_KPA).clamp(-0.5, 0.9999);
+                        transition[(row * channels + to) * channels + from] = (moved / NUDGE_KPA).clamp(-0.5, 0.9999);
                     }
                 }
             }
@@ -253,8 +248,7 @@ fn suspects(rig: &Rig, channels: usize) -> Vec<Suspect> {
 }
 
 fn latent(bench: &Bench<'_>, rig: &Rig, suspect: &Suspect, length_s: f64, sd: f64) -> Latent {
-    let mut latent =
-        Latent { into_rate: [0.0; MOST_CHANNELS], into_reading: [0.0; MOST_CHANNELS], length_s, sd };
+    let mut latent = Latent { into_rate: [0.0; MOST_CHANNELS], into_reading: [0.0; MOST_CHANNELS], length_s, sd };
     match suspect {
         Suspect::Balance { channel } => latent.into_rate[*channel] = 1.0,
         Suspect::Reading { channel } => latent.into_reading[*channel] = 1.0,

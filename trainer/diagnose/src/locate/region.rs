@@ -166,9 +166,8 @@ mod tests {
                 0.6 + 0.4 * if phase < 1.0 { phase } else { 2.0 - phase }
             })
             .collect();
-        let energy: Vec<f64> = (0..2000)
-            .map(|k| if k % 400 > 200 && (0.70..0.85).contains(&command[k]) { 1.0 } else { 0.02 })
-            .collect();
+        let energy: Vec<f64> =
+            (0..2000).map(|k| if k % 400 > 200 && (0.70..0.85).contains(&command[k]) { 1.0 } else { 0.02 }).collect();
         let time_s: Vec<f64> = (0..2000).map(|k| 0.02 * f64::from(k)).collect();
         let found = region(&[Stretch { energy: &energy, command: &command, time_s: &time_s }]).unwrap();
         assert_eq!(found.way, Some(Way::Falling));

@@ -246,10 +246,7 @@ pub fn smooth(series: Series<'_>, latents: &[Latent]) -> Option<Smoothed> {
         (x, p) = space.predict(&space.transition(k), &x, &p);
         predicted.push((x, p));
     }
-    let mut out = Smoothed {
-        mean: vec![vec![0.0; rows]; latents.len()],
-        sd: vec![vec![0.0; rows]; latents.len()],
-    };
+    let mut out = Smoothed { mean: vec![vec![0.0; rows]; latents.len()], sd: vec![vec![0.0; rows]; latents.len()] };
     let mut after: Option<(Vector, Matrix)> = None;
     for k in (0..rows).rev() {
         let Some((x, p)) = filtered.get(k) else { continue };

@@ -40,17 +40,39 @@ pub fn noise(records: &Records) -> Vec<Noise> {
 /// Coefficients of the fourth difference and the root of the sum of their squares.
 const FOURTH: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
 
+/// Rows before a difference in which no command may move by more than [`CALM_SPAN`] for the difference to be calm, and
+/// how many calm ones there must be for the others to be left out.
+const CALM_ROWS: usize = 8;
+const CALM_SPAN: f64 = 0.01;
+const CALM_LEAST: usize = 300;
+
+/// Largest less smallest; infinite of nothing.
+fn span(numbers: Option<&[f64]>) -> f64 {
+    let (low, high) = numbers
+        .unwrap_or_default()
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+    if low <= high { high - low } else { f64::INFINITY }
+}
+
 fn white(records: &Records, channel: usize) -> f64 {
     let norm = FOURTH.iter().map(|c| c * c).sum::<f64>().sqrt();
-    let mut sizes = Vec::new();
+    let (mut calm, mut all) = (Vec::new(), Vec::new());
     for (record, r) in records.records().iter().enumerate() {
         for rows in &r.segments {
             let values = records.channel_kpa(record, channel).get(rows.clone()).unwrap_or_default();
-            sizes.extend(
-                values.windows(5).map(|w| (w.iter().zip(FOURTH).map(|(y, c)| y * c).sum::<f64>() / norm).abs()),
-            );
+            for (k, w) in values.windows(FOURTH.len()).enumerate() {
+                let size = (w.iter().zip(FOURTH).map(|(y, c)| y * c).sum::<f64>() / norm).abs();
+                all.push(size);
+                let row = rows.start + k;
+                let before = row.saturating_sub(CALM_ROWS).max(rows.start);
+                if r.inputs.iter().all(|input| span(input.get(before..row + FOURTH.len())) < CALM_SPAN) {
+                    calm.push(size);
+                }
+            }
         }
     }
+    let mut sizes = if calm.len() >= CALM_LEAST { calm } else { all };
     if sizes.is_empty() {
         return 0.0;
     }

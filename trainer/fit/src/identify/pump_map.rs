@@ -19,11 +19,12 @@ use model::real::{Lanes, Real};
 use model::rig::{PistonPump, Pump, Rig, RigError};
 
 /// Volume of the chambers while the pump is mapped, in litres: so large that a revolution hardly moves them.
-const HELD_L: f64 = 500.0;
-/// Revolutions before flow is measured, and those over which it is. The cylinders forget two thirds of their start in
-/// each.
-const SETTLING: usize = 16;
-const MEASURED: usize = 1;
+const HELD_L: f64 = 100.0;
+/// Revolutions before flow is measured over one. The outlet valve is tight: each forgets only a third of the
+/// cylinders' start, so thirty leave 5e-6 of it.
+const SETTLING: usize = 30;
+/// Pressure at the outlet while the pump is mapped, in Pa: about that of cylinders at rest.
+const OUTLET_PA: f64 = 1e5;
 /// Tabled values of ln(P_out/P_in): from a little below 1 to 40, beyond any stalled pump.
 const POINTS: usize = 24;
 const LEAST_LN: f64 = -0.25;
@@ -54,9 +55,9 @@ impl PumpMap {
         let mass_per_pa = HELD_L * 1e-3 / (bench.gas.gas_constant_j_per_kg_k * temperature);
         let mut flow = Vec::with_capacity(POINTS);
         for first in (0..POINTS).step_by(LANES) {
-            // Inlet pressure is 1e4 Pa everywhere; only the ratio matters.
-            let inlet = Lanes::splat(1e4);
-            let outlet = Lanes::from_lanes(|lane| 1e4 * ratio(first + lane));
+            // Only the ratio matters.
+            let inlet = Lanes::from_lanes(|lane| OUTLET_PA / ratio(first + lane));
+            let outlet = Lanes::splat(OUTLET_PA);
             let mut simulation = Simulation::new(Arc::clone(&plant));
             simulation.set_pressure_pa(chambers.0, inlet);
             simulation.set_pressure_pa(chambers.1, outlet);
@@ -66,12 +67,10 @@ impl PumpMap {
                 simulation.set_pressure_pa(chambers.0, inlet);
                 simulation.set_pressure_pa(chambers.1, outlet);
             }
-            for _ in 0..MEASURED {
-                simulation.tick(&inputs);
-            }
+            simulation.tick(&inputs);
             let drawn = inlet - simulation.pressure_pa(chambers.0);
             for lane in 0..LANES {
-                flow.push(drawn.lane(lane) * mass_per_pa / (MEASURED as f64 * tick_s * 1e4));
+                flow.push(drawn.lane(lane) * mass_per_pa / (tick_s * inlet.lane(lane)));
             }
         }
         Ok(PumpMap { flow })
