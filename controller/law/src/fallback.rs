@@ -39,6 +39,8 @@ pub struct FallbackSettings {
     pub play_gate_kpa: Pair,
     /// How fast what a policy keeps adding is taken over by integral and play, in 1/s.
     pub takeover_per_s: f64,
+    /// Nothing is taken over while the error is beyond these (kPa): a policy that is wrong there must not be followed.
+    pub takeover_gate_kpa: Pair,
     /// Integral action.
     pub integral: IntegralSettings,
 }
@@ -52,6 +54,7 @@ impl Default for FallbackSettings {
             widest_play: 0.06,
             play_gate_kpa: [3.0, 2.0],
             takeover_per_s: 0.5,
+            takeover_gate_kpa: [1.0, 0.5],
             integral: IntegralSettings::default(),
         }
     }
@@ -163,7 +166,8 @@ impl Fallback {
             if pending.reachable {
                 self.integral.update(c, pending.error_kpa, pending.raw, applied);
                 // Nothing is taken over at a limit, where the correction does not act.
-                if pending.correction != 0.0 && applied == pending.raw {
+                let near = pending.error_kpa.abs() < self.settings.takeover_gate_kpa[c];
+                if near && pending.correction != 0.0 && applied == pending.raw {
                     let taken = self.settings.takeover_per_s * pending.correction;
                     self.integral.shift(c, taken * TICK_S);
                     self.play[c].shift(pending.direction * taken * TICK_S);

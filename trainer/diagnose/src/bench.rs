@@ -196,9 +196,21 @@ impl<'r> Bench<'r> {
 
     /// Log-likelihood of a trace on the blocks of a role, slow errors of `drift_kpa` (by channel) allowed for.
     pub fn score(&self, trace: &[f64], role: Role, drift_kpa: &[f64]) -> Score {
-        let noise =
-            NoiseModel::Drifting { sigma_kpa: self.sigma_kpa(), drift_kpa: drift_kpa.to_vec(), time_s: DRIFT_S };
-        score(self.records, trace, &self.counted, &self.blocks(role), &noise)
+        self.score_on(trace, &self.blocks(role), drift_kpa)
+    }
+
+    /// As [`Bench::score`] on the rows that choose, in blocks of 4 s.
+    pub fn score_finely(&self, trace: &[f64], drift_kpa: &[f64]) -> Score {
+        self.score_on(trace, &self.split.blocks(Role::Select, FINE_ROWS), drift_kpa)
+    }
+
+    fn score_on(&self, trace: &[f64], blocks: &[Stretch], drift_kpa: &[f64]) -> Score {
+        let noise = NoiseModel::Drifting {
+            sigma_kpa: self.sigma_kpa(),
+            drift_kpa: drift_kpa.to_vec(),
+            time_s: DRIFT_S,
+        };
+        score(self.records, trace, &self.counted, blocks, &noise)
     }
 
     /// The slow errors that a trace has, by channel in kPa: the size at which they are likeliest on the fitted rows.
@@ -228,3 +240,5 @@ impl<'r> Bench<'r> {
 
 /// Rows of a block: 10 s, several time constants of the slowest chamber.
 const BLOCK_ROWS: usize = 500;
+/// Rows of a fine block: 4 s.
+const FINE_ROWS: usize = 200;

@@ -1,6 +1,7 @@
 //! Whether one explanation is better than another, and by how much more than chance and small errors allow.
 
 use fit::data::Role;
+use fit::objective::Score;
 
 use crate::bench::{Bench, Explanation};
 
@@ -15,6 +16,9 @@ pub struct Evidence {
     pub chosen: f64,
     /// Its standard error.
     pub chosen_se: f64,
+    /// Mean over standard error of the gains of blocks of 4 s, each limited to [`LIMIT`] either way: whether the gain is
+    /// there throughout, not in one stretch alone.
+    pub throughout: f64,
     /// By what the free run became better, all channels together: root of the drop in mean squared error, in kPa
     /// (negative if it became worse).
     pub removed_kpa: f64,
@@ -38,9 +42,29 @@ pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) ->
         fitted_se,
         chosen,
         chosen_se,
+        throughout: throughout(&bench.score_finely(&better.trace, &drift), &bench.score_finely(&worse.trace, &drift)),
         removed_kpa: drop.abs().sqrt() * drop.signum(),
         posterior: fitted + worse.prior_cost - better.prior_cost,
     }
+}
+
+/// Where the gain of a block stops counting for [`Evidence::throughout`].
+pub const LIMIT: f64 = 10.0;
+
+/// Mean over standard error of limited gains.
+fn throughout(better: &Score, worse: &Score) -> f64 {
+    let gains: Vec<f64> = better
+        .blocks
+        .iter()
+        .zip(&worse.blocks)
+        .map(|(a, b)| a.log_likelihood.iter().sum::<f64>() - b.log_likelihood.iter().sum::<f64>())
+        .map(|gain| gain.clamp(-LIMIT, LIMIT))
+        .collect();
+    let n = gains.len() as f64;
+    let mean = gains.iter().sum::<f64>() / n.max(1.0);
+    let variance = gains.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    // All blocks alike (all at the limit) must not divide by nothing.
+    mean / (variance / n.max(1.0) + 1e-4).sqrt()
 }
 
 /// What a term must show before it is named.
@@ -49,7 +73,7 @@ pub struct Bar {
     /// Least gain in log-likelihood on the fitted rows, on top of the logarithm of the number of candidates and half
     /// a unit per parameter and block (Schwarz 1978, blocks being what is independent).
     pub fitted: f64,
-    /// Least gain on the rows that choose, in standard errors.
+    /// Least gain on the rows that choose, in standard errors of [`Evidence::throughout`].
     pub standard_errors: f64,
     /// Least share of the free run that it must set right, in kPa: what is smaller is no physics worth a name.
     pub removed_kpa: f64,
@@ -66,7 +90,7 @@ impl Bar {
     pub fn passed(&self, evidence: &Evidence, parameters: usize, candidates: usize, blocks: usize) -> bool {
         let penalty = (candidates.max(1) as f64).ln() + 0.5 * parameters as f64 * (blocks.max(1) as f64).ln();
         evidence.fitted - penalty > self.fitted
-            && evidence.chosen > self.standard_errors * evidence.chosen_se
+            && evidence.throughout > self.standard_errors
             && evidence.chosen > 3.0
             && evidence.removed_kpa > self.removed_kpa
     }

@@ -1,15 +1,20 @@
 //! The paper's reward (§III-A4, Table IV).
 //!
 //! ```text
-//! r = k Σ_{j=0…5} w_j Σ_c f_c min(|g_{τ+j,c} − o_{τ+j,c}|, e_c)       pressures in kPa
+//! r = k Σ_{j=0…5} w_j Σ_c f_c h_c(|g_{τ+j,c} − o_{τ+j,c}|)       pressures in kPa
+//! h_c(e) = e up to e_c, and a tenth of what is beyond
 //! ```
 //!
-//! `o_τ` is measured, `o_{τ+1} …` are MPObs. `k` and the channels' `f_c` are 1 in the paper, `e_c` is endless. Without MPObs only what
+//! `o_τ` is measured, `o_{τ+1} …` are MPObs. `k` and the channels' `f_c` are 1 in the paper, `e_c` is endless. The
+//! tenth keeps a reason to come back from far away. Without MPObs only what
 //! is measured can be paid for; its weight is then the sum of all, so that rewards of both kinds compare.
 
 use model::contract::{AHEAD, Pair};
 
 use crate::settings::RewardSettings;
+
+/// What counts of an error beyond the limit.
+const BEYOND: f64 = 0.1;
 
 /// The reward of being where the measurement says, with the predictions that there are.
 pub fn reward(
@@ -21,7 +26,8 @@ pub fn reward(
     let paid = |goal: Option<&Pair>, at: Pair| -> f64 {
         let Some(goal) = goal else { return 0.0 };
         let channels = settings.channels.iter().zip(settings.most_kpa);
-        goal.iter().zip(at).zip(channels).map(|((g, o), (f, most))| f * (g - o).abs().min(most)).sum()
+        let counted = |error: f64, most: f64| error.min(most) + BEYOND * (error - most).max(0.0);
+        goal.iter().zip(at).zip(channels).map(|((g, o), (f, most))| f * counted((g - o).abs(), most)).sum()
     };
     let weight = |j: usize| if j == AHEAD { settings.last } else { settings.between };
     let sum = match predicted_kpa {
@@ -42,11 +48,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn errors_beyond_the_limit_cost_no_more() {
+    fn errors_beyond_the_limit_cost_a_tenth() {
         let settings = RewardSettings { most_kpa: [5.0, 2.0], ..RewardSettings::default() };
         let goals = [[90.0, -70.0]; AHEAD + 1];
         let r = reward(&settings, &goals, [40.0, -30.0], None);
-        assert!((r + 0.59 * 7.0).abs() < 1e-12, "{r}");
+        assert!((r + 0.59 * (5.0 + 0.1 * 45.0 + 2.0 + 0.1 * 38.0)).abs() < 1e-12, "{r}");
     }
 
     #[test]

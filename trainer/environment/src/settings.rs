@@ -57,7 +57,7 @@ pub struct RewardSettings {
     pub last: f64,
     /// Factors of the positive and the negative channel's errors; the paper has 1 and 1.
     pub channels: [f64; 2],
-    /// Errors beyond these cost no more, in kPa: a rig that is on its way cannot do better, and its large errors would
+    /// Of errors beyond these, in kPa, only a tenth counts: a rig that is on its way cannot do better, and its large errors would
     /// drown the small ones in the critics' scale. The paper has no such limit.
     pub most_kpa: [f64; 2],
     /// Factor of the whole; the paper has 1.

@@ -12,19 +12,19 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
 /// Noise of the sensors in kPa and the step of their converter.
-pub const SIGMA_KPA: f64 = 0.08;
-pub const STEP_KPA: f64 = 0.03;
+pub(crate) const SIGMA_KPA: f64 = 0.08;
+pub(crate) const STEP_KPA: f64 = 0.03;
 
 /// The paper's rig at a step of 0.4 ms, for generating and fitting alike: four times as fast, and what its integrator
 /// does wrong it does wrong on both sides.
-pub fn quick_rig() -> Rig {
+pub(crate) fn quick_rig() -> Rig {
     let mut rig = Rig::builtin("dual_pressure").unwrap();
     rig.integrator.step_ms = 0.4;
     rig
 }
 
 /// Random holds of 0.4 … 2.4 s of both duties, with some ramps in between.
-pub fn duties(rows: usize, seed: u64) -> [Vec<f64>; 2] {
+pub(crate) fn duties(rows: usize, seed: u64) -> [Vec<f64>; 2] {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     [0.66, 0.66].map(|low: f64| {
         let mut duty = Vec::with_capacity(rows);
@@ -46,7 +46,7 @@ pub fn duties(rows: usize, seed: u64) -> [Vec<f64>; 2] {
 }
 
 /// Noise-free readings of a rig under duties, after 6 s that are not recorded; and the duties of the recorded rows.
-pub fn truth(rig: &Rig, rows: usize, seed: u64) -> ([Vec<f64>; 2], [Vec<f64>; 2]) {
+pub(crate) fn truth(rig: &Rig, rows: usize, seed: u64) -> ([Vec<f64>; 2], [Vec<f64>; 2]) {
     const BEFORE: usize = 300;
     let duty = duties(rows + BEFORE, seed);
     let blank = recording("blank", &duty, &[vec![0.0; rows + BEFORE], vec![0.0; rows + BEFORE]]);
@@ -57,7 +57,7 @@ pub fn truth(rig: &Rig, rows: usize, seed: u64) -> ([Vec<f64>; 2], [Vec<f64>; 2]
 }
 
 /// Readings as sensors give them: white noise, then the converter's steps.
-pub fn noisy(truth: &[Vec<f64>; 2], seed: u64) -> [Vec<f64>; 2] {
+pub(crate) fn noisy(truth: &[Vec<f64>; 2], seed: u64) -> [Vec<f64>; 2] {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     truth.clone().map(|channel| {
         channel
@@ -71,13 +71,13 @@ pub fn noisy(truth: &[Vec<f64>; 2], seed: u64) -> [Vec<f64>; 2] {
 }
 
 /// A recording of these columns, 20 ms apart.
-pub fn recording(source: &str, duty: &[Vec<f64>; 2], pressures: &[Vec<f64>; 2]) -> Recording {
+pub(crate) fn recording(source: &str, duty: &[Vec<f64>; 2], pressures: &[Vec<f64>; 2]) -> Recording {
     let time_s = (0..duty[0].len()).map(|k| k as f64 * 0.02).collect();
     recording_at(source, time_s, duty, pressures)
 }
 
 /// The same at given times.
-pub fn recording_at(source: &str, time_s: Vec<f64>, duty: &[Vec<f64>; 2], pressures: &[Vec<f64>; 2]) -> Recording {
+pub(crate) fn recording_at(source: &str, time_s: Vec<f64>, duty: &[Vec<f64>; 2], pressures: &[Vec<f64>; 2]) -> Recording {
     let column =
         |name: &str, numbers: &[f64]| Column { name: name.to_owned(), data: ColumnData::Numbers(numbers.to_vec()) };
     let columns = vec![
@@ -90,7 +90,7 @@ pub fn recording_at(source: &str, time_s: Vec<f64>, duty: &[Vec<f64>; 2], pressu
 }
 
 /// A noisy recording of a rig.
-pub fn made(rig: &Rig, rows: usize, seed: u64) -> Recording {
+pub(crate) fn made(rig: &Rig, rows: usize, seed: u64) -> Recording {
     let (duty, pressures) = truth(rig, rows, seed);
     recording(&format!("run{seed}.csv"), &duty, &noisy(&pressures, 1000 + seed))
 }
