@@ -143,7 +143,7 @@ impl ActuationMemory {
 
     /// Lets time pass: coils warm with the square of their duty, throats clog with the flow through them (kg/s).
     pub fn pass(&mut self, actuation: &Actuation, seconds: f64, vent_flow_kg_s: [f64; 2]) {
-        for c in 0..2 {
+        for (c, flow_kg_s) in vent_flow_kg_s.into_iter().enumerate() {
             if let Some(warm) = actuation.warm[c] {
                 let power = self.duty[c] * self.duty[c];
                 for (warmth, time_s) in self.warmth[c].iter_mut().zip([warm.time_s, warm.time_s / WINDING_SOONER]) {
@@ -152,7 +152,7 @@ impl ActuationMemory {
                 }
             }
             if let Some(clogging) = actuation.clogging[c] {
-                let end = clogging.share * (vent_flow_kg_s[c].abs() / CLOGGING_FLOW_KG_S).powi(2);
+                let end = clogging.share * (flow_kg_s.abs() / CLOGGING_FLOW_KG_S).powi(2);
                 self.clogged[c] = end + (self.clogged[c] - end) * (-seconds / clogging.time_s).exp();
             }
         }
@@ -173,10 +173,7 @@ mod tests {
 
     #[test]
     fn a_warm_coil_ends_at_the_copper_law() {
-        let actuation = Actuation {
-            warm: [Some(WarmCoil { rise: 0.1, time_s: 90.0 }), None],
-            ..Actuation::default()
-        };
+        let actuation = Actuation { warm: [Some(WarmCoil { rise: 0.1, time_s: 90.0 }), None], ..Actuation::default() };
         let mut memory = ActuationMemory::new(&actuation, [1.0, 1.0]);
         for _ in 0..200 {
             memory.pass(&actuation, 10.0, [0.0; 2]);
@@ -198,10 +195,8 @@ mod tests {
 
     #[test]
     fn a_sticky_plunger_moves_in_steps() {
-        let actuation = Actuation {
-            sticky: [Some(StickyPlunger { band: 0.02, residual: 0.0 }), None],
-            ..Actuation::default()
-        };
+        let actuation =
+            Actuation { sticky: [Some(StickyPlunger { band: 0.02, residual: 0.0 }), None], ..Actuation::default() };
         let mut memory = ActuationMemory::new(&actuation, [0.5, 0.5]);
         memory.currents(&actuation, 0.0);
         let mut values = Vec::new();

@@ -33,19 +33,15 @@ pub struct Making {
     pub seconds: [f64; 3],
     /// How much of the first recording effects are sized on (s).
     pub probe_s: f64,
-    /// Whether net sizes are worked out: thirteen more runs of the probe.
-    pub net_sizes: bool,
     /// No nuisance is larger than this (kPa, raw): beyond, it would be an effect of its own.
     pub nuisance_ceiling_kpa: f64,
 }
 
 impl Making {
     /// For the full suite.
-    pub const FULL: Self =
-        Self { seconds: [100.0, 100.0, 100.0], probe_s: 60.0, net_sizes: true, nuisance_ceiling_kpa: 0.06 };
+    pub const FULL: Self = Self { seconds: [100.0, 100.0, 100.0], probe_s: 60.0, nuisance_ceiling_kpa: 0.06 };
     /// For a suite that is made in seconds.
-    pub const QUICK: Self =
-        Self { seconds: [40.0, 40.0, 40.0], probe_s: 12.0, net_sizes: false, nuisance_ceiling_kpa: 0.06 };
+    pub const QUICK: Self = Self { seconds: [40.0, 40.0, 40.0], probe_s: 12.0, nuisance_ceiling_kpa: 0.06 };
 }
 
 /// A case that was made.
@@ -69,10 +65,15 @@ pub struct NoUsefulRig {
 
 /// Rigs that are drawn before giving up.
 const ATTEMPTS: u32 = 40;
-/// What nulls take their nuisances from: 5 to 15 % of this level (kPa).
-const NULL_LEVEL_KPA: f64 = 0.3;
-/// Nuisances are 5 to 15 % of the concealed effect.
+/// Nuisances are 5 to 15 % of the concealed effect, in raw size, and at most 15 % of it in net size.
 const NUISANCE_SHARE: (f64, f64) = (0.05, 0.15);
+/// Where nothing is concealed, nuisances are as beside an effect of this raw size (kPa).
+const NULL_LEVEL_KPA: f64 = 0.3;
+/// No nuisance is asked to have a smaller net size (kPa): beside a static effect, which a refit takes up whole, there
+/// would be none at all.
+const LEAST_NET_KPA: f64 = 0.012;
+/// How close to its wanted size a nuisance must come, as a ratio.
+const NUISANCE_CLOSE: f64 = 1.3;
 /// A motor that slips: the ripple beats once in 25 to 200 s.
 const SLIP: (f64, f64) = (5e-5, 4e-4);
 /// What nuisances are drawn from: small everyday imperfections.
@@ -107,13 +108,9 @@ pub fn make(plan: &Plan, making: &Making) -> Result<Case, NoUsefulRig> {
     let (build, range) = draw_rig(plan, &root)?;
     let holds = random_holds(&mut root.stream("holds"), &range, ticks(making.seconds[0]));
     let probe_rows = ticks(making.probe_s).min(holds.len());
-    let probe = if making.net_sizes {
-        Probe::new(&build, &holds[..probe_rows])
-    } else {
-        Probe::without_sensitivities(&build, &holds[..probe_rows])
-    };
+    let probe = Probe::new(&build, &holds[..probe_rows]);
     let truth = conceal(plan, making, &root, &probe);
-    let nuisances = nuisances(plan, making, &root, &probe);
+    let nuisances = nuisances(&truth, plan, making, &root, &probe);
     let nuisances_together = size_together(&build, &nuisances, &probe);
     let mut truth = Truth {
         case: plan.name.clone(),
@@ -155,7 +152,7 @@ fn conceal(plan: &Plan, making: &Making, root: &Draws, probe: &Probe<'_>) -> Vec
         let shape = kind.draw(&mut root.stream(kind.name()));
         // A volume that is switched in after the probe's end would have no size there.
         let shape = earlier(shape, making.probe_s);
-        let (effect, size) = probe.at_size(&shape, *place, plan.level_kpa);
+        let (effect, size) = probe.at_size(&shape, *place, plan.level_kpa, 1.1);
         Planted::new(effect, *place, size)
     });
     planted.collect()
@@ -172,27 +169,41 @@ fn earlier(effect: Effect, probe_s: f64) -> Effect {
 }
 
 /// Three to six small effects beside the concealed ones.
-fn nuisances(plan: &Plan, making: &Making, root: &Draws, probe: &Probe<'_>) -> Vec<Planted> {
+///
+/// What the diagnosis can see of an effect is its net size, so that is what must not compete with the concealed one: a
+/// nuisance whose net size comes out above its share is made weaker.
+fn nuisances(concealed: &[Planted], plan: &Plan, making: &Making, root: &Draws, probe: &Probe<'_>) -> Vec<Planted> {
     let mut draws = root.stream("nuisances");
     let level_kpa = if plan.effects.is_empty() { NULL_LEVEL_KPA } else { plan.level_kpa };
+    let smallest_net_kpa = concealed.iter().map(|planted| larger(planted.size.net_kpa)).fold(f64::INFINITY, f64::min);
+    let net_limit_kpa = if concealed.is_empty() { LEAST_NET_KPA } else { NUISANCE_SHARE.1 * smallest_net_kpa };
+    let net_limit_kpa = net_limit_kpa.max(LEAST_NET_KPA);
+    let raw_limit_kpa = (NUISANCE_SHARE.1 * level_kpa).min(making.nuisance_ceiling_kpa);
     let mut kinds: Vec<Kind> =
         NUISANCES.iter().copied().filter(|kind| plan.effects.iter().all(|(other, _)| other != kind)).collect();
     draws.shuffle(&mut kinds);
     let count = 3 + draws.index(4);
-    kinds
-        .into_iter()
-        .take(count)
-        .map(|kind| {
-            let place = kind.places()[draws.index(kind.places().len())];
-            let shape = kind.draw(&mut draws);
-            let wanted_kpa =
-                (level_kpa * draws.between(NUISANCE_SHARE.0, NUISANCE_SHARE.1)).min(making.nuisance_ceiling_kpa);
-            let (effect, size) = probe.at_size(&shape, place, wanted_kpa);
-            Planted::new(effect, place, size)
-        })
-        // The weakest of some kinds is still too strong in some rigs: left out rather than larger than allowed.
-        .filter(|planted| larger(planted.size.raw_kpa) <= 1.2 * NUISANCE_SHARE.1 * level_kpa)
-        .collect()
+    let mut planted = Vec::new();
+    for kind in kinds {
+        let place = kind.places()[draws.index(kind.places().len())];
+        let shape = kind.draw(&mut draws);
+        let share = draws.between(NUISANCE_SHARE.0, NUISANCE_SHARE.1);
+        let wanted_kpa = (level_kpa * share).min(making.nuisance_ceiling_kpa);
+        let (mut effect, mut size) = probe.at_size(&shape, place, wanted_kpa, NUISANCE_CLOSE);
+        let excess = larger(size.net_kpa) / net_limit_kpa;
+        if excess > 1.0 {
+            let weaker_kpa = 0.8 * larger(size.raw_kpa) / excess;
+            (effect, size) = probe.at_size(&effect, place, weaker_kpa, NUISANCE_CLOSE);
+        }
+        // The weakest of some kinds is still too strong in some rigs: another kind takes its place.
+        if larger(size.net_kpa) <= net_limit_kpa && larger(size.raw_kpa) <= NUISANCE_CLOSE * raw_limit_kpa {
+            planted.push(Planted::new(effect, place, size));
+        }
+        if planted.len() == count {
+            break;
+        }
+    }
+    planted
 }
 
 fn size_together(build: &BuildSheet, planted: &[Planted], probe: &Probe<'_>) -> Size {

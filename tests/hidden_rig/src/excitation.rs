@@ -82,7 +82,6 @@ pub fn commission(rig: &Rig) -> Option<OperatingRange> {
         let mut run = Run::from_rest(rig, start, Precision::Coarse);
         let mut controller = Controller::at(start);
         let mut duty = start;
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "450 ticks")]
         for _ in 0..(COMMISSIONING_S * TICKS_PER_S) as usize {
             duty = controller.duties(goal, run.clean_kpa());
             run.tick(duty, true);
@@ -124,7 +123,6 @@ pub fn random_holds(draws: &mut Draws, range: &OperatingRange, ticks: usize) -> 
 }
 
 /// Slow triangles, of another period in each channel, for two thirds of the time; then stairs of 2 s.
-#[expect(clippy::cast_precision_loss, reason = "ticks of minutes")]
 pub fn triangles_and_stairs(draws: &mut Draws, range: &OperatingRange, ticks: usize) -> Vec<[f64; 2]> {
     let period_s: [f64; 2] = [draws.between(14.0, 20.0), draws.between(9.0, 13.0)];
     let phase = [draws.unit(), draws.unit()];
@@ -141,7 +139,6 @@ pub fn triangles_and_stairs(draws: &mut Draws, range: &OperatingRange, ticks: us
                 } else {
                     // The channels step in turn, a second apart, so that each step is seen alone.
                     let lag_s = if c == 0 { 0.0 } else { 0.5 * stairs_s };
-                    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "stairs of a minute")]
                     let stair = ((time_s + lag_s) / stairs_s) as usize;
                     range.at(c, steps[stair % ticks][c])
                 }
@@ -151,7 +148,6 @@ pub fn triangles_and_stairs(draws: &mut Draws, range: &OperatingRange, ticks: us
 }
 
 /// References for a closed loop: a ramp, a sine and a step now and then, within the middle of the reachable range.
-#[expect(clippy::cast_precision_loss, reason = "ticks of minutes")]
 pub fn references_kpa(draws: &mut Draws, range: &OperatingRange, ticks: usize) -> Vec<[f64; 2]> {
     let period_s = [draws.between(6.0, 10.0), draws.between(8.0, 13.0)];
     let phase = [draws.unit(), draws.unit()];
@@ -198,9 +194,8 @@ mod tests {
             }
         }
         for reference in references_kpa(&mut draws, &RANGE, ticks) {
-            for c in 0..2 {
-                let [low, high] = RANGE.pressure_kpa[c];
-                assert!(reference[c] > low && reference[c] < high);
+            for (goal, [low, high]) in reference.into_iter().zip(RANGE.pressure_kpa) {
+                assert!(goal > low && goal < high);
             }
         }
     }

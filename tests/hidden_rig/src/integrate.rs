@@ -209,14 +209,17 @@ impl<const N: usize> Trial<N> {
     /// The largest error beside what is permitted.
     #[inline]
     fn error(&self, tolerance: &Tolerance<N>, start: &[f64; N]) -> f64 {
-        let mut worst = 0.0_f64;
-        for i in 0..N {
-            let size = start[i].abs().max(tolerance.scales[i]);
-            worst = worst.max(self.error[i].abs() / size);
-        }
+        let scaled = |i: usize| self.error[i].abs() / start[i].abs().max(tolerance.scales[i]);
+        let worst = (0..N).map(scaled).fold(0.0, worse);
         // A state that is no number must not pass for a precise one.
         if worst.is_finite() { worst / tolerance.relative } else { 1e9 }
     }
+}
+
+/// The larger of two errors, where one that is no number is the worst of all.
+#[inline]
+fn worse(a: f64, b: f64) -> f64 {
+    if b > a || b.is_nan() { b } else { a }
 }
 
 /// The switch that turns over first in a step, and at which share of it.
@@ -253,13 +256,7 @@ fn first_crossing<const N: usize, const G: usize>(
 }
 
 /// The cubic through both ends of a step and their slopes.
-fn hermite<const N: usize>(
-    step_s: f64,
-    share: f64,
-    start: &[f64; N],
-    first: &[f64; N],
-    trial: &Trial<N>,
-) -> [f64; N] {
+fn hermite<const N: usize>(step_s: f64, share: f64, start: &[f64; N], first: &[f64; N], trial: &Trial<N>) -> [f64; N] {
     let (s, r) = (share, 1.0 - share);
     let (from, slope_from) = (r * r * (1.0 + 2.0 * s), r * r * s * step_s);
     let (to, slope_to) = (s * s * (1.0 + 2.0 * r), -s * s * r * step_s);

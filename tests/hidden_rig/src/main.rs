@@ -87,7 +87,12 @@ fn main() -> ExitCode {
             };
             match make_suite(&plans, &making, &out, threads, &told) {
                 Ok(()) => {
-                    eprintln!("{} cases in {}; truths aside in {}", plans.len(), out.display(), out.join("truth").display());
+                    eprintln!(
+                        "{} cases in {}; truths aside in {}",
+                        plans.len(),
+                        out.display(),
+                        out.join("truth").display()
+                    );
                     ExitCode::SUCCESS
                 }
                 Err(error) => failed(&error),
@@ -103,7 +108,8 @@ fn main() -> ExitCode {
                 Err(error) => return bad_input(&error),
             };
             let recording = truth.experiment(&commands);
-            let written = recording.write(&out).and_then(|()| clean.map_or(Ok(()), |clean| recording.write_clean(&clean)));
+            let written =
+                recording.write(&out).and_then(|()| clean.map_or(Ok(()), |clean| recording.write_clean(&clean)));
             if let Err(error) = written {
                 return failed(&error);
             }

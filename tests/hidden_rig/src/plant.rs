@@ -101,9 +101,7 @@ impl Plant {
     #[inline]
     pub fn cylinders(&self, state: &State) -> ([Gas; 2], Swept) {
         let swept = self.pump.swept(state[CRANK]);
-        let gas = |i: usize| {
-            Gas::of_store(state[CYLINDER + 2 * i], state[CYLINDER + 2 * i + 1], swept.volume_m3[i])
-        };
+        let gas = |i: usize| Gas::of_store(state[CYLINDER + 2 * i], state[CYLINDER + 2 * i + 1], swept.volume_m3[i]);
         ([gas(0), gas(1)], swept)
     }
 

@@ -15,7 +15,6 @@ const LOWEST: f64 = -0.2;
 const HIGHEST: f64 = 1.2;
 
 /// Distance of neighbouring centres.
-#[expect(clippy::cast_precision_loss, reason = "14,000 fits an f64 exactly")]
 const STEP: f64 = (HIGHEST - LOWEST) / CENTRES as f64;
 
 /// A field of relays with its memory.
@@ -36,7 +35,6 @@ impl Preisach {
     /// duty of 0 for long.
     ///
     /// `spread` (0 to below 1) is how much half widths differ from their mean.
-    #[expect(clippy::cast_precision_loss, reason = "eleven rows")]
     pub fn new(mean: f64, spread: f64) -> Self {
         let place = |row: usize| 2.0 * (row as f64 + 0.5) / WIDTHS as f64 - 1.0;
         let half_widths = std::array::from_fn(|row| mean * (1.0 + spread * place(row)));
@@ -80,8 +78,6 @@ impl Preisach {
 }
 
 /// How many centres lie below a value.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the grid before")]
-#[expect(clippy::cast_precision_loss, reason = "14,000 fits an f64 exactly")]
 fn relays_below(value: f64) -> usize {
     ((value - LOWEST) / STEP + 0.5).floor().clamp(0.0, CENTRES as f64) as usize
 }

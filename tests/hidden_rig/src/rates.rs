@@ -99,8 +99,7 @@ impl Driven<'_> {
         rates[CRANK] = speed;
         rates[SPEED] = (target - speed) / pump.motor.spin_up_s;
         let (cylinders, swept) = self.plant.cylinders(state);
-        for i in 0..2 {
-            let gas = cylinders[i];
+        for (i, gas) in cylinders.into_iter().enumerate() {
             if self.open[i] {
                 let over_pa = chambers[NEGATIVE].pressure_pa - gas.pressure_pa;
                 let conductance = pump.inlet.conductance * pump.inlet.lift(over_pa);
@@ -253,11 +252,11 @@ impl Switched<STATES, CHECK_VALVES> for Driven<'_> {
             let flow = self.vent(state, c, self.plant.chamber_gas(state, c));
             let missing_m = (self.resting_lift(state, c, &flow) - state[LIFT + c]).abs();
             let breakaway_m = friction.breakaway_n / vent.stiffness_n_m;
-            let held = if self.held[c] { missing_m <= breakaway_m } else { missing_m < friction.residual * breakaway_m };
+            let held =
+                if self.held[c] { missing_m <= breakaway_m } else { missing_m < friction.residual * breakaway_m };
             jumped |= held != self.held[c];
             self.held[c] = held;
         }
         jumped
     }
 }
-

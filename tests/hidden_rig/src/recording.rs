@@ -275,7 +275,6 @@ pub fn parse_commands(file: &Path, bytes: &[u8]) -> Result<Vec<Command>, Recordi
 }
 
 /// How many ticks a time is.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "recordings of minutes")]
 pub fn ticks(seconds: f64) -> usize {
     (seconds * TICKS_PER_S).round().max(0.0) as usize
 }

@@ -36,7 +36,6 @@ impl Draws {
     }
 
     /// Uniform in [0, 1).
-    #[expect(clippy::cast_precision_loss, reason = "53 bits fit an f64 exactly")]
     pub fn unit(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
     }
@@ -52,8 +51,6 @@ impl Draws {
     }
 
     /// One of `count` indices, each as likely; 0 if there is none.
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a unit draw times a small count")]
-    #[expect(clippy::cast_precision_loss, reason = "counts here are small")]
     pub fn index(&mut self, count: usize) -> usize {
         ((self.unit() * count as f64) as usize).min(count.saturating_sub(1))
     }

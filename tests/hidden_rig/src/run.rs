@@ -78,7 +78,6 @@ impl<'a> Run<'a> {
     /// A rig that has settled at these duties, at time 0.
     pub fn settled(rig: &'a Rig, duty: [f64; 2], precision: Precision) -> Self {
         let mut run = Self::from_rest(rig, duty, precision);
-        #[expect(clippy::cast_possible_truncation, reason = "400 ticks")]
         let settling = (SETTLING_S * TICKS_PER_S) as i32;
         run.ticks = -settling;
         for _ in 0..settling {

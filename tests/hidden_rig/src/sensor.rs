@@ -160,8 +160,7 @@ impl Electronics {
 mod tests {
     use super::*;
 
-    const NOISE: Noise =
-        Noise { white_pa: [70.0, 60.0], slow_pa: [30.0, 25.0], slow_correlation: 0.9, jitter_s: 1e-4 };
+    const NOISE: Noise = Noise { white_pa: [70.0, 60.0], slow_pa: [30.0, 25.0], slow_correlation: 0.9, jitter_s: 1e-4 };
 
     #[test]
     fn readings_stand_on_the_converters_steps() {

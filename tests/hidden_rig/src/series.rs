@@ -29,9 +29,8 @@ impl Tube {
     /// Pressure at the valve (Pa) when a flow leaves (`out`) or enters a chamber through the tube.
     #[inline]
     fn inner_pa(&self, chamber: Gas, flow: f64, out: bool) -> f64 {
-        let loss = GAS_CONSTANT
-            * chamber.temperature_k
-            * (self.laminar * flow + flow * flow / (self.area_m2 * self.area_m2));
+        let loss =
+            GAS_CONSTANT * chamber.temperature_k * (self.laminar * flow + flow * flow / (self.area_m2 * self.area_m2));
         let squared = chamber.pressure_pa * chamber.pressure_pa + if out { -loss } else { loss };
         squared.max(1.0).sqrt()
     }
@@ -147,8 +146,7 @@ mod tests {
     fn vent(tube_m2: Option<f64>, muffler_m2: Option<f64>) -> Vent {
         let mut vent = Vent::of_coefficients(4.876e-6, 3.066e-6, 4.474e-6);
         vent.tube = tube_m2.map(|area_m2| Tube { laminar: 20.0 / area_m2, area_m2 });
-        vent.muffler =
-            muffler_m2.map(|area| Muffler { conductance: sonic_conductance(area), critical_ratio: 0.4 });
+        vent.muffler = muffler_m2.map(|area| Muffler { conductance: sonic_conductance(area), critical_ratio: 0.4 });
         vent
     }
 

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::build_sheet::{BuildSheet, IDENTIFIABLE};
 use crate::effects::{Effect, Place};
-use crate::run::{Precision, Rig, Run};
+use crate::run::{Precision, Rig, Run, TICK_S};
 
 /// Pressures of both channels over time (kPa gauge), without noise.
 pub type Trace = Vec<[f64; 2]>;
@@ -21,9 +21,9 @@ pub type Trace = Vec<[f64; 2]>;
 pub struct Size {
     /// Root mean square of the raw difference (kPa), by channel.
     pub raw_kpa: [f64; 2],
-    /// What of it a refit would leave (kPa), by channel.
+    /// Root mean square of what a refit leaves of it (kPa), by channel.
     pub net_kpa: [f64; 2],
-    /// χ² of the net difference against the noise, per second of recording.
+    /// χ² of what is left against the noise, per second of recording.
     pub net_chi2_per_s: f64,
 }
 
@@ -56,11 +56,8 @@ pub fn difference(with: &[[f64; 2]], without: &[[f64; 2]]) -> Trace {
 }
 
 /// Root mean square, by channel.
-#[expect(clippy::cast_precision_loss, reason = "rows of minutes")]
 pub fn rms(trace: &[[f64; 2]]) -> [f64; 2] {
-    std::array::from_fn(|c| {
-        (trace.iter().map(|row| row[c] * row[c]).sum::<f64>() / trace.len().max(1) as f64).sqrt()
-    })
+    std::array::from_fn(|c| (trace.iter().map(|row| row[c] * row[c]).sum::<f64>() / trace.len().max(1) as f64).sqrt())
 }
 
 /// The larger of both channels.
@@ -74,13 +71,12 @@ const STEP: f64 = 3e-3;
 const ATTEMPTS: usize = 7;
 /// The level at which an effect that is sized by its strength stands at the top of its range (kPa).
 const STRONGEST_KPA: f64 = 3.0;
-/// How close to the wanted size is close enough, as a ratio.
-const CLOSE: f64 = 1.1;
 
 impl<'a> Probe<'a> {
     /// Prepares a stretch of commands on a rig; takes fourteen runs.
     pub fn new(sheet: &'a BuildSheet, duties: &'a [[f64; 2]]) -> Self {
-        let mut probe = Self::without_sensitivities(sheet, duties);
+        let nominal = trace(&sheet.rig(), duties, Precision::Coarse);
+        let mut probe = Self { sheet, duties, nominal, span: Vec::new() };
         for k in 0..IDENTIFIABLE.len() {
             let mut moved = sheet.clone();
             *moved.identifiable()[k] *= 1.0 + STEP;
@@ -88,11 +84,6 @@ impl<'a> Probe<'a> {
             probe.add_direction(change);
         }
         probe
-    }
-
-    /// The same without sensitivities, for where net sizes are not wanted: they are then the raw ones.
-    pub fn without_sensitivities(sheet: &'a BuildSheet, duties: &'a [[f64; 2]]) -> Self {
-        Self { sheet, duties, nominal: trace(&sheet.rig(), duties, Precision::Coarse), span: Vec::new() }
     }
 
     /// The nominal trace.
@@ -132,18 +123,17 @@ impl<'a> Probe<'a> {
         self.size(&difference(&trace(rig, self.duties, Precision::Coarse), &self.nominal))
     }
 
-    #[expect(clippy::cast_precision_loss, reason = "rows of minutes")]
     fn size(&self, raw: &[[f64; 2]]) -> Size {
         let mut net = self.in_noise(raw);
         for column in &self.span {
             subtract_projection(&mut net, column);
         }
         let sigma = self.sheet.noise.sigma_pa().map(|pa| 1e-3 * pa);
-        let net_rms = rms(&net);
+        let in_noise = rms(&net);
         Size {
             raw_kpa: rms(raw),
-            net_kpa: [net_rms[0] * sigma[0], net_rms[1] * sigma[1]],
-            net_chi2_per_s: norm(&net).powi(2) / (self.duties.len() as f64 * crate::run::TICK_S),
+            net_kpa: [in_noise[0] * sigma[0], in_noise[1] * sigma[1]],
+            net_chi2_per_s: norm(&net).powi(2) / (self.duties.len() as f64 * TICK_S),
         }
     }
 
@@ -155,11 +145,11 @@ impl<'a> Probe<'a> {
     }
 
     /// Gives an effect the strength at which its raw size (of the larger channel) is `wanted_kpa`, as far as its
-    /// physical range allows; with the size that it then has.
+    /// physical range allows; with the size that it then has. `close` is the ratio of sizes that is close enough.
     ///
     /// Secant steps in the logarithms of strength and size, with slopes held between a quarter and four: effects are
     /// nearly proportional to their strength, except where they begin (friction) or saturate (insulation).
-    pub fn at_size(&self, effect: &Effect, place: Place, wanted_kpa: f64) -> (Effect, Size) {
+    pub fn at_size(&self, effect: &Effect, place: Place, wanted_kpa: f64, close: f64) -> (Effect, Size) {
         let (low, high) = effect.kind().strengths();
         if effect.kind().sized_by_strength() {
             let sized = effect.at_strength(high * (wanted_kpa / STRONGEST_KPA).powf(0.6));
@@ -185,7 +175,7 @@ impl<'a> Probe<'a> {
                 _ => strength * miss.exp(),
             }
             .clamp(low, high);
-            if miss.abs() < CLOSE.ln() || next == strength {
+            if miss.abs() < close.ln() || next == strength {
                 break;
             }
             last = Some((strength, size));

@@ -208,8 +208,8 @@ pub fn make_suite(
         })
         .collect();
     let file = out.join("cases.json");
-    let mut text = serde_json::to_vec_pretty(&entries)
-        .map_err(|source| TruthError::Parse { file: file.clone(), source })?;
+    let mut text =
+        serde_json::to_vec_pretty(&entries).map_err(|source| TruthError::Parse { file: file.clone(), source })?;
     text.push(b'\n');
     write_whole(&file, &text)?;
     Ok(())

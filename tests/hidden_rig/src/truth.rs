@@ -142,8 +142,8 @@ impl Truth {
     /// # Errors
     /// The file cannot be written.
     pub fn write(&self, file: &Path) -> Result<(), TruthError> {
-        let mut text = serde_json::to_vec_pretty(self)
-            .map_err(|source| TruthError::Parse { file: file.to_owned(), source })?;
+        let mut text =
+            serde_json::to_vec_pretty(self).map_err(|source| TruthError::Parse { file: file.to_owned(), source })?;
         text.push(b'\n');
         Ok(write_whole(file, &text)?)
     }

@@ -10,7 +10,7 @@ use hidden_rig::build_sheet::{BuildSheet, Spread};
 use hidden_rig::excitation::{commission, random_holds};
 use hidden_rig::rng::Draws;
 use hidden_rig::run::{Precision, Rig, Run};
-use hidden_rig::sizing::trace;
+use hidden_rig::sizing::{Trace, trace};
 use paper::{Paper, TABLE_III, refit, rms};
 
 /// The hidden rig where its formulations meet the paper's: heat passes freely, flappers follow at once.
@@ -22,8 +22,8 @@ fn in_the_papers_limit() -> Rig {
     sheet.rig()
 }
 
-/// Commands and pressures of a golden trace; `None` where the checkout has no `shared` beside it.
-fn golden(name: &str) -> Option<(Vec<[f64; 2]>, Vec<[f64; 2]>)> {
+/// Duties and pressures of a golden trace; `None` where the checkout has no `shared` beside it.
+fn golden(name: &str) -> Option<(Trace, Trace)> {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/golden").join(name);
     let Ok(text) = std::fs::read_to_string(&file) else {
         println!("skipped: no {name} beside the checkout");
@@ -56,7 +56,7 @@ fn in_the_papers_limit_it_follows_the_golden_traces_without_any_refit() {
         // Elliptic against isentropic flow is worth up to 0.5 % of the vent's flow, so some 0.2 kPa of 90.
         assert!(distance[0] < 0.25 && distance[1] < 0.12, "{name}: {distance:?}");
         // The reference of the refit below is the paper's model indeed: RK4 at 0.1 ms is good to 0.006 kPa.
-        let reference = Paper { p: TABLE_III, angle: 0.0 }.from_rest(&duties);
+        let reference = Paper { p: TABLE_III, angle: 0.0 }.run_from_rest(&duties);
         let distance = rms(&reference, &pressures);
         assert!(distance[0] < 0.006 && distance[1] < 0.006, "{name}: {distance:?}");
     }
@@ -73,7 +73,7 @@ fn with_nothing_concealed_a_refit_of_the_papers_model_explains_it() {
     let duties = random_holds(&mut Draws::new(21), &range, 700);
     let hidden = trace(&sheet.rig(), &duties, Precision::Fine);
     let before = Paper { p: TABLE_III, angle: 0.0 };
-    let raw = rms(&before.from_pressures(&duties, hidden[0]), &hidden);
+    let raw = rms(&before.run_from_pressures(&duties, hidden[0]), &hidden);
     let (_, distance) = refit(&before, &duties, &hidden, 5);
     println!("Table III {raw:.3?} kPa, refitted {distance:.4?} kPa");
     assert!(raw[0] > 1.0, "the draws moved it: {raw:?}");

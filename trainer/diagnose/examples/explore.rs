@@ -38,8 +38,8 @@ fn main() {
             round.taken,
             round.evidence
         );
-        for (k, cost) in round.ranked.iter().take(8) {
-            println!("     {} {cost:.1}", all[*k].full_name());
+        for (k, gain) in round.ranked.iter().take(12) {
+            println!("     {} {gain:.1}", all[*k].full_name());
         }
     }
     println!(

@@ -2,7 +2,10 @@
 
 use fit::FitError;
 use fit::data::{Noise, Records, Role, Split, Stretch, noise};
-use fit::objective::{FitSettings, Fitted, NoiseModel, Score, Shooting, blocks_of, fit_from, score};
+use fit::least_squares::{Loss, Settings, minimise};
+use fit::objective::{
+    FitSettings, Fitted, NoiseModel, RigProblem, Score, Shooting, blocks_of, fit_from, score,
+};
 use fit::parameters::{Parameter, ParameterSet, Scatter, nominal};
 use fit::simulate::{Arcs, Fidelity, Simulator, refined_starts};
 use model::rig::Rig;
@@ -22,8 +25,10 @@ pub struct Bench<'r> {
     pub rig: &'r Rig,
     /// The recordings.
     pub records: &'r Records,
-    /// Runs rigs over them.
+    /// Runs rigs over them, stroke by stroke.
     pub simulator: Simulator<'r>,
+    /// Runs rigs over them with the pump averaged: for searches, corrected by what the detailed rig differs by.
+    pub fast: Simulator<'r>,
     /// Which rows are fitted, which choose, which are kept back.
     pub split: Split,
     /// Noise by channel.
@@ -49,11 +54,25 @@ pub struct Explanation {
     pub prior_cost: f64,
 }
 
+/// Arcs, weights and correction that glances share.
+#[derive(Debug, Clone)]
+pub struct Footing {
+    /// Where simulations start.
+    pub arcs: Arcs,
+    /// Weight of each reading, 1/kPa.
+    pub weights: Vec<f64>,
+    /// Detailed less averaged, in kPa.
+    pub correction_kpa: Vec<f64>,
+    /// Cost of the explanation that it comes from.
+    pub cost: f64,
+}
+
+/// The loss of all fits.
+pub const LOSS: Loss = Loss::Student { freedom: 5.0 };
+
 /// How thorough a fit is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effort {
-    /// A few rounds of free runs.
-    Glance,
     /// Free runs until they converge.
     Polish,
     /// Windows first, then free runs.
@@ -63,11 +82,10 @@ pub enum Effort {
 impl Effort {
     fn settings(self) -> FitSettings {
         let (stages, rounds, least_gain) = match self {
-            Effort::Glance => (vec![Shooting::Free], 3, 1.0),
             Effort::Polish => (vec![Shooting::Free], 10, 0.05),
             Effort::Full => (vec![Shooting::Windows { seconds: 2.0 }, Shooting::Free], 12, 0.05),
         };
-        FitSettings { stages, rounds, least_gain, ..FitSettings::default() }
+        FitSettings { stages, rounds, least_gain, search: Fidelity::Averaged, ..FitSettings::default() }
     }
 }
 
@@ -82,6 +100,7 @@ impl<'r> Bench<'r> {
             rig,
             records,
             simulator,
+            fast: simulator.at(Fidelity::Averaged),
             nominal: nominal(rig, Scatter::default()),
             fit_weights: split.weights(records.layout(), Role::Fit).iter().zip(usable).map(|(w, u)| w * u).collect(),
             counted: usable.to_vec(),
@@ -183,6 +202,47 @@ impl<'r> Bench<'r> {
         let trace = self.free_run(&fitted.rig)?;
         let prior_cost = fitted.point.iter().take(self.nominal.len()).map(|z| 0.5 * z * z).sum();
         Ok(Explanation { terms: terms.to_vec(), set, fitted, trace, prior_cost })
+    }
+
+    /// A few rounds with the averaged pump, on the arcs and scale of `base`, so that costs are comparable with each
+    /// other and with its own ([`Footing::cost`]); the best cost and point of some starts.
+    pub fn glance(&self, footing: &Footing, set: &ParameterSet, starts: &[Vec<f64>], rounds: usize) -> Option<(f64, Vec<f64>)> {
+        let mut best: Option<(f64, Vec<f64>)> = None;
+        for start in starts {
+            let mut problem = RigProblem::new(self.fast, set, footing.arcs.clone(), footing.weights.clone())
+                .corrected(footing.correction_kpa.clone());
+            let settings = Settings {
+                loss: LOSS,
+                prior: set.prior(),
+                bounds: set.bounds(),
+                rounds,
+                trials: 4,
+                least_gain: 1.0,
+            };
+            if let Ok(outcome) = minimise(&mut problem, start, &settings)
+                && best.as_ref().is_none_or(|(least, _)| outcome.cost < *least)
+            {
+                best = Some((outcome.cost, outcome.point));
+            }
+        }
+        best
+    }
+
+    /// What glances on top of an explanation stand on.
+    ///
+    /// # Errors
+    /// The explanation's rig cannot be simulated.
+    pub fn footing(&self, base: &Explanation) -> Result<Footing, DiagnoseError> {
+        let (rig, arcs) = (&base.fitted.rig, base.fitted.arcs.clone());
+        let close = self.simulator.one(rig, &arcs)?;
+        let fast = self.fast.one(rig, &arcs)?;
+        let correction_kpa = close.iter().zip(&fast).map(|(c, f)| c - f).collect();
+        Ok(Footing {
+            weights: self.weighted(&base.fitted.scale_kpa),
+            arcs,
+            correction_kpa,
+            cost: base.fitted.cost,
+        })
     }
 
     /// A free run over all rows, starts refined.

@@ -201,10 +201,10 @@ fn is_rival(bench: &Bench<'_>, best: &Explanation, rival: &Explanation) -> bool 
 fn close_to(found: &Found, term: usize, gain: f64) -> Vec<usize> {
     let mut close: Vec<usize> = Vec::new();
     for round in &found.rounds {
-        let Some(own) = round.ranked.iter().find(|(k, _)| *k == term).map(|(_, cost)| *cost) else { continue };
+        let Some(own) = round.ranked.iter().find(|(k, _)| *k == term).map(|(_, gain)| *gain) else { continue };
         // A glance is not converged, so a tenth of the gain is allowed for.
         let within = 30.0 + 0.1 * gain.abs();
-        close.extend(round.ranked.iter().filter(|(k, cost)| *k != term && cost - own < within).map(|(k, _)| *k));
+        close.extend(round.ranked.iter().filter(|(k, gain)| *k != term && own - gain < within).map(|(k, _)| *k));
     }
     close.sort_unstable();
     close.dedup();

@@ -9,12 +9,12 @@
 //! in log-likelihood, to first order. One run per first magnitude is all it takes; `s` is the effect at that
 //! magnitude itself, so `a` near one means that the magnitude was right.
 
-use fit::least_squares::{Linearised, Loss};
+use fit::least_squares::Linearised;
 use fit::simulate::Run;
 use model::rig::Rig;
 use nalgebra::{DMatrix, DVector};
 
-use crate::bench::{Bench, Explanation};
+use crate::bench::{Bench, Explanation, LOSS};
 use crate::candidate::Candidate;
 
 /// What the screen says of a candidate.
@@ -46,7 +46,7 @@ pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, o
             runs.push(Run::from(rig));
         }
     }
-    let mut traces = bench.simulator.run(&runs, &fitted.arcs).into_iter();
+    let mut traces = bench.fast.run(&runs, &fitted.arcs).into_iter();
     let Some(Ok(still)) = traces.next() else { return Vec::new() };
     let weights = bench.weighted(&fitted.scale_kpa);
     let mut best: Vec<Screened> = Vec::new();
@@ -83,8 +83,7 @@ struct Projector<'a> {
 
 impl<'a> Projector<'a> {
     fn new(at: &'a Linearised, prior: &[f64]) -> Option<Self> {
-        let loss = Loss::Student { freedom: 5.0 };
-        let weights: Vec<f64> = at.residuals.iter().map(|r| loss.weight(*r)).collect();
+        let weights: Vec<f64> = at.residuals.iter().map(|r| LOSS.weight(*r)).collect();
         let n = at.jacobian.len();
         let mut normal = DMatrix::zeros(n, n);
         for (i, column) in at.jacobian.iter().enumerate() {

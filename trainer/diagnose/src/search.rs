@@ -28,9 +28,7 @@ pub struct SearchSettings {
 pub struct Round {
     /// Terms before the round.
     pub base: Vec<usize>,
-    /// Cost before the round.
-    pub base_cost: f64,
-    /// Candidates with their cost (half chi-square and prior), best first.
+    /// Candidates with what they gained in log-likelihood and prior at a glance, best first.
     pub ranked: Vec<(usize, f64)>,
     /// The best one's evidence against the base.
     pub evidence: Option<Evidence>,
@@ -77,7 +75,7 @@ pub fn search(
         let taken = settings.bar.passed(&found, parameters, candidates.len(), blocks);
         rounds.push(Round {
             base: best.terms.clone(),
-            base_cost: cost(bench, &best),
+           
             ranked,
             evidence: Some(found),
             taken,
@@ -95,6 +93,9 @@ pub fn search(
     }
     Ok(Found { nominal, best, next, rounds, tried })
 }
+
+/// Rounds of least squares of a glance.
+const GLANCE_ROUNDS: usize = 4;
 
 /// Cost of an explanation: half chi-square (robust) and prior.
 pub fn cost(bench: &Bench<'_>, explanation: &Explanation) -> f64 {
@@ -116,6 +117,7 @@ fn additions(
         .collect();
     tell("screening mechanisms", 0.0);
     let screened = screen(bench, candidates, base, &open);
+    let footing = bench.footing(base)?;
     let mut glances = Vec::new();
     let count = settings.glanced.min(screened.len());
     for (done, screened) in screened.iter().take(count).enumerate() {
@@ -124,18 +126,25 @@ fn additions(
         let terms = with(&base.terms, k);
         let from = [(k, screened.start.clone())];
         let starts = starts(bench, candidates, base, &terms, &from, settings.from_prior);
-        match bench.fit(candidates, &terms, &starts, Effort::Glance) {
-            Ok(explanation) => glances.push((k, cost(bench, &explanation), explanation)),
-            Err(e) => eprintln!("{}: {e}", candidates[k].full_name()),
+        let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
+        let set = bench.set(&of)?;
+        if let Some((cost, point)) = bench.glance(&footing, &set, &starts, GLANCE_ROUNDS) {
+            glances.push((k, footing.cost - cost, terms, point));
         }
     }
-    glances.sort_by(|a, b| a.1.total_cmp(&b.1));
+    glances.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut polished = Vec::new();
-    for (_, _, glance) in glances.iter().take(settings.polished) {
-        polished.push(bench.fit(candidates, &glance.terms, &[glance.fitted.point.clone()], Effort::Polish)?);
+    for (_, gain, terms, point) in glances.iter().take(settings.polished) {
+        tell("fitting the best", polished.len() as f64 / settings.polished as f64);
+        // What is far behind after a glance is not worth a fit.
+        let best = glances.first().map_or(0.0, |g| g.1);
+        if *gain < best - 20.0 - 0.5 * best.abs() {
+            continue;
+        }
+        polished.push(bench.fit(candidates, terms, &[point.clone()], Effort::Polish)?);
     }
     polished.sort_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b)));
-    Ok((glances.iter().map(|(k, cost, _)| (*k, *cost)).collect(), polished))
+    Ok((glances.iter().map(|(k, gain, ..)| (*k, *gain)).collect(), polished))
 }
 
 /// Starts for `terms`: the base's point, and the priors' means of the rig's own parameters. What the base does not have
@@ -210,6 +219,7 @@ fn swaps(
         rounds.iter().flat_map(|round| round.ranked.iter().take(settings.polished + 2).map(|(k, _)| *k)).collect();
     close.sort_unstable();
     close.dedup();
+    let mut footing = bench.footing(&best)?;
     for term in best.terms.clone() {
         let rest = without(&best.terms, term);
         for k in &close {
@@ -219,15 +229,19 @@ fn swaps(
             tell("swapping mechanisms", 0.5);
             let terms = with(&rest, *k);
             let starts = starts(bench, candidates, &best, &terms, &[], settings.from_prior);
-            let Ok(glance) = bench.fit(candidates, &terms, &starts, Effort::Glance) else { continue };
+            let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
+            let Some((cost_of, point)) = bench.glance(&footing, &bench.set(&of)?, &starts, GLANCE_ROUNDS) else {
+                continue;
+            };
             // A swap that is far behind after a glance does not overtake.
-            if cost(bench, &glance) > cost(bench, &best) + 0.1 * cost_above_floor(bench, &best).max(100.0) {
+            if cost_of > footing.cost + 0.1 * cost_above_floor(bench, &best).max(100.0) {
                 continue;
             }
-            let swapped = bench.fit(candidates, &terms, &[glance.fitted.point.clone()], Effort::Polish)?;
+            let swapped = bench.fit(candidates, &terms, &[point], Effort::Polish)?;
             if cost(bench, &swapped) < cost(bench, &best) - 1.0 {
                 tried.push(best);
                 best = swapped;
+                footing = bench.footing(&best)?;
                 break;
             }
             tried.push(swapped);

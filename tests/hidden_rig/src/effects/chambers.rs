@@ -174,7 +174,7 @@ pub struct VolumeChange {
 
 impl Mechanism for VolumeChange {
     const PLACES: &'static [Place] = EITHER;
-    const STRENGTHS: (f64, f64) = (5e-3, 0.8);
+    const STRENGTHS: (f64, f64) = (1e-3, 0.8);
 
     fn draw(draws: &mut Draws) -> Self {
         let time_s = (draws.unit() < 0.6).then(|| draws.between(20.0, 40.0));
@@ -199,7 +199,8 @@ impl Mechanism for VolumeChange {
         }
     }
     fn note(&self) -> String {
-        let when = self.time_s.map_or("from the start".to_owned(), |time_s| format!("{time_s:.1} s into each recording"));
+        let when =
+            self.time_s.map_or("from the start".to_owned(), |time_s| format!("{time_s:.1} s into each recording"));
         format!("volume {:+.1} %, {when}", 100.0 * self.relative)
     }
 }

@@ -142,7 +142,8 @@ impl Mechanism for Speed {
         }
     }
     fn note(&self) -> String {
-        let when = self.warming_time_s.map_or("from the start".to_owned(), |time_s| format!("as it warms, {time_s:.0} s"));
+        let when =
+            self.warming_time_s.map_or("from the start".to_owned(), |time_s| format!("as it warms, {time_s:.0} s"));
         format!("speed {:+.2} %, {when}", 100.0 * self.sign * self.relative)
     }
 }

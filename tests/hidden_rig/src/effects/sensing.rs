@@ -53,11 +53,7 @@ impl Mechanism for Drift {
     const STRENGTHS: (f64, f64) = (0.02, 15.0);
 
     fn draw(draws: &mut Draws) -> Self {
-        Self {
-            final_kpa: middle(Self::STRENGTHS),
-            sign: draws.sign(),
-            time_constant_s: draws.between(30.0, 120.0),
-        }
+        Self { final_kpa: middle(Self::STRENGTHS), sign: draws.sign(), time_constant_s: draws.between(30.0, 120.0) }
     }
     fn strength(&self) -> f64 {
         self.final_kpa

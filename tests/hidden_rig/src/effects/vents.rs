@@ -69,10 +69,8 @@ impl Mechanism for Exhaust {
     }
     fn install(&self, place: Place, rig: &mut Rig) {
         for &c in place.channels() {
-            rig.plant.vents[c].muffler = Some(Muffler {
-                conductance: sonic_conductance(self.area_m2),
-                critical_ratio: self.critical_ratio,
-            });
+            rig.plant.vents[c].muffler =
+                Some(Muffler { conductance: sonic_conductance(self.area_m2), critical_ratio: self.critical_ratio });
         }
     }
     fn note(&self) -> String {

@@ -3,7 +3,7 @@
 //! Equations (1)–(7) as the project reads them: isothermal pistons and chambers, isentropic orifices, areas by (5), RK4
 //! at 0.1 ms. Only for tests: nothing here is used by the rig.
 
-#![allow(dead_code, clippy::many_single_char_names)] // each test file uses its part; the paper's own letters
+#![allow(dead_code, unreachable_pub, clippy::many_single_char_names)] // each user takes its part; the paper's letters
 
 use std::f64::consts::{PI, TAU};
 
@@ -97,12 +97,12 @@ impl Paper {
     }
 
     /// Chamber pressures (kPa gauge) at every row; the run starts from rest at the atmosphere.
-    pub fn from_rest(&self, u: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    pub fn run_from_rest(&self, u: &[[f64; 2]]) -> Vec<[f64; 2]> {
         self.follow([P_ATM; 4], u)
     }
 
     /// The same from a settled start whose chambers have the first row's pressures (kPa gauge).
-    pub fn from_pressures(&self, u: &[[f64; 2]], first_kpa: [f64; 2]) -> Vec<[f64; 2]> {
+    pub fn run_from_pressures(&self, u: &[[f64; 2]], first_kpa: [f64; 2]) -> Vec<[f64; 2]> {
         let mut x = [P_ATM, P_ATM, P_ATM + 1e3 * first_kpa[0], P_ATM + 1e3 * first_kpa[1]];
         let mut angle = self.angle;
         // Ten turns settle the pistons; the chambers are put back after each.
@@ -137,12 +137,13 @@ pub fn refit(start: &Paper, u: &[[f64; 2]], trace: &[[f64; 2]], rounds: usize) -
     const SCALE_KPA: f64 = 0.02;
     let threads = 2;
     let mut best = start.clone();
-    let mut run = best.from_pressures(u, trace[0]);
-    let prior = |model: &Paper| -> f64 {
-        model.p.iter().zip(start.p).map(|(p, s)| ((p / s).ln() / 0.3).powi(2)).sum()
-    };
+    let mut run = best.run_from_pressures(u, trace[0]);
+    let prior = |model: &Paper| -> f64 { model.p.iter().zip(start.p).map(|(p, s)| ((p / s).ln() / 0.3).powi(2)).sum() };
     let cost = |run: &[[f64; 2]], model: &Paper| {
-        run.iter().zip(trace).map(|(a, b)| (0..2).map(|c| ((a[c] - b[c]) / SCALE_KPA).powi(2)).sum::<f64>()).sum::<f64>()
+        run.iter()
+            .zip(trace)
+            .map(|(a, b)| (0..2).map(|c| ((a[c] - b[c]) / SCALE_KPA).powi(2)).sum::<f64>())
+            .sum::<f64>()
             + prior(model)
     };
     let mut damping = 1e-3;
@@ -158,7 +159,7 @@ pub fn refit(start: &Paper, u: &[[f64; 2]], trace: &[[f64; 2]], rounds: usize) -
                             .map(|k| {
                                 let mut other = best.clone();
                                 other.p[k] *= 1.0 + 1e-4;
-                                let moved = other.from_pressures(u, trace[0]);
+                                let moved = other.run_from_pressures(u, trace[0]);
                                 let column: Vec<[f64; 2]> = moved
                                     .iter()
                                     .zip(run)
@@ -192,7 +193,7 @@ pub fn refit(start: &Paper, u: &[[f64; 2]], trace: &[[f64; 2]], rounds: usize) -
             for (p, s) in trial.p.iter_mut().zip(&step) {
                 *p *= s.clamp(-0.3, 0.3).exp();
             }
-            let moved = trial.from_pressures(u, trace[0]);
+            let moved = trial.run_from_pressures(u, trace[0]);
             let then = cost(&moved, &trial);
             if then < now {
                 better = then < now * (1.0 - 1e-3);
@@ -218,8 +219,9 @@ fn solve(rows: &mut [Vec<f64>]) -> Vec<f64> {
         rows.swap(k, pivot);
         for i in k + 1..n {
             let f = rows[i][k] / rows[k][k];
-            for j in k..=n {
-                rows[i][j] -= f * rows[k][j];
+            let pivot_row = rows[k].clone();
+            for (cell, above) in rows[i][k..].iter_mut().zip(&pivot_row[k..]) {
+                *cell -= f * above;
             }
         }
     }
