@@ -1,13 +1,12 @@
 //! The paper's two steps: the check valves by the simplex method, the valves by linear least squares inside it.
 //!
-//! For given check-valve areas the pump's flow is a table and the valves are linear; what is left of the balances is the
+//! For given check-valve areas the pump's flow is known and the valves are linear; what is left of the balances is the
 //! objective. (Variable projection: the simplex sees two parameters, whatever the number of linear ones.) The result
 //! is a start for the joint refinement that owes nothing to the rig file but the pump's geometry.
 
 use model::rig::{Pump, Rig};
 
-use super::pump_map::PumpMap;
-use super::weak_form::{Regression, ValveRegression, balances};
+use super::weak_form::{Regression, ValveRegression, balances, pump_flows};
 use crate::FitError;
 use crate::data::Records;
 use crate::least_squares::{Simplex, nelder_mead};
@@ -25,6 +24,9 @@ pub struct PaperFit {
     /// Evaluations of the objective.
     pub evaluations: usize,
 }
+
+/// Rows, all recordings together, that the simplex looks at: a minute. The regression at its end sees all.
+const SEARCHED_ROWS: usize = 3000;
 
 /// Runs the paper's procedure; `None` for rigs that are not a piston pump between two chambers with a valve each.
 ///
@@ -51,27 +53,27 @@ pub fn paper_fit(
         }
         rig
     };
-    let solved = |logs: &[f64]| {
-        let rig = with_areas(logs);
-        let map = PumpMap::new(&rig, &pump).map_err(FitError::rig(&rig))?;
-        regressions.iter().map(|r| r.solve(&rig, records, &map)).collect::<Result<Vec<_>, _>>()
+    let solved = |logs: &[f64], rows: usize| {
+        let flows = pump_flows(&with_areas(logs), &pump, records, rows)?;
+        regressions.iter().map(|r| r.solve(&flows)).collect::<Result<Vec<_>, _>>()
     };
+    let searched = SEARCHED_ROWS / records.records().len().max(1);
     let mut evaluations = 0;
     let objective = |logs: &[f64]| {
         evaluations += 1;
-        let Ok(fits) = solved(logs) else { return f64::INFINITY };
+        let Ok(fits) = solved(logs, searched) else { return f64::INFINITY };
         // Windows overlap by half, so each pair is one piece of evidence.
         let data: f64 = fits
             .iter()
             .zip(&regressions)
-            .map(|((_, misfit), regression)| 0.5 * regression.windows() as f64 * misfit.max(1e-9).ln())
+            .map(|((_, misfit), regression)| 0.5 * regression.windows(searched) as f64 * misfit.max(1e-9).ln())
             .sum();
         data + logs.iter().map(|l| 0.5 * (l / scatter.check_valve).powi(2)).sum::<f64>()
     };
     // Half a per cent is finer than any recording tells.
     let settings = Simplex { step: 0.5 * scatter.check_valve, tolerance: 0.005, evaluations: 60 };
     let (logs, _) = nelder_mead(objective, &[0.0, 0.0], settings);
-    let fits = solved(&logs)?;
+    let fits = solved(&logs, usize::MAX)?;
     let mut found = with_areas(&logs);
     let mut valves = Vec::new();
     for (regression, (fit, misfit)) in regressions.iter().zip(&fits) {

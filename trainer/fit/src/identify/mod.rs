@@ -2,20 +2,20 @@
 //!
 //! | file | subject |
 //! | --- | --- |
-//! | `pump_map` | what a piston pump moves, as a function of one number |
+//! | `driven_pump` | what a piston pump moves under recorded pressures |
 //! | `weak_form` | valve coefficients by linear least squares |
 //! | `check_valves` | check valves by the simplex method around it |
 //! | `run` | all of it: quality, starts, refinement, figures on what was kept back |
 //! | `words` | tables and plain words |
 
 mod check_valves;
-mod pump_map;
+mod driven_pump;
 mod run;
 mod weak_form;
 mod words;
 
 pub use check_valves::{PaperFit, paper_fit};
-pub use pump_map::PumpMap;
+pub use driven_pump::DrivenPump;
 pub use run::{Accuracy, Identified, IdentifySettings, Step, run};
 pub use weak_form::ValveRegression;
 pub use words::{table, undetermined, verdict};

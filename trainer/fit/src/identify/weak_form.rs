@@ -10,13 +10,14 @@
 //! F = P_up/√(R T_up) Φ(P_up, P_down)
 //! ```
 //!
-//! upper signs for a chamber that the pump fills and the valve empties. Rows at which the valve may be shut are
+//! upper signs for a chamber that the pump fills and the valve empties; `ṁ_pump` is what [`DrivenPump`] delivers or draws
+//! under the recorded pressures. Rows at which the valve may be shut are
 //! left out, for there the area is no linear function any more.
 
 use model::orifice::FlowFunction;
 use model::rig::{ATMOSPHERE, Pump, Rig, Valve, Volume};
 
-use super::pump_map::PumpMap;
+use super::driven_pump::DrivenPump;
 use crate::FitError;
 use crate::data::Records;
 use crate::least_squares::{LinearFit, solve};
@@ -33,9 +34,8 @@ pub(super) struct ChamberBalance {
     pub(super) volume: String,
     /// Name of the valve.
     pub(super) valve: String,
-    /// Channel of its sensor, and that of the pump's other end.
+    /// Channel of its sensor.
     channel: usize,
-    other: usize,
     /// +1 where the pump delivers into it, −1 where it draws.
     sign: f64,
     relay: Option<String>,
@@ -76,19 +76,53 @@ pub(super) fn balances(rig: &Rig, records: &Records) -> Option<(String, Vec<Cham
             _ => None,
         }
     };
-    let one = |volume: &str, valve: String, channel, other, sign| ChamberBalance {
+    let one = |volume: &str, valve: String, channel, sign| ChamberBalance {
         volume: volume.to_owned(),
         valve,
         channel,
-        other,
         sign,
         relay: pump.relay.clone(),
     };
     let chambers = vec![
-        one(&pump.outlet, valve_of(&pump.outlet, ATMOSPHERE)?, outlet, inlet, 1.0),
-        one(&pump.inlet, valve_of(ATMOSPHERE, &pump.inlet)?, inlet, outlet, -1.0),
+        one(&pump.outlet, valve_of(&pump.outlet, ATMOSPHERE)?, outlet, 1.0),
+        one(&pump.inlet, valve_of(ATMOSPHERE, &pump.inlet)?, inlet, -1.0),
     ];
     Some((name, chambers))
+}
+
+/// Flows drawn and delivered in kg/s, by recording and row; rows that were not asked for are missing or NaN.
+pub(super) type PumpFlows = Vec<Vec<[f64; 2]>>;
+
+/// The flows of a rig's pump under the recorded pressures, over the first `rows` rows of each recording.
+pub(super) fn pump_flows(rig: &Rig, pump: &str, records: &Records, rows: usize) -> Result<PumpFlows, FitError> {
+    let driven = DrivenPump::new(rig, pump).map_err(FitError::rig(rig))?;
+    let Some((_, chambers)) = balances(rig, records) else { return Ok(Vec::new()) };
+    let [outlet, inlet] = chambers.as_slice() else { return Ok(Vec::new()) };
+    let atmosphere = rig.atmosphere.pressure_kpa_abs * 1e3;
+    let mut flows = Vec::with_capacity(records.records().len());
+    for (record, r) in records.records().iter().enumerate() {
+        let mut of_record = Vec::with_capacity(rows.min(r.time_s.len()));
+        let relay = inlet.relay.as_deref().and_then(|relay| records.input(record, relay));
+        for segment in &r.segments {
+            let segment = segment.start..segment.end.min(rows);
+            if segment.is_empty() {
+                break;
+            }
+            // A chamber cannot be emptied below nothing; readings near the end of the range are only nearly true.
+            let pa = |channel: usize, row: usize| {
+                let column = records.channel_kpa(record, channel);
+                let here = column.get(row).copied().unwrap_or(0.0);
+                let next = column.get(row + 1).copied().unwrap_or(here);
+                (atmosphere + 0.5e3 * (here + next)).max(100.0)
+            };
+            let pressures: Vec<[f64; 2]> =
+                segment.clone().map(|row| [pa(inlet.channel, row), pa(outlet.channel, row)]).collect();
+            let on = |k: usize| relay.and_then(|relay| relay.get(segment.start + k)).is_none_or(|on| *on >= 0.5);
+            of_record.extend(driven.flows_kg_per_s(&pressures, on));
+        }
+        flows.push(of_record);
+    }
+    Ok(flows)
 }
 
 /// Columns of the regression and its right-hand side, before the pump's flow is put in.
@@ -143,39 +177,35 @@ impl Regression {
         Ok(Regression { balance: balance.clone(), columns, windows, bump })
     }
 
-    /// Windows that give an equation each.
-    pub(super) fn windows(&self) -> usize {
-        self.windows.len()
+    /// Windows within the first `rows` rows, which give an equation each.
+    pub(super) fn windows(&self, rows: usize) -> usize {
+        self.windows.iter().filter(|(_, start)| start + WINDOW < rows).count()
     }
 
-    /// Solves it for the flow of a pump; also gives the residual as a share of the flow.
-    pub(super) fn solve(&self, rig: &Rig, records: &Records, pump: &PumpMap) -> Result<(LinearFit, f64), FitError> {
-        let atmosphere = rig.atmosphere.pressure_kpa_abs * 1e3;
-        let flow: Vec<f64> = self
-            .windows
-            .iter()
-            .map(|(record, start)| {
-                let (own, other) =
-                    (records.channel_kpa(*record, self.balance.channel), records.channel_kpa(*record, self.balance.other));
-                let relay = self.balance.relay.as_deref().and_then(|relay| records.input(*record, relay));
-                self.bump
-                    .iter()
-                    .enumerate()
-                    .map(|(k, phi)| {
-                        let row = start + k;
-                        let pa = |column: &[f64]| atmosphere + column.get(row).copied().unwrap_or(0.0) * 1e3;
-                        let on = relay.and_then(|relay| relay.get(row)).is_none_or(|on| *on >= 0.5);
-                        let (inlet, outlet) =
-                            if self.balance.sign > 0.0 { (pa(other), pa(own)) } else { (pa(own), pa(other)) };
-                        if on { phi * pump.flow_kg_per_s(inlet.max(1.0), outlet) } else { 0.0 }
-                    })
-                    .sum()
-            })
-            .collect();
+    /// Solves it for the flows of a pump; also gives the residual as a share of the flow.
+    pub(super) fn solve(&self, flows: &PumpFlows) -> Result<(LinearFit, f64), FitError> {
+        let flow: Vec<f64> = self.windows.iter().map(|(record, start)| self.pumped(flows, *record, *start)).collect();
+        let known: Vec<usize> = (0..flow.len()).filter(|k| flow.get(*k).is_some_and(|f| f.is_finite())).collect();
+        let part = |all: &[f64]| -> Vec<f64> { known.iter().filter_map(|k| all.get(*k)).copied().collect() };
+        let (flow, columns) = (part(&flow), self.columns.each_ref().map(|column| part(column)));
         let scale = (flow.iter().map(|f| f * f).sum::<f64>() / flow.len().max(1) as f64).sqrt();
-        let fit = solve(&self.columns, &flow, &self.balance.valve)?;
+        let fit = solve(&columns, &flow, &self.balance.valve)?;
         let misfit = fit.rms / scale;
         Ok((fit, misfit))
+    }
+
+    /// The pump's flow through the chamber in one window, under the bump; NaN where it was not worked out.
+    fn pumped(&self, flows: &PumpFlows, record: usize, start: usize) -> f64 {
+        let end = usize::from(self.balance.sign > 0.0);
+        self.bump
+            .iter()
+            .enumerate()
+            .map(|(k, phi)| {
+                // Flows of a row act until the next: around a reading it is the mean of both.
+                let at = |row: usize| flows.get(record).and_then(|f| f.get(row)).map_or(f64::NAN, |f| f[end]);
+                if *phi == 0.0 { 0.0 } else { phi * 0.5 * (at(start + k) + at((start + k).saturating_sub(1))) }
+            })
+            .sum()
     }
 
     /// The solution in the rig file's units.
