@@ -139,7 +139,7 @@ fn the_shipped_policy_holds_without_a_limit_cycle() {
     let _alone = alone();
     let folder = Folder::new();
     for (n, [pos, neg]) in [[80.0, -70.0], [95.0, -73.0], [110.0, -72.0]].into_iter().enumerate() {
-        let hold = folder.write(&format!("hold{n}.csv"), &format!("time_s,ref_pos_kpa,ref_neg_kpa\n0,{pos},{neg}\n"));
+        let hold = folder.write(&format!("hold{n}.csv"), format!("time_s,ref_pos_kpa,ref_neg_kpa\n0,{pos},{neg}\n"));
         let demo = demo("40", &["--reference", hold.to_str().unwrap()]);
         let late: Vec<_> = demo.content.ticks.iter().filter(|t| t.state == RUN).skip(1500).collect();
         let mean = |of: &dyn Fn(usize) -> f64| (0..late.len()).map(of).sum::<f64>() / late.len() as f64;
