@@ -56,7 +56,7 @@ pub(crate) struct BenchArgs {
     /// Predictions that are timed one by one; of fewer than 1000 the 99.9th percentile is the slowest
     #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = RangedU64ValueParser::<u32>::new().range(100..=10_000_000))]
     predictions: u32,
-    /// Threads that learn [all cores, 4 at most]
+    /// Threads that learn (all cores, 4 at most)
     #[arg(long, value_name = "N", value_parser = RangedU64ValueParser::<u32>::new().range(1..=64))]
     threads: Option<u32>,
     /// Repeats of half a second of learning; 0 leaves it out

@@ -46,7 +46,7 @@ struct TableArgs {
     /// Folder of runs, each with its policy.bin
     #[arg(long, value_name = "DIR")]
     runs: Option<PathBuf>,
-    /// Rig to fly, name or file; may be given several times [dual_pressure, bench]
+    /// Rig to fly, name or file; may be given several times (dual_pressure, bench)
     #[arg(long, value_name = "RIG")]
     rig: Vec<String>,
     /// Model behind predictions, feed-forward and linearisation
@@ -58,7 +58,7 @@ struct TableArgs {
     /// Seed of the drawn rigs
     #[arg(long, value_name = "N", default_value_t = 2026)]
     drawn_seed: u64,
-    /// Reference: CSV time_s,ref_pos_kpa,ref_neg_kpa, or a recording that has these columns [the paper's]
+    /// Reference: CSV time_s,ref_pos_kpa,ref_neg_kpa, or a recording that has these columns (the paper's)
     #[arg(long, value_name = "FILE")]
     reference: Option<PathBuf>,
     /// Length of a flight in s; the first 5 s are not counted

@@ -35,19 +35,19 @@ pub(crate) struct TrainArgs {
     /// Folder of a run to go on with
     #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "seed", "variant", "rig"])]
     resume: Option<PathBuf>,
-    /// Environment steps, instead of the settings' [512000]
+    /// Environment steps, instead of the settings' (512000)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000_000_000))]
     steps: Option<u64>,
-    /// Seed, instead of the settings' [1]
+    /// Seed, instead of the settings' (1)
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Ablation: raw, mpobs, caps or both, instead of the settings' [both]
+    /// Ablation: raw, mpobs, caps or both, instead of the settings' (both)
     #[arg(long, value_name = "VARIANT")]
     variant: Option<Variant>,
-    /// Rig to train on or to draw around, name or file, instead of the settings' [dual_pressure]
+    /// Rig to train on or to draw around, name or file, instead of the settings' (dual_pressure)
     #[arg(long, value_name = "RIG")]
     rig: Option<String>,
-    /// Threads that learn; the result is the same with any number [all cores, 4 at most]
+    /// Threads that learn; the result is the same with any number (all cores, 4 at most)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=64))]
     threads: Option<u64>,
     /// Print the summary as one JSON object

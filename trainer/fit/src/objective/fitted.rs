@@ -128,7 +128,7 @@ pub fn fit(
         }
     }
     // Costs are relative to each fit's own scale; likelihoods make them comparable.
-    let likelihoods: Vec<f64> = fits.iter().map(|f| f.comparable_cost(simulator.records(), weights)).collect();
+    let likelihoods: Vec<f64> = fits.iter().map(|f| f.comparable_cost(simulator.records(), weights, settings.loss)).collect();
     let best = (0..fits.len()).min_by(|a, b| likelihoods[*a].total_cmp(&likelihoods[*b]));
     match best {
         Some(best) => Ok((fits.swap_remove(best), likelihoods)),
@@ -211,16 +211,44 @@ pub fn fit_from(
 }
 
 impl Fitted {
-    /// Cost plus the logarithm of the scale it is relative to: comparable between fits of the same readings.
-    pub fn comparable_cost(&self, records: &Records, weights: &[f64]) -> f64 {
+    /// Negative log-likelihood with the scale of each channel at its own best, and the prior: comparable between fits of
+    /// the same readings, whatever scale each was weighted by.
+    pub fn comparable_cost(&self, records: &Records, weights: &[f64], loss: Loss) -> f64 {
         let layout = records.layout();
-        let mut cost = self.cost;
-        for (_, channel, range) in layout.all() {
-            let rows = weights.get(range).map_or(0, |w| w.iter().filter(|w| **w != 0.0).count());
-            cost += rows as f64 * self.scale_kpa.get(channel).copied().unwrap_or(1.0).ln();
-        }
-        cost
+        let prior: f64 =
+            self.estimates.iter().map(|e| 0.5 * e.parameter.prior_weight() * e.shift * e.shift).sum();
+        let data: f64 = (0..layout.channels())
+            .map(|channel| {
+                let residuals: Vec<f64> = (0..layout.records())
+                    .flat_map(|record| layout.channel(record, channel))
+                    .filter(|i| weights.get(*i).is_some_and(|w| *w != 0.0))
+                    .filter_map(|i| self.linearised.residuals.get(i).copied())
+                    .collect();
+                let scale = self.scale_kpa.get(channel).copied().unwrap_or(1.0);
+                profiled(&residuals, loss) + residuals.len() as f64 * scale.ln()
+            })
+            .sum();
+        data + prior
     }
+}
+
+/// `min over s of Σ ρ(r/s) + n ln s`, by reweighting: s² = Σ w(r/s) r²/n.
+fn profiled(residuals: &[f64], loss: Loss) -> f64 {
+    let n = residuals.len() as f64;
+    if residuals.is_empty() {
+        return 0.0;
+    }
+    let mut scale = 1.0;
+    for _ in 0..30 {
+        let squares: f64 = residuals.iter().map(|r| loss.weight(r / scale) * r * r).sum();
+        let next = (squares / n).sqrt().max(1e-9);
+        let moved: f64 = next / scale - 1.0;
+        scale = next;
+        if moved.abs() < 1e-9 {
+            break;
+        }
+    }
+    residuals.iter().map(|r| loss.cost(r / scale)).sum::<f64>() + n * scale.ln()
 }
 
 /// Passes of the last stage.
