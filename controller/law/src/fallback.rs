@@ -37,7 +37,7 @@ pub struct FallbackSettings {
     pub widest_play: f64,
     /// Errors beyond these (kPa) are not blamed on play.
     pub play_gate_kpa: Pair,
-    /// How fast what a policy keeps adding is taken over by integral and play, in 1/s.
+    /// How fast what a policy adds at reversals is taken over by the learned play, in 1/s.
     pub takeover_per_s: f64,
     /// Nothing is taken over while the error is beyond these (kPa): a policy that is wrong there must not be followed.
     pub takeover_gate_kpa: Pair,
@@ -140,13 +140,14 @@ impl Fallback {
     }
 
     /// Tells what a policy has added to the last decision. The anti-windup then does not work against it, and what is
-    /// added for long is taken over by the parts that are there for it:
+    /// added with the way of the plan is taken over by the play that is learned:
     ///
     /// ```text
-    /// İ += K_t δ,      ẇ += K_t s δ
+    /// ẇ += K_t s δ
     /// ```
     ///
-    /// A policy removes the error that integral and play would learn from; its correction tells them instead.
+    /// A policy removes the error that play would be learned from; its correction tells instead. The integral takes
+    /// over nothing: it would then rest where the policy answers zero, and not where the error is zero.
     ///
     /// # Real-time
     /// May run in the tick.
@@ -168,9 +169,8 @@ impl Fallback {
                 // Nothing is taken over at a limit, where the correction does not act.
                 let near = pending.error_kpa.abs() < self.settings.takeover_gate_kpa[c];
                 if near && pending.correction != 0.0 && applied == pending.raw {
-                    let taken = self.settings.takeover_per_s * pending.correction;
-                    self.integral.shift(c, taken * TICK_S);
-                    self.play[c].shift(pending.direction * taken * TICK_S);
+                    let taken = self.settings.takeover_per_s * pending.correction * TICK_S;
+                    self.play[c].shift(pending.direction * taken);
                 }
             }
         }

@@ -230,21 +230,30 @@ mod tests {
         assert_eq!(observation[122..124], [Travel::MOST as f32; 2]);
     }
 
-    /// What a policy keeps adding becomes the integral's: 0.02 for one second at 0.5/s are 0.01 of duty.
+    /// A policy that adds with the way of the plan tells the play; what it adds on a hold is nobody's but its own.
     #[test]
-    fn a_lasting_correction_is_taken_over() {
+    fn what_is_added_with_the_way_is_taken_over_by_the_play_and_nothing_by_the_integral() {
         let mut law = law(Contract::Correction);
-        let now = situation([90.0, -72.0]);
-        for _ in 0..50 {
-            law.observe(&now);
-            let decision = law.decide(&now, &[0.02; ACTION_LEN]);
-            law.applied(decision.duty());
-        }
-        let parts = law.observe(&now).parts;
-        for channel in parts {
-            assert!((channel.integral - 0.01).abs() < 1e-6, "{channel:?}");
-            assert_eq!(channel.play, 0.0, "the plan stands still, so nothing is blamed on play");
-        }
+        let mut fly = |goal: fn(f64) -> Pair, first: usize| {
+            for t in first..first + 50 {
+                let measured = goal(t as f64);
+                let now =
+                    Situation { goals_kpa: std::array::from_fn(|j| goal((t + j) as f64)), measured_kpa: measured };
+                law.observe(&now);
+                let decision = law.decide(&now, &[0.02; ACTION_LEN]);
+                law.applied(decision.duty());
+            }
+            let play = law.learned_play();
+            (play, law.fallback.clone())
+        };
+        let (still, _) = fly(|_| [90.0, -72.0], 0);
+        assert_eq!(still, [0.0; 2], "the plan stands still, so nothing is blamed on play");
+        // Less pressure: the vent opens, its way is upwards. 0.02 for most of a second at 0.5/s are nearly 0.01 of duty.
+        let (moving, fallback) = fly(|t| [90.0 - 0.1 * (t - 50.0), -72.0], 50);
+        assert!((0.007..=0.01).contains(&moving[0]), "{moving:?}");
+        let mut fallback = fallback;
+        let parts = fallback.decide(&Situation { goals_kpa: [[85.0, -72.0]; 16], measured_kpa: [85.0, -72.0] }).parts;
+        assert_eq!(parts.map(|p| p.integral), [0.0; 2], "{parts:?}");
     }
 
     /// A policy that is off by a constant duty: the paper's integral takes it up, and no error is left to correct.
