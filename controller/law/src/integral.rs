@@ -53,6 +53,16 @@ impl IntegralAction {
         self.state = duty;
     }
 
+    /// Moves the integral part of a channel, in duty.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn shift(&mut self, channel: usize, duty: f64) {
+        if let Some(state) = self.state.get_mut(channel) {
+            *state = (*state + duty).clamp(-1.0, 1.0);
+        }
+    }
+
     /// Takes in one tick of a channel: error in kPa, and the duty before and after all limits.
     ///
     /// # Real-time

@@ -101,8 +101,8 @@ impl PolicyLaw {
             let play = self.base.parts.map(|p| p.play);
             let width = self.fallback.learned_play();
             let travelled = self.travel.map(|t| t.distance());
-            let few = [&integral, &play, &width, &travelled];
-            let pairs = self.applied.iter().chain(&self.base.trajectory.0).chain(few);
+            let few = [integral, play, width, travelled];
+            let pairs = self.applied.iter().chain(&self.base.trajectory.0).chain(&few);
             for (slot, value) in rest.iter_mut().zip(pairs.flatten()) {
                 *slot = *value as f32;
             }
@@ -192,16 +192,14 @@ mod tests {
     }
 
     #[test]
-    fn a_correction_of_nothing_is_the_fallback() {
-        let (mut corrected, mut plain) = (law(Contract::Correction), law(Contract::Correction));
+    fn a_correction_of_nothing_sends_what_the_fallback_would() {
+        let mut law = law(Contract::Correction);
         for t in 0..50 {
             let now = situation([85.0 + 0.1 * f64::from(t), -70.0]);
-            let base = plain.observe(&now);
-            corrected.observe(&now);
-            let decision = corrected.decide(&now, &[0.0; ACTION_LEN]);
+            let base = law.observe(&now);
+            let decision = law.decide(&now, &[0.0; ACTION_LEN]);
             assert_eq!(decision, base);
-            plain.applied(base.duty());
-            corrected.applied(decision.duty());
+            law.applied(decision.duty());
         }
     }
 
@@ -230,30 +228,44 @@ mod tests {
         assert_eq!(observation[122..124], [Travel::MOST as f32; 2]);
     }
 
-    /// A policy that adds with the way of the plan tells the play; what it adds on a hold is nobody's but its own.
+    /// What a policy adds while the plan moves, integral and play take over; what it adds on a hold is its own.
     #[test]
-    fn what_is_added_with_the_way_is_taken_over_by_the_play_and_nothing_by_the_integral() {
+    fn corrections_are_taken_over_while_the_plan_moves_and_only_then() {
         let mut law = law(Contract::Correction);
-        let mut fly = |goal: fn(f64) -> Pair, first: usize| {
-            for t in first..first + 50 {
-                let measured = goal(t as f64);
-                let now =
-                    Situation { goals_kpa: std::array::from_fn(|j| goal((t + j) as f64)), measured_kpa: measured };
+        let mut fly = |goal: fn(f64) -> Pair| {
+            for t in 0..50 {
+                let goals_kpa = std::array::from_fn(|j| goal(f64::from(t) + j as f64));
+                let now = Situation { goals_kpa, measured_kpa: goals_kpa[0] };
                 law.observe(&now);
                 let decision = law.decide(&now, &[0.02; ACTION_LEN]);
                 law.applied(decision.duty());
             }
-            let play = law.learned_play();
-            (play, law.fallback.clone())
+            (law.base.parts.map(|p| p.integral), law.learned_play())
         };
-        let (still, _) = fly(|_| [90.0, -72.0], 0);
-        assert_eq!(still, [0.0; 2], "the plan stands still, so nothing is blamed on play");
-        // Less pressure: the vent opens, its way is upwards. 0.02 for most of a second at 0.5/s are nearly 0.01 of duty.
-        let (moving, fallback) = fly(|t| [90.0 - 0.1 * (t - 50.0), -72.0], 50);
-        assert!((0.007..=0.01).contains(&moving[0]), "{moving:?}");
-        let mut fallback = fallback;
-        let parts = fallback.decide(&Situation { goals_kpa: [[85.0, -72.0]; 16], measured_kpa: [85.0, -72.0] }).parts;
-        assert_eq!(parts.map(|p| p.integral), [0.0; 2], "{parts:?}");
+        assert_eq!(fly(|_| [90.0, -72.0]), ([0.0; CHANNELS], [0.0; CHANNELS]), "the plan stands still");
+        // Less pressure: the vent opens, its way is upwards. 0.02 for 0.98 s at 0.5/s; the play gets less by the tenth of a
+        // second in which the direction is blended in.
+        let (integral, play) = fly(|t| [90.0 - 0.1 * t, -72.0]);
+        assert!((integral[0] - 0.0098).abs() < 3e-4, "{integral:?}");
+        assert!((0.008..=0.0098).contains(&play[0]), "{play:?}");
+    }
+
+    /// With a policy the integral works against a lasting error as fast as the proportional action bears:
+    /// after `T_i` at a constant error it has grown by the proportional part, and by the paper's share.
+    #[test]
+    fn with_a_policy_the_integral_is_faster() {
+        let (mut flown, mut plain) = (law(Contract::Correction), law(Contract::Correction));
+        let now = situation([89.7, -72.0]);
+        let ticks = (FallbackSettings::default().reset_time_s / crate::TICK_S).round() as usize;
+        for _ in 0..ticks {
+            for (law, flies) in [(&mut flown, true), (&mut plain, false)] {
+                let base = law.observe(&now);
+                let decision = if flies { law.decide(&now, &[0.0; ACTION_LEN]) } else { base };
+                law.applied(decision.duty());
+            }
+        }
+        let (flown, plain) = (flown.observe(&now).parts[0], plain.observe(&now).parts[0]);
+        assert!((flown.integral - plain.integral - flown.proportional).abs() < 1e-9, "{flown:?} {plain:?}");
     }
 
     /// A policy that is off by a constant duty: the paper's integral takes it up, and no error is left to correct.

@@ -79,6 +79,7 @@ pub struct Learner {
     /// Explorations made: the time of their noise.
     pub(crate) explorations: u64,
     pub(crate) smoothness: Smoothness,
+    learning_rate: f32,
     spare: Spare,
 }
 
@@ -97,6 +98,7 @@ impl Learner {
         }
         let threads = machine.threads.min(settings.batch / LANES);
         let smoothness = Smoothness { temporal: settings.lambda_temporal, spatial: settings.lambda_spatial };
+        let learning_rate = settings.learning_rate;
         let replay = Replay::new(&shape, settings.replay_capacity);
         let frame = Frame::new(machine.cpu, shape, settings, features);
         let (actor, critics) = fresh(&frame, threads);
@@ -105,7 +107,7 @@ impl Learner {
         let spare = Spare::new(&frame);
         let shared = Arc::new(Shared::new(frame, replay, critics, actor, temperature));
         let workers = Workers::new(Arc::clone(&shared))?;
-        Ok(Self { shared, workers, updates: 0, explorations: 0, smoothness, spare })
+        Ok(Self { shared, workers, updates: 0, explorations: 0, smoothness, learning_rate, spare })
     }
 
     /// Sizes of the problem.
@@ -150,6 +152,19 @@ impl Learner {
             return Err(SettingsError { key: "lambda_temporal", rule: "must be finite and not negative" });
         }
         self.smoothness.temporal = lambda;
+        Ok(())
+    }
+
+    /// Sets Adam's learning rate from the next update on. A learner that is read back has its settings' rate again: who
+    /// anneals sets it before every update.
+    ///
+    /// # Errors
+    /// A rate that is not finite and positive.
+    pub fn set_learning_rate(&mut self, learning_rate: f32) -> Result<(), SettingsError> {
+        if !learning_rate.is_finite() || learning_rate <= 0.0 {
+            return Err(SettingsError { key: "learning_rate", rule: "must be finite and positive" });
+        }
+        self.learning_rate = learning_rate;
         Ok(())
     }
 
@@ -201,7 +216,12 @@ impl Learner {
     pub fn update(&mut self, times: u64) -> UpdateReport {
         let times = if self.remembered() == 0 { 0 } else { times };
         *self.shared.sums.lock().unwrap_or_else(PoisonError::into_inner) = Sums::default();
-        self.workers.run(Job { first: self.updates, times, smoothness: self.smoothness });
+        self.workers.run(Job {
+            first: self.updates,
+            times,
+            smoothness: self.smoothness,
+            learning_rate: self.learning_rate,
+        });
         self.updates += times;
         let sums = *self.shared.sums.lock().unwrap_or_else(PoisonError::into_inner);
         let mean = |sum: f64| sum / times.max(1) as f64;

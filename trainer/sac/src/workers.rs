@@ -102,6 +102,7 @@ pub(crate) struct Job {
     pub(crate) first: u64,
     pub(crate) times: u64,
     pub(crate) smoothness: Smoothness,
+    pub(crate) learning_rate: f32,
 }
 
 impl Shared {
@@ -129,13 +130,14 @@ impl Shared {
     /// One thread's share of a job.
     fn work(&self, thread: usize, job: Job, sums: &mut [Line]) {
         for time in job.first..job.first + job.times {
-            self.update(thread, job.smoothness, time, sums);
+            self.update(thread, job, time, sums);
         }
     }
 
-    fn update(&self, thread: usize, smoothness: Smoothness, time: u64, sums: &mut [Line]) {
+    fn update(&self, thread: usize, job: Job, time: u64, sums: &mut [Line]) {
+        let Job { smoothness, learning_rate, .. } = job;
         let settings = &self.frame.settings;
-        let adam = AdamStep::new(time + 1, settings.learning_rate, settings.soft_update);
+        let adam = AdamStep::new(time + 1, learning_rate, settings.soft_update);
         let temperature = exp(read(&self.temperature).log);
         {
             let (actor, critics) = (self.actor.iter().map(read).collect::<Vec<_>>(), self.read_critics());

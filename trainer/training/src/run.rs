@@ -311,6 +311,9 @@ impl Run {
             }
             self.window.tripped += step.terminal.iter().map(|t| u64::from(*t)).sum::<u64>();
             if self.position.steps >= self.settings.run.random_steps {
+                self.learner
+                    .set_learning_rate(self.settings.learning_rate(self.position.steps))
+                    .map_err(|error| TrainingError::learner("sac.learning_rate", &error))?;
                 let report = self.learner.update(SIDE_BY_SIDE as u64);
                 if !report.finite {
                     return Err(self.diverged("a loss or a weight"));

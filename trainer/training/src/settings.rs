@@ -179,6 +179,9 @@ impl Default for PolicySettings {
 pub struct SacSettings {
     /// Adam's learning rate, of all three losses.
     pub learning_rate: f64,
+    /// Share of the learning rate that is left at the last step, towards which it falls linearly; the paper's rate is
+    /// constant, 1.
+    pub annealed_to: f64,
     /// Discount γ.
     pub discount: f64,
     /// Target smoothing τ.
@@ -197,6 +200,7 @@ impl Default for SacSettings {
     fn default() -> Self {
         SacSettings {
             learning_rate: 3e-4,
+            annealed_to: 1.0,
             discount: 0.9,
             soft_update: 0.005,
             batch: 128,
@@ -300,6 +304,12 @@ impl TrainingSettings {
             .map_err(|error| TrainingError::learner("features", &error))
     }
 
+    /// The learning rate after so many steps.
+    pub fn learning_rate(&self, steps: u64) -> f32 {
+        let done = (steps as f64 / self.run.steps.max(1) as f64).min(1.0);
+        (self.sac.learning_rate * (1.0 - (1.0 - self.sac.annealed_to) * done)) as f32
+    }
+
     /// What the learner is told.
     pub fn learner_settings(&self) -> sac::Settings {
         let observations = self.contract().observation_len();
@@ -358,6 +368,7 @@ impl TrainingSettings {
         within("policy.first_log_std", self.policy.first_log_std, -10.0, 2.0)?;
         let sac = &self.sac;
         within("sac.learning_rate", sac.learning_rate, 1e-7, 0.1)?;
+        within("sac.annealed_to", sac.annealed_to, 1e-3, 1.0)?;
         within("sac.discount", sac.discount, 0.0, 0.9999)?;
         within("sac.soft_update", sac.soft_update, 1e-6, 1.0)?;
         within("sac.batch", sac.batch as f64, 32.0, 4096.0)?;
@@ -392,6 +403,16 @@ mod tests {
     fn the_defaults_are_the_papers() {
         let paper = TrainingSettings::preset("paper").unwrap();
         assert_eq!(paper, TrainingSettings::default());
+    }
+
+    #[test]
+    fn the_learning_rate_falls_in_a_line_or_stays() {
+        let paper = TrainingSettings::preset("paper").unwrap();
+        assert_eq!([0, 256_000, 512_000].map(|steps| paper.learning_rate(steps)), [3e-4; 3]);
+        let mut settings = paper;
+        settings.sac.annealed_to = 0.1;
+        settings.run.steps = 100;
+        assert_eq!([0, 50, 100, 200].map(|steps| settings.learning_rate(steps)), [3e-4, 1.65e-4, 3e-5, 3e-5]);
     }
 
     #[test]
