@@ -76,7 +76,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     let mut bar = Bar::new(stop);
     let ended = run.go(&mut bar)?;
     bar.clear();
-    let summary = run.summary();
+    let summary = run.summary()?;
     if args.json {
         return stdout::say_json(&json!(summary));
     }
@@ -95,6 +95,12 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
         100.0 * summary.environment_share,
         summary.memory_mib
     );
+    if let Some(kept) = summary.kept {
+        text += &format!(
+            "kept: the policy after {} steps, the best on drawn rigs set aside ({:.3} kPa)\n",
+            kept.step, kept.score_kpa
+        );
+    }
     text += "rig              RMSE positive  RMSE negative  duty change/tick pos, neg (RMS)\n";
     for e in &summary.evaluated {
         text += &format!(

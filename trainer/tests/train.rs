@@ -13,7 +13,7 @@ use program::{Folder, refused, sound, trainer};
 
 /// A run that is over in a second: small networks, episodes of one second (400 steps).
 const SMALL: &str = "[run]\nsteps = 2400\nrandom_steps = 400\nevaluate_every_steps = 1200\n\
-    checkpoint_every_steps = 800\n[policy]\nhidden = [32, 32]\nfeatures = \"errors\"\n[sac]\nbatch = 32\nreplay = 2000\n\
+    checkpoint_every_steps = 800\nkeep_best = true\n[policy]\nhidden = [32, 32]\nfeatures = \"errors\"\n[sac]\nbatch = 32\nreplay = 2000\n\
     [rig]\nevaluated_on = [\"dual_pressure\"]\n[environment]\nepisode_s = 1.0\n";
 
 /// Trains with the small settings into `run`, which must end well.

@@ -1,7 +1,8 @@
 //! A checkpoint: where the run stands, and everything that the learner knows.
 //!
 //! ```text
-//! "DPRUN002"   u32 length   position as JSON   u32 length   averaged network, or nothing   the learner
+//! "DPRUN003"   u32 length   position as JSON   u32 length   averaged network, or nothing
+//!              u32 length   which policy was best as JSON, or null   u32 length   its network, or nothing   the learner
 //! ```
 //!
 //! Network and learner are bytes of their own making, which carry their checksums.
@@ -12,9 +13,10 @@ use serde::{Deserialize, Serialize};
 use crate::TrainingError;
 use crate::average::Average;
 use crate::run_files::RunFiles;
+use crate::selection::Kept;
 use crate::settings::TrainingSettings;
 
-const MAGIC: &[u8; 8] = b"DPRUN002";
+const MAGIC: &[u8; 8] = b"DPRUN003";
 
 /// Where a run stands, between two episodes.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -36,12 +38,16 @@ pub(crate) fn write(
     files: &RunFiles,
     position: &Position,
     average: &Average,
+    best: Option<&(Kept, Network)>,
     learner: &Learner,
 ) -> Result<(), TrainingError> {
     let path = files.checkpoint();
-    let position = serde_json::to_vec(position).map_err(|error| TrainingError::file(&path, &error.to_string()))?;
+    let unwritable = |error: serde_json::Error| TrainingError::file(&path, &error.to_string());
+    let position = serde_json::to_vec(position).map_err(unwritable)?;
+    let kept = serde_json::to_vec(&best.map(|(kept, _)| kept)).map_err(unwritable)?;
+    let saved = |network: Option<&Network>| network.map_or_else(Vec::new, Network::save);
     let mut bytes = MAGIC.to_vec();
-    for part in [position, average.get().map_or_else(Vec::new, Network::save)] {
+    for part in [position, saved(average.get()), kept, saved(best.map(|(_, network)| network))] {
         bytes.extend((part.len() as u32).to_le_bytes());
         bytes.extend(part);
     }
@@ -49,30 +55,39 @@ pub(crate) fn write(
     RunFiles::write(&path, &bytes)
 }
 
+/// What a checkpoint holds.
+pub(crate) struct Checkpoint {
+    pub(crate) position: Position,
+    pub(crate) average: Average,
+    pub(crate) best: Option<(Kept, Network)>,
+    pub(crate) learner: Learner,
+}
+
 /// Reads a checkpoint that was written under these settings.
-pub(crate) fn read(
-    files: &RunFiles,
-    settings: &TrainingSettings,
-    threads: usize,
-) -> Result<(Position, Average, Learner), TrainingError> {
+pub(crate) fn read(files: &RunFiles, settings: &TrainingSettings, threads: usize) -> Result<Checkpoint, TrainingError> {
     let path = files.checkpoint();
     let bytes =
         std::fs::read(&path).map_err(|error| TrainingError::file(&path, &format!("cannot be read: {error}")))?;
     let damaged = || TrainingError::file(&path, "is no checkpoint of this program, or is damaged");
     let rest = bytes.strip_prefix(MAGIC).ok_or_else(damaged)?;
     let (position, rest) = part(rest).ok_or_else(damaged)?;
-    let (average, saved) = part(rest).ok_or_else(damaged)?;
+    let (average, rest) = part(rest).ok_or_else(damaged)?;
+    let (kept, rest) = part(rest).ok_or_else(damaged)?;
+    let (best, saved) = part(rest).ok_or_else(damaged)?;
     let position = serde_json::from_slice(position).map_err(|_| damaged())?;
-    let average = match average {
-        [] => None,
-        bytes => Some(Network::restore(bytes).map_err(|error| TrainingError::file(&path, &error.to_string()))?),
+    let kept: Option<Kept> = serde_json::from_slice(kept).map_err(|_| damaged())?;
+    let restored = |bytes: &[u8]| match bytes {
+        [] => Ok(None),
+        bytes => Network::restore(bytes).map(Some).map_err(|error| TrainingError::file(&path, &error.to_string())),
     };
+    let average = Average::from(restored(average)?);
+    let best = kept.zip(restored(best)?);
     let learner = Learner::restore(saved, Machine::with_threads(threads))
         .map_err(|error| TrainingError::file(&path, &error.to_string()))?;
     if *learner.shape() != settings.shape() {
         return Err(TrainingError::file(&path, "was written under other settings than those beside it"));
     }
-    Ok((position, Average::from(average), learner))
+    Ok(Checkpoint { position, average, best, learner })
 }
 
 /// A length and what it is the length of; the rest.

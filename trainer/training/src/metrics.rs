@@ -41,6 +41,9 @@ pub struct Point {
     pub caps_temporal: f64,
     /// Spatial term of CAPS.
     pub caps_spatial: f64,
+    /// Score by which the best policy is kept, in kPa, where it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub selection_kpa: Option<f64>,
     /// Evaluations with the mean action on the paper's reference, by rig.
     pub evaluated: Vec<Evaluated>,
 }
@@ -126,6 +129,7 @@ impl Metrics {
             ("policy/temperature".to_owned(), point.temperature),
             ("policy/entropy".to_owned(), point.entropy),
         ];
+        scalars.extend(point.selection_kpa.map(|score| ("evaluation/selection_kpa".to_owned(), score)));
         for e in &point.evaluated {
             scalars.push((format!("evaluation/{}/rmse_pos_kpa", e.rig), e.rmse_kpa[0]));
             scalars.push((format!("evaluation/{}/rmse_neg_kpa", e.rig), e.rmse_kpa[1]));

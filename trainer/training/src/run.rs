@@ -18,15 +18,16 @@ use model::steady::SteadyMap;
 use proto::reference::Reference;
 use proto::rig_file::{self, RigFileError};
 use rand::RngExt as _;
-use sac::{Learner, Machine, Transition};
+use sac::{Learner, Machine, Network, Transition};
 use serde::{Deserialize, Serialize};
 
 use crate::TrainingError;
 use crate::average::{Average, EVERY_STEPS};
-use crate::checkpoint::{self, Position};
+use crate::checkpoint::{self, Checkpoint, Position};
 use crate::metrics::{Evaluated, Metrics, Point};
 use crate::run_files::RunFiles;
 use crate::run_report;
+use crate::selection::{Kept, SELECTION_SEED, Selection};
 use crate::settings::TrainingSettings;
 use crate::trained_policy::{Origin, TrainedPolicy};
 
@@ -90,7 +91,10 @@ pub struct Summary {
     pub threads: usize,
     /// The most memory that the program held in this sitting, in MiB; 0 where the system does not tell.
     pub memory_mib: f64,
-    /// The last evaluations.
+    /// Which policy is kept as the best; nothing where the last is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kept: Option<Kept>,
+    /// Evaluations of the policy that is kept.
     pub evaluated: Vec<Evaluated>,
 }
 
@@ -106,6 +110,7 @@ pub struct Run {
     fleet: Fleet,
     learner: Learner,
     average: Average,
+    selection: Option<Selection>,
     metrics: Metrics,
     points: Vec<Point>,
     position: Position,
@@ -144,8 +149,8 @@ impl Run {
         )
         .map_err(|error| TrainingError::learner("settings", &error))?;
         let (average, position, points) = (Average::default(), Position::default(), Vec::new());
-        let parts = Parts { trained_on, model, learner, average, position, points, origin };
-        let fleet = parts.fleet(&settings)?;
+        let parts = Parts { trained_on, model, learner, average, best: None, position, points, origin };
+        let fleet = parts.fleet(&settings, settings.run.seed)?;
         let evaluated_on = evaluated_on(&settings)?;
         let files = RunFiles::create(folder)?;
         RunFiles::write(&files.settings(), settings.to_toml()?.as_bytes())?;
@@ -165,12 +170,12 @@ impl Run {
         let load = |path: std::path::PathBuf| rig_file::load(&path.display().to_string());
         let (trained_on, model) = (load(files.rig())?, load(files.model())?);
         let origin = Origin::of(&trained_on)?;
-        let (position, average, learner) = checkpoint::read(&files, &settings, threads)?;
+        let Checkpoint { position, average, best, learner } = checkpoint::read(&files, &settings, threads)?;
         // Points after the checkpoint belong to work that was lost; they will be made again.
         let points =
             if files.metrics().exists() { crate::metrics::read(&files.metrics(), position.steps)? } else { Vec::new() };
-        let parts = Parts { trained_on, model, learner, average, position, points, origin };
-        let fleet = parts.fleet(&settings)?;
+        let parts = Parts { trained_on, model, learner, average, best, position, points, origin };
+        let fleet = parts.fleet(&settings, settings.run.seed)?;
         let evaluated_on = evaluated_on(&settings)?;
         let mut lines = String::new();
         for point in &parts.points {
@@ -190,7 +195,9 @@ impl Run {
         fleet: Fleet,
         evaluated_on: Vec<(String, Rig)>,
     ) -> Result<Self, TrainingError> {
-        let Parts { model, learner, average, position, points, origin, .. } = parts;
+        let aside = settings.run.keep_best.then(|| parts.fleet(&settings, SELECTION_SEED)).transpose()?;
+        let Parts { model, learner, average, best, position, points, origin, .. } = parts;
+        let selection = aside.map(|fleet| Selection::new(fleet, best));
         let map = SteadyMap::new(&model)
             .map_err(|problem| RigFileError::Rig { file: settings.rig.model.clone(), problem })?;
         let metrics = Metrics::open(&files.metrics(), &files.events(), unix_s())?;
@@ -205,6 +212,7 @@ impl Run {
             fleet,
             learner,
             average,
+            selection,
             metrics,
             points,
             position,
@@ -217,10 +225,19 @@ impl Run {
         &self.files
     }
 
-    /// The policy as it stands.
+    /// The policy that is kept: the best so far, or the last, as the settings say.
     pub fn policy(&self) -> TrainedPolicy {
-        let network = self.average.get().cloned().unwrap_or_else(|| self.learner.policy());
+        let best = self.selection.as_ref().and_then(|selection| selection.best());
+        self.trained(best.map_or_else(|| self.last(), |(_, network)| network.clone()))
+    }
+
+    fn trained(&self, network: Network) -> TrainedPolicy {
         TrainedPolicy::new(self.settings.clone(), self.origin.clone(), self.position.steps, network)
+    }
+
+    /// The policy as it stands.
+    fn last(&self) -> Network {
+        self.average.get().cloned().unwrap_or_else(|| self.learner.policy())
     }
 
     /// Acts and learns until all steps are done or the observer wants to stop.
@@ -236,7 +253,7 @@ impl Run {
             let passed = |every: u64| self.position.steps / every > self.position.steps_before / every;
             let (evaluate, keep) = (passed(run.evaluate_every_steps), passed(run.checkpoint_every_steps));
             if evaluate || over {
-                self.evaluate()?;
+                self.evaluate(true)?;
             }
             if keep && !over {
                 self.checkpoint()?;
@@ -247,20 +264,19 @@ impl Run {
             }
         }
         if self.points.last().is_none_or(|p| p.step != self.position.steps) {
-            self.evaluate()?;
+            // Where a run is stopped must not tell on what it keeps, or going on would not end where going through does.
+            self.evaluate(false)?;
         }
         self.checkpoint()?;
         if ended == Ended::Finished {
             let policy = self.policy();
             RunFiles::write(&self.files.onnx(), &policy.to_onnx(&[])?)?;
         }
-        let summary = serde_json::to_string_pretty(&self.summary())
+        let figures = self.summary()?;
+        let summary = serde_json::to_string_pretty(&figures)
             .map_err(|error| TrainingError::file(&self.files.summary(), &error.to_string()))?;
         RunFiles::write(&self.files.summary(), format!("{summary}\n").as_bytes())?;
-        RunFiles::write(
-            &self.files.report(),
-            run_report::page(&self.settings, &self.summary(), &self.points).as_bytes(),
-        )?;
+        RunFiles::write(&self.files.report(), run_report::page(&self.settings, &figures, &self.points).as_bytes())?;
         Ok(ended)
     }
 
@@ -355,11 +371,8 @@ impl Run {
         Ok(())
     }
 
-    /// A point of the learning curve: the mean action on the paper's reference, on every rig of the list.
-    fn evaluate(&mut self) -> Result<(), TrainingError> {
-        let window = std::mem::take(&mut self.window);
-        let took_s = window.began.map_or(0.0, |began| began.elapsed().as_secs_f64());
-        let policy = self.policy();
+    /// Flights with the mean action on the paper's reference, on every rig of the list.
+    fn flown(&self, policy: &TrainedPolicy) -> Result<Vec<Evaluated>, TrainingError> {
         let predicts = self.settings.policy.variant.predicts();
         let reference = Reference::paper();
         let mut evaluated = Vec::with_capacity(self.evaluated_on.len());
@@ -377,6 +390,18 @@ impl Run {
             let flown = fly(&plan, &mut PolicyController::new(law, |observation: &[f32]| runner.outputs(observation)))?;
             evaluated.push(Evaluated::of(name, &Score::of(&flown.ticks)));
         }
+        Ok(evaluated)
+    }
+
+    /// A point of the learning curve, of the policy as it stands.
+    fn evaluate(&mut self, selects: bool) -> Result<(), TrainingError> {
+        let window = std::mem::take(&mut self.window);
+        let took_s = window.began.map_or(0.0, |began| began.elapsed().as_secs_f64());
+        let last = self.last();
+        let selection = self.selection.as_mut().filter(|_| selects);
+        let selection = selection.map(|s| s.judge(self.position.steps, last.clone()));
+        let selection_kpa = selection.transpose()?;
+        let evaluated = self.flown(&self.trained(last))?;
         let whole_s = window.began.map_or(0.0, |began| began.elapsed().as_secs_f64());
         self.position.wall_s += whole_s;
         self.position.environment_s += window.environment_s;
@@ -398,6 +423,7 @@ impl Run {
             entropy,
             caps_temporal,
             caps_spatial,
+            selection_kpa,
             evaluated,
         };
         self.metrics.add(unix_s(), &point)?;
@@ -406,7 +432,8 @@ impl Run {
     }
 
     fn checkpoint(&mut self) -> Result<(), TrainingError> {
-        checkpoint::write(&self.files, &self.position, &self.average, &self.learner)?;
+        let best = self.selection.as_ref().and_then(|selection| selection.best());
+        checkpoint::write(&self.files, &self.position, &self.average, best, &self.learner)?;
         RunFiles::write(&self.files.policy(), &self.policy().to_bytes()?)
     }
 
@@ -420,9 +447,17 @@ impl Run {
     }
 
     /// Figures of the run so far.
-    pub fn summary(&self) -> Summary {
+    ///
+    /// # Errors
+    /// If the policy that is kept cannot be flown.
+    pub fn summary(&self) -> Result<Summary, TrainingError> {
         let Position { steps, wall_s, environment_s, .. } = self.position;
-        Summary {
+        let best = self.selection.as_ref().and_then(|selection| selection.best());
+        let evaluated = match best {
+            Some((_, network)) => self.flown(&self.trained(network.clone()))?,
+            None => self.points.last().map_or_else(Vec::new, |p| p.evaluated.clone()),
+        };
+        Ok(Summary {
             steps,
             steps_planned: self.settings.run.steps,
             seed: self.settings.run.seed,
@@ -432,8 +467,9 @@ impl Run {
             environment_share: environment_s / wall_s.max(1e-9),
             threads: self.threads,
             memory_mib: peak_memory_mib(),
-            evaluated: self.points.last().map_or_else(Vec::new, |p| p.evaluated.clone()),
-        }
+            kept: best.map(|(kept, _)| *kept),
+            evaluated,
+        })
     }
 }
 
@@ -443,16 +479,16 @@ struct Parts {
     model: Rig,
     learner: Learner,
     average: Average,
+    best: Option<(Kept, Network)>,
     position: Position,
     points: Vec<Point>,
     origin: Origin,
 }
 
 impl Parts {
-    fn fleet(&self, settings: &TrainingSettings) -> Result<Fleet, TrainingError> {
+    fn fleet(&self, settings: &TrainingSettings, seed: u64) -> Result<Fleet, TrainingError> {
         let draw = RigDraw::new(&self.trained_on, &settings.environment)?;
         let predicts = settings.policy.variant.predicts();
-        let seed = settings.run.seed;
         Ok(Fleet::new(draw, &self.model, settings.contract(), predicts, &settings.environment, seed)?)
     }
 }

@@ -23,6 +23,10 @@ pub fn page(settings: &TrainingSettings, summary: &Summary, points: &[Point]) ->
         KeyFigure::new(&format!("RMSE on {}", e.rig), &format!("{:.3} / {:.3} kPa", e.rmse_kpa[0], e.rmse_kpa[1]))
             .note("positive / negative, paper's reference after 5 s")
     }));
+    if let Some(kept) = summary.kept {
+        let note = format!("after {} steps; geometric mean RMSE on drawn rigs set aside for that", kept.step);
+        page = page.summary([KeyFigure::new("Kept", &format!("{:.3} kPa", kept.score_kpa)).note(&note)]);
+    }
     let x: Vec<f64> = points.iter().map(|p| p.step as f64 / 1000.0).collect();
     let curve = |value: &dyn Fn(&Point) -> f64| points.iter().map(value).collect::<Vec<f64>>();
     let colors = [Color::Blue, Color::Vermilion, Color::Green, Color::Purple, Color::Black];

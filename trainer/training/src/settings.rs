@@ -44,6 +44,8 @@ pub struct RunSettings {
     /// Steps over which the actor's weights are averaged (exponentially) for what is evaluated and exported; 0, the
     /// paper's, takes the last. Averaging takes out the wander of single updates (Polyak and Juditsky, 1992).
     pub average_over_steps: u64,
+    /// Whether the policy is kept that tracked best on drawn rigs set aside for that, instead of the last (the paper's).
+    pub keep_best: bool,
 }
 
 impl Default for RunSettings {
@@ -55,6 +57,7 @@ impl Default for RunSettings {
             evaluate_every_steps: 32_000,
             checkpoint_every_steps: 128_000,
             average_over_steps: 0,
+            keep_best: false,
         }
     }
 }

@@ -1,0 +1,86 @@
+//! Which of a run's policies is kept: the one that tracks best on rigs and references of its own.
+//!
+//! ```text
+//! score = exp( mean over rigs and channels of ln RMSE )       kPa, mean action
+//! ```
+//!
+//! The rigs are drawn as in training, from a seed that no training uses, and are the same for every policy and every
+//! run: rigs that a policy is judged on later, `bench` above all, take no part. Logarithms weigh every rig and both
+//! channels alike, whatever their size.
+
+use environment::{Fleet, SIDE_BY_SIDE};
+use model::contract::{ACTION_LEN, CHANNELS};
+use sac::{Network, Workspace};
+use serde::{Deserialize, Serialize};
+
+use crate::TrainingError;
+
+/// Seed of the rigs, references and noise that select; training counts its seeds from 1 up.
+pub(crate) const SELECTION_SEED: u64 = 0x005E_1EC7_1046_0000;
+/// Episodes of eight rigs each.
+const EPISODES: u64 = 3;
+
+/// How good the kept policy was, and when.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Kept {
+    /// Steps after which it was what it is.
+    pub step: u64,
+    /// Its score in kPa.
+    pub score_kpa: f64,
+}
+
+/// Judges policies, and keeps the best.
+pub(crate) struct Selection {
+    fleet: Fleet,
+    best: Option<(Kept, Network)>,
+}
+
+impl Selection {
+    /// A selection by flights of `fleet`, going on with the best so far.
+    pub(crate) fn new(fleet: Fleet, best: Option<(Kept, Network)>) -> Self {
+        Selection { fleet, best }
+    }
+
+    /// The best so far.
+    pub(crate) fn best(&self) -> Option<&(Kept, Network)> {
+        self.best.as_ref()
+    }
+
+    /// Takes in the policy after so many steps, and answers its score.
+    pub(crate) fn judge(&mut self, step: u64, policy: Network) -> Result<f64, TrainingError> {
+        let score_kpa = score_kpa(&mut self.fleet, &policy)?;
+        // Written so that a NaN is never kept.
+        if score_kpa.is_finite() && self.best.as_ref().is_none_or(|(kept, _)| score_kpa < kept.score_kpa) {
+            self.best = Some((Kept { step, score_kpa }, policy));
+        }
+        Ok(score_kpa)
+    }
+}
+
+fn score_kpa(fleet: &mut Fleet, policy: &Network) -> Result<f64, TrainingError> {
+    let mut workspace = Workspace::default();
+    let length = fleet.observations().len() / SIDE_BY_SIDE;
+    let (mut logarithms, mut count) = (0.0, 0.0);
+    for episode in 0..EPISODES {
+        fleet.begin(episode)?;
+        let (mut squares, mut ticks) = ([[0.0; CHANNELS]; SIDE_BY_SIDE], 0.0);
+        let mut actions = Vec::with_capacity(SIDE_BY_SIDE * ACTION_LEN);
+        while !fleet.is_over() {
+            actions.clear();
+            for told in fleet.observations().chunks_exact(length) {
+                actions.extend_from_slice(policy.mean_action_with(&mut workspace, told));
+            }
+            for (sums, error) in squares.iter_mut().zip(fleet.step(&actions).error_kpa) {
+                for (sum, e) in sums.iter_mut().zip(error) {
+                    *sum += e * e;
+                }
+            }
+            ticks += 1.0;
+        }
+        for square in squares.as_flattened() {
+            logarithms += 0.5 * (square / ticks).ln();
+            count += 1.0;
+        }
+    }
+    Ok((logarithms / count).exp())
+}
