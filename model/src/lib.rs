@@ -8,6 +8,7 @@
 //! | [`mechanism`] | physics beyond the paper's, one file each |
 //! | [`plant`] | a rig compiled into flat arrays; RK4; simulation |
 //! | [`predict`] | MPObs: the model rolled ahead |
+//! | [`averaged`] | pumps averaged over a revolution, for fits |
 //! | [`steady`] | the rig averaged over a revolution; feed-forward |
 //! | [`contract`] | what a policy sees and answers |
 //! | [`ports`] | names, units and ranges of that, as policy files carry them |
@@ -15,6 +16,7 @@
 //! SI units and absolute pressure inside; kPa gauge only where a name says so. This crate opens no files and
 //! knows no clock, no thread and no global random numbers.
 
+pub mod averaged;
 pub mod contract;
 pub mod mechanism;
 pub mod orifice;

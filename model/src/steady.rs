@@ -1,8 +1,8 @@
 //! The rig averaged over a revolution: what the pump moves at given pressures, and which duties hold them.
 //!
 //! With both chambers held at fixed pressures and the valves shut, the cylinders soon repeat themselves and
-//! each chamber gains a constant mass per time, `ṁ(P_pos, P_neg)`. That map (from the same compiled plant, with
-//! chambers so large that a revolution hardly moves them) turns the dynamics into algebra:
+//! each chamber gains a constant mass per time, `ṁ(P_pos, P_neg)`. That map (from the averaged plant, see
+//! [`crate::averaged`], whose pump is at rest with its ports) turns the dynamics into algebra:
 //!
 //! ```text
 //! V/(R T) · Ṗ = ṁ(P) ∓ ṁ_valve(P, u)
@@ -10,25 +10,24 @@
 //!
 //! which is solved for `u` (feed-forward: [`SteadyMap::duty_for`]) or, with `Ṗ = 0`, for `P`
 //! ([`SteadyMap::settled_kpa`]).
+//!
+//! In it are mechanisms that change the flows of a rig that has settled: of the pump, leaks, another critical ratio,
+//! curved forces, a full opening and whatever is in series with a valve; and another volume or a compliant one. Left out
+//! is what the past decides (play, stiction, lag and delay of a valve; heat of a coil; muscles; warm gas), what one valve
+//! does to the other's supply, tabled flows that are over a valve's duty, and sensors: pressures are the chambers'.
 
 use std::sync::Arc;
 
 use nalgebra::{Matrix2, Vector2};
 
+use crate::averaged::PumpTables;
 use crate::contract::{CHANNELS, Pair};
-use crate::orifice::FlowFunction;
-use crate::plant::{Plant, Simulation};
+use crate::mechanism::{Mechanism, Variable};
+use crate::plant::{Plant, Simulation, ValveModel};
 use crate::predict::DualPressurePorts;
 use crate::real::{Lanes, Real};
-use crate::rig::{ATMOSPHERE, Rig, RigError, Valve, Volume};
+use crate::rig::{ATMOSPHERE, Rig, RigError, Valve};
 
-/// Volume of the chambers while the pump is mapped, in litres: a revolution then moves them by about 2 Pa.
-const HELD_L: f64 = 100.0;
-/// Revolutions before the map is read. The outlet valve is tight: a revolution forgets only about a third of
-/// the cylinders' start, and each group of cells starts from the cylinders of its neighbours.
-const SETTLING_TICKS: usize = 24;
-/// Steps of the integrator per revolution while mapping, as on the paper's rig.
-const STEPS: f64 = 200.0;
 const POSITIVE_KPA: Axis = Axis { low: -5.0, step: 5.0, points: 36 };
 const NEGATIVE_KPA: Axis = Axis { low: -97.5, step: 2.5, points: 41 };
 
@@ -38,9 +37,40 @@ pub struct SteadyMap {
     /// Net mass flow into each chamber in kg/s with valves shut; `[negative][positive]` flattened.
     flows: Vec<Pair>,
     valves: [ValveInverse; CHANNELS],
-    /// V/(R T) of each chamber in kg/Pa.
-    capacity: Pair,
+    chambers: [Capacity; CHANNELS],
     atmosphere_pa: f64,
+}
+
+/// What a chamber takes up per pressure, V/(R T) of one that may be compliant.
+#[derive(Debug, Clone, Copy)]
+struct Capacity {
+    /// In kg/Pa, extrapolated to no pressure.
+    at_vacuum: f64,
+    /// Growth in kg/Pa².
+    growth: f64,
+}
+
+impl Capacity {
+    fn of(rig: &Rig, name: &str) -> Self {
+        let Some(volume) = rig.volumes.get(name) else { return Capacity { at_vacuum: f64::NAN, growth: 0.0 } };
+        let (mut litres, mut compliance) = (volume.volume_l, volume.compliance_ml_per_kpa);
+        for mechanism in rig.mechanisms.iter().filter(|m| m.enabled && m.component == name).map(|m| &m.mechanism) {
+            match mechanism {
+                Mechanism::VolumeChange(m) => litres += m.extra_volume_l,
+                Mechanism::VolumeCompliance(m) => compliance += m.compliance_ml_per_kpa,
+                _ => {}
+            }
+        }
+        let rt = rig.gas.gas_constant_j_per_kg_k * volume.temperature_k;
+        let growth = compliance * 1e-9 / rt;
+        // P V grows by V + P V' per pressure, with V = V₀ + V' (P − P_atm).
+        let at_vacuum = litres * 1e-3 / rt - growth * rig.atmosphere.pressure_kpa_abs * 1e3;
+        Capacity { at_vacuum, growth: 2.0 * growth }
+    }
+
+    fn at(&self, pressure_pa: f64) -> f64 {
+        self.growth.mul_add(pressure_pa, self.at_vacuum)
+    }
 }
 
 /// A uniform grid in kPa gauge.
@@ -64,15 +94,10 @@ impl Axis {
     }
 }
 
-/// A nozzle-flapper valve, solved for its duty.
+/// A valve between a chamber and the atmosphere, solved for its duty.
 #[derive(Debug, Clone, Copy)]
 struct ValveInverse {
-    law: FlowFunction<f64>,
-    input_area: f64,
-    pressure_area: f64,
-    spring_area: f64,
-    /// 1/√(R T) of the gas upstream, in s/m.
-    inverse_speed: f64,
+    model: ValveModel,
     /// +1 if it fills its chamber, −1 if it empties it.
     fills: f64,
 }
@@ -82,29 +107,21 @@ impl ValveInverse {
         if self.fills > 0.0 { (atmosphere_pa, chamber_pa) } else { (chamber_pa, atmosphere_pa) }
     }
 
-    /// Mass flow in kg/s per m² of area.
-    fn flux(&self, up: f64, down: f64) -> f64 {
-        self.inverse_speed * up * self.law.at_drop((up - down) / up)
-    }
-
     /// Net mass flow into the chamber in kg/s.
     fn inflow(&self, duty: f64, chamber_pa: f64, atmosphere_pa: f64) -> f64 {
         let (up, down) = self.ports(chamber_pa, atmosphere_pa);
-        let area = (self.input_area * duty + self.pressure_area * (up - down) - self.spring_area).max(0.0);
-        self.fills * area * self.flux(up, down)
+        self.fills * self.model.flow(duty, up, down)
     }
 
     /// The duty that lets `inflow` kg/s into the chamber, beyond 0 … 1 where no duty does.
     fn duty(&self, inflow: f64, chamber_pa: f64, atmosphere_pa: f64) -> f64 {
         let (up, down) = self.ports(chamber_pa, atmosphere_pa);
-        // Near the atmosphere no area is enough; a floor keeps the answer finite, and it is limited anyway.
-        let area = self.fills * inflow / self.flux(up, down).max(1e-3);
-        (area + self.spring_area - self.pressure_area * (up - down)) / self.input_area
+        self.model.duty(self.fills * inflow, up, down)
     }
 }
 
 impl SteadyMap {
-    /// Maps a rig; a few tenths of a second.
+    /// Maps a rig; some milliseconds.
     ///
     /// # Errors
     /// If the rig is unsound, or is not two chambers each with one valve to the atmosphere.
@@ -112,23 +129,34 @@ impl SteadyMap {
         let plant = Plant::new(rig)?;
         DualPressurePorts::of(&plant)?;
         let mut valves = Vec::new();
-        let mut capacity = [0.0; CHANNELS];
+        let mut capacities = Vec::new();
         let mut chambers = [0; CHANNELS];
         for (c, column) in DualPressurePorts::DUTY.into_iter().enumerate() {
-            let (name, valve) =
-                rig.valves.iter().find(|(_, v)| v.command == column).ok_or_else(|| RigError::at("valves", column))?;
-            let (chamber, volume, inverse) = ValveInverse::of(rig, name, valve)?;
-            capacity[c] = volume.volume_l * 1e-3 / (rig.gas.gas_constant_j_per_kg_k * volume.temperature_k);
-            chambers[c] = chamber;
-            valves.push(inverse);
+            let (index, name, valve) = rig
+                .valves
+                .iter()
+                .enumerate()
+                .find_map(|(i, (name, v))| (v.command == column).then_some((i, name, v)))
+                .ok_or_else(|| RigError::at("valves", column))?;
+            let (place, fills) = chamber_of(name, valve)?;
+            chambers[c] = rig
+                .volumes
+                .get_index_of(place)
+                .ok_or_else(|| RigError::at(format!("valves.{name}"), format!("`{place}` is no volume")))?;
+            let model = plant.valve_model(index).ok_or_else(|| RigError::at("valves", column))?;
+            capacities.push(Capacity::of(rig, place));
+            valves.push(ValveInverse { model, fills });
         }
-        let [Some(positive), Some(negative)] = [valves.first().copied(), valves.get(1).copied()] else {
+        let ([Some(positive), Some(negative)], [Some(one), Some(other)]) = (
+            [valves.first().copied(), valves.get(1).copied()],
+            [capacities.first().copied(), capacities.get(1).copied()],
+        ) else {
             return Err(RigError::at("valves", "two valves are needed"));
         };
         Ok(SteadyMap {
             flows: pump_flows(rig, chambers)?,
             valves: [positive, negative],
-            capacity,
+            chambers: [one, other],
             atmosphere_pa: rig.atmosphere.pressure_kpa_abs * 1e3,
         })
     }
@@ -154,7 +182,8 @@ impl SteadyMap {
         let flows = self.flows(pressures_kpa);
         std::array::from_fn(|c| {
             let chamber = self.atmosphere_pa + pressures_kpa[c] * 1e3;
-            (flows[c] + self.valves[c].inflow(duty[c], chamber, self.atmosphere_pa)) / self.capacity[c] * 1e-3
+            (flows[c] + self.valves[c].inflow(duty[c], chamber, self.atmosphere_pa)) / self.chambers[c].at(chamber)
+                * 1e-3
         })
     }
 
@@ -168,7 +197,7 @@ impl SteadyMap {
         let flows = self.flows(pressures_kpa);
         std::array::from_fn(|c| {
             let chamber = self.atmosphere_pa + pressures_kpa[c] * 1e3;
-            let wanted = self.capacity[c] * rates_kpa_per_s[c] * 1e3 - flows[c];
+            let wanted = self.chambers[c].at(chamber) * rates_kpa_per_s[c] * 1e3 - flows[c];
             self.valves[c].duty(wanted, chamber, self.atmosphere_pa)
         })
     }
@@ -181,8 +210,9 @@ impl SteadyMap {
     pub fn gain_kpa_per_s(&self, pressures_kpa: Pair) -> Pair {
         std::array::from_fn(|c| {
             let valve = &self.valves[c];
-            let (up, down) = valve.ports(self.atmosphere_pa + pressures_kpa[c] * 1e3, self.atmosphere_pa);
-            valve.fills * valve.input_area * valve.flux(up, down).max(1e-3) / self.capacity[c] * 1e-3
+            let chamber = self.atmosphere_pa + pressures_kpa[c] * 1e3;
+            let (up, down) = valve.ports(chamber, self.atmosphere_pa);
+            valve.fills * valve.model.flow_per_duty(up, down) / self.chambers[c].at(chamber) * 1e-3
         })
     }
 
@@ -210,97 +240,52 @@ impl SteadyMap {
     }
 }
 
-impl ValveInverse {
-    fn of<'r>(rig: &'r Rig, name: &str, valve: &Valve) -> Result<(usize, &'r Volume, Self), RigError> {
-        let (place, fills, upstream_k) = match (valve.from.as_str(), valve.to.as_str()) {
-            (ATMOSPHERE, to) => (to, 1.0, Some(rig.atmosphere.temperature_k)),
-            (from, ATMOSPHERE) => (from, -1.0, None),
-            _ => {
-                return Err(RigError::at(
-                    format!("valves.{name}"),
-                    "neither end is the atmosphere; no steady map can be made",
-                ));
-            }
-        };
-        let (chamber, _, volume) = rig
-            .volumes
-            .get_full(place)
-            .ok_or_else(|| RigError::at(format!("valves.{name}"), format!("`{place}` is no volume")))?;
-        let kelvin = upstream_k.unwrap_or(volume.temperature_k);
-        let inverse = ValveInverse {
-            law: FlowFunction::nozzle(rig.gas.heat_capacity_ratio),
-            input_area: valve.input_area_mm2 * 1e-6,
-            pressure_area: valve.pressure_area_mm2_per_n
-                * 1e-6
-                * std::f64::consts::PI
-                * (valve.nozzle_diameter_mm * 1e-3).powi(2)
-                / 4.0,
-            spring_area: valve.spring_area_mm2 * 1e-6,
-            inverse_speed: 1.0 / (rig.gas.gas_constant_j_per_kg_k * kelvin).sqrt(),
-            fills,
-        };
-        Ok((chamber, volume, inverse))
+/// The chamber that a valve joins to the atmosphere, and +1 if the valve fills it, −1 if it empties it.
+fn chamber_of<'v>(name: &str, valve: &'v Valve) -> Result<(&'v str, f64), RigError> {
+    match (valve.from.as_str(), valve.to.as_str()) {
+        (ATMOSPHERE, to) => Ok((to, 1.0)),
+        (from, ATMOSPHERE) => Ok((from, -1.0)),
+        _ => Err(RigError::at(format!("valves.{name}"), "neither end is the atmosphere; no steady map can be made")),
     }
 }
 
 /// Net mass flow into the two chambers over the grid, valves shut, eight grid points at a time.
 fn pump_flows(rig: &Rig, chambers: [usize; CHANNELS]) -> Result<Vec<Pair>, RigError> {
     type Eight = Lanes<8>;
-    let held = held_rig(rig);
-    let plant = Arc::new(Plant::<Eight>::side_by_side(std::slice::from_ref(&held))?);
+    let plant = Arc::new(Plant::<Eight>::held(&without_valves(rig), &mut PumpTables::new())?);
     let on: Vec<Eight> = plant.inputs().iter().map(|i| Eight::splat(i.default.unwrap_or(1.0))).collect();
-    let capacity: Vec<f64> = held
-        .volumes
-        .values()
-        .map(|v| v.volume_l * 1e-3 / (held.gas.gas_constant_j_per_kg_k * v.temperature_k))
-        .collect();
     let mut simulation = Simulation::new(Arc::clone(&plant));
     let cells: Vec<Pair> = (0..NEGATIVE_KPA.points)
         .flat_map(|j| (0..POSITIVE_KPA.points).map(move |i| [POSITIVE_KPA.value(i), NEGATIVE_KPA.value(j)]))
         .collect();
     let mut flows = Vec::with_capacity(cells.len());
     for eight in cells.chunks(Eight::LANES) {
-        let put = |simulation: &mut Simulation<Eight>| {
-            for (c, chamber) in chambers.into_iter().enumerate() {
-                let kpa = Eight::from_lanes(|lane| eight.get(lane).or(eight.last()).map_or(0.0, |p| p[c]));
-                simulation.set_pressure_pa(chamber, plant.atmosphere_pa() + kpa * Eight::splat(1e3));
-            }
-        };
-        for _ in 0..SETTLING_TICKS {
-            put(&mut simulation);
-            simulation.tick(&on);
-        }
-        put(&mut simulation);
-        let before = chambers.map(|c| simulation.pressure_pa(c));
-        simulation.tick(&on);
+        let held = [0, 1].map(|c: usize| {
+            let kpa = Eight::from_lanes(|lane| eight.get(lane).or(eight.last()).map_or(0.0, |p| p[c]));
+            plant.atmosphere_pa() + kpa * Eight::splat(1e3)
+        });
+        let gained = simulation.gains_of_held(&chambers, &held, &on);
         for lane in 0..eight.len() {
-            flows.push(std::array::from_fn(|c| {
-                let gained = simulation.pressure_pa(chambers[c]).lane(lane) - before[c].lane(lane);
-                gained * capacity.get(chambers[c]).copied().unwrap_or(f64::NAN) / plant.tick_s()
-            }));
+            flows.push(std::array::from_fn(|c| gained.get(c).map_or(f64::NAN, |flow| flow.lane(lane))));
         }
     }
     Ok(flows)
 }
 
-/// The rig with its chambers held, its valves gone, a tick per revolution, and only what acts in a settled rig.
-fn held_rig(rig: &Rig) -> Rig {
-    let mut held = rig.clone();
-    held.valves.clear();
-    held.mechanisms.retain(|m| m.enabled && m.mechanism.acts_when_settled());
-    for volume in held.volumes.values_mut() {
-        volume.volume_l = HELD_L;
-        volume.compliance_ml_per_kpa = 0.0;
-    }
-    let speed_rpm = held.pumps.values().find_map(|pump| match pump {
-        crate::rig::Pump::Piston(p) => Some(p.speed_rpm),
-        crate::rig::Pump::Flow(_) => None,
+/// The rig with its valves gone, and only what acts without them in a settled rig.
+fn without_valves(rig: &Rig) -> Rig {
+    let mut shut = rig.clone();
+    shut.valves.clear();
+    let over_a_valve = |mechanism: &Mechanism| match mechanism {
+        Mechanism::ResidualFlow(m) => m.axes.iter().any(|axis| axis.variable != Variable::Pressure),
+        Mechanism::SupplySag(_) => true,
+        _ => false,
+    };
+    shut.mechanisms.retain(|m| {
+        let acts = m.mechanism.acts_when_settled() || matches!(m.mechanism, Mechanism::VolumeChange(_));
+        m.enabled && acts && !rig.valves.contains_key(&m.component) && !over_a_valve(&m.mechanism)
     });
-    if let Some(rpm) = speed_rpm {
-        held.integrator.tick_ms = 60_000.0 / rpm;
-        held.integrator.step_ms = held.integrator.tick_ms / STEPS;
-    }
-    held
+    shut
 }
 
 #[cfg(test)]

@@ -11,7 +11,14 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::rig::{RigError, within};
+use super::{Form, Mechanism, Physics, Place};
+use crate::rig::{Number, Rig, numbers};
+
+/// What all leaks are measured by.
+pub(super) const CONDUCTANCE: Number = Number::new("kg/(s Pa²)", 0.0, 1e-12)
+    .plausible(1e-17, 1e-13)
+    .starts(&[1e-16, 5e-16, 2e-15, 1e-14])
+    .hint("1e-15 is a small leak");
 
 /// A laminar leak between a chamber and the atmosphere.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -21,15 +28,14 @@ pub struct ChamberLeak {
     pub conductance_kg_per_s_pa2: f64,
 }
 
-impl ChamberLeak {
-    pub(super) fn check(&self, key: &str) -> Result<(), RigError> {
-        within(
-            &format!("{key}.conductance_kg_per_s_pa2"),
-            self.conductance_kg_per_s_pa2,
-            0.0,
-            1e-12,
-            "kg/(s Pa²)",
-            "1e-15 is a small leak",
-        )
+numbers!(ChamberLeak { conductance_kg_per_s_pa2: CONDUCTANCE });
+
+impl Physics for ChamberLeak {
+    const ID: &'static str = "chamber_leak";
+    const PLACES: &'static [Place] = &[Place::Volume];
+    const SETTLED: bool = true;
+
+    fn forms(_rig: &Rig, _component: &str) -> Vec<Form> {
+        vec![Form::of("", Mechanism::ChamberLeak(ChamberLeak { conductance_kg_per_s_pa2: 0.0 }), &[0])]
     }
 }

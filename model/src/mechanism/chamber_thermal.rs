@@ -13,7 +13,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::rig::{RigError, within};
+use super::{Form, Mechanism, Physics, Place};
+use crate::rig::{Number, Rig, numbers};
 
 /// An energy balance for the gas in a chamber.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -23,16 +24,20 @@ pub struct ChamberThermal {
     pub wall_conductance_w_per_k: f64,
 }
 
-impl ChamberThermal {
-    pub(super) fn check(&self, key: &str) -> Result<(), RigError> {
-        // Above, heat leaves faster than the integrator's step can follow.
-        within(
-            &format!("{key}.wall_conductance_w_per_k"),
-            self.wall_conductance_w_per_k,
-            0.0,
-            1000.0,
-            "W/K",
-            "leave the mechanism out for an isothermal chamber",
-        )
+numbers!(ChamberThermal {
+    // Above, heat leaves faster than the integrator's step can follow.
+    wall_conductance_w_per_k: Number::new("W/K", 0.0, 1000.0)
+        .plausible(0.02, 50.0)
+        .starts(&[10.0, 3.0, 1.0, 0.3])
+        .hint("leave the mechanism out for an isothermal chamber"),
+});
+
+impl Physics for ChamberThermal {
+    const ID: &'static str = "chamber_thermal";
+    const PLACES: &'static [Place] = &[Place::Volume];
+    const SETTLED: bool = false;
+
+    fn forms(_rig: &Rig, _component: &str) -> Vec<Form> {
+        vec![Form::of("", Mechanism::ChamberThermal(ChamberThermal { wall_conductance_w_per_k: 1000.0 }), &[0])]
     }
 }

@@ -6,9 +6,10 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::{Form, Mechanism, Physics, Place};
 use crate::plant::{Samples, lanes_of};
 use crate::real::Real;
-use crate::rig::{RigError, within};
+use crate::rig::{Number, Pump, Rig, RigError, numbers, within};
 
 /// The longest delay in ticks.
 pub(crate) const LONGEST_TICKS: usize = 8;
@@ -21,17 +22,51 @@ pub struct CommandDelay {
     pub delay_ms: f64,
 }
 
-impl CommandDelay {
-    pub(super) fn check(&self, key: &str, tick_ms: f64) -> Result<(), RigError> {
-        let longest = LONGEST_TICKS as f64 * tick_ms;
+numbers!(CommandDelay {
+    // How many ticks it may span is checked beside the range: it is the rig's tick that counts.
+    delay_ms: Number::new("ms", 0.0, 1e5).plausible(0.5, 160.0).starts(&[10.0, 20.0, 40.0, 80.0]),
+});
+
+impl Physics for CommandDelay {
+    const ID: &'static str = "command_delay";
+    const PLACES: &'static [Place] = &[Place::Valve, Place::Pump];
+    const SETTLED: bool = false;
+
+    fn check(&self, rig: &Rig, component: &str, key: &str) -> Result<(), RigError> {
+        needs_a_command(Self::ID, rig, component, key)?;
+        let longest = LONGEST_TICKS as f64 * rig.integrator.tick_ms;
         within(&format!("{key}.delay_ms"), self.delay_ms, 0.0, longest, "ms", "eight ticks at most")
     }
 
+    fn forms(rig: &Rig, _component: &str) -> Vec<Form> {
+        let tick = rig.integrator.tick_ms;
+        let form = Form::of("", Mechanism::CommandDelay(CommandDelay { delay_ms: 0.0 }), &[0]);
+        vec![form.ranging(
+            0,
+            [0.0, LONGEST_TICKS as f64 * tick],
+            [0.5, 1.0, 2.0, 4.0].map(|ticks| ticks * tick).to_vec(),
+        )]
+    }
+}
+
+impl CommandDelay {
     pub(crate) fn operator(&self, tick_ms: f64) -> Delay<f64> {
         // Rounding of the division must not push a delay at the upper limit beyond the memory.
         let ticks = (self.delay_ms / tick_ms).min(LONGEST_TICKS as f64);
         Delay { whole: ticks.floor(), part: ticks.fract() }
     }
+}
+
+/// Refuses a pump that has no command which could come late.
+pub(super) fn needs_a_command(id: &str, rig: &Rig, component: &str, key: &str) -> Result<(), RigError> {
+    let commanded = matches!(rig.pumps.get(component), Some(Pump::Flow(pump)) if pump.command.is_some());
+    if rig.valves.contains_key(component) || commanded {
+        return Ok(());
+    }
+    Err(RigError::at(
+        format!("{key}.component"),
+        format!("`{id}` goes on what has a command; `{component}` is a pump that is only switched, if at all"),
+    ))
 }
 
 /// The delay; its memory holds the last duties, newest first.

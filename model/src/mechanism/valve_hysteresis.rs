@@ -8,14 +8,21 @@
 //!
 //! (Visintin, *Differential Models of Hysteresis*, 1994; the elementary operator of Prandtl-Ishlinskii
 //! models.) It is rate independent: slow and fast sweeps draw the same loop, which tells it from a lag.
+//! Friction is not the same everywhere on a flapper's way: with `spread_duty` = `s` the half widths of five plays side
+//! by side lie evenly within `w − s … w + s` and the opening follows their mean (a Prandtl-Ishlinskii model, which is a
+//! Preisach model whose density depends on the width alone). Loops then come out round, and thin out as they get
+//! smaller: a sweep over a range `A` encloses the mean of `2 w_i (A − 2 w_i)` over the plays narrower than `A/2`, and
+//! `x` after turning round the opening lags by the mean of `min(x, 2 w_i)`.
+//!
 //! Published calibrations of the paper's valve family (SMC PVQ31) differ by 5-8 % of duty between
 //! rising and falling, so `w` is about 0.03 there.
 
 use serde::{Deserialize, Serialize};
 
+use super::{Form, Mechanism, Physics, Place};
 use crate::plant::{Samples, lanes_of};
 use crate::real::Real;
-use crate::rig::{RigError, within};
+use crate::rig::{Number, Rig, numbers};
 
 /// A play operator on a valve's duty.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -23,43 +30,115 @@ use crate::rig::{RigError, within};
 pub struct ValveHysteresis {
     /// Half the distance between the rising and the falling branch, in duty (0 … 0.5).
     pub half_width_duty: f64,
+    /// How far the half widths of five plays side by side reach to either side of it, in duty (0 … 0.5; none is
+    /// narrower than nothing). Left out or zero there is one play.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub spread_duty: f64,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
+numbers!(ValveHysteresis {
+    half_width_duty: Number::new("duty", 0.0, 0.5)
+        .plausible(0.002, 0.1)
+        .starts(&[0.005, 0.015, 0.03, 0.06])
+        .hint("half of the gap between rising and falling"),
+    spread_duty: Number::new("duty", 0.0, 0.5)
+        .plausible(0.001, 0.06)
+        .starts(&[0.005, 0.015])
+        .hint("leave it out for one play")
+        .optional(),
+});
+
+impl Physics for ValveHysteresis {
+    const ID: &'static str = "valve_hysteresis";
+    const PLACES: &'static [Place] = &[Place::Valve];
+    const SETTLED: bool = false;
+
+    fn forms(_rig: &Rig, _component: &str) -> Vec<Form> {
+        let none = Mechanism::ValveHysteresis(ValveHysteresis { half_width_duty: 0.0, spread_duty: 0.0 });
+        vec![Form::of("", none.clone(), &[0]), Form::of("spread", none, &[0, 1])]
+    }
 }
 
 impl ValveHysteresis {
-    pub(super) fn check(&self, key: &str) -> Result<(), RigError> {
-        within(
-            &format!("{key}.half_width_duty"),
-            self.half_width_duty,
-            0.0,
-            0.5,
-            "duty",
-            "half of the gap between rising and falling",
-        )
-    }
-
     pub(crate) fn operator(&self) -> Play<f64> {
-        Play { half_width: self.half_width_duty }
+        Play { half_width: self.half_width_duty, spread: self.spread_duty, is_spread: self.spread_duty > 0.0 }
     }
 }
 
-/// The play operator; its memory is the flapper's duty.
+/// Plays side by side where their widths scatter.
+const PLAYS: usize = 5;
+/// The one of stated width, and the only one where they do not scatter.
+const MIDDLE: usize = PLAYS / 2;
+
+/// The play operator; its memory is the flapper's duty, for each play.
+///
+/// All plays have their places in the memory even where only the middle one acts, so that lanes with and without spread
+/// lie side by side.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Play<R> {
     half_width: R,
+    spread: R,
+    /// Whether widths scatter in any lane.
+    is_spread: bool,
 }
 
 impl<R: Real> Play<R> {
+    /// Numbers it remembers.
+    pub(crate) const MEMORY: usize = PLAYS;
+
     pub(crate) fn side_by_side(parts: &[Play<f64>]) -> Self {
-        Play { half_width: lanes_of(parts, |p| p.half_width) }
+        Play {
+            half_width: lanes_of(parts, |p| p.half_width),
+            spread: lanes_of(parts, |p| p.spread),
+            is_spread: parts.iter().any(|p| p.is_spread),
+        }
+    }
+
+    /// Half widths of the plays.
+    fn half_widths(&self) -> [R; PLAYS] {
+        std::array::from_fn(|i| {
+            // Middles of five even parts of the range.
+            let off = (2.0 * i as f64 + 1.0) / PLAYS as f64 - 1.0;
+            let off = if i == MIDDLE { 0.0 } else { off };
+            self.spread.mul_add(R::splat(off), self.half_width).at_least(R::splat(0.0))
+        })
+    }
+
+    /// Moves flappers that lie in the middle of their play, by a share of its half width (−1 … 1).
+    pub(crate) fn place(&self, share: R, memory: &mut [R]) {
+        for (flapper, half_width) in memory.iter_mut().zip(self.half_widths()) {
+            *flapper += half_width * share;
+        }
     }
 
     #[inline(always)]
-    pub(crate) fn run(&self, memory: &mut R, samples: &mut Samples<R>) {
-        let mut flapper = *memory;
+    pub(crate) fn run(&self, memory: &mut [R], samples: &mut Samples<R>) {
+        let Some(memory) = memory.first_chunk_mut::<PLAYS>() else { return };
+        let follow =
+            |flapper: R, duty: R, half_width: R| flapper.at_least(duty - half_width).at_most(duty + half_width);
+        if !self.is_spread {
+            let mut flapper = memory[MIDDLE];
+            samples.each(|duty| {
+                flapper = follow(flapper, duty, self.half_width);
+                flapper
+            });
+            memory[MIDDLE] = flapper;
+            return;
+        }
+        let half_widths = self.half_widths();
         samples.each(|duty| {
-            flapper = flapper.at_least(duty - self.half_width).at_most(duty + self.half_width);
-            flapper
+            let mut sum = R::splat(0.0);
+            for (flapper, half_width) in memory.iter_mut().zip(&half_widths) {
+                *flapper = follow(*flapper, duty, *half_width);
+                sum += *flapper;
+            }
+            let (mean, alone) = (sum * R::splat(1.0 / PLAYS as f64), memory[MIDDLE]);
+            // A lane of one play has the bits it would have by itself.
+            R::from_lanes(|lane| if self.spread.lane(lane) > 0.0 { mean.lane(lane) } else { alone.lane(lane) })
         });
-        *memory = flapper;
     }
 }

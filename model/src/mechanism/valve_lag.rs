@@ -10,9 +10,11 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::command_delay::needs_a_command;
+use super::{Form, Mechanism, Physics, Place};
 use crate::plant::{Samples, lanes_of};
 use crate::real::Real;
-use crate::rig::{RigError, within};
+use crate::rig::{Number, Rig, RigError, numbers};
 
 /// A first-order lag of a valve behind its duty.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -22,11 +24,25 @@ pub struct ValveLag {
     pub time_constant_ms: f64,
 }
 
-impl ValveLag {
-    pub(super) fn check(&self, key: &str) -> Result<(), RigError> {
-        within(&format!("{key}.time_constant_ms"), self.time_constant_ms, 0.01, 10_000.0, "ms", "")
+numbers!(ValveLag {
+    time_constant_ms: Number::new("ms", 0.01, 10_000.0).plausible(1.0, 400.0).starts(&[8.0, 25.0, 60.0, 150.0]),
+});
+
+impl Physics for ValveLag {
+    const ID: &'static str = "valve_lag";
+    const PLACES: &'static [Place] = &[Place::Valve, Place::Pump];
+    const SETTLED: bool = false;
+
+    fn check(&self, rig: &Rig, component: &str, key: &str) -> Result<(), RigError> {
+        needs_a_command(Self::ID, rig, component, key)
     }
 
+    fn forms(_rig: &Rig, _component: &str) -> Vec<Form> {
+        vec![Form::of("", Mechanism::ValveLag(ValveLag { time_constant_ms: 0.01 }), &[0])]
+    }
+}
+
+impl ValveLag {
     pub(crate) fn operator(&self, instant_s: f64) -> Lag<f64> {
         Lag { approach: -(-instant_s / (self.time_constant_ms * 1e-3)).exp_m1() }
     }

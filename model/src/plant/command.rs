@@ -1,7 +1,7 @@
 //! The command path of a valve: from the duty sent to the duty that acts, instant by instant.
 
 use super::INSTANTS_PER_STEP;
-use crate::mechanism::{Delay, Lag, Play};
+use crate::mechanism::{Bend, Delay, Heat, Lag, Play, Stick};
 use crate::real::Real;
 
 /// A duty over one tick, at the instants the integrator asks for: one value, or one for each.
@@ -54,6 +54,34 @@ impl<R: Real> Samples<R> {
         }
     }
 
+    /// Whether the duty changes within the tick.
+    #[inline(always)]
+    pub(crate) fn is_spread(&self) -> bool {
+        self.spread
+    }
+
+    /// Puts the mean over each step at its middle instant, where the integrator then reads it for the whole step.
+    #[inline(always)]
+    pub(crate) fn take_means(&mut self) {
+        if !self.spread {
+            return;
+        }
+        let (quarter, eighth) = (R::splat(0.25), R::splat(0.125));
+        for first in (0..self.instants()).step_by(INSTANTS_PER_STEP) {
+            if let Some([a, b, c, d, e]) = self.values.get_mut(first..first + INSTANTS_PER_STEP + 1) {
+                *c = quarter.mul_add(*b + *c + *d, eighth * (*a + *e));
+            }
+        }
+    }
+
+    /// Multiplies the duty at instant `k`.
+    #[inline(always)]
+    pub(crate) fn scale(&mut self, k: usize, factor: R) {
+        if let Some(value) = self.values.get_mut(k) {
+            *value = *value * factor;
+        }
+    }
+
     /// Replaces each sample in the order of time (just one where the duty is constant).
     #[inline(always)]
     pub(crate) fn each(&mut self, mut f: impl FnMut(R) -> R) {
@@ -72,19 +100,28 @@ impl<R: Real> Samples<R> {
 pub(crate) enum Stage<R> {
     /// `command_delay`
     Delay(Delay<R>),
+    /// `coil_heating`
+    Heat(Heat<R>),
     /// `valve_lag`
     Lag(Lag<R>),
+    /// `valve_force_curve`, the coil's part
+    Bend(Bend<R>),
+    /// `valve_stiction`
+    Stick(Stick<R>),
     /// `valve_hysteresis`
     Play(Play<R>),
 }
 
 impl Stage<f64> {
-    /// The order along the path: wire, coil, flapper.
+    /// The order along the path: wire, (supply,) coil, flapper.
     pub(crate) fn rank(&self) -> u8 {
         match self {
             Stage::Delay(_) => 0,
-            Stage::Lag(_) => 1,
-            Stage::Play(_) => 2,
+            Stage::Heat(_) => 1,
+            Stage::Lag(_) => 2,
+            Stage::Bend(_) => 3,
+            Stage::Stick(_) => 4,
+            Stage::Play(_) => 5,
         }
     }
 }
@@ -94,7 +131,9 @@ impl<R: Real> Stage<R> {
     pub(crate) fn memory_len(&self) -> usize {
         match self {
             Stage::Delay(_) => crate::mechanism::LONGEST_TICKS,
-            Stage::Lag(_) | Stage::Play(_) => 1,
+            Stage::Heat(_) | Stage::Lag(_) | Stage::Stick(_) => 1,
+            Stage::Play(_) => Play::<R>::MEMORY,
+            Stage::Bend(_) => 0,
         }
     }
 
@@ -109,36 +148,52 @@ impl<R: Real> Stage<R> {
         }
         match parts.first()? {
             Stage::Delay(_) => all!(Delay, Delay),
+            Stage::Heat(_) => all!(Heat, Heat),
             Stage::Lag(_) => all!(Lag, Lag),
+            Stage::Bend(_) => all!(Bend, Bend),
+            Stage::Stick(_) => all!(Stick, Stick),
             Stage::Play(_) => all!(Play, Play),
         }
     }
 
     #[inline(always)]
     fn run(&self, memory: &mut [R], samples: &mut Samples<R>) {
+        match (self, memory) {
+            (Stage::Delay(delay), memory) => delay.run(memory, samples),
+            (Stage::Bend(bend), _) => bend.run(samples),
+            (Stage::Heat(heat), [memory]) => heat.run(memory, samples),
+            (Stage::Lag(lag), [memory]) => lag.run(memory, samples),
+            (Stage::Stick(stick), [memory]) => stick.run(memory, samples),
+            (Stage::Play(play), memory) => play.run(memory, samples),
+            _ => {}
+        }
+    }
+
+    /// Sets the memory as if `duty` had come in for ever; what comes out then.
+    fn settle(&self, duty: R, memory: &mut [R]) -> R {
         match self {
-            Stage::Delay(delay) => delay.run(memory, samples),
-            Stage::Lag(lag) => {
-                if let Some(memory) = memory.first_mut() {
-                    lag.run(memory, samples);
-                }
+            Stage::Heat(heat) => {
+                memory.fill(heat.initial);
+                heat.at(duty, heat.initial)
             }
-            Stage::Play(play) => {
-                if let Some(memory) = memory.first_mut() {
-                    play.run(memory, samples);
-                }
+            Stage::Bend(bend) => bend.at(duty),
+            Stage::Delay(_) | Stage::Lag(_) | Stage::Stick(_) | Stage::Play(_) => {
+                memory.fill(duty);
+                duty
             }
         }
     }
 }
 
-/// The command path of one valve.
+/// The command path of one valve, or of a pump whose flow is commanded.
 #[derive(Debug, Clone)]
 pub(crate) struct CommandPath<R> {
     /// Input that carries the duty.
     pub(crate) input: usize,
     /// Where its memory starts.
     pub(crate) memory: usize,
+    /// Whether it draws its current from the supply that all valves share.
+    pub(crate) on_supply: bool,
     /// Operators in the order they act.
     pub(crate) stages: Vec<Stage<R>>,
 }
@@ -148,7 +203,10 @@ impl<R: Real> CommandPath<R> {
     pub(crate) fn side_by_side(parts: &[&CommandPath<f64>]) -> Option<Self> {
         let first = parts.first()?;
         let same = |p: &&CommandPath<f64>| {
-            p.input == first.input && p.memory == first.memory && p.stages.len() == first.stages.len()
+            p.input == first.input
+                && p.memory == first.memory
+                && p.on_supply == first.on_supply
+                && p.stages.len() == first.stages.len()
         };
         if !parts.iter().all(same) {
             return None;
@@ -156,28 +214,78 @@ impl<R: Real> CommandPath<R> {
         let stages = (0..first.stages.len())
             .map(|i| Stage::side_by_side(&parts.iter().filter_map(|p| p.stages.get(i).copied()).collect::<Vec<_>>()))
             .collect::<Option<_>>()?;
-        Some(CommandPath { input: first.input, memory: first.memory, stages })
+        Some(CommandPath { input: first.input, memory: first.memory, on_supply: first.on_supply, stages })
     }
 
     /// Fills `samples` with the duty that acts over the tick in which `sent` is commanded.
     #[inline(always)]
     pub(crate) fn run(&self, sent: R, memory: &mut [R], samples: &mut Samples<R>) {
         samples.set(sent);
+        self.run_stages(memory, samples, |_| true);
+    }
+
+    /// The part of [`CommandPath::run`] up to the driver, which is what draws current.
+    #[inline(always)]
+    pub(crate) fn run_to_driver(&self, sent: R, memory: &mut [R], samples: &mut Samples<R>) {
+        samples.set(sent);
+        self.run_stages(memory, samples, |stage| matches!(stage, Stage::Delay(_)));
+    }
+
+    /// The rest of it, on what the driver puts out.
+    #[inline(always)]
+    pub(crate) fn run_from_driver(&self, memory: &mut [R], samples: &mut Samples<R>) {
+        self.run_stages(memory, samples, |stage| !matches!(stage, Stage::Delay(_)));
+    }
+
+    #[inline(always)]
+    fn run_stages(&self, memory: &mut [R], samples: &mut Samples<R>, which: impl Fn(&Stage<R>) -> bool) {
         let mut at = self.memory;
         for stage in &self.stages {
             let end = at + stage.memory_len();
-            if let Some(own) = memory.get_mut(at..end) {
+            if let Some(own) = memory.get_mut(at..end)
+                && which(stage)
+            {
                 stage.run(own, samples);
             }
             at = end;
         }
     }
 
-    /// Sets the memory as if `duty` had been commanded for ever.
-    pub(crate) fn settle(&self, duty: R, memory: &mut [R]) {
-        let len: usize = self.stages.iter().map(Stage::memory_len).sum();
-        if let Some(own) = memory.get_mut(self.memory..self.memory + len) {
-            own.fill(duty);
+    /// Sets the memory as if `sent` had been commanded for ever, `supplied` of it through the supply; what acts then.
+    pub(crate) fn settle(&self, sent: R, supplied: R, memory: &mut [R]) -> R {
+        let mut at = self.memory;
+        let mut duty = supplied;
+        for stage in &self.stages {
+            let end = at + stage.memory_len();
+            if let Some(own) = memory.get_mut(at..end) {
+                // The wire in front of the driver carries what was sent.
+                if matches!(stage, Stage::Delay(_)) {
+                    own.fill(sent);
+                } else {
+                    duty = stage.settle(duty, own);
+                }
+            }
+            at = end;
         }
+        duty
+    }
+
+    /// Moves the flapper within the play at the path's end, if it has one, by a share of its half width (−1 … 1).
+    pub(crate) fn place_in_play(&self, share: R, memory: &mut [R]) {
+        for (stage, start) in self.memories() {
+            if let (Stage::Play(play), Some(own)) = (stage, memory.get_mut(start..start + stage.memory_len())) {
+                play.place(share, own);
+            }
+        }
+    }
+
+    /// Where the memory of each stage starts.
+    pub(crate) fn memories(&self) -> impl Iterator<Item = (&Stage<R>, usize)> {
+        let mut at = self.memory;
+        self.stages.iter().map(move |stage| {
+            let start = at;
+            at += stage.memory_len();
+            (stage, start)
+        })
     }
 }

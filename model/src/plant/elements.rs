@@ -4,6 +4,9 @@
 //! given. What differs between rigs of one structure is of type `R` (one number per lane), what makes up
 //! the structure is not. Each record knows how to lie side by side with its twins from other rigs.
 
+use std::sync::Arc;
+
+use crate::averaged::PumpTable;
 use crate::real::Real;
 
 /// Gathers one number per lane from records of the same structure; lanes beyond the last repeat it.
@@ -25,6 +28,7 @@ macro_rules! record {
             /// Merges twins; `None` if their structure differs.
             pub(crate) fn side_by_side(parts: &[$name<f64>]) -> Option<Self> {
                 let first = parts.first()?;
+                let _ = first;
                 $(if parts.iter().any(|p| p.$structure != first.$structure) { return None; })*
                 Some($name {
                     $($structure: first.$structure,)*
@@ -59,6 +63,187 @@ record! {
 }
 
 record! {
+    /// A one-way orifice that opens against a spring (mechanism `check_valve_cracking`).
+    SpringCheck { up: usize, down: usize, law: usize, } lanes {
+        /// Effective area in m².
+        area,
+        /// Cracking pressure in Pa.
+        cracking,
+    }
+}
+
+record! {
+    /// A commanded valve with forces that are no straight lines, or something in series with it.
+    ShapedVent { up: usize, down: usize, law: usize,
+        /// Which command path drives it.
+        command: usize,
+        /// Whether anything is in series with it.
+        restricted: bool,
+        /// Which tabled area comes on top of its own, if any.
+        residual: Option<usize>,
+    } lanes {
+        /// Ĉ_u in m² per duty.
+        input_area,
+        /// Ĉ_P · πD²/4 in m²/Pa.
+        pressure_area,
+        /// c · (πD²/4)² in m²/Pa².
+        pressure_curvature,
+        /// Ĉ_k in m².
+        spring_area,
+        /// 1/a_full in 1/m².
+        inverse_full_area,
+        /// 1/A² of what is in series upstream, in 1/m⁴; 0 is nothing.
+        upstream_drop,
+        /// 1/A² of what is in series downstream.
+        downstream_drop,
+    }
+}
+
+impl ShapedVent<f64> {
+    /// A valve without any of it.
+    pub(crate) fn from_plain(vent: &Vent<f64>) -> Self {
+        ShapedVent {
+            up: vent.up,
+            down: vent.down,
+            law: vent.law,
+            command: vent.command,
+            restricted: false,
+            residual: None,
+            input_area: vent.input_area,
+            pressure_area: vent.pressure_area,
+            pressure_curvature: 0.0,
+            spring_area: vent.spring_area,
+            inverse_full_area: 0.0,
+            upstream_drop: 0.0,
+            downstream_drop: 0.0,
+        }
+    }
+}
+
+record! {
+    /// A laminar path with a part that grows with the square of the flow: P₁² − P₂² = ṁ/k + R T (ṁ/A)².
+    Parabolic { up: usize, down: usize, } lanes {
+        /// 1/k in Pa² s/kg.
+        linear,
+        /// R T/A² in Pa² s²/kg².
+        quadratic,
+    }
+}
+
+record! {
+    /// A muscle with a weight between two chambers (mechanism `actuator_load`).
+    Muscle {
+        /// The chamber that gains volume when it contracts.
+        gains: usize,
+        /// The chamber that loses it.
+        loses: usize,
+        /// State that holds its contraction.
+        contraction: usize,
+    } lanes {
+        /// A in m².
+        area,
+        /// m g in N.
+        weight,
+        /// 1/k in m/N.
+        inverse_stiffness,
+        /// Longest contraction in m.
+        stroke,
+        /// 1/τ in 1/s.
+        inverse_time,
+    }
+}
+
+impl<R: Real> Muscle<R> {
+    /// The contraction in m at which the weight hangs still.
+    #[inline(always)]
+    pub(crate) fn at_rest(&self, gains_pa: R, loses_pa: R) -> R {
+        let pull = self.area * (gains_pa - loses_pa) - self.weight;
+        (pull * self.inverse_stiffness).limited(R::splat(0.0), self.stroke)
+    }
+}
+
+/// A piston pump as a table (see [`crate::averaged`]).
+#[derive(Debug, Clone)]
+pub(crate) struct AveragedPump<R> {
+    pub(crate) inlet: usize,
+    pub(crate) outlet: usize,
+    /// State that holds the gas in its cylinders, in kg.
+    pub(crate) content: usize,
+    /// The drive whose relay, speed and phase it has.
+    pub(crate) drive: usize,
+    /// Where in the memory it stands whether it ran in the last tick.
+    pub(crate) memory: usize,
+    /// Revolutions of the shaft over which its ripple repeats itself: one over the number of evenly spaced pistons.
+    pub(crate) beat: f64,
+    /// Temperature of what it delivers, in K.
+    pub(crate) temperature: R,
+    pub(crate) table: Arc<PumpTable<R>>,
+}
+
+impl<R: Real> AveragedPump<R> {
+    /// Merges twins; `None` if their structure differs.
+    pub(crate) fn side_by_side(parts: &[AveragedPump<f64>]) -> Option<Self> {
+        let first = parts.first()?;
+        let structure = |p: &AveragedPump<f64>| (p.inlet, p.outlet, p.content, p.drive, p.memory);
+        if parts.iter().any(|p| structure(p) != structure(first)) {
+            return None;
+        }
+        Some(AveragedPump {
+            inlet: first.inlet,
+            outlet: first.outlet,
+            content: first.content,
+            drive: first.drive,
+            memory: first.memory,
+            beat: first.beat,
+            temperature: lanes_of(parts, |p| p.temperature),
+            table: Arc::new(PumpTable::side_by_side(&parts.iter().map(|p| p.table.as_ref()).collect::<Vec<_>>())?),
+        })
+    }
+
+    /// Flow at the inlet and at the outlet in kg/s (each at least zero), and what the cylinders gain.
+    ///
+    /// `running` is 1 or 0. A pump that stands evens out with its ports through its check valves.
+    #[inline(always)]
+    pub(crate) fn flows(&self, inlet: R, outlet: R, content: R, running: R) -> [R; 3] {
+        let zero = R::splat(0.0);
+        let table = &self.table;
+        let mean = table.at(inlet, outlet);
+        let excess = content - mean.content;
+        let turning = [
+            mean.drawn_response.mul_add(excess, mean.drawn).at_least(zero),
+            mean.delivered_response.mul_add(excess, mean.delivered).at_least(zero),
+        ];
+        // What neither port accounts for has gone past the rings.
+        let lost =
+            (mean.drawn - mean.delivered) + (mean.relaxation + mean.drawn_response - mean.delivered_response) * excess;
+        let standing = [
+            (inlet * table.content_per_pa - content).at_least(zero) * table.standing[0],
+            (content - outlet * table.content_per_pa).at_least(zero) * table.standing[1],
+        ];
+        let stopped = R::splat(1.0) - running;
+        let drawn = running * turning[0] + stopped * standing[0];
+        let delivered = running * turning[1] + stopped * standing[1];
+        [drawn, delivered, drawn - delivered - running * lost]
+    }
+}
+
+record! {
+    /// The supply that all valves share (mechanism `supply_sag`).
+    Sag { } lanes {
+        /// Share of the voltage lost per unit of total duty.
+        loss,
+    }
+}
+
+impl<R: Real> Sag<R> {
+    /// What is left of the voltage under a total duty.
+    #[inline(always)]
+    pub(crate) fn left(&self, total: R) -> R {
+        R::splat(1.0) - self.loss * total
+    }
+}
+
+record! {
     /// A laminar path, ṁ = k (P₁² − P₂²), in both directions.
     Capillary { up: usize, down: usize, } lanes {
         /// k in kg/(s Pa²).
@@ -71,9 +256,17 @@ record! {
     Displacement { up: usize, down: usize,
         /// Input that scales it, if any.
         command: Option<usize>,
+        /// Command path that its command takes, if it takes one.
+        path: Option<usize>,
     } lanes {
         /// Volume flow in m³/s at full command.
         flow,
+        /// Command up to which nothing flows.
+        dead_zone,
+        /// One over what is left of the command's range.
+        inverse_range,
+        /// Share of the flow lost per Pa between outlet and inlet (mechanism `pump_droop`).
+        droop,
         /// R T of the gas at the inlet, in J/kg.
         rt,
     }
@@ -158,9 +351,13 @@ record! {
     Drive {
         /// Input that switches it, if any.
         relay: Option<usize>,
+        /// Inlet and outlet, where the speed falls with their difference (mechanism `pump_droop`).
+        droops: Option<(usize, usize)>,
     } lanes {
-        /// Speed in rev/s when on.
+        /// Speed in rev/s when on, without load.
         speed,
+        /// Share of the speed lost per Pa between outlet and inlet.
+        droop,
         /// r in m.
         crank_radius,
         /// l in m.
@@ -182,5 +379,40 @@ record! {
     } lanes {
         /// Share of the distance to the pressure covered in one step (0 … 1).
         approach,
+        /// Reading per pressure; 1 is right.
+        gain,
+        /// What is added to the reading, in kPa.
+        bias,
+        /// What is added per second at the start, in kPa/s.
+        drift,
+        /// With what rate the drift comes to rest, in 1/s; 0 is never.
+        drift_end,
+    }
+}
+
+impl<R: Real> SensorPath<R> {
+    /// What is added to the reading `time_s` after the start, in kPa.
+    fn offset(&self, time_s: f64) -> R {
+        let drifted = R::from_lanes(|lane| {
+            let end = self.drift_end.lane(lane);
+            let gone = if end * time_s > 1e-9 { -(-end * time_s).exp_m1() / end } else { time_s };
+            self.drift.lane(lane) * gone
+        });
+        self.bias + drifted
+    }
+
+    /// What it reads at a gauge pressure in kPa, `time_s` after the start.
+    pub(crate) fn reading(&self, gauge_kpa: R, time_s: f64) -> R {
+        self.gain.mul_add(gauge_kpa, self.offset(time_s))
+    }
+
+    /// The time constant of its lag in s, for steps of `step_s`.
+    pub(crate) fn lag_s(&self, step_s: f64) -> R {
+        self.approach.map(|approach| -step_s / (-approach).ln_1p())
+    }
+
+    /// The gauge pressure in kPa at which it reads so.
+    pub(crate) fn gauge_kpa(&self, reading: R, time_s: f64) -> R {
+        (reading - self.offset(time_s)) / self.gain
     }
 }

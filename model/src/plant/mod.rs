@@ -7,9 +7,12 @@
 //! | `command` | command path of a valve, tick by tick |
 //! | `walls` | volumes and pistons, tick by tick |
 //! | `rates` | mass and energy balances |
+//! | `residual` | tabled flows and areas |
 //! | `integrate` | RK4 over a tick |
 //! | `dispatch` | instruction sets |
+//! | `valve_model` | one valve forwards and backwards |
 //! | `simulation` | a plant in motion |
+//! | `unknown` | what recordings do not tell about their start |
 //!
 //! [`Plant`] never changes once made; [`State`] is a small `Copy` value, which is what lets MPObs roll ahead
 //! from now and come back; scratch space is allocated with the simulation, so a tick allocates nothing.
@@ -20,19 +23,29 @@ mod dispatch;
 mod elements;
 mod integrate;
 mod rates;
+mod residual;
 mod simulation;
+mod unknown;
+mod valve_model;
 mod walls;
 
 pub(crate) use command::Samples;
 pub use dispatch::{InstructionSet, Simulated};
 pub(crate) use elements::lanes_of;
 pub use simulation::{FreeRunStart, Simulation};
+pub use unknown::Unknown;
+pub(crate) use valve_model::ValveModel;
 
 use command::CommandPath;
+pub(crate) use elements::{Cylinder, Drive};
+pub(crate) use walls::WallTable;
+
 use elements::{
-    Capillary, Compliant, Cylinder, Displacement, Drive, Feed, Given, Isothermal, Passage, SensorPath, Thermal, Vent,
+    AveragedPump, Capillary, Compliant, Displacement, Feed, Given, Isothermal, Muscle, Parabolic, Passage, Sag,
+    SensorPath, ShapedVent, SpringCheck, Thermal, Vent,
 };
-use walls::{Wall, WallTable};
+use residual::Residual;
+use walls::Wall;
 
 use crate::orifice::FlowFunction;
 use crate::real::{Lanes, Real};
@@ -49,14 +62,18 @@ pub(crate) const MEMORY: usize = 64;
 pub(crate) const MOST_DRIVES: usize = 4;
 
 /// Outflow functions a rig may use.
-pub(crate) const LAWS: usize = 4;
+pub(crate) const LAWS: usize = 8;
+
+/// Tabled flows and areas that a rig may have.
+pub(crate) const MOST_RESIDUALS: usize = 4;
 
 /// The number of states that the integrator is compiled for, given how many a rig has. Given pressures
-/// follow right after. Only the smallest, the paper's, goes without temperatures: each size costs build time.
-fn carried(states: usize, thermal: bool) -> usize {
+/// follow right after. Only the smallest, the paper's, is compiled without what mechanisms add to the balances as well
+/// (temperatures, springs, muscles, tables, averaged pumps): each size costs build time.
+fn carried(states: usize) -> usize {
     match states {
-        0..=4 if !thermal => 4,
-        0..=8 => 8,
+        0..=4 => 4,
+        5..=8 => 8,
         _ => MOST_STATES,
     }
 }
@@ -94,9 +111,20 @@ pub struct Plant<R> {
     /// 1/√(R T) by node in s/m.
     inverse_speed: [R; NODES],
     laws: [FlowFunction<R>; LAWS],
+    /// Whether the balances hold anything beyond the paper's: what the integrator is compiled for.
+    extended: bool,
     passages: Vec<Passage<R>>,
+    spring_checks: Vec<SpringCheck<R>>,
     vents: Vec<Vent<R>>,
+    shaped_vents: Vec<ShapedVent<R>>,
     capillaries: Vec<Capillary<R>>,
+    parabolics: Vec<Parabolic<R>>,
+    residuals: Vec<Residual<R>>,
+    muscles: Vec<Muscle<R>>,
+    averaged: Vec<AveragedPump<R>>,
+    /// Whether duties are taken as their mean over a step: steps are long and duties may jump within them.
+    mean_duties: bool,
+    sags: Vec<Sag<R>>,
     displacements: Vec<Displacement<R>>,
     feeds: Vec<Feed<R>>,
     given: Vec<Given<R>>,
@@ -107,6 +135,7 @@ pub struct Plant<R> {
     drives: Vec<Drive<R>>,
     commands: Vec<CommandPath<R>>,
     sensors: Vec<SensorPath<R>>,
+    unknowns: Vec<unknown::Placed>,
 }
 
 impl<R: Real> Plant<R> {
@@ -142,7 +171,50 @@ impl<R: Real> Plant<R> {
 
     /// States that the integrator carries.
     fn carried_states(&self) -> usize {
-        carried(self.states, !self.thermal.is_empty())
+        carried(self.states)
+    }
+
+    /// The inputs of the command paths as the driver puts them out for ever: all of them share the supply.
+    fn supplied(&self, inputs: &[R]) -> Vec<R> {
+        let sent = |path: &CommandPath<R>| inputs.get(path.input).copied().unwrap_or(R::splat(0.0));
+        let total = self.commands.iter().filter(|p| p.on_supply).fold(R::splat(0.0), |sum, p| sum + sent(p));
+        let factor = self.sags.iter().fold(R::splat(1.0), |factor, sag| factor * sag.left(total));
+        self.commands.iter().map(|p| if p.on_supply { sent(p) * factor } else { sent(p) }).collect()
+    }
+
+    /// How far a kilogram of gas at `temperature` K moves the pressure of a node, in Pa/kg; 0 where it is given.
+    fn pa_per_kg(&self, node: usize, x: &[R; NODES], temperature: R) -> R {
+        let p = x.get(node).copied().unwrap_or(self.atmosphere_pa);
+        if let Some(chamber) = self.isothermal.iter().find(|c| c.node == node) {
+            chamber.pressure_per_mass
+        } else if let Some(chamber) = self.compliant.iter().find(|c| c.node == node) {
+            let volume = chamber.compliance.mul_add(p, chamber.volume_at_vacuum);
+            chamber.rt / chamber.compliance.mul_add(p, volume)
+        } else if let Some(chamber) = self.thermal.iter().find(|c| c.node == node) {
+            // Too fast for the wall.
+            let kappa = self.heat_capacity_ratio;
+            let volume = chamber.compliance.mul_add(p, chamber.volume_at_vacuum);
+            kappa * self.gas_constant * temperature / (kappa * chamber.compliance).mul_add(p, volume)
+        } else {
+            R::splat(0.0)
+        }
+    }
+
+    /// What an averaged pump has drawn and delivered beyond the mean at a phase in revolutions, in kg.
+    fn moved(&self, pump: &AveragedPump<R>, x: &[R; NODES], phase: R) -> [R; 2] {
+        let at = |node: usize| x.get(node).copied().unwrap_or(self.atmosphere_pa);
+        pump.table.ripple(at(pump.inlet), at(pump.outlet), phase)
+    }
+
+    /// What gas drawn and delivered (in kg) adds to the pressures at an averaged pump's ports, in Pa.
+    fn ripple(&self, pump: &AveragedPump<R>, x: &[R; NODES], [drawn, delivered]: [R; 2]) -> [R; 2] {
+        let at = |node: usize| x.get(node).copied().unwrap_or(self.atmosphere_pa);
+        let leaving = match self.thermal.iter().find(|c| c.node == pump.inlet) {
+            Some(chamber) => at(chamber.temperature),
+            None => R::splat(0.0),
+        };
+        let inlet = -(drawn * self.pa_per_kg(pump.inlet, x, leaving));
+        [inlet, delivered * self.pa_per_kg(pump.outlet, x, pump.temperature)]
     }
 
     #[inline(always)]
@@ -182,6 +254,8 @@ pub struct Scratch<R> {
     duties: Vec<Samples<R>>,
     walls: WallTable<R>,
     speeds: Vec<R>,
+    /// Whether each drive is switched on, 1 or 0.
+    running: Vec<R>,
     displacements: Vec<R>,
     feeds: Vec<R>,
 }
@@ -193,6 +267,7 @@ impl<R: Real> Scratch<R> {
             duties: vec![Samples::new(plant.steps); plant.commands.len()],
             walls: WallTable::new(plant.carried_states(), plant.drives.len(), plant.steps, &plant.isothermal),
             speeds: vec![zero; plant.drives.len()],
+            running: vec![zero; plant.drives.len()],
             displacements: vec![zero; plant.displacements.len()],
             feeds: vec![zero; plant.feeds.len()],
         }
@@ -206,6 +281,11 @@ impl<R: Real> Scratch<R> {
     #[inline(always)]
     fn walls<const STATES: usize>(&self, k: usize) -> &[Wall<R>; STATES] {
         self.walls.at(k)
+    }
+
+    #[inline(always)]
+    fn running(&self, drive: usize) -> R {
+        self.running.get(drive).copied().unwrap_or(R::splat(0.0))
     }
 
     #[inline(always)]

@@ -3,6 +3,8 @@
 use std::sync::Arc;
 
 use super::dispatch::{InstructionSet, Simulated};
+use super::residual::Variable;
+use super::unknown::{Slot, Unknown};
 use super::{MEMORY, MOST_DRIVES, NODES, Plant, Scratch, State};
 
 /// A plant with its state and everything a tick needs.
@@ -14,6 +16,8 @@ pub struct Simulation<R> {
     state: State<R>,
     scratch: Scratch<R>,
     set: InstructionSet,
+    /// The inputs that cylinders were last settled under, if they were.
+    settled: Option<Vec<R>>,
 }
 
 /// How a free run guesses what recordings do not tell: the pressures in the cylinders.
@@ -48,8 +52,9 @@ impl<R: Simulated> Simulation<R> {
             ticks: 0,
         };
         let set = if set.is_available() { set } else { InstructionSet::detect() };
-        let mut simulation = Simulation { plant, state, scratch, set };
+        let mut simulation = Simulation { plant, state, scratch, set, settled: None };
         simulation.reset_temperatures();
+        simulation.rest();
         simulation.reset_sensors();
         simulation
     }
@@ -89,10 +94,33 @@ impl<R: Simulated> Simulation<R> {
     /// Absolute pressure of chamber `index` in Pa; NaN beyond the last chamber.
     pub fn pressure_pa(&self, index: usize) -> R {
         if index < self.plant.chambers {
-            self.state.x.get(index).copied().unwrap_or(R::splat(f64::NAN))
+            let state = self.state.x.get(index).copied().unwrap_or(R::splat(f64::NAN));
+            if self.plant.averaged.is_empty() { state } else { state + self.ripple_pa(index, R::splat(0.0)) }
         } else {
             R::splat(f64::NAN)
         }
+    }
+
+    /// What the ripple of averaged pumps adds to the pressure of chamber `index` now, as it is seen through a lag.
+    fn ripple_pa(&self, index: usize, lag_s: R) -> R {
+        let mut sum = R::splat(0.0);
+        for pump in self.plant.averaged.iter().filter(|pump| pump.inlet == index || pump.outlet == index) {
+            let at = |slots: &[R], i: usize| slots.get(i).copied().unwrap_or(R::splat(0.0));
+            let speed = at(&self.scratch.speeds, pump.drive);
+            // Of a lag's answer to the ripple only that to its fundamental matters.
+            let turn = std::f64::consts::TAU / pump.beat;
+            let behind = (speed * R::splat(turn) * lag_s).map(f64::atan);
+            let left = behind.map(f64::cos);
+            let phase = at(&self.state.phase, pump.drive) - behind * R::splat(1.0 / turn);
+            let running = at(&self.state.memory, pump.memory);
+            let moved = self.plant.moved(pump, &self.state.x, phase);
+            let [inlet, outlet] = self.plant.ripple(pump, &self.state.x, moved);
+            let both = [(pump.inlet, inlet), (pump.outlet, outlet)];
+            for (_, ripple) in both.into_iter().filter(|(node, _)| *node == index) {
+                sum += left * running * ripple;
+            }
+        }
+        sum
     }
 
     /// Gauge pressure of chamber `index` in kPa, without any sensor in between.
@@ -102,10 +130,20 @@ impl<R: Simulated> Simulation<R> {
 
     /// Sets the absolute pressure of chamber `index` in Pa (and nothing else).
     pub fn set_pressure_pa(&mut self, index: usize, pressure: R) {
-        if index < self.plant.chambers
-            && let Some(slot) = self.state.x.get_mut(index)
-        {
+        if index >= self.plant.chambers {
+            return;
+        }
+        if let Some(slot) = self.state.x.get_mut(index) {
             *slot = pressure;
+        }
+        if !self.plant.averaged.is_empty() {
+            // The state is the mean; the ripple on it hardly depends on it.
+            for _ in 0..2 {
+                let mean = pressure - self.ripple_pa(index, R::splat(0.0));
+                if let Some(slot) = self.state.x.get_mut(index) {
+                    *slot = mean;
+                }
+            }
         }
     }
 
@@ -114,9 +152,10 @@ impl<R: Simulated> Simulation<R> {
     /// # Real-time
     /// May run in the tick.
     pub fn correct(&mut self, sensors: &[usize], measured_kpa: &[R]) {
+        let time_s = self.time_s();
         for (index, measured) in sensors.iter().zip(measured_kpa) {
             let Some(sensor) = self.plant.sensors.get(*index).copied() else { continue };
-            let pressure = self.plant.atmosphere_pa + *measured * R::splat(1e3);
+            let pressure = self.plant.atmosphere_pa + sensor.gauge_kpa(*measured, time_s) * R::splat(1e3);
             self.set_pressure_pa(sensor.node, pressure);
             if let Some(slot) = sensor.memory.and_then(|m| self.state.memory.get_mut(m)) {
                 *slot = pressure;
@@ -128,8 +167,17 @@ impl<R: Simulated> Simulation<R> {
     pub fn reading_kpa(&self, index: usize) -> R {
         let Some(sensor) = self.plant.sensors.get(index) else { return R::splat(f64::NAN) };
         let lagged = sensor.memory.and_then(|m| self.state.memory.get(m)).copied();
-        let pressure = lagged.unwrap_or_else(|| self.pressure_pa(sensor.node));
-        (pressure - self.plant.atmosphere_pa) * R::splat(1e-3)
+        let pressure = match lagged {
+            Some(lagged) if self.plant.averaged.is_empty() => lagged,
+            Some(lagged) => lagged + self.ripple_pa(sensor.node, sensor.lag_s(self.plant.step_s)),
+            None => self.pressure_pa(sensor.node),
+        };
+        sensor.reading((pressure - self.plant.atmosphere_pa) * R::splat(1e-3), self.time_s())
+    }
+
+    /// Seconds since the start.
+    fn time_s(&self) -> f64 {
+        self.state.ticks as f64 * self.plant.tick_s()
     }
 
     /// All readings in gauge kPa, in the order of [`Plant::sensor_columns`].
@@ -140,9 +188,17 @@ impl<R: Simulated> Simulation<R> {
     /// Sets the memory of the command paths as if `inputs` had been commanded for ever.
     pub fn settle_commands(&mut self, inputs: &[R]) {
         let plant = Arc::clone(&self.plant);
-        for path in &plant.commands {
-            if let Some(duty) = inputs.get(path.input) {
-                path.settle(*duty, &mut self.state.memory);
+        let supplied = plant.supplied(inputs);
+        let mut acting = Vec::with_capacity(supplied.len());
+        for (path, supplied) in plant.commands.iter().zip(supplied) {
+            let sent = inputs.get(path.input).copied().unwrap_or(R::splat(0.0));
+            acting.push(path.settle(sent, supplied, &mut self.state.memory));
+        }
+        for probe in plant.residuals.iter().flat_map(|residual| &residual.probes) {
+            if let (Variable::Duty { command }, Some(slot)) =
+                (probe.variable, probe.memory.and_then(|m| self.state.memory.get_mut(m)))
+            {
+                *slot = acting.get(command).copied().unwrap_or(R::splat(0.0));
             }
         }
     }
@@ -156,26 +212,60 @@ impl<R: Simulated> Simulation<R> {
         self.state = fresh.state;
         let plant = Arc::clone(&self.plant);
         for (sensor, reading) in plant.sensors.iter().zip(readings_kpa) {
-            self.set_pressure_pa(sensor.node, plant.atmosphere_pa + *reading * R::splat(1e3));
+            self.set_pressure_pa(sensor.node, plant.atmosphere_pa + sensor.gauge_kpa(*reading, 0.0) * R::splat(1e3));
+        }
+        if start == FreeRunStart::Running {
+            self.run_averaged(inputs);
+            // Once more, now that the ripple of all ports is on.
+            for (sensor, reading) in plant.sensors.iter().zip(readings_kpa) {
+                self.set_pressure_pa(
+                    sensor.node,
+                    plant.atmosphere_pa + sensor.gauge_kpa(*reading, 0.0) * R::splat(1e3),
+                );
+            }
+            self.run_averaged(inputs);
+        }
+        for muscle in &plant.muscles {
+            let at = |node: usize| self.state.x.get(node).copied().unwrap_or(plant.atmosphere_pa);
+            let contraction = muscle.at_rest(at(muscle.gains), at(muscle.loses));
+            if let Some(slot) = self.state.x.get_mut(muscle.contraction) {
+                *slot = contraction;
+            }
         }
         self.settle_commands(inputs);
-        if start == FreeRunStart::Running {
-            // With the chambers put back after each tick the cylinders become periodic: a revolution forgets
-            // about a third of its start (the outlet valve is tight), so thirty leave 1e-5 of it.
-            let held = self.state;
-            for _ in 0..SETTLING_TICKS {
-                self.tick(inputs);
-                for node in (0..plant.chambers).chain(plant.thermal.iter().map(|t| t.temperature)) {
-                    if let (Some(slot), Some(value)) = (self.state.x.get_mut(node), held.x.get(node)) {
-                        *slot = *value;
-                    }
-                }
-            }
-            self.state.phase = held.phase;
-            self.state.memory = held.memory;
-            self.state.ticks = 0;
+        self.settled = None;
+        if start == FreeRunStart::Running && !plant.cylinders.is_empty() {
+            self.settle_cylinders(inputs);
+            self.settled = Some(inputs.to_vec());
         }
         self.reset_sensors();
+    }
+
+    /// Turns the pumps until their cylinders repeat themselves, chambers standing as they are, and ends where cranks
+    /// stand now.
+    fn settle_cylinders(&mut self, inputs: &[R]) {
+        let plant = Arc::clone(&self.plant);
+        let held = self.state;
+        // One tick tells the speeds; a tick need not be a whole number of revolutions, so cranks start as far back.
+        self.tick(inputs);
+        self.state = held;
+        let time = R::splat(plant.tick_s() * SETTLING_TICKS as f64);
+        for (phase, speed) in self.state.phase.iter_mut().zip(&self.scratch.speeds) {
+            *phase = (*phase - *speed * time).map(|p| p - p.floor());
+        }
+        // A revolution forgets about a third of its start (the outlet valve is tight), so thirty leave 1e-5 of it.
+        for _ in 0..SETTLING_TICKS {
+            self.tick(inputs);
+            let beside = plant.thermal.iter().map(|t| t.temperature).chain(plant.muscles.iter().map(|m| m.contraction));
+            for node in (0..plant.chambers).chain(beside) {
+                if let (Some(slot), Some(value)) = (self.state.x.get_mut(node), held.x.get(node)) {
+                    *slot = *value;
+                }
+            }
+        }
+        self.state.phase = held.phase;
+        self.state.memory = held.memory;
+        self.state.ticks = held.ticks;
     }
 
     /// Which start suits a recording whose first readings are these.
@@ -183,6 +273,94 @@ impl<R: Simulated> Simulation<R> {
         let close = R::splat(AT_REST_PA * 1e-3);
         let off = readings_kpa.iter().any(|p| p.any_above(close) || (-*p).any_above(close));
         if off { FreeRunStart::Running } else { FreeRunStart::AtRest }
+    }
+
+    /// For a held rig: what each of `chambers` gains in kg/s while they are at `pressures` (absolute, in Pa).
+    pub(crate) fn gains_of_held(&mut self, chambers: &[usize], pressures: &[R], inputs: &[R]) -> Vec<R> {
+        for (chamber, pressure) in chambers.iter().zip(pressures) {
+            if let Some(slot) = self.state.x.get_mut(*chamber) {
+                *slot = *pressure;
+            }
+        }
+        self.run_averaged(inputs);
+        self.tick(inputs);
+        let plant = Arc::clone(&self.plant);
+        let gain = |chamber: &usize, held: &R| {
+            let gained = self.state.x.get(*chamber).copied().unwrap_or(*held) - *held;
+            gained / plant.pa_per_kg(*chamber, &self.state.x, R::splat(0.0)) / R::splat(plant.tick_s())
+        };
+        chambers.iter().zip(pressures).map(|(chamber, held)| gain(chamber, held)).collect()
+    }
+
+    /// Sets averaged pumps as they are once periodic, if `inputs` switch them on.
+    fn run_averaged(&mut self, inputs: &[R]) {
+        let plant = Arc::clone(&self.plant);
+        for pump in &plant.averaged {
+            let Some(drive) = plant.drives.get(pump.drive) else { continue };
+            let relay = drive.relay.and_then(|r| inputs.get(r)).copied().unwrap_or(R::splat(1.0));
+            let running = relay.map(|relay| if relay >= 0.5 { 1.0 } else { 0.0 });
+            let at = |node: usize| self.state.x.get(node).copied().unwrap_or(plant.atmosphere_pa);
+            let mean = pump.table.at(at(pump.inlet), at(pump.outlet)).content;
+            let content = running * mean + (R::splat(1.0) - running) * at(pump.content);
+            for (slot, value) in
+                [(self.state.x.get_mut(pump.content), content), (self.state.memory.get_mut(pump.memory), running)]
+            {
+                if let Some(slot) = slot {
+                    *slot = value;
+                }
+            }
+        }
+    }
+
+    /// What a recording does not tell about its start, in the order of [`Simulation::set_unknown`].
+    pub fn unknowns(&self) -> impl Iterator<Item = &Unknown> + '_ {
+        self.plant.unknowns.iter().map(|placed| &placed.unknown)
+    }
+
+    /// Sets number `index` of [`Simulation::unknowns`]; to be called after [`Simulation::start_from`] or at the start,
+    /// once for each: a flapper is moved from where it lies. Another crank angle lets the cylinders of a running pump
+    /// settle anew, which takes as long as thirty ticks.
+    pub fn set_unknown(&mut self, index: usize, value: R) {
+        let plant = Arc::clone(&self.plant);
+        match plant.unknowns.get(index).map(|placed| placed.slot) {
+            Some(Slot::Heat { memory }) => {
+                if let Some(heat) = self.state.memory.get_mut(memory) {
+                    *heat = value;
+                }
+            }
+            Some(Slot::Play { path }) => {
+                if let Some(path) = plant.commands.get(path) {
+                    path.place_in_play(value, &mut self.state.memory);
+                }
+            }
+            Some(Slot::Phase { drive }) => {
+                if let Some(phase) = self.state.phase.get_mut(drive) {
+                    *phase = value;
+                }
+                if let Some(inputs) = self.settled.take() {
+                    self.settle_cylinders(&inputs);
+                    self.settled = Some(inputs);
+                }
+            }
+            None => {}
+        }
+    }
+
+    /// What a rig at rest has in coils, muscles and averaged pumps.
+    fn rest(&mut self) {
+        let plant = Arc::clone(&self.plant);
+        for muscle in &plant.muscles {
+            if let Some(slot) = self.state.x.get_mut(muscle.contraction) {
+                *slot = muscle.at_rest(plant.atmosphere_pa, plant.atmosphere_pa);
+            }
+        }
+        for pump in &plant.averaged {
+            if let Some(slot) = self.state.x.get_mut(pump.content) {
+                *slot = plant.atmosphere_pa * pump.table.content_per_pa;
+            }
+        }
+        let rest = vec![R::splat(0.0); plant.inputs.len()];
+        self.settle_commands(&rest);
     }
 
     fn reset_temperatures(&mut self) {
@@ -199,6 +377,14 @@ impl<R: Simulated> Simulation<R> {
             let pressure = self.pressure_pa(sensor.node);
             if let Some(slot) = sensor.memory.and_then(|m| self.state.memory.get_mut(m)) {
                 *slot = pressure;
+            }
+        }
+        for probe in plant.residuals.iter().flat_map(|residual| &residual.probes) {
+            // Duties' memories are settled with the commands; no table is over anything else that a state lacks.
+            if !matches!(probe.variable, Variable::Duty { .. })
+                && let Some(slot) = probe.memory.and_then(|m| self.state.memory.get_mut(m))
+            {
+                *slot = probe.variable.at(&self.scratch, plant.atmosphere_pa, &self.state.x, 0);
             }
         }
     }

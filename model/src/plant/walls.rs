@@ -103,7 +103,9 @@ mod tests {
     fn paper() -> (Drive<f64>, Vec<Cylinder<f64>>) {
         let drive = Drive {
             relay: None,
+            droops: None,
             speed: 50.0,
+            droop: 0.0,
             crank_radius: 0.02,
             rod_length: 0.07,
             effective_length: 0.041,

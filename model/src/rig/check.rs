@@ -1,6 +1,7 @@
 //! Whether a rig makes sense: numbers within the range of their unit, joins that lead somewhere.
 
 use super::error::RigError;
+use super::number::Numbers as _;
 use super::schema::{ATMOSPHERE, Attached, Line, Pump, Rig, Source};
 
 /// Checks one number against a range.
@@ -24,18 +25,8 @@ impl Rig {
         if self.format != 1 {
             return Err(RigError::at("format", format!("{} is not known; this program reads format = 1", self.format)));
         }
-        let a = &self.atmosphere;
-        within(
-            "gas.gas_constant_j_per_kg_k",
-            self.gas.gas_constant_j_per_kg_k,
-            50.0,
-            5000.0,
-            "J/(kg K)",
-            "287 for dry air",
-        )?;
-        within("gas.heat_capacity_ratio", self.gas.heat_capacity_ratio, 1.05, 1.67, "", "1.4 for air")?;
-        within("atmosphere.pressure_kpa_abs", a.pressure_kpa_abs, 30.0, 120.0, "kPa", "absolute pressure is meant")?;
-        temperature("atmosphere.temperature_k", a.temperature_k)?;
+        self.gas.check_numbers("gas")?;
+        self.atmosphere.check_numbers("atmosphere")?;
         let i = &self.integrator;
         within("integrator.step_ms", i.step_ms, 0.001, 1.0, "ms", "0.1 is the paper's")?;
         within("integrator.tick_ms", i.tick_ms, 1.0, 1000.0, "ms", "20 is 50 Hz")?;
@@ -53,11 +44,7 @@ impl Rig {
         for (n, attached) in self.mechanisms.iter().enumerate() {
             let key = format!("mechanisms.{}", n + 1);
             attached.mechanism.check(self, &attached.component, &key)?;
-            let twin = |other: &&Attached| {
-                other.enabled
-                    && other.component == attached.component
-                    && other.mechanism.id() == attached.mechanism.id()
-            };
+            let twin = |other: &&Attached| other.enabled && other.is_twin_of(attached);
             if attached.enabled && self.mechanisms.iter().take(n).any(|other| twin(&other)) {
                 return Err(RigError::at(
                     key,
@@ -79,19 +66,7 @@ impl Rig {
                     "`atmosphere` names the open air; call the volume something else",
                 ));
             }
-            let key = |k: &str| format!("volumes.{name}.{k}");
-            // More than 100 L is a room, not a tank on a bench.
-            let hint = if v.volume_l > 100.0 { "a value in mL?" } else { "it must be positive" };
-            within(&key("volume_l"), v.volume_l, 1e-4, 100.0, "L", hint)?;
-            temperature(&key("temperature_k"), v.temperature_k)?;
-            within(
-                &key("compliance_ml_per_kpa"),
-                v.compliance_ml_per_kpa,
-                0.0,
-                1e4,
-                "mL/kPa",
-                "leave it out for a rigid volume",
-            )?;
+            v.check_numbers(&format!("volumes.{name}"))?;
         }
         Ok(())
     }
@@ -106,42 +81,34 @@ impl Rig {
             self.joins(&key("inlet"), inlet)?;
             self.joins(&key("outlet"), outlet)?;
             differ(&format!("pumps.{name}"), inlet, outlet)?;
-            match pump {
-                Pump::Piston(p) => {
-                    within(&key("speed_rpm"), p.speed_rpm, 1.0, 20_000.0, "rev/min", "")?;
-                    if p.phases_deg.is_empty() || p.phases_deg.len() > 6 {
-                        return Err(RigError::at(
-                            key("phases_deg"),
-                            format!("{} pistons; one phase for each of 1 … 6 pistons", p.phases_deg.len()),
-                        ));
-                    }
-                    for phase in &p.phases_deg {
-                        within(&key("phases_deg"), *phase, -360.0, 360.0, "°", "")?;
-                    }
-                    within(&key("crank_radius_mm"), p.crank_radius_mm, 0.1, 500.0, "mm", "")?;
-                    within(
-                        &key("rod_length_mm"),
-                        p.rod_length_mm,
-                        1.01 * p.crank_radius_mm,
-                        5000.0,
-                        "mm",
-                        "the rod must be longer than the crank",
-                    )?;
-                    // Less would let the piston hit the head: no volume left at top dead centre.
-                    within(
-                        &key("effective_length_mm"),
-                        p.effective_length_mm,
-                        2.0 * p.crank_radius_mm * 1.0001,
-                        2000.0,
-                        "mm",
-                        "it must exceed the stroke, twice the crank radius",
-                    )?;
-                    within(&key("head_area_cm2"), p.head_area_cm2, 1e-3, 1e4, "cm²", "")?;
-                    temperature(&key("gas_temperature_k"), p.gas_temperature_k)?;
-                    within(&key("inlet_check_area_mm2"), p.inlet_check_area_mm2, 1e-3, 1e4, "mm²", "")?;
-                    within(&key("outlet_check_area_mm2"), p.outlet_check_area_mm2, 1e-3, 1e4, "mm²", "")?;
+            pump.check_numbers(&format!("pumps.{name}"))?;
+            if let Pump::Piston(p) = pump {
+                if p.phases_deg.is_empty() || p.phases_deg.len() > 6 {
+                    return Err(RigError::at(
+                        key("phases_deg"),
+                        format!("{} pistons; one phase for each of 1 … 6 pistons", p.phases_deg.len()),
+                    ));
                 }
-                Pump::Flow(p) => within(&key("flow_l_per_min"), p.flow_l_per_min, 1e-6, 1e5, "L/min", "")?,
+                for phase in &p.phases_deg {
+                    within(&key("phases_deg"), *phase, -360.0, 360.0, "°", "")?;
+                }
+                within(
+                    &key("rod_length_mm"),
+                    p.rod_length_mm,
+                    1.01 * p.crank_radius_mm,
+                    5000.0,
+                    "mm",
+                    "the rod must be longer than the crank",
+                )?;
+                // Less would let the piston hit the head: no volume left at top dead centre.
+                within(
+                    &key("effective_length_mm"),
+                    p.effective_length_mm,
+                    2.0 * p.crank_radius_mm * 1.0001,
+                    2000.0,
+                    "mm",
+                    "it must exceed the stroke, twice the crank radius",
+                )?;
             }
         }
         Ok(())
@@ -153,10 +120,7 @@ impl Rig {
             self.joins(&key("from"), &v.from)?;
             self.joins(&key("to"), &v.to)?;
             differ(&format!("valves.{name}"), &v.from, &v.to)?;
-            within(&key("input_area_mm2"), v.input_area_mm2, 1e-3, 1e4, "mm²", "")?;
-            within(&key("pressure_area_mm2_per_n"), v.pressure_area_mm2_per_n, 0.0, 1e4, "mm²/N", "")?;
-            within(&key("spring_area_mm2"), v.spring_area_mm2, -1e4, 1e4, "mm²", "")?;
-            within(&key("nozzle_diameter_mm"), v.nozzle_diameter_mm, 0.01, 100.0, "mm", "")?;
+            v.check_numbers(&format!("valves.{name}"))?;
         }
         for (name, line) in &self.lines {
             let key = |k: &str| format!("lines.{name}.{k}");
@@ -164,39 +128,22 @@ impl Rig {
             self.joins(&key("from"), from)?;
             self.joins(&key("to"), to)?;
             differ(&format!("lines.{name}"), from, to)?;
-            match line {
-                Line::Orifice { area_mm2, .. } => within(&key("area_mm2"), *area_mm2, 0.0, 1e4, "mm²", "")?,
-                Line::Laminar { resistance_kpa_s_per_l, .. } => {
-                    within(
-                        &key("resistance_kpa_s_per_l"),
-                        *resistance_kpa_s_per_l,
-                        1e-6,
-                        1e9,
-                        "kPa s/L",
-                        "it must be positive",
-                    )?;
-                }
-            }
+            line.check_numbers(&format!("lines.{name}"))?;
         }
         for (name, source) in &self.sources {
             let key = |k: &str| format!("sources.{name}.{k}");
             match source {
-                Source::Pressure { pressure_kpa_gauge, temperature_k, .. } => {
-                    within(
-                        &key("pressure_kpa_gauge"),
-                        *pressure_kpa_gauge,
-                        -self.atmosphere.pressure_kpa_abs,
-                        5000.0,
-                        "kPa",
-                        "gauge pressure is meant",
-                    )?;
-                    temperature(&key("temperature_k"), *temperature_k)?;
-                }
-                Source::Flow { to, flow_l_per_min, .. } => {
-                    self.joins(&key("to"), to)?;
-                    within(&key("flow_l_per_min"), *flow_l_per_min, -1e5, 1e5, "L/min", "")?;
-                }
+                Source::Pressure { pressure_kpa_gauge, .. } => within(
+                    &key("pressure_kpa_gauge"),
+                    *pressure_kpa_gauge,
+                    -self.atmosphere.pressure_kpa_abs,
+                    5000.0,
+                    "kPa",
+                    "gauge pressure is meant",
+                )?,
+                Source::Flow { to, .. } => self.joins(&key("to"), to)?,
             }
+            source.check_numbers(&format!("sources.{name}"))?;
             if self.volumes.contains_key(name) || name == ATMOSPHERE {
                 return Err(RigError::at(
                     format!("sources.{name}"),
@@ -261,10 +208,6 @@ fn differ(key: &str, one: &str, other: &str) -> Result<(), RigError> {
         return Err(RigError::at(key, format!("both ends are joined to `{one}`; nothing could flow")));
     }
     Ok(())
-}
-
-fn temperature(key: &str, kelvin: f64) -> Result<(), RigError> {
-    within(key, kelvin, 150.0, 1000.0, "K", "a value in °C?")
 }
 
 /// Lists names for an error message.

@@ -2,19 +2,25 @@
 //!
 //! Reading does three things: parse (unknown keys are refused), check every number against the range
 //! that makes sense for its unit, and check that every join leads somewhere. What comes out is sound;
-//! [`crate::plant::Plant`] compiles it once into flat arrays. This module opens no files: callers
+//! [`crate::plant::Plant`] compiles it once into flat arrays. [`Rig::parameters`] lists its numbers by path, for fits. This module opens no files: callers
 //! hand it text, so that the error they print can start with the path.
 
 mod check;
 mod error;
+mod number;
+mod parameters;
+mod ranges;
 mod read;
 mod schema;
 
 pub(crate) use check::{names, within};
 pub use error::RigError;
+pub(crate) use number::numbers;
+pub use number::{Number, Numbers};
+pub use parameters::Parameter;
 pub use schema::{
     ATMOSPHERE, Atmosphere, Attached, FlowPump, Gas, Integrator, Line, PistonPump, Pump, Rig, Sensor, Source, Valve,
-    Volume,
+    Volume, WHOLE_RIG,
 };
 
 /// The paper's rig, built in under the name `dual_pressure`.

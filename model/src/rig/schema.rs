@@ -11,6 +11,9 @@ use crate::mechanism::Mechanism;
 /// The name that stands for the open air wherever a component is joined to something.
 pub const ATMOSPHERE: &str = "atmosphere";
 
+/// The name that stands for the rig as a whole where a mechanism belongs to no single component.
+pub const WHOLE_RIG: &str = "rig";
+
 /// A whole rig as its file states it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -158,6 +161,9 @@ pub struct FlowPump {
     pub command: Option<String>,
     /// Volume of inlet gas displaced, in L/min at full command.
     pub flow_l_per_min: f64,
+    /// Command up to which nothing flows (0 … 1); from there to 1 the flow rises linearly. Absent means none.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub dead_zone_duty: f64,
 }
 
 /// A nozzle-flapper proportional valve, paper eqs. (4)-(5).
@@ -250,7 +256,7 @@ pub struct Sensor {
 /// A mechanism and the component it is attached to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Attached {
-    /// Name of a volume, pump, valve, line or sensor.
+    /// Name of a volume, pump, valve, line or sensor; `rig` for what all of them share.
     pub component: String,
     /// Off keeps it in the file without effect.
     #[serde(default = "yes", skip_serializing_if = "is_true")]

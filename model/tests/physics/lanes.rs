@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use model::mechanism::{ChamberLeak, CommandDelay, Mechanism, SensorLag};
+use model::mechanism::{CommandDelay, Mechanism, candidates};
 use model::plant::{InstructionSet, Plant, Simulated, Simulation};
 use model::real::{Lanes, Real};
-use model::rig::{Attached, Pump, Rig};
+use model::rig::{Attached, Numbers as _, Pump, Rig};
 use proptest::prelude::*;
 
 const LANES: usize = 8;
@@ -14,7 +14,7 @@ const TICKS: usize = 8;
 /// What the test draws: a factor for each number of each lane's rig, then duties and relay by tick and lane.
 type Draw = (Vec<Vec<f64>>, Vec<Vec<[f64; 3]>>);
 
-/// As many factors as [`perturb`] takes.
+/// Factors to draw from; [`perturb`] goes round.
 const FACTORS: usize = 32;
 
 fn draws() -> impl Strategy<Value = Draw> {
@@ -25,7 +25,7 @@ fn draws() -> impl Strategy<Value = Draw> {
     (factors, prop::collection::vec(prop::collection::vec(inputs, LANES), TICKS))
 }
 
-/// The rig with most of its numbers multiplied, and every mechanism somewhere if it has any.
+/// The rig with most of its numbers multiplied.
 fn perturb(rig: &Rig, factors: &[f64], lane: usize) -> Rig {
     let mut rig = rig.clone();
     let mut factors = factors.iter().cycle();
@@ -50,29 +50,74 @@ fn perturb(rig: &Rig, factors: &[f64], lane: usize) -> Rig {
         by(&mut valve.spring_area_mm2);
         by(&mut valve.nozzle_diameter_mm);
     }
-    if !rig.mechanisms.is_empty() {
-        let leak = Mechanism::ChamberLeak(ChamberLeak { conductance_kg_per_s_pa2: 1e-15 });
-        rig.mechanisms.push(Attached { component: "negative".to_owned(), enabled: true, mechanism: leak });
-        let lag = Mechanism::SensorLag(SensorLag { time_constant_ms: 20.0 });
-        rig.mechanisms.push(Attached { component: "sensor_pos".to_owned(), enabled: true, mechanism: lag });
-    }
     for attached in &mut rig.mechanisms {
-        match &mut attached.mechanism {
-            Mechanism::ValveHysteresis(m) => by(&mut m.half_width_duty),
-            Mechanism::ValveLag(m) => by(&mut m.time_constant_ms),
+        if let Mechanism::CommandDelay(m) = &mut attached.mechanism {
             // None, a part, one tick, more: lanes whose delays need different ways through the code.
-            Mechanism::CommandDelay(m) => {
-                m.delay_ms = [20.0, 0.0, 7.0, 40.0, 33.0][lane % 5];
-                if lane > 4 {
-                    by(&mut m.delay_ms);
-                }
+            m.delay_ms = [20.0, 0.0, 7.0, 40.0, 33.0][lane % 5];
+            if lane > 4 {
+                by(&mut m.delay_ms);
             }
-            Mechanism::ChamberLeak(m) => by(&mut m.conductance_kg_per_s_pa2),
-            Mechanism::ChamberThermal(m) => by(&mut m.wall_conductance_w_per_k),
-            Mechanism::SensorLag(m) => by(&mut m.time_constant_ms),
+            continue;
+        }
+        for index in 0..attached.mechanism.numbers().len() {
+            by(attached.mechanism.number_mut(index).unwrap());
+        }
+        if let Mechanism::ValveHysteresis(m) = &mut attached.mechanism
+            && lane % 3 == 1
+        {
+            // One play beside lanes with several.
+            m.spread_duty = 0.0;
         }
     }
     rig
+}
+
+/// Everything that `candidates` knows and more, in few rigs: what goes together on one component.
+fn everything() -> Vec<Rig> {
+    let mut full = Rig::builtin("bench").unwrap();
+    for candidate in candidates(&full) {
+        // Thermal chambers are states, of which there are twelve; the next rig has them.
+        let strong: Vec<f64> = candidate.parameters.iter().map(|p| *p.starts.last().unwrap()).collect();
+        let next = candidate.on(&full, &strong);
+        if next.check().is_ok() {
+            full = next;
+        }
+    }
+    full.name = "full".to_owned();
+    let mut tabled = Rig::builtin("dual_pressure").unwrap();
+    tabled.name = "tabled".to_owned();
+    let text = format!(
+        "{}{}",
+        tabled.to_toml().unwrap(),
+        r#"
+[[mechanisms]]
+id = "residual_flow"
+component = "positive"
+shape = "cubic"
+flow_mg_per_s = [0.0, 10.0, -20.0, 5.0, 7.0, 30.0]
+axes = [
+    { variable = "pressure", of = "negative", knots = [-80.0, -40.0, 0.0] },
+    { variable = "duty", of = "valve_pos", time_constant_ms = 80.0, departure = true, knots = [-0.1, 0.1] },
+]
+[[mechanisms]]
+id = "residual_flow"
+component = "valve_neg"
+area_mm2 = [0.1, 0.0, 0.2]
+axes = [{ variable = "difference", of = "valve_neg", time_constant_ms = 50.0, knots = [0.0, 30.0, 90.0] }]
+[[mechanisms]]
+id = "actuator_load"
+component = "positive"
+vacuum = "negative"
+payload_kg = 5.0
+[[mechanisms]]
+id = "valve_hysteresis"
+component = "valve_pos"
+half_width_duty = 0.03
+spread_duty = 0.02
+"#
+    );
+    tabled = Rig::from_toml(&text).unwrap();
+    vec![full, tabled]
 }
 
 /// The built-in rigs, and one whose delayed duty reaches the valve with no lag to smooth it.
@@ -85,6 +130,7 @@ fn rigs() -> Vec<Rig> {
         delayed.mechanisms.push(Attached { component: valve.to_owned(), enabled: true, mechanism: delay });
     }
     rigs.push(delayed);
+    rigs.extend(everything());
     rigs
 }
 
@@ -95,7 +141,7 @@ fn seen<R: Simulated>(simulation: &Simulation<R>, lane: usize) -> [u64; 4] {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 32, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn a_lane_has_the_bits_of_a_single_run((factors, inputs) in draws()) {
@@ -133,8 +179,8 @@ fn instruction_sets_give_the_same_bits() {
             })
             .collect()
     }
-    for name in Rig::BUILTIN {
-        let rig = Rig::builtin(name).unwrap();
+    for rig in rigs() {
+        let name = &rig.name;
         let fast = run::<f64>(&rig, InstructionSet::Avx2);
         assert_eq!(fast, run::<f64>(&rig, InstructionSet::Baseline), "{name}");
         assert_eq!(fast, run::<Lanes<LANES>>(&rig, InstructionSet::Avx2), "{name} in lanes");

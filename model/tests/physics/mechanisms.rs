@@ -10,17 +10,42 @@ use crate::small_rigs::{
     ATMOSPHERE, KAPPA, R, T, TICK_S, chamber, choked, mechanism, plain_valve, rig, simulation, source,
 };
 
-/// The six, each with a parameter that shows, for the paper's rig.
-const SIX: [(&str, &str, &str); 6] = [
-    ("valve_hysteresis", "valve_pos", "half_width_duty = 0.03"),
+/// Each with numbers that show, for the paper's rig.
+pub(crate) const ALL: [(&str, &str, &str); 27] = [
+    ("valve_hysteresis", "valve_pos", "half_width_duty = 0.03\nspread_duty = 0.01"),
+    ("valve_stiction", "valve_neg", "band_duty = 0.05"),
     ("valve_lag", "valve_neg", "time_constant_ms = 50.0"),
+    ("valve_force_curve", "valve_pos", "duty_curvature = 0.2\npressure_curvature_mm2_per_n2 = 0.4"),
+    ("valve_force_curve", "valve_neg", "inverse_full_area_per_mm2 = 0.9"),
+    ("coil_heating", "valve_pos", "loss = 0.1\ntime_constant_s = 2.0"),
+    ("supply_sag", "rig", "loss_per_duty = 0.05"),
     ("command_delay", "valve_pos", "delay_ms = 30.0"),
     ("chamber_leak", "negative", "conductance_kg_per_s_pa2 = 1e-14"),
+    ("cross_leak", "positive", "to = \"negative\"\nconductance_kg_per_s_pa2 = 1e-15"),
+    ("piston_blowby", "pump", "conductance_kg_per_s_pa2 = 1e-14"),
     ("chamber_thermal", "positive", "wall_conductance_w_per_k = 1.0"),
+    ("volume_compliance", "negative", "compliance_ml_per_kpa = 0.5"),
+    ("volume_change", "positive", "extra_volume_l = 0.05"),
+    ("line_resistance", "valve_pos", "area_mm2 = 2.0"),
+    ("line_resistance", "pump", "port = \"outlet\"\narea_mm2 = 3.0"),
+    ("exhaust_restriction", "valve_neg", "area_mm2 = 2.0"),
+    ("critical_ratio", "valve_pos", "ratio = 0.2"),
+    ("check_valve_cracking", "pump", "inlet_kpa = 2.0\noutlet_kpa = 1.0"),
+    ("pump_droop", "pump", "speed_loss_per_bar = 0.05"),
+    ("pump_speed", "pump", "change_percent = -2.0"),
     ("sensor_lag", "sensor_neg", "time_constant_ms = 30.0"),
+    ("sensor_drift", "sensor_pos", "rate_kpa_per_min = 1.0\ntime_constant_s = 30.0"),
+    ("sensor_bias", "sensor_neg", "bias_kpa = 0.5"),
+    ("sensor_gain", "sensor_pos", "gain = 1.02"),
+    ("actuator_load", "positive", "vacuum = \"negative\"\npayload_kg = 5.0"),
+    (
+        "residual_flow",
+        "positive",
+        "flow_mg_per_s = [0.0, 40.0]\naxes = [{ variable = \"duty\", of = \"valve_neg\", knots = [0.5, 1.0] }]",
+    ),
 ];
 
-fn paper_with(mechanisms: &str) -> Rig {
+pub(crate) fn paper_with(mechanisms: &str) -> Rig {
     Rig::from_toml(&format!("{}\n{mechanisms}", model::rig::DUAL_PRESSURE)).unwrap_or_else(|e| panic!("{e}"))
 }
 
@@ -47,14 +72,14 @@ fn bits(rig: &Rig) -> Vec<u64> {
 fn off_is_bit_identical_to_absent_and_on_is_not() {
     let plain = bits(&Rig::builtin("dual_pressure").unwrap());
     let mut all = String::new();
-    for (id, component, parameter) in SIX {
+    for (id, component, parameter) in ALL {
         let on = mechanism(id, component, parameter);
         let off = format!("{on}enabled = false\n");
         assert!(bits(&paper_with(&off)) == plain, "{id} acts although it is off");
         assert!(bits(&paper_with(&on)) != plain, "{id} does nothing although it is on");
         all += &off;
     }
-    assert!(bits(&paper_with(&all)) == plain, "all six together act although they are off");
+    assert!(bits(&paper_with(&all)) == plain, "all of them together act although they are off");
     let bench = Rig::builtin("bench").unwrap();
     let mut switched_off = bench.clone();
     switched_off.mechanisms.iter_mut().for_each(|m| m.enabled = false);
@@ -63,7 +88,7 @@ fn off_is_bit_identical_to_absent_and_on_is_not() {
 }
 
 /// The mean duty that acts in each tick when `sent` are commanded, by the flow meter.
-fn acting(mechanisms: &str, sent: &[f64]) -> Vec<f64> {
+pub(crate) fn acting(mechanisms: &str, sent: &[f64]) -> Vec<f64> {
     let (supply, volume) = (2_000_000.0, 0.1);
     let rig = rig(&(chamber("meter", 100.0)
         + &source("supply", supply, T)
@@ -82,7 +107,7 @@ fn acting(mechanisms: &str, sent: &[f64]) -> Vec<f64> {
 }
 
 /// Rounding of 200 steps on 1 MPa against a rise of 80 Pa, and the 1e-10 of the polynomial for Φ.
-const METER: f64 = 1e-9;
+pub(crate) const METER: f64 = 1e-9;
 
 #[test]
 fn flow_meter_reads_the_duty() {
@@ -118,6 +143,70 @@ fn hysteresis_draws_a_loop_of_twice_its_half_width() {
     let coarse: Vec<f64> = sent.iter().copied().skip(4).step_by(5).collect();
     for (fast, slow) in acting(&play, &coarse).iter().zip(acted.iter().skip(4).step_by(5)) {
         assert!((fast - slow).abs() < 2.0 * METER);
+    }
+}
+
+/// Duties along straight lines between turning points, in steps of `step`, which divides each line.
+fn along(turns: &[f64], step: f64) -> Vec<f64> {
+    let line = |w: &[f64]| {
+        let (from, to, n) = (w[0], w[1], ((w[1] - w[0]).abs() / step).round() as i32);
+        (1..=n).map(move |i| from + (to - from) * f64::from(i) / f64::from(n)).collect::<Vec<_>>()
+    };
+    turns.windows(2).flat_map(line).collect()
+}
+
+#[test]
+fn spread_plays_draw_round_loops_that_thin_out() {
+    let (width, spread, step) = (0.03, 0.02, 0.002);
+    let play = mechanism("valve_hysteresis", "valve", &format!("half_width_duty = {width}\nspread_duty = {spread}"));
+    // By how much the mean of five plays lags `x` after a turning point: each follows once its own play is used up.
+    let widths = [0.014, 0.022, 0.030, 0.038, 0.046];
+    let lag = |x: f64| widths.iter().map(|w| x.min(2.0 * w)).sum::<f64>() / 5.0;
+    // From far up down to the bottom of a loop of range `a`, up and down again.
+    for range in [0.02f64, 0.04, 0.06, 0.1, 0.4] {
+        let sent = along(&[0.0, 0.9, 0.3, 0.3 + range, 0.3], step);
+        let acted = acting(&play, &sent);
+        let n = (range / step).round() as usize;
+        let loop_from = sent.len() - 2 * n;
+        // The falling branch lies above the duty by the half widths.
+        let bottom = acted[loop_from - 1];
+        assert!((bottom - 0.3 - width).abs() < METER, "{bottom}");
+        let (rising, falling) = acted[loop_from..].split_at(n);
+        for (k, y) in rising.iter().enumerate() {
+            let x = step * (k + 1) as f64;
+            // Round: the slope grows from nothing to one as one play after the other is used up.
+            assert!((y - (bottom + x - lag(x))).abs() < METER, "{x} above the bottom of a loop of {range}: {y}");
+        }
+        let top = rising[n - 1];
+        for (k, y) in falling.iter().enumerate() {
+            let x = step * (k + 1) as f64;
+            assert!((y - (top - x + lag(x))).abs() < METER, "{x} below the top of a loop of {range}: {y}");
+        }
+        // Area: each play wider than half the range stands still, the others enclose 2 w (a − 2 w).
+        let enclosed: f64 = (1..=n)
+            .map(|k| {
+                let at_top_side = |i: usize| if i == 0 { top } else { falling[i - 1] };
+                let at_bottom_side = |i: usize| if i == 0 { bottom } else { rising[i - 1] };
+                let gap = |k: usize| at_top_side(n - k) - at_bottom_side(k);
+                0.5 * (gap(k - 1) + gap(k)) * step
+            })
+            .sum();
+        let exact = widths.iter().map(|w| 2.0 * w * (range - 2.0 * w).max(0.0)).sum::<f64>() / 5.0;
+        // All corners lie on the grid of duties, so that trapezoids are exact.
+        assert!((enclosed - exact).abs() < 10.0 * METER * range, "a loop of {range} encloses {enclosed}, not {exact}");
+    }
+}
+
+#[test]
+fn plays_of_one_width_are_one_play() {
+    let sent = along(&[0.0, 0.9, 0.35, 0.6, 0.0], 0.05);
+    let play = |more: &str| mechanism("valve_hysteresis", "valve", &format!("half_width_duty = 0.03{more}"));
+    let [one, stated, narrow] =
+        ["", "\nspread_duty = 0.0", "\nspread_duty = 1e-12"].map(|more| acting(&play(more), &sent));
+    let bits = |seen: &[f64]| seen.iter().map(|y| y.to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(&one), bits(&stated));
+    for (one, narrow) in one.iter().zip(&narrow) {
+        assert!((one - narrow).abs() < METER, "{one} {narrow}");
     }
 }
 

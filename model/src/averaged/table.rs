@@ -1,0 +1,266 @@
+//! A pump as a table: flows, content and ripple over the pressures at its ports.
+//!
+//! Without springs, rings or droop nothing in a pump knows an absolute pressure, so flow per pressure depends on the
+//! ratio of the two alone: one row over `s = √(P_inlet/P_outlet)`, in which the flow is nearly straight right up to
+//! the stall. With them there are several rows over `ln P_outlet`. Between nodes: cubics with Catmull-Rom slopes, so
+//! that first derivatives are continuous.
+
+use super::cycle::{Bench, Cells, Eight, PHASES};
+use super::machine::Machine;
+use crate::plant::lanes_of;
+use crate::real::Real;
+
+/// Nodes along `s`.
+const NODES: usize = 48;
+/// Cells between them.
+const CELLS: usize = NODES - 1;
+/// Rows over the outlet pressure, where absolute pressure matters.
+const ROWS: usize = 7;
+/// Outlet pressures of the first and the last row, by the atmosphere's.
+const ROWS_FROM: f64 = 0.5;
+const ROWS_TO: f64 = 10.0;
+/// The highest `s`: an inlet at twice the pressure of the outlet.
+const HIGHEST: f64 = 1.41;
+
+/// What the table holds, each per outlet pressure or in 1/s.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Flows<R> {
+    /// Mean flow at the inlet and at the outlet in kg/s.
+    pub(crate) drawn: R,
+    pub(crate) delivered: R,
+    /// Mean gas in the cylinders in kg.
+    pub(crate) content: R,
+    /// How the two flows grow with gas beyond the mean, in 1/s.
+    pub(crate) drawn_response: R,
+    pub(crate) delivered_response: R,
+    /// With what rate gas beyond the mean disappears, in 1/s.
+    pub(crate) relaxation: R,
+}
+
+const QUANTITIES: usize = 6;
+/// A cubic in the place within a cell, lowest power first.
+type Cubic<R> = [R; 4];
+
+/// The table of one pump, or of one pump in each lane.
+#[derive(Debug, Clone)]
+pub(crate) struct PumpTable<R> {
+    lowest: R,
+    inverse_step: R,
+    rows: usize,
+    lowest_ln_outlet: R,
+    inverse_ln_step: R,
+    /// `[row][cell]`, flattened.
+    cells: Vec<[Cubic<R>; QUANTITIES]>,
+    /// Gas drawn and delivered beyond the mean per outlet pressure, in kg/Pa: `[row][node][phase]`, flattened.
+    ripple: Vec<[R; 2]>,
+    /// Gas in all cylinders per pressure once they stand, in kg/Pa.
+    pub(crate) content_per_pa: R,
+    /// With what rate a standing pump evens out with its inlet and its outlet, in 1/s.
+    pub(crate) standing: [R; 2],
+}
+
+impl PumpTable<f64> {
+    /// Works out the table of a pump: some milliseconds, or a few times that where absolute pressure matters.
+    pub(crate) fn new(machine: &Machine) -> Self {
+        let bench = Bench::new(machine);
+        let lowest = 0.8 / machine.compression_ratio().sqrt();
+        let step = (HIGHEST - lowest) / CELLS as f64;
+        let rows = if machine.scales() { 1 } else { ROWS };
+        let ln_from = (ROWS_FROM * machine.atmosphere_pa).ln();
+        let ln_step = (ROWS_TO / ROWS_FROM).ln() / (ROWS - 1) as f64;
+        let place = |index: usize| {
+            let (row, node) = (index / NODES, index % NODES);
+            // A pump that scales may be worked out anywhere.
+            let outlet = if rows == 1 { 2.0 * machine.atmosphere_pa } else { (ln_from + ln_step * row as f64).exp() };
+            let s = lowest + step * node as f64;
+            (s * s * outlet, outlet)
+        };
+        let all: Vec<usize> = (0..rows * NODES).collect();
+        let mut nodes: Vec<[f64; QUANTITIES]> = Vec::with_capacity(all.len());
+        let mut ripple = Vec::with_capacity(all.len() * PHASES);
+        for eight in all.chunks(Eight::LANES) {
+            let at = |lane: usize| place(eight.get(lane).or(eight.last()).copied().unwrap_or(0));
+            let outlet = Eight::from_lanes(|lane| at(lane).1);
+            let cells = bench.cells(Eight::from_lanes(|lane| at(lane).0), outlet);
+            for lane in 0..eight.len() {
+                let outlet = outlet.lane(lane);
+                nodes.push(quantities(machine, &cells, lane, outlet));
+                let pairs = cells.drawn_ripple.iter().zip(&cells.delivered_ripple);
+                ripple
+                    .extend(pairs.map(|(drawn, delivered)| [drawn.lane(lane) / outlet, delivered.lane(lane) / outlet]));
+            }
+        }
+        let content_per_pa = machine.content_per_pa();
+        // Half open on average, the check valve of either side against all cylinders; choked flow's slope.
+        let standing =
+            [(machine.areas[0], machine.inlet_inverse_speed), (machine.areas[1], machine.cylinder_inverse_speed)].map(
+                |(area, inverse_speed)| {
+                    let rate = machine.phases.len() as f64 * area * inverse_speed / content_per_pa;
+                    // No faster than the averaged plant's steps can follow.
+                    rate.min(150.0)
+                },
+            );
+        PumpTable {
+            lowest,
+            inverse_step: 1.0 / step,
+            rows,
+            lowest_ln_outlet: ln_from,
+            inverse_ln_step: 1.0 / ln_step,
+            cells: nodes.chunks(NODES).flat_map(cubics).collect(),
+            ripple,
+            content_per_pa,
+            standing,
+        }
+    }
+}
+
+/// One node's numbers, per outlet pressure.
+fn quantities(machine: &Machine, cells: &Cells, lane: usize, outlet: f64) -> [f64; QUANTITIES] {
+    let [drawn, delivered] = [cells.drawn, cells.delivered].map(|flow| flow.lane(lane) / outlet);
+    let [a, b] = [cells.drawn_response, cells.delivered_response].map(|response| response.lane(lane));
+    // Where nothing but the ports lets gas in or out, what is drawn is delivered, to the last bit.
+    let (delivered, relaxation) =
+        if machine.blowby == 0.0 { (drawn, b - a) } else { (delivered, cells.relaxation.lane(lane)) };
+    [drawn, delivered, cells.content.lane(lane) / outlet, a, b, relaxation]
+}
+
+/// The cubics between the nodes of a row.
+fn cubics(nodes: &[[f64; QUANTITIES]]) -> Vec<[Cubic<f64>; QUANTITIES]> {
+    let last = nodes.len() - 1;
+    let slope = |i: usize, q: usize| {
+        let (before, after) = (i.saturating_sub(1), (i + 1).min(last));
+        (nodes[after][q] - nodes[before][q]) / (after - before) as f64
+    };
+    let cubic = |cell: usize, q: usize| {
+        let (y0, y1, d0, d1) = (nodes[cell][q], nodes[cell + 1][q], slope(cell, q), slope(cell + 1, q));
+        [y0, d0, 3.0 * (y1 - y0) - 2.0 * d0 - d1, 2.0 * (y0 - y1) + d0 + d1]
+    };
+    (0..last).map(|cell| std::array::from_fn(|q| cubic(cell, q))).collect()
+}
+
+impl<R: Real> PumpTable<R> {
+    /// Merges twins; `None` if one knows absolute pressures and another does not.
+    pub(crate) fn side_by_side(parts: &[&PumpTable<f64>]) -> Option<Self> {
+        let first = parts.first()?;
+        if parts.iter().any(|p| p.rows != first.rows) {
+            return None;
+        }
+        let cubic = |cell: usize, q: usize, power: usize| lanes_of(parts, |p| p.cells[cell][q][power]);
+        let cell = |cell: usize| std::array::from_fn(|q| std::array::from_fn(|power| cubic(cell, q, power)));
+        let ripple = |i: usize| std::array::from_fn(|port: usize| lanes_of(parts, |p| p.ripple[i][port]));
+        Some(PumpTable {
+            lowest: lanes_of(parts, |p| p.lowest),
+            inverse_step: lanes_of(parts, |p| p.inverse_step),
+            rows: first.rows,
+            lowest_ln_outlet: lanes_of(parts, |p| p.lowest_ln_outlet),
+            inverse_ln_step: lanes_of(parts, |p| p.inverse_ln_step),
+            cells: (0..first.cells.len()).map(cell).collect(),
+            ripple: (0..first.ripple.len()).map(ripple).collect(),
+            content_per_pa: lanes_of(parts, |p| p.content_per_pa),
+            standing: std::array::from_fn(|port: usize| lanes_of(parts, |p| p.standing[port])),
+        })
+    }
+
+    /// Everything about the pump at port pressures in Pa; beyond the table it stays what it is at its edge.
+    #[inline(always)]
+    pub(crate) fn at(&self, inlet: R, outlet: R) -> Flows<R> {
+        let (cell, t) = self.place(inlet, outlet);
+        let row = |row: usize| {
+            let quantity = |q: usize| {
+                let power =
+                    |power: usize| R::from_lanes(|lane| self.cells[row * CELLS + cell[lane]][q][power].lane(lane));
+                power(3).mul_add(t, power(2)).mul_add(t, power(1)).mul_add(t, power(0))
+            };
+            std::array::from_fn::<R, QUANTITIES, _>(quantity)
+        };
+        let [drawn, delivered, content, drawn_response, delivered_response, relaxation] =
+            if self.rows == 1 { row(0) } else { self.between_rows(outlet, row) };
+        Flows {
+            drawn: drawn * outlet,
+            delivered: delivered * outlet,
+            content: content * outlet,
+            drawn_response,
+            delivered_response,
+            relaxation,
+        }
+    }
+
+    /// The cell along `s` in each lane (lanes beyond the last repeat it), and the place within it.
+    #[inline(always)]
+    fn place(&self, inlet: R, outlet: R) -> ([usize; MOST_LANES], R) {
+        let s = (inlet / outlet).at_least(R::splat(0.0)).sqrt();
+        let at = ((s - self.lowest) * self.inverse_step).limited(R::splat(0.0), R::splat(CELLS as f64 - 1e-9));
+        let cell: [usize; MOST_LANES] =
+            std::array::from_fn(|lane| if lane < R::LANES { at.lane(lane) as usize } else { 0 });
+        (cell, at - R::from_lanes(|lane| cell[lane] as f64))
+    }
+
+    /// A cubic through four rows at an outlet pressure.
+    #[inline(always)]
+    fn between_rows(&self, outlet: R, row: impl Fn(usize) -> [R; QUANTITIES]) -> [R; QUANTITIES] {
+        let last = self.rows - 1;
+        let at = ((outlet.map(f64::ln) - self.lowest_ln_outlet) * self.inverse_ln_step)
+            .limited(R::splat(0.0), R::splat(last as f64 - 1e-9));
+        let mut sum = [R::splat(0.0); QUANTITIES];
+        for n in 0..self.rows {
+            // The weight of row `n`: Catmull-Rom's, with the ends' neighbours standing in for what is beyond.
+            let weight = at.map(|at| row_weight(at, n, last));
+            if weight.any_above(R::splat(0.0)) || (-weight).any_above(R::splat(0.0)) {
+                for (sum, value) in sum.iter_mut().zip(row(n)) {
+                    *sum = weight.mul_add(value, *sum);
+                }
+            }
+        }
+        sum
+    }
+
+    /// Gas drawn and delivered beyond the mean at a phase of the crank (in revolutions), in kg.
+    pub(crate) fn ripple(&self, inlet: R, outlet: R, phase: R) -> [R; 2] {
+        let (cell, t) = self.place(inlet, outlet);
+        let last = self.rows - 1;
+        let row = if last == 0 {
+            R::splat(0.0)
+        } else {
+            ((outlet.map(f64::ln) - self.lowest_ln_outlet) * self.inverse_ln_step)
+                .limited(R::splat(0.0), R::splat(last as f64 - 1e-9))
+        };
+        std::array::from_fn(|port| {
+            R::from_lanes(|lane| {
+                let turned = phase.lane(lane).rem_euclid(1.0) * PHASES as f64;
+                let (first, share) = ((turned as usize) % PHASES, turned.fract());
+                let at_node = |row: usize, node: usize| {
+                    let at =
+                        |phase: usize| self.ripple[(row * NODES + node) * PHASES + phase % PHASES][port].lane(lane);
+                    at(first) + share * (at(first + 1) - at(first))
+                };
+                let (below, between) = (row.lane(lane) as usize, row.lane(lane).fract());
+                let in_row = |row: usize| {
+                    let (a, b) = (at_node(row, cell[lane]), at_node(row, cell[lane] + 1));
+                    a + t.lane(lane) * (b - a)
+                };
+                let value = in_row(below);
+                let value = if between > 0.0 { value + between * (in_row(below + 1) - value) } else { value };
+                value * outlet.lane(lane)
+            })
+        })
+    }
+}
+
+/// The most lanes of a bundle.
+const MOST_LANES: usize = 8;
+
+/// The weight of node `n` of 0 … `last` at a place between nodes, for a cubic with Catmull-Rom slopes.
+fn row_weight(at: f64, n: usize, last: usize) -> f64 {
+    let cell = (at as usize).min(last - 1);
+    let t = at - cell as f64;
+    let (t2, t3) = (t * t, t * t * t);
+    let (h10, h11) = (t3 - 2.0 * t2 + t, t3 - t2);
+    let h01 = 3.0 * t2 - 2.0 * t3;
+    let slope = |i: usize| {
+        let (before, after) = (i.saturating_sub(1), (i + 1).min(last));
+        let per = 1.0 / (after - before) as f64;
+        (if n == after { per } else { 0.0 }) - (if n == before { per } else { 0.0 })
+    };
+    let value = |i: usize| if n == i { 1.0 } else { 0.0 };
+    (1.0 - h01) * value(cell) + h01 * value(cell + 1) + h10 * slope(cell) + h11 * slope(cell + 1)
+}

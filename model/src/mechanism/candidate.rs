@@ -1,0 +1,128 @@
+//! What could be missing from a rig: every mechanism at every place where it could be attached.
+//!
+//! A search for missing physics goes through this list. Each candidate says which numbers to fit, between
+//! which limits and from which first magnitudes, and turns fitted numbers into an entry of a rig file. What
+//! only a person can know (`actuator_load`: is there a muscle?) or only data can shape (`residual_flow`) is
+//! not in it.
+
+use super::Mechanism;
+use crate::rig::{Attached, Numbers as _, Rig};
+
+/// A mechanism that a rig does not have yet, at one of its components.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Candidate {
+    /// The mechanism's id.
+    pub id: &'static str,
+    /// The component it would be attached to.
+    pub component: String,
+    /// Which of its shapes this is, where it has several (`"inlet"`); empty otherwise.
+    pub form: &'static str,
+    /// What to fit.
+    pub parameters: Vec<CandidateParameter>,
+    template: Mechanism,
+    /// Index of each parameter among the mechanism's numbers.
+    fitted: Vec<usize>,
+}
+
+/// A number of a candidate that is to be fitted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CandidateParameter {
+    /// Its key in the rig file.
+    pub key: &'static str,
+    /// Its unit; empty for a bare number.
+    pub unit: &'static str,
+    /// Lowest plausible value.
+    pub low: f64,
+    /// Highest plausible value.
+    pub high: f64,
+    /// First magnitudes, weak to strong, both signs where it has two; at least one.
+    pub starts: Vec<f64>,
+    /// Whether it can be negative.
+    pub signed: bool,
+}
+
+impl Candidate {
+    /// The mechanism with these values of its parameters (in their order; what is missing stays neutral), as an
+    /// entry for [`Rig::mechanisms`]. Values are taken as they are; [`Rig::check`] judges them.
+    pub fn attached(&self, values: &[f64]) -> Attached {
+        let mut mechanism = self.template.clone();
+        for (index, value) in self.fitted.iter().zip(values) {
+            if let Some(slot) = mechanism.number_mut(*index) {
+                *slot = *value;
+            }
+        }
+        Attached { component: self.component.clone(), enabled: true, mechanism }
+    }
+
+    /// A copy of the rig with this mechanism attached.
+    pub fn on(&self, rig: &Rig, values: &[f64]) -> Rig {
+        let mut rig = rig.clone();
+        rig.mechanisms.push(self.attached(values));
+        rig
+    }
+}
+
+/// One shape of a mechanism that can be fitted.
+#[derive(Debug, Clone)]
+pub(crate) struct Form {
+    name: &'static str,
+    mechanism: Mechanism,
+    fitted: Vec<usize>,
+    parameters: Vec<CandidateParameter>,
+}
+
+impl Form {
+    /// The mechanism, neutral or nearly so, and which of its numbers are to be fitted.
+    pub(crate) fn of(name: &'static str, mechanism: Mechanism, fitted: &[usize]) -> Self {
+        let numbers = mechanism.numbers();
+        let parameter = |index: &usize| {
+            numbers.get(*index).map(|number| CandidateParameter {
+                key: number.key,
+                unit: number.unit,
+                low: number.plausible[0],
+                high: number.plausible[1],
+                starts: number.starts.to_vec(),
+                signed: number.is_signed(),
+            })
+        };
+        let parameters = fitted.iter().filter_map(parameter).collect();
+        Form { name, mechanism, fitted: fitted.to_vec(), parameters }
+    }
+
+    /// The same with a range and first magnitudes of parameter `index` that suit the component's size.
+    pub(crate) fn ranging(mut self, index: usize, range: [f64; 2], starts: Vec<f64>) -> Self {
+        if let Some(parameter) = self.parameters.get_mut(index) {
+            (parameter.low, parameter.high) = (range[0], range[1]);
+            parameter.starts = starts;
+        }
+        self
+    }
+}
+
+/// Every mechanism at every component of `rig` where it could be attached and is not (or is switched off).
+///
+/// Works for any rig: what makes no sense at a component (check valves of a pump without pistons) is left out.
+pub fn candidates(rig: &Rig) -> Vec<Candidate> {
+    let mut found = Vec::new();
+    super::each_kind(&mut |id, places, forms| {
+        for component in places.iter().flat_map(|place| place.components(rig)) {
+            for form in forms(rig, &component) {
+                let candidate = Candidate {
+                    id,
+                    component: component.clone(),
+                    form: form.name,
+                    parameters: form.parameters,
+                    template: form.mechanism,
+                    fitted: form.fitted,
+                };
+                let weakest: Vec<f64> = candidate.parameters.iter().filter_map(|p| p.starts.first().copied()).collect();
+                let attached = candidate.attached(&weakest);
+                let there = rig.mechanisms.iter().any(|m| m.enabled && m.is_twin_of(&attached));
+                if !there && attached.mechanism.check(rig, &component, "").is_ok() {
+                    found.push(candidate);
+                }
+            }
+        }
+    });
+    found
+}

@@ -1,0 +1,99 @@
+//! `coil_heating`: a warm coil has more resistance, draws less current at the same duty and pulls less.
+//!
+//! ```text
+//! τ θ̇ = u² − θ,        y = u (1 − k θ)
+//! ```
+//!
+//! Copper gains 0.39 % of resistance per kelvin, and the heat put in goes with the square of the current; `θ`
+//! is the temperature rise as a share of that at full duty for ever, so `k` is the force lost there: 4 … 15 %
+//! for rises of 10 … 40 K under a driver that sets voltage (one that sets current loses nothing). `τ` is
+//! minutes: grams of copper in still air. Since the paper's area is straight in `u`, this is `Ĉ_u (1 − k θ)`.
+//! It tells itself by being slow and one-sided: it follows the past duty, never the pressure.
+//!
+//! A run starts with `θ` = `initial_heat` (0: cold), whatever was commanded before; where recordings start
+//! warm, fits free it ([`crate::plant::Simulation::set_unknown`]).
+
+use serde::{Deserialize, Serialize};
+
+use super::{Form, Mechanism, Physics, Place};
+use crate::plant::{Samples, lanes_of};
+use crate::real::Real;
+use crate::rig::{Number, Rig, numbers};
+
+/// A coil that weakens as it warms.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CoilHeating {
+    /// k: share of the force lost at full duty for ever (0 … 0.9).
+    pub loss: f64,
+    /// τ: time constant of warming in s.
+    pub time_constant_s: f64,
+    /// θ at the start of a run, as a share of that at full duty for ever (0 … 1); absent means cold.
+    #[serde(default)]
+    pub initial_heat: f64,
+}
+
+numbers!(CoilHeating {
+    loss: Number::new("", 0.0, 0.9).plausible(0.0, 0.3).starts(&[0.02, 0.05, 0.1, 0.2]).hint("a share of the force"),
+    time_constant_s: Number::new("s", 0.1, 1e5).plausible(5.0, 900.0).starts(&[90.0, 30.0, 300.0]),
+    initial_heat: Number::new("", 0.0, 1.0).starts(&[0.0]).hint("a share: 0 is cold").optional(),
+});
+
+impl Physics for CoilHeating {
+    const ID: &'static str = "coil_heating";
+    const PLACES: &'static [Place] = &[Place::Valve];
+    const SETTLED: bool = true;
+
+    fn forms(_rig: &Rig, _component: &str) -> Vec<Form> {
+        let cold = CoilHeating { loss: 0.0, time_constant_s: 90.0, initial_heat: 0.0 };
+        vec![Form::of("", Mechanism::CoilHeating(cold), &[0, 1])]
+    }
+}
+
+impl CoilHeating {
+    pub(crate) fn operator(&self, instant_s: f64) -> Heat<f64> {
+        Heat { loss: self.loss, approach: -(-instant_s / self.time_constant_s).exp_m1(), initial: self.initial_heat }
+    }
+}
+
+/// The coil from one tabled instant to the next; its memory is `θ`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Heat<R> {
+    loss: R,
+    /// 1 − e^(−s/τ) for the time between two instants.
+    approach: R,
+    /// `θ` at the start of a run.
+    pub(crate) initial: R,
+}
+
+impl<R: Real> Heat<R> {
+    pub(crate) fn side_by_side(parts: &[Heat<f64>]) -> Self {
+        Heat {
+            loss: lanes_of(parts, |p| p.loss),
+            approach: lanes_of(parts, |p| p.approach),
+            initial: lanes_of(parts, |p| p.initial),
+        }
+    }
+
+    /// What acts of `duty` at heat `heat`.
+    #[inline(always)]
+    pub(crate) fn at(&self, duty: R, heat: R) -> R {
+        duty * (R::splat(1.0) - self.loss * heat)
+    }
+
+    #[inline(always)]
+    pub(crate) fn run(&self, memory: &mut R, samples: &mut Samples<R>) {
+        samples.spread();
+        let mut heat = *memory;
+        let mut before: Option<R> = None;
+        samples.each(|duty| {
+            // The duty of the interval that ends here; the first sample is the tick's own start.
+            if let Some(duty) = before {
+                heat = self.approach.mul_add(duty * duty - heat, heat);
+            }
+            before = Some(duty);
+            self.at(duty, heat)
+        });
+        *memory = heat;
+    }
+}

@@ -1,0 +1,37 @@
+//! What recordings do not tell about their start, for fits that free it.
+//!
+//! A free run starts from the first readings and the first commands. Whether coils were warm, on which side of its
+//! play a flapper lay, and where the crank stood is not in them. Each such number has a usual value that a run starts
+//! from; fits of recordings that began otherwise set it ([`super::Simulation::set_unknown`]).
+
+/// A number of a run's start that its recording does not tell.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unknown {
+    /// What it is and whose: `heat:valve_pos` (0 cold … 1 warm), `play:valve_pos` (−1 … 1: where in its play the
+    /// flapper lies), `phase:pump` (crank angle in revolutions).
+    pub name: String,
+    /// Lowest value.
+    pub low: f64,
+    /// Highest value.
+    pub high: f64,
+    /// What a run starts from unless told otherwise.
+    pub usual: f64,
+}
+
+/// Where an unknown lives in the state.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Placed {
+    pub(crate) unknown: Unknown,
+    pub(crate) slot: Slot,
+}
+
+/// Where it lives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Slot {
+    /// The heat of a coil, in the memory.
+    Heat { memory: usize },
+    /// The flapper's duty in a command path that ends in play.
+    Play { path: usize },
+    /// The crank of a pump.
+    Phase { drive: usize },
+}

@@ -1,0 +1,151 @@
+//! Mechanisms along a valve's command, read by the flow meter of `mechanisms`.
+
+use crate::mechanisms::{METER, acting, paper_with};
+use crate::small_rigs::{ATMOSPHERE, KAPPA, R, T, chamber, choked, source};
+use crate::small_rigs::{TICK_S, mechanism, plain_valve, rig, simulation};
+
+#[test]
+fn stiction_makes_stairs_of_a_ramp() {
+    let band = 0.03;
+    let stick = mechanism("valve_stiction", "valve", &format!("band_duty = {band}"));
+    // Slow up, slow down, a jump, and small moves that nothing follows.
+    let mut sent: Vec<f64> = (0..=60).map(|i| 0.01 * f64::from(i)).collect();
+    sent.extend((0..40).map(|i| 0.6 - 0.01 * f64::from(i)));
+    sent.extend([0.9, 0.92, 0.88, 0.9, 0.929]);
+    let acted = acting(&stick, &sent);
+    let mut flapper = 0.0f64;
+    let mut jumps = 0;
+    for (k, (u, y)) in sent.iter().zip(&acted).enumerate() {
+        if (u - flapper).abs() > band {
+            flapper = *u;
+            jumps += 1;
+        }
+        assert!((y - flapper).abs() < METER, "tick {k}: duty {u} acts as {y}, the stuck flapper is at {flapper}");
+    }
+    // Steps of 0.04 (the first multiple of 0.01 beyond the band): 15 up, about 9 down, and the jump.
+    assert!((24..=27).contains(&jumps), "{jumps} jumps");
+    // No smaller: a band of zero follows everything.
+    let free = acting(&mechanism("valve_stiction", "valve", "band_duty = 0.0"), &sent);
+    assert!(free.iter().zip(&sent).all(|(y, u)| (y - u).abs() < METER));
+}
+
+#[test]
+fn the_coils_force_bends_between_fixed_ends() {
+    let sent: Vec<f64> = (0..=20).map(|i| 0.05 * f64::from(i)).collect();
+    for m in [1.0, 0.3, -0.5, 0.0] {
+        let curve = mechanism("valve_force_curve", "valve", &format!("duty_curvature = {m:?}"));
+        for (u, y) in sent.iter().zip(acting(&curve, &sent)) {
+            let exact = u + m * u * (u - 1.0);
+            assert!((y - exact).abs() < METER, "m {m}: duty {u} acts as {y}, not {exact}");
+        }
+    }
+    // m = 1 is the pure square of the duty.
+    let square = acting(&mechanism("valve_force_curve", "valve", "duty_curvature = 1.0"), &[0.4]);
+    assert!((square[0] - 0.16).abs() < METER);
+}
+
+#[test]
+fn an_opening_that_ends_approaches_its_full_area() {
+    // a/(1 + (a/a_full)⁴)^¼ with a the duty in mm².
+    for full in [0.3, 0.8, 3.0] {
+        let curve = mechanism("valve_force_curve", "valve", &format!("inverse_full_area_per_mm2 = {:?}", 1.0 / full));
+        let sent = [0.05, 0.2, 0.5, 1.0];
+        for (a, y) in sent.iter().zip(acting(&curve, &sent)) {
+            let exact = a / (1.0 + (a / full).powi(4)).powf(0.25);
+            assert!((y - exact).abs() < METER, "full {full}: {a} acts as {y}, not {exact}");
+            assert!(y < full && y <= *a + METER);
+        }
+    }
+}
+
+#[test]
+fn a_coil_warms_exponentially_and_weakens() {
+    let (loss, tau) = (0.1, 3.0);
+    let heating = mechanism("coil_heating", "valve", &format!("loss = {loss}\ntime_constant_s = {tau:?}"));
+    let sent: Vec<f64> = (0..600).map(|k| if k < 300 { 0.9 } else { 0.5 }).collect();
+    let mut heat = 0.0;
+    for (k, (u, mean)) in sent.iter().zip(acting(&heating, &sent)).enumerate() {
+        // θ approaches u²; its mean over the tick.
+        let left = (-TICK_S / tau).exp();
+        let mean_heat = u * u + (heat - u * u) * tau / TICK_S * (1.0 - left);
+        heat = u * u + (heat - u * u) * left;
+        let exact = u * (1.0 - loss * mean_heat);
+        assert!((mean - exact).abs() < METER, "tick {k}: {mean} against {exact}");
+    }
+    // A coil that starts warm starts weak; a loss of nothing changes nothing.
+    let warm = acting(&(heating.clone() + "initial_heat = 1.0\n"), &[0.8]);
+    assert!((warm[0] - 0.8 * 0.9).abs() < 1e-3, "{}", warm[0]);
+    let none = acting(&mechanism("coil_heating", "valve", "loss = 0.0\ntime_constant_s = 3.0"), &[0.7, 0.7]);
+    assert!((none[1] - 0.7).abs() < METER);
+}
+
+#[test]
+fn free_runs_start_with_the_coil_as_cold_as_the_rig_says() {
+    let heated = paper_with(&mechanism("coil_heating", "valve_pos", "loss = 0.2\ntime_constant_s = 60.0"));
+    let plain = paper_with("");
+    let run = |rig, heat: Option<f64>| {
+        let mut simulation = simulation(rig);
+        let start = simulation.start_for(&[80.0, -70.0]);
+        simulation.start_from(&[80.0, -70.0], &[0.8, 0.8, 1.0], start);
+        if let Some(heat) = heat {
+            let index = simulation.unknowns().position(|u| u.name == "heat:valve_pos").unwrap();
+            simulation.set_unknown(index, heat);
+        }
+        simulation.tick(&[0.8, 0.8, 1.0]);
+        simulation.pressure_kpa(0)
+    };
+    let (plain, cold, warm) = (run(&plain, None), run(&heated, None), run(&heated, Some(0.64)));
+    // In one tick of a minute the cold coil loses 0.2·0.8²·20 ms/60 s/2 of its force.
+    assert!((cold - plain).abs() < 1e-3, "{cold} against {plain}");
+    assert!(warm > plain + 0.4, "warm, it opens less: {warm} against {plain}");
+}
+
+/// Two flow meters on one supply of current.
+fn on_one_supply(mechanisms: &str, sent: [f64; 2]) -> [f64; 2] {
+    let supply = 2_000_000.0;
+    let rig = rig(&(chamber("one", 100.0)
+        + &chamber("two", 100.0)
+        + &source("supply", supply, T)
+        + &plain_valve("left", "supply", "one")
+        + &plain_valve("right", "supply", "two")
+        + mechanisms));
+    let full = R * T / 0.1 * 1e-6 * supply / (R * T).sqrt() * choked(KAPPA) * TICK_S;
+    let mut simulation = simulation(&rig);
+    simulation.tick(&sent);
+    [0, 1].map(|i| (simulation.pressure_pa(i) - ATMOSPHERE) / full)
+}
+
+#[test]
+fn a_sagging_supply_couples_the_valves() {
+    let sag = mechanism("supply_sag", "rig", "loss_per_duty = 0.1");
+    for sent in [[0.8, 0.0], [0.8, 0.5], [0.3, 1.0]] {
+        let left = 1.0 - 0.1 * (sent[0] + sent[1]);
+        let acted = on_one_supply(&sag, sent);
+        for (acted, sent) in acted.into_iter().zip(sent) {
+            assert!((acted - sent * left).abs() < METER, "{acted} against {}", sent * left);
+        }
+    }
+    assert_eq!(
+        on_one_supply("", [0.8, 0.5]),
+        on_one_supply(&mechanism("supply_sag", "rig", "loss_per_duty = 0.0"), [0.8, 0.5])
+    );
+    // What a delayed valve draws is what it was sent then, so the other one feels it late.
+    let late = sag.clone() + &mechanism("command_delay", "left", "delay_ms = 10.0");
+    let acted = on_one_supply(&late, [0.6, 0.5]);
+    // Nothing drawn by the left valve in the first half of the tick.
+    let right = 0.5 * (0.5 * (1.0 - 0.1 * 0.5) + 0.5 * (1.0 - 0.1 * 1.1));
+    let left = 0.5 * 0.6 * (1.0 - 0.1 * 1.1);
+    // The switch is blended over one instant of 0.025 ms, of 20 ms.
+    assert!((acted[1] - right).abs() < 1e-4 && (acted[0] - left).abs() < 2e-3, "{acted:?}, {left}, {right}");
+}
+
+#[test]
+fn heating_and_sag_act_in_front_of_the_coils_lag() {
+    // With a long lag the coil has hardly moved, whatever weakens its current.
+    let lag = mechanism("valve_lag", "valve", "time_constant_ms = 5000.0");
+    let weak =
+        lag.clone() + &mechanism("coil_heating", "valve", "loss = 0.5\ntime_constant_s = 1.0\ninitial_heat = 1.0");
+    let (alone, weak) = (acting(&lag, &[1.0]), acting(&weak, &[1.0]));
+    // Half of the current, so half of the little way.
+    assert!((weak[0] / alone[0] - 0.5).abs() < 1e-9, "{} of {}", weak[0], alone[0]);
+}
