@@ -11,12 +11,13 @@
 //! ∂loss/∂s_j = ∂loss/∂u_j e^s_j ε_j − α / B                       where s_j is within its bounds, else 0
 //! ∂D/∂μ_j = ±(μ_j − μ′_j) / D
 //! ```
-//! Only the smaller critic of each sample has a gradient.
+//! Only the smaller critic of each sample has a gradient (see the `judges` module).
 
 use crate::adam::AdamStep;
 use crate::batch::{Block, Frame, NO_LANES, Panel, Smoothness, VIEWS, View, join};
-use crate::critic_step::{smaller, step_network};
+use crate::critic_step::{Passed, step_network};
 use crate::elementary::tanh;
+use crate::judges::judge;
 use crate::kernel::{Line, Vector, WIDTH, Work};
 use crate::parameters::{NetView, Part};
 use crate::policy_sample::Sample;
@@ -43,13 +44,12 @@ impl ActorPhase<'_> {
         let Block { panels, spare } = block;
         for panel in &mut *panels {
             for view in self.views() {
-                let glance = &mut panel.views[view as usize];
-                glance.trace.forward(cpu, self.actor, &glance.x);
-                glance.trace.turn(cpu);
+                let (x, outputs) = (&panel.views[view as usize].x, outputs_at(view, actions));
+                panel.traces[view as usize].forward(cpu, self.actor, x, outputs, &mut spare.hidden);
             }
             let here = &panel.views[View::Here as usize];
             let sample = Sample {
-                head: &here.trace.output,
+                head: &panel.traces[View::Here as usize].output,
                 noise: &panel.noise[0],
                 log_std: frame.settings.log_std,
                 action: &mut panel.action,
@@ -60,25 +60,14 @@ impl ActorPhase<'_> {
         }
         for (c, net) in self.critics.iter().enumerate() {
             for panel in &mut *panels {
-                panel.critics[c].forward(cpu, net, &panel.joint);
+                panel.judges[c].forward(cpu, net, &panel.joint, 1, &mut spare.hidden);
             }
         }
-        for panel in &mut *panels {
-            panel.records.value = cpu.run(Choose { critics: &mut panel.critics, batch });
-            panel.action_gradient.fill(Line::ZERO);
-        }
-        for (c, net) in self.critics.iter().enumerate() {
-            for panel in &mut *panels {
-                panel.critics[c].backward(cpu, net, Some((actions, &mut spare.action_gradient)));
-                for (sum, one) in panel.action_gradient.iter_mut().zip(&spare.action_gradient) {
-                    sum.0.iter_mut().zip(one.0).for_each(|(sum, one)| *sum += one);
-                }
-            }
-        }
+        judge(cpu, self.critics, batch, panels, spare);
         for panel in &mut *panels {
             cpu.run(PolicyGradient { phase: self, panel });
             for view in self.views() {
-                panel.views[view as usize].trace.backward(cpu, self.actor, None);
+                panel.traces[view as usize].backward(cpu, self.actor, outputs_at(view, actions));
             }
         }
     }
@@ -88,32 +77,9 @@ impl ActorPhase<'_> {
     }
 }
 
-/// Sets the critics' last gradients to `−1/B` for the smaller and 0 for the other; gives the smaller value.
-struct Choose<'a> {
-    critics: &'a mut [Trace; 2],
-    batch: usize,
-}
-
-impl Work for Choose<'_> {
-    type Output = [Line; 2];
-    #[inline(always)]
-    fn run<V: Vector>(self) -> [Line; 2] {
-        let slope = -1.0 / self.batch as f32;
-        let mut value = NO_LANES;
-        let [first, second] = self.critics;
-        let (Some(to_first), Some(to_second)) = (first.gradient.last_mut(), second.gradient.last_mut()) else {
-            return value;
-        };
-        for half in 0..2 {
-            for l in 0..WIDTH {
-                let (a, b) = (first.output[half].0[l], second.output[half].0[l]);
-                value[half].0[l] = smaller(a, b);
-                to_first[half].0[l] = if a < b { slope } else { 0.0 };
-                to_second[half].0[l] = if a < b { 0.0 } else { slope };
-            }
-        }
-        value
-    }
+/// Outputs of the actor that a view needs: CAPS compares means alone.
+fn outputs_at(view: View, actions: usize) -> usize {
+    if view == View::Here { 2 * actions } else { actions }
 }
 
 /// Sets the actor's last gradients in all views and records the losses.
@@ -131,8 +97,8 @@ impl Work for PolicyGradient<'_> {
         let part = 1.0 / settings.batch as f32;
         let temperature = self.phase.temperature;
         let [lowest, highest] = settings.log_std;
-        let [here, next, near] = &mut self.panel.views;
-        let Trace { output: head, gradient, .. } = &mut here.trace;
+        let [here, next, near] = &mut self.panel.traces;
+        let Trace { output: head, gradient, .. } = here;
         let Some(gradient) = gradient.last_mut() else { return };
         for n in 0..2 * actions {
             let log_std = &head[2 * actions + n];
@@ -150,10 +116,10 @@ impl Work for PolicyGradient<'_> {
         let Smoothness { temporal, spatial } = self.phase.smoothness;
         let [mut by_time, mut by_space] = [NO_LANES; 2];
         if temporal > 0.0 {
-            by_time = distance(head, &mut next.trace, gradient, temporal * part, actions);
+            by_time = distance(head, next, gradient, temporal * part, actions);
         }
         if spatial > 0.0 {
-            by_space = distance(head, &mut near.trace, gradient, spatial * part, actions);
+            by_space = distance(head, near, gradient, spatial * part, actions);
         }
         let records = &mut self.panel.records;
         [records.temporal, records.spatial] = [by_time, by_space];
@@ -203,9 +169,10 @@ pub(crate) fn step_actor(
     actor: &mut Part,
     adam: AdamStep,
 ) {
-    let panels =
-        |view: View| blocks.iter().flat_map(|block| &block.panels).map(move |panel| &panel.views[view as usize]);
-    let glances = VIEWS.into_iter().filter(|view| smoothness.wants(*view)).flat_map(panels);
-    let traces: Vec<_> = glances.map(|glance| (glance.by_sample.as_slice(), &glance.trace)).collect();
-    step_network(frame, &traces, sums, actor, adam);
+    let panels = || blocks.iter().flat_map(|block| &block.panels);
+    let at =
+        |view: View| panels().map(move |panel| (&*panel.views[view as usize].by_sample, &panel.traces[view as usize]));
+    let traces: Vec<_> = VIEWS.into_iter().filter(|view| smoothness.wants(*view)).flat_map(at).collect();
+    let passed = Passed { panels: &traces, whole: panels().count(), outputs: frame.shape.actions };
+    step_network(frame, passed, sums, actor, adam);
 }

@@ -7,7 +7,7 @@
 //! ```
 //! with β₁ = 0.9, β₂ = 0.999 and ε = 10⁻⁸, the defaults of every peer.
 
-use crate::kernel::{Line, zeroed};
+use crate::kernel::{Line, Lines, zeroed};
 
 const BETA_1: f64 = 0.9;
 const BETA_2: f64 = 0.999;
@@ -16,11 +16,11 @@ const EPSILON: f32 = 1e-8;
 /// Parameters with what their optimiser remembers.
 #[derive(Debug, Clone)]
 pub(crate) struct Learned {
-    pub(crate) value: Vec<Line>,
-    pub(crate) mean: Vec<Line>,
-    pub(crate) square: Vec<Line>,
+    pub(crate) value: Lines,
+    pub(crate) mean: Lines,
+    pub(crate) square: Lines,
     /// The slow copy; empty where none is kept.
-    pub(crate) target: Vec<Line>,
+    pub(crate) target: Lines,
 }
 
 impl Learned {

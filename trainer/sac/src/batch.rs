@@ -1,11 +1,11 @@
 //! A thread's share of the batch: panels of 32 samples with everything that is computed for them.
 
 use crate::feature_map::FeatureMap;
-use crate::kernel::{Cpu, LANES, Line, ToFeatures, WIDTH, Work, lines_for, prefetch, zeroed};
+use crate::kernel::{Cpu, LANES, Line, Lines, ToFeatures, WIDTH, Work, lines_for, prefetch, zeroed};
 use crate::random::{Purpose, Random};
 use crate::replay::Replay;
 use crate::settings::{Settings, Shape};
-use crate::trace::{Trace, panel_lines};
+use crate::trace::{Hidden, Trace, panel_lines};
 
 /// What does not change while a learner lives.
 #[derive(Debug)]
@@ -90,18 +90,17 @@ pub(crate) struct Records {
     pub(crate) spatial: Lanes,
 }
 
-/// The actor over one view of a panel.
+/// The actor's input at one view of a panel, feature by feature and sample by sample.
 #[derive(Debug)]
 pub(crate) struct Glance {
-    pub(crate) x: Vec<Line>,
-    pub(crate) by_sample: Vec<Line>,
-    pub(crate) trace: Trace,
+    pub(crate) x: Lines,
+    pub(crate) by_sample: Lines,
 }
 
 impl Glance {
     fn new(widths: &[usize]) -> Self {
         let panel = || zeroed(panel_lines(widths[0]));
-        Self { x: panel(), by_sample: panel(), trace: Trace::new(widths) }
+        Self { x: panel(), by_sample: panel() }
     }
 }
 
@@ -113,21 +112,24 @@ pub(crate) struct Panel {
     pub(crate) reward: Lanes,
     pub(crate) live: Lanes,
     /// Normals for the actor's step and for the targets, two lines an action.
-    pub(crate) noise: [Vec<Line>; 2],
-    /// The actor at the three views.
+    pub(crate) noise: [Lines; 2],
+    /// The actor's inputs at the three views.
     pub(crate) views: [Glance; 3],
+    /// The network that learns: one critic after the other in the first, then the actor at the three views.
+    pub(crate) traces: [Trace; 3],
     /// The actions drawn at the first view, `σ ε` of each, and what the critics say about them; two lines each.
-    pub(crate) action: Vec<Line>,
-    pub(crate) stretch: Vec<Line>,
-    pub(crate) action_gradient: Vec<Line>,
+    pub(crate) action: Lines,
+    pub(crate) stretch: Lines,
+    pub(crate) action_gradient: Lines,
     /// Actions and features, the critics' input.
-    pub(crate) joint: Vec<Line>,
-    pub(crate) joint_by_sample: Vec<Line>,
-    pub(crate) critics: [Trace; 2],
-    /// The actor at `(s_(t+1), g_(t+1))`, what it draws there, and the critics' input with that.
+    pub(crate) joint: Lines,
+    pub(crate) joint_by_sample: Lines,
+    /// The critics as the actor's judges.
+    pub(crate) judges: [Trace; 2],
+    /// `(s_(t+1), g_(t+1))`, what the actor draws there, and the critics' input with that.
     pub(crate) next: Glance,
     pub(crate) next_log_probability: Lanes,
-    pub(crate) next_joint: Vec<Line>,
+    pub(crate) next_joint: Lines,
     /// What the slow critics say to it.
     pub(crate) slow_value: [Lanes; 2],
     pub(crate) records: Records,
@@ -138,12 +140,17 @@ pub(crate) struct Panel {
 pub(crate) struct Spare {
     /// For acting.
     pub(crate) look: Glance,
+    /// The actor in acting and at `(s_(t+1), g_(t+1))`.
+    pub(crate) actor: Trace,
     pub(crate) slow: Trace,
+    /// Samples that a judge passes back, put together from several panels.
+    pub(crate) judge: Trace,
+    pub(crate) hidden: Hidden,
     /// What a critic says about the actions, two lines each.
-    pub(crate) action_gradient: Vec<Line>,
+    pub(crate) action_gradient: Lines,
     /// The sampled actions and `σ ε` of each, two lines each.
-    pub(crate) action: Vec<Line>,
-    pub(crate) stretch: Vec<Line>,
+    pub(crate) action: Lines,
+    pub(crate) stretch: Lines,
     /// One observation and its features.
     observation: Vec<f32>,
     pub(crate) row: Vec<f32>,
@@ -175,12 +182,13 @@ impl Panel {
             live: NO_LANES,
             noise: [(); 2].map(|()| zeroed(2 * frame.shape.actions)),
             views: [(); 3].map(|()| Glance::new(&actor)),
+            traces: [(); 3].map(|()| Trace::new(&actor)),
             action: actions(),
             stretch: actions(),
             action_gradient: actions(),
             joint: joint(),
             joint_by_sample: joint(),
-            critics: [(); 2].map(|()| Trace::new(&critic)),
+            judges: [(); 2].map(|()| Trace::passing(&critic)),
             next: Glance::new(&actor),
             next_log_probability: NO_LANES,
             next_joint: joint(),
@@ -203,7 +211,10 @@ impl Spare {
         let actions = || zeroed(2 * frame.shape.actions);
         Self {
             look: Glance::new(&actor),
-            slow: Trace::new(&critic),
+            actor: Trace::passing(&actor),
+            slow: Trace::passing(&critic),
+            judge: Trace::new(&critic),
+            hidden: Hidden::new(&actor),
             action_gradient: actions(),
             action: actions(),
             stretch: actions(),

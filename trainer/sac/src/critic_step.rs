@@ -6,6 +6,7 @@
 //! ```
 
 use crate::batch::{Block, Draw, Frame, Lanes, NO_LANES, Smoothness, join};
+use crate::judges::smaller;
 use crate::kernel::{BiasStep, Line, ToSamples, Vector, WIDTH, WeightStep, Work};
 use crate::parameters::{NetView, Part};
 use crate::policy_sample::Sample;
@@ -25,9 +26,9 @@ pub(crate) struct CriticPhase<'a> {
 }
 
 impl CriticPhase<'_> {
-    /// Draws a thread's panels, passes them forward and back. Network by network, so that a network's weights stay in
-    /// the second-level cache while all panels pass.
-    pub(crate) fn pass(&self, block: &mut Block) {
+    /// Draws a thread's panels and asks the slow critics. Network by network, so that a network's weights stay in the
+    /// second-level cache while all panels pass.
+    pub(crate) fn ask(&self, block: &mut Block) {
         let frame = self.frame;
         let (cpu, settings) = (frame.cpu, &frame.settings);
         let features = frame.features.features().len();
@@ -37,10 +38,10 @@ impl CriticPhase<'_> {
             cpu.run(Draw { frame, replay, smoothness, time, panel, spare });
         }
         for panel in &mut *panels {
-            let next = &mut panel.next;
-            next.trace.forward(cpu, self.actor, &next.x);
+            let next = &panel.next;
+            spare.actor.forward(cpu, self.actor, &next.x, 2 * frame.shape.actions, &mut spare.hidden);
             let sample = Sample {
-                head: &next.trace.output,
+                head: &spare.actor.output,
                 noise: &panel.noise[1],
                 log_std: settings.log_std,
                 action: &mut spare.action,
@@ -54,28 +55,30 @@ impl CriticPhase<'_> {
         }
         for (c, net) in self.slow.iter().enumerate() {
             for panel in &mut *panels {
-                spare.slow.forward(cpu, net, &panel.next_joint);
+                spare.slow.forward(cpu, net, &panel.next_joint, 1, &mut spare.hidden);
                 panel.slow_value[c].copy_from_slice(&spare.slow.output[..2]);
             }
         }
-        for (c, net) in self.critics.iter().enumerate() {
-            for panel in &mut *panels {
-                let critic = &mut panel.critics[c];
-                critic.forward(cpu, net, &panel.joint);
-                let target = Target {
-                    reward: &panel.reward,
-                    live: &panel.live,
-                    slow_value: &panel.slow_value,
-                    log_probability: &panel.next_log_probability,
-                    discount: settings.discount,
-                    temperature: self.temperature,
-                };
-                let loss = cpu.run(TargetError { target, critic, batch: settings.batch });
-                let record = &mut panel.records.critic_loss;
-                *record = if c == 0 { loss } else { sum(record, &loss) };
-                critic.backward(cpu, net, None);
-                critic.turn(cpu);
-            }
+    }
+
+    /// Passes a thread's panels through critic `c` and back.
+    pub(crate) fn pass(&self, c: usize, block: &mut Block) {
+        let (cpu, settings, net) = (self.frame.cpu, &self.frame.settings, &self.critics[c]);
+        for panel in &mut block.panels {
+            let critic = &mut panel.traces[0];
+            critic.forward(cpu, net, &panel.joint, 1, &mut block.spare.hidden);
+            let target = Target {
+                reward: &panel.reward,
+                live: &panel.live,
+                slow_value: &panel.slow_value,
+                log_probability: &panel.next_log_probability,
+                discount: settings.discount,
+                temperature: self.temperature,
+            };
+            let loss = cpu.run(TargetError { target, critic, batch: settings.batch });
+            let record = &mut panel.records.critic_loss;
+            *record = if c == 0 { loss } else { sum(record, &loss) };
+            critic.backward(cpu, net, 1);
         }
     }
 }
@@ -123,35 +126,27 @@ impl Work for TargetError<'_> {
     }
 }
 
-/// The smaller of two, or NaN where either is.
-#[inline(always)]
-pub(crate) fn smaller(a: f32, b: f32) -> f32 {
-    if a < b || a.is_nan() { a } else { b }
+/// Takes one thread's rows of the critic that has passed a step, from the panels of all threads.
+pub(crate) fn step_critic(frame: &Frame, blocks: &[&Block], sums: &mut [Line], critic: &mut Part, adam: AdamStep) {
+    let panels = blocks.iter().flat_map(|block| &block.panels);
+    let traces: Vec<_> = panels.map(|panel| (&*panel.joint_by_sample, &panel.traces[0])).collect();
+    let all = traces.len();
+    step_network(frame, Passed { panels: &traces, whole: all, outputs: 1 }, sums, critic, adam);
 }
 
-/// Takes one thread's rows of both critics a step, from the panels of all threads.
-pub(crate) fn step_critics(
-    frame: &Frame,
-    blocks: &[&Block],
-    sums: &mut [Line],
-    critics: &mut [Part; 2],
-    adam: AdamStep,
-) {
-    for (c, critic) in critics.iter_mut().enumerate() {
-        let panels = || blocks.iter().flat_map(|block| &block.panels);
-        let traces = panels().map(|panel| (panel.joint_by_sample.as_slice(), &panel.critics[c]));
-        step_network(frame, &traces.collect::<Vec<_>>(), sums, critic, adam);
-    }
+/// Panels that a network has passed and is to learn from.
+pub(crate) struct Passed<'a> {
+    /// Each with its input, sample by sample.
+    pub(crate) panels: &'a [(&'a [Line], &'a Trace)],
+    /// The first so many came out of all rows of the last layer, the others only out of its first `outputs` rows.
+    pub(crate) whole: usize,
+    pub(crate) outputs: usize,
 }
 
-/// Takes one thread's rows of a network a step; each panel comes with its input, sample by sample.
-pub(crate) fn step_network(
-    frame: &Frame,
-    panels: &[(&[Line], &Trace)],
-    sums: &mut [Line],
-    network: &mut Part,
-    adam: AdamStep,
-) {
+/// Takes one thread's rows of a network a step.
+pub(crate) fn step_network(frame: &Frame, passed: Passed<'_>, sums: &mut [Line], network: &mut Part, adam: AdamStep) {
+    let Passed { panels, whole, outputs } = passed;
+    let last = network.len() - 1;
     for (l, slab) in network.iter_mut().enumerate() {
         let rows = slab.rows.len();
         if rows == 0 {
@@ -164,10 +159,24 @@ pub(crate) fn step_network(
             (x, &trace.gradient[l][first..end])
         };
         let pairs: Vec<(&[Line], &[Line])> = panels.iter().map(pair).collect();
-        let scratch = &mut sums[..2 * rows];
-        let (inputs, weights, step) = (slab.inputs, &mut slab.weights, adam);
-        frame.cpu.run(WeightStep { panels: &pairs, rows, inputs, scratch, weights, step });
+        // Rows that all panels came out of, then the others.
+        let cut = if l == last { outputs.saturating_sub(slab.rows.start).min(rows) } else { rows };
+        for (rows, pairs) in [(0..cut, pairs.as_slice()), (cut..rows, &pairs[..whole])] {
+            if rows.is_empty() {
+                continue;
+            }
+            frame.cpu.run(WeightStep {
+                panels: &pairs.iter().map(|&(x, dy)| (x, &dy[2 * rows.start..2 * rows.end])).collect::<Vec<_>>(),
+                first: rows.start,
+                rows: rows.len(),
+                inputs: slab.inputs,
+                row_step: slab.row_step(),
+                scratch: &mut *sums,
+                weights: &mut slab.weights,
+                step: adam,
+            });
+        }
         let gradients: Vec<&[Line]> = pairs.iter().map(|&(_, dy)| dy).collect();
-        frame.cpu.run(BiasStep { panels: &gradients, rows, bias: &mut slab.bias, step });
+        frame.cpu.run(BiasStep { panels: &gradients, rows, bias: &mut slab.bias, step: adam });
     }
 }

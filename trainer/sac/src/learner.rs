@@ -189,8 +189,8 @@ impl Learner {
         let mut out = Vec::with_capacity(observations.len() / width * actions);
         for (chunk, rows) in observations.chunks(width * LANES).enumerate() {
             frame.cpu.run(Look { frame, rows, spare });
-            spare.look.trace.forward(frame.cpu, &net, &spare.look.x);
-            let head = &spare.look.trace.output;
+            spare.actor.forward(frame.cpu, &net, &spare.look.x, 2 * actions, &mut spare.hidden);
+            let head = &spare.actor.output;
             if explore {
                 let noise: Vec<Line> = (0..actions)
                     .flat_map(|j| {

@@ -20,6 +20,7 @@ mod checkpoint;
 mod critic_step;
 mod elementary;
 mod feature_map;
+mod judges;
 mod kernel;
 mod learner;
 mod measure;

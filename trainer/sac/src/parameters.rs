@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use crate::adam::Learned;
-use crate::kernel::{Line, WIDTH, Weights, lines_for};
+use crate::kernel::{Line, WIDTH, Weights, lines_for, row_step};
 
 /// The rows of one layer that one thread owns.
 #[derive(Debug, Clone)]
@@ -49,7 +49,7 @@ fn share(rows: usize, part: usize, parts: usize) -> Range<usize> {
 pub(crate) fn part(widths: &[usize], with_target: bool, part: usize, parts: usize) -> Part {
     let slab = |pair: &[usize]| {
         let rows = share(pair[1], part, parts);
-        let weights = Learned::zeroed(lines_for(pair[0]) * rows.len(), with_target);
+        let weights = Learned::zeroed(lines_for(pair[0]) * row_step(rows.len()), with_target);
         let bias = Learned::zeroed(lines_for(rows.len()), with_target);
         Slab { rows, inputs: pair[0], weights, bias }
     };
@@ -79,12 +79,17 @@ impl Learned {
 impl Slab {
     pub(crate) fn view(&self, kind: Kind) -> Weights<'_> {
         let (lines, bias) = (self.weights.lines(kind), self.bias.lines(kind));
-        Weights { lines, bias, rows: self.rows.len(), inputs: self.inputs }
+        Weights { lines, bias, rows: self.rows.len(), inputs: self.inputs, step: self.row_step() }
+    }
+
+    /// Lines from one block of 16 inputs to the next.
+    pub(crate) fn row_step(&self) -> usize {
+        row_step(self.rows.len())
     }
 
     /// Line and float of weight `k` of local row `n`.
     fn place(&self, n: usize, k: usize) -> (usize, usize) {
-        (k / WIDTH * self.rows.len() + n, k % WIDTH)
+        (k / WIDTH * self.row_step() + n, k % WIDTH)
     }
 
     /// Copies these rows out.

@@ -60,7 +60,7 @@ impl Replay {
         let Shape { observations, actions, .. } = *shape;
         // Zeroed memory is handed out untouched and becomes real page by page.
         let mut floats = vec![0.0; capacity * Self::width_of(observations, actions)];
-        prefer_large_pages(&mut floats);
+        prefer_large_pages(floats.as_mut_ptr_range());
         Self { observations, actions, capacity, written: 0, floats }
     }
 

@@ -4,21 +4,36 @@
 //! h₀ = x,  h_l = max(W_l h_(l−1) + b_l, 0),  y = W_L h_(L−1) + b_L
 //! d_L = ∂loss/∂y,  d_l = (W_(l+1)ᵀ d_(l+1)) · [h_l > 0],  ∂loss/∂W_l = d_l h_(l−1)ᵀ
 //! ```
+//!
+//! Hidden outputs feature by feature live only until the next layer has read them: one buffer serves all passes of a
+//! thread and stays in the caches. What is kept is a bit a sample for the way back and, where weights will take a
+//! step, the outputs sample by sample. All of an update at once would not fit the second-level cache.
 
-use crate::kernel::{Backward, Cpu, Forward, Line, ToSamples, WIDTH, Weights, zeroed};
+use crate::kernel::{Backward, Cpu, Forward, Gate, Line, Lines, ToSamples, WIDTH, Weights, zeroed};
 use crate::parameters::NetView;
 
 /// What a pass leaves for the way back.
 #[derive(Debug)]
 pub(crate) struct Trace {
-    /// Outputs of the hidden layers, feature by feature.
-    pub(crate) hidden: Vec<Vec<Line>>,
-    /// The same sample by sample, once [`Trace::turn`] has run.
-    pub(crate) hidden_by_sample: Vec<Vec<Line>>,
+    /// For each feature of each hidden layer the samples that passed its rectifier.
+    pub(crate) gates: Vec<Vec<Gate>>,
+    /// Outputs of the hidden layers, sample by sample; empty where no weights take a step.
+    pub(crate) hidden_by_sample: Vec<Lines>,
     /// Output of the last layer.
-    pub(crate) output: Vec<Line>,
+    pub(crate) output: Lines,
     /// `d_l` of every layer; the last is set by the caller.
-    pub(crate) gradient: Vec<Vec<Line>>,
+    pub(crate) gradient: Vec<Lines>,
+}
+
+/// Outputs of hidden layers, feature by feature, for each pass in turn.
+#[derive(Debug)]
+pub(crate) struct Hidden(Vec<Lines>);
+
+impl Hidden {
+    /// Buffers for networks with these widths, inputs first.
+    pub(crate) fn new(widths: &[usize]) -> Self {
+        Self(panels(&widths[1..widths.len() - 1]))
+    }
 }
 
 /// Lines of a panel of this many features, padded so that it can be transposed.
@@ -26,63 +41,76 @@ pub(crate) fn panel_lines(features: usize) -> usize {
     2 * features.next_multiple_of(WIDTH)
 }
 
+fn panels(widths: &[usize]) -> Vec<Lines> {
+    widths.iter().map(|&w| zeroed(panel_lines(w))).collect()
+}
+
 impl Trace {
     /// Buffers for a network with these widths, inputs first.
     pub(crate) fn new(widths: &[usize]) -> Self {
         let hidden = &widths[1..widths.len() - 1];
-        let panels = |widths: &[usize]| widths.iter().map(|&w| zeroed(panel_lines(w))).collect::<Vec<_>>();
         Self {
-            hidden: panels(hidden),
+            gates: hidden.iter().map(|&w| vec![0; w]).collect(),
             hidden_by_sample: panels(hidden),
             output: zeroed(panel_lines(widths[widths.len() - 1])),
             gradient: panels(&widths[1..]),
         }
     }
 
-    /// Passes a panel through the network.
-    pub(crate) fn forward(&mut self, cpu: Cpu, net: &NetView<'_>, x: &[Line]) {
+    /// As [`Self::new`] for a network that only passes forward, or back by way of another's gradients.
+    pub(crate) fn passing(widths: &[usize]) -> Self {
+        let hidden = &widths[1..widths.len() - 1];
+        let gates = hidden.iter().map(|&w| vec![0; w]).collect();
+        let output = zeroed(panel_lines(widths[widths.len() - 1]));
+        Self { gates, hidden_by_sample: Vec::new(), output, gradient: Vec::new() }
+    }
+
+    /// Passes a panel through the network, of whose last layer the first `outputs` rows are wanted.
+    pub(crate) fn forward(&mut self, cpu: Cpu, net: &NetView<'_>, x: &[Line], outputs: usize, hidden: &mut Hidden) {
         let last = net.layers.len() - 1;
         for (l, parts) in net.layers.iter().enumerate() {
-            let (before, after) = self.hidden.split_at_mut(l);
-            let x = before.last().map_or(x, Vec::as_slice);
-            let mut y = if l == last { self.output.as_mut_slice() } else { after[0].as_mut_slice() };
-            for &weights in parts {
+            let (before, after) = hidden.0.split_at_mut(l);
+            let x = before.last().map_or(x, |lines| &**lines);
+            let (mut y, mut row) = (if l == last { &mut *self.output } else { &mut *after[0] }, 0);
+            for weights in parts {
+                let weights = if l == last { weights.first(outputs - row) } else { *weights };
                 let (rows, rest) = y.split_at_mut(2 * weights.rows);
-                cpu.run(Forward { weights, x, y: rows, rectify: l != last });
-                y = rest;
+                let gates = self.gates.get_mut(l).map(|gates| &mut gates[row..][..weights.rows]);
+                cpu.run(Forward { weights, x, y: rows, gates });
+                (y, row) = (rest, row + weights.rows);
+            }
+            if let Some(samples) = self.hidden_by_sample.get_mut(l) {
+                cpu.run(ToSamples { features: &after[0], samples });
             }
         }
     }
 
-    /// From the last layer's gradient to the first's and, where wanted, to the first inputs.
-    pub(crate) fn backward(&mut self, cpu: Cpu, net: &NetView<'_>, inputs: Option<(usize, &mut [Line])>) {
-        for l in (1..net.layers.len()).rev() {
+    /// From the gradient of the last layer's first `outputs` rows to the first layer's.
+    pub(crate) fn backward(&mut self, cpu: Cpu, net: &NetView<'_>, outputs: usize) {
+        let last = net.layers.len() - 1;
+        for l in (1..=last).rev() {
             let (before, after) = self.gradient.split_at_mut(l);
-            let parts = with_rows(&net.layers[l], &after[0]);
-            let (dx, gate) = (before[l - 1].as_mut_slice(), &self.hidden[l - 1]);
+            let parts = with_rows(&net.layers[l], if l == last { outputs } else { usize::MAX }, &after[0]);
+            let (dx, gates) = (&mut *before[l - 1], Some(self.gates[l - 1].as_slice()));
             let inputs = net.layers[l][0].inputs;
-            cpu.run(Backward { parts: &parts, inputs, gate: Some(gate), dx });
-        }
-        if let Some((inputs, dx)) = inputs {
-            let parts = with_rows(&net.layers[0], &self.gradient[0]);
-            cpu.run(Backward { parts: &parts, inputs, gate: None, dx });
+            cpu.run(Backward { parts: &parts, inputs, gates, dx });
         }
     }
 
-    /// Prepares the weight gradients: hidden outputs sample by sample.
-    pub(crate) fn turn(&mut self, cpu: Cpu) {
-        for (features, samples) in self.hidden.iter().zip(&mut self.hidden_by_sample) {
-            cpu.run(ToSamples { features, samples });
-        }
+    /// From the first layer's gradient to the first of its inputs, as many as there is room for at two lines each.
+    pub(crate) fn to_inputs(&self, cpu: Cpu, net: &NetView<'_>, dx: &mut [Line]) {
+        let parts = with_rows(&net.layers[0], usize::MAX, &self.gradient[0]);
+        cpu.run(Backward { parts: &parts, inputs: dx.len() / 2, gates: None, dx });
     }
 }
 
-/// Each part of a layer with its rows of the gradient.
-fn with_rows<'a>(parts: &[Weights<'a>], mut dy: &'a [Line]) -> Vec<(Weights<'a>, &'a [Line])> {
-    let pair = |&weights: &Weights<'a>| {
-        let (rows, rest) = dy.split_at(2 * weights.rows);
-        dy = rest;
-        (weights, rows)
+/// Each part of a layer's first `rows` rows with its rows of the gradient.
+fn with_rows<'a>(parts: &[Weights<'a>], mut rows: usize, mut dy: &'a [Line]) -> Vec<(Weights<'a>, &'a [Line])> {
+    let pair = |weights: &Weights<'a>| {
+        let weights = weights.first(rows);
+        let (own, rest) = dy.split_at(2 * weights.rows);
+        (dy, rows) = (rest, rows - weights.rows);
+        (weights, own)
     };
     parts.iter().map(pair).collect()
 }

@@ -1,8 +1,9 @@
 //! Threads that go through an update together.
 //!
-//! An update has four phases with a meeting after each: batch through actor and critics; the critics' step; batch
-//! through critics and actor; the actor's step and the temperature's. In the first and third each thread writes its
-//! own panels and reads all parameters, in the others it is the other way round. The locks below say so to the
+//! An update has six phases with a meeting after each: batch through actor, slow critics and the first critic; its
+//! step; batch through the second critic; its step; batch through critics and actor; the actor's step and the
+//! temperature's. In every other one, from the first, each thread writes its own panels and reads all parameters, in
+//! the others it is the other way round. Critics take turns so that all that one needs stays in the second-level cache. The locks below say so to the
 //! compiler: between meetings nobody ever waits for one, and a mistake would stand still instead of racing.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -12,9 +13,9 @@ use std::thread::JoinHandle;
 use crate::actor_step::{ActorPhase, step_actor};
 use crate::adam::AdamStep;
 use crate::batch::{Block, Frame, Lanes, Smoothness};
-use crate::critic_step::{CriticPhase, step_critics};
+use crate::critic_step::{CriticPhase, step_critic};
 use crate::elementary::exp;
-use crate::kernel::{Line, zeroed};
+use crate::kernel::{Line, Lines, zeroed};
 use crate::parameters::{Kind, NetView, Part};
 use crate::replay::Replay;
 use crate::settings::TemperatureRule;
@@ -139,7 +140,7 @@ impl Shared {
         let settings = &self.frame.settings;
         let adam = AdamStep::new(time + 1, learning_rate, settings.soft_update);
         let temperature = exp(read(&self.temperature).log);
-        {
+        for c in 0..2 {
             let (actor, critics) = (self.actor.iter().map(read).collect::<Vec<_>>(), self.read_critics());
             let phase = CriticPhase {
                 frame: &self.frame,
@@ -151,15 +152,20 @@ impl Shared {
                 temperature,
                 time,
             };
-            phase.pass(&mut write(&self.blocks[thread]));
+            let mut block = write(&self.blocks[thread]);
+            if c == 0 {
+                phase.ask(&mut block);
+            }
+            phase.pass(c, &mut block);
+            drop((block, actor, critics));
+            self.meeting.wait();
+            {
+                let blocks: Vec<_> = self.blocks.iter().map(read).collect();
+                let blocks: Vec<&Block> = blocks.iter().map(|block| &**block).collect();
+                step_critic(&self.frame, &blocks, sums, &mut write(&self.critics[thread])[c], adam);
+            }
+            self.meeting.wait();
         }
-        self.meeting.wait();
-        {
-            let blocks: Vec<_> = self.blocks.iter().map(read).collect();
-            let blocks: Vec<&Block> = blocks.iter().map(|block| &**block).collect();
-            step_critics(&self.frame, &blocks, sums, &mut write(&self.critics[thread]), adam);
-        }
-        self.meeting.wait();
         {
             let (actor, critics) = (self.actor.iter().map(read).collect::<Vec<_>>(), self.read_critics());
             let phase = ActorPhase {
@@ -208,7 +214,7 @@ impl Shared {
         }
     }
 
-    fn sums_buffer(&self) -> Vec<Line> {
+    fn sums_buffer(&self) -> Lines {
         let widths = [self.frame.actor_widths(), self.frame.critic_widths()].concat();
         zeroed(2 * widths.into_iter().max().unwrap_or(0))
     }
@@ -225,7 +231,7 @@ pub(crate) struct Workers {
     shared: Arc<Shared>,
     jobs: Vec<mpsc::Sender<Job>>,
     handles: Vec<JoinHandle<()>>,
-    sums: Vec<Line>,
+    sums: Lines,
 }
 
 impl Workers {

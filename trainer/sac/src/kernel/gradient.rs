@@ -22,8 +22,12 @@ const PANELS_A_ROUND: usize = 4;
 pub(crate) struct WeightStep<'a> {
     /// For each panel the layer's input, sample by sample, and these rows of `dy`, feature by feature.
     pub(crate) panels: &'a [(&'a [Line], &'a [Line])],
+    /// The first of these rows among the layer's rows, and how many they are.
+    pub(crate) first: usize,
     pub(crate) rows: usize,
     pub(crate) inputs: usize,
+    /// [`super::row_step`] of all the layer's rows.
+    pub(crate) row_step: usize,
     /// Partial sums: two lines a row.
     pub(crate) scratch: &'a mut [Line],
     /// In panels of 16 inputs, as [`super::Weights`].
@@ -47,7 +51,8 @@ impl Work for WeightStep<'_> {
     fn run<V: Vector>(mut self) {
         let blocks = lines_for(self.inputs);
         assert!(self.scratch.len() >= 2 * self.rows, "partial sums");
-        assert!(self.weights.value.len() >= blocks * self.rows, "weights of a layer");
+        assert!(self.weights.value.len() >= blocks * self.row_step, "weights of a layer");
+        assert!(self.first + self.rows <= self.row_step, "rows of a layer");
         for (x, dy) in self.panels {
             assert!(x.len() >= blocks * LANES && dy.len() >= 2 * self.rows, "panels of a layer");
         }
@@ -132,7 +137,7 @@ impl WeightStep<'_> {
             for r in 0..R {
                 for l in 0..L {
                     let gradient = self.scratch[2 * (row + r) + l];
-                    self.step.line(self.weights, (block + l) * self.rows + row + r, &gradient);
+                    self.step.line(self.weights, (block + l) * self.row_step + self.first + row + r, &gradient);
                 }
             }
         }
@@ -148,7 +153,7 @@ impl WeightStep<'_> {
         let arrays = [&self.weights.value, &self.weights.mean, &self.weights.square, &self.weights.target];
         for array in arrays.iter().skip(panel).step_by(panels) {
             for l in 0..L {
-                let first = array.as_ptr().wrapping_add((block + l) * self.rows + row);
+                let first = array.as_ptr().wrapping_add((block + l) * self.row_step + self.first + row);
                 (0..R).for_each(|r| touch(first.wrapping_add(r).cast()));
             }
         }

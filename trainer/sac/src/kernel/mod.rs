@@ -12,7 +12,7 @@
 //! instruction) **all three instruction sets and all numbers of threads give the same bits**.
 //!
 //! Weights `w[n][k]` (output `n`, input `k`) are only ever broadcast, so one copy serves both directions; they lie in
-//! panels of 16 inputs, `lines[(k / 16) · rows + n]`, which both directions read without a jump. Only the weight
+//! panels of 16 inputs, `lines[(k / 16) · row_step(rows) + n]`, which both directions read without a jump. Only the weight
 //! gradient needs lanes over features: [`transpose`] turns the inputs of a layer into lines of 16 features of one
 //! sample.
 //!
@@ -21,6 +21,7 @@
 
 mod gradient;
 mod line;
+mod memory;
 mod prefetch;
 mod probe;
 mod product;
@@ -32,10 +33,11 @@ mod vector_avx2;
 mod vector_avx512;
 
 pub(crate) use gradient::{BiasStep, WeightStep};
-pub(crate) use line::{LANES, Line, WIDTH, lines_for, zeroed};
+pub(crate) use line::{LANES, Line, WIDTH, lines_for, row_step};
+pub(crate) use memory::{Lines, zeroed};
 pub(crate) use prefetch::{prefer_large_pages, prefetch};
 pub(crate) use probe::chained_products;
-pub(crate) use product::{Backward, Forward, Weights};
+pub(crate) use product::{Backward, Forward, Gate, Weights};
 pub(crate) use transpose::{ToFeatures, ToSamples};
 use vector::Portable;
 pub(crate) use vector::Vector;

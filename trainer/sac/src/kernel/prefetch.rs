@@ -1,5 +1,7 @@
 //! Asking for memory before it is needed.
 
+use std::ops::Range;
+
 /// Asks the caches for these floats; changes nothing else. A replay of hundreds of megabytes is drawn from at
 /// random, and each row would otherwise cost the memory's full latency.
 #[inline(always)]
@@ -27,21 +29,19 @@ pub(super) fn touch(address: *const u8) {
     let _ = address;
 }
 
-/// Asks the system for large pages under these floats, before they are first written. Rows drawn at random from
-/// hundreds of megabytes miss the address cache almost every time otherwise. Does nothing where it is not supported.
+/// Asks the system for large pages under this range, before it is first written. Rows drawn at random from hundreds
+/// of megabytes miss the address cache almost every time otherwise. Does nothing where it is not supported.
 #[allow(unsafe_code)] // reason: advice about an address range
-pub(crate) fn prefer_large_pages(floats: &mut [f32]) {
+pub(crate) fn prefer_large_pages<T>(range: Range<*mut T>) {
     #[cfg(target_os = "linux")]
     {
         /// Advice must begin at a page.
         const PAGE: usize = 4096;
-        let range = floats.as_mut_ptr_range();
         let first = range.start.addr().next_multiple_of(PAGE);
         let length = range.end.addr().saturating_sub(first);
         let skipped = first - range.start.addr();
         if length >= PAGE {
-            // SAFETY: the range lies within `floats`, which is borrowed for writing, and this advice changes no
-            // content. Whether it is followed does not matter.
+            // SAFETY: this advice changes no content, whatever the range; whether it is followed does not matter.
             let _ = unsafe {
                 let start = range.start.wrapping_byte_add(skipped).cast();
                 rustix::mm::madvise(start, length, rustix::mm::Advice::LinuxHugepage)
@@ -49,5 +49,5 @@ pub(crate) fn prefer_large_pages(floats: &mut [f32]) {
         }
     }
     #[cfg(not(target_os = "linux"))]
-    let _ = floats;
+    let _ = range;
 }

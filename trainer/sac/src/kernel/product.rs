@@ -16,17 +16,24 @@ use super::{LANES, Line, Vector, WIDTH, Work, lines_for};
 /// Some rows of a layer's weights.
 #[derive(Clone, Copy)]
 pub(crate) struct Weights<'a> {
-    /// `lines[(k / 16) · rows + n]` holds `w[n][k..k + 16]`.
+    /// `lines[(k / 16) · step + n]` holds `w[n][k..k + 16]`.
     pub(crate) lines: &'a [Line],
     /// One value a row.
     pub(crate) bias: &'a [Line],
     pub(crate) rows: usize,
     pub(crate) inputs: usize,
+    /// `row_step` of all rows, of which `rows` may be but the first.
+    pub(crate) step: usize,
 }
 
 impl Weights<'_> {
+    /// The first so many rows.
+    pub(crate) fn first(self, rows: usize) -> Self {
+        Self { rows: self.rows.min(rows), ..self }
+    }
+
     fn check(&self) {
-        assert!(self.lines.len() >= lines_for(self.inputs) * self.rows, "weights of a layer");
+        assert!(self.rows <= self.step && self.lines.len() >= lines_for(self.inputs) * self.step, "weights of a layer");
         assert!(self.bias.len() >= lines_for(self.rows), "biases of a layer");
     }
 }
@@ -38,8 +45,12 @@ pub(crate) struct Forward<'a> {
     pub(crate) x: &'a [Line],
     /// Two lines for each row.
     pub(crate) y: &'a mut [Line],
-    pub(crate) rectify: bool,
+    /// Where it is rectified: which samples passed, for each row.
+    pub(crate) gates: Option<&'a mut [Gate]>,
 }
+
+/// Bit `s` is whether sample `s` of a panel passed the rectifier: all that the way back needs of a layer's output.
+pub(crate) type Gate = u32;
 
 impl Work for Forward<'_> {
     type Output = ();
@@ -48,6 +59,7 @@ impl Work for Forward<'_> {
         let Weights { rows, inputs, .. } = self.weights;
         self.weights.check();
         assert!(self.x.len() >= 2 * inputs && self.y.len() >= 2 * rows, "panels of a layer");
+        assert!(self.gates.as_ref().is_none_or(|gates| gates.len() >= rows), "gates of a layer");
         let mut row = 0;
         while row < rows {
             // SAFETY: `row + R <= rows`, and the lengths are checked above.
@@ -69,9 +81,9 @@ impl Forward<'_> {
     /// Rows `row..row + R` exist and the slices have their lengths.
     #[inline(always)]
     unsafe fn tile<V: Vector, const R: usize>(&mut self, row: usize) -> usize {
-        let Weights { lines, bias, rows, inputs } = self.weights;
+        let Weights { lines, bias, inputs, step, .. } = self.weights;
         // SAFETY: every address below is within the slices by the caller's promise: weight line
-        // (k / 16) · rows + row + r, panel lines 2 k and 2 k + 1, bias row + r.
+        // (k / 16) · step + row + r, panel lines 2 k and 2 k + 1, bias and gate row + r.
         unsafe {
             let bias = bias.as_ptr().cast::<f32>().add(row);
             let mut sums = [[V::splat(0.0); 2]; R];
@@ -83,8 +95,9 @@ impl Forward<'_> {
             let mut left = inputs;
             while left > 0 {
                 let terms = left.min(WIDTH);
+                // Two blocks ahead: often they come from the third-level cache.
                 for r in 0..R {
-                    touch(weights.wrapping_add(rows + r).cast());
+                    touch(weights.wrapping_add(2 * step + r).cast());
                 }
                 let w = weights.cast::<f32>();
                 for k in 0..terms {
@@ -96,11 +109,16 @@ impl Forward<'_> {
                     x = x.add(LANES);
                 }
                 left -= terms;
-                weights = weights.wrapping_add(rows);
+                weights = weights.wrapping_add(step);
             }
             let y = self.y.as_mut_ptr().cast::<f32>().add(row * LANES);
             for (r, sum) in sums.into_iter().enumerate() {
-                let sum = if self.rectify { sum.map(|s| s.rectified()) } else { sum };
+                let mut sum = sum;
+                if let Some(gates) = &mut self.gates {
+                    let [low, high] = sum.map(|s| Gate::from(s.positive()));
+                    *gates.get_unchecked_mut(row + r) = low | high << WIDTH;
+                    sum = sum.map(|s| s.rectified());
+                }
                 sum[0].store(y.add(r * LANES));
                 sum[1].store(y.add(r * LANES + WIDTH));
             }
@@ -109,14 +127,14 @@ impl Forward<'_> {
     }
 }
 
-/// `dx = Wᵀ dy` for the first inputs of a layer, whose rows may lie in several parts, closed where `gate ≤ 0`.
+/// `dx = Wᵀ dy` for the first inputs of a layer, whose rows may lie in several parts, closed where the gate is.
 pub(crate) struct Backward<'a> {
     /// The parts in the order of their rows, each with its rows of `dy` (two lines each).
     pub(crate) parts: &'a [(Weights<'a>, &'a [Line])],
     /// Inputs wanted: the first so many.
     pub(crate) inputs: usize,
-    /// The layer's input, where it came from a rectifier: two lines for each input.
-    pub(crate) gate: Option<&'a [Line]>,
+    /// Which samples of each of the layer's inputs passed, where these came from a rectifier.
+    pub(crate) gates: Option<&'a [Gate]>,
     /// Two lines for each input wanted.
     pub(crate) dx: &'a mut [Line],
 }
@@ -130,7 +148,7 @@ impl Work for Backward<'_> {
             assert!(weights.inputs >= self.inputs && dy.len() >= 2 * weights.rows, "parts of a layer");
         }
         assert!(self.dx.len() >= 2 * self.inputs, "panel of a layer");
-        assert!(self.gate.is_none_or(|gate| gate.len() >= 2 * self.inputs), "gate of a layer");
+        assert!(self.gates.is_none_or(|gates| gates.len() >= self.inputs), "gates of a layer");
         let mut input = 0;
         while input < self.inputs {
             // Tiles never straddle two lines of weights: 8, 4, 2 and 1 divide 16 and come in falling order.
@@ -156,11 +174,11 @@ impl Backward<'_> {
     #[inline(always)]
     unsafe fn tile<V: Vector, const R: usize>(&mut self, input: usize) -> usize {
         // SAFETY: every address below is within the slices by the caller's promise: weight line
-        // (input / 16) · rows + n from float input % 16 on, dy lines 2 n and 2 n + 1, dx and gate lines of the inputs.
+        // (input / 16) · step + n from float input % 16 on, dy lines 2 n and 2 n + 1, dx lines and gates of the inputs.
         unsafe {
             let mut sums = [[V::splat(0.0); 2]; R];
             for (weights, dy) in self.parts {
-                let mut w = weights.lines.as_ptr().add(input / WIDTH * weights.rows).cast::<f32>().add(input % WIDTH);
+                let mut w = weights.lines.as_ptr().add(input / WIDTH * weights.step).cast::<f32>().add(input % WIDTH);
                 let mut dy = dy.as_ptr().cast::<f32>();
                 for _ in 0..weights.rows {
                     let panel = [V::load(dy), V::load(dy.add(WIDTH))];
@@ -174,15 +192,13 @@ impl Backward<'_> {
                 }
             }
             let dx = self.dx.as_mut_ptr().cast::<f32>().add(input * LANES);
-            let gate = self.gate.map(|gate| gate.as_ptr().cast::<f32>().add(input * LANES));
-            for (r, sum) in sums.into_iter().enumerate() {
-                for (half, mut sum) in sum.into_iter().enumerate() {
-                    let at = r * LANES + half * WIDTH;
-                    if let Some(gate) = gate {
-                        sum = sum.where_positive(V::load(gate.add(at)));
-                    }
-                    sum.store(dx.add(at));
+            for (r, [mut low, mut high]) in sums.into_iter().enumerate() {
+                if let Some(gates) = self.gates {
+                    let gate = *gates.get_unchecked(input + r);
+                    (low, high) = (low.where_set(gate as u16), high.where_set((gate >> WIDTH) as u16));
                 }
+                low.store(dx.add(r * LANES));
+                high.store(dx.add(r * LANES + WIDTH));
             }
         }
         R

@@ -11,7 +11,7 @@ fn numbers(count: usize, seed: u64) -> Vec<f32> {
 }
 
 /// `x[f][sample]` as a panel.
-fn panel(x: &[f32]) -> Vec<Line> {
+fn panel(x: &[f32]) -> Lines {
     let mut lines = zeroed((x.len() / WIDTH).next_multiple_of(LANES));
     for (at, &x) in x.iter().enumerate() {
         lines[at / WIDTH].0[at % WIDTH] = x;
@@ -20,17 +20,17 @@ fn panel(x: &[f32]) -> Vec<Line> {
 }
 
 /// `w[n][k]` in panels of 16 inputs.
-fn packed(w: &[f32], rows: usize, inputs: usize) -> Vec<Line> {
-    let mut lines = zeroed(lines_for(inputs) * rows);
+fn packed(w: &[f32], rows: usize, inputs: usize) -> Lines {
+    let mut lines = zeroed(lines_for(inputs) * row_step(rows));
     for n in 0..rows {
         for k in 0..inputs {
-            lines[k / WIDTH * rows + n].0[k % WIDTH] = w[n * inputs + k];
+            lines[k / WIDTH * row_step(rows) + n].0[k % WIDTH] = w[n * inputs + k];
         }
     }
     lines
 }
 
-fn bias(b: &[f32]) -> Vec<Line> {
+fn bias(b: &[f32]) -> Lines {
     let mut lines = zeroed(lines_for(b.len()));
     b.iter().enumerate().for_each(|(n, &b)| lines[n / WIDTH].0[n % WIDTH] = b);
     lines
@@ -49,11 +49,12 @@ fn forward_is_the_sum() {
     for (rows, inputs) in SHAPES {
         let (w, b, x) = (numbers(rows * inputs, 1), numbers(rows, 2), numbers(inputs * LANES, 3));
         let (lines, bias, panel) = (packed(&w, rows, inputs), bias(&b), panel(&x));
-        let weights = Weights { lines: &lines, bias: &bias, rows, inputs };
+        let weights = Weights { lines: &lines, bias: &bias, rows, inputs, step: row_step(rows) };
         let mut results = Vec::new();
         for (cpu, rectify) in Cpu::all().into_iter().flat_map(|cpu| [(cpu, false), (cpu, true)]) {
             let mut y = zeroed(2 * rows);
-            cpu.run(Forward { weights, x: &panel, y: &mut y, rectify });
+            let mut gates = vec![0; rows];
+            cpu.run(Forward { weights, x: &panel, y: &mut y, gates: rectify.then_some(&mut gates) });
             for (n, s) in (0..rows).flat_map(|n| (0..LANES).map(move |s| (n, s))) {
                 let product = |k: usize| f64::from(w[n * inputs + k]) * f64::from(x[k * LANES + s]);
                 let mut expected = f64::from(b[n]) + (0..inputs).map(product).sum::<f64>();
@@ -62,6 +63,7 @@ fn forward_is_the_sum() {
                 }
                 let got = f64::from(y[2 * n + s / WIDTH].0[s % WIDTH]);
                 assert!((got - expected).abs() < rounding(inputs), "{cpu:?} {rows} {inputs}: {got} {expected}");
+                assert_eq!(gates[n] >> s & 1 == 1, rectify && got > 0.0, "{cpu:?} {rows} {inputs}: gate {s} of {n}");
             }
             results.push(y);
         }
@@ -81,12 +83,14 @@ fn backward_is_the_sum_through_open_gates() {
             let (low, high) = w.split_at(cut * inputs);
             let (low, high) = (packed(low, cut, inputs), packed(high, rows - cut, inputs));
             let none = zeroed(lines_for(rows));
-            let part = |lines, rows| Weights { lines, bias: &none, rows, inputs };
-            let (dy, gates) = (panel(&dy), panel(&gate));
+            let part = |lines, rows| Weights { lines, bias: &none, rows, inputs, step: row_step(rows) };
+            let dy = panel(&dy);
+            let open = |k: usize| (0..LANES).fold(0, |bits, s| bits | Gate::from(gate[k * LANES + s] > 0.0) << s);
+            let gates: Vec<Gate> = (0..inputs).map(open).collect();
             let (first, second) = dy.split_at(2 * cut);
             let parts = [(part(&low, cut), first), (part(&high, rows - cut), second)];
             let mut dx = zeroed(2 * inputs);
-            cpu.run(Backward { parts: &parts, inputs, gate: Some(&gates), dx: &mut dx });
+            cpu.run(Backward { parts: &parts, inputs, gates: Some(&gates), dx: &mut dx });
             results.push(dx);
         }
         for (k, s) in (0..inputs).flat_map(|k| (0..LANES).map(move |s| (k, s))) {
@@ -119,17 +123,26 @@ fn weight_step_is_adam_on_the_sum_over_samples() {
         let pairs: Vec<(&[Line], &[Line])> = xs.iter().zip(&dys).map(|(x, dy)| (&x[..], &dy[..])).collect();
         let mut results = Vec::new();
         for cpu in Cpu::all() {
-            let mut weights = Learned::zeroed(lines_for(inputs) * rows, true);
+            let mut weights = Learned::zeroed(lines_for(inputs) * row_step(rows), true);
             weights.value = packed(&w, rows, inputs);
             let (mut scratch, step) = (zeroed(2 * rows), AdamStep::new(1, 0.01, 0.25));
             let (scratch, weights_mut) = (&mut scratch, &mut weights);
-            cpu.run(WeightStep { panels: &pairs, rows, inputs, scratch, weights: weights_mut, step });
+            cpu.run(WeightStep {
+                panels: &pairs,
+                first: 0,
+                rows,
+                inputs,
+                row_step: row_step(rows),
+                scratch,
+                weights: weights_mut,
+                step,
+            });
             results.push(weights);
         }
         for (n, k) in (0..rows).flat_map(|n| (0..inputs).map(move |k| (n, k))) {
             let dy = |s: usize| f64::from(dy[s / LANES * LANES * rows + n * LANES + s % LANES]);
             let gradient: f64 = (0..samples).map(|s| dy(s) * f64::from(x[s * inputs + k])).sum();
-            let (line, float) = (k / WIDTH * rows + n, k % WIDTH);
+            let (line, float) = (k / WIDTH * row_step(rows) + n, k % WIDTH);
             let at = |lines: &[Line]| f64::from(lines[line].0[float]);
             let learned = &results[0];
             let off = (at(&learned.mean) / 0.1 - gradient).abs();
@@ -152,7 +165,7 @@ fn bias_step_is_adam_on_the_sum_over_samples() {
     for rows in [1, 12, 24, 40] {
         let dy = numbers(3 * LANES * rows, 10);
         let panels: Vec<_> = (0..3).map(|p| panel(&dy[p * LANES * rows..][..LANES * rows])).collect();
-        let panels: Vec<&[Line]> = panels.iter().map(Vec::as_slice).collect();
+        let panels: Vec<&[Line]> = panels.iter().map(|lines| &**lines).collect();
         let step = AdamStep::new(1, 0.01, 0.0);
         let run = |cpu: Cpu| {
             let mut bias = Learned::zeroed(lines_for(rows), false);
@@ -192,8 +205,8 @@ fn a_nan_passes_rectifiers() {
     let lines = packed(&[1.0], 1, 1);
     for cpu in Cpu::all() {
         let mut y = zeroed(2);
-        let weights = Weights { lines: &lines, bias: &zeroed(1), rows: 1, inputs: 1 };
-        cpu.run(Forward { weights, x: &x, y: &mut y, rectify: true });
+        let weights = Weights { lines: &lines, bias: &zeroed(1), rows: 1, inputs: 1, step: 1 };
+        cpu.run(Forward { weights, x: &x, y: &mut y, gates: Some(&mut [0]) });
         assert!(y[0].0[0].is_nan(), "{cpu:?}");
     }
 }

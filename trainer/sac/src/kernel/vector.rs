@@ -16,8 +16,10 @@ pub(crate) unsafe trait Vector: Copy {
     unsafe fn plus_product(self, a: Self, b: Self) -> Self;
     /// `max(self, 0)`; a NaN stays one, so that a diverging run is seen.
     unsafe fn rectified(self) -> Self;
-    /// `self` where `gate > 0`, else zero.
-    unsafe fn where_positive(self, gate: Self) -> Self;
+    /// Bit `l` is whether lane `l` is above zero.
+    unsafe fn positive(self) -> u16;
+    /// Lane `l` where bit `l` is set, else zero.
+    unsafe fn where_set(self, bits: u16) -> Self;
     /// Writes `to[j][i] = from[i][j]` for 16 rows of 16, rows `from_step` and `to_step` floats apart.
     unsafe fn transpose(from: *const f32, from_step: usize, to: *mut f32, to_step: usize);
 }
@@ -71,9 +73,13 @@ unsafe impl Vector for Portable {
         Self(self.0.map(|x| if x < 0.0 { 0.0 } else { x }))
     }
     #[inline(always)]
-    unsafe fn where_positive(mut self, gate: Self) -> Self {
+    unsafe fn positive(self) -> u16 {
+        (0..16).fold(0, |bits, l| bits | u16::from(self.0[l] > 0.0) << l)
+    }
+    #[inline(always)]
+    unsafe fn where_set(mut self, bits: u16) -> Self {
         for l in 0..16 {
-            self.0[l] = if gate.0[l] > 0.0 { self.0[l] } else { 0.0 };
+            self.0[l] = if bits >> l & 1 == 1 { self.0[l] } else { 0.0 };
         }
         self
     }

@@ -47,14 +47,24 @@ unsafe impl Vector for Avx2 {
         }
     }
     #[inline(always)]
-    unsafe fn where_positive(self, gate: Self) -> Self {
+    unsafe fn positive(self) -> u16 {
         // SAFETY: AVX is there.
         unsafe {
             let zero = _mm256_setzero_ps();
-            Self(
-                _mm256_and_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(gate.0, zero), self.0),
-                _mm256_and_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(gate.1, zero), self.1),
-            )
+            let low = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(self.0, zero));
+            let high = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(self.1, zero));
+            (low | high << 8) as u16
+        }
+    }
+    #[inline(always)]
+    unsafe fn where_set(self, bits: u16) -> Self {
+        // SAFETY: AVX2 is there.
+        unsafe {
+            let bits = _mm256_set1_epi32(i32::from(bits));
+            let low = _mm256_set_epi32(128, 64, 32, 16, 8, 4, 2, 1);
+            let high = _mm256_slli_epi32::<8>(low);
+            let set = |lane| _mm256_castsi256_ps(_mm256_cmpeq_epi32(_mm256_and_si256(bits, lane), lane));
+            Self(_mm256_and_ps(set(low), self.0), _mm256_and_ps(set(high), self.1))
         }
     }
     #[inline(always)]

@@ -40,12 +40,14 @@ unsafe impl Vector for Avx512 {
         Self(unsafe { _mm512_max_ps(_mm512_setzero_ps(), self.0) })
     }
     #[inline(always)]
-    unsafe fn where_positive(self, gate: Self) -> Self {
+    unsafe fn positive(self) -> u16 {
         // SAFETY: AVX-512 F is there.
-        Self(unsafe {
-            let open = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(gate.0, _mm512_setzero_ps());
-            _mm512_maskz_mov_ps(open, self.0)
-        })
+        unsafe { _mm512_cmp_ps_mask::<_CMP_GT_OQ>(self.0, _mm512_setzero_ps()) }
+    }
+    #[inline(always)]
+    unsafe fn where_set(self, bits: u16) -> Self {
+        // SAFETY: AVX-512 F is there.
+        Self(unsafe { _mm512_maskz_mov_ps(bits, self.0) })
     }
     /// Four rounds of swapping ever larger quarters, in registers.
     #[inline(always)]

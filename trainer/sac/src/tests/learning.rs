@@ -64,3 +64,27 @@ fn divergence_is_reported() {
     let refused = Learner::new(shape, map, settings, Machine::with_threads(1)).unwrap_err();
     assert_eq!(refused.to_string(), "learner setting 'discount' must be within 0 and 1");
 }
+
+/// Adam's first step is η, whatever the gradient: a rate that is set shows in the weights.
+#[test]
+fn the_rate_is_the_one_that_was_set() {
+    let shape = Shape { observations: 2, goal: 1..2, actions: 1 };
+    let mut settings = Settings::paper(&shape);
+    (settings.hidden, settings.batch, settings.replay_capacity) = (vec![32], 32, 64);
+    let map = FeatureMap::identity(2).unwrap();
+    let mut learner = Learner::new(shape, map, settings, Machine::with_threads(1)).unwrap();
+    let (observation, action) = (&[0.5, 0.5], &[0.1]);
+    let transition = Transition { observation, action, reward: 1.0, next_observation: observation, terminal: false };
+    learner.remember(&transition).unwrap();
+    for rate in [0.0, -1e-3, f32::NAN, f32::INFINITY] {
+        assert!(learner.set_learning_rate(rate).unwrap_err().to_string().contains("learning_rate"));
+    }
+    learner.set_learning_rate(0.125).unwrap();
+    let before = learner.policy();
+    learner.update(1);
+    let after = learner.policy();
+    let pairs = before.layers.iter().zip(&after.layers).flat_map(|(a, b)| a.bias.iter().zip(&b.bias));
+    let most = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    // Less by ε over the gradient, which is 1e-3 and more somewhere.
+    assert!((most - 0.125).abs() < 1e-5, "{most}");
+}
