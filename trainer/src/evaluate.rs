@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 
 use ::evaluate::competition::{Competition, Entrant};
 use ::evaluate::table::Table;
-use ::evaluate::{Dob, rigs_around};
+use ::evaluate::{Dob, payload, rigs_around};
 use clap::{Args, Subcommand};
 use model::rig::Rig;
 use model::steady::SteadyMap;
@@ -27,7 +27,8 @@ use crate::stdout;
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   trainer evaluate comparison --runs runs --out tables/comparison
-  trainer evaluate ablation --runs runs --rig bench --out tables/ablation")]
+  trainer evaluate ablation --runs runs --rig bench --out tables/ablation
+  trainer evaluate loads --runs runs --out tables/loads")]
 pub(crate) struct EvaluateArgs {
     #[command(subcommand)]
     what: What,
@@ -39,6 +40,8 @@ enum What {
     Comparison(TableArgs),
     /// The four variants: with and without model-predicted observations and smooth actions (Table I)
     Ablation(TableArgs),
+    /// Payloads of 0 to 20 kg on the actuator that hangs on both chambers (Table II)
+    Loads(TableArgs),
 }
 
 #[derive(Debug, Args)]
@@ -85,6 +88,10 @@ pub(crate) fn run(args: &EvaluateArgs) -> Result<(), Failure> {
             fill(table, "Comparison of controllers", &shown, true, PAPER_COMPARISON, columns(table)?)
         }
         What::Ablation(table) => fill(table, "Ablation", &|_| true, false, PAPER_ABLATION, columns(table)?),
+        What::Loads(table) => {
+            let shown = |variant| variant == Variant::Both;
+            fill(table, "Robustness over payloads", &shown, true, PAPER_LOADS, loads(table)?)
+        }
     }
 }
 
@@ -95,6 +102,14 @@ const PAPER_ABLATION: &[(&str, [f64; 2])] = &[
     ("RL with CAPS", [2.2935, 1.4204]),
     ("the paper's RL (both)", [0.6935, 0.2646]),
 ];
+const PAPER_LOADS: &[(&str, [f64; 2])] = &[
+    ("the paper's RL, 0 kg", [0.7451, 0.1180]),
+    ("the paper's RL, 5 kg", [0.7906, 0.1181]),
+    ("the paper's RL, 10 kg", [0.7508, 0.1186]),
+    ("the paper's RL, 15 kg", [0.7593, 0.1095]),
+    ("the paper's RL, 20 kg", [0.7012, 0.1097]),
+];
+
 /// Columns of a table: a name and the rigs that it is the mean of.
 type Columns = Vec<(String, Vec<Rig>)>;
 
@@ -111,6 +126,19 @@ fn columns(args: &TableArgs) -> Result<Columns, Failure> {
     if let (Some(rig), 1..) = (last, args.drawn) {
         let drawn = rigs_around::rigs_around(&rig, args.drawn, args.drawn_seed).map_err(TrainingError::from)?;
         columns.push((format!("{} rigs drawn around {}", drawn.len(), rig.name), drawn));
+    }
+    Ok(columns)
+}
+
+fn loads(args: &TableArgs) -> Result<Columns, Failure> {
+    let rigs = rigs(args, &["bench"])?;
+    let mut columns = Columns::new();
+    for rig in &rigs {
+        for payload_kg in [0.0, 5.0, 10.0, 15.0, 20.0] {
+            let loaded = payload::loaded(rig, payload_kg)
+                .map_err(|problem| RigFileError::Rig { file: rig.name.clone(), problem })?;
+            columns.push((format!("{}, {payload_kg} kg", rig.name), vec![loaded]));
+        }
     }
     Ok(columns)
 }

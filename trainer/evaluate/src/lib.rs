@@ -6,11 +6,13 @@
 //! | [`clairvoyant`] | the limit: what any controller could reach that knows rig and reference |
 //! | [`competition`] | entrants fly rigs |
 //! | [`table`] | tables as JSON, Markdown and page |
+//! | [`payload`] | rigs with an actuator that carries a load |
 //! | [`rigs_around`] | rigs drawn around a given one |
 
 pub mod clairvoyant;
 pub mod competition;
 pub mod dob;
+pub mod payload;
 pub mod rigs_around;
 pub mod table;
 
