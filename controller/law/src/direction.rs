@@ -16,8 +16,6 @@ use crate::TICK_S;
 
 /// How far a plan must come back from its last extreme to count as a reversal, in duty.
 const REVERSAL_DUTY: f64 = 0.0015;
-/// A plan that moves less than this per tick, in duty, stands still; it is made of goals, which have no noise.
-const STANDSTILL_DUTY: f64 = 1e-6;
 /// Time constant with which the compensation changes sides, in seconds: a step would excite the chamber
 /// before the valve's lag lets it through.
 const BLEND_S: f64 = 0.1;
@@ -28,13 +26,11 @@ pub struct Direction {
     extreme: Option<f64>,
     way: f64,
     blended: f64,
-    planned: Option<f64>,
-    moving: bool,
 }
 
 impl Default for Direction {
     fn default() -> Self {
-        Direction { extreme: None, way: 0.0, blended: 0.0, planned: None, moving: false }
+        Direction { extreme: None, way: 0.0, blended: 0.0 }
     }
 }
 
@@ -44,8 +40,6 @@ impl Direction {
     /// # Real-time
     /// May run in the tick.
     pub fn follow(&mut self, planned: f64) -> f64 {
-        self.moving = self.planned.is_some_and(|before| (planned - before).abs() > STANDSTILL_DUTY);
-        self.planned = Some(planned);
         let extreme = *self.extreme.get_or_insert(planned);
         let moved = planned - extreme;
         if moved * self.way > 0.0 {
@@ -56,11 +50,6 @@ impl Direction {
         }
         self.blended += (self.way - self.blended) * (TICK_S / BLEND_S);
         self.blended
-    }
-
-    /// Whether the plan moved in the last tick; on a hold it keeps its direction but does not move.
-    pub fn moving(&self) -> bool {
-        self.moving
     }
 }
 
@@ -129,14 +118,6 @@ impl LearnedPlay {
     /// The half width in duty.
     pub fn half_width(&self) -> f64 {
         self.half_width
-    }
-
-    /// Moves the half width, in duty.
-    ///
-    /// # Real-time
-    /// May run in the tick.
-    pub fn shift(&mut self, duty: f64) {
-        self.half_width = (self.half_width + duty).clamp(0.0, self.widest);
     }
 
     /// Takes in one tick: the direction of the plan and the error in kPa times the vent's sign.

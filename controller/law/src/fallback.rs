@@ -37,12 +37,10 @@ pub struct FallbackSettings {
     pub widest_play: f64,
     /// Errors beyond these (kPa) are not blamed on play.
     pub play_gate_kpa: Pair,
-    /// How fast integral and play take over what a policy adds while the plan moves, in 1/s.
-    pub takeover_per_s: f64,
     /// T_i in s: reset time of the integral while a policy flies, beside the paper's gain.
     pub reset_time_s: f64,
-    /// Nothing is taken over while the error is beyond these (kPa): a policy that is wrong there must not be followed.
-    pub takeover_gate_kpa: Pair,
+    /// The integral is that fast only while the error is below these (kPa): on the way to a goal it would wind up.
+    pub reset_gate_kpa: Pair,
     /// Integral action.
     pub integral: IntegralSettings,
 }
@@ -55,9 +53,8 @@ impl Default for FallbackSettings {
             play_learning: 0.02,
             widest_play: 0.06,
             play_gate_kpa: [3.0, 2.0],
-            takeover_per_s: 0.5,
             reset_time_s: 1.5,
-            takeover_gate_kpa: [1.0, 0.5],
+            reset_gate_kpa: [1.0, 0.5],
             integral: IntegralSettings::default(),
         }
     }
@@ -70,14 +67,10 @@ struct Pending {
     raw: f64,
     /// Whether the feed-forward itself is within 0 … 1; where no duty holds the goal, nothing may integrate.
     reachable: bool,
-    /// Way of the planned duty.
-    direction: f64,
-    /// Whether the planned duty moves; on a hold nothing tells of play.
-    moving: bool,
     /// Proportional part in duty.
     proportional: f64,
-    /// What a policy added; none where none flew.
-    correction: Option<f64>,
+    /// Whether a policy flew.
+    flown: bool,
 }
 
 /// The fallback controller.
@@ -137,9 +130,8 @@ impl Fallback {
             if error_kpa.abs() < self.settings.play_gate_kpa[c] && (0.0..=1.0).contains(&raw) {
                 self.play[c].learn(direction, VENT_SIGN[c] * error_kpa);
             }
-            let moving = self.directions[c].moving();
             let proportional = parts[c].proportional;
-            self.pending[c] = Pending { error_kpa, raw, reachable, direction, moving, proportional, correction: None };
+            self.pending[c] = Pending { error_kpa, raw, reachable, proportional, flown: false };
         }
         let trajectory = ActionTrajectory(std::array::from_fn(|j| {
             let ahead = if j == 0 { planned } else { self.planned(situation, (lead + j).min(GOALS_AHEAD - 1)) };
@@ -148,22 +140,19 @@ impl Fallback {
         Decision { parts, trajectory }
     }
 
-    /// Tells what a policy has added to the last decision. The anti-windup then does not work against it, and integral
-    /// and play move on faster, as a policy damps what they alone would make swing:
+    /// Tells what a policy has added to the last decision. The anti-windup then does not work against it, and the
+    /// integral moves on faster, as a policy damps what it alone would make swing:
     ///
     /// ```text
-    /// İ += (K/b) e/T_i + K_t δ m,      ẇ += K_t s δ m,      m = 1 while the plan moves, else 0
+    /// İ += (K/b) e/T_i
     /// ```
-    ///
-    /// A policy removes the error that they would learn from; its correction tells them instead. Not on a hold: the
-    /// integral would rest where the policy answers zero, and not where the error is zero.
     ///
     /// # Real-time
     /// May run in the tick.
     pub fn corrected(&mut self, correction: Pair) {
         for (pending, correction) in self.pending.iter_mut().zip(correction) {
             pending.raw += correction;
-            pending.correction = Some(correction);
+            pending.flown = true;
         }
     }
 
@@ -175,14 +164,10 @@ impl Fallback {
         for (c, (pending, applied)) in self.pending.into_iter().zip(duty).enumerate() {
             if pending.reachable {
                 self.integral.update(c, pending.error_kpa, pending.raw, applied);
-                // Not at a limit, where the correction does not act.
-                let near = pending.error_kpa.abs() < self.settings.takeover_gate_kpa[c] && applied == pending.raw;
-                if near && let Some(correction) = pending.correction {
-                    let moving = if pending.moving { 1.0 } else { 0.0 };
-                    let taken = self.settings.takeover_per_s * correction * moving;
-                    let reset = pending.proportional / self.settings.reset_time_s;
-                    self.integral.shift(c, (reset + taken) * TICK_S);
-                    self.play[c].shift(pending.direction * taken * TICK_S);
+                // Not at a limit, where nothing that is added acts.
+                let near = pending.error_kpa.abs() < self.settings.reset_gate_kpa[c] && applied == pending.raw;
+                if near && pending.flown {
+                    self.integral.shift(c, pending.proportional / self.settings.reset_time_s * TICK_S);
                 }
             }
         }

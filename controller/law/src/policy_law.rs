@@ -10,8 +10,11 @@
 //! integral of its own:
 //!
 //! ```text
-//! u = sat(u_fallback + δ)
+//! u = sat(u_fallback + a(e) δ),      a = 1 up to E, falling to 0 at 2 E
 //! ```
+//!
+//! The authority `a` leaves the way to a goal to the fallback: there a policy can do nothing that its range would allow
+//! for, has hardly been trained, and would only make the landing worse.
 //!
 //! The fallback is worked out in every tick under both, and is told what was really sent: its integral stands
 //! where the rig is, so it can take over within a tick. Daemon, training and evaluation fly policies through this
@@ -29,6 +32,9 @@ use crate::direction::Travel;
 use crate::fallback::{Fallback, FallbackSettings};
 use crate::integral::{IntegralAction, IntegralSettings};
 use crate::{Decision, Parts, Situation, saturated};
+
+/// E: errors in kPa up to which a correction acts in full.
+const AUTHORITY_KPA: Pair = [3.0, 2.0];
 
 /// Everything around a policy but the policy itself.
 #[derive(Debug, Clone)]
@@ -131,7 +137,12 @@ impl PolicyLaw {
                 Decision { parts, trajectory }
             }
             Contract::Correction => {
-                let correction = actions.0.map(|a| a.map(|d| d.clamp(-CORRECTION_LIMIT, CORRECTION_LIMIT)));
+                let authority: Pair = std::array::from_fn(|c| {
+                    let error_kpa = situation.goals_kpa[0][c] - situation.measured_kpa[c];
+                    (2.0 - error_kpa.abs() / AUTHORITY_KPA[c]).clamp(0.0, 1.0)
+                });
+                let within = |d: f64| d.clamp(-CORRECTION_LIMIT, CORRECTION_LIMIT);
+                let correction = actions.0.map(|a| std::array::from_fn(|c| authority[c] * within(a[c])));
                 let mut decision = self.base;
                 for (parts, now) in decision.parts.iter_mut().zip(correction[0]) {
                     parts.correction = now;
@@ -228,26 +239,20 @@ mod tests {
         assert_eq!(observation[122..124], [Travel::MOST as f32; 2]);
     }
 
-    /// What a policy adds while the plan moves, integral and play take over; what it adds on a hold is its own.
+    /// A correction acts in full near the goal, by half at one and a half times E, and not at all far away.
     #[test]
-    fn corrections_are_taken_over_while_the_plan_moves_and_only_then() {
-        let mut law = law(Contract::Correction);
-        let mut fly = |goal: fn(f64) -> Pair| {
-            for t in 0..50 {
-                let goals_kpa = std::array::from_fn(|j| goal(f64::from(t) + j as f64));
-                let now = Situation { goals_kpa, measured_kpa: goals_kpa[0] };
-                law.observe(&now);
-                let decision = law.decide(&now, &[0.02; ACTION_LEN]);
-                law.applied(decision.duty());
-            }
-            (law.base.parts.map(|p| p.integral), law.learned_play())
+    fn authority_fades_with_the_error() {
+        let felt = |error_kpa: f64| {
+            let mut law = law(Contract::Correction);
+            let now = situation([90.0 - error_kpa, -72.0 + error_kpa * AUTHORITY_KPA[1] / AUTHORITY_KPA[0]]);
+            law.observe(&now);
+            law.decide(&now, &[0.02; ACTION_LEN]).parts.map(|p| p.correction)
         };
-        assert_eq!(fly(|_| [90.0, -72.0]), ([0.0; CHANNELS], [0.0; CHANNELS]), "the plan stands still");
-        // Less pressure: the vent opens, its way is upwards. 0.02 for 0.98 s at 0.5/s; the play gets less by the tenth of a
-        // second in which the direction is blended in.
-        let (integral, play) = fly(|t| [90.0 - 0.1 * t, -72.0]);
-        assert!((integral[0] - 0.0098).abs() < 3e-4, "{integral:?}");
-        assert!((0.008..=0.0098).contains(&play[0]), "{play:?}");
+        assert_eq!(felt(0.0), [f64::from(0.02f32); CHANNELS]);
+        assert_eq!(felt(0.99 * AUTHORITY_KPA[0]), felt(0.0));
+        let half = felt(-1.5 * AUTHORITY_KPA[0]);
+        assert!(half.iter().all(|c| (c - 0.01).abs() < 1e-9), "{half:?}");
+        assert_eq!(felt(40.0), [0.0; CHANNELS]);
     }
 
     /// With a policy the integral works against a lasting error as fast as the proportional action bears:

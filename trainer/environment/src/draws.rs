@@ -14,6 +14,8 @@ pub enum Purpose {
     Start,
     /// Seeds of the sensors' noise.
     Noise,
+    /// How long an episode's warm-up takes.
+    WarmUp,
 }
 
 /// The stream of a seed, a purpose, an episode and a lane.

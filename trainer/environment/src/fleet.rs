@@ -35,6 +35,9 @@ const FROM_ANYWHERE: f64 = 0.06;
 /// How far from the reference the others begin, in kPa RMS.
 const NEAR_KPA: Pair = [1.5, 0.7];
 
+/// The shortest warm-up, as a share of the longest.
+const LEAST_WARM_UP: f64 = 0.1;
+
 /// What a step of all eight led to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Step {
@@ -158,7 +161,8 @@ impl Fleet {
         self.sense();
         self.observations.copy_from_slice(&self.reached);
         if self.contract == Contract::Correction {
-            for _ in 0..(self.settings.warm_up_s / TICK_S).round() as usize {
+            let share = stream(self.seed, Purpose::WarmUp, number, 0).random_range(LEAST_WARM_UP..=1.0);
+            for _ in 0..(share * self.settings.warm_up_s / TICK_S).round() as usize {
                 self.step(&[0.0; SIDE_BY_SIDE * ACTION_LEN]);
             }
         }
@@ -265,7 +269,6 @@ impl Fleet {
         let length = self.contract.observation_len();
         let (map, contract) = (&self.map, self.contract);
         let Some(member) = self.members.get_mut(lane) else { return };
-        // The valve's play is that of the rig, so what was learned of it stays; all else is new.
         member.law = PolicyLaw::new(Arc::clone(map), contract);
         member.law.restart(duty);
         member.measure(readings, self.tick);

@@ -10,8 +10,9 @@ use crate::EnvironmentError;
 pub struct EnvironmentSettings {
     /// Length of an episode in s. Its end is a truncation: what would come after still counts.
     pub episode_s: f64,
-    /// First seconds of an episode that the fallback flies alone and nobody learns from; contract 2 only. In flight, too,
-    /// a policy meets integral and play that have settled, not the first seconds after arming over and over.
+    /// First seconds of an episode that are flown without corrections and nobody learns from, at the longest; drawn anew
+    /// for each episode, a tenth of it at least; contract 2 only. In flight, too, a policy mostly meets integral and play
+    /// that have settled, and sometimes the first seconds after arming.
     pub warm_up_s: f64,
     /// Noise of the converter in V RMS.
     pub noise_v_rms: f64,
