@@ -223,6 +223,11 @@ fn policies_are_checked() {
         assert!(object["error"].as_str().unwrap().contains(name), "{object}");
     }
     check_refused(&finish(&mut controller(&["check-policy"], Some(&folder.join("gone.onnx")))), &["gone.onnx"]);
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../controller/policies/default.onnx");
+    let ended = finish(&mut controller(&["check-policy", "--json"], Some(&shipped)));
+    let object: Value = serde_json::from_str(&ended.stdout).unwrap();
+    let told = ["sound", "contract", "inputs", "outputs"].map(|key| object[key].clone());
+    assert_eq!(told, [true.into(), 2.into(), 124.into(), 12.into()]);
 }
 
 #[test]

@@ -43,7 +43,17 @@ pub(super) fn check_policy(file: &Path, as_json: bool) -> Result<(), Failure> {
         as_json,
         loaded,
         |policy| say(format_args!("{}: sound. {}", file.display(), policy.describe())),
-        |policy| json!({"sound": true, "name": policy.name(), "sha256": policy.hash().to_string(), "description": policy.describe()}),
+        |policy| {
+            json!({
+                "sound": true,
+                "name": policy.name(),
+                "contract": policy.contract().version,
+                "inputs": policy.inputs(),
+                "outputs": policy.outputs(),
+                "sha256": policy.hash().to_string(),
+                "description": policy.describe(),
+            })
+        },
     )
 }
 
