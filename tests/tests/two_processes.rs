@@ -227,7 +227,7 @@ fn policies_are_checked() {
     let ended = finish(&mut controller(&["check-policy", "--json"], Some(&shipped)));
     let object: Value = serde_json::from_str(&ended.stdout).unwrap();
     let told = ["sound", "contract", "inputs", "outputs"].map(|key| object[key].clone());
-    assert_eq!(told, [true.into(), 2.into(), 124.into(), 12.into()]);
+    assert_eq!(told, [Value::from(true), Value::from(2), Value::from(124), Value::from(12)]);
 }
 
 #[test]

@@ -3,6 +3,8 @@
 use std::io::{self, Write};
 use std::process::ExitCode;
 
+use diagnose::DiagnoseError;
+use fit::FitError;
 use proto::atomic_file::AtomicFileError;
 use proto::emulator::{EmulatorError, FaultScriptError};
 use proto::recording::RecordingError;
@@ -27,6 +29,12 @@ pub(crate) enum Failure {
     #[error(transparent)]
     FreeRun(#[from] FreeRunError),
     #[error(transparent)]
+    Fit(#[from] FitError),
+    #[error(transparent)]
+    Diagnose(#[from] DiagnoseError),
+    #[error("the diagnosis cannot be put into JSON: {0}")]
+    Json(serde_json::Error),
+    #[error(transparent)]
     Faults(#[from] FaultScriptError),
     #[error(transparent)]
     Emulator(#[from] EmulatorError),
@@ -40,6 +48,8 @@ pub(crate) enum Failure {
     Learner(String),
     #[error("{out}: this is the file of --inputs, which would be lost; give --out another name")]
     OverInputs { out: String },
+    #[error("{out}: this is one of the recordings, which would be lost; give --out another name")]
+    OverRecording { out: String },
     #[error("standard output cannot be written: {0}")]
     Stdout(io::Error),
     #[error("SIGINT and SIGTERM cannot be caught: {0}")]
@@ -54,9 +64,21 @@ impl Failure {
             Self::Training(_) => BAD_INPUT,
             Self::Rig(RigFileError::Write(_)) | Self::Recording(RecordingError::Write(_)) => FAILED,
             Self::FreeRun(FreeRunError::NotFinite { .. }) => FAILED,
-            Self::Rig(_) | Self::Recording(_) | Self::FreeRun(_) | Self::Faults(_) | Self::OverInputs { .. } => {
-                BAD_INPUT
-            }
+            Self::Fit(FitError::NotFinite { .. })
+            | Self::Diagnose(
+                DiagnoseError::Fit(FitError::NotFinite { .. })
+                | DiagnoseError::Write(_)
+                | DiagnoseError::Directory { .. }
+                | DiagnoseError::Format { .. },
+            ) => FAILED,
+            Self::Diagnose(_) => BAD_INPUT,
+            Self::Fit(_)
+            | Self::Rig(_)
+            | Self::Recording(_)
+            | Self::FreeRun(_)
+            | Self::Faults(_)
+            | Self::OverInputs { .. }
+            | Self::OverRecording { .. } => BAD_INPUT,
             // `host:port` that is none, as against a port that another program has.
             Self::Emulator(EmulatorError::Bind { source, .. }) if source.kind() == io::ErrorKind::InvalidInput => {
                 BAD_INPUT
@@ -65,6 +87,7 @@ impl Failure {
             | Self::Write(_)
             | Self::Lanes(_)
             | Self::Learner(_)
+            | Self::Json(_)
             | Self::Stdout(_)
             | Self::Signals(_) => FAILED,
         }

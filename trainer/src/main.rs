@@ -1,14 +1,15 @@
 //! `trainer`: simulates and validates rigs, plays the cRIO, and measures this machine.
 //!
-//! One file per command; what several of them need stands in a file named after it. Left out so far:
-//! identification, diagnosis and training.
+//! One file per command; what several of them need stands in a file named after it.
 
 mod accuracy;
 mod bench;
+mod diagnose;
 mod evaluate;
 mod export;
 mod failure;
 mod free_run;
+mod identify;
 mod progress;
 mod rig;
 mod rig_choice;
@@ -24,7 +25,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// Offline companion of the dual-pressure controller: emulates the cRIO, simulates rigs, checks a
+/// Offline companion of the dual-pressure controller: emulates the cRIO, simulates rigs, fits and checks a
 /// rig's model against recordings.
 ///
 /// Pressures are gauge kPa, times s, duties 0 (valve shut) to 1 (open). A recording is the daemon's
@@ -40,14 +41,18 @@ struct Cli {
 const EXAMPLES: &str = "Examples:
   trainer rig --listen 127.0.0.1:50500
   trainer simulate --rig dual_pressure --inputs run.csv --out simulated.csv
-  trainer validate --rig bench run1.mcap run2.csv
+  trainer identify --rig dual_pressure run1.mcap run2.csv --out lab.toml
+  trainer validate --rig lab.toml run3.mcap
+  trainer diagnose --rig bench run1.mcap run2.csv --out found
   trainer bench --json";
 
 #[derive(Debug, Subcommand)]
 enum Command {
     Rig(rig::RigArgs),
     Simulate(simulate::SimulateArgs),
+    Identify(identify::IdentifyArgs),
     Validate(validate::ValidateArgs),
+    Diagnose(diagnose::DiagnoseArgs),
     Bench(bench::BenchArgs),
     Train(train::TrainArgs),
     Evaluate(evaluate::EvaluateArgs),
@@ -62,7 +67,9 @@ fn main() -> ExitCode {
     let done = match &cli.command {
         Command::Rig(args) => rig::run(args),
         Command::Simulate(args) => simulate::run(args),
+        Command::Identify(args) => identify::run(args),
         Command::Validate(args) => validate::run(args),
+        Command::Diagnose(args) => diagnose::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Train(args) => train::run(args),
         Command::Evaluate(args) => evaluate::run(args),

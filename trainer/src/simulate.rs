@@ -109,7 +109,7 @@ fn rounded(kpa: f64) -> f64 {
 }
 
 /// Whether both paths lead to one file that is there.
-fn same_file(one: &Path, other: &Path) -> bool {
+pub(crate) fn same_file(one: &Path, other: &Path) -> bool {
     match (one.canonicalize(), other.canonicalize()) {
         (Ok(one), Ok(other)) => one == other,
         _ => false,

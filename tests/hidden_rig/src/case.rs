@@ -7,7 +7,7 @@ use crate::recording::{Recording, pump_on, ticks};
 use crate::rng::Draws;
 use crate::run::Rig;
 use crate::sizing::{Probe, Size, difference, larger, rms};
-use crate::truth::{Class, Planted, RecordingEntry, Truth};
+use crate::truth::{Class, Planted, RecordingEntry, Role, Truth};
 
 /// What is to be made.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,8 +29,8 @@ pub struct Plan {
 /// How the cases of a suite are made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Making {
-    /// Lengths of the three recordings (s).
-    pub seconds: [f64; 3],
+    /// Lengths of the recordings (s): three that are given, one that is held out.
+    pub seconds: [f64; 4],
     /// How much of the first recording effects are sized on (s).
     pub probe_s: f64,
     /// No nuisance is larger than this (kPa, raw): beyond, it would be an effect of its own.
@@ -39,9 +39,9 @@ pub struct Making {
 
 impl Making {
     /// For the full suite.
-    pub const FULL: Self = Self { seconds: [100.0, 100.0, 100.0], probe_s: 60.0, nuisance_ceiling_kpa: 0.06 };
+    pub const FULL: Self = Self { seconds: [100.0, 100.0, 100.0, 60.0], probe_s: 30.0, nuisance_ceiling_kpa: 0.06 };
     /// For a suite that is made in seconds.
-    pub const QUICK: Self = Self { seconds: [40.0, 40.0, 40.0], probe_s: 12.0, nuisance_ceiling_kpa: 0.06 };
+    pub const QUICK: Self = Self { seconds: [40.0, 40.0, 40.0, 30.0], probe_s: 12.0, nuisance_ceiling_kpa: 0.06 };
 }
 
 /// A case that was made.
@@ -72,6 +72,8 @@ const NULL_LEVEL_KPA: f64 = 0.3;
 /// No nuisance is asked to have a smaller net size (kPa): beside a static effect, which a refit takes up whole, there
 /// would be none at all.
 const LEAST_NET_KPA: f64 = 0.012;
+/// And none a larger one (kPa), a quarter to a half of the noise: beyond, it would be worth a name of its own.
+const MOST_NET_KPA: f64 = 0.02;
 /// How close to its wanted size a nuisance must come, as a ratio.
 const NUISANCE_CLOSE: f64 = 1.3;
 /// A motor that slips: the ripple beats once in 25 to 200 s.
@@ -110,10 +112,12 @@ pub fn make(plan: &Plan, making: &Making) -> Result<Case, NoUsefulRig> {
     let probe_rows = ticks(making.probe_s).min(holds.len());
     let probe = Probe::new(&build, &holds[..probe_rows]);
     let truth = conceal(plan, making, &root, &probe);
-    let nuisances = nuisances(&truth, plan, making, &root, &probe);
+    // Nuisances are many and need not be sized so well: half the rows do.
+    let nuisances = nuisances(&truth, plan, making, &root, &probe.shortened(probe_rows / 2));
     let nuisances_together = size_together(&build, &nuisances, &probe);
     let mut truth = Truth {
         case: plan.name.clone(),
+        seed: plan.seed,
         class: plan.class,
         level_kpa: if plan.effects.is_empty() { 0.0 } else { plan.level_kpa },
         truth,
@@ -158,10 +162,13 @@ fn conceal(plan: &Plan, making: &Making, root: &Draws, probe: &Probe<'_>) -> Vec
     planted.collect()
 }
 
+/// Length of the stretch that the drawn times of switched volumes are meant for (s): 20 to 40 s.
+const PROBE_OF_DRAWS_S: f64 = 60.0;
+
 fn earlier(effect: Effect, probe_s: f64) -> Effect {
     match effect {
         Effect::VolumeChange(mut change) => {
-            change.time_s = change.time_s.map(|time_s| time_s.min(0.5 * probe_s));
+            change.time_s = change.time_s.map(|time_s| time_s * (probe_s / PROBE_OF_DRAWS_S).min(1.0));
             Effect::VolumeChange(change)
         }
         other => other,
@@ -177,7 +184,7 @@ fn nuisances(concealed: &[Planted], plan: &Plan, making: &Making, root: &Draws, 
     let level_kpa = if plan.effects.is_empty() { NULL_LEVEL_KPA } else { plan.level_kpa };
     let smallest_net_kpa = concealed.iter().map(|planted| larger(planted.size.net_kpa)).fold(f64::INFINITY, f64::min);
     let net_limit_kpa = if concealed.is_empty() { LEAST_NET_KPA } else { NUISANCE_SHARE.1 * smallest_net_kpa };
-    let net_limit_kpa = net_limit_kpa.max(LEAST_NET_KPA);
+    let net_limit_kpa = net_limit_kpa.clamp(LEAST_NET_KPA, MOST_NET_KPA);
     let raw_limit_kpa = (NUISANCE_SHARE.1 * level_kpa).min(making.nuisance_ceiling_kpa);
     let mut kinds: Vec<Kind> =
         NUISANCES.iter().copied().filter(|kind| plan.effects.iter().all(|(other, _)| other != kind)).collect();
@@ -214,30 +221,43 @@ fn size_together(build: &BuildSheet, planted: &[Planted], probe: &Probe<'_>) -> 
     probe.size_of(&rig)
 }
 
-/// Makes the three recordings and enters them in the truth.
+/// Makes the recordings and enters them in the truth.
 fn record(truth: &mut Truth, making: &Making, root: &Draws, holds: &[[f64; 2]]) -> Vec<Recording> {
     let (rig, without) = (truth.rig(), truth.rig_without_effects());
     let range = truth.range;
     let noise = Draws::new(truth.noise_seed);
     let slow = triangles_and_stairs(&mut root.stream("triangles"), &range, ticks(making.seconds[1]));
-    let goals = references_kpa(&mut root.stream("references"), &range, ticks(making.seconds[2]));
+    let in_loop = |name: &str, seconds: f64| {
+        let goals = references_kpa(&mut root.stream(&format!("references {name}")), &range, ticks(seconds));
+        Recording::of_references(&rig, range.rest(), &goals, noise.stream(name))
+    };
     let start = |duties: &[[f64; 2]]| duties.first().copied().unwrap_or_else(|| range.rest());
     let of_duties = |duties: &[[f64; 2]], name: &str| {
         Recording::of_commands(&rig, start(duties), &pump_on(duties), noise.stream(name))
     };
-    let in_loop = Recording::of_references(&rig, range.rest(), &goals, noise.stream("rec_c"));
+    // Half of it tracks smoothly and half steps: an effect that shows in one alone is held to account as well.
+    let held_out = |seconds: f64| {
+        let mut commands = in_loop("held_out", 0.5 * seconds).commands();
+        let holds = random_holds(&mut root.stream("holds held_out"), &range, ticks(0.5 * seconds));
+        commands.extend(pump_on(&holds));
+        Recording::of_commands(&rig, range.rest(), &commands, noise.stream("held_out"))
+    };
+    let [_, _, tracking_s, held_out_s] = making.seconds;
     let made = [
-        ("rec_a.csv", "random_holds", "fit", start(holds), of_duties(holds, "rec_a")),
-        ("rec_b.csv", "triangles_and_stairs", "select", start(&slow), of_duties(&slow, "rec_b")),
-        ("rec_c.csv", "closed_loop", "held_out", range.rest(), in_loop),
+        ("rec_a.csv", "random_holds", Role::Given, Some(start(holds)), of_duties(holds, "rec_a")),
+        ("rec_b.csv", "triangles_and_stairs", Role::Given, None, of_duties(&slow, "rec_b")),
+        ("rec_c.csv", "closed_loop", Role::Given, None, in_loop("rec_c", tracking_s)),
+        ("held_out.csv", "closed_loop_and_holds", Role::HeldOut, Some(range.rest()), held_out(held_out_s)),
     ];
     let mut recordings = Vec::new();
-    for (file, excitation, role, start, recording) in made {
+    for (file, excitation, role, sized_from, recording) in made {
+        let effect_kpa = sized_from
+            .map(|start| if truth.truth.is_empty() { [0.0; 2] } else { effect_in(&recording, start, &without) });
         truth.recordings.push(RecordingEntry {
             file: file.to_owned(),
             excitation: excitation.to_owned(),
-            role: role.to_owned(),
-            effect_kpa: if truth.truth.is_empty() { [0.0; 2] } else { effect_in(&recording, start, &without) },
+            role,
+            effect_kpa,
             noise_kpa: rms(&recording.noise_kpa()),
         });
         recordings.push(recording);

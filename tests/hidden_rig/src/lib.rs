@@ -17,6 +17,7 @@
 //! | [`effects`] | what can be concealed, one type each |
 //! | [`excitation`], [`recording`] | what drives it, what is written |
 //! | [`sizing`] | how large an effect is, raw and after the best refit |
+//! | [`oracle`] | what could be told from a case's recordings at best |
 //! | [`case`], [`suite`], [`truth`] | cases, suites, and what is told to the scorer alone |
 //! | [`rng`] | draws that a seed fixes |
 
@@ -28,6 +29,7 @@ pub mod effects;
 pub mod excitation;
 pub mod gas;
 pub mod integrate;
+pub mod oracle;
 pub mod orifice;
 pub mod plant;
 pub mod preisach;

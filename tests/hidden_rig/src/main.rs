@@ -5,10 +5,10 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use clap::{Parser, Subcommand, ValueEnum};
-use hidden_rig::case::Case;
+use hidden_rig::case::{Case, Plan};
 use hidden_rig::recording::read_commands;
 use hidden_rig::sizing::larger;
-use hidden_rig::suite::{Suite, make_suite, seed_of};
+use hidden_rig::suite::{Made, Suite, make_suite, seed_of};
 use hidden_rig::truth::Truth;
 
 /// A rig that shares no code with the model, with effects concealed in it.
@@ -81,10 +81,16 @@ fn main() -> ExitCode {
             let making = hidden_rig::case::Making { nuisance_ceiling_kpa, ..suite.making() };
             let threads = threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
             let done = AtomicUsize::new(0);
-            let told = |case: &Case| {
+            let told = |plan: &Plan, case: Option<&Case>| {
                 let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-                eprintln!("{}", line(done, plans.len(), case));
+                match case {
+                    Some(case) => eprintln!("{}", line(done, plans.len(), case)),
+                    None => eprintln!("{done}/{} {}: there already", plans.len(), plan.name),
+                }
             };
+            if let Err(error) = (Made { suite: suite.name().to_owned(), seed }).write(&out) {
+                return failed(&error);
+            }
             match make_suite(&plans, &making, &out, threads, &told) {
                 Ok(()) => {
                     eprintln!(
@@ -125,7 +131,7 @@ fn main() -> ExitCode {
 
 /// What is said of a case that is done: sizes, but not what it conceals, since the maker may be the one who diagnoses.
 fn line(done: usize, of: usize, case: &Case) -> String {
-    let held_out = case.truth.recordings.last().map_or(0.0, |entry| larger(entry.effect_kpa));
+    let held_out = case.truth.recordings.last().and_then(|entry| entry.effect_kpa).map_or(0.0, larger);
     format!("{done}/{of} {}: {:.2} kPa held out", case.truth.case, held_out)
 }
 

@@ -44,7 +44,7 @@ impl Precision {
     /// Permitted relative error of a step.
     pub fn relative(self) -> f64 {
         match self {
-            Self::Fine => 1e-6,
+            Self::Fine => 1e-5,
             Self::Coarse => 3e-5,
             Self::Relative(relative) => relative,
         }
@@ -77,8 +77,13 @@ pub struct Run<'a> {
 impl<'a> Run<'a> {
     /// A rig that has settled at these duties, at time 0.
     pub fn settled(rig: &'a Rig, duty: [f64; 2], precision: Precision) -> Self {
+        Self::settled_for(SETTLING_S, rig, duty, precision)
+    }
+
+    /// A rig that has settled for so long (s) at these duties, at time 0.
+    pub fn settled_for(seconds: f64, rig: &'a Rig, duty: [f64; 2], precision: Precision) -> Self {
         let mut run = Self::from_rest(rig, duty, precision);
-        let settling = (SETTLING_S * TICKS_PER_S) as i32;
+        let settling = (seconds * TICKS_PER_S) as i32;
         run.ticks = -settling;
         for _ in 0..settling {
             run.tick(duty, true);

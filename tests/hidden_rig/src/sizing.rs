@@ -28,18 +28,25 @@ pub struct Size {
 }
 
 /// A stretch of commands on one nominal rig, with its sensitivities: what effects are sized with.
+#[derive(Clone)]
 pub struct Probe<'a> {
     sheet: &'a BuildSheet,
     duties: &'a [[f64; 2]],
     nominal: Trace,
+    /// What each identifiable parameter does (kPa).
+    sensitivities: Vec<Trace>,
     /// Orthonormal columns that span the sensitivities, in units of the noise.
     span: Vec<Trace>,
 }
 
+/// How long a rig settles before it is sized on (s): half of what a recording gets, for what is left then is the same
+/// with and without the effect.
+const SETTLING_S: f64 = 4.0;
+
 /// The trace of a rig under duties, pump on, from a settled start.
 pub fn trace(rig: &Rig, duties: &[[f64; 2]], precision: Precision) -> Trace {
     let Some(start) = duties.first() else { return Trace::new() };
-    let mut run = Run::settled(rig, *start, precision);
+    let mut run = Run::settled_for(SETTLING_S, rig, *start, precision);
     duties
         .iter()
         .map(|duty| {
@@ -76,14 +83,29 @@ impl<'a> Probe<'a> {
     /// Prepares a stretch of commands on a rig; takes fourteen runs.
     pub fn new(sheet: &'a BuildSheet, duties: &'a [[f64; 2]]) -> Self {
         let nominal = trace(&sheet.rig(), duties, Precision::Coarse);
-        let mut probe = Self { sheet, duties, nominal, span: Vec::new() };
-        for k in 0..IDENTIFIABLE.len() {
+        let change = |k: usize| {
             let mut moved = sheet.clone();
             *moved.identifiable()[k] *= 1.0 + STEP;
-            let change = difference(&trace(&moved.rig(), duties, Precision::Coarse), &probe.nominal);
-            probe.add_direction(change);
+            difference(&trace(&moved.rig(), duties, Precision::Coarse), &nominal)
+        };
+        let sensitivities: Vec<Trace> = (0..IDENTIFIABLE.len()).map(change).collect();
+        Self::spanned(sheet, duties, nominal, sensitivities)
+    }
+
+    fn spanned(sheet: &'a BuildSheet, duties: &'a [[f64; 2]], nominal: Trace, sensitivities: Vec<Trace>) -> Self {
+        let mut probe = Self { sheet, duties, nominal, sensitivities, span: Vec::new() };
+        for k in 0..probe.sensitivities.len() {
+            let direction = probe.in_noise(&probe.sensitivities[k]);
+            probe.add_direction(direction);
         }
         probe
+    }
+
+    /// The first rows of this probe as a probe of their own; takes no run.
+    pub fn shortened(&self, rows: usize) -> Self {
+        let first = |trace: &Trace| trace[..rows.min(trace.len())].to_vec();
+        let sensitivities = self.sensitivities.iter().map(first).collect();
+        Self::spanned(self.sheet, &self.duties[..rows.min(self.duties.len())], first(&self.nominal), sensitivities)
     }
 
     /// The nominal trace.
@@ -101,9 +123,8 @@ impl<'a> Probe<'a> {
         trace.iter().map(|row| [row[0] / sigma[0], row[1] / sigma[1]]).collect()
     }
 
-    /// Adds a direction that a refit can move along (modified Gram–Schmidt, twice for the rounding).
-    fn add_direction(&mut self, change: Trace) {
-        let mut direction = self.in_noise(&change);
+    /// Adds a direction, in units of the noise, that a refit can move along (modified Gram–Schmidt, twice for the rounding).
+    fn add_direction(&mut self, mut direction: Trace) {
         let size = norm(&direction);
         for _ in 0..2 {
             for column in &self.span {
@@ -120,14 +141,11 @@ impl<'a> Probe<'a> {
 
     /// Size of whatever differs between a rig and the nominal one.
     pub fn size_of(&self, rig: &Rig) -> Size {
-        self.size(&difference(&trace(rig, self.duties, Precision::Coarse), &self.nominal))
+        self.size(&self.change_of(rig))
     }
 
     fn size(&self, raw: &[[f64; 2]]) -> Size {
-        let mut net = self.in_noise(raw);
-        for column in &self.span {
-            subtract_projection(&mut net, column);
-        }
+        let net = self.unexplained(raw);
         let sigma = self.sheet.noise.sigma_pa().map(|pa| 1e-3 * pa);
         let in_noise = rms(&net);
         Size {
@@ -137,15 +155,52 @@ impl<'a> Probe<'a> {
         }
     }
 
+    /// Lets a refit move along the change that something else makes (kPa), too.
+    pub fn also(&mut self, change: &[[f64; 2]]) {
+        let direction = self.in_noise(change);
+        self.add_direction(direction);
+    }
+
+    /// What a refit leaves of a change (kPa), in units of the noise.
+    pub fn unexplained(&self, change: &[[f64; 2]]) -> Trace {
+        let mut left = self.in_noise(change);
+        for column in &self.span {
+            subtract_projection(&mut left, column);
+        }
+        left
+    }
+
+    /// The same after one more direction, itself what a refit leaves of a change.
+    pub fn without_direction(&self, left: &[[f64; 2]], direction: &[[f64; 2]]) -> Trace {
+        let mut less = left.to_vec();
+        let size = norm(direction);
+        if size > 0.0 {
+            let unit: Trace = direction.iter().map(|row| row.map(|x| x / size)).collect();
+            subtract_projection(&mut less, &unit);
+        }
+        less
+    }
+
+    /// χ² of what is left (in units of the noise) if a recording went on like this for so long (s).
+    pub fn chi2_over(&self, seconds: f64, left: &[[f64; 2]]) -> f64 {
+        norm(left).powi(2) * seconds / (self.duties.len() as f64 * TICK_S)
+    }
+
+    /// What a rig does differently from the nominal one (kPa).
+    pub fn change_of(&self, rig: &Rig) -> Trace {
+        difference(&trace(rig, self.duties, Precision::Coarse), &self.nominal)
+    }
+
     /// What an effect does on its own (kPa): the trace with it minus the one without.
     pub fn change_by(&self, effect: &Effect, place: Place) -> Trace {
         let mut rig = self.sheet.rig();
         effect.install(place, &mut rig);
-        difference(&trace(&rig, self.duties, Precision::Coarse), &self.nominal)
+        self.change_of(&rig)
     }
 
     /// Gives an effect the strength at which its raw size (of the larger channel) is `wanted_kpa`, as far as its
     /// physical range allows; with the size that it then has. `close` is the ratio of sizes that is close enough.
+    /// The search starts where effects of that size usually are.
     ///
     /// Secant steps in the logarithms of strength and size, with slopes held between a quarter and four: effects are
     /// nearly proportional to their strength, except where they begin (friction) or saturate (insulation).
@@ -158,7 +213,7 @@ impl<'a> Probe<'a> {
         }
         let mut best: Option<(f64, Effect, Trace)> = None;
         let mut last: Option<(f64, f64)> = None;
-        let mut strength = effect.strength();
+        let mut strength = effect.usual_strength(wanted_kpa);
         for _ in 0..ATTEMPTS {
             let candidate = effect.at_strength(strength);
             let change = self.change_by(&candidate, place);
@@ -187,6 +242,19 @@ impl<'a> Probe<'a> {
         }
     }
 }
+
+impl Effect {
+    /// Where in its range an effect of that size (kPa) usually stands: ranges run from what hardly shows to some kPa.
+    pub fn usual_strength(&self, wanted_kpa: f64) -> f64 {
+        let (low, high) = self.kind().strengths();
+        let share = (wanted_kpa / HARDLY_KPA).ln() / (TOP_KPA / HARDLY_KPA).ln();
+        low * (high / low).powf(share.clamp(0.0, 1.0))
+    }
+}
+
+/// Sizes at the ends of a usual range (kPa).
+const HARDLY_KPA: f64 = 0.01;
+const TOP_KPA: f64 = 8.0;
 
 fn dot(a: &[[f64; 2]], b: &[[f64; 2]]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a[0] * b[0] + a[1] * b[1]).sum()

@@ -5,19 +5,23 @@
 //! OUT/cases.json                                         names, recordings, the rig file to start from
 //! OUT/truth/case_017.json                                what was concealed, and the hidden rig
 //! OUT/truth/case_017/rec_a.csv …                         the traces without noise
+//! OUT/truth/case_017/held_out.csv, held_out_clean.csv    a recording that only the scorer sees, and without noise
 //! ```
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::case::{Case, Making, NoUsefulRig, Plan, make};
 use crate::effects::{Kind, Place};
 use crate::recording::{RecordingError, write_whole};
 use crate::rng::{Draws, fnv1a};
-use crate::truth::{Class, TruthError};
+use crate::truth::{Class, Role, Truth, TruthError};
+
+/// The held-out recording as perfect electronics would have read it.
+pub const HELD_OUT_CLEAN: &str = "held_out_clean.csv";
 
 /// The suites.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,6 +47,14 @@ const TRIPLES: usize = 6;
 const BEATS_EVERY: usize = 12;
 
 impl Suite {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ci => "ci",
+            Self::Full => "full",
+        }
+    }
+
     /// How its cases are made.
     pub fn making(self) -> Making {
         match self {
@@ -140,6 +152,44 @@ fn full_drafts(draws: &mut Draws) -> Vec<Draft> {
     drafts
 }
 
+/// What a suite was made from: `truth/suite.json`, for the scorer alone.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Made {
+    /// Its name.
+    pub suite: String,
+    /// Its seed, as it was given.
+    pub seed: String,
+}
+
+impl Made {
+    /// Reads it from the suite's folder.
+    ///
+    /// # Errors
+    /// The file cannot be read or is not what `make` writes.
+    pub fn read(out: &Path) -> Result<Self, TruthError> {
+        let file = out.join("truth").join("suite.json");
+        let bytes = std::fs::read(&file).map_err(|source| TruthError::Read { file: file.clone(), source })?;
+        serde_json::from_slice(&bytes).map_err(|source| TruthError::Parse { file, source })
+    }
+
+    /// Writes it into the suite's folder.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&self, out: &Path) -> Result<(), TruthError> {
+        let file = out.join("truth").join("suite.json");
+        let mut text =
+            serde_json::to_vec_pretty(self).map_err(|source| TruthError::Parse { file: file.clone(), source })?;
+        text.push(b'\n');
+        Ok(write_whole(&file, &text)?)
+    }
+
+    /// How its cases were made.
+    pub fn making(&self) -> Making {
+        if self.suite == Suite::Full.name() { Making::FULL } else { Making::QUICK }
+    }
+}
+
 /// What went wrong while a suite was made.
 #[derive(Debug, thiserror::Error)]
 pub enum SuiteError {
@@ -162,7 +212,8 @@ struct Entry {
     recordings: Vec<String>,
 }
 
-/// Makes every case on `threads` threads and writes it; `told` hears of each that is done.
+/// Makes every case on `threads` threads and writes it; `told` hears of each that is done, without its case if it was
+/// there already: making goes on where it was cut off.
 ///
 /// # Errors
 /// A file cannot be written, or a case has no useful rig; the cases made until then stay.
@@ -171,8 +222,21 @@ pub fn make_suite(
     making: &Making,
     out: &Path,
     threads: usize,
-    told: &(dyn Fn(&Case) + Sync),
+    told: &(dyn Fn(&Plan, Option<&Case>) + Sync),
 ) -> Result<(), SuiteError> {
+    let entries: Vec<Entry> = plans
+        .iter()
+        .map(|plan| Entry {
+            case: plan.name.clone(),
+            rig: NOMINAL_RIG,
+            recordings: ["rec_a", "rec_b", "rec_c"].map(|rec| format!("cases/{}/{rec}.csv", plan.name)).to_vec(),
+        })
+        .collect();
+    let file = out.join("cases.json");
+    let mut text =
+        serde_json::to_vec_pretty(&entries).map_err(|source| TruthError::Parse { file: file.clone(), source })?;
+    text.push(b'\n');
+    write_whole(&file, &text)?;
     let next = AtomicUsize::new(0);
     let first_error: Mutex<Option<SuiteError>> = Mutex::new(None);
     let failed = || first_error.lock().is_ok_and(|error| error.is_some());
@@ -181,9 +245,13 @@ pub fn make_suite(
             if failed() {
                 return;
             }
+            if is_made(plan, out) {
+                told(plan, None);
+                continue;
+            }
             let made = make(plan, making).map_err(SuiteError::from).and_then(|case| {
                 write_case(&case, out)?;
-                told(&case);
+                told(plan, Some(&case));
                 Ok(())
             });
             if let (Err(error), Ok(mut first)) = (made, first_error.lock()) {
@@ -199,19 +267,6 @@ pub fn make_suite(
     if let Some(error) = first_error.into_inner().unwrap_or_default() {
         return Err(error);
     }
-    let entries: Vec<Entry> = plans
-        .iter()
-        .map(|plan| Entry {
-            case: plan.name.clone(),
-            rig: NOMINAL_RIG,
-            recordings: ["rec_a", "rec_b", "rec_c"].map(|rec| format!("cases/{}/{rec}.csv", plan.name)).to_vec(),
-        })
-        .collect();
-    let file = out.join("cases.json");
-    let mut text =
-        serde_json::to_vec_pretty(&entries).map_err(|source| TruthError::Parse { file: file.clone(), source })?;
-    text.push(b'\n');
-    write_whole(&file, &text)?;
     Ok(())
 }
 
@@ -220,11 +275,25 @@ pub fn truth_file(out: &Path, case: &str) -> PathBuf {
     out.join("truth").join(format!("{case}.json"))
 }
 
+/// Whether a case of the same seed lies there whole: its truth is written last.
+fn is_made(plan: &Plan, out: &Path) -> bool {
+    Truth::read(&truth_file(out, &plan.name)).is_ok_and(|truth| truth.case == plan.name && truth.seed == plan.seed)
+}
+
 fn write_case(case: &Case, out: &Path) -> Result<(), SuiteError> {
     let name = &case.truth.case;
     for (entry, recording) in case.truth.recordings.iter().zip(&case.recordings) {
-        recording.write(&out.join("cases").join(name).join(&entry.file))?;
-        recording.write_clean(&out.join("truth").join(name).join(&entry.file))?;
+        let aside = out.join("truth").join(name);
+        match entry.role {
+            Role::Given => {
+                recording.write(&out.join("cases").join(name).join(&entry.file))?;
+                recording.write_clean(&aside.join(&entry.file))?;
+            }
+            Role::HeldOut => {
+                recording.write(&aside.join(&entry.file))?;
+                recording.write_clean(&aside.join(HELD_OUT_CLEAN))?;
+            }
+        }
     }
     case.truth.write(&truth_file(out, name))?;
     Ok(())

@@ -59,6 +59,16 @@ impl Planted {
     }
 }
 
+/// Who sees a recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Role {
+    /// The diagnosis.
+    Given,
+    /// The scorer alone.
+    HeldOut,
+}
+
 /// A recording of a case.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RecordingEntry {
@@ -66,10 +76,10 @@ pub struct RecordingEntry {
     pub file: String,
     /// What drives it.
     pub excitation: String,
-    /// What it is meant for: `fit`, `select` or `held_out`.
-    pub role: String,
-    /// Root mean square of what the concealed effects do in it (kPa), by channel.
-    pub effect_kpa: [f64; 2],
+    /// `given` to the diagnosis, or `held_out` from it: the scorer's own.
+    pub role: Role,
+    /// Root mean square of what the concealed effects do in it (kPa), by channel; for the first and the last recording.
+    pub effect_kpa: Option<[f64; 2]>,
     /// Root mean square of reading minus truth (kPa), by channel: no model can do better.
     pub noise_kpa: [f64; 2],
 }
@@ -79,6 +89,8 @@ pub struct RecordingEntry {
 pub struct Truth {
     /// Name of the case.
     pub case: String,
+    /// Seed of all its draws.
+    pub seed: u64,
     /// What it is for.
     pub class: Class,
     /// Raw size that the effects were given (kPa); 0 for none.

@@ -9,11 +9,12 @@ use std::sync::OnceLock;
 
 use hidden_rig::case::{Case, Making, Plan, make};
 use hidden_rig::effects::{Kind, Place};
+use hidden_rig::oracle::ask;
 use hidden_rig::recording::{parse_commands, pump_on, read_commands};
 use hidden_rig::suite::{Suite, make_suite, truth_file};
 use hidden_rig::truth::{Class, Truth};
 
-const TINY: Making = Making { seconds: [6.0, 6.0, 6.0], probe_s: 4.0, nuisance_ceiling_kpa: 0.06 };
+const TINY: Making = Making { seconds: [6.0, 6.0, 6.0, 6.0], probe_s: 4.0, nuisance_ceiling_kpa: 0.06 };
 
 fn plan() -> Plan {
     Plan {
@@ -143,7 +144,7 @@ fn the_full_suite_holds_what_a_proof_needs() {
 #[test]
 fn the_diagnosis_sees_no_truth_and_an_experiment_runs_from_the_command_line() {
     let out = folder("suite");
-    make_suite(&[plan()], &TINY, &out, 1, &|_| {}).unwrap();
+    make_suite(&[plan()], &TINY, &out, 1, &|_, _| {}).unwrap();
     let mut given: Vec<_> =
         fs::read_dir(out.join("cases/case_x")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     given.sort();
@@ -151,7 +152,9 @@ fn the_diagnosis_sees_no_truth_and_an_experiment_runs_from_the_command_line() {
     let listed = fs::read_to_string(out.join("cases.json")).unwrap();
     assert!(listed.contains("dual_pressure") && listed.contains("cases/case_x/rec_a.csv"));
     assert!(!listed.contains("valve") && !listed.contains("truth"));
-    assert!(out.join("truth/case_x/rec_c.csv").exists());
+    for aside in ["rec_c.csv", "held_out.csv", "held_out_clean.csv"] {
+        assert!(out.join("truth/case_x").join(aside).exists());
+    }
 
     // Both valves shut, pump off: an experiment from a CSV.
     let inputs = out.join("next_experiment.csv");
@@ -191,4 +194,16 @@ fn pump_on_is_written_only_where_it_was_off() {
     let file = folder("pump").join("rec.csv");
     case.truth.experiment(&commands).write(&file).unwrap();
     assert_eq!(read_commands(&file).unwrap(), commands);
+}
+
+/// The oracle tells a slow valve from everything else, but not a gain that the valve's own parameters take up.
+#[test]
+fn the_oracle_separates_what_can_be_separated() {
+    let lag = ask(&case().truth, &TINY);
+    assert!(lag.separates(), "{lag:?}");
+    let [sight] = &lag.effects[..] else { panic!("one effect") };
+    assert!(sight.chi2 > sight.separation() && sight.rivals.windows(2).all(|pair| pair[0].chi2 <= pair[1].chi2));
+    let plan = Plan { effects: vec![(Kind::SensorGain, Place::Negative)], ..plan() };
+    let gain = ask(&make(&plan, &TINY).unwrap().truth, &TINY);
+    assert!(!gain.separates(), "{gain:?}");
 }

@@ -1,4 +1,7 @@
 //! Development: searches over one set of recordings and prints what it sees.
+
+#![allow(clippy::unwrap_used)] // A development tool: what fails here is looked at.
+
 use std::time::Instant;
 
 use diagnose::bench::Bench;
@@ -10,6 +13,12 @@ use fit::simulate::Fidelity;
 use model::rig::Rig;
 use proto::recording::Recording;
 
+fn cpu() -> f64 {
+    let s = std::fs::read_to_string("/proc/self/stat").unwrap();
+    let f: Vec<&str> = s.rsplit(')').next().unwrap().split_whitespace().collect();
+    (f[11].parse::<f64>().unwrap() + f[12].parse::<f64>().unwrap()) / 100.0
+}
+
 fn main() {
     let files: Vec<String> = std::env::args().skip(1).collect();
     let rig = Rig::builtin("dual_pressure").unwrap();
@@ -18,10 +27,21 @@ fn main() {
     let bench = Bench::new(&rig, &records, &vec![1.0; records.layout().len()], Fidelity::Coarse, None);
     println!("noise {:?}", bench.noise);
     let all = candidates(&rig);
-    let settings = SearchSettings { most_terms: 3, glanced: 8, polished: 3, from_prior: false, bar: Bar::default() };
+    let quick = std::env::var("QUICK").is_ok();
+    let settings = SearchSettings {
+        most_terms: 4,
+        glanced: if quick { 8 } else { 16 },
+        polished: if quick { 2 } else { 3 },
+        from_prior: true,
+        bar: Bar::default(),
+    };
     let start = Instant::now();
-    let found = search(&bench, &all, &settings, &mut |what, share| {
-        eprintln!("{:.1} s {what} {:.0} %", start.elapsed().as_secs_f64(), 100.0 * share);
+    let mut last = String::new();
+    let found = search(&bench, &all, &settings, &mut |what, _| {
+        if last != what {
+            eprintln!("{:.1} s, cpu {:.1} s {what}", start.elapsed().as_secs_f64(), cpu());
+            last = what.to_owned();
+        }
     })
     .unwrap();
     println!(
@@ -38,9 +58,21 @@ fn main() {
             round.taken,
             round.evidence
         );
-        for (k, gain) in round.ranked.iter().take(12) {
+        for (k, gain) in round.ranked.iter().take(16) {
             println!("     {} {gain:.1}", all[*k].full_name());
         }
+    }
+    for e in &found.tried {
+        let ev = diagnose::evidence::evidence(&bench, e, &found.nominal);
+        println!(
+            "tried {:?} cost {:.1} rmse {:?} excess {:?} fitted {:.1} chosen {:.1}",
+            e.terms.iter().map(|t| all[*t].full_name()).collect::<Vec<_>>(),
+            diagnose::search::cost(&bench, e),
+            e.fitted.rmse_kpa,
+            diagnose::judge::excess(&bench, &e.trace),
+            ev.fitted,
+            ev.chosen
+        );
     }
     println!(
         "best {:?} rmse {:?}",
@@ -50,5 +82,5 @@ fn main() {
     for e in found.best.fitted.estimates.iter() {
         println!("   {} {:.4e} ± {:.4e} shift {:.2}", e.parameter.path, e.value, e.sd, e.shift);
     }
-    println!("{:.1} s", start.elapsed().as_secs_f64());
+    println!("{:.1} s cpu {:.1} s", start.elapsed().as_secs_f64(), cpu());
 }

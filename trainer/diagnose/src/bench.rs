@@ -2,10 +2,8 @@
 
 use fit::FitError;
 use fit::data::{Noise, Records, Role, Split, Stretch, noise};
-use fit::least_squares::{Loss, Settings, minimise};
-use fit::objective::{
-    FitSettings, Fitted, NoiseModel, RigProblem, Score, Shooting, blocks_of, fit_from, score,
-};
+use fit::least_squares::Loss;
+use fit::objective::{FitSettings, Fitted, NoiseModel, Score, Shooting, blocks_of, fit_from, score};
 use fit::parameters::{Parameter, ParameterSet, Scatter, nominal};
 use fit::simulate::{Arcs, Fidelity, Simulator, refined_starts};
 use model::rig::Rig;
@@ -52,19 +50,6 @@ pub struct Explanation {
     pub trace: Vec<f64>,
     /// Half the squared shifts of the nominal parameters in prior standard deviations.
     pub prior_cost: f64,
-}
-
-/// Arcs, weights and correction that glances share.
-#[derive(Debug, Clone)]
-pub struct Footing {
-    /// Where simulations start.
-    pub arcs: Arcs,
-    /// Weight of each reading, 1/kPa.
-    pub weights: Vec<f64>,
-    /// Detailed less averaged, in kPa.
-    pub correction_kpa: Vec<f64>,
-    /// Cost of the explanation that it comes from.
-    pub cost: f64,
 }
 
 /// The loss of all fits.
@@ -204,47 +189,6 @@ impl<'r> Bench<'r> {
         Ok(Explanation { terms: terms.to_vec(), set, fitted, trace, prior_cost })
     }
 
-    /// A few rounds with the averaged pump, on the arcs and scale of `base`, so that costs are comparable with each
-    /// other and with its own ([`Footing::cost`]); the best cost and point of some starts.
-    pub fn glance(&self, footing: &Footing, set: &ParameterSet, starts: &[Vec<f64>], rounds: usize) -> Option<(f64, Vec<f64>)> {
-        let mut best: Option<(f64, Vec<f64>)> = None;
-        for start in starts {
-            let mut problem = RigProblem::new(self.fast, set, footing.arcs.clone(), footing.weights.clone())
-                .corrected(footing.correction_kpa.clone());
-            let settings = Settings {
-                loss: LOSS,
-                prior: set.prior(),
-                bounds: set.bounds(),
-                rounds,
-                trials: 4,
-                least_gain: 1.0,
-            };
-            if let Ok(outcome) = minimise(&mut problem, start, &settings)
-                && best.as_ref().is_none_or(|(least, _)| outcome.cost < *least)
-            {
-                best = Some((outcome.cost, outcome.point));
-            }
-        }
-        best
-    }
-
-    /// What glances on top of an explanation stand on.
-    ///
-    /// # Errors
-    /// The explanation's rig cannot be simulated.
-    pub fn footing(&self, base: &Explanation) -> Result<Footing, DiagnoseError> {
-        let (rig, arcs) = (&base.fitted.rig, base.fitted.arcs.clone());
-        let close = self.simulator.one(rig, &arcs)?;
-        let fast = self.fast.one(rig, &arcs)?;
-        let correction_kpa = close.iter().zip(&fast).map(|(c, f)| c - f).collect();
-        Ok(Footing {
-            weights: self.weighted(&base.fitted.scale_kpa),
-            arcs,
-            correction_kpa,
-            cost: base.fitted.cost,
-        })
-    }
-
     /// A free run over all rows, starts refined.
     ///
     /// # Errors
@@ -265,11 +209,8 @@ impl<'r> Bench<'r> {
     }
 
     fn score_on(&self, trace: &[f64], blocks: &[Stretch], drift_kpa: &[f64]) -> Score {
-        let noise = NoiseModel::Drifting {
-            sigma_kpa: self.sigma_kpa(),
-            drift_kpa: drift_kpa.to_vec(),
-            time_s: DRIFT_S,
-        };
+        let noise =
+            NoiseModel::Drifting { sigma_kpa: self.sigma_kpa(), drift_kpa: drift_kpa.to_vec(), time_s: DRIFT_S };
         score(self.records, trace, &self.counted, blocks, &noise)
     }
 

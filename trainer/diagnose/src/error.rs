@@ -25,6 +25,14 @@ pub enum DiagnoseError {
     /// A result cannot be written.
     #[error(transparent)]
     Write(#[from] AtomicFileError),
+    /// The folder for the results cannot be made.
+    #[error("{directory}: {source}; give --out another folder")]
+    Directory {
+        /// The folder.
+        directory: String,
+        /// Why.
+        source: std::io::Error,
+    },
     /// A result cannot be put into its format.
     #[error("{file}: {problem}")]
     Format {

@@ -1,7 +1,24 @@
-//! Finds the physics missing in a rig's model.
+//! Finds the physics missing in a rig's model: where, which, how much better with it, and what to record next if the
+//! recordings do not tell.
+//!
+//! [`run`] goes from recordings to files:
+//!
+//! | step | module |
+//! | --- | --- |
+//! | recordings, split, noise; fits and free runs of a rig with terms | [`mod@bench`] |
+//! | what may be missing: mechanisms at places, with priors | [`candidate`], [`place`] |
+//! | the rig's own parameters fitted; terms added, swapped, deleted | [`search`]: [`screen`], [`glance`], then fits |
+//! | whether one explanation is better, by more than chance | [`evidence`] |
+//! | what a single mechanism explains of the given rig's mismatch | [`alone`] |
+//! | where the mismatch lives; missing flows reconstructed | [`locate`] |
+//! | a verdict and its rivals | [`judge`] |
+//! | a term without a name | [`unknown`] |
+//! | the experiment that tells rivals apart | [`experiment`] |
+//! | before and after; words; `diagnosis.json`; `report.html` | [`figures`], [`diagnosis`] |
+//!
+//! No verdict is better than its recordings: what they do not tell is said, and never guessed.
 
-#![allow(dead_code)]
-
+pub mod alone;
 pub mod bench;
 pub mod candidate;
 pub mod diagnosis;
@@ -9,6 +26,7 @@ mod error;
 pub mod evidence;
 pub mod experiment;
 pub mod figures;
+pub mod glance;
 pub mod judge;
 pub mod locate;
 mod page;
@@ -19,5 +37,6 @@ pub mod search;
 pub mod unknown;
 mod words;
 
+pub use diagnosis::{Diagnosis, Verdict};
 pub use error::DiagnoseError;
 pub use run::{NEXT_EXPERIMENT, Request, run};

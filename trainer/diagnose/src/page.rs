@@ -8,7 +8,7 @@ use crate::figures::{Figures, held_out};
 use crate::judge::MOVED;
 use crate::locate::Suspect;
 use crate::run::Findings;
-use crate::words::{command_of, three};
+use crate::words::{command_of, in_words, three};
 
 /// The page.
 pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, rig_toml: &str) -> String {
@@ -36,12 +36,13 @@ pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, rig_toml:
     if !diagnosis.rivals.is_empty() {
         report = report
             .heading("What these recordings cannot tell apart")
-            .list(diagnosis.rivals.iter().map(|group| group.join("  ~  ")).collect::<Vec<_>>());
+            .list(diagnosis.rivals.iter().flatten().map(|name| format!("{name}: {}", in_words(findings, name))));
     }
-    report = report.heading("Before and after").text(
-        "Rows that nothing was fitted to. Free run: from the start of each recording, commands alone decide. 10 s and \
-         1 s: started anew from smoothed readings.",
-    );
+    let windows =
+        if findings.given.one_second.is_empty() { "" } else { " 10 s, 1 s: started anew from smoothed readings." };
+    report = report.heading("Before and after").text(&format!(
+        "Rows that nothing was fitted to. Free run: from the start of each recording, commands alone decide.{windows}"
+    ));
     report = report.table(horizons(findings)).plot(traces(findings));
     if !diagnosis.location.is_empty() {
         report = report.heading("Where the mismatch lives").list(diagnosis.location.iter().map(|l| {
@@ -104,8 +105,8 @@ fn key_figures(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Vec<KeyFig
             .verdict(sign)
     };
     let mut all = vec![figure("As given", &findings.given), figure("Parameters fitted", &findings.reidentified)];
-    if !matches!(diagnosis.verdict, Verdict::Adequate | Verdict::ParametersMoved) {
-        all.push(figure("Extended", &findings.extended));
+    if shows_extended(findings) && !matches!(diagnosis.verdict, Verdict::Adequate | Verdict::ParametersMoved) {
+        all.push(figure("With what was found", &findings.extended));
     }
     all
 }
@@ -134,20 +135,29 @@ fn shows_extended(findings: &Findings<'_, '_>) -> bool {
 }
 
 fn horizons(findings: &Findings<'_, '_>) -> Table {
-    let names: Vec<&String> = findings.bench.records.sensors().iter().collect();
-    let mut columns = vec!["rig".to_owned()];
-    for horizon in ["free run", "10 s", "1 s"] {
-        columns.extend(names.iter().map(|n| format!("{horizon}, {n}: RMSE (kPa)")));
+    // A quick search leaves the windows out.
+    let windows = !findings.given.one_second.is_empty();
+    let mut head = vec!["RMSE in kPa", "rig", "free run"];
+    if windows {
+        head.extend(["10 s", "1 s"]);
     }
-    let mut table = Table::new(columns);
-    for (name, f) in
-        [("as given", &findings.given), ("parameters fitted", &findings.reidentified), ("extended", &findings.extended)]
-    {
-        let mut row = vec![name.to_owned()];
-        for errors in [&f.free, &f.ten_seconds, &f.one_second] {
-            row.extend((0..names.len()).map(|c| errors.get(c).map_or(String::new(), |e| format!("{:.3}", e.rmse_kpa))));
+    head.push("accuracy, free run");
+    let mut table = Table::new(head);
+    for (channel, column) in findings.bench.records.sensors().iter().enumerate() {
+        let mut rigs = vec![("as given", &findings.given), ("parameters fitted", &findings.reidentified)];
+        if shows_extended(findings) {
+            rigs.push(("with what was found", &findings.extended));
         }
-        table.push(row);
+        for (at, (name, f)) in rigs.into_iter().enumerate() {
+            let mut row = vec![if at == 0 { column.clone() } else { String::new() }, name.to_owned()];
+            let horizons = [&f.free, &f.ten_seconds, &f.one_second];
+            for errors in horizons.into_iter().take(if windows { 3 } else { 1 }) {
+                row.push(errors.get(channel).map_or(String::new(), |e| format!("{:.3}", e.rmse_kpa)));
+            }
+            let accuracy = f.accuracy.get(channel).copied().filter(|a| a.is_finite());
+            row.push(accuracy.map_or(String::new(), |a| format!("{:.2} %", 100.0 * a)));
+            table.push(row);
+        }
     }
     table
 }
@@ -203,9 +213,10 @@ fn traces(findings: &Findings<'_, '_>) -> Plot {
             Line::new("parameters fitted", &time_s, &error(&findings.reidentified.trace)).color(Color::Vermilion),
         );
         if extended {
-            pressures =
-                pressures.line(Line::new("extended", &time_s, &cut(&findings.extended.trace)).color(Color::Blue));
-            errors = errors.line(Line::new("extended", &time_s, &error(&findings.extended.trace)).color(Color::Blue));
+            pressures = pressures
+                .line(Line::new("with what was found", &time_s, &cut(&findings.extended.trace)).color(Color::Blue));
+            errors = errors
+                .line(Line::new("with what was found", &time_s, &error(&findings.extended.trace)).color(Color::Blue));
         }
         plot = plot.panel(pressures).panel(errors.level("", 0.0, Color::Grey));
     }
@@ -243,7 +254,7 @@ fn regions(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Vec<Plot> {
             .caption("Simulated less recorded, averaged over 0.2 s; rising and falling command apart.");
         let mut rigs = vec![("parameters fitted", &findings.reidentified)];
         if shows_extended(findings) {
-            rigs.push(("extended", &findings.extended));
+            rigs.push(("with what was found", &findings.extended));
         }
         let mut reach: f64 = 0.1;
         let clouds: Vec<_> = rigs.iter().map(|(_, f)| clouds(findings, &f.trace, channel, &command)).collect();
@@ -402,7 +413,7 @@ fn experiment(findings: &Findings<'_, '_>) -> Plot {
 
 fn parameters(findings: &Findings<'_, '_>) -> Table {
     let mut table =
-        Table::new(["parameter", "given", "fitted", "± sd", "shift (prior sd)", "extended", "± sd", "unit"]);
+        Table::new(["parameter", "given", "fitted", "± sd", "shift (prior sd)", "with what was found", "± sd", "unit"]);
     let best = &findings.found.best;
     for (at, e) in findings.found.nominal.fitted.estimates.iter().enumerate() {
         let extended = best.fitted.estimates.get(at);

@@ -16,6 +16,7 @@ use crate::error::DiagnoseError;
 use crate::evidence::Bar;
 use crate::experiment::{Plan, plan};
 use crate::figures::{Figures, figures};
+use crate::glance::settled;
 use crate::judge::{Judgement, judge};
 use crate::locate::{Missing, reconstruct};
 use crate::search::{Found, SearchSettings, search};
@@ -83,18 +84,20 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     let settings = SearchSettings {
         most_terms: 4,
         glanced: if request.quick { 6 } else { 14 },
-        polished: if request.quick { 2 } else { 4 },
-        from_prior: !request.quick,
+        polished: if request.quick { 2 } else { 3 },
+        from_prior: true,
         bar: Bar::default(),
     };
-    let given = bench.free_run(rig)?;
-    let found = search(&bench, &candidates, &settings, progress)?;
+    let of = |rig: &Rig| figures(&bench, rig, SHOWN, !request.quick);
+    // At its own step: a coarser one's error is not the rig's.
+    let given = of(rig)?;
+    let mut found = search(&bench, &candidates, &settings, progress)?;
     progress("reconstructing what is missing", 0.0);
     let missing = reconstruct(&bench, &found.nominal.fitted.rig, &found.nominal.trace, !request.quick)?;
-    let judgement = judge(&bench, &candidates, &found, &given, progress)?;
-    let unknown = if judgement.verdict == Verdict::UnknownMechanism {
+    let judgement = judge(&bench, &candidates, &found, &given.trace, progress)?;
+    let mut unknown = if judgement.verdict == Verdict::UnknownMechanism {
         progress("shaping a term for what has no name", 0.0);
-        fit_unknown(&bench, &found.nominal, &missing)?
+        fit_unknown(&bench, &found.nominal, &missing, if request.quick { 1 } else { 3 })?
     } else {
         None
     };
@@ -105,9 +108,13 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         None
     };
     progress("running before and after", 0.0);
-    let of = |rig: &Rig| figures(&bench, rig, SHOWN, true);
+    found.nominal = settled(&bench, &found.nominal)?;
+    found.best = if found.best.terms.is_empty() { found.nominal.clone() } else { settled(&bench, &found.best)? };
+    if let Some(term) = &mut unknown {
+        term.explanation = settled(&bench, &term.explanation)?;
+    }
     let findings = Findings {
-        given: of(rig)?,
+        given,
         reidentified: of(&found.nominal.fitted.rig)?,
         extended: of(unknown.as_ref().map_or(&found.best.fitted.rig, |term| &term.explanation.fitted.rig))?,
         unknown: unknown.as_ref(),
@@ -126,8 +133,8 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
 
 /// Fidelity of fits.
 const FITTING: Fidelity = Fidelity::Coarse;
-/// Fidelity of what is shown.
-const SHOWN: Fidelity = Fidelity::Coarse;
+/// Fidelity of what is shown and written.
+const SHOWN: Fidelity = Fidelity::Detailed;
 
 /// The diagnosis in the form of its file.
 fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {
@@ -152,10 +159,8 @@ fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {
 
 fn write(request: &Request, findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Result<(), DiagnoseError> {
     let directory = &request.out_dir;
-    std::fs::create_dir_all(directory).map_err(|e| DiagnoseError::Format {
-        file: directory.display().to_string(),
-        problem: format!("cannot make the directory: {e}"),
-    })?;
+    std::fs::create_dir_all(directory)
+        .map_err(|source| DiagnoseError::Directory { directory: directory.display().to_string(), source })?;
     let put = |name: &str, text: &str| atomic_file::write(&directory.join(name), text.as_bytes());
     let json = diagnosis
         .to_json()

@@ -3,10 +3,10 @@
 //! At a fit with residuals `r`, Jacobian `J` and prior `P`, a candidate that moves the readings by `s` gains
 //!
 //! ```text
-//! max over a of  −(a s⊥·r + ½ a² s⊥·s),     s⊥ = s − J (JᵀWJ + P)⁻¹ JᵀW s
+//! max over a of  −(a (s·r − s·J h) + ½ a² s⊥·s),     s⊥ = s − J (JᵀWJ + P)⁻¹ JᵀW s,   h = (JᵀWJ + P)⁻¹ (JᵀW r + P z)
 //! ```
 //!
-//! in log-likelihood, to first order. One run per first magnitude is all it takes; `s` is the effect at that
+//! in log-likelihood and prior together, to first order; `h` is what is left to gain without it, nothing at a minimum. One run per first magnitude is all it takes; `s` is the effect at that
 //! magnitude itself, so `a` near one means that the magnitude was right.
 
 use fit::least_squares::Linearised;
@@ -33,8 +33,22 @@ const AMPLITUDE: [f64; 2] = [0.05, 2.5];
 
 /// Screens candidates on top of an explanation; strongest first.
 pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, open: &[usize]) -> Vec<Screened> {
+    screen_if(bench, candidates, base, open, 1.0)
+}
+
+/// The same if the rig's parameters were known `tightness` times as well as their priors say.
+pub fn screen_if(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    base: &Explanation,
+    open: &[usize],
+    tightness: f64,
+) -> Vec<Screened> {
+    let prior: Vec<f64> = base.set.prior().iter().map(|p| p * tightness * tightness).collect();
     let fitted = &base.fitted;
-    let Some(projector) = Projector::new(&fitted.linearised, &base.set.prior()) else { return Vec::new() };
+    let Some(projector) = Projector::new(&fitted.linearised, &prior, &fitted.point) else {
+        return Vec::new();
+    };
     let mut tries: Vec<(usize, &Vec<f64>)> = Vec::new();
     let mut runs = vec![Run::from(fitted.rig.clone())];
     for k in open {
@@ -77,12 +91,12 @@ struct Projector<'a> {
     at: &'a Linearised,
     weights: Vec<f64>,
     factor: nalgebra::Cholesky<f64, nalgebra::Dyn>,
-    /// (JᵀWJ + P)⁻¹ JᵀW r is not zero away from the minimum.
-    on_residual: DVector<f64>,
+    /// JᵀW r + P z: zero at a minimum.
+    gradient: DVector<f64>,
 }
 
 impl<'a> Projector<'a> {
-    fn new(at: &'a Linearised, prior: &[f64]) -> Option<Self> {
+    fn new(at: &'a Linearised, prior: &[f64], point: &[f64]) -> Option<Self> {
         let weights: Vec<f64> = at.residuals.iter().map(|r| LOSS.weight(*r)).collect();
         let n = at.jacobian.len();
         let mut normal = DMatrix::zeros(n, n);
@@ -95,8 +109,14 @@ impl<'a> Projector<'a> {
             normal[(i, i)] += prior.get(i).copied().unwrap_or(0.0) + 1e-9;
         }
         let factor = normal.cholesky()?;
-        let on_residual = DVector::from_iterator(n, at.jacobian.iter().map(|c| dot(c, &at.residuals, &weights)));
-        Some(Projector { at, weights, factor, on_residual })
+        let gradient = DVector::from_iterator(
+            n,
+            at.jacobian
+                .iter()
+                .zip(prior.iter().zip(point))
+                .map(|(column, (p, z))| dot(column, &at.residuals, &weights) + p * z),
+        );
+        Some(Projector { at, weights, factor, gradient })
     }
 
     /// The most that an effect can gain.
@@ -104,9 +124,9 @@ impl<'a> Projector<'a> {
         let n = self.at.jacobian.len();
         let on_effect = DVector::from_iterator(n, self.at.jacobian.iter().map(|c| dot(c, effect, &self.weights)));
         let solved = self.factor.solve(&on_effect);
-        let along = dot(effect, &self.at.residuals, &self.weights) - solved.dot(&self.on_residual);
+        let along = dot(effect, &self.at.residuals, &self.weights) - solved.dot(&self.gradient);
         let size = dot(effect, effect, &self.weights) - solved.dot(&on_effect);
-        if !(size > 1e-9) {
+        if size.is_nan() || size <= 1e-9 {
             return 0.0;
         }
         let a = (-along / size).clamp(AMPLITUDE[0], AMPLITUDE[1]);
@@ -131,7 +151,7 @@ mod tests {
         // Small residuals, so that Student's weights are all 6/5.
         let residuals: Vec<f64> = column.iter().zip(&effect).map(|(c, e)| 1e-3 * (0.7 * c - e)).collect();
         let at = Linearised { residuals, jacobian: vec![column] };
-        let projector = Projector::new(&at, &[0.0]).unwrap();
+        let projector = Projector::new(&at, &[0.0], &[0.0]).unwrap();
         let scaled: Vec<f64> = effect.iter().map(|e| 1e-3 * e).collect();
         let r = |x: f64, a: f64| -> f64 {
             at.residuals.iter().zip(&at.jacobian[0]).zip(&scaled).map(|((r, c), e)| (r + x * c + a * e).powi(2)).sum()

@@ -6,6 +6,7 @@ use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::evidence::{Bar, Evidence, evidence};
+use crate::glance::{Footing, Glanced};
 use crate::screen::screen;
 
 /// How to search.
@@ -73,13 +74,7 @@ pub fn search(
         let found = evidence(bench, &top, &best);
         let parameters = top.set.len().saturating_sub(best.set.len());
         let taken = settings.bar.passed(&found, parameters, candidates.len(), blocks);
-        rounds.push(Round {
-            base: best.terms.clone(),
-           
-            ranked,
-            evidence: Some(found),
-            taken,
-        });
+        rounds.push(Round { base: best.terms.clone(), ranked, evidence: Some(found), taken });
         tried.extend(polished);
         if !taken {
             next = Some(top);
@@ -95,7 +90,7 @@ pub fn search(
 }
 
 /// Rounds of least squares of a glance.
-const GLANCE_ROUNDS: usize = 4;
+pub const GLANCE_ROUNDS: usize = 6;
 
 /// Cost of an explanation: half chi-square (robust) and prior.
 pub fn cost(bench: &Bench<'_>, explanation: &Explanation) -> f64 {
@@ -117,7 +112,7 @@ fn additions(
         .collect();
     tell("screening mechanisms", 0.0);
     let screened = screen(bench, candidates, base, &open);
-    let footing = bench.footing(base)?;
+    let footing = Footing::of(bench, base)?;
     let mut glances = Vec::new();
     let count = settings.glanced.min(screened.len());
     for (done, screened) in screened.iter().take(count).enumerate() {
@@ -128,7 +123,7 @@ fn additions(
         let starts = starts(bench, candidates, base, &terms, &from, settings.from_prior);
         let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
         let set = bench.set(&of)?;
-        if let Some((cost, point)) = bench.glance(&footing, &set, &starts, GLANCE_ROUNDS) {
+        if let Some(Glanced { cost, point }) = footing.glance(bench, &set, &starts, GLANCE_ROUNDS) {
             glances.push((k, footing.cost - cost, terms, point));
         }
     }
@@ -141,7 +136,7 @@ fn additions(
         if *gain < best - 20.0 - 0.5 * best.abs() {
             continue;
         }
-        polished.push(bench.fit(candidates, terms, &[point.clone()], Effort::Polish)?);
+        polished.push(bench.fit(candidates, terms, std::slice::from_ref(point), Effort::Polish)?);
     }
     polished.sort_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b)));
     Ok((glances.iter().map(|(k, gain, ..)| (*k, *gain)).collect(), polished))
@@ -216,10 +211,10 @@ fn swaps(
 ) -> Result<Explanation, DiagnoseError> {
     // What came close in any round so far.
     let mut close: Vec<usize> =
-        rounds.iter().flat_map(|round| round.ranked.iter().take(settings.polished + 2).map(|(k, _)| *k)).collect();
+        rounds.iter().flat_map(|round| round.ranked.iter().take(settings.polished + 1).map(|(k, _)| *k)).collect();
     close.sort_unstable();
     close.dedup();
-    let mut footing = bench.footing(&best)?;
+    let mut footing = Footing::of(bench, &best)?;
     for term in best.terms.clone() {
         let rest = without(&best.terms, term);
         for k in &close {
@@ -228,20 +223,22 @@ fn swaps(
             }
             tell("swapping mechanisms", 0.5);
             let terms = with(&rest, *k);
-            let starts = starts(bench, candidates, &best, &terms, &[], settings.from_prior);
+            let starts = starts(bench, candidates, &best, &terms, &[], false);
             let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
-            let Some((cost_of, point)) = bench.glance(&footing, &bench.set(&of)?, &starts, GLANCE_ROUNDS) else {
+            let Some(Glanced { cost: cost_of, point }) =
+                footing.glance(bench, &bench.set(&of)?, &starts, GLANCE_ROUNDS)
+            else {
                 continue;
             };
             // A swap that is far behind after a glance does not overtake.
-            if cost_of > footing.cost + 0.1 * cost_above_floor(bench, &best).max(100.0) {
+            if cost_of > footing.cost + FAR_BEHIND {
                 continue;
             }
             let swapped = bench.fit(candidates, &terms, &[point], Effort::Polish)?;
             if cost(bench, &swapped) < cost(bench, &best) - 1.0 {
                 tried.push(best);
                 best = swapped;
-                footing = bench.footing(&best)?;
+                footing = Footing::of(bench, &best)?;
                 break;
             }
             tried.push(swapped);
@@ -250,11 +247,8 @@ fn swaps(
     Ok(best)
 }
 
-/// Cost above what noise alone would cost.
-fn cost_above_floor(bench: &Bench<'_>, explanation: &Explanation) -> f64 {
-    let rows: f64 = bench.fit_weights().iter().filter(|w| **w != 0.0).count() as f64;
-    (explanation.fitted.cost - 0.5 * rows).max(0.0)
-}
+/// Cost by which something is behind after a glance that no fit is spent on it.
+pub const FAR_BEHIND: f64 = 100.0;
 
 /// Removes terms that the others have made needless.
 fn deletions(
@@ -269,7 +263,13 @@ fn deletions(
             break;
         }
         let terms = without(&best.terms, term);
-        let starts = starts(bench, candidates, &best, &terms, &[], settings.from_prior);
+        let starts = starts(bench, candidates, &best, &terms, &[], false);
+        let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
+        let footing = Footing::of(bench, &best)?;
+        let without_it = footing.glance(bench, &bench.set(&of)?, &starts, GLANCE_ROUNDS);
+        if without_it.is_none_or(|glanced| glanced.cost > footing.cost + FAR_BEHIND) {
+            continue;
+        }
         let reduced = bench.fit(candidates, &terms, &starts, Effort::Polish)?;
         let found = evidence(bench, &best, &reduced);
         let parameters = candidates[term].len();

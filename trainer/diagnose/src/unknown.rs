@@ -21,8 +21,6 @@ use crate::place::volumes_at;
 const KNOTS: [usize; 2] = [9, 5];
 /// Time constants of memories that are tried, in ms.
 const MEMORIES_MS: [f64; 3] = [60.0, 300.0, 1500.0];
-/// How many sets of variables are fitted in free runs.
-const FITTED: usize = 3;
 
 /// Variables that a term may depend on.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,7 +40,8 @@ pub struct UnknownTerm {
     pub depends_on: String,
 }
 
-/// Fits a term for what `base` leaves out; `None` if none makes the rig better on rows that choose.
+/// Fits a term for what `base` leaves out; `None` if none makes the rig better on rows that choose. `fitted` is how many
+/// sets of variables, the most promising first, are fitted in free runs.
 ///
 /// # Errors
 /// A fit failed for another reason than the term.
@@ -50,6 +49,7 @@ pub fn fit_unknown(
     bench: &Bench<'_>,
     base: &Explanation,
     missing: &Missing,
+    fitted: usize,
 ) -> Result<Option<UnknownTerm>, DiagnoseError> {
     let mut designs = Vec::new();
     for (channel, volume) in channels(bench) {
@@ -63,11 +63,11 @@ pub fn fit_unknown(
     }
     designs.sort_by(|a, b| b.explained.total_cmp(&a.explained));
     let mut best: Option<(f64, UnknownTerm)> = None;
-    for design in designs.iter().take(FITTED) {
+    for design in designs.iter().take(fitted) {
         let Ok(explanation) = fit_design(bench, base, design, missing) else { continue };
         let found = evidence(bench, &explanation, base);
         let gain = found.chosen;
-        if gain > 2.0 * found.chosen_se && best.as_ref().is_none_or(|(g, _)| gain > *g) {
+        if gain > 0.0 && best.as_ref().is_none_or(|(g, _)| gain > *g) {
             let depends_on = words(design);
             best = Some((gain, UnknownTerm { explanation, depends_on }));
         }
@@ -187,6 +187,9 @@ fn hats(knots: &[f64], value: f64) -> [(usize, f64); 2] {
     [(above - 1, 1.0 - share), (above, share)]
 }
 
+/// A row that was left out: knots with their weights, the flow, its weight.
+type Held = (Vec<(usize, f64)>, f64, f64);
+
 /// Share of the missing flow's variance that a table over these axes explains, on every second block of 5 s, fitted on
 /// the others.
 fn explained(bench: &Bench<'_>, missing: &Missing, channel: usize, axes: &[Axis], columns: &[Vec<Vec<f64>>]) -> f64 {
@@ -194,7 +197,7 @@ fn explained(bench: &Bench<'_>, missing: &Missing, channel: usize, axes: &[Axis]
     let size: usize = axes.iter().map(|a| a.knots.len()).product();
     let mut normal = DMatrix::<f64>::zeros(size, size);
     let mut right = DVector::<f64>::zeros(size);
-    let mut held: Vec<(Vec<(usize, f64)>, f64, f64)> = Vec::new();
+    let mut held: Vec<Held> = Vec::new();
     for flow in missing.flows.iter().filter(|f| f.channel == channel) {
         for row in (0..bench.records.layout().rows(flow.record)).step_by(3) {
             let (Some(y), Some(sd)) = (flow.flow_kg_s.get(row), flow.sd_kg_s.get(row)) else { continue };
@@ -209,7 +212,7 @@ fn explained(bench: &Bench<'_>, missing: &Missing, channel: usize, axes: &[Axis]
                     .collect();
             }
             let weight = 1.0 / (sd * sd).max(1e-24);
-            if row / BLOCK % 2 == 0 {
+            if (row / BLOCK).is_multiple_of(2) {
                 for (i, a) in &terms {
                     right[*i] += weight * a * y;
                     for (k, b) in &terms {

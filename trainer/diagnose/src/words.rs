@@ -91,11 +91,8 @@ pub(crate) fn mechanisms(findings: &Findings<'_, '_>) -> Vec<FoundMechanism> {
 /// The same mechanism on the other side.
 fn join(twin: &mut FoundMechanism, other: FoundMechanism) {
     let sides = [twin.side.clone(), other.side.clone()];
-    for parameters in [&mut twin.parameters] {
-        let renamed: BTreeMap<String, FoundParameter> =
-            std::mem::take(parameters).into_iter().map(|(name, p)| (format!("{name}_{}", sides[0]), p)).collect();
-        *parameters = renamed;
-    }
+    let own = std::mem::take(&mut twin.parameters);
+    twin.parameters = own.into_iter().map(|(name, p)| (format!("{name}_{}", sides[0]), p)).collect();
     twin.parameters.extend(other.parameters.into_iter().map(|(name, p)| (format!("{name}_{}", sides[1]), p)));
     twin.side = "both".to_owned();
     twin.component = format!("{},{}", twin.component, other.component);
@@ -176,13 +173,18 @@ pub(crate) fn summary(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]
         ),
         Verdict::MissingPhysics => {
             let what: Vec<String> = mechanisms.iter().map(|m| m.summary.clone()).collect();
-            format!("{} With this the free run is off by {after:.2} kPa instead of {before:.2} kPa.", what.join(" "))
+            let noise = findings.bench.noise.iter().map(|n| n.sigma_kpa.powi(2)).sum::<f64>();
+            let noise = (noise / findings.bench.noise.len().max(1) as f64).sqrt();
+            format!(
+                "{} With this the free run is off by {after:.2} kPa instead of {before:.2} kPa (noise {noise:.2} kPa).",
+                what.join(" ")
+            )
         }
         Verdict::Undecided => {
             let groups: Vec<String> = judgement
                 .groups
                 .iter()
-                .map(|group| group.iter().map(|name| in_words(name)).collect::<Vec<_>>().join(" or "))
+                .map(|group| group.iter().map(|name| in_words(findings, name)).collect::<Vec<_>>().join(", or "))
                 .collect();
             let known = if mechanisms.is_empty() {
                 String::new()
@@ -194,29 +196,46 @@ pub(crate) fn summary(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]
                 Some(_) => " The experiment in next_experiment.csv is the best that was found to tell them apart.",
                 None => "",
             };
-            format!("{known}These recordings do not decide between {}.{next}", groups.join("; and between "))
+            format!("{known}These recordings do not tell whether {}.{next}", groups.join("; nor whether "))
         }
         Verdict::UnknownMechanism => {
             let at = findings.missing.suspicions.first();
-            format!(
-                "Something is missing that is none of the known mechanisms: {}.{}",
-                at.map_or_else(|| "its place is unclear".to_owned(), |s| place_of(findings, s)),
-                findings.unknown.map_or_else(String::new, |term| format!(
-                    " The rig file now has {}; the free run is off by {after:.2} kPa instead of {before:.2} kPa.",
-                    term.depends_on
-                ))
-            )
+            let place = at.map_or_else(|| "its place is unclear".to_owned(), |s| place_of(findings, s));
+            let figures = format!("the free run is off by {after:.2} kPa instead of {before:.2} kPa");
+            let stand_ins: Vec<String> = findings
+                .found
+                .best
+                .terms
+                .iter()
+                .filter_map(|t| findings.candidates.get(*t))
+                .map(|c| format!("{} of {}", c.id, c.component))
+                .collect();
+            let written = match findings.unknown {
+                Some(term) => format!(" The rig file now has {}; {figures}.", term.depends_on),
+                None if stand_ins.is_empty() => String::new(),
+                None => format!(
+                    " The rig file has the nearest of what is known in its place ({}), which is not what it is; {figures}.",
+                    stand_ins.join(", ")
+                ),
+            };
+            format!("Something is missing that is none of the known mechanisms: {place}.{written}")
         }
     }
 }
 
-/// `chamber_leak:positive` becomes `a chamber leak (positive)`.
-fn in_words(name: &str) -> String {
+/// `chamber_leak:positive` becomes `the positive chamber leaks to the outside even when its valve is shut`.
+pub(crate) fn in_words(findings: &Findings<'_, '_>, name: &str) -> String {
     if name == crate::judge::MOVED {
-        return "a mere shift of parameters".to_owned();
+        return "only the rig's parameters are other than stated".to_owned();
     }
-    let (id, side) = name.split_once(':').unwrap_or((name, ""));
-    format!("{} ({side})", id.replace('_', " "))
+    match findings.candidates.iter().find(|candidate| candidate.name() == name) {
+        Some(candidate) => {
+            let called = called(findings, candidate);
+            let lower = called.strip_prefix("The ").map_or(called.clone(), |rest| format!("the {rest}"));
+            format!("{lower} {}", does(&candidate.id))
+        }
+        None => name.to_owned(),
+    }
 }
 
 /// The parameters that moved most, in words.
@@ -267,6 +286,9 @@ pub(crate) fn locations(findings: &Findings<'_, '_>) -> Vec<Location> {
     let named: Vec<usize> = findings.judgement.contested.iter().map(|c| c.term).collect();
     let strongest = findings.missing.suspicions.first().map_or(0.0, |s| s.gain);
     let mut all = Vec::new();
+    if named.is_empty() && findings.judgement.verdict == Verdict::Undecided {
+        return places_of_rivals(findings);
+    }
     if !named.is_empty() {
         let gains: f64 = findings.judgement.contested.iter().map(|c| c.gain.max(0.0)).sum();
         for contest in &findings.judgement.contested {
@@ -308,6 +330,38 @@ pub(crate) fn locations(findings: &Findings<'_, '_>) -> Vec<Location> {
         });
     }
     all
+}
+
+/// Where the rivals of a mere shift of parameters sit. The re-identified rig has no error left that could tell where, so
+/// the given one's is looked at.
+fn places_of_rivals(findings: &Findings<'_, '_>) -> Vec<Location> {
+    let mut all: Vec<Location> = Vec::new();
+    for candidate in findings.judgement.rivals.iter().flat_map(|r| &r.terms).filter_map(|t| findings.candidates.get(*t))
+    {
+        if all.iter().any(|known| known.component == candidate.component) {
+            continue;
+        }
+        let channels = channels_of(findings, &candidate.component);
+        let squares = |channel: usize| findings.given.free.get(channel).map_or(0.0, |e| e.rmse_kpa.powi(2));
+        let total: f64 = (0..findings.given.free.len()).map(squares).sum();
+        let reading = findings.bench.rig.sensors.contains_key(&candidate.component);
+        all.push(Location {
+            side: candidate.side.clone(),
+            component: candidate.component.clone(),
+            share_of_residual: channels.iter().map(|c| squares(*c)).sum::<f64>() / total.max(1e-12),
+            region: "everywhere".to_owned(),
+            time_s: whole(findings),
+            time_scale_s: 0.0,
+            enters: if reading { "reading" } else { "mass balance" }.to_owned(),
+        });
+    }
+    all
+}
+
+/// First and last time of all recordings.
+fn whole(findings: &Findings<'_, '_>) -> [f64; 2] {
+    let times = || findings.bench.records.records().iter().flat_map(|r| [r.time_s.first(), r.time_s.last()]).flatten();
+    [times().copied().fold(f64::INFINITY, f64::min), times().copied().fold(f64::NEG_INFINITY, f64::max)]
 }
 
 fn volume_of(findings: &Findings<'_, '_>, channel: usize) -> String {

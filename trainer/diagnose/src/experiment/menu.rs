@@ -131,7 +131,7 @@ pub fn menu(rig: &Rig, inputs: &[Input], usage: &Usage) -> Vec<Programme> {
         }
         all.push(
             sheet()
-                .part(12.0, |t, now| set(now, &relays, if (t / 2.0) as usize % 2 == 0 { 0.0 } else { 1.0 }))
+                .part(12.0, |t, now| set(now, &relays, if ((t / 2.0) as usize).is_multiple_of(2) { 0.0 } else { 1.0 }))
                 .named("pump off and on every 2 s"),
         );
     }
@@ -151,7 +151,9 @@ pub fn menu(rig: &Rig, inputs: &[Input], usage: &Usage) -> Vec<Programme> {
         );
         all.push(
             sheet()
-                .part(12.0, |t, now| set(now, &[*valve], if (t / 1.5) as usize % 2 == 0 { low } else { high }))
+                .part(12.0, |t, now| {
+                    set(now, &[*valve], if ((t / 1.5) as usize).is_multiple_of(2) { low } else { high })
+                })
                 .named(format!("steps of {name} every 1.5 s")),
         );
         if valves.len() > 1 {

@@ -18,8 +18,10 @@ const LONGEST_S: f64 = 120.0;
 /// Pressures that every rival's simulation must stay within, in kPa gauge: the envelope of −95 … 160 kPa with room for
 /// what the rivals do not know either.
 const SAFE_KPA: [f64; 2] = [-92.0, 150.0];
-/// Expected difference of log-likelihoods (D/2) at which rivals count as told apart.
+/// Expected difference of log-likelihoods (D/2) that is planned for.
 const ENOUGH: f64 = 15.0;
+/// Expected difference at which rivals count as told apart: odds of e¹⁰, for what is expected is not what will be.
+const DECIDES: f64 = 10.0;
 /// Errors of a model in an experiment of a kind that nothing was fitted to, in kPa, on top of the noise.
 const FOREIGN_KPA: f64 = 0.2;
 /// Step of a finite difference, in prior standard deviations.
@@ -63,7 +65,7 @@ impl Plan {
 
     /// Whether every pair is told apart.
     pub fn decides(&self) -> bool {
-        self.separation.iter().all(|(_, _, half_d)| *half_d >= ENOUGH)
+        self.separation.iter().all(|(_, _, half_d)| *half_d >= DECIDES)
     }
 }
 

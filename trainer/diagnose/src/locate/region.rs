@@ -56,7 +56,8 @@ pub fn region(stretches: &[Stretch<'_>]) -> Option<Region> {
         low = low.min(*command);
         high = high.max(*command);
     }
-    if !(high - low > 1e-6) {
+    // Without any command both are infinite.
+    if low > high || high - low <= 1e-6 {
         return None;
     }
     let bin = |command: f64| (((command - low) / (high - low) * BINS as f64) as usize).min(BINS - 1);
@@ -77,7 +78,7 @@ pub fn region(stretches: &[Stretch<'_>]) -> Option<Region> {
     }
     let total: f64 = energy.iter().flatten().sum();
     let all_rows: f64 = rows.iter().flatten().sum();
-    if !(total > 0.0) {
+    if total.is_nan() || total <= 0.0 {
         return None;
     }
     let of_way = |w: usize| (energy[w].iter().sum::<f64>() / total, rows[w].iter().sum::<f64>() / all_rows);

@@ -99,6 +99,7 @@ impl Block {
     }
 }
 
+#[expect(clippy::needless_range_loop, reason = "matrix algebra reads best by its indices")]
 impl<'a> StateSpace<'a> {
     fn new(series: Series<'a>, latents: &'a [Latent]) -> Option<Self> {
         let n = series.channels + 2 * latents.len();
@@ -267,6 +268,7 @@ pub fn smooth(series: Series<'_>, latents: &[Latent]) -> Option<Smoothed> {
 }
 
 /// One step of the Rauch-Tung-Striebel pass.
+#[expect(clippy::needless_range_loop, reason = "matrix algebra reads best by its indices")]
 fn backward(
     a: &Matrix,
     n: usize,

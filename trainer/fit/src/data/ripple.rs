@@ -162,10 +162,13 @@ mod tests {
             let white = noise(3000, 100 + seed);
             any += usize::from(!lines(&white, 1e-3).is_empty());
             let mut slow = 0.0;
-            let drift: Vec<f64> = noise(3000, 200 + seed).iter().map(|w| {
-                slow = 0.98 * slow + w;
-                slow
-            }).collect();
+            let drift: Vec<f64> = noise(3000, 200 + seed)
+                .iter()
+                .map(|w| {
+                    slow = 0.98 * slow + w;
+                    slow
+                })
+                .collect();
             any += usize::from(!lines(&drift, 1e-3).is_empty());
         }
         // 80 chances of 1e-3 in white noise; the drift's steep spectrum may add one.

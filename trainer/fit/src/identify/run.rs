@@ -7,13 +7,12 @@ use super::check_valves::{PaperFit, paper_fit};
 use crate::FitError;
 use crate::data::quality::Quality;
 use crate::data::{Line, Noise, Records, Role, Split, lines, noise};
-use crate::objective::{FitSettings, Fitted, blocks_of, fit};
+use crate::objective::{FitSettings, Fitted, blocks_of, fit_watched};
 use crate::parameters::{ParameterSet, Scatter, nominal};
-use crate::simulate::{ChannelError, Fidelity, Horizon, Simulator, errors_at, refined_starts};
-use crate::simulate::Arcs;
+use crate::simulate::{ChannelError, Fidelity, Horizon, Simulator, errors, traces_at};
 
 /// How to identify.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct IdentifySettings {
     /// What parts scatter by: the priors.
     pub scatter: Scatter,
@@ -21,12 +20,6 @@ pub struct IdentifySettings {
     pub threads: Option<usize>,
     /// The fit.
     pub fit: FitSettings,
-}
-
-impl Default for IdentifySettings {
-    fn default() -> Self {
-        IdentifySettings { scatter: Scatter::default(), threads: None, fit: FitSettings::default() }
-    }
 }
 
 /// What is being done, for a progress line.
@@ -37,7 +30,10 @@ pub enum Step {
     /// Check valves and valves, as in the paper.
     Paper,
     /// The joint refinement.
-    Refining,
+    Refining {
+        /// Rounds that are done.
+        round: usize,
+    },
     /// Errors on what was kept back.
     Testing,
 }
@@ -125,7 +121,7 @@ pub fn run(
     // A regression that fails leaves one start less; it is not what the result rests on.
     let paper = paper_fit(rig, &records, &fitted_rows, settings.scatter).ok().flatten();
 
-    progress(Step::Refining);
+    progress(Step::Refining { round: 0 });
     let mut simulator = Simulator::new(&records, Fidelity::Detailed);
     if let Some(threads) = settings.threads {
         simulator = simulator.on(threads);
@@ -141,19 +137,23 @@ pub fn run(
     let sigma_kpa: Vec<f64> = noise.iter().map(|n| n.sigma_kpa).collect();
     let mut blocks = blocks_of(&split, Role::Fit);
     blocks.extend(blocks_of(&split, Role::Select));
-    let (fitted, costs) = fit(simulator, &set, &starts, &fitted_rows, &sigma_kpa, &blocks, &settings.fit)?;
+    let mut round = 0;
+    let (fitted, costs) =
+        fit_watched(simulator, &set, &starts, &fitted_rows, &sigma_kpa, &blocks, &settings.fit, &mut || {
+            round += 1;
+            progress(Step::Refining { round });
+        })?;
 
     progress(Step::Testing);
-    let accuracy = |rig: &Rig| -> Result<Accuracy, FitError> {
-        let at = |horizon| errors_at(&simulator, rig, horizon, tested);
-        Ok(Accuracy {
-            free: at(Horizon::Free)?,
-            ten_seconds: at(Horizon::Windows { seconds: 10.0 })?,
-            one_second: at(Horizon::Windows { seconds: 1.0 })?,
-        })
+    let horizons = [Horizon::Free, Horizon::Windows { seconds: 10.0 }, Horizon::Windows { seconds: 1.0 }];
+    let accuracy = |rig: &Rig| -> Result<(Accuracy, Vec<f64>), FitError> {
+        let traces = traces_at(&simulator, rig, &horizons)?;
+        let at = |horizon: usize| errors(&simulator, traces.get(horizon).map_or(&[], Vec::as_slice), tested);
+        let accuracy = Accuracy { free: at(0), ten_seconds: at(1), one_second: at(2) };
+        Ok((accuracy, traces.into_iter().next().unwrap_or_default()))
     };
-    let (before, after) = (accuracy(rig)?, accuracy(&fitted.rig)?);
-    let lines = residual_lines(&simulator, &fitted.rig)?;
+    let ((before, _), (after, free_run)) = (accuracy(rig)?, accuracy(&fitted.rig)?);
+    let lines = residual_lines(&records, &free_run);
     Ok(Identified {
         fitted,
         costs,
@@ -170,10 +170,7 @@ pub fn run(
 }
 
 /// Narrow lines in the free-run residual, by channel: the strongest recording speaks.
-fn residual_lines(simulator: &Simulator<'_>, rig: &Rig) -> Result<Vec<Vec<Line>>, FitError> {
-    let records = simulator.records();
-    let arcs = refined_starts(simulator, rig, &Arcs::free(records))?;
-    let trace = simulator.one(rig, &arcs)?;
+fn residual_lines(records: &Records, trace: &[f64]) -> Vec<Vec<Line>> {
     let mut found: Vec<Vec<Line>> = vec![Vec::new(); records.layout().channels()];
     for (record, channel, range) in records.layout().all() {
         let recorded = records.channel_kpa(record, channel);
@@ -188,5 +185,5 @@ fn residual_lines(simulator: &Simulator<'_>, rig: &Rig) -> Result<Vec<Vec<Line>>
             }
         }
     }
-    Ok(found)
+    found
 }

@@ -212,7 +212,8 @@ impl Regression {
     pub(super) fn in_file_units(&self, rig: &Rig, fit: &LinearFit, misfit: f64) -> ValveRegression {
         let temperature = rig.volumes.get(&self.balance.volume).map_or(f64::NAN, |v| v.temperature_k);
         let units = [rig.gas.gas_constant_j_per_kg_k * temperature * 1e3, 1e6, 1e6, 1e6];
-        let in_units = |numbers: &[f64]| std::array::from_fn(|k| numbers.get(k).copied().unwrap_or(f64::NAN) * units[k]);
+        let in_units =
+            |numbers: &[f64]| std::array::from_fn(|k| numbers.get(k).copied().unwrap_or(f64::NAN) * units[k]);
         ValveRegression {
             volume: self.balance.volume.clone(),
             valve: self.balance.valve.clone(),
@@ -264,7 +265,8 @@ fn row_of(
         let chamber = atmosphere + pressures_kpa.get(k)? * 1e3;
         let (up, down) = if fills { (atmosphere, chamber) } else { (chamber, atmosphere) };
         let drop = up - down;
-        let area = valve.input_area_mm2 * acting + valve.pressure_area_mm2_per_n * nozzle * drop - valve.spring_area_mm2;
+        let area =
+            valve.input_area_mm2 * acting + valve.pressure_area_mm2_per_n * nozzle * drop - valve.spring_area_mm2;
         if area < SHUT * valve.input_area_mm2 || drop <= 0.0 {
             return None;
         }

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use super::run::Identified;
 use crate::objective::{Estimate, Fitted};
+use crate::simulate::ChannelError;
 
 /// A parameter whose standard error is still this share of what was known beforehand is not determined.
 const HARDLY: f64 = 0.5;
@@ -14,7 +15,11 @@ const IMPLAUSIBLE: f64 = 3.0;
 pub fn table(identified: &Identified) -> String {
     let mut text = String::new();
     let width = identified.fitted.estimates.iter().map(|e| e.parameter.path.chars().count()).max().unwrap_or(9).max(9);
-    let _ = writeln!(text, "{:<width$}  {:>10}  {:>10}  {:>9}  {:<7}  moved", "parameter", "rig file", "identified", "±", "unit");
+    let _ = writeln!(
+        text,
+        "{:<width$}  {:>10}  {:>10}  {:>9}  {:<7}  moved",
+        "parameter", "rig file", "identified", "±", "unit"
+    );
     for e in &identified.fitted.estimates {
         let digits = decimals(e.sd);
         let mark = if e.undetermined > HARDLY { "  hardly determined" } else { "" };
@@ -43,6 +48,26 @@ fn moved(e: &Estimate) -> String {
 /// Decimals that show two digits of an uncertainty.
 fn decimals(sd: f64) -> usize {
     if sd > 0.0 && sd.is_finite() { (1.0 - sd.log10().floor()).clamp(0.0, 6.0) as usize } else { 4 }
+}
+
+/// Errors on the rows that were kept back, before and after, at three horizons.
+pub fn figures(identified: &Identified) -> String {
+    let rows = if identified.tested_on_fitted {
+        "the fitted rows (too few to keep any back)"
+    } else {
+        "rows that were not fitted"
+    };
+    let mut text = format!("error in kPa rms on {rows}, simulated from the commands alone\n");
+    let width = identified.channels.iter().map(|c| c.chars().count()).max().unwrap_or(0);
+    let _ = writeln!(text, "{:width$}  {:<10}  {:>9}  {:>9}  {:>9}", "", "", "free run", "10 s", "1 s");
+    for (index, channel) in identified.channels.iter().enumerate() {
+        for (name, accuracy) in [("rig file", &identified.before), ("identified", &identified.after)] {
+            let at = |errors: &[ChannelError]| errors.get(index).map_or(f64::NAN, |e| e.rmse_kpa);
+            let [free, ten, one] = [&accuracy.free, &accuracy.ten_seconds, &accuracy.one_second].map(|e| at(e));
+            let _ = writeln!(text, "{channel:width$}  {name:<10}  {free:>9.3}  {ten:>9.3}  {one:>9.3}");
+        }
+    }
+    text
 }
 
 /// What the recordings do not determine, one sentence a line; empty if they determine everything.
@@ -120,10 +145,12 @@ pub fn verdict(identified: &Identified) -> Vec<String> {
             ));
         }
     }
-    let spread = identified.costs.iter().fold(0.0_f64, |s, c| {
-        s.max(c - identified.costs.iter().copied().fold(f64::INFINITY, f64::min))
-    });
-    if spread > 2.0 {
+    let spread = identified
+        .costs
+        .iter()
+        .fold(0.0_f64, |s, c| s.max(c - identified.costs.iter().copied().fold(f64::INFINITY, f64::min)));
+    // So much is the ground within one standard error of every parameter: a flat valley, not another minimum.
+    if spread > 0.5 * identified.fitted.estimates.len() as f64 {
         said.push(format!(
             "the starts ended {spread:.0} apart in log-likelihood: another minimum is near; the better one is taken"
         ));

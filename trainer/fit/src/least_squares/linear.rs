@@ -41,7 +41,7 @@ pub fn solve(columns: &[Vec<f64>], b: &[f64], what: &str) -> Result<LinearFit, F
         svd.singular_values.iter().fold((f64::INFINITY, 0.0_f64), |(l, h), s| (l.min(*s), h.max(*s)));
     let condition = largest / least;
     // Relative to rounding, nothing is left of the smallest combination.
-    if !(condition < 1e12) {
+    if condition.is_nan() || condition >= 1e12 {
         return Err(singular("the columns depend on each other; the recordings do not tell them apart"));
     }
     let rhs = DVector::from_column_slice(b);

@@ -38,7 +38,7 @@ pub fn nelder_mead(mut f: impl FnMut(&[f64]) -> f64, start: &[f64], settings: Si
         let (gained, moved) = (best.1 - found.1, distance(&best.0, &found.0));
         best = found;
         // A restart that stays within the tolerance has nothing to find.
-        if !(gained > 0.0) || moved < 4.0 * settings.tolerance {
+        if gained.is_nan() || gained <= 0.0 || moved < 4.0 * settings.tolerance {
             break;
         }
         step = settings.step.min(moved.max(4.0 * settings.tolerance));
@@ -76,9 +76,9 @@ fn descend(
         if size < tolerance || *left == 0 {
             return best;
         }
-        let centre: Vec<f64> =
-            (0..n).map(|i| simplex.iter().take(n).map(|v| v.0.get(i).copied().unwrap_or(0.0)).sum::<f64>() / n as f64)
-                .collect();
+        let centre: Vec<f64> = (0..n)
+            .map(|i| simplex.iter().take(n).map(|v| v.0.get(i).copied().unwrap_or(0.0)).sum::<f64>() / n as f64)
+            .collect();
         let along = |t: f64| -> Vec<f64> { centre.iter().zip(&worst.0).map(|(c, w)| c + t * (c - w)).collect() };
         let reflected = along(1.0);
         let at_reflected = value(&reflected, left);

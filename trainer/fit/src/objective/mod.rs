@@ -4,14 +4,17 @@
 //! | --- | --- |
 //! | `problem` | residuals of a rig over arcs, with starts projected out, as a least-squares problem |
 //! | `projection` | what of a residual an unknown start could explain, taken out |
-//! | `fitted` | a fit: rounds of least squares, scale, uncertainty |
+//! | `stages` | a fit: stages of least squares, from several starts |
+//! | `fitted` | its result: values, scale, uncertainty |
 //! | `likelihood` | chi-square, log-likelihoods and errors, whole and block by block |
 
 mod fitted;
 mod likelihood;
 mod problem;
 mod projection;
+mod stages;
 
-pub use fitted::{Estimate, FitSettings, Fitted, Shooting, fit, fit_from};
+pub use fitted::{Estimate, Fitted};
 pub use likelihood::{BlockScore, Likelihood, NoiseModel, Score, blocks_of, score};
-pub use problem::RigProblem;
+pub use problem::{RigProblem, Sides};
+pub use stages::{FitSettings, Shooting, fit, fit_from, fit_watched};

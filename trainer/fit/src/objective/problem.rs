@@ -17,6 +17,24 @@ use crate::simulate::{Arcs, NUDGE_KPA, Run, Simulator};
 /// displacement, which moves readings by 0.02 kPa per standard deviation, and halved the stated uncertainties.
 const STEP: f64 = 0.2;
 
+/// Which sides of a point differences are taken on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sides {
+    /// Both: what uncertainties and combinations are told from.
+    Both,
+    /// One: half the runs, slopes good to about a per cent, which a search far from its end does not feel.
+    One,
+}
+
+/// How readings change with starts and parameters, in kPa and not projected, so that they serve under any weights.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Slopes {
+    /// Per kPa of a channel's starts, by channel.
+    starts: Vec<Vec<f64>>,
+    /// Per unit of a coordinate, by coordinate.
+    coordinates: Vec<Vec<f64>>,
+}
+
 /// Residuals of a parameter set over arcs: `(simulated − recorded) · weight`, starts projected out.
 pub struct RigProblem<'p> {
     simulator: Simulator<'p>,
@@ -27,12 +45,47 @@ pub struct RigProblem<'p> {
     /// Added to every trace: what a closer simulation says otherwise, at some point nearby.
     correction_kpa: Vec<f64>,
     projection: Projection,
+    sides: Sides,
+    slopes: Option<Slopes>,
+    /// Whether the slopes stay what they are, wherever the search goes.
+    kept: bool,
+    /// Points tried last, and the traces there: with kept slopes the next linearisation needs one of them.
+    tried: Vec<(Vec<f64>, Vec<f64>)>,
 }
 
 impl<'p> RigProblem<'p> {
     /// Residuals over `arcs`, each reading weighted by `weights` (1/σ in 1/kPa, 0 for none).
     pub fn new(simulator: Simulator<'p>, set: &'p ParameterSet, arcs: Arcs, weights: Vec<f64>) -> Self {
-        RigProblem { simulator, set, arcs, weights, correction_kpa: Vec::new(), projection: Projection::default() }
+        RigProblem {
+            simulator,
+            set,
+            arcs,
+            weights,
+            correction_kpa: Vec::new(),
+            projection: Projection::default(),
+            sides: Sides::Both,
+            slopes: None,
+            kept: false,
+            tried: Vec::new(),
+        }
+    }
+
+    /// The same with differences on these sides.
+    #[must_use]
+    pub fn on(self, sides: Sides) -> Self {
+        RigProblem { sides, ..self }
+    }
+
+    /// The same with slopes that are worked out once and then kept (chord method), or that are given from nearby: a
+    /// round costs the trials alone.
+    #[must_use]
+    pub(super) fn keeping(self, slopes: Option<Slopes>) -> Self {
+        RigProblem { slopes, kept: true, ..self }
+    }
+
+    /// The slopes that the last linearisation used.
+    pub(super) fn into_slopes(self) -> Option<Slopes> {
+        self.slopes
     }
 
     /// The same with a correction of every trace.
@@ -66,9 +119,9 @@ impl<'p> RigProblem<'p> {
     }
 }
 
-impl Problem for RigProblem<'_> {
-    fn linearise(&mut self, point: &[f64]) -> Result<Linearised, FitError> {
-        let rig = self.set.rig_at(point).map_err(FitError::rig(self.set.rig()))?;
+impl RigProblem<'_> {
+    /// Works out the slopes at a point; also gives the trace there.
+    fn slopes_at(&self, rig: &Rig, point: &[f64]) -> Result<(Vec<f64>, Slopes), FitError> {
         let channels = self.simulator.records().layout().channels();
         let mut runs = vec![Run::from(rig.clone())];
         for channel in 0..channels {
@@ -78,16 +131,9 @@ impl Problem for RigProblem<'_> {
             }
             runs.push(Run { rig: rig.clone(), shift_kpa });
         }
-        // Both sides, or one where the other is out of bounds.
-        let spans: Vec<[f64; 2]> = self
-            .set
-            .bounds()
-            .iter()
-            .zip(point)
-            .map(|([low, high], z)| [(z - STEP).max(*low) - z, (z + STEP).min(*high) - z])
-            .collect();
+        let spans = self.spans(point);
         for (i, span) in spans.iter().enumerate() {
-            for by in span {
+            for by in span.iter().filter(|by| **by != 0.0) {
                 let mut varied = point.to_vec();
                 if let Some(z) = varied.get_mut(i) {
                     *z += by;
@@ -103,24 +149,67 @@ impl Problem for RigProblem<'_> {
             .map_err(FitError::rig(self.set.rig()))?
             .into_iter();
         let Some(base) = traces.next() else { return Err(FitError::NoRecordings) };
-        if base.iter().any(|kpa| !kpa.is_finite()) {
-            return Err(FitError::NotFinite { rig: rig.name });
-        }
-        // (above − below)/span · weight, in place of `above`.
+        // (above − below)/span, in place of `above`; readings that do not count may be anything.
         let difference = |below: &[f64], mut above: Vec<f64>, span: f64| {
             for ((a, b), w) in above.iter_mut().zip(below).zip(&self.weights) {
-                *a = if *w == 0.0 { 0.0 } else { (*a - b) / span * w };
+                *a = if *w == 0.0 { 0.0 } else { (*a - b) / span };
             }
             above
         };
-        let effects: Vec<Vec<f64>> =
-            traces.by_ref().take(channels).map(|trace| difference(&base, trace, NUDGE_KPA)).collect();
-        self.projection = Projection::new(self.simulator.records(), &self.arcs, &effects);
-        let mut jacobian: Vec<Vec<f64>> = Vec::with_capacity(spans.len());
+        let starts = traces.by_ref().take(channels).map(|trace| difference(&base, trace, NUDGE_KPA)).collect();
+        let mut coordinates = Vec::with_capacity(spans.len());
         for [low, high] in &spans {
-            let (Some(below), Some(above)) = (traces.next(), traces.next()) else { break };
-            jacobian.push(difference(&below, above, high - low));
+            let mut side = |by: f64| if by == 0.0 { Some(None) } else { traces.next().map(Some) };
+            let (Some(below), Some(above)) = (side(*low), side(*high)) else { break };
+            let (below, above) = (below.as_deref().unwrap_or(&base), above.unwrap_or_else(|| base.clone()));
+            coordinates.push(difference(below, above, high - low));
         }
+        Ok((base, Slopes { starts, coordinates }))
+    }
+
+    /// How far differences reach below and above a point, by coordinate: one or both sides, within bounds.
+    fn spans(&self, point: &[f64]) -> Vec<[f64; 2]> {
+        self.set
+            .bounds()
+            .iter()
+            .zip(point)
+            .map(|([low, high], z)| {
+                let (below, above) = ((z - STEP).max(*low) - z, (z + STEP).min(*high) - z);
+                match self.sides {
+                    Sides::Both => [below, above],
+                    Sides::One if above > 0.5 * STEP => [0.0, above],
+                    Sides::One => [below, 0.0],
+                }
+            })
+            .collect()
+    }
+
+    /// The trace of the set at a point, which may have been tried already.
+    fn trace(&mut self, rig: &Rig, point: &[f64]) -> Result<Vec<f64>, FitError> {
+        if let Some(known) = self.tried.iter().position(|(tried, _)| tried == point) {
+            return Ok(self.tried.swap_remove(known).1);
+        }
+        let outcome = self.simulator.run(&[Run::from(rig.clone())], &self.arcs).pop().ok_or(FitError::NoRecordings)?;
+        outcome.map_err(FitError::rig(self.set.rig()))
+    }
+}
+
+impl Problem for RigProblem<'_> {
+    fn linearise(&mut self, point: &[f64]) -> Result<Linearised, FitError> {
+        let rig = self.set.rig_at(point).map_err(FitError::rig(self.set.rig()))?;
+        let (base, slopes) = match self.slopes.take() {
+            Some(slopes) if self.kept => (self.trace(&rig, point)?, slopes),
+            _ => self.slopes_at(&rig, point)?,
+        };
+        if base.iter().any(|kpa| !kpa.is_finite()) {
+            return Err(FitError::NotFinite { rig: rig.name });
+        }
+        let weighted =
+            |column: &Vec<f64>| -> Vec<f64> { column.iter().zip(&self.weights).map(|(c, w)| c * w).collect() };
+        let effects: Vec<Vec<f64>> = slopes.starts.iter().map(weighted).collect();
+        let mut jacobian: Vec<Vec<f64>> = slopes.coordinates.iter().map(weighted).collect();
+        self.projection = Projection::new(self.simulator.records(), &self.arcs, &effects);
+        self.slopes = Some(slopes);
         let mut residuals = self.weighted(&base);
         self.projection.apply(&mut residuals);
         for column in &mut jacobian {
@@ -133,12 +222,17 @@ impl Problem for RigProblem<'_> {
         let rigs: Vec<Option<Rig>> = points.iter().map(|point| self.set.rig_at(point).ok()).collect();
         let runs: Vec<Run> = rigs.iter().flatten().cloned().map(Run::from).collect();
         let mut traces = self.simulator.run(&runs, &self.arcs).into_iter();
+        self.tried.clear();
         rigs.iter()
-            .map(|rig| {
+            .zip(points)
+            .map(|(rig, point)| {
                 rig.as_ref()?;
                 let trace = traces.next()?.ok()?;
                 let mut residuals = self.weighted(&trace);
                 self.projection.apply(&mut residuals);
+                if self.kept {
+                    self.tried.push((point.clone(), trace));
+                }
                 residuals.iter().all(|r| r.is_finite()).then_some(residuals)
             })
             .collect()

@@ -78,11 +78,7 @@ impl ArcEffects {
         self.places.iter().flat_map(|p| vector.get(p.clone()).unwrap_or_default()).zip(column)
     }
 
-    fn zip_mut<'a>(
-        &'a self,
-        vector: &'a mut [f64],
-        column: &'a [f64],
-    ) -> impl Iterator<Item = (&'a mut f64, &'a f64)> {
+    fn zip_mut<'a>(&'a self, vector: &'a mut [f64], column: &'a [f64]) -> impl Iterator<Item = (&'a mut f64, &'a f64)> {
         // Places are in order and do not overlap, so the vector can be handed out piece by piece.
         let mut rest = vector;
         let mut offset = 0;

@@ -97,9 +97,7 @@ pub fn nominal(rig: &Rig, scatter: Scatter) -> Vec<Parameter> {
     }
     for (name, line) in &rig.lines {
         parameters.push(match line {
-            Line::Orifice { area_mm2, .. } => {
-                Parameter::log(format!("lines.{name}.area_mm2"), *area_mm2, scatter.line)
-            }
+            Line::Orifice { area_mm2, .. } => Parameter::log(format!("lines.{name}.area_mm2"), *area_mm2, scatter.line),
             Line::Laminar { resistance_kpa_s_per_l, .. } => {
                 Parameter::log(format!("lines.{name}.resistance_kpa_s_per_l"), *resistance_kpa_s_per_l, scatter.line)
             }

@@ -26,10 +26,7 @@ pub fn set_value(rig: &mut Rig, path: &str, value: f64) -> Result<(), RigError> 
 }
 
 /// The rig with other numbers at some paths; the whole is checked.
-pub(crate) fn with_values<'p>(
-    rig: &Rig,
-    values: impl IntoIterator<Item = (&'p str, f64)>,
-) -> Result<Rig, RigError> {
+pub(crate) fn with_values<'p>(rig: &Rig, values: impl IntoIterator<Item = (&'p str, f64)>) -> Result<Rig, RigError> {
     let mut tree = tree(rig)?;
     for (path, value) in values {
         *find(&mut tree, path)? = Value::Float(value);

@@ -40,16 +40,28 @@ pub struct ChannelError {
 /// # Errors
 /// The rig cannot be simulated.
 pub fn trace_at(simulator: &Simulator<'_>, rig: &Rig, horizon: Horizon) -> Result<Vec<f64>, FitError> {
+    Ok(traces_at(simulator, rig, &[horizon])?.pop().unwrap_or_default())
+}
+
+/// Its traces at several horizons, for which one free run serves.
+///
+/// # Errors
+/// The rig cannot be simulated.
+pub fn traces_at(simulator: &Simulator<'_>, rig: &Rig, horizons: &[Horizon]) -> Result<Vec<Vec<f64>>, FitError> {
     let records = simulator.records();
     let arcs = refined_starts(simulator, rig, &Arcs::free(records))?;
     let free = simulator.one(rig, &arcs)?;
-    match horizon {
-        Horizon::Free => Ok(free),
-        Horizon::Windows { seconds } => {
-            let rows = ((seconds / proto::recording::PERIOD_S).round() as usize).max(1);
-            simulator.one(rig, &Arcs::windows(records, rows, &smoothed_kpa(records, &free)))
-        }
-    }
+    let smoothed = smoothed_kpa(records, &free);
+    horizons
+        .iter()
+        .map(|horizon| match horizon {
+            Horizon::Free => Ok(free.clone()),
+            Horizon::Windows { seconds } => {
+                let rows = ((seconds / proto::recording::PERIOD_S).round() as usize).max(1);
+                simulator.one(rig, &Arcs::windows(records, rows, &smoothed))
+            }
+        })
+        .collect()
 }
 
 /// Errors by channel, over the readings whose weight is not zero.

@@ -19,7 +19,7 @@ mod simulator;
 mod start;
 
 pub use arcs::{Arc, Arcs};
-pub use horizon::{ChannelError, Horizon, errors, errors_at, trace_at};
+pub use horizon::{ChannelError, Horizon, errors, errors_at, trace_at, traces_at};
 pub use simulator::{Fidelity, Run, Simulator};
 pub(crate) use start::NUDGE_KPA;
 pub use start::{refined_starts, smoothed_kpa};

@@ -4,6 +4,7 @@ use std::num::NonZero;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc as Shared, Mutex, PoisonError};
 
+use model::averaged::PumpTables;
 use model::plant::{Plant, Simulated};
 use model::real::{Lanes, Real};
 use model::rig::{Rig, RigError};
@@ -24,10 +25,16 @@ pub enum Fidelity {
     Detailed,
     /// Every stroke, at a step of 0.4 ms: off by about 0.05 kPa, four times as fast.
     Coarse,
+    /// Pumps averaged over a revolution ([`model::averaged`]), their ripple put back onto the readings: smooth in the
+    /// parameters and, rig by rig, some twenty times as fast as in detail; slopes of parameters that hardly show are
+    /// off by as much as they are.
+    Averaged,
 }
 
 /// The coarse step in ms.
 const COARSE_STEP_MS: f64 = 0.4;
+/// The step of averaged plants in ms.
+const AVERAGED_STEP_MS: f64 = 5.0;
 
 /// One rig to be run, and how its starts differ from the arcs'.
 #[derive(Debug, Clone)]
@@ -195,22 +202,31 @@ impl<'r> Simulator<'r> {
             }
         }
         let mut groups = Vec::new();
+        // Rigs of one Jacobian differ in one number each, which mostly is none of the pump's.
+        let mut tables = PumpTables::new();
         for (_, members) in kinds {
-            for members in members.chunks(SIDE_BY_SIDE) {
-                self.compile(runs, members, outcomes, &mut groups);
+            for members in members.chunks(self.side_by_side_at_most()) {
+                self.compile(runs, members, &mut tables, outcomes, &mut groups);
             }
         }
         groups
     }
 
-    fn compile(&self, runs: &[Run], members: &[usize], outcomes: &mut [Outcome], groups: &mut Vec<Group>) {
+    fn compile(
+        &self,
+        runs: &[Run],
+        members: &[usize],
+        tables: &mut PumpTables,
+        outcomes: &mut [Outcome],
+        groups: &mut Vec<Group>,
+    ) {
         let rigs: Vec<Rig> = members.iter().filter_map(|m| runs.get(*m)).map(|run| self.prepared(&run.rig)).collect();
         let bundle = match rigs.as_slice() {
-            [rig] => Plant::new(rig).and_then(|plant| {
+            [rig] => self.plant(rig, tables).and_then(|plant| {
                 let ticks = self.fits(&plant)?;
                 Ok((Bundle::One(Shared::new(plant)), ticks))
             }),
-            several => Plant::side_by_side(several).and_then(|plant| {
+            several => self.side_by_side(several, tables).and_then(|plant| {
                 let ticks = self.fits(&plant)?;
                 Ok((Bundle::Several(Shared::new(plant)), ticks))
             }),
@@ -220,14 +236,37 @@ impl<'r> Simulator<'r> {
             // One of them is unsound, or numbers (a compliance of zero) changed the structure after all.
             Err(_) if members.len() > 1 => {
                 let (front, back) = members.split_at(members.len() / 2);
-                self.compile(runs, front, outcomes, groups);
-                self.compile(runs, back, outcomes, groups);
+                self.compile(runs, front, tables, outcomes, groups);
+                self.compile(runs, back, tables, outcomes, groups);
             }
             Err(problem) => {
                 if let Some(outcome) = members.first().and_then(|m| outcomes.get_mut(*m)) {
                     *outcome = Err(problem);
                 }
             }
+        }
+    }
+
+    /// How many rigs go into one bundle. The tables of averaged pumps are read at another place in each lane, so a bundle
+    /// of them gains nothing over one after the other, and shares out worse among cores.
+    fn side_by_side_at_most(&self) -> usize {
+        match self.fidelity {
+            Fidelity::Averaged => 1,
+            Fidelity::Detailed | Fidelity::Coarse => SIDE_BY_SIDE,
+        }
+    }
+
+    fn plant(&self, rig: &Rig, tables: &mut PumpTables) -> Result<Plant<f64>, RigError> {
+        match self.fidelity {
+            Fidelity::Averaged => Plant::averaged(rig, AVERAGED_STEP_MS, tables),
+            Fidelity::Detailed | Fidelity::Coarse => Plant::new(rig),
+        }
+    }
+
+    fn side_by_side(&self, rigs: &[Rig], tables: &mut PumpTables) -> Result<Plant<Lanes<SIDE_BY_SIDE>>, RigError> {
+        match self.fidelity {
+            Fidelity::Averaged => Plant::averaged_side_by_side(rigs, AVERAGED_STEP_MS, tables),
+            Fidelity::Detailed | Fidelity::Coarse => Plant::side_by_side(rigs),
         }
     }
 

@@ -77,7 +77,12 @@ pub(crate) fn recording(source: &str, duty: &[Vec<f64>; 2], pressures: &[Vec<f64
 }
 
 /// The same at given times.
-pub(crate) fn recording_at(source: &str, time_s: Vec<f64>, duty: &[Vec<f64>; 2], pressures: &[Vec<f64>; 2]) -> Recording {
+pub(crate) fn recording_at(
+    source: &str,
+    time_s: Vec<f64>,
+    duty: &[Vec<f64>; 2],
+    pressures: &[Vec<f64>; 2],
+) -> Recording {
     let column =
         |name: &str, numbers: &[f64]| Column { name: name.to_owned(), data: ColumnData::Numbers(numbers.to_vec()) };
     let columns = vec![

@@ -105,12 +105,13 @@ fn compare(rig: &Rig, records: &Records, source: &str, medians: &[(f64, f64)], f
         && fits(*recorded_a, *simulated_b)
         && fits(*recorded_b, *simulated_a)
     {
-        let (one, other) =
-            (columns.get(*a).cloned().unwrap_or_default(), columns.get(*b).cloned().unwrap_or_default());
+        let (one, other) = (columns.get(*a).cloned().unwrap_or_default(), columns.get(*b).cloned().unwrap_or_default());
         findings.push(add(
             format!("{one}, {other}"),
             Trouble::SwappedPressures,
-            format!("{one} reads {recorded_a:.1} kPa and {other} {recorded_b:.1} kPa: the two columns seem to be swapped"),
+            format!(
+                "{one} reads {recorded_a:.1} kPa and {other} {recorded_b:.1} kPa: the two columns seem to be swapped"
+            ),
         ));
         return;
     }
@@ -120,7 +121,9 @@ fn compare(rig: &Rig, records: &Records, source: &str, medians: &[(f64, f64)], f
             findings.push(add(
                 column,
                 Trouble::WrongUnit,
-                format!("reads {recorded:.1} kPa where about {simulated:.0} kPa are expected: the sign seems to be lost"),
+                format!(
+                    "reads {recorded:.1} kPa where about {simulated:.0} kPa are expected: the sign seems to be lost"
+                ),
             ));
         }
     }

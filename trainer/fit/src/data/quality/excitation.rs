@@ -64,7 +64,8 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mu
             Severity::Unusable,
             Trouble::NoExcitation,
             "",
-            "no pressure moves: nothing can be told from these recordings. Record steps over the whole range".to_owned(),
+            "no pressure moves: nothing can be told from these recordings. Record steps over the whole range"
+                .to_owned(),
         ));
     }
     for pump in rig.pumps.values() {

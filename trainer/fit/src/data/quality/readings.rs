@@ -19,13 +19,7 @@ const WILD: f64 = 10.0;
 /// … and this far away at least, in kPa: more than the plant can do within two rows and go back on.
 const WILD_KPA: f64 = 2.0;
 
-pub(super) fn check(
-    rig: &Rig,
-    records: &Records,
-    noise: &[Noise],
-    usable: &mut [f64],
-    findings: &mut Vec<Finding>,
-) {
+pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], usable: &mut [f64], findings: &mut Vec<Finding>) {
     for (record, r) in records.records().iter().enumerate() {
         for (channel, column) in records.sensors().iter().enumerate() {
             let values = records.channel_kpa(record, channel);
@@ -67,12 +61,7 @@ fn range_of(rig: &Rig, column: &str) -> Option<[f64; 2]> {
 }
 
 /// Masks runs of equal readings and tells clipped ones (at the channel's own extreme) from stuck ones.
-fn stuck(
-    values: &[f64],
-    mask: &mut [f64],
-    range: Option<[f64; 2]>,
-    add: &mut impl FnMut(Severity, Trouble, String),
-) {
+fn stuck(values: &[f64], mask: &mut [f64], range: Option<[f64; 2]>, add: &mut impl FnMut(Severity, Trouble, String)) {
     let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
     let (mut clipped, mut frozen, mut longest, mut at_limit) = (0, 0, 0, 0.0);
     let mut start = 0;

@@ -1,0 +1,193 @@
+//! A quick look at an explanation: a search with slopes that another one has worked out already.
+//!
+//! Nearly all of a fit's time goes into the slopes of the rig's own parameters. Those hardly change when a term is
+//! added, so a glance keeps the ones of its base (the chord method) and works out only those of the new terms, anew in
+//! every round, for their effect is not linear in a delay or a time constant. It runs with the pump averaged, every
+//! trace corrected by what the detailed base differs from its averaged self.
+
+use fit::FitError;
+use fit::least_squares::{Linearised, Problem, Settings, minimise};
+use fit::parameters::ParameterSet;
+use fit::simulate::{Arcs, Fidelity, Run, Simulator};
+use model::rig::RigError;
+
+use crate::bench::{Bench, Explanation, LOSS};
+use crate::error::DiagnoseError;
+
+/// Span of a difference, in prior standard deviations.
+const STEP: f64 = 0.2;
+/// Steps tried at once.
+const TRIALS: usize = 3;
+
+/// Arcs, weights, correction and slopes that glances share.
+#[derive(Debug, Clone)]
+pub struct Footing {
+    /// Where simulations start.
+    pub arcs: Arcs,
+    /// Weight of each reading, 1/kPa.
+    pub weights: Vec<f64>,
+    /// Detailed less averaged, in kPa.
+    pub correction_kpa: Vec<f64>,
+    /// Slopes of the rig's own parameters, weighted.
+    slopes: Vec<Vec<f64>>,
+    /// Cost of the base.
+    pub cost: f64,
+}
+
+/// Where a glance ended.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Glanced {
+    /// Cost, comparable with [`Footing::cost`].
+    pub cost: f64,
+    /// Coordinates.
+    pub point: Vec<f64>,
+}
+
+impl Footing {
+    /// What glances on top of an explanation stand on.
+    ///
+    /// # Errors
+    /// The explanation's rig cannot be simulated.
+    pub fn of(bench: &Bench<'_>, base: &Explanation) -> Result<Footing, DiagnoseError> {
+        let (rig, arcs) = (&base.fitted.rig, base.fitted.arcs.clone());
+        let close = bench.simulator.one(rig, &arcs)?;
+        let fast = bench.fast.one(rig, &arcs)?;
+        let correction_kpa = close.iter().zip(&fast).map(|(c, f)| c - f).collect();
+        let weights = bench.weighted(&base.fitted.scale_kpa);
+        let residuals = weighted(bench.records.readings_kpa(), &close, &[], &weights);
+        let prior: f64 = base.set.prior().iter().zip(&base.fitted.point).map(|(p, z)| 0.5 * p * z * z).sum();
+        let slopes = base.fitted.linearised.jacobian.iter().take(bench.nominal.len()).cloned().collect();
+        Ok(Footing {
+            cost: residuals.iter().map(|r| LOSS.cost(*r)).sum::<f64>() + prior,
+            arcs,
+            weights,
+            correction_kpa,
+            slopes,
+        })
+    }
+
+    /// A few rounds from each start; the best end. `None` if no start can be simulated.
+    pub fn glance(&self, bench: &Bench<'_>, set: &ParameterSet, starts: &[Vec<f64>], rounds: usize) -> Option<Glanced> {
+        let settings =
+            Settings { loss: LOSS, prior: set.prior(), bounds: set.bounds(), rounds, trials: TRIALS, least_gain: 1.0 };
+        let mut best: Option<Glanced> = None;
+        for start in starts {
+            let mut problem = Chord { simulator: bench.fast, set, footing: self };
+            if let Ok(outcome) = minimise(&mut problem, start, &settings)
+                && best.as_ref().is_none_or(|best| outcome.cost < best.cost)
+            {
+                best = Some(Glanced { cost: outcome.cost, point: outcome.point });
+            }
+        }
+        best
+    }
+}
+
+/// The same explanation at the minimum of the detailed simulation.
+///
+/// Searches and fits run at coarser steps, whose errors of some hundredths of a kPa the parameters take up. What is
+/// written into a rig file must not carry those: other programs simulate it at its own step. The detailed simulation
+/// differs from the averaged one by an error that hardly depends on the parameters, so two passes with the known slopes
+/// settle it.
+///
+/// # Errors
+/// The explanation's rig cannot be simulated.
+pub fn settled(bench: &Bench<'_>, explanation: &Explanation) -> Result<Explanation, DiagnoseError> {
+    let set = &explanation.set;
+    let mut settled = explanation.clone();
+    let fitted = &mut settled.fitted;
+    for _ in 0..2 {
+        let close = bench.simulator.at(Fidelity::Detailed).one(&fitted.rig, &fitted.arcs)?;
+        let fast = bench.fast.one(&fitted.rig, &fitted.arcs)?;
+        let footing = Footing {
+            arcs: fitted.arcs.clone(),
+            weights: bench.weighted(&fitted.scale_kpa),
+            correction_kpa: close.iter().zip(&fast).map(|(c, f)| c - f).collect(),
+            slopes: fitted.linearised.jacobian.clone(),
+            cost: fitted.cost,
+        };
+        let Some(glanced) = footing.glance(bench, set, std::slice::from_ref(&fitted.point), 4) else { break };
+        fitted.rig = set.rig_at(&glanced.point).map_err(DiagnoseError::rig(set.rig()))?;
+        fitted.point = glanced.point;
+    }
+    for (estimate, z) in fitted.estimates.iter_mut().zip(&fitted.point) {
+        (estimate.value, estimate.shift) = (estimate.parameter.value(*z), *z);
+    }
+    Ok(settled)
+}
+
+/// `(trace + correction − recorded) · weight`.
+fn weighted(recorded: &[f64], trace: &[f64], correction: &[f64], weights: &[f64]) -> Vec<f64> {
+    let mut residuals: Vec<f64> =
+        trace.iter().zip(recorded).zip(weights).map(|((s, r), w)| if *w == 0.0 { 0.0 } else { (s - r) * w }).collect();
+    for ((residual, correction), w) in residuals.iter_mut().zip(correction).zip(weights) {
+        *residual += correction * w;
+    }
+    residuals
+}
+
+/// A rig of the set that fails its checks.
+fn unsound(set: &ParameterSet) -> impl Fn(RigError) -> FitError + '_ {
+    |problem| FitError::Rig { rig: set.rig().name.clone(), problem }
+}
+
+/// The least-squares problem of a glance.
+struct Chord<'c> {
+    simulator: Simulator<'c>,
+    set: &'c ParameterSet,
+    footing: &'c Footing,
+}
+
+impl Chord<'_> {
+    fn residuals_of(&self, trace: &[f64]) -> Vec<f64> {
+        let recorded = self.simulator.records().readings_kpa();
+        weighted(recorded, trace, &self.footing.correction_kpa, &self.footing.weights)
+    }
+
+    fn run_at(&self, point: &[f64]) -> Result<Run, FitError> {
+        self.set.rig_at(point).map(Run::from).map_err(unsound(self.set))
+    }
+}
+
+impl Problem for Chord<'_> {
+    fn linearise(&mut self, point: &[f64]) -> Result<Linearised, FitError> {
+        let mut runs = vec![self.run_at(point)?];
+        let mut steps = Vec::new();
+        for (i, [_, high]) in self.set.bounds().into_iter().enumerate().skip(self.footing.slopes.len()) {
+            let mut varied = point.to_vec();
+            let step = if varied[i] + STEP > high { -STEP } else { STEP };
+            varied[i] += step;
+            runs.push(self.run_at(&varied)?);
+            steps.push(step);
+        }
+        let mut traces = self
+            .simulator
+            .run(&runs, &self.footing.arcs)
+            .into_iter()
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(unsound(self.set))?
+            .into_iter();
+        let base = traces.next().ok_or(FitError::NoRecordings)?;
+        if base.iter().any(|kpa| !kpa.is_finite()) {
+            return Err(FitError::NotFinite { rig: self.set.rig().name.clone() });
+        }
+        let own = traces.zip(steps).map(|(trace, step)| -> Vec<f64> {
+            trace.iter().zip(&base).zip(&self.footing.weights).map(|((t, b), w)| w * (t - b) / step).collect()
+        });
+        let jacobian = self.footing.slopes.iter().cloned().chain(own).collect();
+        Ok(Linearised { residuals: self.residuals_of(&base), jacobian })
+    }
+
+    fn residuals(&mut self, points: &[Vec<f64>]) -> Vec<Option<Vec<f64>>> {
+        let runs: Vec<Option<Run>> = points.iter().map(|point| self.run_at(point).ok()).collect();
+        let sound: Vec<Run> = runs.iter().flatten().cloned().collect();
+        let mut traces = self.simulator.run(&sound, &self.footing.arcs).into_iter();
+        runs.iter()
+            .map(|run| {
+                run.as_ref()?;
+                let residuals = self.residuals_of(&traces.next()?.ok()?);
+                residuals.iter().all(|r| r.is_finite()).then_some(residuals)
+            })
+            .collect()
+    }
+}

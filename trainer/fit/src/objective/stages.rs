@@ -1,0 +1,424 @@
+//! A fit: stages of least squares, from several starts.
+//!
+//! Free runs far from the truth lead a search astray (a wrong volume is hidden behind a wrong valve), short windows
+//! determine slow effects badly. So a fit from each start goes through windows first and ends with free runs. Residuals
+//! are weighted by the noise, or by their own scale where that is larger: a model that is wrong by ten times the
+//! noise would otherwise make Student's loss look at the rows it already fits and at no others.
+//!
+//! Slopes cost far more than trials, and close simulations more than fast ones. So windows, and free runs at first, are
+//! searched with a fast simulation and one-sided slopes. Then the close one's slopes are worked out once, on both sides,
+//! and kept while the search ends and the scale settles (chord method): combinations that hardly show are small
+//! differences of large columns, which a fast simulation has wrong by as much as they are. Other starts are followed to
+//! the minimum that they share with borrowed slopes; one that ends elsewhere gets its own.
+
+use super::fitted::{Fitted, block_numbers, estimates, rmse};
+use super::problem::{RigProblem, Sides, Slopes};
+use crate::FitError;
+use crate::data::{Records, Stretch};
+use crate::least_squares::{Information, Linearised, Loss, Outcome, Problem, Settings, Stop, minimise};
+use crate::parameters::ParameterSet;
+use crate::simulate::{Arcs, Fidelity, Simulator, refined_starts, smoothed_kpa};
+use model::rig::Rig;
+
+/// Where simulations start anew during a stage of a fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Shooting {
+    /// In windows of this many seconds.
+    Windows {
+        /// Length in s.
+        seconds: f64,
+    },
+    /// Nowhere: free runs.
+    Free,
+}
+
+/// How to fit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FitSettings {
+    /// The loss.
+    pub loss: Loss,
+    /// Stages, in order; each starts where the one before ended.
+    pub stages: Vec<Shooting>,
+    /// The most Jacobians in a stage.
+    pub rounds: usize,
+    /// A stage is done when a step gains less log-likelihood than this.
+    pub least_gain: f64,
+    /// What the search runs on. The minimum is that of the simulator's own fidelity all the same.
+    pub search: Fidelity,
+}
+
+impl Default for FitSettings {
+    fn default() -> Self {
+        FitSettings {
+            loss: Loss::Student { freedom: 5.0 },
+            stages: vec![Shooting::Windows { seconds: 2.0 }, Shooting::Free],
+            rounds: 12,
+            // Kept slopes converge by about a half a round where parameters hardly show: what is left is a third of this.
+            least_gain: 0.05,
+            search: Fidelity::Averaged,
+        }
+    }
+}
+
+/// Fits from several starts and returns the best; the others' costs tell whether they agree.
+///
+/// `weights` is 1 at readings that are fitted and 0 elsewhere, `sigma_kpa` the noise by channel. `blocks` are the
+/// stretches of time that count as independent for uncertainties.
+///
+/// # Errors
+/// No start can be simulated.
+pub fn fit(
+    simulator: Simulator<'_>,
+    set: &ParameterSet,
+    starts: &[Vec<f64>],
+    weights: &[f64],
+    sigma_kpa: &[f64],
+    blocks: &[Stretch],
+    settings: &FitSettings,
+) -> Result<(Fitted, Vec<f64>), FitError> {
+    Task { simulator, set, weights, sigma_kpa, blocks, settings }.over_starts(starts, &mut || {})
+}
+
+/// The same, telling `watch` of every round.
+///
+/// # Errors
+/// As [`fit`].
+#[expect(clippy::too_many_arguments, reason = "those of `fit`, and who is told")]
+pub fn fit_watched(
+    simulator: Simulator<'_>,
+    set: &ParameterSet,
+    starts: &[Vec<f64>],
+    weights: &[f64],
+    sigma_kpa: &[f64],
+    blocks: &[Stretch],
+    settings: &FitSettings,
+    watch: &mut dyn FnMut(),
+) -> Result<(Fitted, Vec<f64>), FitError> {
+    Task { simulator, set, weights, sigma_kpa, blocks, settings }.over_starts(starts, watch)
+}
+
+/// Fits from one start.
+///
+/// # Errors
+/// The start cannot be simulated.
+pub fn fit_from(
+    simulator: Simulator<'_>,
+    set: &ParameterSet,
+    start: &[f64],
+    weights: &[f64],
+    sigma_kpa: &[f64],
+    blocks: &[Stretch],
+    settings: &FitSettings,
+) -> Result<Fitted, FitError> {
+    let task = Task { simulator, set, weights, sigma_kpa, blocks, settings };
+    let near = task.approach(start, &mut || {})?;
+    Ok(task.finish(near, None, &mut || {})?.0)
+}
+
+/// What is fitted to what, and how.
+struct Task<'t> {
+    simulator: Simulator<'t>,
+    set: &'t ParameterSet,
+    weights: &'t [f64],
+    sigma_kpa: &'t [f64],
+    blocks: &'t [Stretch],
+    settings: &'t FitSettings,
+}
+
+/// Where the stages before the last one ended, and the Jacobians that took.
+struct Near {
+    point: Vec<f64>,
+    rounds: usize,
+}
+
+/// Where runs start, what the fast ones lack, what residuals are weighted by.
+struct Setting {
+    arcs: Arcs,
+    correction_kpa: Vec<f64>,
+    scale_kpa: Vec<f64>,
+    weights: Vec<f64>,
+}
+
+/// Starts whose costs differ by less are at the same minimum: by so much the noise moves a cost anyway.
+const SAME_COST: f64 = 2.0;
+/// Coordinates within which slopes stay good to a few per cent.
+const SLOPES_REACH: f64 = 0.3;
+
+impl Task<'_> {
+    fn over_starts(&self, starts: &[Vec<f64>], watch: &mut dyn FnMut()) -> Result<(Fitted, Vec<f64>), FitError> {
+        let mut best: Option<(Fitted, Slopes, f64)> = None;
+        let mut costs = Vec::new();
+        let mut failed = None;
+        for start in starts {
+            let slopes = best.as_ref().map(|(_, slopes, _)| slopes.clone());
+            let known = best.as_ref().map(|(.., cost)| *cost);
+            match self.one_start(start, slopes, known, watch) {
+                Ok((fitted, slopes, cost)) => {
+                    costs.push(cost);
+                    if known.is_none_or(|known| cost < known - SAME_COST) {
+                        best = Some((fitted, slopes, cost));
+                    }
+                }
+                Err(error) => failed = Some(error),
+            }
+        }
+        match best {
+            Some((fitted, ..)) => Ok((fitted, costs)),
+            None => Err(failed.unwrap_or(FitError::NoRecordings)),
+        }
+    }
+
+    /// From one start; `slopes` and cost `known` are those of a minimum that it may share.
+    fn one_start(
+        &self,
+        start: &[f64],
+        slopes: Option<Slopes>,
+        known: Option<f64>,
+        watch: &mut dyn FnMut(),
+    ) -> Result<(Fitted, Slopes, f64), FitError> {
+        // Costs are relative to each fit's own scale; likelihoods make them comparable.
+        let cost = |fitted: &Fitted| fitted.comparable_cost(self.simulator.records(), self.weights);
+        let mut near = self.approach(start, watch)?;
+        if let (Some(slopes), Some(known)) = (slopes, known) {
+            let (fitted, slopes) = self.finish(Near { point: near.point.clone(), ..near }, Some(slopes), watch)?;
+            let reached = cost(&fitted);
+            if (reached - known).abs() < SAME_COST {
+                return Ok((fitted, slopes, reached));
+            }
+            near = Near { point: fitted.point, rounds: fitted.rounds };
+        }
+        let (fitted, slopes) = self.finish(near, None, watch)?;
+        let reached = cost(&fitted);
+        Ok((fitted, slopes, reached))
+    }
+
+    fn search(&self, rounds: usize, least_gain: f64) -> Settings {
+        Settings {
+            loss: self.settings.loss,
+            prior: self.set.prior(),
+            bounds: self.set.bounds(),
+            rounds,
+            trials: 4,
+            least_gain,
+        }
+    }
+
+    fn rig_at(&self, point: &[f64]) -> Result<Rig, FitError> {
+        self.set.rig_at(point).map_err(FitError::rig(self.set.rig()))
+    }
+
+    /// All stages but the last: from anywhere to the neighbourhood of a minimum.
+    fn approach(&self, start: &[f64], watch: &mut dyn FnMut()) -> Result<Near, FitError> {
+        let records = self.simulator.records();
+        let fast = self.simulator.at(self.settings.search);
+        let ends = ends(records, self.weights);
+        let mut near = Near { point: start.to_vec(), rounds: 0 };
+        let stages = self.settings.stages.split_last().map_or(&[][..], |(_, before)| before);
+        for shooting in stages {
+            let rig = self.rig_at(&near.point)?;
+            let arcs = arcs_for(fast, &rig, *shooting, &ends)?;
+            let scale = scales(records, &fast.one(&rig, &arcs)?, self.weights, self.sigma_kpa);
+            let weighted = over(records, self.weights, &scale);
+            let mut problem = RigProblem::new(fast, self.set, arcs, weighted).on(Sides::One);
+            let search = self.search(self.settings.rounds.min(6), 1.0);
+            let outcome = minimise(&mut Watched { problem: &mut problem, watch }, &near.point, &search)?;
+            near = Near { point: outcome.point, rounds: near.rounds + outcome.rounds };
+        }
+        Ok(near)
+    }
+
+    /// The last stage: a search with the fast simulation, then the close one's own minimum.
+    fn finish(
+        &self,
+        near: Near,
+        borrowed: Option<Slopes>,
+        watch: &mut dyn FnMut(),
+    ) -> Result<(Fitted, Slopes), FitError> {
+        let mut near = near;
+        if self.settings.search != self.simulator.fidelity() {
+            let rig = self.rig_at(&near.point)?;
+            let setting = self.setting(&rig, true)?;
+            let (weights, correction) = (setting.weights, setting.correction_kpa);
+            let mut problem = RigProblem::new(self.simulator.at(self.settings.search), self.set, setting.arcs, weights)
+                .corrected(correction)
+                .on(Sides::One);
+            if borrowed.is_some() {
+                problem = problem.keeping(borrowed.clone());
+            }
+            let search = self.search(self.settings.rounds, 1.0);
+            let outcome = minimise(&mut Watched { problem: &mut problem, watch }, &near.point, &search)?;
+            let rounds = if borrowed.is_some() { 0 } else { outcome.rounds };
+            near = Near { point: outcome.point, rounds: near.rounds + rounds };
+        }
+        self.polish(near, borrowed, watch)
+    }
+
+    /// The minimum of the simulator's own fidelity, from near it.
+    fn polish(
+        &self,
+        near: Near,
+        borrowed: Option<Slopes>,
+        watch: &mut dyn FnMut(),
+    ) -> Result<(Fitted, Slopes), FitError> {
+        let Near { mut point, mut rounds } = near;
+        let borrowing = borrowed.is_some();
+        let mut known = borrowed.map(|slopes| (slopes, point.clone()));
+        // Scale and starts depend on the fit and the fit on them; two or three passes settle both.
+        let mut before: Option<(Vec<f64>, Vec<f64>)> = None;
+        let mut last: Option<(Outcome, Vec<f64>, Arcs)> = None;
+        let (passes, most) = if borrowing { (1, FOLLOWED) } else { (PASSES, self.settings.rounds) };
+        for _ in 0..passes {
+            let rig = self.rig_at(&point)?;
+            let Setting { arcs, scale_kpa, weights, .. } = self.setting(&rig, false)?;
+            if before.as_ref().is_some_and(|(old, at)| settled(old, &scale_kpa) && near_to(at, &point, 0.1)) {
+                break;
+            }
+            before = Some((scale_kpa.clone(), point.clone()));
+            let slopes = known.take().filter(|(_, at)| borrowing || near_to(at, &point, SLOPES_REACH));
+            rounds += usize::from(slopes.is_none());
+            let at = slopes.as_ref().map_or_else(|| point.clone(), |(_, at)| at.clone());
+            let mut problem = RigProblem::new(self.simulator, self.set, arcs, weights).keeping(slopes.map(|(s, _)| s));
+            let search = self.search(most, self.settings.least_gain);
+            let outcome = minimise(&mut Watched { problem: &mut problem, watch }, &point, &search)?;
+            point.clone_from(&outcome.point);
+            let arcs = problem.arcs().clone();
+            known = problem.into_slopes().map(|slopes| (slopes, at));
+            last = Some((outcome, scale_kpa, arcs));
+        }
+        let (Some(last), Some((slopes, _))) = (last, known) else { return Err(FitError::NoRecordings) };
+        Ok((self.fitted(point, rounds, last)?, slopes))
+    }
+
+    /// What the last stage's residuals are made with at a point; `fast` for the fast simulation and its correction.
+    fn setting(&self, rig: &Rig, fast: bool) -> Result<Setting, FitError> {
+        let Some(shooting) = self.settings.stages.last() else { return Err(FitError::NoRecordings) };
+        let records = self.simulator.records();
+        let simulator = if fast { self.simulator.at(self.settings.search) } else { self.simulator };
+        let arcs = arcs_for(simulator, rig, *shooting, &ends(records, self.weights))?;
+        let trace = self.simulator.one(rig, &arcs)?;
+        let correction_kpa = if fast {
+            let quick = simulator.one(rig, &arcs)?;
+            trace.iter().zip(&quick).map(|(close, quick)| close - quick).collect()
+        } else {
+            Vec::new()
+        };
+        let scale_kpa = scales(records, &trace, self.weights, self.sigma_kpa);
+        let weights = over(records, self.weights, &scale_kpa);
+        Ok(Setting { arcs, correction_kpa, scale_kpa, weights })
+    }
+
+    fn fitted(
+        &self,
+        point: Vec<f64>,
+        rounds: usize,
+        (outcome, scale_kpa, arcs): (Outcome, Vec<f64>, Arcs),
+    ) -> Result<Fitted, FitError> {
+        let records = self.simulator.records();
+        let blocks = block_numbers(records, self.blocks);
+        let information = Information::of(&outcome.linearised, self.settings.loss, &self.set.prior(), &blocks);
+        let sd = information.as_ref().map_or_else(|| vec![f64::INFINITY; self.set.len()], Information::cautious_sd);
+        Ok(Fitted {
+            estimates: estimates(self.set, &point, &sd),
+            rmse_kpa: rmse(records, &outcome.linearised.residuals, self.weights, &scale_kpa),
+            rig: self.rig_at(&point)?,
+            point,
+            cost: outcome.cost,
+            loss: self.settings.loss,
+            converged: outcome.stop != Stop::Rounds,
+            rounds,
+            information,
+            linearised: outcome.linearised,
+            scale_kpa,
+            arcs,
+        })
+    }
+}
+
+/// A problem whose rounds are told.
+struct Watched<'w, 'p> {
+    problem: &'w mut RigProblem<'p>,
+    watch: &'w mut dyn FnMut(),
+}
+
+impl Problem for Watched<'_, '_> {
+    fn linearise(&mut self, point: &[f64]) -> Result<Linearised, FitError> {
+        (self.watch)();
+        self.problem.linearise(point)
+    }
+
+    fn residuals(&mut self, points: &[Vec<f64>]) -> Vec<Option<Vec<f64>>> {
+        self.problem.residuals(points)
+    }
+}
+
+/// Passes of the last stage.
+const PASSES: usize = 3;
+/// Rounds that borrowed slopes are followed for: another minimum shows by then.
+const FOLLOWED: usize = 4;
+
+/// Whether a scale has hardly changed.
+fn settled(old: &[f64], new: &[f64]) -> bool {
+    old.iter().zip(new).all(|(a, b)| (a / b - 1.0).abs() < 0.1)
+}
+
+/// Whether two points are within `reach` of each other in every coordinate. (Within a tenth of a prior deviation the
+/// correction of the fast simulation does not change.)
+fn near_to(old: &[f64], new: &[f64], reach: f64) -> bool {
+    old.iter().zip(new).all(|(a, b)| (a - b).abs() < reach)
+}
+
+/// Where simulations may stop: after the last row that counts, by recording.
+fn ends(records: &Records, weights: &[f64]) -> Vec<usize> {
+    let layout = records.layout();
+    let mut ends = vec![0; layout.records()];
+    for (record, _, range) in layout.all() {
+        let last = weights.get(range).and_then(|w| w.iter().rposition(|w| *w != 0.0)).map_or(0, |row| row + 1);
+        if let Some(end) = ends.get_mut(record) {
+            *end = last.max(*end);
+        }
+    }
+    ends
+}
+
+fn arcs_for(simulator: Simulator<'_>, rig: &Rig, shooting: Shooting, ends: &[usize]) -> Result<Arcs, FitError> {
+    let records = simulator.records();
+    let free = refined_starts(&simulator, rig, &Arcs::free(records).until(ends))?;
+    match shooting {
+        Shooting::Free => Ok(free),
+        Shooting::Windows { seconds } => {
+            let trace = simulator.one(rig, &free)?;
+            let rows = ((seconds / proto::recording::PERIOD_S).round() as usize).max(2);
+            Ok(Arcs::windows(records, rows, &smoothed_kpa(records, &trace)).until(ends))
+        }
+    }
+}
+
+/// Scale of the residuals by channel: the noise, or what they scatter by (median absolute value) where that is more.
+fn scales(records: &Records, trace: &[f64], weights: &[f64], sigma_kpa: &[f64]) -> Vec<f64> {
+    let layout = records.layout();
+    (0..layout.channels())
+        .map(|channel| {
+            let mut sizes: Vec<f64> = (0..layout.records())
+                .flat_map(|record| layout.channel(record, channel))
+                .filter(|i| weights.get(*i).is_some_and(|w| *w != 0.0))
+                .map(|i| (trace.get(i).unwrap_or(&0.0) - records.readings_kpa().get(i).unwrap_or(&0.0)).abs())
+                .collect();
+            let middle = sizes.len() / 2;
+            let median = if sizes.is_empty() { 0.0 } else { *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 };
+            // The median of |N(0, 1)| is 0.6745.
+            (median / 0.6745).max(sigma_kpa.get(channel).copied().unwrap_or(0.0)).max(1e-6)
+        })
+        .collect()
+}
+
+/// `weights` over the scale of each channel.
+fn over(records: &Records, weights: &[f64], scale_kpa: &[f64]) -> Vec<f64> {
+    let mut weighted = weights.to_vec();
+    for (_, channel, range) in records.layout().all() {
+        let scale = scale_kpa.get(channel).copied().unwrap_or(1.0);
+        for w in weighted.get_mut(range).unwrap_or_default() {
+            *w /= scale;
+        }
+    }
+    weighted
+}

@@ -1,0 +1,227 @@
+//! `trainer identify`: a rig's parameters from recordings, with uncertainties and in plain words.
+//!
+//! What is fitted and how stands in the crate `fit`; here are files, progress and what is said.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use fit::data::Role;
+use fit::identify::{
+    Accuracy, Identified, IdentifySettings, Step, figures, run as identify, table, undetermined, verdict,
+};
+use proto::recording::{PERIOD_S, Recording};
+use proto::rig_file;
+use serde_json::{Map, Value, json};
+
+use crate::failure::{Failure, tell};
+use crate::progress::Progress;
+use crate::simulate::same_file;
+use crate::stdout;
+
+/// Fits a rig's parameters to recordings and writes the rig with the fitted ones.
+///
+/// Check valves by the simplex method and valves by linear least squares, as in the paper; then all parameters
+/// together. Every parameter gets an uncertainty, and what the recordings do not determine is said. About a fifth of
+/// the rows is not fitted: free runs on those show how good the rig is. Ordinary recordings will do (random holds,
+/// tracking); 20 s at least, and both duties must move.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: trainer identify --rig dual_pressure run1.mcap run2.csv --out lab.toml")]
+pub(crate) struct IdentifyArgs {
+    /// Rig to start from: a built-in name (dual_pressure, the paper's; bench, as built) or a TOML file. Its
+    /// parameters are taken as known to a few per cent
+    #[arg(long, value_name = "RIG", default_value = "dual_pressure")]
+    rig: String,
+    /// Recordings: MCAP or CSV with the header time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa (s, duty 0 to 1, gauge kPa),
+    /// rows 20 ms apart
+    #[arg(value_name = "RECORDING", required = true)]
+    recordings: Vec<PathBuf>,
+    /// Rig file to write: the same rig with the fitted parameters
+    #[arg(long, value_name = "RIG")]
+    out: PathBuf,
+    /// Cores to use (all by default)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Option<u32>,
+    /// Print the results as one JSON object instead of a table and words
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(args: &IdentifyArgs) -> Result<(), Failure> {
+    let rig = rig_file::load(&args.rig)?;
+    // All are read before anything is fitted, so that a bad file shows at once.
+    let recordings = args.recordings.iter().map(|path| Recording::read(path)).collect::<Result<Vec<_>, _>>()?;
+    if args.recordings.iter().any(|path| same_file(path, &args.out)) {
+        return Err(Failure::OverRecording { out: args.out.display().to_string() });
+    }
+    for note in recordings.iter().flat_map(Recording::notes) {
+        tell(note);
+    }
+    let settings =
+        IdentifySettings { threads: args.threads.map(|n| n.try_into().unwrap_or(1)), ..IdentifySettings::default() };
+    let identified = {
+        let mut progress = Progress::new("identifying", EXPECTED);
+        let mut shown = 0;
+        identify(&rig, &recordings, &settings, &mut |step| {
+            let next = place(step).max(shown);
+            progress.advance(next - shown);
+            shown = next;
+        })?
+    };
+    let mut found = identified.fitted.rig.clone();
+    found.description = described(&rig.description, &recordings);
+    rig_file::save(&args.out, &found)?;
+    let out = args.out.display().to_string();
+    if args.json {
+        return stdout::say_json(&json_of(&identified, &rig.name, &recordings, &out));
+    }
+    stdout::say(&words(&identified, &recordings, &out))
+}
+
+/// Steps of the bar: checks, the paper's procedure, rounds of refinement, tests.
+const EXPECTED: u64 = 30;
+/// Where the rounds of refinement begin and end on it.
+const ROUNDS_FROM: u64 = 3;
+const ROUNDS_TO: u64 = 27;
+
+fn place(step: Step) -> u64 {
+    match step {
+        Step::Checking => 0,
+        Step::Paper => 1,
+        // Nobody knows how many there will be; more than usual wait at the end of their part of the bar.
+        Step::Refining { round } => (ROUNDS_FROM + round as u64).min(ROUNDS_TO),
+        Step::Testing => ROUNDS_TO + 1,
+    }
+}
+
+/// What the file says of itself.
+fn described(before: &str, recordings: &[Recording]) -> String {
+    let names: Vec<String> = recordings
+        .iter()
+        .map(|r| {
+            std::path::Path::new(r.source()).file_name().map_or(r.source().into(), |n| n.to_string_lossy().into_owned())
+        })
+        .collect();
+    let separator = if before.is_empty() { "" } else { " " };
+    format!("{}{separator}Parameters identified from {}.", before.trim_end(), names.join(", "))
+}
+
+fn seconds(identified: &Identified, roles: &[Role]) -> f64 {
+    roles.iter().map(|role| identified.split.rows(*role)).sum::<usize>() as f64 * PERIOD_S
+}
+
+/// Everything for a reader, in the order in which it is asked for.
+fn words(identified: &Identified, recordings: &[Recording], out: &str) -> String {
+    let mut text = String::new();
+    let mut line = |l: &str| {
+        text.push_str(l);
+        text.push('\n');
+    };
+    let (fitted, kept) = (seconds(identified, &[Role::Fit, Role::Select]), seconds(identified, &[Role::HeldOut]));
+    let files =
+        if recordings.len() == 1 { "1 recording".to_owned() } else { format!("{} recordings", recordings.len()) };
+    line(&format!("{files}: {fitted:.0} s fitted, {kept:.0} s kept back to test on"));
+    for (channel, noise) in identified.channels.iter().zip(&identified.noise) {
+        let steps = if noise.step_kpa > 0.0 { format!(", steps of {:.4} kPa", noise.step_kpa) } else { String::new() };
+        line(&format!("{channel}: noise of a reading {:.3} kPa{steps}", noise.sigma_kpa));
+    }
+    line("");
+    line(table(identified).trim_end());
+    line("");
+    line(figures(identified).trim_end());
+    let part = |head: &str, said: Vec<String>| -> String {
+        if said.is_empty() { String::new() } else { format!("\n{head}\n- {}\n", said.join("\n- ")) }
+    };
+    let doubts: Vec<String> = identified.quality.doubts().map(ToString::to_string).collect();
+    text.push_str(&part("What these recordings do not determine:", undetermined(&identified.fitted)));
+    text.push_str(&part("What is doubtful about them:", doubts));
+    text.push_str(&part("What to make of it:", verdict(identified)));
+    text.push_str(&format!("\n{out}: written\n"));
+    text
+}
+
+/// A column's channel: `pos` for `p_pos_kpa`, otherwise the column itself.
+fn channel(column: &str) -> &str {
+    column.strip_prefix("p_").and_then(|rest| rest.strip_suffix("_kpa")).unwrap_or(column)
+}
+
+fn json_of(identified: &Identified, rig: &str, recordings: &[Recording], out: &str) -> Value {
+    let parameters: Vec<Value> = identified
+        .fitted
+        .estimates
+        .iter()
+        .map(|e| {
+            let [low, high] = e.interval();
+            json!({
+                "parameter": e.parameter.path, "unit": e.parameter.unit(), "rig_file": e.parameter.mean,
+                "value": e.value, "sd": e.sd, "low": low, "high": high,
+                "shift_in_prior_sd": e.shift, "sd_over_prior_sd": e.undetermined,
+            })
+        })
+        .collect();
+    let mut noise = Map::new();
+    for (column, of) in identified.channels.iter().zip(&identified.noise) {
+        noise.insert(format!("{}_sigma_kpa", channel(column)), json!(of.sigma_kpa));
+        noise.insert(format!("{}_step_kpa", channel(column)), json!(of.step_kpa));
+    }
+    let paper = identified.paper.as_ref().map(|paper| {
+        let valves: Vec<Value> = paper
+            .valves
+            .iter()
+            .map(|v| {
+                json!({
+                    "valve": v.valve, "volume": v.volume, "volume_l": v.coefficients[0],
+                    "input_area_mm2": v.coefficients[1], "pressure_area_mm2_per_n": v.coefficients[2],
+                    "spring_area_mm2": v.coefficients[3], "windows": v.windows,
+                })
+            })
+            .collect();
+        let [inlet, outlet] = paper.check_areas_mm2;
+        json!({ "inlet_check_area_mm2": inlet, "outlet_check_area_mm2": outlet, "valves": valves })
+    });
+    json!({
+        "rig": rig, "out": out,
+        "recordings": recordings.iter().map(Recording::source).collect::<Vec<_>>(),
+        "fitted_s": seconds(identified, &[Role::Fit, Role::Select]),
+        "kept_back_s": seconds(identified, &[Role::HeldOut]),
+        "tested_on_fitted_rows": identified.tested_on_fitted,
+        "noise": noise, "parameters": parameters, "paper": paper,
+        "before": errors(&identified.before, &identified.channels),
+        "after": errors(&identified.after, &identified.channels),
+        "converged": identified.fitted.converged,
+        "not_determined": undetermined(&identified.fitted),
+        "doubts": identified.quality.doubts().map(ToString::to_string).collect::<Vec<_>>(),
+        "remarks": verdict(identified),
+    })
+}
+
+fn errors(accuracy: &Accuracy, channels: &[String]) -> Value {
+    let horizon = |errors: &[fit::simulate::ChannelError]| {
+        let mut object = Map::new();
+        for (column, error) in channels.iter().zip(errors) {
+            let channel = channel(column);
+            object.insert(format!("{channel}_rmse_kpa"), json!(error.rmse_kpa));
+            object.insert(format!("{channel}_bias_kpa"), json!(error.bias_kpa));
+            object.insert(format!("{channel}_max_error_kpa"), json!(error.worst_kpa));
+        }
+        Value::Object(object)
+    };
+    json!({
+        "free": horizon(&accuracy.free), "ten_seconds": horizon(&accuracy.ten_seconds),
+        "one_second": horizon(&accuracy.one_second),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_bar_never_goes_back_and_never_beyond_its_end() {
+        let steps = [Step::Checking, Step::Paper]
+            .into_iter()
+            .chain((0..100).map(|round| Step::Refining { round }))
+            .chain([Step::Testing]);
+        let places: Vec<u64> = steps.map(place).collect();
+        assert!(places.is_sorted() && places.iter().all(|p| *p < EXPECTED), "{places:?}");
+    }
+}

@@ -1,0 +1,205 @@
+//! `trainer identify`, end to end: a rig that is off by several per cent is found again from noisy recordings.
+
+// What fails here fails the test, helper functions included.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod program;
+
+use model::rig::{DUAL_PRESSURE, Pump, Rig};
+use program::{Csv, Folder, refused, run, sound};
+use proto::rig_file;
+use serde_json::Value;
+
+/// Noise of the sensors in kPa and the step of their converter.
+const SIGMA_KPA: f64 = 0.08;
+const STEP_KPA: f64 = 0.03;
+
+/// A linear congruential generator (Knuth's MMIX): uniform numbers in 0 … 1.
+struct Uniform(u64);
+
+impl Uniform {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// A normal number (Box & Muller).
+    fn normal(&mut self) -> f64 {
+        let (radius, angle) = (1.0 - self.next(), self.next());
+        (-2.0 * radius.ln()).sqrt() * (std::f64::consts::TAU * angle).cos()
+    }
+}
+
+/// The paper's rig at steps of 0.4 ms: generated and fitted with the same, so four times as fast without a difference.
+fn start() -> Rig {
+    Rig::from_toml(&DUAL_PRESSURE.replace("step_ms = 0.1", "step_ms = 0.4")).unwrap()
+}
+
+/// What was built instead of it.
+fn built() -> Rig {
+    let mut rig = start();
+    rig.volumes.values_mut().zip([1.04, 0.97]).for_each(|(volume, by)| volume.volume_l *= by);
+    for (valve, by) in rig.valves.values_mut().zip([[1.05, 0.96, 1.04], [0.95, 1.03, 0.96]]) {
+        valve.input_area_mm2 *= by[0];
+        valve.pressure_area_mm2_per_n *= by[1];
+        valve.spring_area_mm2 *= by[2];
+    }
+    for pump in rig.pumps.values_mut() {
+        if let Pump::Piston(piston) = pump {
+            piston.outlet_check_area_mm2 *= 1.06;
+            piston.head_area_cm2 *= 0.98;
+        }
+    }
+    rig
+}
+
+/// Free run of a rig over random holds of both duties, 6 s of settling cut off.
+fn truth(folder: &Folder, rig: &str, name: &str, rows: usize, seed: u64) -> Csv {
+    let mut random = Uniform(seed);
+    let mut text = String::from("time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa\n");
+    let (mut duty, mut left) = ([0.8; 2], [0_u32; 2]);
+    for row in 0..rows + 300 {
+        for (duty, left) in duty.iter_mut().zip(&mut left) {
+            if *left == 0 {
+                (*duty, *left) = (0.66 + 0.32 * random.next(), 20 + (100.0 * random.next()) as u32);
+            }
+            *left -= 1;
+        }
+        text.push_str(&format!("{:.2},{:.5},{:.5},90,-70\n", row as f64 * 0.02, duty[0], duty[1]));
+    }
+    let (inputs, out) = (folder.with(&format!("{name}.commands.csv"), text), folder.path(&format!("{name}.all.csv")));
+    sound(["simulate", "--rig", rig, "--refine", "1", "--inputs", &inputs, "--out", &out]);
+    let mut csv = Csv::read(out);
+    csv.rows.drain(..300);
+    csv
+}
+
+/// Writes rows as a recording, readings changed by `reading`.
+fn recorded(folder: &Folder, name: &str, csv: &Csv, mut reading: impl FnMut(usize, f64) -> f64) -> String {
+    let mut text = csv.header.join(",") + "\n";
+    for (row, cells) in csv.rows.iter().enumerate() {
+        let mut kpa = |cell: usize| reading(cell - 3, cells[cell].parse().unwrap());
+        let (pos, neg) = (kpa(3), kpa(4));
+        text.push_str(&format!("{:.2},{},{},{pos:.4},{neg:.4}\n", row as f64 * 0.02, cells[1], cells[2]));
+    }
+    folder.with(name, text)
+}
+
+/// Readings as sensors give them: white noise, then the converter's steps.
+fn noisy(seed: u64) -> impl FnMut(usize, f64) -> f64 {
+    let mut random = Uniform(seed);
+    move |_, kpa| ((kpa + SIGMA_KPA * random.normal()) / STEP_KPA).round() * STEP_KPA
+}
+
+fn saved(folder: &Folder, name: &str, rig: &Rig) -> String {
+    let path = folder.path(name);
+    rig_file::save(path.as_ref(), rig).unwrap();
+    path
+}
+
+fn figure(value: &Value, path: &str) -> f64 {
+    value.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("{path} in {value:#}"))
+}
+
+#[test]
+fn a_rig_that_is_off_is_found_again_and_its_file_simulates() {
+    let folder = Folder::new("identify");
+    let (file, built_file) = (saved(&folder, "file.toml", &start()), saved(&folder, "built.toml", &built()));
+    let runs: Vec<String> = (1..=2)
+        .map(|seed| {
+            let csv = truth(&folder, &built_file, &format!("run{seed}"), 2000, seed);
+            recorded(&folder, &format!("run{seed}.csv"), &csv, noisy(seed + 100))
+        })
+        .collect();
+    let out = folder.path("lab.toml");
+    let said = sound(["identify", "--rig", &file, &runs[0], &runs[1], "--out", &out, "--json"]);
+    let value: Value = serde_json::from_str(&said).unwrap();
+
+    // Noise: white noise and rounding; five of 4000 readings go into each difference, which leaves about 3 %.
+    let expected = (SIGMA_KPA.powi(2) + STEP_KPA.powi(2) / 12.0).sqrt();
+    for channel in ["pos", "neg"] {
+        let sigma = figure(&value, &format!("/noise/{channel}_sigma_kpa"));
+        assert!((sigma / expected - 1.0).abs() < 0.08, "{sigma}");
+        // What was kept back: off by several times the noise before, by the noise after.
+        let free = |when: &str| figure(&value, &format!("/{when}/free/{channel}_rmse_kpa"));
+        assert!(free("before") > 0.3 && free("after") < 1.1 * expected, "{value:#}");
+    }
+    // The rig file holds what was printed, and each parameter is where it was built within its uncertainty: all
+    // within four standard errors, three in four within the interval of 90 %.
+    let lab = rig_file::load(&out).unwrap();
+    assert!(lab.description.ends_with("Parameters identified from run1.csv, run2.csv."), "{}", lab.description);
+    let parameters = value["parameters"].as_array().unwrap();
+    let mut inside = 0;
+    for parameter in parameters {
+        let path = parameter["parameter"].as_str().unwrap();
+        let is = fit::parameters::value(&built(), path).unwrap();
+        let [found, sd, low, high] = ["value", "sd", "low", "high"].map(|key| parameter[key].as_f64().unwrap());
+        assert!((fit::parameters::value(&lab, path).unwrap() - found).abs() < 1e-9 * found.abs(), "{path}");
+        assert!((found - is).abs() < 4.0 * sd, "{path}: {found} ± {sd}, built {is}");
+        inside += usize::from((low..=high).contains(&is));
+    }
+    assert!(4 * inside >= 3 * parameters.len(), "{inside} of {}", parameters.len());
+
+    // Fresh commands, no noise: within 0.05 kPa, as `validate` sees it.
+    let fresh = recorded(&folder, "fresh.csv", &truth(&folder, &built_file, "fresh", 1500, 9), |_, kpa| kpa);
+    let validated: Value =
+        serde_json::from_str(&sound(["validate", "--rig", &out, "--refine", "1", &fresh, "--json"])).unwrap();
+    for channel in ["pos", "neg"] {
+        let rmse = figure(&validated, &format!("/overall/{channel}_rmse_kpa"));
+        assert!(rmse < 0.05, "{channel}: {rmse}");
+    }
+}
+
+#[test]
+fn results_are_said_in_words() {
+    let folder = Folder::new("identify-words");
+    let file = saved(&folder, "file.toml", &start());
+    let csv = truth(&folder, &saved(&folder, "built.toml", &built()), "run", 1100, 5);
+    let path = recorded(&folder, "run.csv", &csv, noisy(7));
+    let out = folder.path("lab.toml");
+    let said = run(["identify", "--rig", &file, &path, "--out", &out, "--threads", "1"]);
+    assert_eq!(said.status, 0, "{}", said.err);
+    for words in [
+        "1 recording: 12 s fitted, 10 s kept back",
+        "p_pos_kpa: noise of a reading 0.0",
+        "volumes.positive.volume_l",
+        "free run",
+        "What these recordings do not determine:",
+        "nothing more to explain",
+        "lab.toml: written",
+    ] {
+        assert!(said.out.contains(words), "`{words}` is not in\n{}", said.out);
+    }
+}
+
+#[test]
+fn bad_recordings_are_refused_in_plain_words_and_nothing_is_written() {
+    let folder = Folder::new("identify-bad");
+    let csv = truth(&folder, "dual_pressure", "run", 1100, 6);
+    let out = folder.path("lab.toml");
+    let short = Csv { header: csv.header.clone(), rows: csv.rows[..400].to_vec() };
+    let swapped = {
+        let mut csv = Csv { header: csv.header.clone(), rows: csv.rows.clone() };
+        csv.rows.iter_mut().for_each(|cells| cells.swap(3, 4));
+        csv
+    };
+    let cases = [
+        ("too short: 8.0 s", recorded(&folder, "short.csv", &short, noisy(1)), "20 s"),
+        ("swapped.csv", recorded(&folder, "swapped.csv", &swapped, noisy(2)), "swapped"),
+        ("bar.csv", recorded(&folder, "bar.csv", &csv, |_, kpa| 0.01 * kpa), "bar"),
+        (
+            "flat.csv",
+            recorded(&folder, "flat.csv", &csv, |channel, kpa| if channel == 0 { 90.0 } else { kpa }),
+            "90.00",
+        ),
+    ];
+    for (name, path, words) in cases {
+        let said = refused(["identify", &path, "--out", &out]);
+        assert!(said.contains(name) && said.contains(words), "{said}");
+        assert!(!std::path::Path::new(&out).exists(), "{name} left a file");
+    }
+    // A recording is not lost to a slip in the command line.
+    let path = recorded(&folder, "good.csv", &csv, noisy(3));
+    let said = refused(["identify", &path, "--out", &path]);
+    assert!(said.contains("would be lost"), "{said}");
+}
