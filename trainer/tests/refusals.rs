@@ -117,7 +117,7 @@ fn a_file_that_cannot_be_written_is_work_that_failed() {
 #[test]
 fn wrong_usage_is_told_in_two_lines() {
     let cases: [(&[&str], &str, &str); 9] = [
-        (&[], "no command given; there are rig, simulate, validate, bench", "see trainer --help"),
+        (&[], "no command given; there are rig, simulate, identify, validate, diagnose, bench", "see trainer --help"),
         (&["simluate"], "unrecognized subcommand 'simluate'", "see trainer --help"),
         (&["simulate"], "--inputs <FILE>; --out <CSV>", "see trainer simulate --help"),
         (&["simulate", "--input", "x"], "unexpected argument '--input'", "see trainer simulate --help"),

@@ -33,7 +33,7 @@ pub enum Outcome {
     Right,
     /// Undecided, and the truth is among the rivals.
     Undecided,
-    /// Undecided, and the truth is not among the rivals (or nothing is concealed).
+    /// Undecided, and the truth is not among the rivals.
     UndecidedAstray,
     /// Part of it is named, and nothing false.
     Partly,
@@ -160,7 +160,12 @@ pub fn outcome(diagnosis: &Diagnosis, truth: &Truth) -> Outcome {
     let in_race = |planted: &&Planted| race.iter().any(|rival| is_rival_of(planted, rival));
     let parameters_do = !concealed.is_empty() && concealed.iter().all(|planted| is_a_parameter(&planted.effect));
     match diagnosis.verdict {
-        Verdict::Undecided if concealed.is_empty() || truth.class == Class::Outside => Outcome::UndecidedAstray,
+        // Where nothing is concealed, a mere shift of parameters is the truth that must be among the rivals.
+        Verdict::Undecided if concealed.is_empty() => {
+            let shift = race.iter().any(|rival| rival.starts_with(Verdict::ParametersMoved.as_str()));
+            if shift { Outcome::Undecided } else { Outcome::UndecidedAstray }
+        }
+        Verdict::Undecided if truth.class == Class::Outside => Outcome::UndecidedAstray,
         Verdict::Undecided if to_be_named(truth).iter().all(in_race) => Outcome::Undecided,
         Verdict::Undecided => Outcome::UndecidedAstray,
         Verdict::UnknownMechanism => match truth.class {

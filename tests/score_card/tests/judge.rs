@@ -52,6 +52,8 @@ fn a_null_has_no_name() {
     assert_eq!(outcome(&says("adequate", &[], &[]), &truth), Outcome::Right);
     assert_eq!(outcome(&says("parameters_moved", &[], &[]), &truth), Outcome::Right);
     assert_eq!(outcome(&says("undecided", &[], &["chamber_leak:positive"]), &truth), Outcome::UndecidedAstray);
+    let shift = says("undecided", &[], &["chamber_leak:positive", "parameters_moved:both"]);
+    assert_eq!(outcome(&shift, &truth), Outcome::Undecided);
     assert_eq!(outcome(&says("unknown_mechanism", &[], &[]), &truth), Outcome::FalseName);
     let leak = says("missing_physics", &[("chamber_leak", "positive")], &[]);
     assert_eq!(outcome(&leak, &truth), Outcome::FalseName);

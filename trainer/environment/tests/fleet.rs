@@ -79,9 +79,10 @@ fn an_episode_follows_from_seed_and_number_alone() {
     assert_ne!(before, run(&mut fleet(Contract::Correction, "bench", 8), 3), "by another seed");
 }
 
-/// The closed loop flies the fallback as the law's own test does, and a policy that corrects nothing is the fallback.
+/// The closed loop flies the fallback as the law's own test does; a policy that corrects nothing is the fallback with a
+/// faster integral, and tracks no worse.
 #[test]
-fn a_flight_with_no_correction_is_the_fallbacks() {
+fn a_flight_with_no_correction_is_no_worse_than_the_fallbacks() {
     let model = Rig::builtin("dual_pressure").unwrap();
     let bench = Rig::builtin("bench").unwrap();
     let map = Arc::new(SteadyMap::new(&model).unwrap());
@@ -97,8 +98,11 @@ fn a_flight_with_no_correction_is_the_fallbacks() {
     let plain = fly(&plan, &mut Fallback::new(Arc::clone(&map), FallbackSettings::default())).unwrap();
     let law = PolicyLaw::new(map, Contract::Correction);
     let corrected = fly(&plan, &mut PolicyController::new(law, |_: &[f32]| [0.0; ACTION_LEN])).unwrap();
-    assert_eq!(plain, corrected);
-    let score = Score::of(&plain.ticks);
+    assert_eq!(plain.ticks[0], corrected.ticks[0]);
+    let [score, corrected] = [plain, corrected].map(|flown| Score::of(&flown.ticks));
+    for (plain, corrected) in score.rmse_kpa.iter().zip(corrected.rmse_kpa) {
+        assert!(corrected < 1.02 * plain, "{corrected} {plain}");
+    }
     // The first reversals, with the play not learned yet, are most of these twenty seconds.
     assert!(score.rmse_kpa[0] < 0.6 && score.rmse_kpa[1] < 0.6, "{score:?}");
 }

@@ -8,6 +8,12 @@ use crate::simulate::ChannelError;
 
 /// A parameter whose standard error is still this share of what was known beforehand is not determined.
 const HARDLY: f64 = 0.5;
+/// A free run off by less than so many times the noise leaves nothing to explain.
+const EXPLAINED: f64 = 1.3;
+/// Costs of starts that differ by less are along one flat valley, whose ground is rough: check valves of a piston pump
+/// open a step of the integrator sooner or later (up to 8 measured, where the noise of a fit moves costs by half the
+/// number of parameters, 7).
+const SAME_VALLEY: f64 = 15.0;
 /// A parameter that moved by more prior deviations than this did not just scatter.
 const IMPLAUSIBLE: f64 = 3.0;
 
@@ -117,13 +123,19 @@ fn inverted(parts: &[String]) -> Vec<String> {
         .collect()
 }
 
+/// Whether the free run of a channel is down to the noise.
+fn explained(identified: &Identified, channel: usize) -> bool {
+    let (error, noise) = (identified.after.free.get(channel), identified.noise.get(channel));
+    error.zip(noise).is_some_and(|(error, noise)| error.rmse_kpa < EXPLAINED * noise.sigma_kpa)
+}
+
 /// What to make of it, one sentence a line.
 pub fn verdict(identified: &Identified) -> Vec<String> {
     let mut said = Vec::new();
     for ((channel, error), noise) in identified.channels.iter().zip(&identified.after.free).zip(&identified.noise) {
         let ratio = error.rmse_kpa / noise.sigma_kpa;
         let rows = if identified.tested_on_fitted { "the fitted rows" } else { "rows that were not fitted" };
-        if ratio < 1.3 {
+        if ratio < EXPLAINED {
             said.push(format!(
                 "{channel}: the free run is off by {:.3} kPa rms on {rows}, the noise is {:.3}: nothing more to explain",
                 error.rmse_kpa, noise.sigma_kpa
@@ -149,8 +161,7 @@ pub fn verdict(identified: &Identified) -> Vec<String> {
         .costs
         .iter()
         .fold(0.0_f64, |s, c| s.max(c - identified.costs.iter().copied().fold(f64::INFINITY, f64::min)));
-    // So much is the ground within one standard error of every parameter: a flat valley, not another minimum.
-    if spread > 0.5 * identified.fitted.estimates.len() as f64 {
+    if spread > SAME_VALLEY {
         said.push(format!(
             "the starts ended {spread:.0} apart in log-likelihood: another minimum is near; the better one is taken"
         ));
@@ -158,8 +169,11 @@ pub fn verdict(identified: &Identified) -> Vec<String> {
     if !identified.fitted.converged {
         said.push("the refinement had not converged when its rounds were used up".to_owned());
     }
-    for (channel, lines) in identified.channels.iter().zip(&identified.lines) {
-        if let Some(line) = lines.first() {
+    for (index, (channel, lines)) in identified.channels.iter().zip(&identified.lines).enumerate() {
+        // What a model lacks shows as lines too, at the commands' own frequencies.
+        if let Some(line) = lines.first()
+            && explained(identified, index)
+        {
             said.push(format!(
                 "{channel}: a line of {:.3} kPa at {:.2} Hz: the pump's ripple, folded down by sampling, if its speed \
                  is not what the rig file says",

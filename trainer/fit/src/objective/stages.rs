@@ -7,9 +7,9 @@
 //!
 //! Slopes cost far more than trials, and close simulations more than fast ones. So windows, and free runs at first, are
 //! searched with a fast simulation and one-sided slopes. Then the close one's slopes are worked out once, on both sides,
-//! and kept while the search ends and the scale settles (chord method): combinations that hardly show are small
-//! differences of large columns, which a fast simulation has wrong by as much as they are. Other starts are followed to
-//! the minimum that they share with borrowed slopes; one that ends elsewhere gets its own.
+//! and kept while the search ends and the scale settles (chord method). Other starts are followed to the minimum that
+//! they share with borrowed slopes; one that ends elsewhere gets its own. Uncertainties are told from the fast
+//! simulation's slopes at the minimum, for those are smooth ([`RigProblem::slopes_by`]).
 
 use super::fitted::{Fitted, block_numbers, estimates, rmse};
 use super::problem::{RigProblem, Sides, Slopes};
@@ -277,7 +277,8 @@ impl Task<'_> {
             let slopes = known.take().filter(|(_, at)| borrowing || near_to(at, &point, SLOPES_REACH));
             rounds += usize::from(slopes.is_none());
             let at = slopes.as_ref().map_or_else(|| point.clone(), |(_, at)| at.clone());
-            let mut problem = RigProblem::new(self.simulator, self.set, arcs, weights).keeping(slopes.map(|(s, _)| s));
+            let mut problem =
+                RigProblem::new(self.simulator, self.set, arcs, weights).keeping(slopes.map(|(slopes, _)| slopes));
             let search = self.search(most, self.settings.least_gain);
             let outcome = minimise(&mut Watched { problem: &mut problem, watch }, &point, &search)?;
             point.clone_from(&outcome.point);
@@ -315,7 +316,11 @@ impl Task<'_> {
     ) -> Result<Fitted, FitError> {
         let records = self.simulator.records();
         let blocks = block_numbers(records, self.blocks);
-        let information = Information::of(&outcome.linearised, self.settings.loss, &self.set.prior(), &blocks);
+        let weights = over(records, self.weights, &scale_kpa);
+        let smooth = RigProblem::new(self.simulator, self.set, arcs.clone(), weights)
+            .slopes_by(self.settings.search)
+            .linearise(&point)?;
+        let information = Information::of(&smooth, self.settings.loss, &self.set.prior(), &blocks);
         let sd = information.as_ref().map_or_else(|| vec![f64::INFINITY; self.set.len()], Information::cautious_sd);
         Ok(Fitted {
             estimates: estimates(self.set, &point, &sd),

@@ -26,8 +26,7 @@ pub enum Fidelity {
     /// Every stroke, at a step of 0.4 ms: off by about 0.05 kPa, four times as fast.
     Coarse,
     /// Pumps averaged over a revolution ([`model::averaged`]), their ripple put back onto the readings: smooth in the
-    /// parameters and, rig by rig, some twenty times as fast as in detail; slopes of parameters that hardly show are
-    /// off by as much as they are.
+    /// parameters and, rig by rig, some twenty times as fast as in detail.
     Averaged,
 }
 
