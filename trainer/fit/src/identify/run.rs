@@ -7,7 +7,7 @@ use super::check_valves::{PaperFit, paper_fit};
 use crate::FitError;
 use crate::data::quality::Quality;
 use crate::data::{Line, Noise, Records, Role, Split, lines, noise};
-use crate::objective::{FitSettings, Fitted, blocks_of, fit_watched};
+use crate::objective::{FitSettings, Fitted, blocks_of, fit};
 use crate::parameters::{ParameterSet, Scatter, nominal};
 use crate::simulate::{ChannelError, Fidelity, Horizon, Simulator, errors, traces_at};
 
@@ -138,11 +138,10 @@ pub fn run(
     let mut blocks = blocks_of(&split, Role::Fit);
     blocks.extend(blocks_of(&split, Role::Select));
     let mut round = 0;
-    let (fitted, costs) =
-        fit_watched(simulator, &set, &starts, &fitted_rows, &sigma_kpa, &blocks, &settings.fit, &mut || {
-            round += 1;
-            progress(Step::Refining { round });
-        })?;
+    let (fitted, costs) = fit(simulator, &set, &starts, &fitted_rows, &sigma_kpa, &blocks, &settings.fit, &mut || {
+        round += 1;
+        progress(Step::Refining { round });
+    })?;
 
     progress(Step::Testing);
     let horizons = [Horizon::Free, Horizon::Windows { seconds: 10.0 }, Horizon::Windows { seconds: 1.0 }];

@@ -17,4 +17,4 @@ mod stages;
 pub use fitted::{Estimate, Fitted};
 pub use likelihood::{BlockScore, Likelihood, NoiseModel, Score, blocks_of, score};
 pub use problem::{RigProblem, Sides};
-pub use stages::{FitSettings, Shooting, fit, fit_from, fit_watched};
+pub use stages::{FitSettings, Shooting, fit, fit_from};

@@ -63,28 +63,12 @@ impl Default for FitSettings {
 /// Fits from several starts and returns the best; the others' costs tell whether they agree.
 ///
 /// `weights` is 1 at readings that are fitted and 0 elsewhere, `sigma_kpa` the noise by channel. `blocks` are the
-/// stretches of time that count as independent for uncertainties.
+/// stretches of time that count as independent for uncertainties. `watch` is told of every round.
 ///
 /// # Errors
 /// No start can be simulated.
+#[expect(clippy::too_many_arguments, reason = "what is fitted to what, and who is told")]
 pub fn fit(
-    simulator: Simulator<'_>,
-    set: &ParameterSet,
-    starts: &[Vec<f64>],
-    weights: &[f64],
-    sigma_kpa: &[f64],
-    blocks: &[Stretch],
-    settings: &FitSettings,
-) -> Result<(Fitted, Vec<f64>), FitError> {
-    Task { simulator, set, weights, sigma_kpa, blocks, settings }.over_starts(starts, &mut || {})
-}
-
-/// The same, telling `watch` of every round.
-///
-/// # Errors
-/// As [`fit`].
-#[expect(clippy::too_many_arguments, reason = "those of `fit`, and who is told")]
-pub fn fit_watched(
     simulator: Simulator<'_>,
     set: &ParameterSet,
     starts: &[Vec<f64>],
