@@ -28,15 +28,15 @@ fn main() {
         println!("{name}");
         let table = median((0..REPEATS).map(|_| {
             milliseconds(|| {
-                black_box(Plant::averaged(rig, 5.0, &mut PumpTables::new()).unwrap());
+                black_box(Plant::averaged(rig, 5.0, &PumpTables::new()).unwrap());
             })
         }));
         println!("  table and plant       {table:>8.2} ms");
         for step_ms in [2.0, 5.0, 10.0] {
-            let mut tables = PumpTables::new();
-            let one = Arc::new(Plant::averaged(rig, step_ms, &mut tables).unwrap());
+            let tables = PumpTables::new();
+            let one = Arc::new(Plant::averaged(rig, step_ms, &tables).unwrap());
             let rigs = std::slice::from_ref(rig);
-            let eight = Arc::new(Plant::<Lanes<8>>::averaged_side_by_side(rigs, step_ms, &mut tables).unwrap());
+            let eight = Arc::new(Plant::<Lanes<8>>::averaged_side_by_side(rigs, step_ms, &tables).unwrap());
             let single = median((0..REPEATS).map(|_| milliseconds(|| free_run(&one))));
             let lanes = median((0..REPEATS).map(|_| milliseconds(|| free_run(&eight)))) / 8.0;
             let [pos, neg] = off(rig, &one);

@@ -252,7 +252,7 @@ fn chamber_of<'v>(name: &str, valve: &'v Valve) -> Result<(&'v str, f64), RigErr
 /// Net mass flow into the two chambers over the grid, valves shut, eight grid points at a time.
 fn pump_flows(rig: &Rig, chambers: [usize; CHANNELS]) -> Result<Vec<Pair>, RigError> {
     type Eight = Lanes<8>;
-    let plant = Arc::new(Plant::<Eight>::held(&without_valves(rig), &mut PumpTables::new())?);
+    let plant = Arc::new(Plant::<Eight>::held(&without_valves(rig), &PumpTables::new())?);
     let on: Vec<Eight> = plant.inputs().iter().map(|i| Eight::splat(i.default.unwrap_or(1.0))).collect();
     let mut simulation = Simulation::new(Arc::clone(&plant));
     let cells: Vec<Pair> = (0..NEGATIVE_KPA.points)

@@ -37,51 +37,60 @@ mod table;
 pub(crate) use machine::Machine;
 pub(crate) use table::PumpTable;
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
-/// Tables of pumps worked out so far, to be shared by all simulations of a fit.
+/// Tables of pumps worked out so far, to be shared by all simulations of a fit and by its threads.
 ///
 /// A table depends on the pump, on what hangs on it, and a little on the size of the chambers at its ports; while a fit
 /// moves other numbers it is found here.
 #[derive(Debug, Default)]
 pub struct PumpTables {
     /// Newest last.
-    known: Vec<(Vec<u64>, Arc<PumpTable<f64>>)>,
+    known: Mutex<Vec<Known>>,
 }
 
+/// The numbers of a pump, and its table.
+type Known = (Vec<u64>, Arc<PumpTable<f64>>);
+
 /// Tables that are remembered; the oldest goes first. One takes some 60 kB, or 400 kB where absolute pressure matters.
-const REMEMBERED: usize = 64;
+const REMEMBERED: usize = 128;
 
 impl PumpTables {
     /// None so far.
-    pub fn new() -> Self {
-        Self::default()
+    pub const fn new() -> Self {
+        PumpTables { known: Mutex::new(Vec::new()) }
     }
 
     /// How many are remembered.
     pub fn len(&self) -> usize {
-        self.known.len()
+        self.known.lock().unwrap_or_else(PoisonError::into_inner).len()
     }
 
     /// Whether none is remembered.
     pub fn is_empty(&self) -> bool {
-        self.known.is_empty()
+        self.len() == 0
     }
 
     /// The table of a pump, worked out if it is new.
-    pub(crate) fn of(&mut self, machine: &Machine) -> Arc<PumpTable<f64>> {
+    pub(crate) fn of(&self, machine: &Machine) -> Arc<PumpTable<f64>> {
         let key = machine.key();
-        if let Some(found) = self.known.iter().position(|(known, _)| *known == key) {
-            let entry = self.known.remove(found);
-            let table = Arc::clone(&entry.1);
-            self.known.push(entry);
-            return table;
+        let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        {
+            let mut known = known();
+            if let Some(found) = known.iter().position(|(known, _)| *known == key) {
+                let entry = known.remove(found);
+                let table = Arc::clone(&entry.1);
+                known.push(entry);
+                return table;
+            }
         }
-        if self.known.len() == REMEMBERED {
-            self.known.remove(0);
-        }
+        // Two threads may work out the same one; both get the same numbers.
         let table = Arc::new(PumpTable::new(machine));
-        self.known.push((key, Arc::clone(&table)));
+        let mut known = known();
+        if known.len() >= REMEMBERED {
+            known.remove(0);
+        }
+        known.push((key, Arc::clone(&table)));
         table
     }
 }

@@ -43,7 +43,7 @@ impl Plant<f64> {
     ///
     /// # Errors
     /// As [`Plant::new`], or if `step_ms` is not between 0.01 and a tick.
-    pub fn averaged(rig: &Rig, step_ms: f64, tables: &mut PumpTables) -> Result<Self, RigError> {
+    pub fn averaged(rig: &Rig, step_ms: f64, tables: &PumpTables) -> Result<Self, RigError> {
         let tick_ms = rig.integrator.tick_ms;
         crate::rig::within("step_ms", step_ms, 0.01, tick_ms, "ms", "a tick at most")?;
         if !rig.pumps.values().any(|pump| matches!(pump, Pump::Piston(_))) {
@@ -68,7 +68,7 @@ impl<R: Real> Plant<R> {
     ///
     /// # Errors
     /// As [`Plant::averaged`] and [`Plant::side_by_side`].
-    pub fn averaged_side_by_side(rigs: &[Rig], step_ms: f64, tables: &mut PumpTables) -> Result<Self, RigError> {
+    pub fn averaged_side_by_side(rigs: &[Rig], step_ms: f64, tables: &PumpTables) -> Result<Self, RigError> {
         let parts = rigs.iter().map(|rig| Plant::averaged(rig, step_ms, tables)).collect::<Result<Vec<_>, _>>()?;
         Self::together(parts)
     }
@@ -90,7 +90,7 @@ impl<R: Real> Plant<R> {
     ///
     /// # Errors
     /// If the rig fails its checks, or does not fit the fixed arrays.
-    pub(crate) fn held(rig: &Rig, tables: &mut PumpTables) -> Result<Self, RigError> {
+    pub(crate) fn held(rig: &Rig, tables: &PumpTables) -> Result<Self, RigError> {
         rig.check()?;
         let mut assembly = Assembly::new(rig, 1, Some(tables))?;
         assembly.held = true;
@@ -177,13 +177,13 @@ struct Assembly<'a> {
     /// Outflow functions in use.
     laws: usize,
     /// Where the tables of averaged pumps come from; `None` for pumps in full detail.
-    tables: Option<&'a mut PumpTables>,
+    tables: Option<&'a PumpTables>,
     /// Whether chambers keep their pressures whatever flows in.
     held: bool,
 }
 
 impl<'a> Assembly<'a> {
-    fn new(rig: &'a Rig, steps: usize, tables: Option<&'a mut PumpTables>) -> Result<Self, RigError> {
+    fn new(rig: &'a Rig, steps: usize, tables: Option<&'a PumpTables>) -> Result<Self, RigError> {
         let gas_constant = rig.gas.gas_constant_j_per_kg_k;
         let kappa = rig.gas.heat_capacity_ratio;
         let averaged = tables.is_some();
@@ -478,7 +478,7 @@ impl<'a> Assembly<'a> {
         self.plant.unknowns.push(Placed { unknown, slot: Slot::Phase { drive } });
         let springs = mechanisms_on(self.rig, name).any(|m| matches!(m, Mechanism::CheckValveCracking(_)));
         let rings = mechanisms_on(self.rig, name).any(|m| matches!(m, Mechanism::PistonBlowby(_)));
-        if let Some(tables) = self.tables.as_deref_mut() {
+        if let Some(tables) = self.tables {
             let content = self.plant.states;
             self.plant.states += 1;
             let memory = self.memory;

@@ -13,7 +13,7 @@ use crate::small_rigs::{ATMOSPHERE, chamber, mechanism, rig};
 const STEP_MS: f64 = 5.0;
 
 fn averaged(rig: &Rig) -> Simulation<f64> {
-    Simulation::new(Arc::new(Plant::averaged(rig, STEP_MS, &mut PumpTables::new()).unwrap()))
+    Simulation::new(Arc::new(Plant::averaged(rig, STEP_MS, &PumpTables::new()).unwrap()))
 }
 
 fn detailed(rig: &Rig) -> Simulation<f64> {
@@ -196,9 +196,9 @@ fn a_lane_has_the_bits_of_a_single_run_here_too() {
         let droop = mechanism("pump_droop", "pump", &format!("speed_loss_per_bar = {:?}", 0.01 * by));
         *rig = Rig::from_toml(&format!("{}\n{droop}", rig.to_toml().unwrap())).unwrap();
     }
-    let mut tables = PumpTables::new();
+    let tables = PumpTables::new();
     let mut many =
-        Simulation::new(Arc::new(Plant::<Lanes<8>>::averaged_side_by_side(&rigs, STEP_MS, &mut tables).unwrap()));
+        Simulation::new(Arc::new(Plant::<Lanes<8>>::averaged_side_by_side(&rigs, STEP_MS, &tables).unwrap()));
     let mut singles: Vec<_> = rigs.iter().map(averaged).collect();
     let readings = [95.0, -70.0];
     many.start_from(&readings.map(Lanes::splat), &[0.8, 0.8, 1.0].map(Lanes::splat), FreeRunStart::Running);
@@ -223,10 +223,10 @@ fn a_lane_has_the_bits_of_a_single_run_here_too() {
 
 #[test]
 fn tables_are_worked_out_once() {
-    let mut tables = PumpTables::new();
+    let tables = PumpTables::new();
     let mut rig = Rig::builtin("bench").unwrap();
     let mut compiled = |rig: &Rig| {
-        Plant::averaged(rig, STEP_MS, &mut tables).unwrap();
+        Plant::averaged(rig, STEP_MS, &tables).unwrap();
         tables.len()
     };
     assert_eq!(compiled(&rig), 1);

@@ -101,13 +101,6 @@ impl<'a> Probe<'a> {
         probe
     }
 
-    /// The first rows of this probe as a probe of their own; takes no run.
-    pub fn shortened(&self, rows: usize) -> Self {
-        let first = |trace: &Trace| trace[..rows.min(trace.len())].to_vec();
-        let sensitivities = self.sensitivities.iter().map(first).collect();
-        Self::spanned(self.sheet, &self.duties[..rows.min(self.duties.len())], first(&self.nominal), sensitivities)
-    }
-
     /// The nominal trace.
     pub fn nominal(&self) -> &[[f64; 2]] {
         &self.nominal

@@ -37,7 +37,7 @@ fn main() {
     };
     let start = Instant::now();
     let mut last = String::new();
-    let found = search(&bench, &all, &settings, &mut |what, _| {
+    let found = search(&bench, &all, &vec![0.0; bench.nominal.len()], &settings, &mut |what, _| {
         if last != what {
             eprintln!("{:.1} s, cpu {:.1} s {what}", start.elapsed().as_secs_f64(), cpu());
             last = what.to_owned();

@@ -81,7 +81,7 @@ pub struct Bar {
 
 impl Default for Bar {
     fn default() -> Self {
-        Bar { fitted: 12.0, standard_errors: 2.0, removed_kpa: 0.02 }
+        Bar { fitted: 12.0, standard_errors: 2.0, removed_kpa: 0.03 }
     }
 }
 

@@ -51,8 +51,12 @@ impl Footing {
     pub fn of(bench: &Bench<'_>, base: &Explanation) -> Result<Footing, DiagnoseError> {
         let (rig, arcs) = (&base.fitted.rig, base.fitted.arcs.clone());
         let close = bench.simulator.one(rig, &arcs)?;
-        let fast = bench.fast.one(rig, &arcs)?;
-        let correction_kpa = close.iter().zip(&fast).map(|(c, f)| c - f).collect();
+        let correction_kpa = if bench.simulator.fidelity() == bench.fast.fidelity() {
+            Vec::new()
+        } else {
+            let fast = bench.fast.one(rig, &arcs)?;
+            close.iter().zip(&fast).map(|(c, f)| c - f).collect()
+        };
         let weights = bench.weighted(&base.fitted.scale_kpa);
         let residuals = weighted(bench.records.readings_kpa(), &close, &[], &weights);
         let prior: f64 = base.set.prior().iter().zip(&base.fitted.point).map(|(p, z)| 0.5 * p * z * z).sum();

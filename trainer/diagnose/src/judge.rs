@@ -11,7 +11,7 @@ use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::diagnosis::Verdict;
 use crate::error::DiagnoseError;
-use crate::evidence::evidence;
+use crate::evidence::{Bar, evidence};
 use crate::glance::Footing;
 use crate::search::{FAR_BEHIND, Found, GLANCE_ROUNDS, cost, starts, with, without};
 
@@ -114,8 +114,13 @@ fn nothing_named(
         .tried
         .iter()
         .filter(|e| e.terms.len() == 1)
-        .map(|e| (evidence(bench, e, &found.nominal).posterior, e))
-        .filter(|(gain, _)| *gain > HINT + looked_at)
+        .filter_map(|e| {
+            let found_for = evidence(bench, e, &found.nominal);
+            // What hardly shows in the free run is an everyday imperfection; what saves the priors much is not.
+            let shows = found_for.removed_kpa > Bar::default().removed_kpa;
+            let gain = if shows { found_for.posterior } else { found_for.posterior - found_for.fitted.max(0.0) };
+            (gain > HINT + looked_at).then_some((gain, e))
+        })
         .collect();
     hints.sort_by(|a, b| b.0.total_cmp(&a.0));
     if let Some((top, _)) = hints.first().copied() {

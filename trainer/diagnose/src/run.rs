@@ -9,7 +9,7 @@ use model::rig::Rig;
 use proto::atomic_file;
 use proto::recording::Recording;
 
-use crate::bench::{Bench, Explanation};
+use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::{Candidate, candidates};
 use crate::diagnosis::{Diagnosis, Fits, Verdict};
 use crate::error::DiagnoseError;
@@ -79,8 +79,17 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     }
     let mut notes: Vec<String> = request.recordings.iter().flat_map(|r| r.notes().to_vec()).collect();
     notes.extend(quality.doubts().map(|finding| finding.text.clone()));
-    let bench = Bench::new(rig, &records, &quality.usable, FITTING, request.threads);
+    let recorded = Bench::new(rig, &records, &quality.usable, Fidelity::Detailed, request.threads);
     let candidates = candidates(rig);
+    // At its own step: a coarser one's error is not the rig's.
+    let of = |rig: &Rig| figures(&recorded, rig, Fidelity::Detailed, !request.quick);
+    let given = of(rig)?;
+    progress("fitting the rig's own parameters", 0.0);
+    let origin = vec![0.0; recorded.nominal.len()];
+    let nominal = recorded.fit(&candidates, &[], &[origin], Effort::Full)?;
+    // Everything is searched with averaged pumps, on readings that lack the strokes; what was found ends on the recordings.
+    let reduced = recorded.without_strokes(&nominal)?;
+    let bench = Bench::new(rig, &reduced, &quality.usable, Fidelity::Averaged, request.threads);
     let settings = SearchSettings {
         most_terms: 4,
         glanced: if request.quick { 6 } else { 14 },
@@ -88,13 +97,10 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         from_prior: true,
         bar: Bar::default(),
     };
-    let of = |rig: &Rig| figures(&bench, rig, SHOWN, !request.quick);
-    // At its own step: a coarser one's error is not the rig's.
-    let given = of(rig)?;
-    let mut found = search(&bench, &candidates, &settings, progress)?;
+    let mut found = search(&bench, &candidates, &nominal.fitted.point, &settings, progress)?;
     progress("reconstructing what is missing", 0.0);
     let missing = reconstruct(&bench, &found.nominal.fitted.rig, &found.nominal.trace, !request.quick)?;
-    let judgement = judge(&bench, &candidates, &found, &given.trace, progress)?;
+    let judgement = judge(&bench, &candidates, &found, &bench.free_run(rig)?, progress)?;
     let mut unknown = if judgement.verdict == Verdict::UnknownMechanism {
         progress("shaping a term for what has no name", 0.0);
         fit_unknown(&bench, &found.nominal, &missing, if request.quick { 1 } else { 3 })?
@@ -108,17 +114,17 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         None
     };
     progress("running before and after", 0.0);
-    found.nominal = settled(&bench, &found.nominal)?;
-    found.best = if found.best.terms.is_empty() { found.nominal.clone() } else { settled(&bench, &found.best)? };
+    found.nominal = settled(&recorded, &found.nominal)?;
+    found.best = if found.best.terms.is_empty() { found.nominal.clone() } else { settled(&recorded, &found.best)? };
     if let Some(term) = &mut unknown {
-        term.explanation = settled(&bench, &term.explanation)?;
+        term.explanation = settled(&recorded, &term.explanation)?;
     }
     let findings = Findings {
         given,
         reidentified: of(&found.nominal.fitted.rig)?,
         extended: of(unknown.as_ref().map_or(&found.best.fitted.rig, |term| &term.explanation.fitted.rig))?,
         unknown: unknown.as_ref(),
-        bench: &bench,
+        bench: &recorded,
         candidates: &candidates,
         found: &found,
         judgement: &judgement,
@@ -130,11 +136,6 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     write(request, &findings, &diagnosis)?;
     Ok(diagnosis)
 }
-
-/// Fidelity of fits.
-const FITTING: Fidelity = Fidelity::Coarse;
-/// Fidelity of what is shown and written.
-const SHOWN: Fidelity = Fidelity::Detailed;
 
 /// The diagnosis in the form of its file.
 fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {

@@ -51,18 +51,18 @@ pub struct Found {
     pub tried: Vec<Explanation>,
 }
 
-/// Searches among `candidates`.
+/// Searches among `candidates`, from the rig's own parameters at `start` (near their best without any term).
 ///
 /// # Errors
 /// The rig itself cannot be fitted.
 pub fn search(
     bench: &Bench<'_>,
     candidates: &[Candidate],
+    start: &[f64],
     settings: &SearchSettings,
     tell: &mut dyn FnMut(&str, f64),
 ) -> Result<Found, DiagnoseError> {
-    tell("fitting the rig's own parameters", 0.0);
-    let nominal = bench.fit(candidates, &[], &[vec![0.0; bench.nominal.len()]], Effort::Full)?;
+    let nominal = bench.fit(candidates, &[], &[start.to_vec()], Effort::Polish)?;
     let mut best = nominal.clone();
     let mut rounds = Vec::new();
     let mut tried = Vec::new();

@@ -115,7 +115,7 @@ fn bench<'r>(rig: &'r Rig, records: &'r Records) -> Bench<'r> {
 fn judged(bench: &Bench<'_>, candidates: &[Candidate]) -> (Found, Judgement) {
     let settings = SearchSettings { most_terms: 2, polished: 1, glanced: 4, from_prior: false, bar: Bar::default() };
     let given = bench.free_run(bench.rig).unwrap();
-    let found = search(bench, candidates, &settings, &mut |_, _| ()).unwrap();
+    let found = search(bench, candidates, &vec![0.0; bench.nominal.len()], &settings, &mut |_, _| ()).unwrap();
     let judgement = judge(bench, candidates, &found, &given, &mut |_, _| ()).unwrap();
     (found, judgement)
 }

@@ -67,16 +67,16 @@ fn a_rig_that_is_off_is_found_again() {
 
 #[test]
 fn the_fast_search_ends_where_the_close_one_does() {
-    // Generated in detail; searched with averaged pumps first, and in detail throughout.
+    // Generated in detail; searched with averaged pumps, corrected, and in detail throughout.
     let nominal_rig = Rig::builtin("dual_pressure").unwrap();
-    let truth_rig = off_rig(&nominal_rig, 0.5);
-    let records = Records::new(&nominal_rig, &[made(&truth_rig, 1200, 4)]).unwrap();
-    let split = Split::all(&records, Role::Fit);
-    let weights = split.weights(records.layout(), Role::Fit);
     // Two volumes and two valve coefficients are enough to show it.
     let set = ParameterSet::new(&nominal_rig, nominal(&nominal_rig, Scatter::default()))
         .unwrap()
         .without(|path| !(path.contains("volume_l") || path.contains("input_area")));
+    let truth_rig = set.rig_at(&[0.5, -0.6, 0.4, -0.5]).unwrap();
+    let records = Records::new(&nominal_rig, &[made(&truth_rig, 1200, 4)]).unwrap();
+    let split = Split::all(&records, Role::Fit);
+    let weights = split.weights(records.layout(), Role::Fit);
     let simulator = Simulator::new(&records, Fidelity::Detailed);
     let at = |search| {
         let settings = FitSettings { search, stages: vec![Shooting::Free], ..FitSettings::default() };

@@ -1,7 +1,7 @@
 //! The experiment that tells rivals apart: programmes chosen one by one, checked to be safe.
 
 use fit::data::Records;
-use fit::simulate::{Arcs, Run, Simulator};
+use fit::simulate::{Arcs, Fidelity, Run, Simulator};
 use model::plant::Input;
 use model::rig::Rig;
 use nalgebra::DMatrix;
@@ -69,6 +69,9 @@ impl Plan {
     }
 }
 
+/// Fidelity of plans: stroke by stroke, for pumps that stand are what averaged ones are worst at.
+const PLANNING: Fidelity = Fidelity::Coarse;
+
 /// Plans an experiment between rivals; `None` where there are fewer than two, or nothing safe separates them.
 ///
 /// # Errors
@@ -85,7 +88,7 @@ pub fn plan(bench: &Bench<'_>, rivals: &[&Explanation]) -> Result<Option<Plan>, 
     }
     let recordings = programmes.iter().map(|p| blank(bench, inputs, p)).collect::<Result<Vec<_>, _>>()?;
     let records = Records::new(bench.rig, &recordings)?;
-    let simulator = Simulator::new(&records, bench.simulator.fidelity());
+    let simulator = Simulator::new(&records, PLANNING);
     let predicted = rivals.iter().map(|rival| predict(&simulator, rival)).collect::<Result<Vec<_>, _>>()?;
     let known: Vec<DMatrix<f64>> = rivals.iter().map(|rival| information(rival)).collect();
     let sigma: Vec<f64> = bench.noise.iter().map(|n| n.sigma_kpa.hypot(FOREIGN_KPA)).collect();
@@ -178,7 +181,7 @@ fn finish(
                 .collect(),
         };
         let records = Records::new(bench.rig, &[blank(bench, inputs, &joined)?])?;
-        let simulator = Simulator::new(&records, bench.simulator.fidelity());
+        let simulator = Simulator::new(&records, PLANNING);
         let predicted_kpa = rivals
             .iter()
             .map(|rival| simulator.one(&rival.fitted.rig, &Arcs::free(&records)))

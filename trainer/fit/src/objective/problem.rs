@@ -6,7 +6,7 @@ use super::projection::Projection;
 use crate::FitError;
 use crate::least_squares::{Linearised, Problem};
 use crate::parameters::ParameterSet;
-use crate::simulate::{Arcs, Fidelity, NUDGE_KPA, Run, Simulator};
+use crate::simulate::{Arcs, NUDGE_KPA, Run, Simulator};
 
 /// Half the span of a central difference, in prior standard deviations.
 ///
@@ -38,8 +38,6 @@ pub(super) struct Slopes {
 /// Residuals of a parameter set over arcs: `(simulated − recorded) · weight`, starts projected out.
 pub struct RigProblem<'p> {
     simulator: Simulator<'p>,
-    /// What slopes are worked out with.
-    slopes_by: Fidelity,
     set: &'p ParameterSet,
     arcs: Arcs,
     /// Weight of each reading: 1/σ where it counts, 0 where not.
@@ -60,7 +58,6 @@ impl<'p> RigProblem<'p> {
     pub fn new(simulator: Simulator<'p>, set: &'p ParameterSet, arcs: Arcs, weights: Vec<f64>) -> Self {
         RigProblem {
             simulator,
-            slopes_by: simulator.fidelity(),
             set,
             arcs,
             weights,
@@ -77,17 +74,6 @@ impl<'p> RigProblem<'p> {
     #[must_use]
     pub fn on(self, sides: Sides) -> Self {
         RigProblem { sides, ..self }
-    }
-
-    /// The same with slopes by another simulation than the readings'.
-    ///
-    /// A piston pump at fixed steps is rough: check valves open a step sooner or later, which moves readings by 1e-3 kPa
-    /// at steps of 0.4 ms, a fine structure in the parameters that no real pump has. As slopes it looks like knowledge of
-    /// combinations that hardly show (measured: information of 140 along one that has 60, and errors of twice the
-    /// stated ones). Averaged pumps have none of it.
-    #[must_use]
-    pub fn slopes_by(self, fidelity: Fidelity) -> Self {
-        RigProblem { slopes_by: fidelity, ..self }
     }
 
     /// The same with slopes that are worked out once and then kept (chord method), or that are given from nearby: a
@@ -157,7 +143,6 @@ impl RigProblem<'_> {
         }
         let mut traces = self
             .simulator
-            .at(self.slopes_by)
             .run(&runs, &self.arcs)
             .into_iter()
             .collect::<Result<Vec<_>, _>>()
@@ -214,10 +199,7 @@ impl Problem for RigProblem<'_> {
         let rig = self.set.rig_at(point).map_err(FitError::rig(self.set.rig()))?;
         let (base, slopes) = match self.slopes.take() {
             Some(slopes) if self.kept => (self.trace(&rig, point)?, slopes),
-            _ => match self.slopes_at(&rig, point)? {
-                (base, slopes) if self.slopes_by == self.simulator.fidelity() => (base, slopes),
-                (_, slopes) => (self.trace(&rig, point)?, slopes),
-            },
+            _ => self.slopes_at(&rig, point)?,
         };
         if base.iter().any(|kpa| !kpa.is_finite()) {
             return Err(FitError::NotFinite { rig: rig.name });

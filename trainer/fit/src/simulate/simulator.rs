@@ -32,8 +32,14 @@ pub enum Fidelity {
 
 /// The coarse step in ms.
 const COARSE_STEP_MS: f64 = 0.4;
+/// The step at which pumps are turned for their tables, in ms: twice that of the paper's rig, for half the time.
+const TABLE_STEP_MS: f64 = 0.2;
 /// The step of averaged plants in ms.
-const AVERAGED_STEP_MS: f64 = 5.0;
+const AVERAGED_STEP_MS: f64 = 10.0;
+
+/// Tables of averaged pumps, which depend on numbers of rigs alone. Rigs of one Jacobian differ in one number each, which
+/// mostly is none of the pump's, and the next run begins where the last one ended.
+static TABLES: PumpTables = PumpTables::new();
 
 /// One rig to be run, and how its starts differ from the arcs'.
 #[derive(Debug, Clone)]
@@ -74,6 +80,13 @@ struct Group {
     runs: Vec<usize>,
 }
 
+/// What became of a bundle: groups that can be run, and runs whose rigs cannot be simulated.
+#[derive(Default)]
+struct Compiled {
+    groups: Vec<Group>,
+    unsound: Vec<(usize, RigError)>,
+}
+
 impl<'r> Simulator<'r> {
     /// Runs rigs over `records` on all cores.
     pub fn new(records: &'r Records, fidelity: Fidelity) -> Self {
@@ -111,26 +124,39 @@ impl<'r> Simulator<'r> {
     pub fn run(&self, runs: &[Run], arcs: &Arcs) -> Vec<Result<Vec<f64>, RigError>> {
         let mut outcomes: Vec<Outcome> = runs.iter().map(|_| Ok(self.records.readings_kpa().to_vec())).collect();
         let groups = self.groups(runs, &mut outcomes);
+        let records = self.records.records().len();
         let items: Vec<(usize, usize)> =
-            (0..groups.len()).flat_map(|g| (0..self.records.records().len()).map(move |record| (g, record))).collect();
-        let next = AtomicUsize::new(0);
+            (0..groups.len()).flat_map(|g| (0..records).map(move |record| (g, record))).collect();
         let outcomes = Mutex::new(outcomes);
-        let work = || {
-            while let Some((group, record)) = items.get(next.fetch_add(1, Ordering::Relaxed)).copied() {
-                let Some(group) = groups.get(group) else { break };
-                match &group.bundle {
-                    Bundle::One(plant) => self.through(plant, group, runs, record, arcs, &outcomes),
-                    Bundle::Several(plant) => self.through(plant, group, runs, record, arcs, &outcomes),
+        self.shared_out(items.len(), |item| {
+            let Some((group, record)) = items.get(item) else { return };
+            let Some(group) = groups.get(*group) else { return };
+            match &group.bundle {
+                Bundle::One(plant) => self.through(plant, group, runs, *record, arcs, &outcomes),
+                Bundle::Several(plant) => self.through(plant, group, runs, *record, arcs, &outcomes),
+            }
+        });
+        outcomes.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Does `count` pieces of work on all cores.
+    fn shared_out(&self, count: usize, work: impl Fn(usize) + Sync) {
+        let next = AtomicUsize::new(0);
+        let all = || {
+            loop {
+                let item = next.fetch_add(1, Ordering::Relaxed);
+                if item >= count {
+                    break;
                 }
+                work(item);
             }
         };
         std::thread::scope(|scope| {
-            for _ in 1..self.threads.min(items.len()) {
-                scope.spawn(work);
+            for _ in 1..self.threads.min(count) {
+                scope.spawn(all);
             }
-            work();
+            all();
         });
-        outcomes.into_inner().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Free runs of rigs, from the first readings.
@@ -200,49 +226,59 @@ impl<'r> Simulator<'r> {
                 None => kinds.push((kind, vec![index])),
             }
         }
+        let bundles: Vec<Vec<usize>> = kinds
+            .iter()
+            .flat_map(|(_, members)| members.chunks(self.side_by_side_at_most()).map(<[usize]>::to_vec))
+            .collect();
+        // Compiled on all cores: tables of pumps take as long as a run.
+        let compiled: Vec<Mutex<Compiled>> = bundles.iter().map(|_| Mutex::default()).collect();
+        self.shared_out(bundles.len(), |item| {
+            if let (Some(members), Some(slot)) = (bundles.get(item), compiled.get(item)) {
+                let compiled = self.compile(runs, members);
+                *slot.lock().unwrap_or_else(PoisonError::into_inner) = compiled;
+            }
+        });
         let mut groups = Vec::new();
-        // Rigs of one Jacobian differ in one number each, which mostly is none of the pump's.
-        let mut tables = PumpTables::new();
-        for (_, members) in kinds {
-            for members in members.chunks(self.side_by_side_at_most()) {
-                self.compile(runs, members, &mut tables, outcomes, &mut groups);
+        for compiled in compiled {
+            let compiled = compiled.into_inner().unwrap_or_else(PoisonError::into_inner);
+            groups.extend(compiled.groups);
+            for (run, problem) in compiled.unsound {
+                if let Some(outcome) = outcomes.get_mut(run) {
+                    *outcome = Err(problem);
+                }
             }
         }
         groups
     }
 
-    fn compile(
-        &self,
-        runs: &[Run],
-        members: &[usize],
-        tables: &mut PumpTables,
-        outcomes: &mut [Outcome],
-        groups: &mut Vec<Group>,
-    ) {
+    fn compile(&self, runs: &[Run], members: &[usize]) -> Compiled {
         let rigs: Vec<Rig> = members.iter().filter_map(|m| runs.get(*m)).map(|run| self.prepared(&run.rig)).collect();
         let bundle = match rigs.as_slice() {
-            [rig] => self.plant(rig, tables).and_then(|plant| {
+            [rig] => self.plant(rig).and_then(|plant| {
                 let ticks = self.fits(&plant)?;
                 Ok((Bundle::One(Shared::new(plant)), ticks))
             }),
-            several => self.side_by_side(several, tables).and_then(|plant| {
+            several => self.side_by_side(several).and_then(|plant| {
                 let ticks = self.fits(&plant)?;
                 Ok((Bundle::Several(Shared::new(plant)), ticks))
             }),
         };
         match bundle {
-            Ok((bundle, ticks_per_row)) => groups.push(Group { bundle, ticks_per_row, runs: members.to_vec() }),
+            Ok((bundle, ticks_per_row)) => {
+                Compiled { groups: vec![Group { bundle, ticks_per_row, runs: members.to_vec() }], unsound: Vec::new() }
+            }
             // One of them is unsound, or numbers (a compliance of zero) changed the structure after all.
             Err(_) if members.len() > 1 => {
                 let (front, back) = members.split_at(members.len() / 2);
-                self.compile(runs, front, tables, outcomes, groups);
-                self.compile(runs, back, tables, outcomes, groups);
+                let (mut compiled, mut rest) = (self.compile(runs, front), self.compile(runs, back));
+                compiled.groups.append(&mut rest.groups);
+                compiled.unsound.append(&mut rest.unsound);
+                compiled
             }
-            Err(problem) => {
-                if let Some(outcome) = members.first().and_then(|m| outcomes.get_mut(*m)) {
-                    *outcome = Err(problem);
-                }
-            }
+            Err(problem) => Compiled {
+                groups: Vec::new(),
+                unsound: members.first().map(|run| (*run, problem)).into_iter().collect(),
+            },
         }
     }
 
@@ -255,24 +291,29 @@ impl<'r> Simulator<'r> {
         }
     }
 
-    fn plant(&self, rig: &Rig, tables: &mut PumpTables) -> Result<Plant<f64>, RigError> {
+    fn plant(&self, rig: &Rig) -> Result<Plant<f64>, RigError> {
         match self.fidelity {
-            Fidelity::Averaged => Plant::averaged(rig, AVERAGED_STEP_MS, tables),
+            Fidelity::Averaged => Plant::averaged(rig, AVERAGED_STEP_MS, &TABLES),
             Fidelity::Detailed | Fidelity::Coarse => Plant::new(rig),
         }
     }
 
-    fn side_by_side(&self, rigs: &[Rig], tables: &mut PumpTables) -> Result<Plant<Lanes<SIDE_BY_SIDE>>, RigError> {
+    fn side_by_side(&self, rigs: &[Rig]) -> Result<Plant<Lanes<SIDE_BY_SIDE>>, RigError> {
         match self.fidelity {
-            Fidelity::Averaged => Plant::averaged_side_by_side(rigs, AVERAGED_STEP_MS, tables),
+            Fidelity::Averaged => Plant::averaged_side_by_side(rigs, AVERAGED_STEP_MS, &TABLES),
             Fidelity::Detailed | Fidelity::Coarse => Plant::side_by_side(rigs),
         }
     }
 
     fn prepared(&self, rig: &Rig) -> Rig {
         let mut rig = rig.clone();
-        if self.fidelity == Fidelity::Coarse && rig.integrator.step_ms < COARSE_STEP_MS {
-            let steps = (rig.integrator.tick_ms / COARSE_STEP_MS).round().max(1.0);
+        let least_ms = match self.fidelity {
+            Fidelity::Detailed => 0.0,
+            Fidelity::Coarse => COARSE_STEP_MS,
+            Fidelity::Averaged => TABLE_STEP_MS,
+        };
+        if rig.integrator.step_ms < least_ms {
+            let steps = (rig.integrator.tick_ms / least_ms).round().max(1.0);
             rig.integrator.step_ms = rig.integrator.tick_ms / steps;
         }
         rig
