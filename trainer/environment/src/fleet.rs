@@ -220,13 +220,15 @@ impl Fleet {
             let Situation { measured_kpa, goals_kpa } = &member.situation;
             let predicted = self.predictor.as_ref().map(|_| &member.predicted);
             let settings = &self.settings.reward;
-            let mut paid = reward(settings, goals_kpa, *measured_kpa, predicted);
+            let [pos, neg] = reached.map(|p| p.lane(lane));
+            let seen_kpa = if settings.noise_free { [pos, neg] } else { *measured_kpa };
+            let mut paid = reward(settings, goals_kpa, seen_kpa, predicted);
             if self.contract == Contract::Correction {
                 let row = actions.chunks_exact(ACTION_LEN).nth(lane).unwrap_or_default();
-                let squares: f64 = row.iter().take(CHANNELS).map(|a| f64::from(*a).powi(2)).sum();
-                paid += settings.scale * settings.correction * squares;
+                let price: f64 =
+                    row.iter().zip(settings.correction).map(|(a, price)| price * f64::from(*a).powi(2)).sum();
+                paid += settings.scale * price;
             }
-            let [pos, neg] = reached.map(|p| p.lane(lane));
             step.error_kpa[lane] = std::array::from_fn(|c| measured_kpa[c] - goals_kpa[0][c]);
             // Written so that NaN counts as outside.
             step.terminal[lane] = !(pos <= ENVELOPE_KPA[0] && neg >= ENVELOPE_KPA[1]);

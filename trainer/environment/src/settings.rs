@@ -63,9 +63,12 @@ pub struct RewardSettings {
     pub most_kpa: [f64; 2],
     /// Factor of the whole; the paper has 1.
     pub scale: f64,
-    /// Price of a correction, per square of its share of the range it may have; contract 2 only, the paper has 0. What
-    /// does not help the tracking is then left alone instead of wandering.
-    pub correction: f64,
+    /// Whether the errors paid for are those of the readings before noise, which a simulation knows; the paper pays for
+    /// what is measured. The noise is the same whatever the policy does, and only blurs what the critics learn from.
+    pub noise_free: bool,
+    /// Prices of the positive and the negative valve's correction, per square of its share of the range it may have;
+    /// contract 2 only, the paper has 0. What does not help the tracking is then left alone instead of wandering.
+    pub correction: [f64; 2],
     /// Price of leaving the safety envelope, which ends an episode (paid once, times `scale`).
     pub tripped: f64,
 }
@@ -79,7 +82,8 @@ impl Default for RewardSettings {
             channels: [1.0, 1.0],
             most_kpa: [1000.0, 1000.0],
             scale: 1.0,
-            correction: 0.0,
+            noise_free: false,
+            correction: [0.0; 2],
             tripped: -300.0,
         }
     }
@@ -133,7 +137,8 @@ impl EnvironmentSettings {
             ("now", r.now),
             ("between", r.between),
             ("last", r.last),
-            ("correction", r.correction),
+            ("correction", r.correction[0]),
+            ("correction", r.correction[1]),
             ("tripped", r.tripped),
         ] {
             within(&format!("reward.{key}"), weight, -1e4, 0.0, "; errors are paid for")?;
