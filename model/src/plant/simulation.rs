@@ -208,8 +208,14 @@ impl<R: Simulated> Simulation<R> {
     ///
     /// A chamber without a sensor starts at atmospheric pressure.
     pub fn start_from(&mut self, readings_kpa: &[R], inputs: &[R], start: FreeRunStart) {
+        self.start_at(readings_kpa, inputs, start, R::splat(0.0));
+    }
+
+    /// The same with all cranks `crank_rev` revolutions further on.
+    pub fn start_at(&mut self, readings_kpa: &[R], inputs: &[R], start: FreeRunStart, crank_rev: R) {
         let fresh = Simulation::on(Arc::clone(&self.plant), self.set);
         self.state = fresh.state;
+        self.state.phase = [crank_rev.map(|rev| rev - rev.floor()); MOST_DRIVES];
         let plant = Arc::clone(&self.plant);
         for (sensor, reading) in plant.sensors.iter().zip(readings_kpa) {
             self.set_pressure_pa(sensor.node, plant.atmosphere_pa + sensor.gauge_kpa(*reading, 0.0) * R::splat(1e3));

@@ -225,7 +225,7 @@ fn a_lane_has_the_bits_of_a_single_run_here_too() {
 fn tables_are_worked_out_once() {
     let tables = PumpTables::new();
     let mut rig = Rig::builtin("bench").unwrap();
-    let mut compiled = |rig: &Rig| {
+    let compiled = |rig: &Rig| {
         Plant::averaged(rig, STEP_MS, &tables).unwrap();
         tables.len()
     };

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use fit::data::quality::Quality;
 use fit::data::{Records, noise};
-use fit::simulate::Fidelity;
-use model::rig::Rig;
+use fit::simulate::{Fidelity, tachometer};
+use model::rig::{Pump, Rig};
 use proto::atomic_file;
 use proto::recording::Recording;
 
@@ -79,14 +79,18 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     }
     let mut notes: Vec<String> = request.recordings.iter().flat_map(|r| r.notes().to_vec()).collect();
     notes.extend(quality.doubts().map(|finding| finding.text.clone()));
-    let recorded = Bench::new(rig, &records, &quality.usable, Fidelity::Detailed, request.threads);
-    let candidates = candidates(rig);
-    // At its own step: a coarser one's error is not the rig's.
-    let of = |rig: &Rig| figures(&recorded, rig, Fidelity::Detailed, !request.quick);
-    let given = of(rig)?;
+    let given = {
+        // At its own step: a coarser one's error is not the rig's.
+        let as_given = Bench::new(rig, &records, &quality.usable, Fidelity::Detailed, request.threads);
+        figures(&as_given, rig, Fidelity::Detailed, !request.quick)?
+    };
     progress("fitting the rig's own parameters", 0.0);
-    let origin = vec![0.0; recorded.nominal.len()];
-    let nominal = recorded.fit(&candidates, &[], &[origin], Effort::Full)?;
+    let turning = turning(request, &records, &quality.usable, &mut notes)?;
+    let (rig, records) = (&turning.rig, &turning.records);
+    let recorded = Bench::new(rig, records, &quality.usable, Fidelity::Detailed, request.threads);
+    let of = |rig: &Rig| figures(&recorded, rig, Fidelity::Detailed, !request.quick);
+    let candidates = candidates(rig);
+    let nominal = recorded.fit(&candidates, &[], std::slice::from_ref(&turning.point), Effort::Polish)?;
     // Everything is searched with averaged pumps, on readings that lack the strokes; what was found ends on the recordings.
     let reduced = recorded.without_strokes(&nominal)?;
     let bench = Bench::new(rig, &reduced, &quality.usable, Fidelity::Averaged, request.threads);
@@ -135,6 +139,39 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     let diagnosis = summed_up(&findings);
     write(request, &findings, &diagnosis)?;
     Ok(diagnosis)
+}
+
+/// The rig with its pump at the speed that its ripple tells, the recordings with cranks where they stood, and the rig's
+/// own parameters as fitted.
+struct Turning {
+    rig: Rig,
+    records: Records,
+    point: Vec<f64>,
+}
+
+/// Fits the rig's own parameters, and reads the pump's speed off what is left.
+fn turning(
+    request: &Request,
+    records: &Records,
+    usable: &[f64],
+    notes: &mut Vec<String>,
+) -> Result<Turning, DiagnoseError> {
+    let bench = Bench::new(&request.rig, records, usable, Fidelity::Detailed, request.threads);
+    let origin = vec![0.0; bench.nominal.len()];
+    let fitted = bench.fit(&[], &[], &[origin], Effort::Full)?.fitted;
+    let mut turning = Turning { rig: request.rig.clone(), records: records.clone(), point: fitted.point };
+    if let Some(read) = tachometer(&bench.fast, &fitted.rig, bench.fit_weights())?
+        && let Some(Pump::Piston(pump)) = turning.rig.pumps.get_mut(&read.pump)
+    {
+        notes.push(format!(
+            "the readings swing with the pump's ripple at {:.3} Hz: {} turns at {:.2} rev/min, not at {:.2} as in the rig \
+             file; taken into account",
+            read.beat_hz, read.pump, read.speed_rpm, pump.speed_rpm
+        ));
+        pump.speed_rpm = read.speed_rpm;
+        turning.records = turning.records.with_cranks(&read.crank_rev);
+    }
+    Ok(turning)
 }
 
 /// The diagnosis in the form of its file.

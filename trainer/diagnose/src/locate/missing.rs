@@ -186,7 +186,7 @@ fn prepare(bench: &Bench<'_>, rig: &Rig, trace: &[f64]) -> Result<Vec<Prepared>,
         if let Some(slot) = shift_kpa.get_mut(channel) {
             *slot = NUDGE_KPA;
         }
-        runs.push(Run { rig: rig.clone(), shift_kpa });
+        runs.push(Run { shift_kpa, ..Run::from(rig.clone()) });
     }
     let traces = bench
         .simulator

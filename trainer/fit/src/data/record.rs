@@ -20,6 +20,9 @@ pub struct Record {
     pub inputs: Vec<Vec<f64>>,
     /// Runs of rows without a gap; in order, never empty, together all rows.
     pub segments: Vec<Range<usize>>,
+    /// Revolutions by which the pump's crank stood past its zero at the first row. No column tells it; zero until the
+    /// pump's ripple has ([`crate::simulate::Tachometer`]).
+    pub crank_rev: f64,
 }
 
 /// Recordings of one rig.
@@ -59,6 +62,7 @@ impl Records {
                 time_s: recording.time_s().to_vec(),
                 inputs,
                 segments: recording.segments().to_vec(),
+                crank_rev: 0.0,
             });
         }
         let sensors = plant.sensor_columns().to_vec();
@@ -85,6 +89,15 @@ impl Records {
             )));
         }
         Ok(Records { readings_kpa, ..self.clone() })
+    }
+
+    /// The same recordings with cranks that stood at `crank_rev` (revolutions, by recording).
+    #[must_use]
+    pub fn with_cranks(mut self, crank_rev: &[f64]) -> Self {
+        for (record, rev) in self.records.iter_mut().zip(crank_rev) {
+            record.crank_rev = *rev;
+        }
+        self
     }
 
     /// The inputs of the rig, in the order of [`Record::inputs`].

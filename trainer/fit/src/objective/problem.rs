@@ -129,7 +129,7 @@ impl RigProblem<'_> {
             if let Some(slot) = shift_kpa.get_mut(channel) {
                 *slot = NUDGE_KPA;
             }
-            runs.push(Run { rig: rig.clone(), shift_kpa });
+            runs.push(Run { shift_kpa, ..Run::from(rig.clone()) });
         }
         let spans = self.spans(point);
         for (i, span) in spans.iter().enumerate() {

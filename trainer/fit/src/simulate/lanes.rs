@@ -9,7 +9,7 @@ use crate::data::Record;
 
 /// Runs a bundle through the arcs of one recording.
 ///
-/// `shift_kpa` is added to the start of every arc, by channel. `out` is `[channel][row]`, flattened; rows in no arc
+/// `shift_kpa` is added to the start of every arc, by channel; cranks start `crank_rev` revolutions on. `out` is `[channel][row]`, flattened; rows in no arc
 /// are left as they are.
 pub(super) fn sweep<'a, R: Simulated>(
     plant: &Shared<Plant<R>>,
@@ -17,6 +17,7 @@ pub(super) fn sweep<'a, R: Simulated>(
     record: &Record,
     arcs: impl Iterator<Item = &'a Arc>,
     shift_kpa: &[R],
+    crank_rev: R,
     out: &mut [R],
 ) {
     let rows = record.time_s.len();
@@ -38,7 +39,7 @@ pub(super) fn sweep<'a, R: Simulated>(
             // Asked of the recorded pressures, not of the shifted ones: all runs must start alike.
             let recorded: Vec<R> = arc.start_kpa.iter().map(|kpa| R::splat(*kpa)).collect();
             let how = simulation.start_for(&recorded);
-            simulation.start_from(&start, &commands, how);
+            simulation.start_at(&start, &commands, how, crank_rev);
         } else {
             simulation.correct(&sensors, &start);
         }

@@ -6,6 +6,7 @@
 //! | `lanes` | eight rigs of one structure through one recording |
 //! | `simulator` | many rigs through all recordings, on all cores |
 //! | `start` | starts that noise does not spoil |
+//! | `tachometer` | how fast the pump turned, told from its ripple |
 //! | `horizon` | how far off a rig is after 1 s, 10 s, or for ever |
 //!
 //! A fit runs the same recordings hundreds of times with parameters a little off. Eight such rigs lie side by side in
@@ -17,9 +18,11 @@ mod horizon;
 mod lanes;
 mod simulator;
 mod start;
+mod tachometer;
 
 pub use arcs::{Arc, Arcs};
 pub use horizon::{ChannelError, Horizon, errors, errors_at, trace_at, traces_at};
 pub use simulator::{Fidelity, Run, Simulator};
 pub(crate) use start::NUDGE_KPA;
 pub use start::{refined_starts, smoothed_kpa};
+pub use tachometer::{Tachometer, tachometer};

@@ -48,11 +48,13 @@ pub struct Run {
     pub rig: Rig,
     /// Added to the readings that every arc starts from, in kPa, by channel; empty for nothing.
     pub shift_kpa: Vec<f64>,
+    /// Revolutions by which cranks are further on at the start of each recording than [`Records`] says.
+    pub crank_rev: f64,
 }
 
 impl From<Rig> for Run {
     fn from(rig: Rig) -> Self {
-        Run { rig, shift_kpa: Vec::new() }
+        Run { rig, shift_kpa: Vec::new(), crank_rev: 0.0 }
     }
 }
 
@@ -203,7 +205,8 @@ impl<'r> Simulator<'r> {
                 R::from_lanes(|lane| run_of(lane).and_then(|run| run.shift_kpa.get(channel)).copied().unwrap_or(0.0))
             })
             .collect();
-        sweep(plant, group.ticks_per_row, columns, arcs.of(record), &shift, &mut out);
+        let crank = R::from_lanes(|lane| columns.crank_rev + run_of(lane).map_or(0.0, |run| run.crank_rev));
+        sweep(plant, group.ticks_per_row, columns, arcs.of(record), &shift, crank, &mut out);
         let mut outcomes = outcomes.lock().unwrap_or_else(PoisonError::into_inner);
         for (lane, run) in group.runs.iter().enumerate() {
             if let Some(Ok(trace)) = outcomes.get_mut(*run)

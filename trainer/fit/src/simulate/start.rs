@@ -70,7 +70,7 @@ pub fn refined_starts(simulator: &Simulator<'_>, rig: &Rig, arcs: &Arcs) -> Resu
         if let Some(slot) = shift_kpa.get_mut(channel) {
             *slot = NUDGE_KPA;
         }
-        runs.push(Run { rig: rig.clone(), shift_kpa });
+        runs.push(Run { shift_kpa, ..Run::from(rig.clone()) });
     }
     let traces = simulator
         .run(&runs, &arcs.clone().until(&ends))
