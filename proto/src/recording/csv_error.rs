@@ -113,7 +113,7 @@ pub enum CsvError {
     },
     /// NaN or infinity.
     #[error(
-        "{file}: line {line}, column {position} ({column}): {cell} is not a finite number; leave out rows without a reading"
+        "{file}: line {line}, column {position} ({column}): {cell} is not a finite number; {}", not_finite_mend(.column)
     )]
     NotFinite {
         /// The file.
@@ -185,4 +185,12 @@ pub enum CsvError {
         /// Column, from 1.
         position: usize,
     },
+}
+
+fn not_finite_mend(column: &str) -> &'static str {
+    match column {
+        "u_pos" | "u_neg" => "give every row a duty, 0 … 1",
+        "pump_on" => "give every row a 0 or a 1",
+        _ => "leave out rows without a reading",
+    }
 }

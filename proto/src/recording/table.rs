@@ -21,6 +21,7 @@ use std::path::Path;
 
 use super::csv::{self, Column, ColumnData, CsvError, Table};
 use super::mcap_reader::{ReadMcapError, parse_mcap};
+use super::mcap_writer::{Event, EventLevel, VERDICT};
 use super::tick::TickRecord;
 use crate::atomic_file::{self, AtomicFileError};
 
@@ -161,7 +162,9 @@ impl Recording {
         if bytes.starts_with(mcap::MAGIC) || named_mcap {
             let content = parse_mcap(&file, &bytes)?;
             let mut recording = Self::from_ticks(&file, &content.ticks)?;
-            recording.notes.splice(0..0, content.notes);
+            let unfinished = |event: &&Event| event.part == VERDICT && event.level == EventLevel::Error;
+            let aborted = content.events.iter().filter(unfinished).map(|event| format!("{file}: {}", event.message));
+            recording.notes.splice(0..0, content.notes.into_iter().chain(aborted));
             Ok(recording)
         } else {
             Self::parse_csv(&file, &bytes)
@@ -253,7 +256,7 @@ impl Recording {
         &self.segments
     }
 
-    /// What the reader passed over, a line each: a truncated end, damaged chunks, left-out ticks.
+    /// What a person should know, a line each: a truncated end, damaged chunks, left-out ticks, an aborted experiment.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
