@@ -129,6 +129,11 @@ impl Playing {
     }
 
     fn stop(&mut self, why: Stopped) {
+        // While the vents are open anyway, frames that came late end nothing: the wait for rest begins anew.
+        if self.phase == Phase::Settle && matches!(why, Stopped::Vented { cause: Cause::FramesMissing, .. }) {
+            self.calm = Calm::new();
+            return;
+        }
         if matches!(self.phase, Phase::Settle | Phase::Play { .. }) {
             self.stopped = Some(why);
             self.enter(Phase::Rest);
@@ -294,6 +299,20 @@ mod tests {
         let (level, text) = playing.verdict().unwrap();
         assert_eq!(level, EventLevel::Error);
         assert!(text.contains("1 of 10") && text.contains("161.0 kPa"), "{text}");
+    }
+
+    #[test]
+    fn late_frames_before_the_first_row_only_cost_time() {
+        let mut playing = Playing::new([SHUT].into(), true);
+        let usual = settles(&mut Playing::new([SHUT].into(), true), |_| 0.0).unwrap();
+        for tick in 0..usual {
+            assert_eq!(playing.watch(&seen(tick, [0.0; CHANNELS], State::Standby)), Wish::Nothing);
+        }
+        playing.stopped(Some((Cause::FramesMissing, 26.0)));
+        assert_eq!(playing.why_stopped(), None);
+        assert_eq!(settles(&mut playing, |_| 0.0), Some(usual), "the whole wait again");
+        playing.stopped(Some((Cause::SensorPositive, 0.0)));
+        assert!(playing.why_stopped().is_some());
     }
 
     #[test]
