@@ -136,13 +136,21 @@ fn torn_short_and_clipped_ones_as_well() {
     // The same trouble in several files is told once.
     let paths: Vec<String> = ["a", "b", "c"]
         .iter()
-        .map(|name| folder.with(&format!("{name}.csv"), csv(&good.iter().map(|r| [r[0], r[1], r[2], 90.0, r[4]]).collect::<Vec<_>>())))
+        .map(|name| {
+            folder.with(
+                &format!("{name}.csv"),
+                csv(&good.iter().map(|r| [r[0], r[1], r[2], 90.0, r[4]]).collect::<Vec<_>>()),
+            )
+        })
         .collect();
     let out = folder.path("out");
     let mut arguments = vec!["diagnose", "--quick", "--out", &out];
     arguments.extend(paths.iter().map(String::as_str));
     let said = refused(arguments);
-    assert!(said.matches("flat").count() == 1 && said.contains("a.csv: p_pos_kpa: flat") && said.contains("2 more"), "{said}");
+    assert!(
+        said.matches("flat").count() == 1 && said.contains("a.csv: p_pos_kpa: flat") && said.contains("2 more"),
+        "{said}"
+    );
 }
 
 /// Refused by `diagnose` and by `identify` with these words, and nothing is left behind.

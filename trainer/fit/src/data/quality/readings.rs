@@ -54,17 +54,21 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], usable: &mut 
     }
 }
 
-/// Whether readings scatter by noise: outside of long runs of equal ones, most differ from the one before and keep
-/// turning round. (Independent noise turns at two steps of three; a simulated plant without noise hardly ever.)
+/// Whether readings scatter by noise: most differ from the one before; where long runs of equal ones hide that, most of
+/// the others do and keep turning round. (Independent noise turns at two steps of three; a simulated plant without noise,
+/// which rests in runs of equal readings too, hardly ever.)
 fn scatters(values: &[f64]) -> bool {
+    let changes = values.windows(2).filter(|w| w[0] != w[1]).count();
+    if changes * 2 > values.len() {
+        return true;
+    }
     let (mut rows, mut steps): (usize, Vec<f64>) = (0, Vec::new());
     for run in values.chunk_by(|a, b| a == b).filter(|run| run.len() < STUCK_ROWS) {
         rows += run.len();
         steps.extend(run.first());
     }
-    let moves = steps.len();
     let turns = steps.windows(3).filter(|w| (w[1] - w[0]) * (w[2] - w[1]) < 0.0).count();
-    rows >= 2 * STUCK_ROWS && moves * 2 > rows && turns * 3 > moves
+    rows >= 2 * STUCK_ROWS && steps.len() * 2 > rows && turns * 3 > steps.len()
 }
 
 /// Lowest and highest pressure that the sensor of a column can tell, in gauge kPa.
