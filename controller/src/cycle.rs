@@ -1,86 +1,49 @@
 //! One tick, from volts to duties, without socket, clock or thread.
 //!
 //! ```text
-//! SENSE ─▶ observe: volts checked, limits, state ─▶ predict: MPObs ─▶ decide: law, saturation ─▶ COMMAND
+//! SENSE ─▶ observe: volts checked, limits, state ─▶ predict: MPObs ─▶ decide: law or programme ─▶ COMMAND
 //!                                                                                   │
 //!                                                        settle: model and integrals move on ◀┘
 //! ```
 //!
 //! Split in four so that the caller can stamp the time between them. What happens to the rig is never an
-//! error here but a state with a defined answer: whatever is wrong, the answer is duty 1 on both valves.
+//! error here but a state with a defined answer: whatever is wrong, the answer is duty 1 on both valves. This is the
+//! watch; what is steered for while all is sound is its [`Helm`].
 
-use std::sync::Arc;
-
-use law::{Approach, Situation, TICK_S};
-use model::contract::{AHEAD, ActionTrajectory, CHANNELS, Pair};
-use model::predict::Predictor;
+use model::contract::{CHANNELS, Pair};
 use model::rig::{Rig, RigError};
-use model::steady::SteadyMap;
 use policy::Policy;
-use proto::recording::{LawParts, TickRecord};
+use proto::recording::TickRecord;
 use proto::reference::Reference;
-use proto::wire::{CrioState, Mode, Sense, TripBits};
+use proto::wire::{CrioState, Sense, TripBits};
 
 use crate::config::Safety;
+use crate::following::Following;
+use crate::helm::{Answer, Helm, Seen, Tell, Wish};
 use crate::notice::{Cause, Notice};
-use crate::pilot::Pilot;
+use crate::playing::Playing;
+use crate::programme::Row;
 use crate::sensing::Sensing;
 use crate::state::{State, Supervisor, Transition};
 
-/// Both vents open: what is sent whenever the rig is not being controlled.
-pub const VENT: Pair = [1.0, 1.0];
 /// Frames that may be missing in a row before the rig is vented; the plan is followed meanwhile.
 const TOLERATED_MISSING: u32 = 1;
 
-/// How often a reference is looked at for places out of reach, in s, and at how many places at most.
-const REACH_EVERY_S: f64 = 0.25;
-const REACH_LOOKS: f64 = 100_000.0;
-/// Duty by which the model may be off before a place counts as out of reach.
-const REACH_SLACK: f64 = 0.03;
-
-/// What is to be sent.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Answer {
-    /// Duties, positive and negative valve.
-    pub duty: Pair,
-    /// Mode.
-    pub mode: Mode,
-    /// Whether the pump is to run.
-    pub pump_on: bool,
-}
-
-impl Answer {
-    const VENT: Answer = Answer { duty: VENT, mode: Mode::Vent, pump_on: false };
-}
-
-/// Where notices go; the tick calls it at most a few times.
-pub type Tell<'a> = &'a mut dyn FnMut(Notice);
-
 /// The control cycle and everything it remembers.
-pub struct Cycle {
+pub struct Cycle<H = Following> {
     sensing: Sensing,
     safety: Safety,
-    predictor: Predictor,
-    map: Arc<SteadyMap>,
-    pilot: Pilot,
+    helm: H,
     supervisor: Supervisor,
-    reference: Box<Reference>,
-    approach: Approach,
-    armed_tick: u32,
     tick: u32,
-    /// Ticks after arming at which the flight ends; `None` flies on.
-    flight_ticks: Option<u32>,
-    over: bool,
     measured: Pair,
-    predicted: [Pair; AHEAD],
-    trajectory: ActionTrajectory,
     answer: Answer,
     missing: u32,
     crio_tripped: bool,
 }
 
-impl Cycle {
-    /// A cycle for the rig that the model is made of.
+impl Cycle<Following> {
+    /// A cycle that follows a reference on the rig that the model is made of.
     ///
     /// # Errors
     /// If the rig cannot be flown: unsound, or without the valves and sensors the controller needs.
@@ -91,48 +54,50 @@ impl Cycle {
         safety: Safety,
         auto_arm: bool,
     ) -> Result<Self, RigError> {
-        let map = Arc::new(SteadyMap::new(rig)?);
-        Ok(Cycle {
-            sensing: Sensing::of(rig)?,
+        let sensing = Sensing::of(rig)?;
+        Ok(Cycle::with(Following::new(rig, policy, reference)?, sensing, safety, auto_arm))
+    }
+}
+
+impl Cycle<Playing> {
+    /// A cycle that plays the rows of a programme once, from rest, and arms itself for it; `relay`: whether the rig's
+    /// pump can be switched.
+    ///
+    /// # Errors
+    /// If the rig lacks one of the two sensors.
+    pub fn playing(rig: &Rig, rows: Box<[Row]>, relay: bool, safety: Safety) -> Result<Self, RigError> {
+        Ok(Cycle::with(Playing::new(rows, relay), Sensing::of(rig)?, safety, false))
+    }
+}
+
+impl<H: Helm> Cycle<H> {
+    fn with(helm: H, sensing: Sensing, safety: Safety, auto_arm: bool) -> Self {
+        Cycle {
+            sensing,
             safety,
-            predictor: Predictor::new(rig)?,
-            pilot: Pilot::new(Arc::clone(&map), policy),
-            map,
+            helm,
             supervisor: Supervisor::new(auto_arm),
-            reference: Box::new(reference),
-            approach: Approach::new([0.0; CHANNELS], [0.0; CHANNELS]),
-            armed_tick: 0,
             tick: 0,
-            flight_ticks: None,
-            over: false,
             measured: [0.0; CHANNELS],
-            predicted: [[f64::NAN; CHANNELS]; AHEAD],
-            trajectory: ActionTrajectory::held(VENT),
             answer: Answer::VENT,
             missing: 0,
             crio_tripped: false,
-        })
+        }
     }
 
-    /// Ends the flight this long after arming.
-    pub fn end_after(&mut self, seconds: f64) {
-        self.flight_ticks = Some((seconds / TICK_S).round() as u32);
+    /// What is steered for.
+    pub fn helm(&self) -> &H {
+        &self.helm
     }
 
-    /// Whether the flight has come to the end set by [`Cycle::end_after`].
+    /// What is steered for, to be set before the flight.
+    pub fn helm_mut(&mut self) -> &mut H {
+        &mut self.helm
+    }
+
+    /// Whether there is nothing more to fly.
     pub fn is_over(&self) -> bool {
-        self.over
-    }
-
-    /// The first place of the reference that no duty holds, by the model: time in s, pressures in kPa gauge.
-    pub fn out_of_reach(&self) -> Option<(f64, Pair)> {
-        let looks = (self.reference.end_s() / REACH_EVERY_S).ceil().min(REACH_LOOKS);
-        (0..=looks as u32).map(|n| f64::from(n) * REACH_EVERY_S).find_map(|time_s| {
-            let goal = self.reference.at(time_s);
-            let duty = self.map.duty_for(goal, [0.0; CHANNELS]);
-            let held = duty.iter().all(|u| (-REACH_SLACK..=1.0 + REACH_SLACK).contains(u));
-            (!held).then_some((time_s, goal))
-        })
+        self.helm.is_over()
     }
 
     /// The state.
@@ -140,18 +105,26 @@ impl Cycle {
         self.supervisor.state()
     }
 
-    /// Arming and disarming.
-    pub fn supervisor(&mut self) -> &mut Supervisor {
-        &mut self.supervisor
+    /// Whether the rig can be armed now.
+    pub fn can_arm(&self) -> bool {
+        self.supervisor.can_arm()
+    }
+
+    /// The operator asks to arm.
+    pub fn arm(&mut self) {
+        self.supervisor.arm();
+    }
+
+    /// The operator asks to disarm.
+    pub fn disarm(&mut self) {
+        self.supervisor.disarm();
+        self.helm.stopped(None);
     }
 
     /// Puts in another reference, which starts at once, and hands back the old one, to be dropped elsewhere.
     pub fn exchange_reference(&mut self, reference: Box<Reference>) -> Box<Reference> {
-        let old = std::mem::replace(&mut self.reference, reference);
-        if self.state() == State::Run {
-            self.start_reference();
-        }
-        old
+        let running = (self.state() == State::Run).then_some((self.tick, self.measured));
+        self.helm.exchange_reference(reference, running)
     }
 
     /// A new session: nothing of the old one counts.
@@ -198,21 +171,22 @@ impl Cycle {
         match self.supervisor.sound_frame() {
             Transition::None => {}
             Transition::Armed { auto } => {
-                self.start_reference();
-                self.predictor.restart(self.measured, VENT);
-                self.pilot.restart(VENT);
-                self.trajectory = ActionTrajectory::held(VENT);
+                self.helm.armed(self.tick, self.measured);
                 tell(Notice::Armed { tick: self.tick, auto });
             }
             Transition::Disarmed => tell(Notice::Disarmed { tick: self.tick }),
             Transition::Recovered => tell(Notice::Recovered { tick: self.tick }),
         }
-        let flown = self.tick.wrapping_sub(self.armed_tick);
-        if self.state() == State::Run && self.flight_ticks.is_some_and(|end| flown >= end) {
-            self.over = true;
-            self.supervisor.disarm();
-            self.supervisor.sound_frame();
-            tell(Notice::FlightOver { tick: self.tick });
+        let seen =
+            Seen { tick: self.tick, measured: self.measured, pump_running: sense.pump_running, state: self.state() };
+        match self.helm.watch(&seen) {
+            Wish::Nothing => {}
+            Wish::Arm => self.supervisor.arm(),
+            Wish::Stand(notice) => {
+                self.supervisor.disarm();
+                self.supervisor.sound_frame();
+                tell(notice);
+            }
         }
     }
 
@@ -221,18 +195,9 @@ impl Cycle {
     /// # Real-time
     /// Runs in the tick; five ticks of the model.
     pub fn predict(&mut self, record: &mut TickRecord) {
-        if self.state() != State::Run {
-            return;
+        if self.state() == State::Run {
+            self.helm.predict(self.measured, self.answer.duty, record);
         }
-        self.predictor.observe(self.measured);
-        self.predicted = self.predictor.predict(&self.trajectory.remaining(), true);
-        if !self.predicted.as_flattened().iter().all(|p| p.is_finite()) {
-            // A diverged model must not reach the policy; "stays as it is" is the plainest forecast.
-            self.predicted = [self.measured; AHEAD];
-            self.predictor.restart(self.measured, self.answer.duty);
-        }
-        record.predicted_pos_kpa = self.predicted.map(|p| p[0]);
-        record.predicted_neg_kpa = self.predicted.map(|p| p[1]);
     }
 
     /// Decides what to send.
@@ -242,36 +207,15 @@ impl Cycle {
     pub fn decide(&mut self, record: &mut TickRecord, tell: Tell<'_>) -> Answer {
         self.answer = Answer::VENT;
         if self.state() == State::Run {
-            let time_s = f64::from(self.tick.wrapping_sub(self.armed_tick)) * TICK_S;
-            let goals_kpa = std::array::from_fn(|j| {
-                let at = time_s + j as f64 * TICK_S;
-                let (goal, offset) = (self.reference.at(at), self.approach.offset_kpa(at));
-                std::array::from_fn(|c| goal[c] + offset[c])
-            });
-            // What a person compares with is the reference as given, not the way to it.
-            [record.ref_pos_kpa, record.ref_neg_kpa] = self.reference.at(time_s);
-            let piloted = self.pilot.decide(&Situation { measured_kpa: self.measured, goals_kpa }, &self.predicted);
-            if piloted.refused {
-                tell(Notice::PolicyRefused { tick: self.tick });
-            }
-            let decision = piloted.decision;
-            [record.law_pos, record.law_neg] = decision.parts.map(|p| LawParts {
-                feed_forward: p.feed_forward + p.play + p.correction,
-                proportional: p.proportional,
-                integral: p.integral,
-                u_raw: p.raw(),
-            });
-            if decision.raw().iter().all(|u| u.is_finite()) {
-                self.trajectory = decision.trajectory;
-                self.answer = Answer { duty: decision.duty(), mode: Mode::Run, pump_on: true };
-            } else {
-                self.vent(Cause::LawNotFinite, f64::NAN, tell);
+            match self.helm.decide(self.tick, self.measured, record, tell) {
+                Some(answer) => self.answer = answer,
+                None => self.vent(Cause::LawNotFinite, f64::NAN, tell),
             }
         }
         self.note_answer(record)
     }
 
-    /// No frame came in time. Once the plan is followed; from then on the vents are open.
+    /// No frame came in time. Once the plan or programme goes on; from then on the vents are open.
     ///
     /// # Real-time
     /// Runs in the tick.
@@ -280,9 +224,7 @@ impl Cycle {
         self.missing += 1;
         if self.missing <= TOLERATED_MISSING && self.state() == State::Run {
             tell(Notice::FrameMissed { tick: self.tick, late_ms });
-            let rest = self.trajectory.remaining();
-            self.trajectory = ActionTrajectory(std::array::from_fn(|j| rest[j.min(AHEAD - 1)]));
-            self.answer = Answer { duty: self.trajectory.now(), mode: Mode::Run, pump_on: true };
+            self.answer = self.helm.bridge(self.tick);
         } else {
             self.vent(Cause::FramesMissing, late_ms, tell);
         }
@@ -300,8 +242,7 @@ impl Cycle {
     /// Runs in the tick; one tick of the model.
     pub fn settle(&mut self) {
         if self.state() == State::Run {
-            self.pilot.applied(self.answer.duty);
-            self.predictor.advance(self.answer.duty, self.answer.pump_on);
+            self.helm.sent(&self.answer);
         }
     }
 
@@ -315,19 +256,10 @@ impl Cycle {
         self.missing
     }
 
-    /// Half width of play that the fallback learned, in duty.
-    pub fn learned_play(&self) -> Pair {
-        self.pilot.learned_play()
-    }
-
-    fn start_reference(&mut self) {
-        self.armed_tick = self.tick;
-        self.approach = Approach::new(self.measured, self.reference.at(0.0));
-    }
-
     fn vent(&mut self, cause: Cause, value: f64, tell: Tell<'_>) {
         self.answer = Answer::VENT;
         if self.supervisor.fault(cause) {
+            self.helm.stopped(Some((cause, value)));
             tell(Notice::Vented { cause, tick: self.tick, value });
         }
     }
@@ -345,6 +277,8 @@ impl Cycle {
 
 #[cfg(test)]
 mod tests {
+    use proto::wire::Mode;
+
     use super::*;
 
     fn sense(tick: u32, volts: [f32; 2], state: CrioState, trips: TripBits) -> Sense {

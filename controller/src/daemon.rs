@@ -1,33 +1,22 @@
-//! Puts the daemon together: files read, threads started, everything ended in order.
-//!
-//! | thread | does |
-//! | --- | --- |
-//! | `tick` | the loop of [`crate::flying`]; real-time |
-//! | `rec` | recording, console ([`flight::Recorder`]) |
-//! | `ctl` | the Unix socket ([`crate::socket`]) |
-//! | main | waits for signals |
+//! Puts the daemon together: everything that a configuration names is read and checked, then flown
+//! ([`crate::logbook`]).
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::sync::atomic::AtomicBool;
 
-use flight::{Recorded, Recorder, RecorderOptions, RecordingSummary};
+use flight::{Recorded, RecordingSummary};
 use model::rig::Rig;
 use policy::{Contract, Policy};
-use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo, rfc3339};
 use proto::reference::Reference;
 
-use crate::clock::now_ns;
-use crate::config::{Config, DEFAULT_POLICY, FALLBACK, Pacing};
+use crate::config::{Config, DEFAULT_POLICY, FALLBACK};
 use crate::cycle::Cycle;
-use crate::flying::{Flight, fly};
+use crate::logbook::{Logbook, LogbookError, attachment, fly_recorded};
 use crate::notice::sentence;
-use crate::panel::panel;
-use crate::realtime::lock_memory;
+use crate::socket::May;
 
-/// Program and version, as recordings and reports name it.
-pub const PROGRAM: &str = concat!("controller ", env!("CARGO_PKG_VERSION"));
+pub use crate::logbook::PROGRAM;
 
 /// Why the daemon cannot start or did not end well.
 #[derive(Debug, thiserror::Error)]
@@ -71,26 +60,9 @@ pub enum DaemonError {
         /// The limit.
         limit_kpa: f64,
     },
-    /// The recording cannot be made.
+    /// The flight cannot start or was not recorded well.
     #[error(transparent)]
-    Record(#[from] flight::RecordError),
-    /// The folder for recordings cannot be made.
-    #[error("{}: cannot be made: {source}; set record.directory to a folder that can be written", .directory.display())]
-    RecordDirectory {
-        /// The folder.
-        directory: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The operator's socket cannot be made.
-    #[error(transparent)]
-    Socket(#[from] crate::socket::SocketError),
-    /// A thread or signal handler cannot be set up.
-    #[error("cannot start: {0}")]
-    System(#[from] std::io::Error),
-    /// The tick's thread ended by a panic.
-    #[error("the tick's thread stopped by itself; this is a bug in this program, and the cRIO has vented")]
-    Died,
+    Logbook(#[from] LogbookError),
 }
 
 /// What is flown, read and checked.
@@ -215,109 +187,38 @@ pub struct Options {
 /// # Errors
 /// Why it cannot start, or what was lost at the end.
 pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<RecordingSummary, DaemonError> {
-    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-        signal_hook::flag::register(signal, Arc::clone(&options.stop))?;
-    }
-    let Loaded { rig, rig_text, reference, reference_name, policy, remarks } = loaded;
+    let Loaded { rig, rig_text, reference, reference_name, policy, mut remarks } = loaded;
     let unflyable = |problem| DaemonError::Unflyable { name: config.rig.file.clone(), problem };
     let policy_id = policy.as_ref().map(|p| (p.name().to_owned(), p.hash().to_string()));
     let mut cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.auto_arm).map_err(unflyable)?;
-    let out_of_reach = cycle.out_of_reach().map(out_of_reach_text);
+    remarks.extend(cycle.helm().out_of_reach().map(out_of_reach_text));
     if let Some(seconds) = options.seconds {
-        cycle.end_after(seconds);
+        cycle.helm_mut().end_after(seconds);
     }
-    // Before anything is made: a second daemon leaves no empty recording behind.
-    if options.socket {
-        crate::socket::check_free(&config.control.socket)?;
-    }
-    let path = match &options.recording {
-        Some(path) => path.clone(),
-        None => recording_path(&config.record.directory)?,
+    let mut extra = vec![("model_rig".to_owned(), rig.name.clone()), ("reference".to_owned(), reference_name)];
+    extra.extend(options.extra);
+    let logbook = Logbook {
+        file: options.recording,
+        stem: "flight",
+        policy: policy_id,
+        extra,
+        attachments: vec![
+            attachment("model_rig.toml", "application/toml", rig_text),
+            attachment("controller.toml", "application/toml", options.config_text),
+        ],
+        remarks,
+        event_text: sentence,
+        operator: options.socket.then_some(May::Fly),
+        observer: options.observer,
+        stop: options.stop,
     };
-    let mut info = RecordingInfo::new(PROGRAM, now_ns());
-    info.log_time = if config.link.pacing == Pacing::Lockstep { LogTime::Tick } else { LogTime::Arrival };
-    info.policy = policy_id;
-    info.extra.extend([("model_rig".to_owned(), rig.name.clone()), ("reference".to_owned(), reference_name)]);
-    info.extra.extend(options.extra);
-    let file = |name: &str, text: String| Attachment {
-        name: name.to_owned(),
-        media_type: "application/toml".to_owned(),
-        data: text.into_bytes(),
-    };
-    let attachments = [file("model_rig.toml", rig_text), file("controller.toml", options.config_text)];
-    let recorder_options = RecorderOptions::new(sentence).observer(options.observer);
-    let (recorder, sink) = Recorder::start(&path, &info, &attachments, recorder_options)?;
-    let recorder = Arc::new(recorder);
-    for remark in remarks.into_iter().chain(out_of_reach).chain(lock_memory()) {
-        recorder.note(now_ns(), EventLevel::Warning, "start", remark);
-    }
-    let (tick_panel, operator) = panel();
-    let socket = if options.socket {
-        Some(crate::socket::serve(
-            &config.control.socket,
-            operator,
-            config.safety,
-            recorder.health(),
-            Arc::clone(&options.stop),
-        )?)
-    } else {
-        None
-    };
-    let outcome = in_tick_thread(config, cycle, sink, tick_panel, &options.stop, &recorder);
-    options.stop.store(true, Ordering::Relaxed);
-    if let Some(socket) = socket {
-        socket.join();
-    }
-    let summary = Arc::into_inner(recorder).map(Recorder::finish).transpose()?;
-    outcome?;
-    summary.ok_or(DaemonError::Died)
-}
-
-fn in_tick_thread(
-    config: &Config,
-    cycle: Cycle,
-    sink: flight::RecordSink,
-    panel: crate::panel::TickPanel,
-    stop: &Arc<AtomicBool>,
-    recorder: &Arc<Recorder>,
-) -> Result<(), DaemonError> {
-    let speaker = Arc::clone(recorder);
-    let say = Box::new(move |text: String| speaker.note(now_ns(), EventLevel::Warning, "link", text));
-    let flight = Flight { config: config.clone(), cycle, sink, panel, stop: Arc::clone(stop), say };
-    let thread = std::thread::Builder::new().name("tick".to_owned()).spawn(move || fly(flight))?;
-    thread.join().map_err(|_| DaemonError::Died)
-}
-
-/// `flight-YYYYMMDD-HHMMSS.mcap` in the folder, which is made if it is not there.
-fn recording_path(directory: &Path) -> Result<PathBuf, DaemonError> {
-    std::fs::create_dir_all(directory)
-        .map_err(|source| DaemonError::RecordDirectory { directory: directory.to_owned(), source })?;
-    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs();
-    let stamp = file_stamp(seconds);
-    // A second flight in the same second gets a number.
-    let names =
-        std::iter::once(format!("flight-{stamp}.mcap")).chain((2..1000).map(|n| format!("flight-{stamp}-{n}.mcap")));
-    let free = names.map(|name| directory.join(name)).find(|path| !path.exists());
-    Ok(free.unwrap_or_else(|| directory.join("flight.mcap")))
-}
-
-/// UTC date and time for a file name, from seconds since 1970: RFC 3339 without its separators and milliseconds.
-fn file_stamp(seconds: u64) -> String {
-    let text = rfc3339(UNIX_EPOCH + Duration::from_secs(seconds));
-    let whole = text.split('.').next().unwrap_or_default();
-    whole.replace(['-', ':'], "").replace('T', "-")
+    let (summary, _) = fly_recorded(config, cycle, logbook)?;
+    Ok(summary)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn stamps_are_dates() {
-        assert_eq!(file_stamp(0), "19700101-000000");
-        assert_eq!(file_stamp(951_782_400), "20000229-000000");
-        assert_eq!(file_stamp(1_795_219_199), "20261120-235959");
-    }
 
     #[test]
     fn a_reference_outside_the_envelope_is_refused() {

@@ -1,4 +1,5 @@
-//! The tick's thread: sessions one after the other, and in each the loop that answers every frame.
+//! The tick's thread: sessions one after the other (or one only, as the helm needs), and in each the loop that answers
+//! every frame.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,8 +11,9 @@ use proto::wire::{ByeReason, Command, DEFAULT_TTL_TICKS, RawFrame, Sense};
 
 use crate::clock::now_ns;
 use crate::config::{Config, Pacing};
-use crate::cycle::{Answer, Cycle};
-use crate::link::{Incoming, Link};
+use crate::cycle::Cycle;
+use crate::helm::{Answer, Helm};
+use crate::link::{Incoming, Link, LinkError};
 use crate::notice::Notice;
 use crate::pacing::{COMMAND_DEADLINE_NS, Grid};
 use crate::panel::{Request, Status, TickPanel};
@@ -29,11 +31,11 @@ const PAUSES_MS: [u64; 5] = [100, 200, 500, 1000, 2000];
 const NOTHING: [f64; 2] = [0.0; 2];
 
 /// What the tick's thread works with.
-pub struct Flight {
+pub struct Flight<H> {
     /// Configuration.
     pub config: Config,
     /// The cycle.
-    pub cycle: Cycle,
+    pub cycle: Cycle<H>,
     /// Where records and notices go.
     pub sink: RecordSink,
     /// Status out, requests in.
@@ -62,11 +64,14 @@ struct Counts {
     slowest_ns: u64,
 }
 
-/// Flies until told to stop, or the flight is over.
+/// Flies until told to stop, or the flight is over, and hands the cycle back.
+///
+/// # Errors
+/// With a helm of one session: there is no link.
 ///
 /// # Real-time
 /// This is the real-time thread. Between sessions it waits, allocates and speaks; within one it does not.
-pub fn fly(mut flight: Flight) {
+pub fn fly<H: Helm>(mut flight: Flight<H>) -> Result<Cycle<H>, LinkError> {
     for refused in make_realtime(&flight.config.realtime) {
         (flight.say)(refused);
     }
@@ -78,11 +83,13 @@ pub fn fly(mut flight: Flight) {
             Ok(mut link) => {
                 (attempt, told) = (0, String::new());
                 match session(&mut flight, &mut link, &mut counts) {
-                    Ending::Finished => return,
+                    Ending::Finished => break,
+                    Ending::Lost | Ending::Tripped if H::ONE_SESSION => break,
                     Ending::Lost => pause(&flight.stop, 100),
                     Ending::Tripped => pause(&flight.stop, 500),
                 }
             }
+            Err(error) if H::ONE_SESSION => return Err(error),
             Err(error) => {
                 // The same trouble is told once, not with every attempt.
                 let text = error.to_string();
@@ -95,6 +102,7 @@ pub fn fly(mut flight: Flight) {
             }
         }
     }
+    Ok(flight.cycle)
 }
 
 fn pause(stop: &AtomicBool, ms: u64) {
@@ -105,7 +113,7 @@ fn pause(stop: &AtomicBool, ms: u64) {
 }
 
 /// One session, from the HELLO to its end.
-fn session(flight: &mut Flight, link: &mut Link, counts: &mut Counts) -> Ending {
+fn session<H: Helm>(flight: &mut Flight<H>, link: &mut Link, counts: &mut Counts) -> Ending {
     let realtime = flight.config.link.pacing == Pacing::Realtime;
     flight.cycle.session_opened();
     tell(&mut flight.sink, Notice::SessionOpened { session: link.session() });
@@ -195,7 +203,13 @@ fn session(flight: &mut Flight, link: &mut Link, counts: &mut Counts) -> Ending 
 }
 
 /// The whole tick from a frame to its answer.
-fn answer_frame(flight: &mut Flight, sense: &Sense, raw: &RawFrame, at_ns: u64, record: &mut TickRecord) -> Answer {
+fn answer_frame<H: Helm>(
+    flight: &mut Flight<H>,
+    sense: &Sense,
+    raw: &RawFrame,
+    at_ns: u64,
+    record: &mut TickRecord,
+) -> Answer {
     let Flight { cycle, sink, .. } = flight;
     let mut tell = |notice| tell(sink, notice);
     record.receive_ns = at_ns;
@@ -231,23 +245,22 @@ fn command(link: &mut Link, record: &TickRecord, answer: &Answer) -> [u8; proto:
 /// Vents, says BYE.
 fn part(link: &mut Link, tick: u32) {
     let vent = TickRecord { tick, ..TickRecord::default() };
-    let answer = Answer { duty: crate::cycle::VENT, mode: proto::wire::Mode::Vent, pump_on: false };
-    let frame = command(link, &vent, &answer);
+    let frame = command(link, &vent, &Answer::VENT);
     let _ = link.send(&frame);
     link.bye(ByeReason::Normal);
 }
 
-fn lost(flight: &mut Flight) -> Ending {
+fn lost<H: Helm>(flight: &mut Flight<H>) -> Ending {
     let Flight { cycle, sink, .. } = flight;
     cycle.link_lost(&mut |notice| tell(sink, notice));
     Ending::Lost
 }
 
-fn serve_requests(flight: &mut Flight) {
+fn serve_requests<H: Helm>(flight: &mut Flight<H>) {
     while let Some(request) = flight.panel.request() {
         match request {
-            Request::Arm => flight.cycle.supervisor().arm(),
-            Request::Disarm => flight.cycle.supervisor().disarm(),
+            Request::Arm => flight.cycle.arm(),
+            Request::Disarm => flight.cycle.disarm(),
             Request::Reference(reference) => {
                 let old = flight.cycle.exchange_reference(reference);
                 flight.panel.retire(old);
@@ -256,9 +269,9 @@ fn serve_requests(flight: &mut Flight) {
     }
 }
 
-fn show(flight: &mut Flight, link: &Link, record: &TickRecord, counts: &Counts) {
+fn show<H: Helm>(flight: &mut Flight<H>, link: &Link, record: &TickRecord, counts: &Counts) {
     let shown = |pair: [f64; 2]| if pair.iter().all(|x| x.is_finite()) { pair } else { NOTHING };
-    let can_arm = flight.cycle.supervisor().can_arm();
+    let can_arm = flight.cycle.can_arm();
     flight.panel.show(Status {
         state: record.state,
         fault: record.fault,
@@ -274,7 +287,7 @@ fn show(flight: &mut Flight, link: &Link, record: &TickRecord, counts: &Counts) 
     });
 }
 
-fn keep(flight: &mut Flight, record: &TickRecord, realtime: bool) {
+fn keep<H: Helm>(flight: &mut Flight<H>, record: &TickRecord, realtime: bool) {
     // In lockstep nothing is late, so a full queue is waited for; in real time it is counted.
     while !realtime && flight.sink.room() == 0 && !flight.stop.load(Ordering::Relaxed) {
         std::thread::sleep(Duration::from_millis(1));

@@ -94,6 +94,11 @@ pub enum Notice {
         /// Tick.
         tick: u32,
     },
+    /// The last row of a programme was played.
+    Played {
+        /// Tick.
+        tick: u32,
+    },
     /// The flight reached its end.
     FlightOver {
         /// Tick.
@@ -114,6 +119,7 @@ impl Notice {
             Notice::DeadlineMissed { tick, took_ms } => (6, [f64::from(tick), took_ms, 0.0, 0.0]),
             Notice::FrameDamaged { count } => (7, [count as f64, 0.0, 0.0, 0.0]),
             Notice::PolicyRefused { tick } => (8, [f64::from(tick), 0.0, 0.0, 0.0]),
+            Notice::Played { tick } => (10, [f64::from(tick), 0.0, 0.0, 0.0]),
             Notice::FlightOver { tick } => (9, [f64::from(tick), 0.0, 0.0, 0.0]),
         };
         let level = match code {
@@ -141,6 +147,32 @@ pub fn fault_name(code: u16) -> &'static str {
     }
 }
 
+/// A fault with the number behind it, and where to look.
+pub fn fault_text(code: u16, value: f64) -> String {
+    match code {
+        1 => format!("no frame for {value:.0} ms"),
+        2 => format!("the positive sensor reads {value:.3} V, outside 0.8 … 5.2 V; check sensor and wire"),
+        3 => format!("the negative sensor reads {value:.3} V, outside 0.8 … 5.2 V; check sensor and wire"),
+        4 => format!("positive pressure {value:.1} kPa is above safety.max_pos_kpa"),
+        5 => format!("negative pressure {value:.1} kPa is below safety.min_neg_kpa"),
+        6 => format!("the cRIO tripped ({})", TripBits::from_bits(value as u8)),
+        7 => "the link to the cRIO is lost".to_owned(),
+        8 => "the control law gave no finite duty".to_owned(),
+        9 => "the cRIO got no command in time and vented by itself".to_owned(),
+        _ => fault_name(code).to_owned(),
+    }
+}
+
+/// One plain sentence for an event of a flight that is one session: nothing is connected again.
+pub fn sentence_of_one_session(event: &Event) -> String {
+    let [tick, value, ..] = event.values;
+    match event.code {
+        code @ 101..=109 => format!("VENTED at tick {tick:.0}: {}", fault_text(code - 100, value)),
+        2 => format!("at rest; the first row is played at tick {tick:.0}"),
+        _ => sentence(event),
+    }
+}
+
 /// One plain sentence for an event made by [`Notice::event`].
 pub fn sentence(event: &Event) -> String {
     let [a, b, ..] = event.values;
@@ -156,18 +188,15 @@ pub fn sentence(event: &Event) -> String {
         7 => format!("a frame came damaged and was dropped ({a:.0} in this session)"),
         8 => format!("the policy refused to answer {at}; the fallback flies on"),
         9 => format!("the flight is over {at}; vents open"),
-        101 => format!("VENTED {at}: no frame for {b:.0} ms; waiting for the cRIO"),
-        102 => format!("VENTED {at}: the positive sensor reads {b:.3} V, outside 0.8 … 5.2 V; check sensor and wire"),
-        103 => format!("VENTED {at}: the negative sensor reads {b:.3} V, outside 0.8 … 5.2 V; check sensor and wire"),
-        104 => format!("VENTED {at}: positive pressure {b:.1} kPa is above safety.max_pos_kpa"),
-        105 => format!("VENTED {at}: negative pressure {b:.1} kPa is below safety.min_neg_kpa"),
-        106 => {
-            format!("VENTED {at}: the cRIO tripped ({}); a new session will be opened", TripBits::from_bits(b as u8))
-        }
-        107 => format!("VENTED {at}: the link to the cRIO is lost; connecting again"),
-        108 => format!("VENTED {at}: the control law gave no finite duty"),
-        109 => {
-            format!("VENTED {at}: the cRIO got no command in time and vented by itself; a new session will be opened")
+        10 => format!("the last row was played {at}; both vents open"),
+        code @ 101..=109 => {
+            let next = match code - 100 {
+                1 => "; waiting for the cRIO",
+                6 | 9 => "; a new session will be opened",
+                7 => "; connecting again",
+                _ => "",
+            };
+            format!("VENTED {at}: {}{next}", fault_text(code - 100, b))
         }
         code => format!("event {code} {:?}", event.values),
     }

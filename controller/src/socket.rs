@@ -96,6 +96,15 @@ pub enum SocketError {
     },
 }
 
+/// What an operator may do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum May {
+    /// Everything.
+    Fly,
+    /// Look on and disarm: an experiment is under way.
+    OnlyStop,
+}
+
 /// The socket's thread.
 pub struct Served {
     thread: JoinHandle<()>,
@@ -131,6 +140,7 @@ pub fn serve(
     safety: Safety,
     health: RecorderHealth,
     stop: Arc<AtomicBool>,
+    may: May,
 ) -> Result<Served, SocketError> {
     let make = |source| SocketError::Make { path: path.to_owned(), source };
     if path.exists() {
@@ -142,7 +152,7 @@ pub fn serve(
     // Whoever may write here may vent the rig or start it: owner and group only.
     std::fs::set_permissions(path, PermissionsExt::from_mode(0o660)).map_err(make)?;
     listener.set_nonblocking(true).map_err(make)?;
-    let mut desk = Desk { panel, safety, health, newest: None };
+    let mut desk = Desk { panel, safety, health, may, newest: None };
     let thread = std::thread::Builder::new()
         .name("ctl".to_owned())
         .spawn(move || {
@@ -165,6 +175,7 @@ struct Desk {
     panel: OperatorPanel,
     safety: Safety,
     health: RecorderHealth,
+    may: May,
     newest: Option<Status>,
 }
 
@@ -188,6 +199,9 @@ impl Desk {
     fn answer(&mut self, ask: Ask) -> Reply {
         let outcome = match ask {
             Ask::Status {} => Ok(()),
+            Ask::Arm {} | Ask::Reference { .. } if self.may == May::OnlyStop => {
+                Err("an experiment is under way; wait for its end, or disarm to stop it".to_owned())
+            }
             Ask::Arm {} => self.arm(),
             Ask::Disarm {} => {
                 self.ask_for(Request::Disarm, |s| s.state != State::Run.code(), "it still runs; is the cRIO there?")

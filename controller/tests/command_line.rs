@@ -36,7 +36,7 @@ impl Drop for Scratch {
 
 #[test]
 fn every_command_has_help() {
-    for command in ["demo", "run", "check", "check-policy", "status", "arm", "disarm", "reference"] {
+    for command in ["demo", "run", "experiment", "check", "check-policy", "status", "arm", "disarm", "reference"] {
         let output = controller(&[command, "--help"]);
         assert!(output.status.success(), "{command}");
         assert!(String::from_utf8_lossy(&output.stdout).contains("Usage:"), "{command}");

@@ -195,8 +195,16 @@ impl Running {
     /// # Panics
     /// If the shell's `kill` fails.
     pub fn terminate(&self) {
+        self.signal("TERM");
+    }
+
+    /// Sends a signal by its name: INT is what Ctrl-C sends.
+    ///
+    /// # Panics
+    /// If the shell's `kill` fails.
+    pub fn signal(&self, name: &str) {
         // The shell's own `kill`: no crate and no unsafe code for one signal.
-        let kill = format!("kill -TERM {}", self.child.id());
+        let kill = format!("kill -{name} {}", self.child.id());
         assert!(Command::new("sh").args(["-c", &kill]).status().expect("sh").success(), "{kill}");
     }
 

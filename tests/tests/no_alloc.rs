@@ -12,6 +12,8 @@ use std::hint::black_box;
 
 use controller::config::Safety;
 use controller::cycle::Cycle;
+use controller::helm::Helm;
+use controller::programme::Row;
 use controller::state::State;
 use model::contract::Pair;
 use model::rig::Rig;
@@ -75,7 +77,7 @@ fn sense(tick: u32, kpa: Pair) -> Sense {
 }
 
 /// One whole tick. The plant is a lag toward pressures that fall with the duties: enough for the law to have work.
-fn tick(cycle: &mut Cycle, number: u32, kpa: &mut Pair, notices: &mut u32) -> Mode {
+fn tick<H: Helm>(cycle: &mut Cycle<H>, number: u32, kpa: &mut Pair, notices: &mut u32) -> Mode {
     let mut record = TickRecord::default();
     let mut tell = |_| *notices += 1;
     cycle.observe(&sense(number, *kpa), &mut record, &mut tell);
@@ -132,4 +134,23 @@ fn five_hundred_ticks_in_run_allocate_nothing() {
     });
     assert_eq!(broken, 0, "while venting");
     assert!(matches!(cycle.state(), State::Vented(_)));
+}
+
+#[test]
+fn an_experiment_allocates_nothing_either() {
+    let rig = Rig::builtin("dual_pressure").unwrap();
+    let rows = vec![Row { duty: [0.8, 0.8], pump_on: true }; 300];
+    // Without a relay, for the frames of this test say that the pump runs.
+    let mut cycle = Cycle::playing(&rig, rows.into(), false, Safety::default()).unwrap();
+    cycle.session_opened();
+    let (mut kpa, mut notices, mut running) = ([0.0, 0.0], 0, 0);
+    let mut number = 0;
+    let allocations = counted(|| {
+        while !cycle.is_over() && number < 5_000 {
+            running += u32::from(tick(&mut cycle, number, &mut kpa, &mut notices) == Mode::Run);
+            number += 1;
+        }
+    });
+    assert_eq!((running, cycle.helm().is_complete(), cycle.is_over()), (300, true, true));
+    assert_eq!(allocations, 0, "in {number} ticks");
 }

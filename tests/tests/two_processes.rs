@@ -235,7 +235,7 @@ fn wrong_usage_has_status_2_and_help_0() {
     for arguments in [&["fly"][..], &["run"], &["check"], &["run", "--config", "x", "--speed", "3"]] {
         assert_eq!(finish(&mut controller(arguments, None)).status, Some(2), "{arguments:?}");
     }
-    for subcommand in ["demo", "run", "check", "check-policy", "status", "arm", "disarm", "reference"] {
+    for subcommand in ["demo", "run", "experiment", "check", "check-policy", "status", "arm", "disarm", "reference"] {
         let ended = finish(&mut controller(&[subcommand, "--help"], None));
         assert!(ended.status == Some(0) && ended.stdout.contains("Usage"), "{subcommand}: {ended:?}");
     }

@@ -3,6 +3,7 @@
 mod check;
 mod console;
 mod demo;
+mod experiment;
 mod run;
 mod talk;
 
@@ -33,6 +34,7 @@ enum Command {
         #[arg(long, value_name = "S", allow_negative_numbers = true)]
         seconds: Option<f64>,
     },
+    Experiment(experiment::ExperimentArgs),
     /// Says what is wrong with a configuration and with everything it names, or that all is sound.
     Check {
         /// Configuration file (TOML).
@@ -113,6 +115,7 @@ impl Arguments {
         match self.command {
             Command::Demo(demo) => demo.run(),
             Command::Run { config, seconds } => run::run(&config, seconds),
+            Command::Experiment(experiment) => experiment.run(),
             Command::Check { config, json } => check::check(&config, json),
             Command::CheckPolicy { file, json } => check::check_policy(&file, json),
             Command::Status(target) => target.status(),

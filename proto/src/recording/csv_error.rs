@@ -113,7 +113,7 @@ pub enum CsvError {
     },
     /// NaN or infinity.
     #[error(
-        "{file}: line {line}, column {position} ({column}): {cell} is not a finite number; leave out rows without a reading"
+        "{file}: line {line}, column {position} ({column}): {cell} is not a finite number; {}", not_finite_mend(.column)
     )]
     NotFinite {
         /// The file.
@@ -128,7 +128,7 @@ pub enum CsvError {
         cell: String,
     },
     /// A number outside what its column may hold.
-    #[error("{file}: line {line}, column {position} ({column}): {value} is outside {low} … {high}{hint}")]
+    #[error("{file}: line {line}, column {position} ({column}): {value} is outside {}{hint}", limits(*.low, *.high))]
     OutOfRange {
         /// The file.
         file: String,
@@ -185,4 +185,17 @@ pub enum CsvError {
         /// Column, from 1.
         position: usize,
     },
+}
+
+fn not_finite_mend(column: &str) -> &'static str {
+    match column {
+        "u_pos" | "u_neg" => "give every row a duty, 0 … 1",
+        "pump_on" => "give every row a 0 or a 1",
+        _ => "leave out rows without a reading",
+    }
+}
+
+/// A range in words; there is no largest pressure.
+fn limits(low: f64, high: f64) -> String {
+    if high == f64::MAX { format!("{low} and above") } else { format!("{low} … {high}") }
 }

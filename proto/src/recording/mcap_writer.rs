@@ -87,6 +87,9 @@ pub struct Event {
     pub message: String,
 }
 
+/// The part that speaks the last word of a recording; as an error it says that the flight did not come to its end.
+pub const VERDICT: &str = "verdict";
+
 /// Why a recording cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteMcapError {

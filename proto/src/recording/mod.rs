@@ -29,7 +29,7 @@ mod tick;
 mod wall_clock;
 
 pub use mcap_reader::{ForeignMcap, McapContent, ReadMcapError, parse_mcap, read_mcap};
-pub use mcap_writer::{Event, EventLevel, RecordingWriter, WriteMcapError, unfinished_path};
+pub use mcap_writer::{Event, EventLevel, RecordingWriter, VERDICT, WriteMcapError, unfinished_path};
 pub use recording_info::{Attachment, LogTime, RecordingInfo};
 pub use table::{MAX_STEP_S, PERIOD_S, Recording, RecordingError};
 pub use tick::{Arrival, COMMAND_BYTES, LawParts, PREDICTED_TICKS, SENSE_BYTES, TickRecord};

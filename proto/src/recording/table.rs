@@ -21,6 +21,7 @@ use std::path::Path;
 
 use super::csv::{self, Column, ColumnData, CsvError, Table};
 use super::mcap_reader::{ReadMcapError, parse_mcap};
+use super::mcap_writer::{Event, EventLevel, VERDICT};
 use super::tick::TickRecord;
 use crate::atomic_file::{self, AtomicFileError};
 
@@ -161,7 +162,9 @@ impl Recording {
         if bytes.starts_with(mcap::MAGIC) || named_mcap {
             let content = parse_mcap(&file, &bytes)?;
             let mut recording = Self::from_ticks(&file, &content.ticks)?;
-            recording.notes.splice(0..0, content.notes);
+            let unfinished = |event: &&Event| event.part == VERDICT && event.level == EventLevel::Error;
+            let aborted = content.events.iter().filter(unfinished).map(|event| format!("{file}: {}", event.message));
+            recording.notes.splice(0..0, content.notes.into_iter().chain(aborted));
             Ok(recording)
         } else {
             Self::parse_csv(&file, &bytes)
@@ -253,7 +256,7 @@ impl Recording {
         &self.segments
     }
 
-    /// What the reader passed over, a line each: a truncated end, damaged chunks, left-out ticks.
+    /// What a person should know, a line each: a truncated end, damaged chunks, left-out ticks, an aborted experiment.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
@@ -371,13 +374,26 @@ fn check_time(file: &str, table: &Table) -> Result<(), RecordingError> {
     if (median_s / PERIOD_S - 1.0).abs() <= 0.05 {
         return Ok(());
     }
-    let in_ms = (median_s / (1e3 * PERIOD_S) - 1.0).abs() <= 0.05;
     Err(RecordingError::WrongRate {
         file: file.to_owned(),
         // Three digits are enough to see what it is; the full f64 is noise in a message.
         median_ms: (median_s * 1e6).round() / 1e3,
-        hint: if in_ms { "; time_s seems to be in milliseconds" } else { "; resample it to 50 Hz" },
+        hint: time_hint(median_s),
     })
+}
+
+/// What 20 ms are taken for where `time_s` is not in seconds; the mend.
+fn time_hint(median_s: f64) -> &'static str {
+    const OTHERS: [(f64, &str); 6] = [
+        (1e3, "; time_s seems to be in milliseconds: divide it by 1000"),
+        (1e6, "; time_s seems to be in microseconds: divide it by 1e6"),
+        (1e9, "; time_s seems to be in nanoseconds: divide it by 1e9"),
+        (50.0, "; time_s seems to count rows: multiply it by 0.02"),
+        (1.0 / 60.0, "; time_s seems to be in minutes: multiply it by 60"),
+        (1.0 / 3600.0, "; time_s seems to be in hours: multiply it by 3600"),
+    ];
+    let taken_for = |(factor, _): &&(f64, &str)| (median_s / (factor * PERIOD_S) - 1.0).abs() <= 0.05;
+    OTHERS.iter().find(taken_for).map_or("; resample it to 50 Hz", |(_, hint)| hint)
 }
 
 fn check_range(file: &str, table: &Table, name: &str, low: f64, high: f64) -> Result<(), CsvError> {
@@ -397,7 +413,10 @@ fn check_range(file: &str, table: &Table, name: &str, low: f64, high: f64) -> Re
                 hint: match name {
                     "u_pos" | "u_neg" => "; a duty is a share, not a percentage",
                     "pump_on" => "; the pump is on (1) or off (0)",
-                    _ => "; pressures are gauge kPa",
+                    // A vacuum of some tens of kPa, in units that are smaller.
+                    _ if *number < -2_000.0 => "; pressures are gauge kPa, and this seems to be Pa",
+                    _ if *number < -200.0 => "; pressures are gauge kPa, and this seems to be mbar, hPa or mmHg",
+                    _ => "; pressures are gauge kPa, and nothing is below vacuum",
                 },
             });
         }

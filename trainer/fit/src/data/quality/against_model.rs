@@ -6,6 +6,7 @@
 
 use model::rig::Rig;
 
+use super::meaning::{Meaning, RIGHT, Standing};
 use super::{Finding, Severity, Trouble};
 use crate::FitError;
 use crate::data::Records;
@@ -14,9 +15,10 @@ use crate::simulate::{Arc, Arcs, Fidelity, Simulator};
 /// Rows simulated from rest, and those at their end that are compared.
 const ROWS: usize = 750;
 const COMPARED: usize = 250;
-/// Units that pressures are found in, and how many there are of each in 1 kPa.
-const UNITS: [(f64, &str); 5] =
-    [(1e3, "Pa"), (0.01, "bar"), (0.001, "MPa"), (0.145, "psi"), (10.0, "mbar, hPa or cmH2O")];
+/// How far a rig may be from its file: all channels taken together, in share and in kPa …
+const NEAR: [f64; 2] = [0.35, 5.0];
+/// … and a single channel that would mean something else than the others.
+const NEARER: [f64; 2] = [0.2, 3.0];
 
 pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -> Result<(), FitError> {
     let channels = records.sensors().len();
@@ -34,6 +36,7 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
     );
     let simulator = Simulator::new(records, Fidelity::Coarse);
     let trace = simulator.one(rig, &arcs)?;
+    let mut standings = Vec::new();
     for arc in arcs.arcs() {
         let compared = arc.rows.end - COMPARED..arc.rows.end;
         let medians: Vec<(f64, f64)> = (0..channels)
@@ -44,88 +47,121 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
             })
             .collect();
         let source = records.records().get(arc.record).map_or_else(String::new, |r| r.source.clone());
-        compare(rig, records, &source, &medians, findings);
+        standings.push(Recorded { source, telling: telling(rig, records, &medians) });
     }
-    duties(rig, records, findings);
+    let compare = Compare { columns: records.sensors(), atmosphere_kpa: rig.atmosphere.pressure_kpa_abs };
+    // What the duties do is told by the pressures, so what is sure about those comes first. A duty never turns a
+    // pressure's sign, but one that is inverted or exchanged moves what is expected of it, so the rest comes last.
+    let before = findings.len();
+    let checks: [&dyn Fn(&mut Vec<Finding>); 4] = [
+        &|found| standings.iter().for_each(|r| found.extend(compare.together(r))),
+        &|found| standings.iter().for_each(|r| found.extend(compare.alone(r, |s| s.recorded * s.simulated < 0.0))),
+        &|found| duties(rig, records, found),
+        &|found| standings.iter().for_each(|r| found.extend(compare.alone(r, |_| true))),
+    ];
+    for check in checks {
+        if findings.len() == before {
+            check(findings);
+        }
+    }
     Ok(())
 }
 
-/// Compares recorded and simulated medians of all channels.
-fn compare(rig: &Rig, records: &Records, source: &str, medians: &[(f64, f64)], findings: &mut Vec<Finding>) {
-    let add = |column: String, trouble, text| Finding {
-        source: source.to_owned(),
-        column,
-        severity: Severity::Unusable,
-        trouble,
-        text,
-    };
-    let columns = records.sensors();
-    // Only channels that the rig drives well away from the atmosphere tell anything.
-    let telling: Vec<(usize, f64, f64)> = medians
+/// A recording's channels that tell something.
+struct Recorded<'a> {
+    source: String,
+    telling: Vec<Standing<'a>>,
+}
+
+/// Only channels that the rig drives well away from the atmosphere tell anything.
+fn telling<'a>(rig: &'a Rig, records: &Records, medians: &[(f64, f64)]) -> Vec<Standing<'a>> {
+    medians
         .iter()
         .enumerate()
         .filter(|(_, (_, simulated))| simulated.abs() > 15.0)
-        .map(|(channel, (recorded, simulated))| (channel, *recorded, *simulated))
-        .collect();
-    if telling.is_empty() {
-        return;
+        .map(|(channel, (recorded, simulated))| Standing {
+            channel,
+            recorded: *recorded,
+            simulated: *simulated,
+            sensor: rig.sensors.values().find(|sensor| Some(&sensor.column) == records.sensors().get(channel)),
+        })
+        .collect()
+}
+
+/// Compares recorded and simulated medians.
+struct Compare<'a> {
+    columns: &'a [String],
+    atmosphere_kpa: f64,
+}
+
+impl Compare<'_> {
+    fn column(&self, channel: usize) -> String {
+        self.columns.get(channel).cloned().unwrap_or_default()
     }
-    let atmosphere = rig.atmosphere.pressure_kpa_abs;
-    let fits = |recorded: f64, simulated: f64| (recorded - simulated).abs() < 0.35 * simulated.abs() + 5.0;
-    if telling.iter().all(|(_, recorded, simulated)| fits(*recorded, *simulated)) {
-        return;
-    }
-    for (factor, unit) in UNITS {
-        if telling.iter().all(|(_, recorded, simulated)| fits(recorded / factor, *simulated)) {
-            let (channel, recorded, simulated) = telling[0];
-            findings.push(add(
-                columns.get(channel).cloned().unwrap_or_default(),
-                Trouble::WrongUnit,
-                format!(
-                    "reads {recorded:.4} where about {simulated:.0} kPa are expected: the pressures seem to be in \
-                     {unit}; convert them to gauge kPa"
-                ),
-            ));
-            return;
+
+    fn wrong(&self, recorded: &Recorded<'_>, standing: &Standing<'_>, meaning: Meaning) -> Finding {
+        Finding {
+            source: recorded.source.clone(),
+            column: self.column(standing.channel),
+            severity: Severity::Unusable,
+            trouble: if matches!(meaning, Meaning::Absolute(_, "kPa")) {
+                Trouble::Absolute
+            } else {
+                Trouble::WrongUnit
+            },
+            text: meaning.text(standing, self.atmosphere_kpa),
         }
     }
-    if telling.iter().all(|(_, recorded, simulated)| fits(recorded - atmosphere, *simulated)) {
-        let (channel, recorded, simulated) = telling[0];
-        findings.push(add(
-            columns.get(channel).cloned().unwrap_or_default(),
-            Trouble::Absolute,
-            format!(
-                "reads {recorded:.1} where about {simulated:.0} kPa are expected: the pressures seem to be absolute; \
-                 subtract the atmosphere's {atmosphere:.1} kPa"
-            ),
-        ));
-        return;
-    }
-    if let [(a, recorded_a, simulated_a), (b, recorded_b, simulated_b)] = telling.as_slice()
-        && fits(*recorded_a, *simulated_b)
-        && fits(*recorded_b, *simulated_a)
-    {
-        let (one, other) = (columns.get(*a).cloned().unwrap_or_default(), columns.get(*b).cloned().unwrap_or_default());
-        findings.push(add(
-            format!("{one}, {other}"),
-            Trouble::SwappedPressures,
-            format!(
-                "{one} reads {recorded_a:.1} kPa and {other} {recorded_b:.1} kPa: the two columns seem to be swapped"
-            ),
-        ));
-        return;
-    }
-    for (channel, recorded, simulated) in &telling {
-        let column = columns.get(*channel).cloned().unwrap_or_default();
-        if fits(-recorded, *simulated) {
-            findings.push(add(
-                column,
-                Trouble::WrongUnit,
-                format!(
-                    "reads {recorded:.1} kPa where about {simulated:.0} kPa are expected: the sign seems to be lost"
-                ),
-            ));
+
+    /// All channels in one unit, as a logger does it, or two columns exchanged.
+    fn together(&self, recorded: &Recorded<'_>) -> Option<Finding> {
+        let telling = &recorded.telling;
+        let worst =
+            |meaning: Meaning| telling.iter().map(|s| meaning.misfit(s, self.atmosphere_kpa, NEAR)).fold(0.0, f64::max);
+        if worst(RIGHT) < 1.0 {
+            return None;
         }
+        let (misfit, meaning) =
+            Meaning::wrong().map(|meaning| (worst(meaning), meaning)).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        if let [a, b] = telling.as_slice() {
+            let of =
+                |recorded: f64, s: &Standing<'_>| RIGHT.misfit(&Standing { recorded, ..*s }, self.atmosphere_kpa, NEAR);
+            let exchanged = of(a.recorded, b).max(of(b.recorded, a));
+            if exchanged < misfit.min(1.0) {
+                let (one, other) = (self.column(a.channel), self.column(b.channel));
+                return Some(Finding {
+                    source: recorded.source.clone(),
+                    column: format!("{one}, {other}"),
+                    severity: Severity::Unusable,
+                    trouble: Trouble::SwappedPressures,
+                    text: format!(
+                        "{one} reads {:.1} kPa and {other} {:.1} kPa: the two columns seem to be swapped",
+                        a.recorded, b.recorded
+                    ),
+                });
+            }
+        }
+        // One channel says nothing about all of them.
+        (misfit < 1.0 && telling.len() > 1)
+            .then(|| telling.first().map(|first| self.wrong(recorded, first, meaning)))
+            .flatten()
+    }
+
+    /// Channels by themselves, as a person does it sensor by sensor.
+    fn alone(&self, recorded: &Recorded<'_>, of: impl Fn(&Standing<'_>) -> bool) -> Vec<Finding> {
+        let misfits = |s: &&Standing<'_>| RIGHT.misfit(s, self.atmosphere_kpa, NEAR) >= 1.0 && of(s);
+        let closest = |standing: &Standing<'_>| {
+            Meaning::wrong()
+                .map(|meaning| (meaning.misfit(standing, self.atmosphere_kpa, NEARER), meaning))
+                .min_by(|a, b| a.0.total_cmp(&b.0))
+                .filter(|(misfit, _)| *misfit < 1.0)
+        };
+        recorded
+            .telling
+            .iter()
+            .filter(misfits)
+            .filter_map(|standing| Some(self.wrong(recorded, standing, closest(standing)?.1)))
+            .collect()
     }
 }
 

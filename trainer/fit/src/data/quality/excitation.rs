@@ -22,6 +22,7 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mu
         text,
     };
     let duties: Vec<&str> = rig.valves.values().map(|valve| valve.command.as_str()).collect();
+    let mut unmoved = 0;
     for column in &duties {
         let numbers = || (0..records.records().len()).filter_map(|r| records.input(r, column)).flatten().copied();
         let spread = deviation(numbers());
@@ -34,6 +35,7 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mu
                 format!("never above {largest:.4}: a duty is a share of 1; was it divided once too often?"),
             ));
         } else if spread < LEAST_DUTY {
+            unmoved += 1;
             findings.push(everywhere(
                 Severity::Doubtful,
                 Trouble::NoExcitation,
@@ -42,6 +44,20 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mu
                     .to_owned(),
             ));
         }
+    }
+    let switched = records.inputs().iter().filter(|input| !duties.contains(&input.column.as_str())).any(|input| {
+        let numbers = (0..records.records().len()).filter_map(|r| records.input(r, &input.column)).flatten();
+        deviation(numbers.copied()) > 0.0
+    });
+    if unmoved == duties.len() && unmoved > 0 && !switched {
+        findings.push(everywhere(
+            Severity::Unusable,
+            Trouble::NoExcitation,
+            &duties.join(", "),
+            "no command moves in any recording: nothing can be told from them. Are these the commands that were sent? \
+             Record steps or ramps of both"
+                .to_owned(),
+        ));
     }
     let mut still = 0;
     for (channel, column) in records.sensors().iter().enumerate() {

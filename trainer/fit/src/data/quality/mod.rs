@@ -7,6 +7,7 @@
 //! | `readings` | flat, stuck, clipped and wild readings |
 //! | `excitation` | commands that never move, a pump that never runs |
 //! | `against_model` | swapped columns and wrong units, told by what the rig would do |
+//! | `meaning` | units and scales that pressures are found in |
 //!
 //! A fit to bad recordings does not fail, it names the wrong parameter. So the checks come first, and each says what a
 //! person at the rig would: which file, which column, what it looks like, what to do. Rows that cannot be trusted
@@ -15,6 +16,7 @@
 mod against_model;
 mod excitation;
 mod finding;
+mod meaning;
 mod readings;
 mod shape;
 
@@ -44,17 +46,34 @@ impl Quality {
         let mut usable = vec![1.0; records.layout().len()];
         shape::check(records, &mut findings);
         readings::check(rig, records, noise, &mut usable, &mut findings);
-        excitation::check(rig, records, noise, &mut findings);
+        // What hardly lasts hardly moves; that need not be told as well.
+        if !findings.iter().any(|f| f.trouble == Trouble::TooShort && f.severity == Severity::Unusable) {
+            excitation::check(rig, records, noise, &mut findings);
+        }
         against_model::check(rig, records, &mut findings)?;
         findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
         Ok(Quality { findings, usable })
     }
 
-    /// What makes the recordings unusable, all of it in one line; `None` if they can be used.
+    /// What makes the recordings unusable, all of it in one line; `None` if they can be used. What is wrong with several
+    /// recordings in the same way is told of the first, with the number of the others.
     pub fn refusal(&self) -> Option<String> {
-        let worst: Vec<String> =
-            self.findings.iter().filter(|f| f.severity == Severity::Unusable).map(ToString::to_string).collect();
-        (!worst.is_empty()).then(|| worst.join("; "))
+        let mut told: Vec<(&Finding, usize)> = Vec::new();
+        for finding in self.findings.iter().filter(|f| f.severity == Severity::Unusable) {
+            match told.iter_mut().find(|(f, _)| f.trouble == finding.trouble && f.column == finding.column) {
+                Some((_, more)) => *more += 1,
+                None => told.push((finding, 0)),
+            }
+        }
+        let texts: Vec<String> = told
+            .into_iter()
+            .map(|(finding, more)| match more {
+                0 => finding.to_string(),
+                1 => format!("{finding} (and so in 1 more recording)"),
+                _ => format!("{finding} (and so in {more} more recordings)"),
+            })
+            .collect();
+        (!texts.is_empty()).then(|| texts.join("; "))
     }
 
     /// The findings that a result has to be read with.

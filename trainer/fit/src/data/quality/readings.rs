@@ -12,6 +12,8 @@ use crate::data::{Noise, Records};
 /// A run of this many equal readings is stuck: 0.5 s. With noise of half a step two neighbours are equal with
 /// probability 0.7 at most, 25 with 1e-4, and most noise is larger.
 const STUCK_ROWS: usize = 25;
+/// One reading of so many on the channel's own extreme is a limit.
+const HEAP: usize = 50;
 /// A channel with fewer distinct readings than this is flat.
 const DISTINCT: usize = 4;
 /// A reading this many noise deviations away from the median of its neighbours is wild …
@@ -42,8 +44,7 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], usable: &mut 
                 continue;
             }
             // Noise within a single recording, for another recording's noise is no proof that this one has any.
-            let moves = values.windows(2).filter(|w| w[0] != w[1]).count();
-            let noisy = moves * 2 > values.len();
+            let noisy = scatters(values);
             if noisy {
                 let range = range_of(rig, column);
                 stuck(values, mask, range, &mut add);
@@ -51,6 +52,23 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], usable: &mut 
             wild(values, sigma, mask, &mut add);
         }
     }
+}
+
+/// Whether readings scatter by noise: most differ from the one before; where long runs of equal ones hide that, most of
+/// the others do and keep turning round. (Independent noise turns at two steps of three; a simulated plant without noise,
+/// which rests in runs of equal readings too, hardly ever.)
+fn scatters(values: &[f64]) -> bool {
+    let changes = values.windows(2).filter(|w| w[0] != w[1]).count();
+    if changes * 2 > values.len() {
+        return true;
+    }
+    let (mut rows, mut steps): (usize, Vec<f64>) = (0, Vec::new());
+    for run in values.chunk_by(|a, b| a == b).filter(|run| run.len() < STUCK_ROWS) {
+        rows += run.len();
+        steps.extend(run.first());
+    }
+    let turns = steps.windows(3).filter(|w| (w[1] - w[0]) * (w[2] - w[1]) < 0.0).count();
+    rows >= 2 * STUCK_ROWS && steps.len() * 2 > rows && turns * 3 > steps.len()
 }
 
 /// Lowest and highest pressure that the sensor of a column can tell, in gauge kPa.
@@ -63,6 +81,10 @@ fn range_of(rig: &Rig, column: &str) -> Option<[f64; 2]> {
 /// Masks runs of equal readings and tells clipped ones (at the channel's own extreme) from stuck ones.
 fn stuck(values: &[f64], mask: &mut [f64], range: Option<[f64; 2]>, add: &mut impl FnMut(Severity, Trouble, String)) {
     let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    // The extreme of noise is read once or twice; where a share of all readings stands on it, it is a limit, also where
+    // noise lets single readings off it.
+    let heaped = |limit: f64| values.iter().filter(|v| **v == limit).count() > (values.len() / HEAP).max(STUCK_ROWS);
+    let heaps = [low, high].map(|limit| (limit, heaped(limit)));
     let (mut clipped, mut frozen, mut longest, mut at_limit) = (0, 0, 0, 0.0);
     let mut start = 0;
     for row in 1..=values.len() {
@@ -70,8 +92,8 @@ fn stuck(values: &[f64], mask: &mut [f64], range: Option<[f64; 2]>, add: &mut im
             continue;
         }
         let run = row - start;
-        if run >= STUCK_ROWS {
-            let value = values.get(start).copied().unwrap_or(0.0);
+        let value = values.get(start).copied().unwrap_or(0.0);
+        if run >= STUCK_ROWS || heaps.contains(&(value, true)) {
             if value == low || value == high {
                 clipped += run;
                 at_limit = value;

@@ -1,0 +1,213 @@
+//! `controller experiment`: the commands of a file, played once on the rig, within the safety envelope.
+
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use controller::config::Config;
+use controller::experiment::{Experiment, ExperimentError, Options, Played};
+use controller::logbook::LogbookError;
+use controller::state::State;
+use flight::Recorded;
+use proto::recording::{PERIOD_S, TickRecord};
+use proto::wire::Mode;
+use serde_json::json;
+
+use super::Failure;
+use super::console::{say, tell};
+
+/// Plays the commands of a file once on the rig, open loop, and records what it does.
+///
+/// For the next_experiment.csv of `trainer diagnose`. First the file is checked and simulated on the configured rig:
+/// commands that would leave the safety envelope there are refused before anything moves. Then, on the rig: vents
+/// open and pump off until both pressures stand still, the rows (20 ms each) exactly as they are, vents open again.
+/// Over-pressure, a lost link, a broken sensor, `controller disarm`, Ctrl-C and SIGTERM open both vents at once, as in
+/// the daemon; what was recorded until then is kept, and the exit status is 1.
+#[derive(Debug, Args)]
+#[command(after_help = "Example, and what comes next:
+  controller experiment found/next_experiment.csv --config controller.toml
+  trainer diagnose --rig dual_pressure run1.mcap run2.mcap recordings/experiment-….mcap --out found2")]
+pub(crate) struct ExperimentArgs {
+    /// Commands: CSV with time_s,u_pos,u_neg (duty 0 to 1) and, where the pump is switched, pump_on (0 or 1); a row
+    /// every 20 ms, 120 s at most
+    #[arg(value_name = "CSV")]
+    csv: PathBuf,
+    /// Configuration file (TOML); link, rig, safety, record and control are used
+    #[arg(long, value_name = "FILE")]
+    config: PathBuf,
+    /// Recording (MCAP) [default: experiment-DATE-TIME.mcap in record.directory]
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Print one JSON object, and nothing else on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// Exit status and words of what failed.
+impl From<ExperimentError> for Failure {
+    fn from(error: ExperimentError) -> Self {
+        match error {
+            ExperimentError::Logbook(LogbookError::Link(link)) => {
+                Failure::work(format!("{link} (nothing was moved, nothing recorded)"))
+            }
+            ExperimentError::Logbook(_) => Failure::work(error),
+            _ => Failure::input(error),
+        }
+    }
+}
+
+impl ExperimentArgs {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        let played = self.play();
+        if self.json {
+            match &played {
+                Ok((experiment, played)) => say(format_args!("{}", self.object(experiment, played))),
+                Err(failure) => say(format_args!("{}", json!({"completed": false, "error": failure.line}))),
+            }
+        }
+        let (_, played) = played?;
+        self.conclude(&played)
+    }
+
+    fn play(&self) -> Result<(Announced, Played), Failure> {
+        let config = Config::read(&self.config)?;
+        let experiment = Experiment::load(&config, &self.csv)?;
+        let announced = Announced::of(&experiment);
+        tell(format_args!(
+            "{}: {} rows ({:.2} s); {}; by the model {} positive {}, negative {} kPa",
+            self.csv.display(),
+            experiment.programme.rows().len(),
+            experiment.programme.seconds(),
+            experiment.programme.pump_off().map_or("pump on throughout".to_owned(), |off| format!("pump off in {off}")),
+            experiment.rig.name,
+            range(announced.forecast_kpa[0]),
+            range(announced.forecast_kpa[1]),
+        ));
+        let options = Options {
+            recording: self.out.clone(),
+            command: format!("controller experiment {} --config {}", self.csv.display(), self.config.display()),
+            config_text: std::fs::read_to_string(&self.config).unwrap_or_default(),
+            observer: Box::new(watcher(experiment.programme.seconds())),
+            stop: Arc::new(AtomicBool::new(false)),
+        };
+        let played = experiment.run(&config, options)?;
+        Ok((announced, played))
+    }
+
+    /// The last lines, and the exit status.
+    fn conclude(&self, played: &Played) -> Result<(), Failure> {
+        let path = played.recording.path.display();
+        let witness = &played.witness;
+        if !witness.is_clean() {
+            tell(format_args!(
+                "{} rows have no reading, and {} commands were not in force in their tick as the cRIO reports it; the recording's commands are not the rig's there",
+                witness.without_reading, witness.not_applied
+            ));
+        }
+        if let Some(why) = &played.aborted {
+            let kept = if played.reached > 0 { "what was recorded is kept" } else { "no row was played; recorded" };
+            return Err(Failure::work(format!(
+                "experiment aborted after {} of {} rows ({:.2} s): {why}; both vents are open; {kept}: {path}",
+                played.reached,
+                played.rows,
+                played.seconds()
+            )));
+        }
+        if !self.json {
+            let [pos, neg] = witness.range_kpa.unwrap_or_default().map(range);
+            say(format_args!(
+                "all {} rows played ({:.2} s): positive {pos}, negative {neg} kPa\nrecording  {path}\nnext       trainer diagnose --rig RIG EARLIER… {path} --out DIR",
+                played.rows,
+                played.seconds()
+            ));
+        }
+        Ok(())
+    }
+
+    fn object(&self, announced: &Announced, played: &Played) -> serde_json::Value {
+        json!({
+            "completed": played.aborted.is_none(),
+            "aborted": played.aborted,
+            "experiment": self.csv,
+            "recording": played.recording.path,
+            "rows": played.rows,
+            "rows_played": played.reached,
+            "seconds_played": played.seconds(),
+            "forecast_kpa": announced.forecast_kpa,
+            "played": played.witness,
+            "ticks_recorded": played.recording.ticks,
+            "ticks_dropped": played.recording.ticks_dropped,
+        })
+    }
+}
+
+/// What was foreseen, for the result.
+struct Announced {
+    forecast_kpa: [[f64; 2]; 2],
+}
+
+impl Announced {
+    fn of(experiment: &Experiment) -> Self {
+        Announced { forecast_kpa: experiment.forecast.range_kpa }
+    }
+}
+
+fn range([least, most]: [f64; 2]) -> String {
+    format!("{least:.1} … {most:.1}")
+}
+
+/// On a terminal a line that is written over, five times a second; elsewhere a line every five seconds.
+fn watcher(seconds: f64) -> impl FnMut(Recorded<'_>) + Send {
+    let terminal = std::io::stderr().is_terminal();
+    let every = if terminal { Duration::from_millis(200) } else { Duration::from_secs(5) };
+    let mut next = Instant::now();
+    let mut first = None;
+    move |recorded| match recorded {
+        Recorded::Tick(tick) => {
+            if tick.mode == Mode::Run.code() {
+                first.get_or_insert(tick.tick);
+            }
+            let now = Instant::now();
+            if now >= next {
+                next = now + every;
+                show(&line(tick, first, seconds), terminal);
+            }
+        }
+        Recorded::Event { message, .. } => {
+            if terminal {
+                show("", true);
+            }
+            tell(format_args!("{message}"));
+        }
+    }
+}
+
+fn line(tick: &TickRecord, first: Option<u32>, seconds: f64) -> String {
+    let what = match (first, tick.mode == Mode::Run.code()) {
+        (Some(first), true) => {
+            format!("{:6.2} s of {seconds:.2} s", f64::from(tick.tick.wrapping_sub(first)) * PERIOD_S)
+        }
+        (None, _) if tick.state == State::Standby.code() => "waiting for rest, vents open".to_owned(),
+        _ => "vents open".to_owned(),
+    };
+    format!(
+        "{what}  {:+7.2} {:+7.2} kPa  duty {:.3} {:.3}  pump {}",
+        tick.p_pos_kpa,
+        tick.p_neg_kpa,
+        tick.u_pos,
+        tick.u_neg,
+        if tick.pump_on { "on" } else { "off" }
+    )
+}
+
+/// A live line; what cannot be shown must not end an experiment.
+fn show(text: &str, terminal: bool) {
+    if terminal {
+        let _ = write!(std::io::stderr().lock(), "\r\x1b[K{text}");
+    } else {
+        tell(text);
+    }
+}

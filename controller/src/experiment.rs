@@ -1,0 +1,175 @@
+//! Puts an experiment together: a programme checked, foreseen, played once on the rig, and recorded.
+//!
+//! The link, the tick, the watch, the recorder are the daemon's ([`crate::logbook`], [`crate::cycle`]); only what is
+//! steered for is another ([`crate::playing`]). The recording holds the rest before the rows and the rest
+//! after them, too, with the commands that were then in force.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use flight::{Recorded, RecordingSummary};
+use model::rig::Rig;
+use proto::recording::PERIOD_S;
+
+use crate::config::Config;
+use crate::cycle::Cycle;
+use crate::forecast::{Forecast, ForecastError, forecast};
+use crate::logbook::{Logbook, LogbookError, attachment, fly_recorded};
+use crate::notice::sentence_of_one_session;
+use crate::playing::{Playing, Stopped};
+use crate::programme::{Programme, ProgrammeError};
+use crate::socket::May;
+use crate::witness::Witness;
+
+/// Why an experiment cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum ExperimentError {
+    /// The programme is no good.
+    #[error(transparent)]
+    Programme(#[from] ProgrammeError),
+    /// The rig cannot be read.
+    #[error(transparent)]
+    Rig(#[from] proto::rig_file::RigFileError),
+    /// The rig cannot be flown.
+    #[error("rig {name}: {problem}")]
+    Unflyable {
+        /// The rig.
+        name: String,
+        /// Why.
+        problem: model::rig::RigError,
+    },
+    /// The model says that it must not be played.
+    #[error(transparent)]
+    Forecast(#[from] ForecastError),
+    /// It cannot start or was not recorded well.
+    #[error(transparent)]
+    Logbook(#[from] LogbookError),
+}
+
+/// An experiment that is fit to be played.
+pub struct Experiment {
+    /// The programme.
+    pub programme: Programme,
+    /// The model's rig.
+    pub rig: Rig,
+    /// What the model says.
+    pub forecast: Forecast,
+}
+
+/// How it is played.
+pub struct Options {
+    /// Where the recording goes; by default a file named after the time in the configured folder.
+    pub recording: Option<PathBuf>,
+    /// The command line, for the recording.
+    pub command: String,
+    /// The configuration's text, for the recording.
+    pub config_text: String,
+    /// Sees every tick and event, in the recorder's thread.
+    pub observer: Box<dyn FnMut(Recorded<'_>) + Send>,
+    /// Set by somebody else to end it.
+    pub stop: Arc<AtomicBool>,
+}
+
+/// What came of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Played {
+    /// The recording.
+    pub recording: RecordingSummary,
+    /// Rows of the programme.
+    pub rows: u32,
+    /// One past the last row that was sent.
+    pub reached: u32,
+    /// Why it did not come to its end, in a few words; `None`: it did.
+    pub aborted: Option<String>,
+    /// What the cRIO reported.
+    pub witness: Witness,
+}
+
+impl Experiment {
+    /// Reads a programme and the configuration's rig, and checks the one on the other; nothing is connected.
+    ///
+    /// # Errors
+    /// The first thing that is wrong, or when and how far the model leaves the safety envelope.
+    pub fn load(config: &Config, csv: &Path) -> Result<Self, ExperimentError> {
+        let programme = Programme::read(csv)?;
+        let rig = proto::rig_file::load(&config.rig.file)?;
+        let forecast = forecast(&rig, &programme, config.safety)?;
+        if !forecast.relay
+            && let Some(stretches) = programme.pump_off()
+        {
+            let (file, rig) = (programme.source().to_owned(), rig.name);
+            return Err(ProgrammeError::NoRelay { file, stretches, rig }.into());
+        }
+        Ok(Experiment { programme, rig, forecast })
+    }
+
+    /// Plays it and records it.
+    ///
+    /// # Errors
+    /// Why it cannot start, or what of the recording was lost; what stops it on the way is no error but
+    /// [`Played::aborted`].
+    pub fn run(self, config: &Config, options: Options) -> Result<Played, ExperimentError> {
+        let unflyable = |problem| ExperimentError::Unflyable { name: config.rig.file.clone(), problem };
+        let rows = self.programme.rows().into();
+        let cycle = Cycle::playing(&self.rig, rows, self.forecast.relay, config.safety).map_err(unflyable)?;
+        let witness = Arc::new(Mutex::new(Witness::new(self.forecast.relay)));
+        let (seen, mut observer) = (Arc::clone(&witness), options.observer);
+        let name = self.programme.source().to_owned();
+        let logbook = Logbook {
+            file: options.recording,
+            stem: "experiment",
+            policy: None,
+            extra: vec![
+                ("model_rig".to_owned(), self.rig.name.clone()),
+                ("experiment".to_owned(), name),
+                ("command".to_owned(), options.command),
+            ],
+            attachments: vec![
+                attachment("experiment.csv", "text/csv", self.programme.bytes()),
+                attachment("model_rig.toml", "application/toml", self.rig.to_toml().unwrap_or_default()),
+                attachment("controller.toml", "application/toml", options.config_text),
+            ],
+            remarks: Vec::new(),
+            event_text: sentence_of_one_session,
+            operator: Some(May::OnlyStop),
+            observer: Box::new(move |recorded| {
+                if let Recorded::Tick(tick) = recorded {
+                    seen.lock().unwrap_or_else(PoisonError::into_inner).push(tick);
+                }
+                observer(recorded);
+            }),
+            stop: options.stop,
+        };
+        let (recording, cycle) = fly_recorded(config, cycle, logbook)?;
+        let playing = cycle.helm();
+        let witness = witness.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let (rows, reached) = (playing.rows(), playing.reached());
+        Ok(Played { recording, rows, reached, aborted: self.why_aborted(playing), witness })
+    }
+
+    fn why_aborted(&self, playing: &Playing) -> Option<String> {
+        if playing.is_complete() {
+            return None;
+        }
+        let why = playing.why_stopped().map_or("stopped by hand".to_owned(), |why| why.to_string());
+        let needs = match (playing.why_stopped(), self.programme.pump_off()) {
+            (Some(Stopped::PumpRuns), Some(stretches)) => {
+                format!("; {} needs the pump off in {stretches}", self.programme.source())
+            }
+            (Some(Stopped::PumpRuns), None) => {
+                "; leave `relay` out under the pump in the rig file, then the experiment starts with the pump running"
+                    .to_owned()
+            }
+            _ => String::new(),
+        };
+        Some(why + &needs)
+    }
+}
+
+impl Played {
+    /// Seconds of the programme that were played.
+    pub fn seconds(&self) -> f64 {
+        f64::from(self.reached) * PERIOD_S
+    }
+}

@@ -1,0 +1,166 @@
+//! Following a reference: model-predicted observations, control law, saturation.
+
+use std::sync::Arc;
+
+use law::{Approach, Situation, TICK_S};
+use model::contract::{AHEAD, ActionTrajectory, CHANNELS, Pair};
+use model::predict::Predictor;
+use model::rig::{Rig, RigError};
+use model::steady::SteadyMap;
+use policy::Policy;
+use proto::recording::{LawParts, TickRecord};
+use proto::reference::Reference;
+
+use crate::helm::{Answer, Helm, Seen, Tell, VENT, Wish};
+use crate::notice::{Cause, Notice};
+use crate::pilot::Pilot;
+use crate::state::State;
+
+/// How often a reference is looked at for places out of reach, in s, and at how many places at most.
+const REACH_EVERY_S: f64 = 0.25;
+const REACH_LOOKS: f64 = 100_000.0;
+/// Duty by which the model may be off before a place counts as out of reach.
+const REACH_SLACK: f64 = 0.03;
+
+/// The closed loop and everything it remembers.
+pub struct Following {
+    predictor: Predictor,
+    map: Arc<SteadyMap>,
+    pilot: Pilot,
+    reference: Box<Reference>,
+    approach: Approach,
+    start_tick: u32,
+    /// Ticks after arming at which the flight ends; `None` flies on.
+    flight_ticks: Option<u32>,
+    over: bool,
+    predicted: [Pair; AHEAD],
+    trajectory: ActionTrajectory,
+}
+
+impl Following {
+    /// The loop for the rig that the model is made of; without a policy the fallback flies.
+    ///
+    /// # Errors
+    /// If the rig cannot be flown: unsound, or without the valves and sensors the controller needs.
+    pub fn new(rig: &Rig, policy: Option<Policy>, reference: Reference) -> Result<Self, RigError> {
+        let map = Arc::new(SteadyMap::new(rig)?);
+        Ok(Following {
+            predictor: Predictor::new(rig)?,
+            pilot: Pilot::new(Arc::clone(&map), policy),
+            map,
+            reference: Box::new(reference),
+            approach: Approach::new([0.0; CHANNELS], [0.0; CHANNELS]),
+            start_tick: 0,
+            flight_ticks: None,
+            over: false,
+            predicted: [[f64::NAN; CHANNELS]; AHEAD],
+            trajectory: ActionTrajectory::held(VENT),
+        })
+    }
+
+    /// Ends the flight this long after arming.
+    pub fn end_after(&mut self, seconds: f64) {
+        self.flight_ticks = Some((seconds / TICK_S).round() as u32);
+    }
+
+    /// The first place of the reference that no duty holds, by the model: time in s, pressures in kPa gauge.
+    pub fn out_of_reach(&self) -> Option<(f64, Pair)> {
+        let looks = (self.reference.end_s() / REACH_EVERY_S).ceil().min(REACH_LOOKS);
+        (0..=looks as u32).map(|n| f64::from(n) * REACH_EVERY_S).find_map(|time_s| {
+            let goal = self.reference.at(time_s);
+            let duty = self.map.duty_for(goal, [0.0; CHANNELS]);
+            let held = duty.iter().all(|u| (-REACH_SLACK..=1.0 + REACH_SLACK).contains(u));
+            (!held).then_some((time_s, goal))
+        })
+    }
+
+    fn start_reference(&mut self, tick: u32, measured: Pair) {
+        self.start_tick = tick;
+        self.approach = Approach::new(measured, self.reference.at(0.0));
+    }
+}
+
+impl Helm for Following {
+    const ONE_SESSION: bool = false;
+
+    fn watch(&mut self, seen: &Seen) -> Wish {
+        let flown = seen.tick.wrapping_sub(self.start_tick);
+        if seen.state == State::Run && self.flight_ticks.is_some_and(|end| flown >= end) {
+            self.over = true;
+            return Wish::Stand(Notice::FlightOver { tick: seen.tick });
+        }
+        Wish::Nothing
+    }
+
+    fn armed(&mut self, tick: u32, measured: Pair) {
+        self.start_reference(tick, measured);
+        self.predictor.restart(measured, VENT);
+        self.pilot.restart(VENT);
+        self.trajectory = ActionTrajectory::held(VENT);
+    }
+
+    fn predict(&mut self, measured: Pair, applied: Pair, record: &mut TickRecord) {
+        self.predictor.observe(measured);
+        self.predicted = self.predictor.predict(&self.trajectory.remaining(), true);
+        if !self.predicted.as_flattened().iter().all(|p| p.is_finite()) {
+            // A diverged model must not reach the policy; "stays as it is" is the plainest forecast.
+            self.predicted = [measured; AHEAD];
+            self.predictor.restart(measured, applied);
+        }
+        record.predicted_pos_kpa = self.predicted.map(|p| p[0]);
+        record.predicted_neg_kpa = self.predicted.map(|p| p[1]);
+    }
+
+    fn decide(&mut self, tick: u32, measured: Pair, record: &mut TickRecord, tell: Tell<'_>) -> Option<Answer> {
+        let time_s = f64::from(tick.wrapping_sub(self.start_tick)) * TICK_S;
+        let goals_kpa = std::array::from_fn(|j| {
+            let at = time_s + j as f64 * TICK_S;
+            let (goal, offset) = (self.reference.at(at), self.approach.offset_kpa(at));
+            std::array::from_fn(|c| goal[c] + offset[c])
+        });
+        // What a person compares with is the reference as given, not the way to it.
+        [record.ref_pos_kpa, record.ref_neg_kpa] = self.reference.at(time_s);
+        let piloted = self.pilot.decide(&Situation { measured_kpa: measured, goals_kpa }, &self.predicted);
+        if piloted.refused {
+            tell(Notice::PolicyRefused { tick });
+        }
+        let decision = piloted.decision;
+        [record.law_pos, record.law_neg] = decision.parts.map(|p| LawParts {
+            feed_forward: p.feed_forward + p.play + p.correction,
+            proportional: p.proportional,
+            integral: p.integral,
+            u_raw: p.raw(),
+        });
+        decision.raw().iter().all(|u| u.is_finite()).then(|| {
+            self.trajectory = decision.trajectory;
+            Answer::run(decision.duty(), true)
+        })
+    }
+
+    /// The plan is followed.
+    fn bridge(&mut self, _tick: u32) -> Answer {
+        let rest = self.trajectory.remaining();
+        self.trajectory = ActionTrajectory(std::array::from_fn(|j| rest[j.min(AHEAD - 1)]));
+        Answer::run(self.trajectory.now(), true)
+    }
+
+    /// Moves model and integrals on through the tick.
+    fn sent(&mut self, answer: &Answer) {
+        self.pilot.applied(answer.duty);
+        self.predictor.advance(answer.duty, answer.pump_on);
+    }
+
+    fn stopped(&mut self, _cause: Option<(Cause, f64)>) {}
+
+    fn is_over(&self) -> bool {
+        self.over
+    }
+
+    fn exchange_reference(&mut self, reference: Box<Reference>, running: Option<(u32, Pair)>) -> Box<Reference> {
+        let old = std::mem::replace(&mut self.reference, reference);
+        if let Some((tick, measured)) = running {
+            self.start_reference(tick, measured);
+        }
+        old
+    }
+}

@@ -1,0 +1,326 @@
+//! Playing a programme: its commands row by row, open loop, once.
+//!
+//! ```text
+//!   SETTLE ── both pressures stand still, pump off, vents open ──▶ PLAY: row k at tick n + k ──▶ REST ──▶ over
+//!      │                                                            │ fault, disarmed           ▲
+//!      └── no rest within 60 s; the pump cannot be stopped ─────────┴───────────────────────────┘
+//! ```
+//!
+//! The row is chosen by the cRIO's tick and nothing else, so a frame that is missing costs a reading, never the
+//! place in the programme. Every limit is the watch's ([`crate::cycle`]); what stops the programme ends it.
+
+use model::contract::Pair;
+use proto::recording::{EventLevel, TickRecord};
+
+use crate::calm::Calm;
+use crate::helm::{Answer, Helm, Seen, Tell, Wish};
+use crate::notice::{Cause, Notice, fault_text};
+use crate::programme::Row;
+
+/// How long the pressures may take to stand still before the first row, in ticks: 60 s.
+const LONGEST_SETTLE: u32 = 3_000;
+/// How long they may take after the last, in ticks: 20 s.
+const LONGEST_REST: u32 = 1_000;
+/// Frames in a row with a running pump, although it was asked to stop, that prove it cannot be: half a second.
+const PUMP_STOPS: u32 = 25;
+/// How far from the atmosphere rest may read, in kPa gauge, with the pump off: a sensor's bias, and more.
+const REST_KPA: f64 = 10.0;
+
+/// Why a programme was not played to its end.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Stopped {
+    /// The watch vented the rig.
+    Vented {
+        /// Why.
+        cause: Cause,
+        /// The number behind it: volts, kPa, ms, trip bits.
+        value: f64,
+    },
+    /// The operator disarmed.
+    Disarmed,
+    /// The pump runs although it was asked to stop.
+    PumpRuns,
+    /// The pressures did not come to rest.
+    Restless {
+        /// What was read last, kPa gauge.
+        measured: Pair,
+    },
+}
+
+impl std::fmt::Display for Stopped {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Stopped::Vented { cause, value } => f.write_str(&fault_text(*cause as u16, *value)),
+            Stopped::Disarmed => f.write_str("disarmed by the operator"),
+            Stopped::PumpRuns => f.write_str(
+                "the cRIO reports its pump running although it is asked to stop: it has no pump relay, and the model has",
+            ),
+            Stopped::Restless { measured: [pos, neg] } => write!(
+                f,
+                "no rest within {:.0} s with both vents open: {pos:.1}/{neg:.1} kPa; are the vents free, the sensors sound?",
+                f64::from(LONGEST_SETTLE) / 50.0
+            ),
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Phase {
+    Settle,
+    Play { start_tick: u32 },
+    Rest,
+    Over,
+}
+
+/// A programme under way.
+pub struct Playing {
+    rows: Box<[Row]>,
+    /// Whether the model's pump can be switched, so that the rig begins at the atmosphere's pressure.
+    relay: bool,
+    phase: Phase,
+    calm: Calm,
+    /// Sound frames in this phase.
+    waited: u32,
+    pump_runs: u32,
+    /// One past the last row that was sent.
+    reached: u32,
+    stopped: Option<Stopped>,
+}
+
+impl Playing {
+    /// A programme that waits for rest; `relay`: whether the pump can be switched.
+    pub fn new(rows: Box<[Row]>, relay: bool) -> Self {
+        Playing {
+            rows,
+            relay,
+            phase: Phase::Settle,
+            calm: Calm::new(),
+            waited: 0,
+            pump_runs: 0,
+            reached: 0,
+            stopped: None,
+        }
+    }
+
+    /// Rows of the programme.
+    pub fn rows(&self) -> u32 {
+        u32::try_from(self.rows.len()).unwrap_or(u32::MAX)
+    }
+
+    /// One past the last row that was sent.
+    pub fn reached(&self) -> u32 {
+        self.reached
+    }
+
+    /// Whether every row had its turn.
+    pub fn is_complete(&self) -> bool {
+        self.stopped.is_none() && self.reached == self.rows()
+    }
+
+    /// Why it did not come to its end; `None` also for a flight that was ended from outside.
+    pub fn why_stopped(&self) -> Option<Stopped> {
+        self.stopped
+    }
+
+    fn enter(&mut self, phase: Phase) {
+        self.phase = phase;
+        self.waited = 0;
+        self.calm = Calm::new();
+    }
+
+    fn stop(&mut self, why: Stopped) {
+        // While the vents are open anyway, frames that came late end nothing: the wait for rest begins anew.
+        if self.phase == Phase::Settle && matches!(why, Stopped::Vented { cause: Cause::FramesMissing, .. }) {
+            self.calm = Calm::new();
+            return;
+        }
+        if matches!(self.phase, Phase::Settle | Phase::Play { .. }) {
+            self.stopped = Some(why);
+            self.enter(Phase::Rest);
+        }
+    }
+
+    /// Whether the rig stands where the programme begins.
+    fn at_rest(&mut self, measured: Pair) -> bool {
+        let still = self.calm.add(measured);
+        // Without a relay the pump goes on, and rest is a balance somewhere.
+        still && (!self.relay || measured.iter().all(|p| p.abs() <= REST_KPA))
+    }
+
+    fn settle(&mut self, seen: &Seen) -> Wish {
+        self.pump_runs = if seen.pump_running { self.pump_runs + 1 } else { 0 };
+        if self.relay && self.pump_runs > PUMP_STOPS {
+            self.stop(Stopped::PumpRuns);
+        } else if self.at_rest(seen.measured) {
+            return Wish::Arm;
+        } else if self.waited > LONGEST_SETTLE {
+            self.stop(Stopped::Restless { measured: seen.measured });
+        }
+        Wish::Nothing
+    }
+
+    fn row(&mut self, tick: u32) -> Option<Answer> {
+        let Phase::Play { start_tick } = self.phase else { return None };
+        let number = tick.wrapping_sub(start_tick);
+        let row = self.rows.get(number as usize)?;
+        self.reached = self.reached.max(number + 1);
+        Some(Answer::run(row.duty, row.pump_on))
+    }
+}
+
+impl Helm for Playing {
+    const ONE_SESSION: bool = true;
+
+    fn watch(&mut self, seen: &Seen) -> Wish {
+        self.waited += 1;
+        match self.phase {
+            Phase::Settle => return self.settle(seen),
+            Phase::Play { start_tick } => {
+                if seen.tick.wrapping_sub(start_tick) >= self.rows() {
+                    self.enter(Phase::Rest);
+                    return Wish::Stand(Notice::Played { tick: seen.tick });
+                }
+            }
+            Phase::Rest => {
+                if self.at_rest(seen.measured) || self.waited > LONGEST_REST {
+                    self.phase = Phase::Over;
+                }
+            }
+            Phase::Over => {}
+        }
+        Wish::Nothing
+    }
+
+    fn armed(&mut self, tick: u32, _measured: Pair) {
+        if self.phase == Phase::Settle {
+            self.enter(Phase::Play { start_tick: tick });
+        }
+    }
+
+    fn predict(&mut self, _measured: Pair, _applied: Pair, _record: &mut TickRecord) {}
+
+    fn decide(&mut self, tick: u32, _measured: Pair, _record: &mut TickRecord, _tell: Tell<'_>) -> Option<Answer> {
+        Some(self.row(tick).unwrap_or(Answer::VENT))
+    }
+
+    fn bridge(&mut self, tick: u32) -> Answer {
+        self.row(tick).unwrap_or(Answer::VENT)
+    }
+
+    fn sent(&mut self, _answer: &Answer) {}
+
+    fn stopped(&mut self, cause: Option<(Cause, f64)>) {
+        self.stop(cause.map_or(Stopped::Disarmed, |(cause, value)| Stopped::Vented { cause, value }));
+    }
+
+    fn is_over(&self) -> bool {
+        self.phase == Phase::Over
+    }
+
+    fn verdict(&self) -> Option<(EventLevel, String)> {
+        let (reached, rows) = (self.reached, self.rows());
+        Some(if self.is_complete() {
+            (EventLevel::Info, format!("experiment complete: all {rows} rows were played"))
+        } else {
+            let why = self.stopped.map_or("stopped by hand".to_owned(), |why| why.to_string());
+            (EventLevel::Error, format!("EXPERIMENT ABORTED after {reached} of {rows} rows: {why}"))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use model::contract::CHANNELS;
+
+    use super::*;
+    use crate::state::State;
+
+    const SHUT: Row = Row { duty: [0.25, 0.5], pump_on: true };
+
+    fn seen(tick: u32, measured: Pair, state: State) -> Seen {
+        Seen { tick, measured, pump_running: false, state }
+    }
+
+    /// Frames until the helm asks to be armed.
+    fn settles(playing: &mut Playing, pressure: impl Fn(u32) -> f64) -> Option<u32> {
+        (0..2 * LONGEST_SETTLE)
+            .find(|tick| playing.watch(&seen(*tick, [pressure(*tick), 0.0], State::Standby)) == Wish::Arm)
+    }
+
+    #[test]
+    fn waits_until_the_pressures_stand_still() {
+        // A vent of half a second's time constant from 90 kPa: below 0.1 kPa of rest after 3.4 s, 170 ticks.
+        let blown = settles(&mut Playing::new([SHUT].into(), true), |t| 90.0 * (-f64::from(t) / 25.0).exp()).unwrap();
+        assert!((100..250).contains(&blown), "{blown}");
+        let at_once = settles(&mut Playing::new([SHUT].into(), true), |_| 0.4).unwrap();
+        assert!(at_once < 100, "{at_once}");
+    }
+
+    #[test]
+    fn a_rig_that_stays_under_pressure_is_refused_and_without_a_relay_it_is_not() {
+        let mut playing = Playing::new([SHUT].into(), true);
+        assert_eq!(settles(&mut playing, |_| 40.0), None);
+        assert!(matches!(playing.why_stopped(), Some(Stopped::Restless { .. })));
+        assert!(settles(&mut Playing::new([SHUT].into(), false), |_| 40.0).is_some());
+    }
+
+    #[test]
+    fn rows_follow_the_crios_tick_whatever_is_missing() {
+        let rows: Vec<Row> = (0..10).map(|k| Row { duty: [0.1 * f64::from(k), 0.5], pump_on: k % 2 == 0 }).collect();
+        let mut playing = Playing::new(rows.clone().into(), true);
+        playing.armed(100, [0.0; CHANNELS]);
+        for k in [0, 1, 4, 4, 9] {
+            let expected = rows[k as usize];
+            let answer = if k == 4 {
+                playing.bridge(100 + k)
+            } else {
+                playing.watch(&seen(100 + k, [0.0; CHANNELS], State::Run));
+                playing.decide(100 + k, [0.0; CHANNELS], &mut TickRecord::default(), &mut |_| ()).unwrap()
+            };
+            assert_eq!((answer.duty, answer.pump_on), (expected.duty, expected.pump_on), "row {k}");
+        }
+        assert!(playing.is_complete() && playing.why_stopped().is_none());
+        assert!(matches!(
+            playing.watch(&seen(110, [0.0; CHANNELS], State::Run)),
+            Wish::Stand(Notice::Played { tick: 110 })
+        ));
+        assert_eq!(playing.bridge(111), Answer::VENT);
+    }
+
+    #[test]
+    fn what_stops_it_stops_it_for_good_and_the_first_reason_stays() {
+        let mut playing = Playing::new([SHUT; 10].into(), true);
+        playing.armed(0, [0.0; CHANNELS]);
+        playing.bridge(0);
+        playing.stopped(Some((Cause::OverPressure, 161.0)));
+        Helm::stopped(&mut playing, None);
+        playing.armed(1, [0.0; CHANNELS]);
+        assert_eq!(playing.bridge(1), Answer::VENT);
+        let (level, text) = playing.verdict().unwrap();
+        assert_eq!(level, EventLevel::Error);
+        assert!(text.contains("1 of 10") && text.contains("161.0 kPa"), "{text}");
+    }
+
+    #[test]
+    fn late_frames_before_the_first_row_only_cost_time() {
+        let mut playing = Playing::new([SHUT].into(), true);
+        let usual = settles(&mut Playing::new([SHUT].into(), true), |_| 0.0).unwrap();
+        for tick in 0..usual {
+            assert_eq!(playing.watch(&seen(tick, [0.0; CHANNELS], State::Standby)), Wish::Nothing);
+        }
+        playing.stopped(Some((Cause::FramesMissing, 26.0)));
+        assert_eq!(playing.why_stopped(), None);
+        assert_eq!(settles(&mut playing, |_| 0.0), Some(usual), "the whole wait again");
+        playing.stopped(Some((Cause::SensorPositive, 0.0)));
+        assert!(playing.why_stopped().is_some());
+    }
+
+    #[test]
+    fn a_pump_that_cannot_be_stopped_is_found_before_anything_moves() {
+        let running = |tick| Seen { pump_running: true, ..seen(tick, [40.0, -40.0], State::Standby) };
+        let mut playing = Playing::new([SHUT].into(), true);
+        assert!((0..200).all(|tick| playing.watch(&running(tick)) == Wish::Nothing));
+        assert_eq!(playing.why_stopped(), Some(Stopped::PumpRuns));
+        assert_eq!(playing.reached(), 0);
+    }
+}

@@ -1,0 +1,187 @@
+//! Recordings that are sound files and wrong all the same: columns exchanged, other units, dead sensors. Each must be
+//! refused before anything is fitted, with the plain word for what is wrong; a fit would name physics instead.
+
+// What fails here fails the test, helper functions included.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod program;
+
+use fit::data::quality::Quality;
+use fit::data::{Records, noise};
+use model::predict::DualPressureRig;
+use model::rig::Rig;
+use program::{Folder, refused};
+use proto::recording::Recording;
+
+/// Time, duties, pressures.
+type Row = [f64; 5];
+
+/// Recorded for so long, after ten seconds that are not.
+const ROWS: usize = 2500;
+
+/// Numbers in [0, 1) that look random: Knuth's 64-bit congruential generator.
+struct Dice(u64);
+
+impl Dice {
+    fn throw(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+    }
+}
+
+/// A sound recording of the paper's rig: steps of both duties, noise, and the steps of a 16-bit converter.
+fn sound() -> Vec<Row> {
+    let mut rig = DualPressureRig::new(&Rig::builtin("dual_pressure").unwrap()).unwrap();
+    let mut dice = Dice(7);
+    let mut duty = [0.8, 0.8];
+    let mut rows = Vec::new();
+    for row in 0..ROWS + 500 {
+        for (channel, every) in [(0, 45), (1, 60)] {
+            if row % every == 0 {
+                duty[channel] = 0.66 + 0.32 * dice.throw();
+            }
+        }
+        if row >= 500 {
+            // Sum of four uniform numbers: nearly normal, σ = 0.12 kPa; steps of 0.03 kPa.
+            let mut read = |kpa: f64| {
+                let noise = 0.2 * ((0..4).map(|_| dice.throw()).sum::<f64>() - 2.0);
+                ((kpa + noise) / 0.03).round() * 0.03
+            };
+            let [pos, neg] = rig.readings_kpa();
+            rows.push([(row - 500) as f64 * 0.02, duty[0], duty[1], read(pos), read(neg)]);
+        }
+        rig.tick(duty, true);
+    }
+    rows
+}
+
+fn csv(rows: &[Row]) -> String {
+    let line = |[t, a, b, p, n]: &Row| format!("{t},{a:.5},{b:.5},{p},{n}\n");
+    "time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa\n".to_owned() + &rows.iter().map(line).collect::<String>()
+}
+
+/// What is done to every row.
+type Spoil = fn(&mut Row);
+
+fn scaled(row: &mut Row, factor: f64) {
+    (row[3], row[4]) = (row[3] * factor, row[4] * factor);
+}
+
+fn absolute(row: &mut Row, factor: f64) {
+    (row[3], row[4]) = ((row[3] + 101.325) * factor, (row[4] + 101.325) * factor);
+}
+
+#[test]
+fn each_gets_its_plain_word_and_status_2() {
+    let folder = Folder::new("bad-recordings");
+    let good = sound();
+    let cases: [(&str, Spoil, &[&str]); 29] = [
+        ("bar", |r| scaled(r, 0.01), &["p_pos_kpa: reads", "in bar", "gauge kPa"]),
+        ("atm", |r| scaled(r, 1.0 / 101.325), &["p_pos_kpa: reads", "atm"]),
+        ("mpa", |r| scaled(r, 0.001), &["p_pos_kpa: reads", "in MPa"]),
+        ("psi", |r| scaled(r, 0.145_038), &["p_pos_kpa: reads", "in psi"]),
+        ("water", |r| scaled(r, 0.101_972), &["p_pos_kpa: reads", "in m of water"]),
+        ("inhg", |r| scaled(r, 0.295_3), &["p_pos_kpa: reads", "in inHg"]),
+        ("pa", |r| scaled(r, 1e3), &["line 2, column 5 (p_neg_kpa)", "gauge kPa, and this seems to be Pa"]),
+        ("mbar", |r| scaled(r, 10.0), &["line 2, column 5 (p_neg_kpa)", "mbar, hPa or mmHg"]),
+        ("mmhg", |r| scaled(r, 7.500_62), &["line 2, column 5 (p_neg_kpa)", "mbar, hPa or mmHg"]),
+        ("absolute", |r| absolute(r, 1.0), &["p_pos_kpa: reads", "absolute; subtract the atmosphere's 101.3 kPa"]),
+        ("absolute_bar", |r| absolute(r, 0.01), &["p_pos_kpa: reads", "absolute, in bar"]),
+        ("absolute_pa", |r| absolute(r, 1e3), &["p_pos_kpa: reads", "absolute, in Pa"]),
+        ("absolute_psi", |r| absolute(r, 0.145_038), &["p_pos_kpa: reads", "absolute, in psi"]),
+        ("one_absolute", |r| r[4] += 101.325, &["p_neg_kpa: reads", "absolute; subtract"]),
+        ("one_bar", |r| r[3] *= 0.01, &["p_pos_kpa: reads", "in bar"]),
+        ("one_psi", |r| r[4] *= 0.145_038, &["p_neg_kpa: reads", "in psi"]),
+        (
+            "volts",
+            |r| (r[3], r[4]) = (1.0 + 0.004 * r[3], 1.0 - 4.0 / 101.0 * r[4]),
+            &["p_pos_kpa: reads", "the sensor's volts", "1 … 5 V are 0 … 1000 kPa"],
+        ),
+        ("unsigned", |r| r[4] = -r[4], &["p_neg_kpa: reads", "the sign seems to be lost"]),
+        ("pressures", |r| r.swap(3, 4), &["p_pos_kpa, p_neg_kpa", "two columns seem to be swapped"]),
+        ("duties", |r| r.swap(1, 2), &["u_pos, u_neg", "seem to be swapped"]),
+        ("inverted", |r| r[2] = 1.0 - r[2], &["u_neg", "inverted (1 is open)"]),
+        ("percent", |r| (r[1], r[2]) = (100.0 * r[1], 100.0 * r[2]), &["line 2, column 2 (u_pos)", "not a percentage"]),
+        ("twice", |r| (r[1], r[2]) = (0.01 * r[1], 0.01 * r[2]), &["u_pos: never above 0.0", "divided once too often"]),
+        ("dead", |r| r[3] = 90.0, &["p_pos_kpa: flat: 90.00 kPa throughout", "check the sensor"]),
+        ("unmoved", |r| (r[1], r[2]) = (0.8, 0.8), &["u_pos, u_neg: no command moves", "the commands that were sent"]),
+        ("ms", |r| r[0] *= 1e3, &["rows are 20000 ms apart", "in milliseconds: divide it by 1000"]),
+        ("us", |r| r[0] *= 1e6, &["in microseconds"]),
+        ("minutes", |r| r[0] /= 60.0, &["in minutes"]),
+        ("rows", |r| r[0] = (r[0] / 0.02).round(), &["seems to count rows"]),
+    ];
+    for (name, spoil, words) in cases {
+        let mut rows = good.clone();
+        rows.iter_mut().for_each(spoil);
+        check(&folder, name, &csv(&rows), words);
+    }
+}
+
+#[test]
+fn torn_short_and_clipped_ones_as_well() {
+    let folder = Folder::new("torn-recordings");
+    let good = sound();
+    check(&folder, "short", &csv(&good[..500]), &["too short: 10.0 s", "record at least 20 s"]);
+    check(&folder, "tiny", &csv(&good[..2]), &["too short: 0.0 s"]);
+    let torn: Vec<Row> = good.iter().enumerate().filter(|(k, _)| k % 100 < 80).map(|(_, row)| *row).collect();
+    check(&folder, "torn", &csv(&torn), &["24 gaps, the first before 2.00 s", "lost packets"]);
+    // A limit that four fifths of the readings are above, and one that a third is.
+    let mut sorted: Vec<f64> = good.iter().map(|row| row[3]).collect();
+    sorted.sort_by(f64::total_cmp);
+    for (name, share) in [("clipped_most", 0.2), ("clipped_some", 0.67)] {
+        let limit = sorted[(share * ROWS as f64) as usize];
+        let clipped: Vec<Row> = good.iter().map(|[t, a, b, p, n]| [*t, *a, *b, p.min(limit), *n]).collect();
+        check(&folder, name, &csv(&clipped), &["p_pos_kpa: clipped: ", "readings (", "Keep the pressure within"]);
+    }
+    // The same trouble in several files is told once.
+    let paths: Vec<String> = ["a", "b", "c"]
+        .iter()
+        .map(|name| {
+            folder.with(
+                &format!("{name}.csv"),
+                csv(&good.iter().map(|r| [r[0], r[1], r[2], 90.0, r[4]]).collect::<Vec<_>>()),
+            )
+        })
+        .collect();
+    let out = folder.path("out");
+    let mut arguments = vec!["diagnose", "--quick", "--out", &out];
+    arguments.extend(paths.iter().map(String::as_str));
+    let said = refused(arguments);
+    assert!(
+        said.matches("flat").count() == 1 && said.contains("a.csv: p_pos_kpa: flat") && said.contains("2 more"),
+        "{said}"
+    );
+}
+
+/// Refused by `diagnose` and by `identify` with these words, and nothing is left behind.
+fn check(folder: &Folder, name: &str, text: &str, words: &[&str]) {
+    let (path, out) = (folder.with(&format!("{name}.csv"), text), folder.path(&format!("{name}.out")));
+    let said = last_line(&refused(["diagnose", "--quick", &path, "--out", &out]));
+    for word in words {
+        assert!(said.contains(word), "{name}: `{word}` is not in: {said}");
+    }
+    assert!(!std::path::Path::new(&out).join("diagnosis.json").exists(), "{name}");
+    let rig = folder.path(&format!("{name}.toml"));
+    assert_eq!(last_line(&refused(["identify", &path, "--out", &rig])), said, "{name}");
+    assert!(!std::path::Path::new(&rig).exists(), "{name}");
+}
+
+/// What is wrong; a line of progress may stand before it.
+fn last_line(said: &str) -> String {
+    said.lines().last().unwrap_or_default().to_owned()
+}
+
+#[test]
+fn a_sound_one_is_not_refused_nor_one_of_a_rig_somewhat_off() {
+    let good = Recording::parse_csv("good.csv", csv(&sound()).as_bytes()).unwrap();
+    let mut off = Rig::builtin("dual_pressure").unwrap();
+    for valve in off.valves.values_mut() {
+        valve.input_area_mm2 *= 1.06;
+    }
+    off.volumes.values_mut().for_each(|volume| volume.volume_l *= 0.9);
+    for rig in [Rig::builtin("dual_pressure").unwrap(), off, Rig::builtin("bench").unwrap()] {
+        let records = Records::new(&rig, std::slice::from_ref(&good)).unwrap();
+        let quality = Quality::of(&rig, &records, &noise(&records)).unwrap();
+        assert_eq!(quality.refusal(), None, "{}", rig.name);
+    }
+}
