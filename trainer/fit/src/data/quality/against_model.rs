@@ -53,7 +53,7 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
     // What the duties do is told by the pressures, so what is sure about those comes first. A duty never turns a
     // pressure's sign, but one that is inverted or exchanged moves what is expected of it, so the rest comes last.
     let before = findings.len();
-    let checks: [&dyn Fn(&mut Vec<Finding>); 4] = [
+    let checks: [Check<'_>; 4] = [
         &|found| standings.iter().for_each(|r| found.extend(compare.together(r))),
         &|found| standings.iter().for_each(|r| found.extend(compare.alone(r, |s| s.recorded * s.simulated < 0.0))),
         &|found| duties(rig, records, found),
@@ -66,6 +66,9 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
     }
     Ok(())
 }
+
+/// Adds what one check finds.
+type Check<'c> = &'c dyn Fn(&mut Vec<Finding>);
 
 /// A recording's channels that tell something.
 struct Recorded<'a> {
