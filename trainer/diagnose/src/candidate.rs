@@ -132,12 +132,13 @@ fn parameter(id: &str, p: &CandidateParameter, path: String) -> Parameter {
             let positive: Vec<f64> = p.starts.iter().copied().filter(|s| *s > 0.0).collect();
             let logs = positive.iter().map(|s| s.ln()).sum::<f64>() / positive.len().max(1) as f64;
             let mean = if positive.is_empty() { (p.low.max(1e-3 * p.high) * p.high).sqrt() } else { logs.exp() };
+            let [mean, sd] = p.usual.unwrap_or([mean, LOG_SD]);
             let least = positive.iter().copied().fold(f64::INFINITY, f64::min).min(mean);
             Parameter {
                 path,
                 transform: Transform::Log,
                 mean,
-                knowledge: Knowledge::Prior { sd: LOG_SD },
+                knowledge: Knowledge::Prior { sd },
                 bounds: [p.low.max(1e-2 * least), p.high],
             }
         }

@@ -17,7 +17,8 @@ use crate::evidence::Bar;
 use crate::experiment::{Plan, plan};
 use crate::figures::{Figures, figures};
 use crate::glance::settled;
-use crate::judge::{Judgement, judge};
+use crate::event::{self, Event};
+use crate::judge::{Judgement, UNKNOWN_KPA, judge};
 use crate::locate::{Missing, reconstruct};
 use crate::search::{Found, SearchSettings, search};
 use crate::unknown::{UnknownTerm, fit_unknown};
@@ -53,6 +54,8 @@ pub(crate) struct Findings<'a, 'r> {
     pub(crate) extended: Figures,
     pub(crate) unknown: Option<&'a UnknownTerm>,
     pub(crate) plan: Option<Plan>,
+    /// What happened in a span that everything else leaves out.
+    pub(crate) event: Option<Event>,
     pub(crate) notes: Vec<String>,
 }
 
@@ -79,7 +82,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     }
     let mut notes: Vec<String> = request.recordings.iter().flat_map(|r| r.notes().to_vec()).collect();
     notes.extend(quality.doubts().map(|finding| finding.text.clone()));
-    let bench = Bench::new(rig, &records, &quality.usable, FITTING, request.threads);
+    let whole = Bench::new(rig, &records, &quality.usable, FITTING, request.threads);
     let candidates = candidates(rig);
     let settings = SearchSettings {
         most_terms: 4,
@@ -88,47 +91,90 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         from_prior: true,
         bar: Bar::default(),
     };
-    let of = |rig: &Rig| figures(&bench, rig, SHOWN, !request.quick);
-    // At its own step: a coarser one's error is not the rig's.
-    let given = of(rig)?;
-    let mut found = search(&bench, &candidates, &settings, progress)?;
-    progress("reconstructing what is missing", 0.0);
-    let missing = reconstruct(&bench, &found.nominal.fitted.rig, &found.nominal.trace, !request.quick)?;
-    let judgement = judge(&bench, &candidates, &found, &given.trace, progress)?;
+    let mut answer = Answer::of(&whole, &candidates, &settings, request.quick, progress)?;
+    // What known physics leaves unexplained may be something that happened; then the rest is asked by itself.
+    let unexplained = answer.judgement.excess_kpa[2].iter().any(|kpa| *kpa > UNKNOWN_KPA);
+    let mut event = if unexplained { event::find(&whole, &answer.found.best.trace) } else { None };
+    let (rest, rest_bench);
+    let bench = match &event {
+        Some(event) => {
+            progress("looking at the rest", 0.0);
+            let (records, places) = event::without(&records, event);
+            let usable: Vec<f64> =
+                places.iter().map(|place| quality.usable.get(*place).copied().unwrap_or(0.0)).collect();
+            rest = records;
+            rest_bench = Bench::new(rig, &rest, &usable, FITTING, request.threads);
+            answer = Answer::of(&rest_bench, &candidates, &settings, request.quick, progress)?;
+            &rest_bench
+        }
+        None => &whole,
+    };
+    let of = |rig: &Rig| figures(bench, rig, SHOWN, !request.quick);
+    let Answer { given, mut found, missing, judgement } = answer;
     let mut unknown = if judgement.verdict == Verdict::UnknownMechanism {
         progress("shaping a term for what has no name", 0.0);
-        fit_unknown(&bench, &found.nominal, &missing, if request.quick { 1 } else { 3 })?
+        fit_unknown(bench, &found.nominal, &missing, if request.quick { 1 } else { 3 })?
     } else {
         None
     };
     progress("planning", 0.0);
     let plan = if judgement.verdict == Verdict::Undecided {
-        plan(&bench, &judgement.rivals.iter().collect::<Vec<_>>())?
+        plan(bench, &judgement.rivals.iter().collect::<Vec<_>>())?
     } else {
         None
     };
     progress("running before and after", 0.0);
-    found.nominal = settled(&bench, &found.nominal)?;
-    found.best = if found.best.terms.is_empty() { found.nominal.clone() } else { settled(&bench, &found.best)? };
+    found.nominal = settled(bench, &found.nominal)?;
+    found.best = if found.best.terms.is_empty() { found.nominal.clone() } else { settled(bench, &found.best)? };
     if let Some(term) = &mut unknown {
-        term.explanation = settled(&bench, &term.explanation)?;
+        term.explanation = settled(bench, &term.explanation)?;
+    }
+    if let Some(event) = &mut event {
+        event.change = event::what_changed(&whole, &found.best.fitted.rig, event)?;
     }
     let findings = Findings {
         given,
         reidentified: of(&found.nominal.fitted.rig)?,
         extended: of(unknown.as_ref().map_or(&found.best.fitted.rig, |term| &term.explanation.fitted.rig))?,
         unknown: unknown.as_ref(),
-        bench: &bench,
+        bench,
         candidates: &candidates,
         found: &found,
         judgement: &judgement,
         missing: &missing,
         plan,
+        event,
         notes,
     };
     let diagnosis = summed_up(&findings);
     write(request, &findings, &diagnosis)?;
     Ok(diagnosis)
+}
+
+/// What a search over some recordings came to.
+struct Answer {
+    given: Figures,
+    found: Found,
+    missing: Missing,
+    judgement: Judgement,
+}
+
+impl Answer {
+    fn of(
+        bench: &Bench<'_>,
+        candidates: &[Candidate],
+        settings: &SearchSettings,
+        quick: bool,
+        progress: &mut dyn FnMut(&str, f64),
+    ) -> Result<Self, DiagnoseError> {
+        // At its own step: a coarser one's error is not the rig's.
+        let given = figures(bench, bench.rig, SHOWN, !quick)?;
+        let found = search(bench, candidates, settings, progress)?;
+        progress("reconstructing what is missing", 0.0);
+        let missing = reconstruct(bench, &found.nominal.fitted.rig, &found.nominal.trace, !quick)?;
+        let judgement = judge(bench, candidates, &found, &given.trace, progress)?;
+        Ok(Answer { given, found, missing, judgement })
+    }
 }
 
 /// Fidelity of fits.
