@@ -70,7 +70,7 @@ impl Candidate {
 pub fn candidates(rig: &Rig) -> Vec<Candidate> {
     model::mechanism::candidates(rig)
         .into_iter()
-        .filter(|offered| !offered.parameters.is_empty())
+        .filter(|offered| !offered.parameters.is_empty() && !is_bias_of_a_root(rig, offered))
         .map(|offered| Candidate {
             id: offered.id.to_owned(),
             form: offered.form.to_owned(),
@@ -80,6 +80,15 @@ pub fn candidates(rig: &Rig) -> Vec<Candidate> {
             offered,
         })
         .collect()
+}
+
+/// Whether it is a constant error of a reading that is made through a root: the meter's own zero lies under the root, so
+/// that its error is large where little flows and gone where much does, and no constant.
+fn is_bias_of_a_root(rig: &Rig, offered: &Offered) -> bool {
+    let constant = ["sensor_bias", "sensor_drift"].contains(&offered.id);
+    let terms =
+        rig.sensors.get(&offered.component).and_then(|sensor| rig.recording.as_ref()?.columns.get(&sensor.column));
+    constant && terms.is_some_and(|terms| terms.0.iter().any(|term| term.root))
 }
 
 /// First magnitudes: all of the first parameter with the first of the others, then the others varied.

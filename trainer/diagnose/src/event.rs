@@ -42,20 +42,21 @@ const BEYOND: f64 = 0.1;
 const FACTORS: [f64; 8] = [0.01, 0.03, 0.1, 0.3, 3.0, 10.0, 30.0, 100.0];
 /// Rounds in which the best factor's neighbours are tried, at half the distance each.
 const ROUNDS: usize = 5;
-/// Share of the squared error inside that a change must take away to be named.
-const NAMED: f64 = 0.5;
+/// Share of the squared error inside that a change must take away to be named, and how many times what a change of any other
+/// component does. A rig in trouble does more than change one number (valves chatter, meters saturate), so the share may be
+/// small; that nothing else comes near it is what tells.
+const NAMED: f64 = 0.2;
+const ALONE: f64 = 1.5;
 
 /// A time span in which something was different.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Event {
-    /// Index of the recording.
-    pub record: usize,
     /// The file.
     pub source: String,
-    /// Its rows.
-    pub rows: Range<usize>,
     /// First and last time in s.
     pub time_s: [f64; 2],
+    /// Rows in it.
+    pub rows: usize,
     /// Root mean square error inside and outside, in kPa.
     pub rmse_kpa: [f64; 2],
     /// What changed, if one number's change explains it.
@@ -75,52 +76,78 @@ pub struct Change {
     pub during: f64,
     /// Share of the squared error that goes with it.
     pub share: f64,
+    /// The same of the best change of any other component.
+    pub next_share: f64,
+}
+
+/// A file's rows, however many pieces it was cut into: record and row of each.
+fn rows_of(records: &Records, source: &str) -> Vec<(usize, usize)> {
+    let of = records.records().iter().enumerate().filter(|(_, r)| r.source == source);
+    of.flat_map(|(record, r)| (0..r.time_s.len()).map(move |row| (record, row))).collect()
 }
 
 /// The span in which a free run errs as nowhere else; `trace` is of the recordings' layout.
 pub fn find(bench: &Bench<'_>, trace: &[f64]) -> Option<Event> {
+    let mut sources: Vec<&str> = Vec::new();
+    for r in bench.records.records() {
+        if !sources.contains(&r.source.as_str()) {
+            sources.push(&r.source);
+        }
+    }
+    let found = sources.into_iter().filter_map(|source| find_in(bench, trace, source));
+    found.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, event)| event)
+}
+
+/// The same in one file, with what it gains.
+fn find_in(bench: &Bench<'_>, trace: &[f64], source: &str) -> Option<(f64, Event)> {
     let layout = bench.records.layout();
     let sigma = bench.sigma_kpa();
-    let mut best: Option<(f64, Event)> = None;
-    for (record, r) in bench.records.records().iter().enumerate() {
-        let blocks = layout.rows(record) / BLOCK;
-        let mut energy = vec![0.0; blocks];
+    let rows = rows_of(bench.records, source);
+    let mut energy = Vec::new();
+    for block in rows.chunks_exact(BLOCK) {
+        let mut both = 0.0;
         for channel in 0..layout.channels() {
-            let noise = sigma.get(channel).map_or(0.0, |s| s * s);
-            for (block, slot) in energy.iter_mut().enumerate() {
-                let rows = layout.stretch(record, channel, block * BLOCK..(block + 1) * BLOCK);
-                let counted = rows.filter(|i| bench.counted().get(*i).is_some_and(|w| *w != 0.0));
-                let (mut sum, mut count) = (0.0, 0.0);
-                for i in counted {
+            let (mut sum, mut count) = (0.0, 0.0);
+            for (record, row) in block {
+                let i = layout.channel(*record, channel).start + row;
+                if bench.counted().get(i).is_some_and(|w| *w != 0.0) {
                     let off = trace.get(i).unwrap_or(&0.0) - bench.records.readings_kpa().get(i).unwrap_or(&0.0);
                     sum += off * off;
                     count += 1.0;
                 }
-                // Never below the noise, whose logarithm would otherwise decide.
-                *slot += f64::max(sum / f64::max(count, 1.0), noise.max(1e-8));
             }
+            // Never below the noise, whose logarithm would otherwise decide.
+            let noise = sigma.get(channel).map_or(0.0, |s| s * s).max(1e-8);
+            both += f64::max(sum / f64::max(count, 1.0), noise);
         }
-        let Some((gain, span)) = likeliest(&energy) else { continue };
-        let rows = span.start * BLOCK..span.end * BLOCK;
-        let time = |row: usize| r.time_s.get(row).copied();
-        let (Some(from), Some(to)) = (time(rows.start), time(rows.end - 1)) else { continue };
-        let [inside, outside] = means(&energy, &span);
-        if inside.sqrt() < LEAST_KPA || !asked_outside(&r.inputs, &rows) {
-            continue;
-        }
-        if best.as_ref().is_none_or(|(most, _)| gain > *most) {
-            let event = Event {
-                record,
-                source: r.source.clone(),
-                rows,
-                time_s: [from, to],
-                rmse_kpa: [inside.sqrt(), outside.sqrt()],
-                change: None,
-            };
-            best = Some((gain, event));
-        }
+        energy.push(both);
     }
-    best.map(|(_, event)| event)
+    let (gain, span) = likeliest(&energy)?;
+    let within = span.start * BLOCK..span.end * BLOCK;
+    let [inside, outside] = means(&energy, &span).map(f64::sqrt);
+    let time = |at: usize| {
+        let (record, row) = rows.get(at)?;
+        bench.records.records().get(*record)?.time_s.get(*row).copied()
+    };
+    let time_s = [time(within.start)?, time(within.end - 1)?];
+    // What the model was asked: the commands, and the pressures that it came to.
+    let input = |n: usize| {
+        let of =
+            rows.iter().filter_map(move |(record, row)| bench.records.records().get(*record)?.inputs.get(n)?.get(*row));
+        of.copied().collect::<Vec<f64>>()
+    };
+    let simulated = |channel: usize| {
+        let of = rows.iter().filter_map(move |(record, row)| trace.get(layout.channel(*record, channel).start + row));
+        of.copied().collect::<Vec<f64>>()
+    };
+    let asked: Vec<Vec<f64>> =
+        (0..bench.records.inputs().len()).map(input).chain((0..layout.channels()).map(simulated)).collect();
+    if inside < LEAST_KPA || !asked_outside(&asked, &within) {
+        return None;
+    }
+    let event =
+        Event { source: source.to_owned(), time_s, rows: within.len(), rmse_kpa: [inside, outside], change: None };
+    Some((gain, event))
 }
 
 /// The span of blocks that stands out most, with its gain; `None` if none does.
@@ -179,17 +206,29 @@ fn asked_outside(inputs: &[Vec<f64>], rows: &Range<usize>) -> bool {
     })
 }
 
+/// Rows of every recording inside an event; empty where there are none.
+fn inside(records: &Records, event: &Event) -> Vec<Range<usize>> {
+    let [from, to] = event.time_s;
+    let of = |r: &fit::data::Record| {
+        if r.source != event.source {
+            return 0..0;
+        }
+        r.time_s.partition_point(|t| *t < from)..r.time_s.partition_point(|t| *t <= to)
+    };
+    records.records().iter().map(of).collect()
+}
+
 /// The recordings without an event: what lies before and after it, each a recording of its own. And which of the old
 /// readings the new ones are.
 pub fn without(records: &Records, event: &Event) -> (Records, Vec<usize>) {
     let mut parts = Vec::new();
-    for record in 0..records.records().len() {
+    for (record, inside) in inside(records, event).into_iter().enumerate() {
         let all = 0..records.layout().rows(record);
-        if record == event.record {
-            parts.push((record, all.start..event.rows.start));
-            parts.push((record, event.rows.end..all.end));
-        } else {
+        if inside.is_empty() {
             parts.push((record, all));
+        } else {
+            parts.push((record, all.start..inside.start));
+            parts.push((record, inside.end..all.end));
         }
     }
     records.parts(&parts)
@@ -200,7 +239,8 @@ pub fn without(records: &Records, event: &Event) -> (Records, Vec<usize>) {
 /// # Errors
 /// The rig itself cannot be simulated.
 pub fn what_changed(bench: &Bench<'_>, rig: &Rig, event: &Event) -> Result<Option<Change>, DiagnoseError> {
-    let (records, places) = bench.records.parts(&[(event.record, event.rows.clone())]);
+    let parts: Vec<(usize, Range<usize>)> = inside(bench.records, event).into_iter().enumerate().collect();
+    let (records, places) = bench.records.parts(&parts);
     let counted: Vec<f64> = places.iter().map(|i| bench.counted().get(*i).copied().unwrap_or(0.0)).collect();
     let simulator = Simulator::new(&records, bench.simulator.fidelity());
     let squares = |trace: &[f64]| -> f64 {
@@ -209,7 +249,7 @@ pub fn what_changed(bench: &Bench<'_>, rig: &Rig, event: &Event) -> Result<Optio
     };
     let unchanged = simulator.free(std::slice::from_ref(rig)).pop().unwrap_or_else(|| Ok(Vec::new()));
     let unchanged = squares(&unchanged.map_err(DiagnoseError::rig(rig))?);
-    let mut best: Option<(f64, Change)> = None;
+    let mut changes: Vec<Change> = Vec::new();
     for parameter in rig.parameters() {
         let Some(component) = component_of(&parameter.path) else { continue };
         if parameter.value <= 0.0 {
@@ -242,18 +282,21 @@ pub fn what_changed(bench: &Bench<'_>, rig: &Rig, event: &Event) -> Result<Optio
             reach = reach.sqrt();
         }
         let Some((left, factor)) = tried.iter().copied().min_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
-        if best.as_ref().is_none_or(|(least, _)| left < *least) {
-            let change = Change {
-                component,
-                before: parameter.value,
-                during: factor * parameter.value,
-                share: 1.0 - left / unchanged.max(1e-12),
-                path: parameter.path,
-            };
-            best = Some((left, change));
-        }
+        changes.push(Change {
+            component,
+            before: parameter.value,
+            during: factor * parameter.value,
+            share: 1.0 - left / unchanged.max(1e-12),
+            next_share: 0.0,
+            path: parameter.path,
+        });
     }
-    Ok(best.map(|(_, change)| change).filter(|change| change.share > NAMED))
+    changes.sort_by(|a, b| b.share.total_cmp(&a.share));
+    let Some(best) = changes.first() else { return Ok(None) };
+    let others = changes.iter().filter(|c| c.component != best.component).map(|c| c.share);
+    let next_share = others.fold(0.0, f64::max);
+    let named = best.share > NAMED && best.share > ALONE * next_share;
+    Ok(named.then(|| Change { next_share, ..best.clone() }))
 }
 
 /// The component of a path such as `lines.hose.area_mm2`; none for the air and the gas, which no event changes.

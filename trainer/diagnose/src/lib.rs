@@ -13,6 +13,7 @@
 //! | where the mismatch lives; missing flows reconstructed | [`locate`] |
 //! | a verdict and its rivals | [`judge`] |
 //! | a term without a name | [`unknown`] |
+//! | recorded flows into closed volumes | [`closed`] |
 //! | a time span in which the rig was another one | [`event`] |
 //! | the experiment that tells rivals apart | [`experiment`] |
 //! | before and after; words; `diagnosis.json`; `report.html` | [`figures`], [`diagnosis`] |
@@ -22,6 +23,7 @@
 pub mod alone;
 pub mod bench;
 pub mod candidate;
+pub mod closed;
 pub mod diagnosis;
 mod error;
 pub mod event;

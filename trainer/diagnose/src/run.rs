@@ -11,13 +11,14 @@ use proto::recording::Recording;
 
 use crate::bench::{Bench, Explanation};
 use crate::candidate::{Candidate, candidates};
+use crate::closed;
 use crate::diagnosis::{Diagnosis, Fits, Verdict};
 use crate::error::DiagnoseError;
+use crate::event::{self, Event};
 use crate::evidence::Bar;
 use crate::experiment::{Plan, plan};
 use crate::figures::{Figures, figures};
 use crate::glance::settled;
-use crate::event::{self, Event};
 use crate::judge::{Judgement, UNKNOWN_KPA, judge};
 use crate::locate::{Missing, reconstruct};
 use crate::search::{Found, SearchSettings, search};
@@ -82,7 +83,20 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     }
     let mut notes: Vec<String> = request.recordings.iter().flat_map(|r| r.notes().to_vec()).collect();
     notes.extend(quality.doubts().map(|finding| finding.text.clone()));
-    let whole = Bench::new(rig, &records, &quality.usable, FITTING, request.threads);
+    // What was checked whole is run in pieces where a meter's error would add up.
+    let (records, usable) = match closed::accumulates(rig) {
+        Some(source) => {
+            notes.push(format!(
+                "{source} fills a closed volume, in which an error of its meter adds up: free runs start anew every 4 s"
+            ));
+            let (pieces, places) = closed::pieces(&records);
+            let mut usable = taken(&quality.usable, &places);
+            closed::without_starts(&pieces, &mut usable);
+            (pieces, usable)
+        }
+        None => (records, quality.usable),
+    };
+    let whole = Bench::new(rig, &records, &usable, FITTING, request.threads);
     let candidates = candidates(rig);
     let settings = SearchSettings {
         most_terms: 4,
@@ -94,14 +108,17 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     let mut answer = Answer::of(&whole, &candidates, &settings, request.quick, progress)?;
     // What known physics leaves unexplained may be something that happened; then the rest is asked by itself.
     let unexplained = answer.judgement.excess_kpa[2].iter().any(|kpa| *kpa > UNKNOWN_KPA);
-    let mut event = if unexplained { event::find(&whole, &answer.found.best.trace) } else { None };
+    let unnamed = answer.judgement.verdict == Verdict::UnknownMechanism;
+    let mut event = if unexplained && unnamed { event::find(&whole, &answer.found.best.trace) } else { None };
     let (rest, rest_bench);
     let bench = match &event {
         Some(event) => {
             progress("looking at the rest", 0.0);
             let (records, places) = event::without(&records, event);
-            let usable: Vec<f64> =
-                places.iter().map(|place| quality.usable.get(*place).copied().unwrap_or(0.0)).collect();
+            let mut usable = taken(&usable, &places);
+            if closed::accumulates(rig).is_some() {
+                closed::without_starts(&records, &mut usable);
+            }
             rest = records;
             rest_bench = Bench::new(rig, &rest, &usable, FITTING, request.threads);
             answer = Answer::of(&rest_bench, &candidates, &settings, request.quick, progress)?;
@@ -149,6 +166,11 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     let diagnosis = summed_up(&findings);
     write(request, &findings, &diagnosis)?;
     Ok(diagnosis)
+}
+
+/// Weights of the readings at some places.
+fn taken(weights: &[f64], places: &[usize]) -> Vec<f64> {
+    places.iter().map(|place| weights.get(*place).copied().unwrap_or(0.0)).collect()
 }
 
 /// What a search over some recordings came to.

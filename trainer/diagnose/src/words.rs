@@ -45,6 +45,17 @@ fn does(id: &str) -> &'static str {
     }
 }
 
+/// What a mechanism does where it is.
+fn does_at(findings: &Findings<'_, '_>, candidate: &Candidate) -> &'static str {
+    let line = findings.bench.rig.lines.contains_key(&candidate.component);
+    match candidate.id.as_str() {
+        "line_resistance" if line => {
+            "loses more pressure than in proportion to its flow: part of it grows with the square"
+        }
+        id => does(id),
+    }
+}
+
 /// A component in words: `valve_neg` becomes `The negative valve`.
 fn called(findings: &Findings<'_, '_>, candidate: &Candidate) -> String {
     let rig = findings.bench.rig;
@@ -132,7 +143,7 @@ fn mechanism(findings: &Findings<'_, '_>, term: usize) -> FoundMechanism {
         id: candidate.id.clone(),
         side: candidate.side.clone(),
         component: candidate.component.clone(),
-        summary: format!("{} {} ({}).", called(findings, candidate), does(&candidate.id), told.join(", ")),
+        summary: format!("{} {} ({}).", called(findings, candidate), does_at(findings, candidate), told.join(", ")),
         parameters,
         evidence: FoundEvidence {
             delta_log_likelihood: contest.map_or(0.0, |c| c.gain),
@@ -173,7 +184,8 @@ pub(crate) fn summary(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]
 /// An event in words.
 fn happened(event: &Event) -> String {
     let [from, to] = event.time_s;
-    let file = std::path::Path::new(&event.source).file_name().map_or(event.source.clone(), |f| f.display().to_string());
+    let file =
+        std::path::Path::new(&event.source).file_name().map_or(event.source.clone(), |f| f.display().to_string());
     let [inside, outside] = event.rmse_kpa;
     let span = format!("Something happened between {from:.1} and {to:.1} s of {file}");
     let off = format!("the free run is off by {inside:.2} kPa there and by {outside:.2} kPa outside");
@@ -181,12 +193,14 @@ fn happened(event: &Event) -> String {
         Some(change) => {
             let key = change.path.rsplit('.').next().unwrap_or_default();
             format!(
-                "{span}: `{}` was another one, {} {} instead of {}, which explains {:.0} % of the error there ({off}).",
+                "{span}, at `{}`: with a {} of {} instead of {} the squared error there falls by {:.0} %, with any other \
+                 single change by {:.0} % at most ({off}).",
                 change.component,
                 key.replace('_', " "),
                 three(change.during),
                 three(change.before),
-                100.0 * change.share
+                100.0 * change.share,
+                100.0 * change.next_share
             )
         }
         None => format!("{span} that no single change of the rig explains ({off})."),
@@ -268,7 +282,7 @@ pub(crate) fn in_words(findings: &Findings<'_, '_>, name: &str) -> String {
         Some(candidate) => {
             let called = called(findings, candidate);
             let lower = called.strip_prefix("The ").map_or(called.clone(), |rest| format!("the {rest}"));
-            format!("{lower} {}", does(&candidate.id))
+            format!("{lower} {}", does_at(findings, candidate))
         }
         None => name.to_owned(),
     }
@@ -282,7 +296,13 @@ fn moved(findings: &Findings<'_, '_>) -> String {
     let told: Vec<String> = estimates
         .iter()
         .take(3)
-        .map(|e| format!("{} {:+.1} %", e.parameter.path, 100.0 * (e.value / e.parameter.mean - 1.0)))
+        .map(|e| {
+            // What was stated as nothing has no share of it.
+            if e.parameter.mean == 0.0 {
+                return format!("{} {} {}", e.parameter.path, three(e.value), e.parameter.unit());
+            }
+            format!("{} {:+.1} %", e.parameter.path, 100.0 * (e.value / e.parameter.mean - 1.0))
+        })
         .collect();
     if told.is_empty() { String::new() } else { format!("Moved most: {}.", told.join(", ")) }
 }
@@ -321,7 +341,7 @@ pub(crate) fn locations(findings: &Findings<'_, '_>) -> Vec<Location> {
 
 fn place_of_event(findings: &Findings<'_, '_>, event: &Event) -> Location {
     let component = event.change.as_ref().map_or_else(|| volume_of(findings, 0), |change| change.component.clone());
-    let rows = event.rows.len() as f64;
+    let rows = event.rows as f64;
     let all = findings.bench.records.records().iter().map(|r| r.time_s.len()).sum::<usize>() as f64;
     let [inside, outside] = event.rmse_kpa.map(|kpa| kpa * kpa);
     Location {
