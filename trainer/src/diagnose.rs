@@ -40,7 +40,14 @@ pub(crate) struct DiagnoseArgs {
 
 pub(crate) fn run(args: &DiagnoseArgs) -> Result<(), Failure> {
     let rig = rig_file::load(&args.rig)?;
-    let recordings = args.recordings.iter().map(|path| Recording::read(path)).collect::<Result<Vec<_>, _>>()?;
+    let recordings =
+        args.recordings.iter().map(|path| Recording::read_for(path, &rig)).collect::<Result<Vec<_>, _>>()?;
+    // The paper's rig has its two sides; any other one its sensors' names.
+    let channels = if rig.sensors.len() == 2 && rig.volumes.contains_key("positive") {
+        vec!["positive".to_owned(), "negative".to_owned()]
+    } else {
+        rig.sensors.keys().take(2).cloned().collect()
+    };
     let request = Request { rig, recordings, out_dir: args.out.clone(), quick: args.quick, threads: None };
     let diagnosis = {
         let mut shown = Shown::new();
@@ -52,20 +59,29 @@ pub(crate) fn run(args: &DiagnoseArgs) -> Result<(), Failure> {
     for note in &diagnosis.notes {
         tell(note);
     }
-    stdout::say(&text(&diagnosis, args))
+    stdout::say(&text(&diagnosis, args, &channels))
 }
 
 /// The answer for people.
-fn text(diagnosis: &Diagnosis, args: &DiagnoseArgs) -> String {
+fn text(diagnosis: &Diagnosis, args: &DiagnoseArgs, channels: &[String]) -> String {
     let mut text = format!("{}: {}\n\n", diagnosis.verdict.as_str(), diagnosis.summary);
-    text.push_str("free run on held-out stretches   positive kPa   negative kPa\n");
+    text.push_str(&format!("{:<30}", "free run on held-out stretches"));
+    for channel in channels {
+        text.push_str(&format!(" {:>14}", format!("{channel} kPa")));
+    }
+    text.push('\n');
     let fits = [
         ("rig as given", &diagnosis.fit.nominal),
         ("parameters fitted", &diagnosis.fit.reidentified),
         ("with what was found", &diagnosis.fit.extended),
     ];
     for (name, fit) in fits {
-        text.push_str(&format!("{name:<30} {:>14.3} {:>14.3}\n", fit.pos_rmse_kpa, fit.neg_rmse_kpa));
+        text.push_str(&format!("{name:<30}"));
+        for (channel, rmse) in channels.iter().zip([fit.pos_rmse_kpa, fit.neg_rmse_kpa]) {
+            let width = 14.max(channel.len() + 4);
+            text.push_str(&format!(" {rmse:>width$.3}"));
+        }
+        text.push('\n');
     }
     for group in &diagnosis.rivals {
         text.push_str(&format!("\nnot told apart: {}", group.join(", ")));

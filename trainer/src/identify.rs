@@ -49,7 +49,8 @@ pub(crate) struct IdentifyArgs {
 pub(crate) fn run(args: &IdentifyArgs) -> Result<(), Failure> {
     let rig = rig_file::load(&args.rig)?;
     // All are read before anything is fitted, so that a bad file shows at once.
-    let recordings = args.recordings.iter().map(|path| Recording::read(path)).collect::<Result<Vec<_>, _>>()?;
+    let recordings =
+        args.recordings.iter().map(|path| Recording::read_for(path, &rig)).collect::<Result<Vec<_>, _>>()?;
     if args.recordings.iter().any(|path| same_file(path, &args.out)) {
         return Err(Failure::OverRecording { out: args.out.display().to_string() });
     }

@@ -47,7 +47,7 @@ const DIGITS: i32 = 7;
 
 pub(crate) fn run(args: &SimulateArgs) -> Result<(), Failure> {
     let (rig, plant) = args.rig.compile()?;
-    let recording = Recording::read(&args.inputs)?;
+    let recording = Recording::read_for(&args.inputs, &rig)?;
     if same_file(&args.inputs, &args.out) {
         return Err(Failure::OverInputs { out: args.out.display().to_string() });
     }

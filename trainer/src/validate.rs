@@ -50,7 +50,8 @@ struct Figures {
 pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     let (rig, plant) = args.rig.compile()?;
     // All are read before any is run, so that a bad file shows at once.
-    let recordings = args.recordings.iter().map(|path| Recording::read(path)).collect::<Result<Vec<_>, _>>()?;
+    let recordings =
+        args.recordings.iter().map(|path| Recording::read_for(path, &rig)).collect::<Result<Vec<_>, _>>()?;
     let mut free_run =
         FreeRun::new(plant.clone()).map_err(|problem| RigFileError::Rig { file: args.rig.rig.clone(), problem })?;
     let rows: usize = recordings.iter().map(Recording::rows).sum();

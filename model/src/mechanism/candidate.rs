@@ -39,6 +39,8 @@ pub struct CandidateParameter {
     pub starts: Vec<f64>,
     /// Whether it can be negative.
     pub signed: bool,
+    /// What is usual, and the standard deviation of its logarithm, where that was measured.
+    pub usual: Option<[f64; 2]>,
 }
 
 impl Candidate {
@@ -83,6 +85,7 @@ impl Form {
                 high: number.plausible[1],
                 starts: number.starts.to_vec(),
                 signed: number.is_signed(),
+                usual: number.usual,
             })
         };
         let parameters = fitted.iter().filter_map(parameter).collect();

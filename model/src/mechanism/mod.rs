@@ -7,10 +7,10 @@
 //! | place | mechanisms |
 //! | --- | --- |
 //! | command path of a valve, in this order | `command_delay`, `supply_sag`, `coil_heating`, `valve_lag`, `valve_force_curve` (coil), `valve_stiction`, `valve_hysteresis` |
-//! | valve | `valve_force_curve` (jet, full opening), `critical_ratio`, `line_resistance`, `exhaust_restriction`, `residual_flow` |
+//! | valve | `dead_zone`, `valve_force_curve` (jet, full opening), `critical_ratio`, `line_resistance`, `exhaust_restriction`, `residual_flow` |
 //! | volume | `chamber_thermal`, `volume_compliance`, `volume_change`, `actuator_load` |
 //! | flow path | `chamber_leak`, `cross_leak`, `residual_flow`, `line_resistance` |
-//! | pump | `piston_blowby`, `check_valve_cracking`, `pump_droop`, `pump_speed`, `line_resistance` |
+//! | pump | `piston_blowby`, `check_valve_cracking`, `pump_droop`, `pump_speed`, `dead_zone`, `line_resistance` |
 //! | sensor | `sensor_lag`, `sensor_drift`, `sensor_bias`, `sensor_gain` |
 //!
 //! The command path runs ahead of the pressures: a command is constant over a tick and nothing in the
@@ -29,6 +29,7 @@ mod coil_heating;
 mod command_delay;
 mod critical_ratio;
 mod cross_leak;
+mod dead_zone;
 mod exhaust_restriction;
 mod line_resistance;
 mod piston_blowby;
@@ -59,6 +60,7 @@ pub use command_delay::CommandDelay;
 pub(crate) use command_delay::{Delay, LONGEST_TICKS};
 pub use critical_ratio::CriticalRatio;
 pub use cross_leak::CrossLeak;
+pub use dead_zone::DeadZone;
 pub use exhaust_restriction::ExhaustRestriction;
 pub use line_resistance::{LineResistance, PumpPort};
 pub use piston_blowby::PistonBlowby;
@@ -210,6 +212,8 @@ mechanisms! {
     ValveLag,
     /// Forces on the flapper are not straight lines.
     ValveForceCurve,
+    /// Nothing flows below some duty.
+    DeadZone,
     /// A warm coil pulls less.
     CoilHeating,
     /// The drivers' supply gives way.

@@ -14,8 +14,11 @@
 //! smaller: a sweep over a range `A` encloses the mean of `2 w_i (A − 2 w_i)` over the plays narrower than `A/2`, and
 //! `x` after turning round the opening lags by the mean of `min(x, 2 w_i)`.
 //!
-//! Published calibrations of the paper's valve family (SMC PVQ31) differ by 5-8 % of duty between
-//! rising and falling, so `w` is about 0.03 there.
+//! Two published calibrations of the paper's valve family (SMC PVQ31-5G-23-01N) say what `w` is before anything is
+//! recorded. One lies 5-8 % of duty apart between rising and falling, `w = 0.033` (17 levels from 10 to 90 % open). In
+//! the other the branches cross and differ by 0.0047 (root mean square over the same levels of flow), which bounds the
+//! play from above. Two valves of one type number: the geometric mean is 0.012, the logarithm's standard deviation 1.
+//! How these were computed: `docs/bring-your-own-rig.md`.
 
 use serde::{Deserialize, Serialize};
 
@@ -44,6 +47,7 @@ numbers!(ValveHysteresis {
     half_width_duty: Number::new("duty", 0.0, 0.5)
         .plausible(0.002, 0.1)
         .starts(&[0.005, 0.015, 0.03, 0.06])
+        .usually(0.012, 1.0)
         .hint("half of the gap between rising and falling"),
     spread_duty: Number::new("duty", 0.0, 0.5)
         .plausible(0.001, 0.06)

@@ -22,6 +22,8 @@ const MS: f64 = 1e-3;
 const MILLIGRAM: f64 = 1e-6;
 /// In m³: a pump moves it by less than a pascal in the step of a held rig.
 const HELD_VOLUME: f64 = 0.1;
+/// The most of a pump's range that may be dead; the rest must hold all of its flow.
+const MOST_DEAD: f64 = 0.95;
 /// m/s².
 const STANDARD_GRAVITY: f64 = 9.80665;
 
@@ -105,7 +107,19 @@ impl<R: Real> Plant<R> {
         macro_rules! same {
             ($($field:ident),*) => { $(if parts.iter().any(|p| p.$field != first.$field) { return None; })* };
         }
-        same!(inputs, chamber_names, sensor_columns, step_s, steps, refine, mean_duties, extended, states, chambers);
+        same!(
+            inputs,
+            chamber_names,
+            sensor_columns,
+            step_s,
+            steps,
+            refine,
+            mean_duties,
+            extended,
+            states,
+            chambers,
+            like
+        );
         macro_rules! number {
             ($field:ident) => {
                 lanes_of(parts, |p| p.$field)
@@ -162,6 +176,7 @@ impl<R: Real> Plant<R> {
                 &paths.iter().collect::<Vec<_>>()
             )),
             sensors: records!(sensors, SensorPath::side_by_side),
+            like: first.like.clone(),
             unknowns: first.unknowns.clone(),
         })
     }
@@ -244,6 +259,7 @@ impl<'a> Assembly<'a> {
             drives: Vec::new(),
             commands: Vec::new(),
             sensors: Vec::new(),
+            like: Vec::new(),
             unknowns: Vec::new(),
         };
         let mut assembly =
@@ -332,7 +348,8 @@ impl<'a> Assembly<'a> {
                 command,
                 input_area: valve.input_area_mm2 * MM2,
                 pressure_area: valve.pressure_area_mm2_per_n * MM2 * nozzle,
-                spring_area: valve.spring_area_mm2 * MM2,
+                // A dead zone is a spring by another name.
+                spring_area: dead_zone(self.rig, name).mul_add(valve.input_area_mm2, valve.spring_area_mm2) * MM2,
             };
             if mechanisms_on(self.rig, name).any(extends_the_balances) {
                 let shaped = self.shaped(name, valve, vent, nozzle);
@@ -443,14 +460,15 @@ impl<'a> Assembly<'a> {
                     };
                     let command = p.command.as_deref().map(|c| input(&mut self.plant.inputs, c, None));
                     let rt = self.plant.gas_constant * self.plant.temperature.get(up).copied().unwrap_or(f64::NAN);
+                    let dead_zone = (p.dead_zone_duty + dead_zone(self.rig, name)).min(MOST_DEAD);
                     self.plant.displacements.push(Displacement {
                         up,
                         down,
                         command,
                         path,
                         flow: p.flow_l_per_min * LITRE / 60.0 * factor,
-                        dead_zone: p.dead_zone_duty,
-                        inverse_range: 1.0 / (1.0 - p.dead_zone_duty),
+                        dead_zone,
+                        inverse_range: 1.0 / (1.0 - dead_zone),
                         droop: droop.unwrap_or(0.0),
                         rt,
                     });
@@ -609,12 +627,13 @@ impl<'a> Assembly<'a> {
     fn feeds(&mut self) -> Result<(), RigError> {
         let outside = self.rig.atmosphere.temperature_k;
         for source in self.rig.sources.values() {
-            if let Source::Flow { to, flow_l_per_min, signal } = source {
+            if let Source::Flow { to, flow_l_per_min, signal, offset_l_per_min } = source {
                 let down = self.node(to);
                 let command = signal.as_deref().map(|s| input(&mut self.plant.inputs, s, None));
                 let density = self.plant.atmosphere_pa / (self.plant.gas_constant * outside);
-                let flow = flow_l_per_min * LITRE / 60.0 * density;
-                self.plant.feeds.push(Feed { down, command, flow, temperature: outside });
+                let [flow, offset] =
+                    [*flow_l_per_min, *offset_l_per_min].map(|l_per_min| l_per_min * LITRE / 60.0 * density);
+                self.plant.feeds.push(Feed { down, command, flow, offset, temperature: outside });
             }
         }
         Ok(())
@@ -756,7 +775,40 @@ impl<'a> Assembly<'a> {
             }
             self.plant.sensors.push(path);
         }
+        self.plant.like = self.neighbours();
         Ok(())
+    }
+
+    /// Chambers without a sensor that lines join, over however many others, to one that has one: the nearest sensor.
+    fn neighbours(&self) -> Vec<(usize, usize)> {
+        let joins: Vec<[usize; 2]> = self
+            .rig
+            .lines
+            .values()
+            .map(|line| match line {
+                Line::Orifice { from, to, .. } | Line::Laminar { from, to, .. } => [self.node(from), self.node(to)],
+            })
+            .filter(|ends| ends.iter().all(|node| *node < self.plant.chambers))
+            .collect();
+        let mut known: Vec<(usize, usize)> =
+            self.plant.sensors.iter().enumerate().map(|(sensor, path)| (path.node, sensor)).collect();
+        let measured = known.len();
+        // One more line away with each round.
+        for _ in 0..self.plant.chambers {
+            let is_known = |node: usize| known.iter().find(|(other, _)| *other == node).map(|(_, sensor)| *sensor);
+            let next: Vec<(usize, usize)> = joins
+                .iter()
+                .flat_map(|[one, other]| [(*one, *other), (*other, *one)])
+                .filter(|(to, _)| is_known(*to).is_none())
+                .filter_map(|(to, from)| Some((to, is_known(from)?)))
+                .collect();
+            for (node, sensor) in next {
+                if known.iter().all(|(other, _)| *other != node) {
+                    known.push((node, sensor));
+                }
+            }
+        }
+        known.split_off(measured)
     }
 }
 
@@ -809,6 +861,11 @@ fn has_muscle(rig: &Rig, volume: &str) -> bool {
 /// The mechanisms that act on a component.
 fn mechanisms_on<'r>(rig: &'r Rig, component: &'r str) -> impl Iterator<Item = &'r Mechanism> {
     rig.mechanisms.iter().filter(move |m| m.enabled && m.component == component).map(|m| &m.mechanism)
+}
+
+/// The duty below which nothing flows through a component, as its mechanisms have it.
+fn dead_zone(rig: &Rig, component: &str) -> f64 {
+    mechanisms_on(rig, component).map(|m| if let Mechanism::DeadZone(m) = m { m.closed_duty } else { 0.0 }).sum()
 }
 
 /// The index of an input column, added where it is new.

@@ -280,6 +280,8 @@ record! {
     } lanes {
         /// Mass flow in kg/s.
         flow,
+        /// Mass flow in kg/s that comes on top, whatever the input.
+        offset,
         /// Temperature of what comes in, in K.
         temperature,
     }

@@ -135,6 +135,8 @@ pub struct Plant<R> {
     drives: Vec<Drive<R>>,
     commands: Vec<CommandPath<R>>,
     sensors: Vec<SensorPath<R>>,
+    /// Chambers without a sensor, each with the sensor whose pressure a free run starts it at.
+    like: Vec<(usize, usize)>,
     unknowns: Vec<unknown::Placed>,
 }
 

@@ -253,7 +253,7 @@ pub(crate) fn rates<R: Real, const STATES: usize, const NODES: usize, const EXTE
         balance.pass::<EXTENDED>(pump.up, pump.down, flow, temperature);
     }
     for (i, feed) in plant.feeds.iter().enumerate() {
-        let flow = feed.flow * scratch.feed(i);
+        let flow = feed.flow.mul_add(scratch.feed(i), feed.offset);
         balance.feed::<EXTENDED>(feed.down, flow, feed.temperature, temperature);
     }
 

@@ -206,7 +206,8 @@ impl<R: Simulated> Simulation<R> {
     /// Starts a free run: sensors read `readings_kpa` (gauge), `inputs` have long been commanded, the crank
     /// is at zero; cylinders as `start` says.
     ///
-    /// A chamber without a sensor starts at atmospheric pressure.
+    /// A chamber without a sensor starts at the reading of the nearest one that lines join it to; at atmospheric pressure
+    /// where there is none.
     pub fn start_from(&mut self, readings_kpa: &[R], inputs: &[R], start: FreeRunStart) {
         self.start_at(readings_kpa, inputs, start, R::splat(0.0));
     }
@@ -219,6 +220,12 @@ impl<R: Simulated> Simulation<R> {
         let plant = Arc::clone(&self.plant);
         for (sensor, reading) in plant.sensors.iter().zip(readings_kpa) {
             self.set_pressure_pa(sensor.node, plant.atmosphere_pa + sensor.gauge_kpa(*reading, 0.0) * R::splat(1e3));
+        }
+        for (node, sensor) in &plant.like {
+            if let (Some(sensor), Some(reading)) = (plant.sensors.get(*sensor), readings_kpa.get(*sensor)) {
+                let gauge_kpa = sensor.gauge_kpa(*reading, 0.0);
+                self.set_pressure_pa(*node, plant.atmosphere_pa + gauge_kpa * R::splat(1e3));
+            }
         }
         if start == FreeRunStart::Running {
             self.run_averaged(inputs);

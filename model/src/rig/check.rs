@@ -41,6 +41,9 @@ impl Rig {
         self.check_pumps()?;
         self.check_paths()?;
         self.check_sensors()?;
+        if let Some(map) = &self.recording {
+            map.check(self)?;
+        }
         for (n, attached) in self.mechanisms.iter().enumerate() {
             let key = format!("mechanisms.{}", n + 1);
             attached.mechanism.check(self, &attached.component, &key)?;

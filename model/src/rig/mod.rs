@@ -11,6 +11,7 @@ mod number;
 mod parameters;
 mod ranges;
 mod read;
+mod recording_map;
 mod schema;
 
 pub(crate) use check::{names, within};
@@ -18,6 +19,7 @@ pub use error::RigError;
 pub(crate) use number::numbers;
 pub use number::{Number, Numbers};
 pub use parameters::Parameter;
+pub use recording_map::{RecordingMap, Term, Terms};
 pub use schema::{
     ATMOSPHERE, Atmosphere, Attached, FlowPump, Gas, Integrator, Line, PistonPump, Pump, Rig, Sensor, Source, Valve,
     Volume, WHOLE_RIG,

@@ -26,6 +26,9 @@ pub struct Number {
     pub hint: &'static str,
     /// First magnitudes for a fit of a mechanism, weak to strong; empty for components.
     pub starts: &'static [f64],
+    /// For a magnitude of a mechanism that was measured on parts of its kind: what is usual, and the standard deviation
+    /// of its logarithm.
+    pub usual: Option<[f64; 2]>,
     /// Whether its key may be left out, which is the same as zero.
     pub optional: bool,
 }
@@ -42,6 +45,7 @@ impl Number {
             prior_sd: 0.05,
             hint: "",
             starts: &[],
+            usual: None,
             optional: false,
         }
     }
@@ -64,6 +68,11 @@ impl Number {
     /// The same with first magnitudes, weak to strong.
     pub const fn starts(self, starts: &'static [f64]) -> Self {
         Number { starts, ..self }
+    }
+
+    /// The same, measured on parts of its kind: a usual value, and the standard deviation of the logarithm.
+    pub const fn usually(self, value: f64, log_sd: f64) -> Self {
+        Number { usual: Some([value, log_sd]), ..self }
     }
 
     /// The same for a key that may be left out.

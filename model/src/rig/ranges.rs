@@ -98,7 +98,10 @@ impl Numbers for Source {
                     .named("pressure_kpa_gauge"),
                 TEMPERATURE.named("temperature_k"),
             ],
-            Source::Flow { .. } => vec![Number::new("L/min", -1e5, 1e5).known_to(0.05).named("flow_l_per_min")],
+            Source::Flow { .. } => vec![
+                Number::new("L/min", -1e5, 1e5).known_to(0.05).named("flow_l_per_min"),
+                Number::new("L/min", -1e5, 1e5).named("offset_l_per_min").optional(),
+            ],
         }
     }
 
@@ -107,6 +110,7 @@ impl Numbers for Source {
             (Source::Pressure { pressure_kpa_gauge, .. }, 0) => *pressure_kpa_gauge,
             (Source::Pressure { temperature_k, .. }, 1) => *temperature_k,
             (Source::Flow { flow_l_per_min, .. }, 0) => *flow_l_per_min,
+            (Source::Flow { offset_l_per_min, .. }, 1) => *offset_l_per_min,
             _ => f64::NAN,
         }
     }
@@ -116,6 +120,7 @@ impl Numbers for Source {
             (Source::Pressure { pressure_kpa_gauge, .. }, 0) => Some(pressure_kpa_gauge),
             (Source::Pressure { temperature_k, .. }, 1) => Some(temperature_k),
             (Source::Flow { flow_l_per_min, .. }, 0) => Some(flow_l_per_min),
+            (Source::Flow { offset_l_per_min, .. }, 1) => Some(offset_l_per_min),
             _ => None,
         }
     }

@@ -6,6 +6,7 @@
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
+use super::recording_map::RecordingMap;
 use crate::mechanism::Mechanism;
 
 /// The name that stands for the open air wherever a component is joined to something.
@@ -48,6 +49,9 @@ pub struct Rig {
     pub sources: IndexMap<String, Source>,
     /// Pressure sensors, by name.
     pub sensors: IndexMap<String, Sensor>,
+    /// How files that others wrote name and scale what this rig reads; absent where they have the rig's own columns.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recording: Option<RecordingMap>,
     /// Physics beyond the components' own.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub mechanisms: Vec<Attached>,
@@ -236,6 +240,9 @@ pub enum Source {
         /// Input column that multiplies the flow; absent means constant.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         signal: Option<String>,
+        /// Flow in L/min that comes on top of it: what a meter does not show when nothing flows. Absent means none.
+        #[serde(default)]
+        offset_l_per_min: f64,
     },
 }
 

@@ -53,6 +53,8 @@ pub struct Table {
     pub lines: Vec<u64>,
     /// Position of `time_s` among the file's columns, from 1.
     pub time_position: usize,
+    /// The file's name of the column of times: `time_s`, unless another was asked for.
+    pub time: String,
 }
 
 impl Table {
@@ -65,6 +67,14 @@ impl Table {
     /// [`CsvError`] with line and column: empty file, no rows, wrong or missing header, names
     /// twice, ragged rows, NaN, infinities, text in a column of numbers, bytes that are not UTF-8.
     pub fn parse(file: &str, bytes: &[u8], numeric: &[&str]) -> Result<Self, CsvError> {
+        Self::parse_by(file, bytes, numeric, TIME_COLUMN)
+    }
+
+    /// [`Table::parse`] for a file whose times stand in column `time`, in whatever unit.
+    ///
+    /// # Errors
+    /// As [`Table::parse`].
+    pub fn parse_by(file: &str, bytes: &[u8], numeric: &[&str], time: &str) -> Result<Self, CsvError> {
         let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
         let mut rows = Rows::new(bytes);
         let mut row = Vec::new();
@@ -72,11 +82,11 @@ impl Table {
             Some(line) => (line, header(file, line, &row)?),
             None => return Err(CsvError::Empty { file: file.to_owned() }),
         };
-        let Some(time_index) = names.iter().position(|name| name == TIME_COLUMN) else {
+        let Some(time_index) = names.iter().position(|name| name == time) else {
             return Err(CsvError::MissingColumn {
                 file: file.to_owned(),
                 line: Some(header_line),
-                column: TIME_COLUMN.to_owned(),
+                column: time.to_owned(),
                 found: listed(names.iter().map(String::as_str)),
             });
         };
@@ -91,7 +101,7 @@ impl Table {
                 let place = Place { file, line, position: index + 1, column: name };
                 let text = place.text(cell)?;
                 if lines.is_empty() {
-                    let must = name == TIME_COLUMN || numeric.contains(&name.as_str());
+                    let must = name == time || numeric.contains(&name.as_str());
                     data.push(first_cell(&place, text, must)?);
                     continue;
                 }
@@ -114,7 +124,7 @@ impl Table {
                 data => columns.push(Column { name, data }),
             }
         }
-        Ok(Self { time_s, columns, lines, time_position: time_index + 1 })
+        Ok(Self { time_s, columns, lines, time_position: time_index + 1, time: time.to_owned() })
     }
 
     /// The numbers of a column; `None` when it is absent or holds text.
@@ -127,12 +137,25 @@ impl Table {
 
     /// Position of a column in the file, from 1; `None` when it is absent.
     pub fn position(&self, name: &str) -> Option<usize> {
-        if name == TIME_COLUMN {
+        if name == self.time {
             return Some(self.time_position);
         }
         let index = self.columns.iter().position(|column| column.name == name)?;
         // `columns` leaves time_s out, so those behind it stand one further right in the file.
         Some(if index + 1 < self.time_position { index + 1 } else { index + 2 })
+    }
+}
+
+/// The names of a file's columns.
+///
+/// # Errors
+/// The header is missing or wrong.
+pub(super) fn names(file: &str, bytes: &[u8]) -> Result<Vec<String>, CsvError> {
+    let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+    let (mut rows, mut row) = (Rows::new(bytes), Vec::new());
+    match next_row(file, &mut rows, &mut row)? {
+        Some(line) => header(file, line, &row),
+        None => Err(CsvError::Empty { file: file.to_owned() }),
     }
 }
 

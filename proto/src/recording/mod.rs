@@ -6,6 +6,7 @@
 //! | [`RecordingWriter`] | `TickRecord`s to an MCAP file, a second at a time |
 //! | [`read_mcap`] | an MCAP file, whole or truncated, back to the same `TickRecord`s |
 //! | [`Recording`] | a table of named columns over time, from MCAP or CSV |
+//! | `mapped` | [`Recording::read_for`]: files that others wrote, as a rig's `[recording]` table says |
 //! | [`csv`] | the checked CSV table below it, used for reference files too |
 //!
 //! The time convention of every recording: row *k* holds the reading at `t_k` and the command
@@ -19,6 +20,7 @@ pub mod csv;
 mod csv_error;
 mod from_ticks;
 mod log_clock;
+mod mapped;
 mod mcap_reader;
 mod mcap_writer;
 mod protobuf;

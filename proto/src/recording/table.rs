@@ -148,7 +148,7 @@ impl Recording {
             }
         }
         let lines = (0..time_s.len() as u64).map(|row| row + 2).collect();
-        Self::from_table(source, Table { time_s, columns, lines, time_position: 1 })
+        Self::from_table(source, Table { time_s, columns, lines, time_position: 1, time: csv::TIME_COLUMN.to_owned() })
     }
 
     /// Reads a recording, MCAP or CSV: by its first bytes, whatever it is called.

@@ -3,7 +3,7 @@
 use fit::FitError;
 use fit::data::{Noise, Records, Role, Split, Stretch, noise};
 use fit::least_squares::Loss;
-use fit::objective::{FitSettings, Fitted, NoiseModel, Score, Shooting, blocks_of, fit_from, score};
+use fit::objective::{BlockScore, FitSettings, Fitted, NoiseModel, Score, Shooting, blocks_of, fit_from, score};
 use fit::parameters::{Parameter, ParameterSet, Scatter, nominal};
 use fit::simulate::{Arcs, Fidelity, Simulator, refined_starts};
 use model::rig::Rig;
@@ -14,8 +14,24 @@ use crate::error::DiagnoseError;
 /// Slow errors that a model is allowed to have when it is compared with another: no formula is exact, no build sheet
 /// complete. How large they are is estimated from the better of the two, out of these, in kPa.
 const DRIFTS_KPA: [f64; 7] = [0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32];
-/// Correlation time of that error in s.
-const DRIFT_S: f64 = 1.0;
+/// Correlation times of that error in s.
+const DRIFT_S: [f64; 2] = [1.0, 0.1];
+/// And fast errors, as multiples of the noise: edges that come a few milliseconds early, a meter's own noise that drives the
+/// rig. Where a model is right to the noise, 1 is the likeliest.
+const ROUGHER: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
+
+/// Errors that a model is allowed to have, by channel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Allowed {
+    /// Slow ones, in kPa.
+    pub drift_kpa: Vec<f64>,
+    /// How slow, in s; one time for all channels.
+    pub time_s: f64,
+    /// Whether single errors far out are as likely as Student's distribution has them.
+    pub heavy: bool,
+    /// From row to row, noise included, in kPa.
+    pub sigma_kpa: Vec<f64>,
+}
 
 /// Recordings laid out for fits.
 pub struct Bench<'r> {
@@ -216,39 +232,58 @@ impl<'r> Bench<'r> {
         Ok(self.simulator.one(rig, &arcs)?)
     }
 
-    /// Log-likelihood of a trace on the blocks of a role, slow errors of `drift_kpa` (by channel) allowed for.
-    pub fn score(&self, trace: &[f64], role: Role, drift_kpa: &[f64]) -> Score {
-        self.score_on(trace, &self.blocks(role), drift_kpa)
+    /// Log-likelihood of a trace on the blocks of a role, some errors allowed for.
+    pub fn score(&self, trace: &[f64], role: Role, allowed: &Allowed) -> Score {
+        self.score_on(trace, &self.blocks(role), allowed)
     }
 
     /// As [`Bench::score`] on the rows that choose, in blocks of 4 s.
-    pub fn score_finely(&self, trace: &[f64], drift_kpa: &[f64]) -> Score {
-        self.score_on(trace, &self.split.blocks(Role::Select, FINE_ROWS), drift_kpa)
+    pub fn score_finely(&self, trace: &[f64], allowed: &Allowed) -> Score {
+        self.score_on(trace, &self.split.blocks(Role::Select, FINE_ROWS), allowed)
     }
 
-    fn score_on(&self, trace: &[f64], blocks: &[Stretch], drift_kpa: &[f64]) -> Score {
-        let noise =
-            NoiseModel::Drifting { sigma_kpa: self.sigma_kpa(), drift_kpa: drift_kpa.to_vec(), time_s: DRIFT_S };
-        score(self.records, trace, &self.counted, blocks, &noise)
+    fn score_on(&self, trace: &[f64], blocks: &[Stretch], allowed: &Allowed) -> Score {
+        let Allowed { drift_kpa, time_s, heavy, sigma_kpa } = allowed.clone();
+        score(self.records, trace, &self.counted, blocks, &NoiseModel::Drifting { sigma_kpa, drift_kpa, time_s, heavy })
     }
 
-    /// The slow errors that a trace has, by channel in kPa: the size at which they are likeliest on the fitted rows.
+    /// The errors that a trace has: the sizes at which they are likeliest on the fitted rows.
     ///
-    /// Estimated from plateaus it would be the noise's own colour, estimated from a model that lacks something it would
-    /// explain away what is to be found; so it is asked of the better of two explanations alone.
-    pub fn drift_of(&self, trace: &[f64]) -> Vec<f64> {
-        let channels = self.records.layout().channels();
-        let mut best = vec![(f64::NEG_INFINITY, DRIFTS_KPA[0]); channels];
-        for drift in DRIFTS_KPA {
-            let score = self.score(trace, Role::Fit, &vec![drift; channels]);
-            for (channel, best) in best.iter_mut().enumerate() {
-                let sum: f64 = score.blocks.iter().map(|b| b.log_likelihood.get(channel).copied().unwrap_or(0.0)).sum();
-                if sum > best.0 {
-                    *best = (sum, drift);
+    /// Estimated from plateaus they would be the noise's own colour, estimated from a model that lacks something they would
+    /// explain away what is to be found; so they are asked of the better of two explanations alone.
+    pub fn drift_of(&self, trace: &[f64]) -> Allowed {
+        let [slow, fast] = DRIFT_S;
+        let mut likeliest = self.errors_of(trace, slow, false);
+        for (time_s, heavy) in [(fast, false), (slow, true), (fast, true)] {
+            let other = self.errors_of(trace, time_s, heavy);
+            if other.0 > likeliest.0 {
+                likeliest = other;
+            }
+        }
+        likeliest.1
+    }
+
+    /// The likeliest sizes of errors of a given correlation time, with their log-likelihood.
+    fn errors_of(&self, trace: &[f64], time_s: f64, heavy: bool) -> (f64, Allowed) {
+        let noise = self.sigma_kpa();
+        let mut best: Vec<(f64, f64, f64)> = noise.iter().map(|s| (f64::NEG_INFINITY, DRIFTS_KPA[0], *s)).collect();
+        for rougher in ROUGHER {
+            let sigma_kpa: Vec<f64> = noise.iter().map(|s| rougher * s).collect();
+            for drift in DRIFTS_KPA {
+                let drift_kpa = vec![drift; noise.len()];
+                let allowed = Allowed { drift_kpa, time_s, heavy, sigma_kpa: sigma_kpa.clone() };
+                let score = self.score(trace, Role::Fit, &allowed);
+                for (channel, best) in best.iter_mut().enumerate() {
+                    let of = |b: &BlockScore| b.log_likelihood.get(channel).copied().unwrap_or(0.0);
+                    let sum: f64 = score.blocks.iter().map(of).sum();
+                    if sum > best.0 {
+                        *best = (sum, drift, sigma_kpa.get(channel).copied().unwrap_or(0.0));
+                    }
                 }
             }
         }
-        best.into_iter().map(|(_, drift)| drift).collect()
+        let (drift_kpa, sigma_kpa) = (best.iter().map(|b| b.1).collect(), best.iter().map(|b| b.2).collect());
+        (best.iter().map(|b| b.0).sum(), Allowed { drift_kpa, time_s, heavy, sigma_kpa })
     }
 
     /// Blocks of a role.

@@ -70,7 +70,7 @@ impl Candidate {
 pub fn candidates(rig: &Rig) -> Vec<Candidate> {
     model::mechanism::candidates(rig)
         .into_iter()
-        .filter(|offered| !offered.parameters.is_empty())
+        .filter(|offered| !offered.parameters.is_empty() && !is_bias_of_a_root(rig, offered))
         .map(|offered| Candidate {
             id: offered.id.to_owned(),
             form: offered.form.to_owned(),
@@ -80,6 +80,15 @@ pub fn candidates(rig: &Rig) -> Vec<Candidate> {
             offered,
         })
         .collect()
+}
+
+/// Whether it is a constant error of a reading that is made through a root: the meter's own zero lies under the root, so
+/// that its error is large where little flows and gone where much does, and no constant.
+fn is_bias_of_a_root(rig: &Rig, offered: &Offered) -> bool {
+    let constant = ["sensor_bias", "sensor_drift"].contains(&offered.id);
+    let terms =
+        rig.sensors.get(&offered.component).and_then(|sensor| rig.recording.as_ref()?.columns.get(&sensor.column));
+    constant && terms.is_some_and(|terms| terms.0.iter().any(|term| term.root))
 }
 
 /// First magnitudes: all of the first parameter with the first of the others, then the others varied.
@@ -132,12 +141,13 @@ fn parameter(id: &str, p: &CandidateParameter, path: String) -> Parameter {
             let positive: Vec<f64> = p.starts.iter().copied().filter(|s| *s > 0.0).collect();
             let logs = positive.iter().map(|s| s.ln()).sum::<f64>() / positive.len().max(1) as f64;
             let mean = if positive.is_empty() { (p.low.max(1e-3 * p.high) * p.high).sqrt() } else { logs.exp() };
+            let [mean, sd] = p.usual.unwrap_or([mean, LOG_SD]);
             let least = positive.iter().copied().fold(f64::INFINITY, f64::min).min(mean);
             Parameter {
                 path,
                 transform: Transform::Log,
                 mean,
-                knowledge: Knowledge::Prior { sd: LOG_SD },
+                knowledge: Knowledge::Prior { sd },
                 bounds: [p.low.max(1e-2 * least), p.high],
             }
         }

@@ -21,7 +21,7 @@ const FLOOR_KPA: f64 = 0.06;
 /// another way (relays instead of plays) leaves a sixth; what is merely similar (a lag for a resonance) leaves more.
 const EXPLAINED: f64 = 0.7;
 /// Error beyond the noise, in kPa, above which a model that lacks nothing known lacks something unknown.
-const UNKNOWN_KPA: f64 = 0.12;
+pub(crate) const UNKNOWN_KPA: f64 = 0.12;
 /// Gain of prior and likelihood, beyond what the best of all candidates has by chance, at which a mechanism that does
 /// not pass the bar is a rival of moved parameters.
 const HINT: f64 = 5.0;

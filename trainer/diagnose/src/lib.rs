@@ -13,6 +13,8 @@
 //! | where the mismatch lives; missing flows reconstructed | [`locate`] |
 //! | a verdict and its rivals | [`judge`] |
 //! | a term without a name | [`unknown`] |
+//! | recorded flows into closed volumes | [`closed`] |
+//! | a time span in which the rig was another one | [`event`] |
 //! | the experiment that tells rivals apart | [`experiment`] |
 //! | before and after; words; `diagnosis.json`; `report.html` | [`figures`], [`diagnosis`] |
 //!
@@ -21,8 +23,10 @@
 pub mod alone;
 pub mod bench;
 pub mod candidate;
+pub mod closed;
 pub mod diagnosis;
 mod error;
+pub mod event;
 pub mod evidence;
 pub mod experiment;
 pub mod figures;

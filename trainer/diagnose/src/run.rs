@@ -11,13 +11,15 @@ use proto::recording::Recording;
 
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::{Candidate, candidates};
+use crate::closed;
 use crate::diagnosis::{Diagnosis, Fits, Verdict};
 use crate::error::DiagnoseError;
+use crate::event::{self, Event};
 use crate::evidence::Bar;
 use crate::experiment::{Plan, plan};
 use crate::figures::{Figures, figures};
 use crate::glance::settled;
-use crate::judge::{Judgement, judge};
+use crate::judge::{Judgement, UNKNOWN_KPA, judge};
 use crate::locate::{Missing, reconstruct};
 use crate::search::{Found, SearchSettings, search};
 use crate::unknown::{UnknownTerm, fit_unknown};
@@ -53,6 +55,8 @@ pub(crate) struct Findings<'a, 'r> {
     pub(crate) extended: Figures,
     pub(crate) unknown: Option<&'a UnknownTerm>,
     pub(crate) plan: Option<Plan>,
+    /// What happened in a span that everything else leaves out.
+    pub(crate) event: Option<Event>,
     pub(crate) notes: Vec<String>,
 }
 
@@ -79,21 +83,24 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     }
     let mut notes: Vec<String> = request.recordings.iter().flat_map(|r| r.notes().to_vec()).collect();
     notes.extend(quality.doubts().map(|finding| finding.text.clone()));
-    let given = {
-        // At its own step: a coarser one's error is not the rig's.
-        let as_given = Bench::new(rig, &records, &quality.usable, Fidelity::Detailed, request.threads);
-        figures(&as_given, rig, Fidelity::Detailed, !request.quick)?
+    // What was checked whole is run in pieces where a meter's error would add up.
+    let (records, usable) = match closed::accumulates(rig) {
+        Some(source) => {
+            notes.push(format!(
+                "{source} fills a closed volume, in which an error of its meter adds up: free runs start anew every 4 s"
+            ));
+            let (pieces, places) = closed::pieces(&records);
+            let mut usable = taken(&quality.usable, &places);
+            closed::without_starts(&pieces, &mut usable);
+            (pieces, usable)
+        }
+        None => (records, quality.usable),
     };
     progress("fitting the rig's own parameters", 0.0);
-    let turning = turning(request, &records, &quality.usable, &mut notes)?;
+    let turning = turning(rig, records, &usable, request.threads, &mut notes)?;
     let (rig, records) = (&turning.rig, &turning.records);
-    let recorded = Bench::new(rig, records, &quality.usable, Fidelity::Detailed, request.threads);
-    let of = |rig: &Rig| figures(&recorded, rig, Fidelity::Detailed, !request.quick);
+    let whole = Bench::new(rig, records, &usable, Fidelity::Detailed, request.threads);
     let candidates = candidates(rig);
-    let nominal = recorded.fit(&candidates, &[], std::slice::from_ref(&turning.point), Effort::Polish)?;
-    // Everything is searched with averaged pumps, on readings that lack the strokes; what was found ends on the recordings.
-    let reduced = recorded.without_strokes(&nominal)?;
-    let bench = Bench::new(rig, &reduced, &quality.usable, Fidelity::Averaged, request.threads);
     let settings = SearchSettings {
         most_terms: 4,
         glanced: if request.quick { 6 } else { 14 },
@@ -101,44 +108,79 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         from_prior: true,
         bar: Bar::default(),
     };
-    let mut found = search(&bench, &candidates, &nominal.fitted.point, &settings, progress)?;
-    progress("reconstructing what is missing", 0.0);
-    let missing = reconstruct(&bench, &found.nominal.fitted.rig, &found.nominal.trace, !request.quick)?;
-    let judgement = judge(&bench, &candidates, &found, &bench.free_run(rig)?, progress)?;
+    let asked = Asked { given: &request.rig, start: &turning.point, candidates: &candidates, settings: &settings };
+    let mut answer = Answer::of(&whole, &asked, request, progress)?;
+    // What known physics leaves unexplained may be something that happened; then the rest is asked by itself.
+    let unexplained = answer.judgement.excess_kpa[2].iter().any(|kpa| *kpa > UNKNOWN_KPA);
+    let unnamed = answer.judgement.verdict == Verdict::UnknownMechanism;
+    let mut event = if unexplained && unnamed {
+        let searched = Bench::new(rig, &answer.reduced, &usable, Fidelity::Averaged, request.threads);
+        event::find(&searched, &answer.found.best.trace)
+    } else {
+        None
+    };
+    let (rest, rest_bench);
+    let bench = match &event {
+        Some(event) => {
+            progress("looking at the rest", 0.0);
+            let (records, places) = event::without(records, event);
+            let mut usable = taken(&usable, &places);
+            if closed::accumulates(rig).is_some() {
+                closed::without_starts(&records, &mut usable);
+            }
+            rest = records;
+            rest_bench = Bench::new(rig, &rest, &usable, Fidelity::Detailed, request.threads);
+            answer = Answer::of(&rest_bench, &asked, request, progress)?;
+            &rest_bench
+        }
+        None => &whole,
+    };
+    let of = |rig: &Rig| figures(bench, rig, Fidelity::Detailed, !request.quick);
+    let Answer { given, reduced, mut found, missing, judgement } = answer;
+    let searched = Bench::new(rig, &reduced, bench.counted(), Fidelity::Averaged, request.threads);
     let mut unknown = if judgement.verdict == Verdict::UnknownMechanism {
         progress("shaping a term for what has no name", 0.0);
-        fit_unknown(&bench, &found.nominal, &missing, if request.quick { 1 } else { 3 })?
+        fit_unknown(&searched, &found.nominal, &missing, if request.quick { 1 } else { 3 })?
     } else {
         None
     };
     progress("planning", 0.0);
     let plan = if judgement.verdict == Verdict::Undecided {
-        plan(&bench, &judgement.rivals.iter().collect::<Vec<_>>())?
+        plan(bench, &judgement.rivals.iter().collect::<Vec<_>>())?
     } else {
         None
     };
     progress("running before and after", 0.0);
-    found.nominal = settled(&recorded, &found.nominal)?;
-    found.best = if found.best.terms.is_empty() { found.nominal.clone() } else { settled(&recorded, &found.best)? };
+    found.nominal = settled(bench, &found.nominal)?;
+    found.best = if found.best.terms.is_empty() { found.nominal.clone() } else { settled(bench, &found.best)? };
     if let Some(term) = &mut unknown {
-        term.explanation = settled(&recorded, &term.explanation)?;
+        term.explanation = settled(bench, &term.explanation)?;
+    }
+    if let Some(event) = &mut event {
+        event.change = event::what_changed(&whole, &found.best.fitted.rig, event)?;
     }
     let findings = Findings {
         given,
         reidentified: of(&found.nominal.fitted.rig)?,
         extended: of(unknown.as_ref().map_or(&found.best.fitted.rig, |term| &term.explanation.fitted.rig))?,
         unknown: unknown.as_ref(),
-        bench: &recorded,
+        bench,
         candidates: &candidates,
         found: &found,
         judgement: &judgement,
         missing: &missing,
         plan,
+        event,
         notes,
     };
     let diagnosis = summed_up(&findings);
     write(request, &findings, &diagnosis)?;
     Ok(diagnosis)
+}
+
+/// Weights of the readings at some places.
+fn taken(weights: &[f64], places: &[usize]) -> Vec<f64> {
+    places.iter().map(|place| weights.get(*place).copied().unwrap_or(0.0)).collect()
 }
 
 /// The rig with its pump at the speed that its ripple tells, the recordings with cranks where they stood, and the rig's
@@ -151,16 +193,18 @@ struct Turning {
 
 /// Fits the rig's own parameters, and reads the pump's speed off what is left.
 fn turning(
-    request: &Request,
-    records: &Records,
+    rig: &Rig,
+    records: Records,
     usable: &[f64],
+    threads: Option<usize>,
     notes: &mut Vec<String>,
 ) -> Result<Turning, DiagnoseError> {
-    let bench = Bench::new(&request.rig, records, usable, Fidelity::Detailed, request.threads);
+    let bench = Bench::new(rig, &records, usable, Fidelity::Detailed, threads);
     let origin = vec![0.0; bench.nominal.len()];
     let fitted = bench.fit(&[], &[], &[origin], Effort::Full)?.fitted;
-    let mut turning = Turning { rig: request.rig.clone(), records: records.clone(), point: fitted.point };
-    if let Some(read) = tachometer(&bench.fast, &fitted.rig, bench.fit_weights())?
+    let read = tachometer(&bench.fast, &fitted.rig, bench.fit_weights())?;
+    let mut turning = Turning { rig: rig.clone(), records, point: fitted.point };
+    if let Some(read) = read
         && let Some(Pump::Piston(pump)) = turning.rig.pumps.get_mut(&read.pump)
     {
         notes.push(format!(
@@ -172,6 +216,48 @@ fn turning(
         turning.records = turning.records.with_cranks(&read.crank_rev);
     }
     Ok(turning)
+}
+
+/// What a search is asked.
+struct Asked<'a> {
+    /// The rig as it was given.
+    given: &'a Rig,
+    /// The rig's own parameters, near their best.
+    start: &'a [f64],
+    candidates: &'a [Candidate],
+    settings: &'a SearchSettings,
+}
+
+/// What a search over some recordings came to.
+struct Answer {
+    given: Figures,
+    /// The recordings less the pump's strokes: what was searched on.
+    reduced: Records,
+    found: Found,
+    missing: Missing,
+    judgement: Judgement,
+}
+
+impl Answer {
+    fn of(
+        recorded: &Bench<'_>,
+        asked: &Asked<'_>,
+        request: &Request,
+        progress: &mut dyn FnMut(&str, f64),
+    ) -> Result<Self, DiagnoseError> {
+        let Asked { given, start, candidates, settings } = *asked;
+        // At its own step: a coarser one's error is not the rig's.
+        let as_given = figures(recorded, given, Fidelity::Detailed, !request.quick)?;
+        let nominal = recorded.fit(candidates, &[], &[start.to_vec()], Effort::Polish)?;
+        // Everything is searched with averaged pumps, on readings that lack the strokes; what was found ends on the recordings.
+        let reduced = recorded.without_strokes(&nominal)?;
+        let bench = Bench::new(recorded.rig, &reduced, recorded.counted(), Fidelity::Averaged, request.threads);
+        let found = search(&bench, candidates, &nominal.fitted.point, settings, progress)?;
+        progress("reconstructing what is missing", 0.0);
+        let missing = reconstruct(&bench, &found.nominal.fitted.rig, &found.nominal.trace, !request.quick)?;
+        let judgement = judge(&bench, candidates, &found, &bench.free_run(given)?, progress)?;
+        Ok(Answer { given: as_given, reduced, found, missing, judgement })
+    }
 }
 
 /// The diagnosis in the form of its file.

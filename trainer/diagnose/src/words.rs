@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::candidate::Candidate;
 use crate::diagnosis::{FoundEvidence, FoundMechanism, FoundParameter, Location, Verdict};
+use crate::event::Event;
 use crate::locate::region::{Stretch, region};
 use crate::locate::{Suspect, Suspicion};
 use crate::place::volumes_at;
@@ -33,13 +34,25 @@ fn does(id: &str) -> &'static str {
         "exhaust_restriction" => "is throttled by what is fitted to its outlet",
         "critical_ratio" => "chokes at another pressure ratio than an ideal nozzle",
         "check_valve_cracking" => "has check valves that open only above a pressure difference",
-        "pump_droop" => "slows down under load",
+        "pump_droop" => "delivers less the more it works against",
+        "dead_zone" => "passes nothing until its command has reached some level",
         "pump_speed" => "runs at another speed than stated",
         "sensor_lag" => "shows the pressure late",
         "sensor_drift" => "drifts with time",
         "sensor_bias" => "reads too much or too little by a constant",
         "sensor_gain" => "reads too much or too little in proportion",
         _ => "does something that the model leaves out",
+    }
+}
+
+/// What a mechanism does where it is.
+fn does_at(findings: &Findings<'_, '_>, candidate: &Candidate) -> &'static str {
+    let line = findings.bench.rig.lines.contains_key(&candidate.component);
+    match candidate.id.as_str() {
+        "line_resistance" if line => {
+            "loses more pressure than in proportion to its flow: part of it grows with the square"
+        }
+        id => does(id),
     }
 }
 
@@ -55,10 +68,16 @@ fn called(findings: &Findings<'_, '_>, candidate: &Candidate) -> String {
         return "The pump".to_owned();
     } else if rig.volumes.contains_key(component) {
         "chamber"
+    } else if rig.lines.contains_key(component) {
+        return format!("The line `{component}`");
     } else {
         return format!("`{component}`");
     };
-    format!("The {} {kind}", candidate.side)
+    // In a rig of other sides than the paper's two, the name in its file says more.
+    match candidate.side.as_str() {
+        side @ ("positive" | "negative") => format!("The {side} {kind}"),
+        _ => format!("The {kind} `{component}`"),
+    }
 }
 
 /// A number with three significant digits.
@@ -124,7 +143,7 @@ fn mechanism(findings: &Findings<'_, '_>, term: usize) -> FoundMechanism {
         id: candidate.id.clone(),
         side: candidate.side.clone(),
         component: candidate.component.clone(),
-        summary: format!("{} {} ({}).", called(findings, candidate), does(&candidate.id), told.join(", ")),
+        summary: format!("{} {} ({}).", called(findings, candidate), does_at(findings, candidate), told.join(", ")),
         parameters,
         evidence: FoundEvidence {
             delta_log_likelihood: contest.map_or(0.0, |c| c.gain),
@@ -156,8 +175,39 @@ fn plain(key: &str) -> String {
     bare.replace('_', " ")
 }
 
-/// The answer in one sentence.
+/// The answer in one sentence, after what happened if something did.
 pub(crate) fn summary(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) -> String {
+    let answer = verdict_in_words(findings, mechanisms);
+    findings.event.as_ref().map_or(answer.clone(), |event| format!("{} For the rest: {answer}", happened(event)))
+}
+
+/// An event in words.
+fn happened(event: &Event) -> String {
+    let [from, to] = event.time_s;
+    let file =
+        std::path::Path::new(&event.source).file_name().map_or(event.source.clone(), |f| f.display().to_string());
+    let [inside, outside] = event.rmse_kpa;
+    let span = format!("Something happened between {from:.1} and {to:.1} s of {file}");
+    let off = format!("the free run is off by {inside:.2} kPa there and by {outside:.2} kPa outside");
+    match &event.change {
+        Some(change) => {
+            let key = change.path.rsplit('.').next().unwrap_or_default();
+            format!(
+                "{span}, at `{}`: with a {} of {} instead of {} the squared error there falls by {:.0} %, with any other \
+                 single change by {:.0} % at most ({off}).",
+                change.component,
+                key.replace('_', " "),
+                three(change.during),
+                three(change.before),
+                100.0 * change.share,
+                100.0 * change.next_share
+            )
+        }
+        None => format!("{span} that no single change of the rig explains ({off})."),
+    }
+}
+
+fn verdict_in_words(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) -> String {
     let judgement = findings.judgement;
     let before = findings.reidentified.total_rmse_kpa();
     let after = findings.extended.total_rmse_kpa();
@@ -232,7 +282,7 @@ pub(crate) fn in_words(findings: &Findings<'_, '_>, name: &str) -> String {
         Some(candidate) => {
             let called = called(findings, candidate);
             let lower = called.strip_prefix("The ").map_or(called.clone(), |rest| format!("the {rest}"));
-            format!("{lower} {}", does(&candidate.id))
+            format!("{lower} {}", does_at(findings, candidate))
         }
         None => name.to_owned(),
     }
@@ -246,7 +296,13 @@ fn moved(findings: &Findings<'_, '_>) -> String {
     let told: Vec<String> = estimates
         .iter()
         .take(3)
-        .map(|e| format!("{} {:+.1} %", e.parameter.path, 100.0 * (e.value / e.parameter.mean - 1.0)))
+        .map(|e| {
+            // What was stated as nothing has no share of it.
+            if e.parameter.mean == 0.0 {
+                return format!("{} {} {}", e.parameter.path, three(e.value), e.parameter.unit());
+            }
+            format!("{} {:+.1} %", e.parameter.path, 100.0 * (e.value / e.parameter.mean - 1.0))
+        })
         .collect();
     if told.is_empty() { String::new() } else { format!("Moved most: {}.", told.join(", ")) }
 }
@@ -276,8 +332,31 @@ fn place_of(findings: &Findings<'_, '_>, suspicion: &Suspicion) -> String {
     }
 }
 
-/// Where the mismatch lives.
+/// Where the mismatch lives: first the span of an event, then what is off all along.
 pub(crate) fn locations(findings: &Findings<'_, '_>) -> Vec<Location> {
+    let mut all: Vec<Location> = findings.event.iter().map(|event| place_of_event(findings, event)).collect();
+    all.extend(lasting(findings));
+    all
+}
+
+fn place_of_event(findings: &Findings<'_, '_>, event: &Event) -> Location {
+    let component = event.change.as_ref().map_or_else(|| volume_of(findings, 0), |change| change.component.clone());
+    let rows = event.rows as f64;
+    let all = findings.bench.records.records().iter().map(|r| r.time_s.len()).sum::<usize>() as f64;
+    let [inside, outside] = event.rmse_kpa.map(|kpa| kpa * kpa);
+    Location {
+        side: crate::place::side(findings.bench.rig, std::slice::from_ref(&component)),
+        component,
+        share_of_residual: rows * inside / (rows * inside + all * outside).max(1e-12),
+        region: format!("an event between {:.1} and {:.1} s", event.time_s[0], event.time_s[1]),
+        time_s: event.time_s,
+        time_scale_s: event.time_s[1] - event.time_s[0],
+        enters: "mass balance".to_owned(),
+    }
+}
+
+/// Where the mismatch lives that is there all along.
+fn lasting(findings: &Findings<'_, '_>) -> Vec<Location> {
     if matches!(findings.judgement.verdict, Verdict::Adequate | Verdict::ParametersMoved) {
         return Vec::new();
     }

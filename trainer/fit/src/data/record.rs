@@ -100,6 +100,44 @@ impl Records {
         self
     }
 
+    /// Parts of the recordings (index and rows), each a recording of its own; and which reading of these recordings each
+    /// of theirs is. What is empty is left out.
+    pub fn parts(&self, parts: &[(usize, Range<usize>)]) -> (Self, Vec<usize>) {
+        let kept: Vec<(&Record, usize, &Range<usize>)> = parts
+            .iter()
+            .filter(|(_, rows)| !rows.is_empty())
+            .filter_map(|(record, rows)| Some((self.records.get(*record)?, *record, rows)))
+            .filter(|(whole, _, rows)| rows.end <= whole.time_s.len())
+            .collect();
+        let channels = self.layout.channels();
+        let layout = Layout::new(channels, kept.iter().map(|(.., rows)| rows.len()).collect());
+        let places: Vec<usize> = kept
+            .iter()
+            .flat_map(|(_, record, rows)| (0..channels).map(move |channel| (*record, channel, (*rows).clone())))
+            .flat_map(|(record, channel, rows)| self.layout.stretch(record, channel, rows))
+            .collect();
+        let readings_kpa = places.iter().filter_map(|place| self.readings_kpa.get(*place)).copied().collect();
+        let cut = |numbers: &[f64], rows: &Range<usize>| numbers.get(rows.clone()).unwrap_or_default().to_vec();
+        let records = kept
+            .iter()
+            .map(|(whole, _, rows)| Record {
+                source: whole.source.clone(),
+                time_s: cut(&whole.time_s, rows),
+                inputs: whole.inputs.iter().map(|input| cut(input, rows)).collect(),
+                segments: whole
+                    .segments
+                    .iter()
+                    .map(|s| s.start.max(rows.start)..s.end.min(rows.end))
+                    .filter(|s| s.start < s.end)
+                    .map(|s| s.start - rows.start..s.end - rows.start)
+                    .collect(),
+                // Whole turns do not matter, the rest does.
+                crank_rev: whole.crank_rev,
+            })
+            .collect();
+        (Records { records, layout, readings_kpa, ..self.clone() }, places)
+    }
+
     /// The inputs of the rig, in the order of [`Record::inputs`].
     pub fn inputs(&self) -> &[Input] {
         &self.inputs

@@ -5,7 +5,7 @@
 //! anywhere on a line. What two parameters do in exactly the same way is therefore freed in one of them only:
 //! chamber temperature acts as volume, nozzle diameter as Ĉ_P, piston area as speed.
 
-use model::rig::{Line, Pump, Rig};
+use model::rig::{Line, Pump, Rig, Source};
 
 use super::parameter::Parameter;
 
@@ -28,6 +28,10 @@ pub struct Scatter {
     pub atmosphere_kpa: f64,
     /// Areas and resistances of lines, flows of pumps given by their displacement.
     pub line: f64,
+    /// What walls give way by, where they do: rubber, or the spring of a test lung.
+    pub compliance: f64,
+    /// Zero of a flow meter, as a share of what it shows at a signal of 1.
+    pub meter_zero: f64,
 }
 
 impl Default for Scatter {
@@ -41,6 +45,8 @@ impl Default for Scatter {
             pump_temperature: 0.03,
             atmosphere_kpa: 0.5,
             line: 0.3,
+            compliance: 0.1,
+            meter_zero: 0.01,
         }
     }
 }
@@ -50,6 +56,10 @@ pub fn nominal(rig: &Rig, scatter: Scatter) -> Vec<Parameter> {
     let mut parameters = Vec::new();
     for (name, volume) in &rig.volumes {
         parameters.push(Parameter::log(format!("volumes.{name}.volume_l"), volume.volume_l, scatter.volume));
+        let compliance = volume.compliance_ml_per_kpa;
+        let key = format!("volumes.{name}.compliance_ml_per_kpa");
+        // Left out of a rig file it is not zero by measurement, but a wall taken to be rigid: a mechanism's matter.
+        parameters.push(Parameter::log(key, compliance, scatter.compliance));
     }
     for (name, valve) in &rig.valves {
         for (key, mean) in [
@@ -102,6 +112,13 @@ pub fn nominal(rig: &Rig, scatter: Scatter) -> Vec<Parameter> {
                 Parameter::log(format!("lines.{name}.resistance_kpa_s_per_l"), *resistance_kpa_s_per_l, scatter.line)
             }
         });
+    }
+    for (name, source) in &rig.sources {
+        if let Source::Flow { signal: Some(_), flow_l_per_min, offset_l_per_min, .. } = source {
+            // An error of its gain acts as another volume and resistance; its zero acts as nothing else does.
+            let sd = scatter.meter_zero * flow_l_per_min.abs();
+            parameters.push(Parameter::linear(format!("sources.{name}.offset_l_per_min"), *offset_l_per_min, sd));
+        }
     }
     let open = rig.valves.len() + rig.lines.len() > 0;
     if open {

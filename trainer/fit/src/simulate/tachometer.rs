@@ -124,9 +124,8 @@ pub fn tachometer(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Resu
 fn points(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Result<Vec<Vec<Point>>, FitError> {
     let records = simulator.records();
     let arcs = refined_starts(simulator, rig, &Arcs::free(records))?;
-    let runs: Vec<Run> = (0..ANGLES)
-        .map(|k| Run { crank_rev: k as f64 / ANGLES as f64, ..Run::from(rig.clone()) })
-        .collect();
+    let runs: Vec<Run> =
+        (0..ANGLES).map(|k| Run { crank_rev: k as f64 / ANGLES as f64, ..Run::from(rig.clone()) }).collect();
     let traces = simulator.run(&runs, &arcs).into_iter().collect::<Result<Vec<_>, _>>().map_err(FitError::rig(rig))?;
     let mut points: Vec<Vec<Point>> = records.records().iter().map(|_| Vec::new()).collect();
     for (record, _, range) in records.layout().all() {
@@ -141,7 +140,9 @@ fn points(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Result<Vec<V
             let mean = (0..ANGLES).map(at).sum::<f64>() / ANGLES as f64;
             let ripple = std::array::from_fn(|h| {
                 let angle = |k: usize| TAU * ((h + 1) * k) as f64 / ANGLES as f64;
-                let of = |part: fn(f64) -> f64| (0..ANGLES).map(|k| at(k) * part(angle(k))).sum::<f64>() * 2.0 / ANGLES as f64;
+                let of = |part: fn(f64) -> f64| {
+                    (0..ANGLES).map(|k| at(k) * part(angle(k))).sum::<f64>() * 2.0 / ANGLES as f64
+                };
                 Pair { cos: of(f64::cos), sin: of(f64::sin) }
             });
             let off = records.readings_kpa().get(index).copied().unwrap_or(f64::NAN) - mean;
