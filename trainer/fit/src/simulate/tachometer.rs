@@ -78,145 +78,262 @@ pub fn tachometer(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Resu
     });
     let (Some((pump, speed_rpm)), None) = (pistons.next(), pistons.next()) else { return Ok(None) };
     let speed = speed_rpm / 60.0;
-    let points = points(&simulator.at(Fidelity::Averaged), rig, weights)?;
-    let longest_s = points.iter().flatten().map(|p| p.time_s).fold(0.0, f64::max);
-    let energy = |h: usize| -> f64 { points.iter().flatten().map(|p| energy_of(p, h)).sum() };
+    let swings = swings(&simulator.at(Fidelity::Averaged), rig, weights)?;
+    let every = || swings.iter().flatten().flat_map(|swing| &swing.points);
+    let longest_s = every().map(|p| p.time_s).fold(0.0, f64::max);
+    let energy = |h: usize| -> f64 { every().filter_map(|p| p.ripple.get(h)).map(Pair::energy).sum() };
     let main = (0..HARMONICS).max_by(|a, b| energy(*a).total_cmp(&energy(*b))).unwrap_or(0);
     let turns = (main + 1) as f64 * speed;
     if longest_s * turns <= 0.0 || energy(main) <= 0.0 {
         return Ok(None);
     }
-    let height = |slip: f64| -> f64 {
-        points.iter().map(|record| along(record, main, slip * turns).hypot()).sum::<f64>() / energy(main)
+    let matches = |slip: f64| -> Vec<Match> {
+        swings.iter().map(|record| Match::of(&Products::of(record, main, slip * turns))).collect()
     };
+    let gained = |slip: f64| -> f64 { matches(slip).iter().map(|m| m.gain).sum() };
     let step = 1.0 / (STEPS_PER_BEAT * turns * longest_s);
     let steps = (REACH / step) as i64;
-    let best = (-steps..=steps)
-        .map(|k| k as f64 * step)
-        .filter(|slip| slip.abs() * turns * longest_s >= LEAST_BEATS)
-        .map(|slip| (slip, height(slip)))
-        .max_by(|a, b| a.1.total_cmp(&b.1));
-    let Some((coarse, _)) = best else { return Ok(None) };
-    let (slip, height) = (-8..=8)
-        .map(|k| coarse + f64::from(k) * step / 8.0)
-        .map(|slip| (slip, height(slip)))
-        .max_by(|a, b| a.1.total_cmp(&b.1))
-        .unwrap_or((coarse, 0.0));
-    // Recordings with a swing of their own must each show it, or a drift in one of them would do.
-    let everywhere = points.iter().all(|record| {
-        let own: f64 = record.iter().map(|p| energy_of(p, main)).sum();
-        let length_s = record.last().map_or(0.0, |p| p.time_s);
-        slip.abs() * turns * length_s < LEAST_BEATS || along(record, main, slip * turns).hypot() > 0.5 * own
-    });
-    if !everywhere || !(HEIGHT[0]..=HEIGHT[1]).contains(&height) {
+    let coarse = best((-steps..=steps).map(|k| k as f64 * step), gained);
+    let slip = best((-8..=8).map(|k| coarse + f64::from(k) * step / 8.0), gained);
+    let matched = matches(slip);
+    let of_pump: f64 = matched.iter().map(|m| m.energy).sum();
+    let height = matched.iter().map(|m| m.product).sum::<f64>() / of_pump;
+    // Each recording must show it, or a drift in one of them would do.
+    let everywhere = matched.iter().all(|m| m.product > 0.5 * m.energy);
+    let swing_turns = slip.abs() * turns * longest_s;
+    if !everywhere || swing_turns < LEAST_BEATS || !(HEIGHT[0]..=HEIGHT[1]).contains(&height) {
         return Ok(None);
     }
     Ok(Some(Tachometer {
         pump: pump.clone(),
         speed_rpm: speed_rpm * (1.0 + slip),
-        crank_rev: points.iter().map(|record| crank(record, slip * speed)).collect(),
+        crank_rev: swings.iter().map(|record| crank(record, slip * speed)).collect(),
         beat_hz: (slip * turns).abs(),
         height,
     }))
 }
 
-/// Every reading that counts, by recording.
-fn points(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Result<Vec<Vec<Point>>, FitError> {
+/// The slip that gains most.
+fn best(slips: impl Iterator<Item = f64>, gained: impl Fn(f64) -> f64) -> f64 {
+    slips.map(|slip| (slip, gained(slip))).max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0.0, |(slip, _)| slip)
+}
+
+/// A channel's readings in one recording; ripple at most [`THINNED`] rows apart.
+struct Swing {
+    points: Vec<Point>,
+}
+
+/// Readings of which one is looked at: a slip within reach turns the ripple once in half a second at least.
+const THINNED: usize = 3;
+
+/// Every reading that counts, by recording and channel.
+fn swings(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Result<Vec<Vec<Swing>>, FitError> {
     let records = simulator.records();
     let arcs = refined_starts(simulator, rig, &Arcs::free(records))?;
     let runs: Vec<Run> =
         (0..ANGLES).map(|k| Run { crank_rev: k as f64 / ANGLES as f64, ..Run::from(rig.clone()) }).collect();
     let traces = simulator.run(&runs, &arcs).into_iter().collect::<Result<Vec<_>, _>>().map_err(FitError::rig(rig))?;
-    let mut points: Vec<Vec<Point>> = records.records().iter().map(|_| Vec::new()).collect();
+    let turned: [[(f64, f64); ANGLES]; HARMONICS] = std::array::from_fn(|h| {
+        std::array::from_fn(|k| {
+            let (sin, cos) = (TAU * ((h + 1) * k) as f64 / ANGLES as f64).sin_cos();
+            (2.0 / ANGLES as f64 * cos, 2.0 / ANGLES as f64 * sin)
+        })
+    });
+    let mut swings: Vec<Vec<Swing>> = records.records().iter().map(|_| Vec::new()).collect();
     for (record, _, range) in records.layout().all() {
-        let (Some(own), Some(columns)) = (points.get_mut(record), records.records().get(record)) else { continue };
+        let (Some(own), Some(columns)) = (swings.get_mut(record), records.records().get(record)) else { continue };
         let first_s = columns.time_s.first().copied().unwrap_or(0.0);
-        let mut of_channel: Vec<Point> = Vec::new();
-        for (index, time_s) in range.zip(&columns.time_s) {
+        let mut points: Vec<Point> = Vec::new();
+        for (index, time_s) in range.zip(&columns.time_s).step_by(THINNED) {
             if weights.get(index).is_none_or(|w| *w == 0.0) {
                 continue;
             }
-            let at = |k: usize| traces.get(k).and_then(|trace| trace.get(index)).copied().unwrap_or(f64::NAN);
-            let mean = (0..ANGLES).map(at).sum::<f64>() / ANGLES as f64;
-            let ripple = std::array::from_fn(|h| {
-                let angle = |k: usize| TAU * ((h + 1) * k) as f64 / ANGLES as f64;
-                let of = |part: fn(f64) -> f64| {
-                    (0..ANGLES).map(|k| at(k) * part(angle(k))).sum::<f64>() * 2.0 / ANGLES as f64
-                };
-                Pair { cos: of(f64::cos), sin: of(f64::sin) }
+            let at: [f64; ANGLES] =
+                std::array::from_fn(|k| traces.get(k).and_then(|trace| trace.get(index)).copied().unwrap_or(f64::NAN));
+            let mean = at.iter().sum::<f64>() / ANGLES as f64;
+            let ripple = turned.map(|turned| Pair {
+                cos: at.iter().zip(turned).map(|(p, (cos, _))| p * cos).sum(),
+                sin: at.iter().zip(turned).map(|(p, (_, sin))| p * sin).sum(),
             });
             let off = records.readings_kpa().get(index).copied().unwrap_or(f64::NAN) - mean;
-            of_channel.push(Point { time_s: time_s - first_s, off, ripple });
+            points.push(Point { time_s: time_s - first_s, off, ripple });
         }
-        // An offset is the parameters' to explain, and a channel that is far off counts for less.
-        let n = of_channel.len().max(1) as f64;
-        let offset = of_channel.iter().map(|p| p.off).sum::<f64>() / n;
-        let scale = (of_channel.iter().map(|p| (p.off - offset).powi(2)).sum::<f64>() / n).sqrt();
+        // A channel that is far off counts for less.
+        let n = points.len().max(1) as f64;
+        let offset = points.iter().map(|p| p.off).sum::<f64>() / n;
+        let scale = (points.iter().map(|p| (p.off - offset).powi(2)).sum::<f64>() / n).sqrt();
         if !scale.is_finite() || scale <= 0.0 {
             continue;
         }
-        own.extend(of_channel.into_iter().map(|p| Point {
-            off: (p.off - offset) / scale,
-            ripple: p.ripple.map(|pair| Pair { cos: pair.cos / scale, sin: pair.sin / scale }),
-            ..p
-        }));
-    }
-    Ok(points)
-}
-
-/// What a harmonic contributes to the squared ripple, on average over its angle.
-fn energy_of(point: &Point, harmonic: usize) -> f64 {
-    point.ripple.get(harmonic).map_or(0.0, |pair| 0.5 * (pair.cos * pair.cos + pair.sin * pair.sin))
-}
-
-/// Products of a recording with a harmonic that turns `beat_hz` times a second, at angle zero and a quarter turn on.
-struct Along(f64, f64);
-
-impl Along {
-    fn hypot(&self) -> f64 {
-        self.0.hypot(self.1)
-    }
-}
-
-fn along(record: &[Point], harmonic: usize, beat_hz: f64) -> Along {
-    let mut sums = Along(0.0, 0.0);
-    let mut last_s = 0.0;
-    let (mut sin, mut cos) = (0.0, 1.0);
-    // Rows are evenly spaced but for gaps and the next channel's first: one rotation serves them all.
-    let mut spacing = (0.0, 0.0, 1.0);
-    for point in record {
-        let Some(pair) = point.ripple.get(harmonic) else { continue };
-        let by_s = point.time_s - last_s;
-        if f64::abs(by_s - spacing.0) > 1e-9 {
-            let (sin, cos) = (TAU * beat_hz * by_s).sin_cos();
-            spacing = (by_s, sin, cos);
+        for point in &mut points {
+            point.off = (point.off - offset) / scale;
+            point.ripple = point.ripple.map(|pair| Pair { cos: pair.cos / scale, sin: pair.sin / scale });
         }
-        (sin, cos) = (sin * spacing.2 + cos * spacing.1, cos * spacing.2 - sin * spacing.1);
-        last_s = point.time_s;
-        sums.0 += point.off * (pair.cos * cos + pair.sin * sin);
-        sums.1 += point.off * (pair.sin * cos - pair.cos * sin);
+        own.push(Swing { points });
     }
-    sums
+    Ok(swings)
+}
+
+impl Pair {
+    /// What it contributes to the squared ripple, on average over its angle.
+    fn energy(&self) -> f64 {
+        0.5 * (self.cos * self.cos + self.sin * self.sin)
+    }
+}
+
+/// Products of a recording's readings and of a harmonic that turns, at angle zero (`u`) and a quarter turn on (`v`), each
+/// less its mean over the channel: an offset is the parameters' to explain.
+#[derive(Default)]
+struct Products {
+    off_u: f64,
+    off_v: f64,
+    uu: f64,
+    uv: f64,
+    vv: f64,
+}
+
+impl Products {
+    fn of(record: &[Swing], harmonic: usize, beat_hz: f64) -> Self {
+        let mut all = Products::default();
+        for Swing { points } in record {
+            let (mut sums, mut means) = (Products::default(), (0.0, 0.0));
+            let mut last_s = 0.0;
+            let (mut sin, mut cos) = (0.0, 1.0);
+            // Rows are evenly spaced but for gaps: one rotation serves them all.
+            let mut spacing = (0.0, 0.0, 1.0);
+            for point in points {
+                let Some(pair) = point.ripple.get(harmonic) else { continue };
+                let by_s = point.time_s - last_s;
+                if f64::abs(by_s - spacing.0) > 1e-9 {
+                    let (sin, cos) = (TAU * beat_hz * by_s).sin_cos();
+                    spacing = (by_s, sin, cos);
+                }
+                (sin, cos) = (sin * spacing.2 + cos * spacing.1, cos * spacing.2 - sin * spacing.1);
+                last_s = point.time_s;
+                let (u, v) = (pair.cos * cos + pair.sin * sin, pair.sin * cos - pair.cos * sin);
+                sums.off_u += point.off * u;
+                sums.off_v += point.off * v;
+                sums.uu += u * u;
+                sums.uv += u * v;
+                sums.vv += v * v;
+                means.0 += u;
+                means.1 += v;
+            }
+            // Readings have no mean left, so their products need no correction.
+            let n = points.len().max(1) as f64;
+            all.off_u += sums.off_u;
+            all.off_v += sums.off_v;
+            all.uu += sums.uu - means.0 * means.0 / n;
+            all.uv += sums.uv - means.0 * means.1 / n;
+            all.vv += sums.vv - means.1 * means.1 / n;
+        }
+        all
+    }
+
+    fn at(&self, sin: f64, cos: f64) -> Match {
+        let product = cos * self.off_u + sin * self.off_v;
+        let energy = cos * cos * self.uu + 2.0 * sin * cos * self.uv + sin * sin * self.vv;
+        Match { gain: 2.0 * product - energy, product, energy }
+    }
+}
+
+/// How a ripple of one angle matches a recording.
+#[derive(Debug, Clone, Copy)]
+struct Match {
+    /// Drop of the squared residual.
+    gain: f64,
+    /// Product of readings and ripple.
+    product: f64,
+    /// Square of the ripple.
+    energy: f64,
+}
+
+impl Match {
+    /// At the best angle.
+    fn of(products: &Products) -> Self {
+        const TRIED: usize = 24;
+        let nothing = Match { gain: f64::NEG_INFINITY, product: 0.0, energy: 0.0 };
+        (0..TRIED).fold(nothing, |best, k| {
+            let (sin, cos) = (TAU * k as f64 / TRIED as f64).sin_cos();
+            let here = products.at(sin, cos);
+            if here.gain > best.gain { here } else { best }
+        })
+    }
 }
 
 /// The angle at which a recording starts, all harmonics together, in revolutions.
-fn crank(record: &[Point], turns_hz: f64) -> f64 {
+fn crank(record: &[Swing], turns_hz: f64) -> f64 {
     const TRIED: usize = 256;
-    // Products with every harmonic serve all angles; so do energies, as harmonics are apart.
-    let sums: [Along; HARMONICS] = std::array::from_fn(|h| along(record, h, (h + 1) as f64 * turns_hz));
-    (0..TRIED)
-        .map(|k| k as f64 / TRIED as f64)
-        .max_by(|a, b| {
-            let product = |rev: f64| -> f64 {
-                sums.iter()
-                    .enumerate()
-                    .map(|(h, sum)| {
-                        let (sin, cos) = (TAU * (h + 1) as f64 * rev).sin_cos();
-                        cos * sum.0 + sin * sum.1
-                    })
-                    .sum()
-            };
-            product(*a).total_cmp(&product(*b))
-        })
-        .unwrap_or(0.0)
+    // Harmonics are apart, so their gains add up.
+    let products: [Products; HARMONICS] = std::array::from_fn(|h| Products::of(record, h, (h + 1) as f64 * turns_hz));
+    let gain = |rev: f64| -> f64 {
+        let one = |(h, of): (usize, &Products)| {
+            let (sin, cos) = (TAU * (h + 1) as f64 * rev).sin_cos();
+            of.at(sin, cos).gain
+        };
+        products.iter().enumerate().map(one).sum()
+    };
+    best((0..TRIED).map(|k| k as f64 / TRIED as f64), gain)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::Records;
+    use model::plant::{FreeRunStart, Plant, Simulation};
+    use proto::recording::Recording;
+    use proto::recording::csv::{Column, ColumnData};
+    use std::sync::Arc;
+
+    /// A minute and a half of holds on the detailed rig, its pump at `speed_rpm`, its crank anywhere at the start.
+    fn recorded(speed_rpm: f64, crank_rev: f64) -> Recording {
+        let mut rig = Rig::builtin("dual_pressure").unwrap();
+        rig.integrator.step_ms = 0.2;
+        for pump in rig.pumps.values_mut() {
+            if let Pump::Piston(pump) = pump {
+                pump.speed_rpm = speed_rpm;
+            }
+        }
+        let plant = Arc::new(Plant::<f64>::new(&rig).unwrap());
+        let mut simulation = Simulation::new(plant);
+        let duty = |k: usize| [0.70 + 0.02 * ((k / 150) % 3) as f64, 0.78 + 0.02 * ((k / 110) % 4) as f64, 1.0];
+        simulation.start_at(&[90.0, -65.0], &duty(0), FreeRunStart::Running, crank_rev);
+        let rows = 4500;
+        let mut columns: [Vec<f64>; 4] = std::array::from_fn(|_| Vec::with_capacity(rows));
+        for k in 0..rows {
+            for (column, value) in
+                columns.iter_mut().zip([duty(k)[0], duty(k)[1]].into_iter().chain(simulation.readings_kpa()))
+            {
+                column.push(value);
+            }
+            simulation.tick(&duty(k));
+        }
+        let time_s: Vec<f64> = (0..rows).map(|k| 0.02 * k as f64).collect();
+        let named = ["u_pos", "u_neg", "p_pos_kpa", "p_neg_kpa"].into_iter().zip(columns);
+        let columns = named.map(|(name, c)| Column { name: name.to_owned(), data: ColumnData::Numbers(c) }).collect();
+        Recording::new("made", time_s, columns).unwrap()
+    }
+
+    #[test]
+    fn a_speed_that_is_a_little_off_is_read_and_one_that_is_right_is_left_alone() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        // 0.4 turns a minute are 0.013 Hz of ripple: once round in the recording. 2985 is a beat of half a second.
+        for speed_rpm in [2999.8, 3000.4, 2985.0] {
+            let recordings = [recorded(speed_rpm, 0.2), recorded(speed_rpm, 0.9)];
+            let records = Records::new(&rig, &recordings).unwrap();
+            let simulator = Simulator::new(&records, Fidelity::Averaged);
+            let weights = vec![1.0; records.layout().len()];
+            let read = tachometer(&simulator, &rig, &weights).unwrap().unwrap();
+            // An eighth of an eighth of a turn in 90 s is what the grid resolves: 0.01 rev/min.
+            assert!((read.speed_rpm - speed_rpm).abs() < 0.03, "{read:?}");
+            // The ripple repeats itself every half turn, but for what differs between the pistons.
+            for (rev, expected) in read.crank_rev.iter().zip([0.2, 0.9]) {
+                let off = (2.0 * (rev - expected)).rem_euclid(1.0);
+                assert!(off.min(1.0 - off) < 0.08, "{read:?}");
+            }
+        }
+        let records = Records::new(&rig, &[recorded(3000.0, 0.3)]).unwrap();
+        let simulator = Simulator::new(&records, Fidelity::Averaged);
+        assert_eq!(tachometer(&simulator, &rig, &vec![1.0; records.layout().len()]).unwrap(), None);
+    }
 }
