@@ -153,7 +153,7 @@ fn every_bad_file_gets_its_one_line() {
         ),
         (
             with_rows(&[good, "20,0.7,0.8,88,-71", "40,0.7,0.8,88,-71"]),
-            "rows are 20000 ms apart (median of time_s); a recording has a row every 20 ms; time_s seems to be in milliseconds",
+            "rows are 20000 ms apart (median of time_s); a recording has a row every 20 ms; time_s seems to be in milliseconds: divide it by 1000",
         ),
     ] {
         assert_eq!(error(&text), format!("rec.csv: {expected}"), "{text:?}");

@@ -162,6 +162,7 @@ range_v = [1.0, 5.0]
         "chamber_leak",
         "chamber_thermal",
         "command_delay",
+        "dead_zone",
         "line_resistance",
         "pump_droop",
         "pump_speed",

@@ -170,6 +170,6 @@ fn nothing_happens() {
     let still = [vec![0.8; ROWS], vec![0.8; ROWS]];
     let level = [vec![g.pressures[0][0]; ROWS], vec![g.pressures[1][0]; ROWS]];
     let found = quality(&rig, &[recording("still.csv", &still, &noisy(&level, 5))]);
-    assert_finds(&found, Trouble::NoExcitation, Severity::Unusable, &["no pressure moves"]);
+    assert_finds(&found, Trouble::NoExcitation, Severity::Unusable, &["u_pos, u_neg: no command moves"]);
     assert!(found.findings.iter().any(|f| f.column == "u_pos" && f.trouble == Trouble::NoExcitation));
 }
