@@ -2,7 +2,7 @@
 //!
 //! A mean of 25 readings scatters by a fifth of what one does (0.06 kPa for the converter's 0.3 kPa), so noise and the
 //! pump's ripple do not hide rest, and a chamber that still empties does not pass for it: with a time constant of 1 s a
-//! change of [`STILL_KPA`] from mean to mean leaves 0.3 kPa to go.
+//! change of `STILL_KPA` from mean to mean leaves 0.3 kPa to go.
 
 use model::contract::{CHANNELS, Pair};
 

@@ -40,7 +40,7 @@ pub fn accumulates(rig: &Rig) -> Option<&str> {
     })
 }
 
-/// The recordings in pieces of [`PIECE_ROWS`] rows or a little more, and which reading each of theirs was.
+/// The recordings in pieces of `PIECE_ROWS` rows or a little more, and which reading each of theirs was.
 pub fn pieces(records: &Records) -> (Records, Vec<usize>) {
     let mut parts: Vec<(usize, Range<usize>)> = Vec::new();
     for (record, r) in records.records().iter().enumerate() {
