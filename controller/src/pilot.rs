@@ -63,9 +63,4 @@ impl Pilot {
     pub fn applied(&mut self, duty: Pair) {
         self.law.applied(duty);
     }
-
-    /// Half width of play that the fallback learned, in duty.
-    pub fn learned_play(&self) -> Pair {
-        self.law.learned_play()
-    }
 }

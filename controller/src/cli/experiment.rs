@@ -64,7 +64,7 @@ impl ExperimentArgs {
         let played = self.play();
         if self.json {
             match &played {
-                Ok((experiment, played)) => say(format_args!("{}", self.object(experiment, played))),
+                Ok((forecast_kpa, played)) => say(format_args!("{}", self.object(*forecast_kpa, played))),
                 Err(failure) => say(format_args!("{}", json!({"completed": false, "error": failure.line}))),
             }
         }
@@ -72,10 +72,11 @@ impl ExperimentArgs {
         self.conclude(&played)
     }
 
-    fn play(&self) -> Result<(Announced, Played), Failure> {
+    /// Checks and plays; the range foreseen by channel in kPa, and what came of it.
+    fn play(&self) -> Result<([[f64; 2]; 2], Played), Failure> {
         let config = Config::read(&self.config)?;
         let experiment = Experiment::load(&config, &self.csv)?;
-        let announced = Announced::of(&experiment);
+        let forecast_kpa = experiment.forecast.range_kpa;
         tell(format_args!(
             "{}: {} rows ({:.2} s); {}; by the model {} positive {}, negative {} kPa",
             self.csv.display(),
@@ -83,8 +84,8 @@ impl ExperimentArgs {
             experiment.programme.seconds(),
             experiment.programme.pump_off().map_or("pump on throughout".to_owned(), |off| format!("pump off in {off}")),
             experiment.rig.name,
-            range(announced.forecast_kpa[0]),
-            range(announced.forecast_kpa[1]),
+            range(forecast_kpa[0]),
+            range(forecast_kpa[1]),
         ));
         let options = Options {
             recording: self.out.clone(),
@@ -94,7 +95,7 @@ impl ExperimentArgs {
             stop: Arc::new(AtomicBool::new(false)),
         };
         let played = experiment.run(&config, options)?;
-        Ok((announced, played))
+        Ok((forecast_kpa, played))
     }
 
     /// The last lines, and the exit status.
@@ -127,7 +128,7 @@ impl ExperimentArgs {
         Ok(())
     }
 
-    fn object(&self, announced: &Announced, played: &Played) -> serde_json::Value {
+    fn object(&self, forecast_kpa: [[f64; 2]; 2], played: &Played) -> serde_json::Value {
         json!({
             "completed": played.aborted.is_none(),
             "aborted": played.aborted,
@@ -136,22 +137,11 @@ impl ExperimentArgs {
             "rows": played.rows,
             "rows_played": played.reached,
             "seconds_played": played.seconds(),
-            "forecast_kpa": announced.forecast_kpa,
+            "forecast_kpa": forecast_kpa,
             "played": played.witness,
             "ticks_recorded": played.recording.ticks,
             "ticks_dropped": played.recording.ticks_dropped,
         })
-    }
-}
-
-/// What was foreseen, for the result.
-struct Announced {
-    forecast_kpa: [[f64; 2]; 2],
-}
-
-impl Announced {
-    fn of(experiment: &Experiment) -> Self {
-        Announced { forecast_kpa: experiment.forecast.range_kpa }
     }
 }
 

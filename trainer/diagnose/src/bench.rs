@@ -110,8 +110,8 @@ impl<'r> Bench<'r> {
         }
     }
 
-    /// The recordings as they would be had the rig's pump no strokes: less what the detailed simulation of `nominal`
-    /// differs by from the averaged one.
+    /// The recordings as they would be had the rig's pump no strokes: less what the detailed simulation of `rig` (the
+    /// bench's, with its parameters fitted) differs by from the averaged one.
     ///
     /// That difference (ripple as sampled, filling from stroke to stroke) hardly depends on the parameters: one prior
     /// standard deviation of any of the paper's rig changes it by 0.005 kPa at most. Taken from the readings once, it is
@@ -119,9 +119,8 @@ impl<'r> Bench<'r> {
     ///
     /// # Errors
     /// The rig cannot be simulated.
-    pub fn without_strokes(&self, nominal: &Explanation) -> Result<Records, DiagnoseError> {
-        let (rig, arcs) = (&nominal.fitted.rig, Arcs::free(self.records));
-        let arcs = refined_starts(&self.fast, rig, &arcs)?;
+    pub fn without_strokes(&self, rig: &Rig) -> Result<Records, DiagnoseError> {
+        let arcs = refined_starts(&self.fast, rig, &Arcs::free(self.records))?;
         let close = self.simulator.at(Fidelity::Detailed).one(rig, &arcs)?;
         let fast = self.fast.one(rig, &arcs)?;
         let less = self.records.readings_kpa().iter().zip(close.iter().zip(&fast)).map(|(r, (c, f))| r - (c - f));

@@ -248,11 +248,11 @@ impl Answer {
         let Asked { given, start, candidates, settings } = *asked;
         // At its own step: a coarser one's error is not the rig's.
         let as_given = figures(recorded, given, Fidelity::Detailed, !request.quick)?;
-        let nominal = recorded.fit(candidates, &[], &[start.to_vec()], Effort::Polish)?;
+        let fitted = recorded.set(&[])?.rig_at(start).map_err(DiagnoseError::rig(recorded.rig))?;
         // Everything is searched with averaged pumps, on readings that lack the strokes; what was found ends on the recordings.
-        let reduced = recorded.without_strokes(&nominal)?;
+        let reduced = recorded.without_strokes(&fitted)?;
         let bench = Bench::new(recorded.rig, &reduced, recorded.counted(), Fidelity::Averaged, request.threads);
-        let found = search(&bench, candidates, &nominal.fitted.point, settings, progress)?;
+        let found = search(&bench, candidates, start, settings, progress)?;
         progress("reconstructing what is missing", 0.0);
         let missing = reconstruct(&bench, &found.nominal.fitted.rig, &found.nominal.trace, !request.quick)?;
         let judgement = judge(&bench, candidates, &found, &bench.free_run(given)?, progress)?;

@@ -33,18 +33,7 @@ const AMPLITUDE: [f64; 2] = [0.05, 2.5];
 
 /// Screens candidates on top of an explanation; strongest first.
 pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, open: &[usize]) -> Vec<Screened> {
-    screen_if(bench, candidates, base, open, 1.0)
-}
-
-/// The same if the rig's parameters were known `tightness` times as well as their priors say.
-pub fn screen_if(
-    bench: &Bench<'_>,
-    candidates: &[Candidate],
-    base: &Explanation,
-    open: &[usize],
-    tightness: f64,
-) -> Vec<Screened> {
-    let prior: Vec<f64> = base.set.prior().iter().map(|p| p * tightness * tightness).collect();
+    let prior = base.set.prior();
     let fitted = &base.fitted;
     let Some(projector) = Projector::new(&fitted.linearised, &prior, &fitted.point) else {
         return Vec::new();
