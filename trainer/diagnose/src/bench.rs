@@ -231,6 +231,16 @@ impl<'r> Bench<'r> {
         Ok(self.simulator.one(rig, &arcs)?)
     }
 
+    /// Mean square of what a trace is off on the rows of a role, channels together, in kPa².
+    pub fn squares(&self, trace: &[f64], role: Role) -> f64 {
+        let layout = self.records.layout();
+        let weights = self.split.weights(layout, role);
+        let off = trace.iter().zip(self.records.readings_kpa()).zip(weights.iter().zip(&self.counted));
+        let counts = off.filter(|(_, (w, counted))| **w != 0.0 && **counted != 0.0);
+        let (sum, rows) = counts.fold((0.0, 0.0), |(sum, rows), ((p, r), _)| (sum + (p - r).powi(2), rows + 1.0));
+        sum / f64::max(rows, 1.0)
+    }
+
     /// Log-likelihood of a trace on the blocks of a role, some errors allowed for.
     pub fn score(&self, trace: &[f64], role: Role, allowed: &Allowed) -> Score {
         self.score_on(trace, &self.blocks(role), allowed)

@@ -58,6 +58,22 @@ pub struct Judgement {
     pub excess_kpa: [Vec<f64>; 3],
 }
 
+impl Judgement {
+    /// The same without a name: what was to be named did not hold.
+    #[must_use]
+    pub fn of_no_name(self) -> Self {
+        let [given, nominal, _] = self.excess_kpa;
+        Judgement {
+            verdict: Verdict::UnknownMechanism,
+            named: Vec::new(),
+            contested: Vec::new(),
+            rivals: Vec::new(),
+            groups: Vec::new(),
+            excess_kpa: [given, nominal.clone(), nominal],
+        }
+    }
+}
+
 /// A term and its rivals.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contest {

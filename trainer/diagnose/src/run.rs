@@ -136,33 +136,62 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         None => &whole,
     };
     let of = |rig: &Rig| figures(bench, rig, Fidelity::Detailed, !request.quick);
-    let Answer { given, reduced, mut found, missing, judgement } = answer;
+    let Answer { given, reduced, mut found, missing, mut judgement } = answer;
     let searched = Bench::new(rig, &reduced, bench.counted(), Fidelity::Averaged, request.threads);
+    progress("running before and after", 0.0);
+    found.nominal = settled(bench, &found.nominal)?;
+    found.best = if found.best.terms.is_empty() { found.nominal.clone() } else { settled(bench, &found.best)? };
+    let reidentified = of(&found.nominal.fitted.rig)?;
+    let mut extended = of(&found.best.fitted.rig)?;
+    let sigma_kpa = bench.sigma_kpa();
+    if judgement.verdict == Verdict::MissingPhysics && !extended.holds_against(&reidentified, &sigma_kpa) {
+        let names: Vec<String> =
+            found.best.terms.iter().filter_map(|t| candidates.get(*t)).map(Candidate::name).collect();
+        notes.push(format!(
+            "{} fits what was fitted, but errs more than nothing on the rows kept back ({:.2} kPa instead of {:.2}, or \
+             one pressure for the other): something like it, not it",
+            names.join(" with "),
+            extended.total_rmse_kpa(),
+            reidentified.total_rmse_kpa()
+        ));
+        judgement = judgement.of_no_name();
+        found.best = found.nominal.clone();
+        extended = reidentified.clone();
+    }
     let mut unknown = if judgement.verdict == Verdict::UnknownMechanism {
         progress("shaping a term for what has no name", 0.0);
-        fit_unknown(&searched, &found.nominal, &missing, if request.quick { 1 } else { 3 })?
+        fit_unknown(&searched, &found.nominal, &missing, if request.quick { 2 } else { 4 })?
     } else {
         None
     };
+    if let Some(term) = &mut unknown {
+        term.explanation = settled(bench, &term.explanation)?;
+        let with_it = of(&term.explanation.fitted.rig)?;
+        if with_it.holds_against(&reidentified, &sigma_kpa) {
+            extended = with_it;
+        } else {
+            notes.push(format!(
+                "{} was tried and does not hold on the rows kept back ({:.2} kPa instead of {:.2}): it is not in the rig file",
+                term.depends_on,
+                with_it.total_rmse_kpa(),
+                reidentified.total_rmse_kpa()
+            ));
+            unknown = None;
+        }
+    }
     progress("planning", 0.0);
     let plan = if judgement.verdict == Verdict::Undecided {
         plan(bench, &judgement.rivals.iter().collect::<Vec<_>>())?
     } else {
         None
     };
-    progress("running before and after", 0.0);
-    found.nominal = settled(bench, &found.nominal)?;
-    found.best = if found.best.terms.is_empty() { found.nominal.clone() } else { settled(bench, &found.best)? };
-    if let Some(term) = &mut unknown {
-        term.explanation = settled(bench, &term.explanation)?;
-    }
     if let Some(event) = &mut event {
         event.change = event::what_changed(&whole, &found.best.fitted.rig, event)?;
     }
     let findings = Findings {
         given,
-        reidentified: of(&found.nominal.fitted.rig)?,
-        extended: of(unknown.as_ref().map_or(&found.best.fitted.rig, |term| &term.explanation.fitted.rig))?,
+        reidentified,
+        extended,
         unknown: unknown.as_ref(),
         bench,
         candidates: &candidates,
