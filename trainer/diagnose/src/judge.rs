@@ -19,7 +19,7 @@ use crate::search::{FAR_BEHIND, Found, GLANCE_ROUNDS, cost, starts, with, withou
 const FLOOR_KPA: f64 = 0.06;
 /// Share of the mean squared error beyond the noise that what is named must take away. The same physics written in
 /// another way (relays instead of plays) leaves a sixth; what is merely similar (a lag for a resonance) leaves more.
-const EXPLAINED: f64 = 0.7;
+pub(crate) const EXPLAINED: f64 = 0.7;
 /// Error beyond the noise, in kPa, above which a model that lacks nothing known lacks something unknown.
 pub(crate) const UNKNOWN_KPA: f64 = 0.12;
 /// Gain of prior and likelihood, beyond what the best of all candidates has by chance, at which a mechanism that does

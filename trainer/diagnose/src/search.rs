@@ -8,7 +8,7 @@ use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::evidence::{Bar, Evidence, evidence};
 use crate::glance::{Footing, Glanced};
-use crate::judge::{UNKNOWN_KPA, excess};
+use crate::judge::{EXPLAINED, UNKNOWN_KPA, excess};
 use crate::screen::{Projector, screen};
 
 /// How to search.
@@ -84,8 +84,10 @@ pub fn search(
             best = top;
         } else {
             // What is far from any known physics may be near one from where the parameters were before they gave way.
-            let far = excess(bench, &best.trace).iter().any(|kpa| *kpa > UNKNOWN_KPA);
-            let again = if far { from_priors(bench, candidates, &best, &missed, &mut tried, tell)? } else { None };
+            let left = excess(bench, &best.trace);
+            let squares = |excess: &[f64]| excess.iter().map(|kpa| kpa * kpa).sum::<f64>();
+            let unexplained = squares(&left) > (1.0 - EXPLAINED) * squares(&excess(bench, &nominal.trace));
+            let again = if unexplained && left.iter().any(|kpa| *kpa > UNKNOWN_KPA) { from_priors(bench, candidates, &best, &missed, &mut tried, tell)? } else { None };
             let passed = |again: &Explanation| {
                 let found = evidence(bench, again, &best);
                 let parameters = again.set.len().saturating_sub(best.set.len());
