@@ -16,7 +16,7 @@ use crate::glance::Footing;
 use crate::search::{FAR_BEHIND, Found, GLANCE_ROUNDS, cost, starts, with, without};
 
 /// Error beyond the noise, in kPa, below which a model is as good as the recordings can tell.
-const FLOOR_KPA: f64 = 0.06;
+pub(crate) const FLOOR_KPA: f64 = 0.06;
 /// Share of the mean squared error beyond the noise that what is named must take away. The same physics written in
 /// another way (relays instead of plays) leaves a sixth; what is merely similar (a lag for a resonance) leaves more.
 pub(crate) const EXPLAINED: f64 = 0.7;

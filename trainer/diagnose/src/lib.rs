@@ -11,6 +11,7 @@
 //! | whether one explanation is better, by more than chance | [`evidence`] |
 //! | what a single mechanism explains of the given rig's mismatch | [`alone`] |
 //! | where the mismatch lives; missing flows reconstructed | [`locate`] |
+//! | how the pump turned, and the answer that goes with it | `turning`, `answer` |
 //! | a verdict and its rivals | [`judge`] |
 //! | a term without a name | [`unknown`] |
 //! | recorded flows into closed volumes | [`closed`] |
@@ -21,6 +22,7 @@
 //! No verdict is better than its recordings: what they do not tell is said, and never guessed.
 
 pub mod alone;
+mod answer;
 pub mod bench;
 pub mod candidate;
 pub mod closed;
@@ -38,6 +40,7 @@ pub mod place;
 mod run;
 pub mod screen;
 pub mod search;
+mod turning;
 pub mod unknown;
 mod words;
 
