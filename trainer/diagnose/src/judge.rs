@@ -27,8 +27,10 @@ pub(crate) const UNKNOWN_KPA: f64 = 0.12;
 const HINT: f64 = 5.0;
 /// Error beyond the noise, in kPa, from which on one asks whether a single mechanism explains a shift of parameters.
 const SHIFTED_KPA: f64 = 0.5;
-/// Share of the given rig's mismatch that a mechanism must explain alone to be a rival of moved parameters.
+/// Share of the given rig's mismatch that some mechanism must explain alone before moved parameters are doubted.
 const ALL_BUT: f64 = 0.97;
+/// Share above which a mechanism is a rival once they are: parameters are always off a little beside it.
+const MOST_OF_IT: f64 = 0.8;
 /// The most such rivals.
 const MOST_RIVALS: usize = 5;
 /// Log-likelihood within which two explanations are rivals whatever their blocks say.
@@ -150,7 +152,12 @@ fn nothing_named(
     if as_given.iter().any(|kpa| *kpa > SHIFTED_KPA) {
         let mut rivals = vec![found.nominal.clone()];
         let mut group = vec![MOVED.to_owned()];
-        for lone in alone(bench, candidates)?.iter().filter(|lone| lone.share > ALL_BUT).take(MOST_RIVALS) {
+        let lone = alone(bench, candidates)?;
+        let doubted = lone.iter().any(|lone| lone.share > ALL_BUT);
+        for lone in lone.iter().filter(|lone| doubted && lone.share > MOST_OF_IT) {
+            if rivals.len() > MOST_RIVALS {
+                break;
+            }
             let terms = [lone.candidate];
             let values = [(lone.candidate, lone.start.clone())];
             let starts = starts(bench, candidates, &found.nominal, &terms, &values, false);

@@ -87,7 +87,11 @@ pub fn search(
             let left = excess(bench, &best.trace);
             let squares = |excess: &[f64]| excess.iter().map(|kpa| kpa * kpa).sum::<f64>();
             let unexplained = squares(&left) > (1.0 - EXPLAINED) * squares(&excess(bench, &nominal.trace));
-            let again = if unexplained && left.iter().any(|kpa| *kpa > UNKNOWN_KPA) { from_priors(bench, candidates, &best, &missed, &mut tried, tell)? } else { None };
+            let again = if unexplained && left.iter().any(|kpa| *kpa > UNKNOWN_KPA) {
+                from_priors(bench, candidates, &best, &missed, &mut tried, tell)?
+            } else {
+                None
+            };
             let passed = |again: &Explanation| {
                 let found = evidence(bench, again, &best);
                 let parameters = again.set.len().saturating_sub(best.set.len());
