@@ -170,12 +170,15 @@ impl Turning {
     /// What is said about it.
     pub(crate) fn note(&self) -> Option<String> {
         if let Some(heard) = &self.heard {
-            return Some(format!("the pump's ripple tells how it turned: {}", heard.shows));
+            return Some(format!(
+                "the pump's ripple tells how it turned: {}; errors and plots are of readings that it was taken out of",
+                heard.shows
+            ));
         }
         self.read.as_ref().map(|(read, stated_rpm)| {
             format!(
                 "the readings swing with the pump's ripple at {:.3} Hz: {} turns at {:.2} rev/min, not at {stated_rpm:.2} \
-                 as in the rig file; taken into account",
+                 as in the rig file; errors and plots are of readings that it was taken out of",
                 read.beat_hz, read.pump, read.speed_rpm
             )
         })
