@@ -11,7 +11,7 @@
 //! | whether one explanation is better, by more than chance | [`evidence`] |
 //! | what a single mechanism explains of the given rig's mismatch | [`alone`] |
 //! | where the mismatch lives; missing flows reconstructed | [`locate`] |
-//! | how the pump turned, and the answer that goes with it | `turning`, `answer` |
+//! | how the pump turned, and the answer that goes with it | `turning`, `heard`, `answer` |
 //! | a verdict and its rivals | [`judge`] |
 //! | a term without a name | [`unknown`] |
 //! | recorded flows into closed volumes | [`closed`] |
@@ -33,6 +33,7 @@ pub mod evidence;
 pub mod experiment;
 pub mod figures;
 pub mod glance;
+mod heard;
 pub mod judge;
 pub mod locate;
 mod page;

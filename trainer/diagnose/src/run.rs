@@ -19,10 +19,11 @@ use crate::evidence::Bar;
 use crate::experiment::{Plan, plan};
 use crate::figures::{Figures, figures};
 use crate::glance::settled;
+use crate::heard::Heard;
 use crate::judge::{Judgement, UNKNOWN_KPA};
 use crate::locate::Missing;
 use crate::search::{Found, SearchSettings};
-use crate::turning::{Heard, answered};
+use crate::turning::answered;
 use crate::unknown::{UnknownTerm, fit_unknown};
 use crate::{page, words};
 

@@ -11,15 +11,17 @@
 //! more where the ripple, asked again of the rig with what was found in it, tells another speed; the plainest one is taken.
 
 use fit::data::Records;
-use fit::simulate::{Arcs, Course, Fidelity, Run, Tachometer, Track, refined_starts, tachometer, track};
-use model::mechanism::{Mechanism, PumpDroop, PumpSpeed};
-use model::rig::{Attached, Pump, Rig};
+use fit::simulate::{
+    Arcs, Course, Fidelity, Run, Tachometer, Track, refined_starts, ripple_in_step, tachometer, track,
+};
+use model::rig::{Pump, Rig};
 
 use crate::answer::{Answer, Asked};
 use crate::bench::{Bench, Effort};
 use crate::diagnosis::Verdict;
 use crate::error::DiagnoseError;
 use crate::figures::{Figures, figures};
+use crate::heard::Heard;
 use crate::judge::{FLOOR_KPA, Judgement};
 
 /// Turns of the ripple in the longest recording below which a reading may be something slow that is missing.
@@ -28,33 +30,12 @@ const CERTAIN_TURNS: f64 = 1.5;
 const APART_TURNS: f64 = 0.25;
 /// Drop in cost (half chi-square) that pays for a term, and for a reading: a speed and an angle for each recording.
 const PRICE: f64 = 20.0;
+/// Change of the ripple at which an answer is worked out again, in kPa: what a term must set right to be named.
+const REDONE_KPA: f64 = 0.03;
 /// Share of the stated speed from which on another one is missing physics; less is how such motors scatter.
 const NAMED: f64 = 0.002;
-/// Share of a droop, or of a change of speed, that is never known better: readings of the load have gains of their own.
-const CALIBRATION: f64 = 0.01;
-/// z of a two-sided interval of 90 %.
-const NINETY: f64 = 1.645;
 /// Angles of the crank over which strokes are averaged.
 const ANGLES: usize = 4;
-
-/// A mechanism of the pump that its ripple told.
-#[derive(Debug, Clone)]
-pub(crate) struct Heard {
-    /// Its entry in the rig file.
-    pub(crate) attached: Attached,
-    /// Key of its number.
-    pub(crate) key: &'static str,
-    pub(crate) unit: &'static str,
-    pub(crate) value: f64,
-    /// Interval that holds it with 90 %.
-    pub(crate) interval: [f64; 2],
-    /// Log-likelihood that the ripple gains by it.
-    pub(crate) log_likelihood: f64,
-    /// Share of what was unexplained that goes with it.
-    pub(crate) share: f64,
-    /// How it shows, to be read after a semicolon.
-    pub(crate) shows: String,
-}
 
 /// The rig with its pump at the speed that its ripple tells, the recordings with cranks where they stood or without
 /// ripple, and the rig's own parameters as fitted.
@@ -68,26 +49,35 @@ pub(crate) struct Turning {
     fidelity: Fidelity,
     /// What the ripple told where it kept step, and the speed in the rig file in rev/min.
     read: Option<(Tachometer, f64)>,
+    /// The ripple that was taken out of the readings, in kPa; empty for none.
+    ripple_kpa: Vec<f64>,
     /// Where the ripple was taken out: the rig fitted without what was heard, and the recordings as they came.
     without: Option<(Rig, Records)>,
 }
 
 impl Turning {
-    /// By a ripple that kept step, or stood still.
-    fn in_step(rig: &Rig, records: &Records, point: &[f64], read: Option<Tachometer>) -> Self {
-        let mut turning = Turning {
+    /// By a ripple that stands still.
+    fn as_stated(rig: &Rig, records: &Records, point: &[f64]) -> Self {
+        Turning {
             rig: rig.clone(),
             records: records.clone(),
             point: point.to_vec(),
             heard: None,
             fidelity: Fidelity::Detailed,
             read: None,
+            ripple_kpa: Vec::new(),
             without: None,
-        };
-        if let Some(read) = read
-            && let Some(Pump::Piston(pump)) = turning.rig.pumps.get_mut(&read.pump)
-        {
-            turning.records = turning.records.with_cranks(&read.crank_rev);
+        }
+    }
+
+    /// By a ripple that kept step: taken out of the readings as well, for the pump's model predicts it to a tenth.
+    fn in_step(raw: &Raw<'_>, base: &Rig, point: &[f64], read: Tachometer) -> Result<Self, DiagnoseError> {
+        let bench = raw.bench;
+        let ripple_kpa = ripple_in_step(&bench.fast, base, &read, bench.counted())?;
+        let mut turning = Turning::as_stated(bench.rig, &raw.freed(&ripple_kpa)?, point);
+        turning.fidelity = Fidelity::Smooth;
+        turning.ripple_kpa = ripple_kpa;
+        if let Some(Pump::Piston(pump)) = turning.rig.pumps.get_mut(&read.pump) {
             let stated_rpm = pump.speed_rpm;
             if read.slip.abs() < NAMED {
                 pump.speed_rpm = read.speed_rpm;
@@ -95,26 +85,19 @@ impl Turning {
                 let heard = Heard::steady(&read);
                 turning.rig.mechanisms.push(heard.attached.clone());
                 turning.heard = Some(heard);
+                turning.without = Some((raw.fitted.clone(), bench.records.clone()));
             }
             turning.read = Some((read, stated_rpm));
         }
-        turning
+        Ok(turning)
     }
 
-    /// By a ripple that was followed; `bench` holds the recordings as they came, `fitted` is the rig as fitted to them.
-    fn followed(
-        bench: &Bench<'_>,
-        fitted: &Rig,
-        point: &[f64],
-        followed: &Track,
-        threads: Option<usize>,
-    ) -> Result<Self, DiagnoseError> {
+    /// By a ripple that was followed.
+    fn followed(raw: &Raw<'_>, point: &[f64], followed: &Track) -> Result<Self, DiagnoseError> {
+        let bench = raw.bench;
         let mut rig = bench.rig.clone();
-        let strokes = strokes_kpa(bench, fitted)?;
-        let readings = bench.records.readings_kpa().iter().zip(&followed.ripple_kpa).zip(strokes);
-        let records =
-            bench.records.with_readings(readings.map(|((r, ripple), stroke)| r - ripple - stroke).collect())?;
-        let plain = Bench::new(bench.rig, &records, bench.counted(), Fidelity::Smooth, threads);
+        let records = raw.freed(&followed.ripple_kpa)?;
+        let plain = Bench::new(bench.rig, &records, bench.counted(), Fidelity::Smooth, raw.threads);
         let without = plain.fit(&[], &[], &[point.to_vec()], Effort::Polish)?.fitted.rig;
         if let (Course::Drooping { share, .. }, Some(Pump::Piston(pump))) =
             (followed.course, rig.pumps.get_mut(&followed.pump))
@@ -130,8 +113,15 @@ impl Turning {
             heard: Some(heard),
             fidelity: Fidelity::Smooth,
             read: None,
+            ripple_kpa: followed.ripple_kpa.clone(),
             without: Some((without, bench.records.clone())),
         })
+    }
+
+    /// By how much another one's ripple differs, root mean square in kPa.
+    fn ripple_off_kpa(&self, other: &Turning) -> f64 {
+        let squares = self.ripple_kpa.iter().zip(&other.ripple_kpa).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+        (squares / self.ripple_kpa.len().max(1) as f64).sqrt()
     }
 
     fn tachometer(&self) -> Option<&Tachometer> {
@@ -152,27 +142,15 @@ impl Turning {
         Answer::of(&self.bench(usable, asked.threads), asked, &self.point, progress)
     }
 
-    /// The re-identified rig without what was heard, given the one with it.
-    fn without(&self, nominal: &Rig) -> Rig {
-        if let Some((without, _)) = &self.without {
-            return without.clone();
-        }
-        let mut rig = nominal.clone();
-        if let Some(heard) = &self.heard {
-            rig.mechanisms.retain(|attached| *attached != heard.attached);
-        }
-        rig
-    }
-
-    /// Figures of the re-identified rig without what was heard, given the one with it; with the ripple on the readings.
+    /// Figures of the re-identified rig without what was heard, `nominal` being the one with it; the ripple still on the
+    /// readings.
     pub(crate) fn reidentified(&self, bench: &Bench<'_>, nominal: &Rig, short: bool) -> Result<Figures, DiagnoseError> {
-        let without = self.without(nominal);
         Ok(match &self.without {
-            Some((_, records)) if records.rows() == bench.records.rows() => {
-                let raw = Bench::new(&without, records, bench.counted(), Fidelity::Detailed, None);
-                figures(&raw, &without, Fidelity::Detailed, short)?
+            Some((without, records)) if records.rows() == bench.records.rows() => {
+                let raw = Bench::new(without, records, bench.counted(), Fidelity::Detailed, None);
+                figures(&raw, without, Fidelity::Detailed, short)?
             }
-            _ => figures(bench, &without, bench.close.fidelity(), short)?,
+            _ => figures(bench, nominal, bench.close.fidelity(), short)?,
         })
     }
 
@@ -192,102 +170,97 @@ impl Turning {
     /// What is said about it.
     pub(crate) fn note(&self) -> Option<String> {
         if let Some(heard) = &self.heard {
-            return Some(format!("the pump's ripple tells how it turned: {}", heard.shows));
+            return Some(format!(
+                "the pump's ripple tells how it turned: {}; errors and plots are of readings that it was taken out of",
+                heard.shows
+            ));
         }
         self.read.as_ref().map(|(read, stated_rpm)| {
             format!(
                 "the readings swing with the pump's ripple at {:.3} Hz: {} turns at {:.2} rev/min, not at {stated_rpm:.2} \
-                 as in the rig file; taken into account",
+                 as in the rig file; errors and plots are of readings that it was taken out of",
                 read.beat_hz, read.pump, read.speed_rpm
             )
         })
     }
 }
 
-impl Heard {
-    /// A speed that keeps step.
-    fn steady(read: &Tachometer) -> Self {
-        let percent = 100.0 * read.slip;
-        // The grid of the reading resolves a sixty-fourth of a turn.
-        let error = percent.abs() / (64.0 * read.turns.max(1.0));
-        let shows =
-            format!("it beats at {:.2} Hz in the samples, as it does at {:.1} rev/min", read.beat_hz, read.speed_rpm);
-        Heard::speed(&read.pump, percent, error, read.log_likelihood, 1.0, shows)
-    }
-
-    fn speed(pump: &str, percent: f64, error: f64, log_likelihood: f64, share: f64, shows: String) -> Self {
-        Heard {
-            attached: attached(pump, Mechanism::PumpSpeed(PumpSpeed { change_percent: percent })),
-            key: "change_percent",
-            unit: "%",
-            value: percent,
-            interval: [percent - error, percent + error],
-            log_likelihood,
-            share,
-            shows,
-        }
-    }
-
-    /// What a course of the speed is called.
-    fn of(followed: &Track) -> Self {
-        let Track { pump, log_likelihood, share, .. } = followed;
-        let leading = followed.course.leading();
-        let error = (NINETY * followed.error).max(CALIBRATION * leading.abs());
-        match followed.course {
-            Course::Drooping { per_bar, .. } => Heard {
-                attached: attached(pump, Mechanism::PumpDroop(PumpDroop { speed_loss_per_bar: per_bar })),
-                key: "speed_loss_per_bar",
-                unit: "1/bar",
-                value: per_bar,
-                interval: [(per_bar - error).max(0.0), per_bar + error],
-                log_likelihood: *log_likelihood,
-                share: *share,
-                shows: format!(
-                    "it slows by {:.1} % per bar between the pump's ports, {:.1} % on average",
-                    100.0 * per_bar,
-                    -100.0 * followed.mean_share
-                ),
-            },
-            Course::Constant { share: off } => {
-                let shows = format!("it is {:+.2} % off the stated speed", 100.0 * off);
-                Heard::speed(pump, 100.0 * off, 100.0 * error, *log_likelihood, *share, shows)
-            }
-            Course::Warming { share: end, time_s } => {
-                let shows = format!(
-                    "the speed moves by {:+.2} % from the start of each recording on, with a time constant of {time_s:.0} s; \
-                     its mean of {:+.2} % is in the rig file",
-                    100.0 * end,
-                    100.0 * followed.mean_share
-                );
-                // Between where it starts and where it ends.
-                let mut heard = Heard::speed(pump, 100.0 * followed.mean_share, 0.0, *log_likelihood, *share, shows);
-                heard.interval = [end.min(0.0) * 100.0, end.max(0.0) * 100.0];
-                heard
-            }
-        }
-    }
+/// Recordings as they came.
+struct Raw<'a> {
+    bench: &'a Bench<'a>,
+    /// The rig as fitted to them, its pump as fast as stated.
+    fitted: &'a Rig,
+    /// What the detailed simulation differs by from the averaged one, wherever the crank starts, in kPa.
+    strokes_kpa: Vec<f64>,
+    threads: Option<usize>,
 }
 
-fn attached(pump: &str, mechanism: Mechanism) -> Attached {
-    Attached { component: pump.to_owned(), enabled: true, mechanism }
-}
-
-/// What the detailed simulation of a rig differs by from the averaged one, on average over where the crank starts, in kPa.
-fn strokes_kpa(bench: &Bench<'_>, rig: &Rig) -> Result<Vec<f64>, DiagnoseError> {
-    let arcs = refined_starts(&bench.fast, rig, &Arcs::free(bench.records))?;
-    // Half a turn of a pair of pistons is all there is to see.
-    let runs: Vec<Run> =
-        (0..ANGLES).map(|k| Run { crank_rev: 0.5 * k as f64 / ANGLES as f64, ..Run::from(rig.clone()) }).collect();
-    let mut less = vec![0.0; bench.records.layout().len()];
-    for (simulator, sign) in [(&bench.close, 1.0), (&bench.fast, -1.0)] {
-        for trace in simulator.run(&runs, &arcs) {
-            let trace = trace.map_err(DiagnoseError::rig(rig))?;
-            for (slot, kpa) in less.iter_mut().zip(trace) {
-                *slot += sign * kpa / ANGLES as f64;
+impl<'a> Raw<'a> {
+    fn of(bench: &'a Bench<'a>, fitted: &'a Rig, threads: Option<usize>) -> Result<Self, DiagnoseError> {
+        let arcs = refined_starts(&bench.fast, fitted, &Arcs::free(bench.records))?;
+        // Half a turn of a pair of pistons is all there is to see.
+        let runs: Vec<Run> = (0..ANGLES)
+            .map(|k| Run { crank_rev: 0.5 * k as f64 / ANGLES as f64, ..Run::from(fitted.clone()) })
+            .collect();
+        let mut strokes_kpa = vec![0.0; bench.records.layout().len()];
+        for (simulator, sign) in [(&bench.close, 1.0), (&bench.fast, -1.0)] {
+            for trace in simulator.run(&runs, &arcs) {
+                let trace = trace.map_err(DiagnoseError::rig(fitted))?;
+                for (slot, kpa) in strokes_kpa.iter_mut().zip(trace) {
+                    *slot += sign * kpa / ANGLES as f64;
+                }
             }
         }
+        Ok(Raw { bench, fitted, strokes_kpa, threads })
     }
-    Ok(less)
+
+    /// The recordings without a ripple, and as if the pump had no strokes.
+    fn freed(&self, ripple_kpa: &[f64]) -> Result<Records, DiagnoseError> {
+        let readings = self.bench.records.readings_kpa().iter().zip(ripple_kpa).zip(&self.strokes_kpa);
+        Ok(self.bench.records.with_readings(readings.map(|((r, ripple), stroke)| r - ripple - stroke).collect())?)
+    }
+
+    /// Which of two opposite readings is meant: the one with which the rig's own parameters explain more, from the
+    /// parameters as fitted. Only one is no question.
+    fn forwards(&self, readings: Vec<Tachometer>, point: &[f64]) -> Result<Option<Turning>, DiagnoseError> {
+        let mut best: Option<(f64, Turning)> = None;
+        for first in readings {
+            let (read, base, point) = self.read_twice(first, point)?;
+            let mut turning = Turning::in_step(self, &base, &point, read)?;
+            let bench = turning.bench(self.bench.counted(), self.threads);
+            let freed = bench.fit(&[], &[], &[point], Effort::Polish)?.fitted;
+            let cost = freed.comparable_cost(bench.records, bench.fit_weights());
+            turning.point = freed.point;
+            if best.as_ref().is_none_or(|(least, _)| cost < *least) {
+                best = Some((cost, turning));
+            }
+        }
+        Ok(best.map(|(_, turning)| turning))
+    }
+
+    /// A reading, asked again of the rig as fitted with it: before, its parameters made up for some of the ripple. With it
+    /// that rig, as fast as stated, and its point.
+    fn read_twice(&self, mut read: Tachometer, point: &[f64]) -> Result<(Tachometer, Rig, Vec<f64>), DiagnoseError> {
+        let mut fitted = self.fitted_with(&read, point)?;
+        let again = tachometer(&self.bench.fast, &fitted.0, self.bench.fit_weights())?;
+        if let Some(again) = again.into_iter().find(|again| again.slip.signum() == read.slip.signum()) {
+            fitted = self.fitted_with(&again, &fitted.1)?;
+            read = again;
+        }
+        Ok((read, fitted.0, fitted.1))
+    }
+
+    /// The rig fitted with a reading, as fast as stated, and its point.
+    fn fitted_with(&self, read: &Tachometer, point: &[f64]) -> Result<(Rig, Vec<f64>), DiagnoseError> {
+        let mut turned = self.bench.rig.clone();
+        if let Some(Pump::Piston(pump)) = turned.pumps.get_mut(&read.pump) {
+            pump.speed_rpm = read.speed_rpm;
+        }
+        let records = self.bench.records.clone().with_cranks(&read.crank_rev);
+        let averaged = Bench::new(&turned, &records, self.bench.counted(), Fidelity::Averaged, self.threads);
+        let fitted = averaged.fit(&[], &[], &[point.to_vec()], Effort::Polish)?.fitted;
+        Ok((at_stated_speed(&fitted.rig, self.bench.rig), fitted.point))
+    }
 }
 
 /// An answer with the reading that it rests on.
@@ -307,75 +280,54 @@ pub(crate) fn answered(
     let bench = Bench::new(rig, &records, usable, Fidelity::Detailed, asked.threads);
     let origin = vec![0.0; bench.nominal.len()];
     let fitted = bench.fit(&[], &[], &[origin], Effort::Full)?.fitted;
-    let mut readings = tachometer(&bench.fast, &fitted.rig, bench.fit_weights())?;
-    let ambiguous = readings.first().is_some_and(|read| read.turns < CERTAIN_TURNS);
-    if (readings.is_empty() || ambiguous)
-        && let Some(followed) = track(&bench.fast, &fitted.rig, usable)?
-    {
-        let turning = Turning::followed(&bench, &fitted.rig, &fitted.point, &followed, asked.threads)?;
+    let readings = tachometer(&bench.fast, &fitted.rig, bench.fit_weights())?;
+    let ambiguous = readings.first().is_none_or(|read| read.turns < CERTAIN_TURNS);
+    let followed = if ambiguous { track(&bench.fast, &fitted.rig, usable)? } else { None };
+    let mut turnings = Vec::new();
+    if let Some(followed) = &followed {
+        let raw = Raw::of(&bench, &fitted.rig, asked.threads)?;
+        turnings.push(Turning::followed(&raw, &fitted.point, followed)?);
         // What the pump's speed does is known.
         asked.candidates.retain(|candidate| !["pump_droop", "pump_speed"].contains(&candidate.id.as_str()));
-        let answer = turning.answer(asked, usable, progress)?;
-        return Ok((turning, answer));
+    } else if !readings.is_empty() {
+        let raw = Raw::of(&bench, &fitted.rig, asked.threads)?;
+        turnings.extend(raw.forwards(readings, &fitted.point)?);
     }
-    let mut point = fitted.point;
-    if readings.len() > 1 && !ambiguous {
-        let forwards = forwards(rig, &records, usable, asked.threads, readings, &point)?;
-        (readings, point) = (vec![forwards.0], forwards.1);
+    if followed.is_none() && ambiguous {
+        turnings.push(Turning::as_stated(rig, &records, &fitted.point));
     }
-    let mut tried: Vec<Option<Tachometer>> = readings.into_iter().map(Some).collect();
-    if ambiguous || tried.is_empty() {
-        tried.push(None);
-    }
-    let mut answers = Vec::new();
-    let mut work_out = |read: Option<Tachometer>, answers: &mut Vec<Answered>| -> Result<(), DiagnoseError> {
-        let turning = Turning::in_step(rig, &records, &point, read);
-        let answer = turning.answer(asked, usable, progress)?;
-        answers.push((turning, answer));
-        Ok(())
-    };
-    for read in tried {
+    let mut answers: Vec<Answered> = Vec::new();
+    for turning in turnings {
         if !answers.iter().any(|(_, answer)| is_whole(answer)) {
-            work_out(read, &mut answers)?;
+            let answer = turning.answer(asked, usable, progress)?;
+            answers.push((turning, answer));
         }
     }
-    let again = match answers.get(plainest(&answers)) {
-        Some((turning, answer)) if !answer.found.best.terms.is_empty() => {
-            let with_terms = at_stated_speed(&turning.without(&answer.found.best.fitted.rig), rig);
-            Some(tachometer(&bench.fast, &with_terms, bench.fit_weights())?.into_iter().next())
-        }
-        _ => None,
-    };
-    if let Some(again) = again
-        && !answers.iter().any(|(turning, _)| same(turning.tachometer(), again.as_ref()))
+    // With what was found in the rig the ripple may tell another speed, or be another one: a sensor that lags shows none.
+    if let Some((first, answer)) = answers.get(plainest(&answers))
+        && followed.is_none()
+        && !answer.found.best.terms.is_empty()
     {
-        work_out(again, &mut answers)?;
+        let mut with_terms = at_stated_speed(&answer.found.best.fitted.rig, rig);
+        with_terms.mechanisms.retain(|attached| attached.mechanism.id() != "pump_speed");
+        let again = tachometer(&bench.fast, &with_terms, bench.fit_weights())?.into_iter().next();
+        let known = answers.iter().any(|(turning, _)| same(turning.tachometer(), again.as_ref()));
+        let turning = match again {
+            Some(read) => {
+                let raw = Raw::of(&bench, &fitted.rig, asked.threads)?;
+                let turning = Turning::in_step(&raw, &with_terms, &first.point, read)?;
+                (!known || turning.ripple_off_kpa(first) > REDONE_KPA).then_some(turning)
+            }
+            None if known => None,
+            None => Some(Turning::as_stated(rig, &records, &fitted.point)),
+        };
+        if let Some(turning) = turning {
+            let answer = turning.answer(asked, usable, progress)?;
+            answers.push((turning, answer));
+        }
     }
     let plainest = plainest(&answers);
     answers.into_iter().nth(plainest).ok_or_else(|| fit::FitError::NoRecordings.into())
-}
-
-/// Which of two opposite readings is meant: the one with which the rig's own parameters explain more. With it, the
-/// parameters as fitted then.
-fn forwards(
-    rig: &Rig,
-    records: &Records,
-    usable: &[f64],
-    threads: Option<usize>,
-    readings: Vec<Tachometer>,
-    point: &[f64],
-) -> Result<(Tachometer, Vec<f64>), DiagnoseError> {
-    let mut best: Option<(f64, Tachometer, Vec<f64>)> = None;
-    for read in readings {
-        let turning = Turning::in_step(rig, records, point, Some(read.clone()));
-        let bench = Bench::new(&turning.rig, &turning.records, usable, Fidelity::Averaged, threads);
-        let fitted = bench.fit(&[], &[], &[point.to_vec()], Effort::Polish)?.fitted;
-        let cost = fitted.comparable_cost(bench.records, bench.fit_weights());
-        if best.as_ref().is_none_or(|(least, ..)| cost < *least) {
-            best = Some((cost, read, fitted.point));
-        }
-    }
-    best.map(|(_, read, point)| (read, point)).ok_or_else(|| fit::FitError::NoRecordings.into())
 }
 
 /// The rig with its pumps as fast as in another.

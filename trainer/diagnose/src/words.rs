@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 use crate::candidate::Candidate;
 use crate::diagnosis::{FoundEvidence, FoundMechanism, FoundParameter, Location, Verdict};
 use crate::event::Event;
+use crate::heard::Heard;
 use crate::locate::region::{Stretch, region};
 use crate::locate::{Suspect, Suspicion};
 use crate::place::volumes_at;
 use crate::run::Findings;
 use crate::search::position_of;
-use crate::turning::Heard;
 
 /// z of a two-sided interval of 90 %.
 const NINETY: f64 = 1.645;

@@ -21,8 +21,9 @@ use std::f64::consts::TAU;
 use std::ops::Range;
 
 use super::course::{Course, SHARE_STEP};
-use super::ripple::{HARMONICS, Pair, Ripple};
+use super::ripple::{HARMONICS, Ripple};
 use super::simulator::{Fidelity, Simulator};
+use super::windows::{Channel, Match, Piece, Products, Sums};
 use crate::FitError;
 use crate::data::Records;
 use model::rig::{ATMOSPHERE, Rig};
@@ -52,29 +53,17 @@ pub struct Track {
 const WINDOWS: [usize; 3] = [50, 100, 200];
 /// What is found must be the pump's own ripple: its height over the predicted one.
 const HEIGHT: [f64; 2] = [0.7, 1.35];
+/// The same where nothing but the pump follows its load so: a rig that lacks something else as well is fitted with wrong
+/// volumes, which the predicted height goes by.
+const HEIGHT_FOLLOWED: [f64; 2] = [0.5, 2.0];
+/// How much more than by chance a ripple must be there to be taken for nothing else.
+const UNMISTAKABLE: f64 = 4.0;
+/// How much more than by chance a recording must have of it.
+const STANDS_OUT: f64 = 1.2;
 /// Share of the ripple's energy that a course with one number more must gain.
 const WORTH: f64 = 0.02;
 /// Share of the ripple's energy that must lie where a window tells it from something slow.
 const QUICK: f64 = 0.3;
-
-/// One recording, ready for courses to be laid over it.
-struct Piece {
-    time_s: Vec<f64>,
-    /// Pressure between outlet and inlet in bar.
-    load_bar: Vec<f64>,
-    segments: Vec<Range<usize>>,
-    channels: Vec<Channel>,
-}
-
-struct Channel {
-    /// Where the rows lie in a vector of readings.
-    place: Range<usize>,
-    /// What is to be explained, in kPa; NaN at readings that do not count.
-    off: Vec<f64>,
-    ripple: Vec<[Pair; HARMONICS]>,
-    /// One over the usual variance about the straight lines of windows.
-    weight: f64,
-}
 
 /// Everything that a course is laid over.
 struct Laid {
@@ -93,16 +82,22 @@ struct Laid {
 pub fn track(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Result<Option<Track>, FitError> {
     let Some(ripple) = Ripple::of(&simulator.at(Fidelity::Averaged), rig)? else { return Ok(None) };
     let Some(laid) = Laid::of(simulator.records(), rig, &ripple, weights) else { return Ok(None) };
-    let course = laid.best_course();
-    let matched = laid.matches(course, WINDOWS[1]);
+    let (course, chance) = laid.best_course();
+    let matched = laid.matches(course, WINDOWS[0]);
+    // What is found by chance adds to what is there as noise does to a length.
+    let own = |(m, chance): (&Match, &f64)| (m.product * m.product - chance * chance).max(0.0).sqrt();
+    let everywhere =
+        matched.iter().zip(&chance).all(|(m, c)| own((m, c)) > 0.5 * m.energy && m.product > STANDS_OUT * c);
     let all = matched.iter().fold(Match::default(), |sum, m| sum.plus(*m));
-    let everywhere = matched.iter().all(|m| m.product > 0.5 * m.energy);
+    let product: f64 = matched.iter().zip(&chance).map(own).sum();
     let quick = all.energy > QUICK * all.whole;
     let shares: Vec<f64> = laid.pieces.iter().flat_map(|piece| piece.shares(course)).collect();
     let mean_share = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
     // The valves let through what they did, so a slower pump moves more in each stroke.
-    let height = all.product / all.energy * (1.0 + mean_share);
-    if !everywhere || !quick || !(HEIGHT[0]..=HEIGHT[1]).contains(&height) {
+    let height = product / all.energy * (1.0 + mean_share);
+    let followed = matched.iter().zip(&chance).all(|(m, c)| m.product > UNMISTAKABLE * c);
+    let [low, high] = if followed && matches!(course, Course::Drooping { .. }) { HEIGHT_FOLLOWED } else { HEIGHT };
+    if !everywhere || !quick || !(low..=high).contains(&height) {
         return Ok(None);
     }
     let ripple_kpa = laid.followed(course, weights.len());
@@ -117,169 +112,6 @@ pub fn track(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Result<Op
         height,
         ripple_kpa,
     }))
-}
-
-impl Piece {
-    /// The share by which the speed is off at each row.
-    fn shares(&self, course: Course) -> Vec<f64> {
-        course.shares(&self.time_s, &self.load_bar)
-    }
-
-    /// Revolutions beyond those of the stated speed, by row.
-    fn turns(&self, course: Course, speed: f64) -> Vec<f64> {
-        let shares = self.shares(course);
-        let mut turned = 0.0;
-        let mut turns = Vec::with_capacity(shares.len());
-        for (row, share) in shares.iter().enumerate() {
-            if row > 0 {
-                let before = shares.get(row - 1).copied().unwrap_or(*share);
-                let by_s = self.time_s.get(row).unwrap_or(&0.0) - self.time_s.get(row - 1).unwrap_or(&0.0);
-                turned += 0.5 * (before + share) * speed * by_s;
-            }
-            turns.push(turned);
-        }
-        turns
-    }
-
-    /// Windows of about this many rows, none across a gap.
-    fn windows(&self, rows: usize, apart: usize) -> impl Iterator<Item = Range<usize>> + '_ {
-        self.segments.iter().filter(move |segment| segment.len() >= rows / 2).flat_map(move |segment| {
-            let last = segment.len().saturating_sub(rows);
-            (0..=last.div_ceil(apart)).map(move |k| {
-                let start = segment.start + (k * apart).min(last);
-                start..(start + rows).min(segment.end)
-            })
-        })
-    }
-}
-
-/// Products of what is to be explained and a ripple that turns, at angle zero (`u`) and a quarter turn on (`v`).
-#[derive(Debug, Clone, Copy, Default)]
-struct Products {
-    off_u: f64,
-    off_v: f64,
-    uu: f64,
-    uv: f64,
-    vv: f64,
-    /// As `uu` and `vv` together, lines not taken out.
-    whole: f64,
-}
-
-/// How a ripple matches what is to be explained.
-#[derive(Debug, Clone, Copy, Default)]
-struct Match {
-    gain: f64,
-    product: f64,
-    energy: f64,
-    whole: f64,
-}
-
-impl Match {
-    fn plus(self, other: Match) -> Match {
-        Match {
-            gain: self.gain + other.gain,
-            product: self.product + other.product,
-            energy: self.energy + other.energy,
-            whole: self.whole + other.whole,
-        }
-    }
-}
-
-impl Products {
-    /// At its best angle.
-    fn matched(&self) -> Match {
-        let length = self.off_u.hypot(self.off_v).max(1e-300);
-        let (sin, cos) = (self.off_v / length, self.off_u / length);
-        let energy = cos * cos * self.uu + 2.0 * sin * cos * self.uv + sin * sin * self.vv;
-        Match { gain: 2.0 * length - energy, product: length, energy, whole: 0.5 * self.whole }
-    }
-
-    fn add(&mut self, sums: &Sums, weight: f64) {
-        let n = sums.n.max(1.0);
-        // Less the straight line that fits best: 1 and t are orthogonal once t is taken from its mean.
-        let mean_t = sums.t / n;
-        let spread = (sums.tt - n * mean_t * mean_t).max(1e-9);
-        let along = |x: f64, xt: f64| (x, xt - mean_t * x);
-        let (off, u, v) = (along(sums.off, sums.off_t), along(sums.u, sums.u_t), along(sums.v, sums.v_t));
-        let less = |sum: f64, a: (f64, f64), b: (f64, f64)| weight * (sum - a.0 * b.0 / n - a.1 * b.1 / spread);
-        self.off_u += less(sums.off_u, off, u);
-        self.off_v += less(sums.off_v, off, v);
-        self.uu += less(sums.uu, u, u);
-        self.uv += less(sums.uv, u, v);
-        self.vv += less(sums.vv, v, v);
-        self.whole += weight * (sums.uu + sums.vv);
-    }
-}
-
-/// Sums over a channel's rows of a window.
-#[derive(Default)]
-struct Sums {
-    n: f64,
-    t: f64,
-    tt: f64,
-    off: f64,
-    u: f64,
-    v: f64,
-    off_t: f64,
-    u_t: f64,
-    v_t: f64,
-    off_off: f64,
-    off_u: f64,
-    off_v: f64,
-    uu: f64,
-    uv: f64,
-    vv: f64,
-}
-
-impl Sums {
-    fn of(channel: &Channel, window: &Range<usize>, harmonic: usize, turned: &[(f64, f64)]) -> Sums {
-        Sums::of_rows(&channel.off, &channel.ripple, window, harmonic, turned)
-    }
-
-    fn of_rows(
-        off: &[f64],
-        ripple: &[[Pair; HARMONICS]],
-        window: &Range<usize>,
-        harmonic: usize,
-        turned: &[(f64, f64)],
-    ) -> Sums {
-        let mut s = Sums::default();
-        for row in window.clone() {
-            let (Some(off), Some(pair), Some((sin, cos))) =
-                (off.get(row), ripple.get(row).and_then(|r| r.get(harmonic)), turned.get(row))
-            else {
-                continue;
-            };
-            if off.is_nan() {
-                continue;
-            }
-            let (u, v) = pair.turned(*sin, *cos);
-            let t = (row - window.start) as f64;
-            s.n += 1.0;
-            s.t += t;
-            s.tt += t * t;
-            s.off += off;
-            s.u += u;
-            s.v += v;
-            s.off_t += off * t;
-            s.u_t += u * t;
-            s.v_t += v * t;
-            s.off_off += off * off;
-            s.off_u += off * u;
-            s.off_v += off * v;
-            s.uu += u * u;
-            s.uv += u * v;
-            s.vv += v * v;
-        }
-        s
-    }
-
-    /// Mean square of what is to be explained about its straight line.
-    fn variance(&self) -> f64 {
-        let mean_t = self.t / self.n;
-        let along = self.off_t - mean_t * self.off;
-        (self.off_off - self.off * self.off / self.n - along * along / (self.tt - self.n * mean_t * mean_t)) / self.n
-    }
 }
 
 impl Laid {
@@ -360,11 +192,17 @@ impl Laid {
         self.matches(course, rows).iter().map(|m| m.gain).sum()
     }
 
-    /// The best of each kind refined; more numbers must be worth it.
-    fn best_course(&self) -> Course {
+    /// The best of each kind refined; more numbers must be worth it. With it, the product that any course has by chance,
+    /// by recording: most of a grid is wrong.
+    fn best_course(&self) -> (Course, Vec<f64>) {
         let mut kinds: [Option<(f64, Course)>; 3] = [None; 3];
+        let mut products: Vec<Vec<f64>> = vec![Vec::new(); self.pieces.len()];
         for course in Course::grid() {
-            let gain = self.gain(course, WINDOWS[0]);
+            let matched = self.matches(course, WINDOWS[0]);
+            let gain = matched.iter().map(|m| m.gain).sum();
+            for (all, m) in products.iter_mut().zip(&matched) {
+                all.push(m.product);
+            }
             let kind = match course {
                 Course::Constant { .. } => 0,
                 Course::Drooping { .. } => 1,
@@ -386,7 +224,11 @@ impl Laid {
                 best = Some((gain, refined));
             }
         }
-        best.map_or(Course::Constant { share: 0.0 }, |(_, course)| course)
+        let chance = products.iter_mut().map(|of| {
+            of.sort_by(f64::total_cmp);
+            of.get(of.len() / 2).copied().unwrap_or(0.0)
+        });
+        (best.map_or(Course::Constant { share: 0.0 }, |(_, course)| course), chance.collect())
     }
 
     /// Climbs from a course, windows growing as its steps shrink.
@@ -539,31 +381,6 @@ impl Laid {
             };
         }
         turns
-    }
-}
-
-impl Channel {
-    /// What a window counts: less where the model is further off than usual.
-    fn weight_in(&self, sums: &Sums) -> f64 {
-        let variance = sums.variance();
-        if variance > 0.0 { self.weight.min(1.0 / variance) } else { self.weight }
-    }
-
-    fn of(records: &Records, place: Range<usize>, ripple: &Ripple, weights: &[f64]) -> Channel {
-        let at = |vector: &[f64], index: usize| vector.get(index).copied().unwrap_or(f64::NAN);
-        let off =
-            place
-                .clone()
-                .map(|i| {
-                    if at(weights, i) > 0.0 {
-                        at(records.readings_kpa(), i) - at(&ripple.mean_kpa, i)
-                    } else {
-                        f64::NAN
-                    }
-                })
-                .collect();
-        let ripple = ripple.at.get(place.clone()).unwrap_or_default().to_vec();
-        Channel { place, off, ripple, weight: 1.0 }
     }
 }
 
