@@ -242,7 +242,7 @@ impl<'a> Raw<'a> {
     /// that rig, as fast as stated, and its point.
     fn read_twice(&self, mut read: Tachometer, point: &[f64]) -> Result<(Tachometer, Rig, Vec<f64>), DiagnoseError> {
         let mut fitted = self.fitted_with(&read, point)?;
-        let again = tachometer(&self.bench.fast, &fitted.0, self.bench.fit_weights())?;
+        let again = tachometer(&self.bench.fast, &fitted.0, self.bench.counted())?;
         if let Some(again) = again.into_iter().find(|again| again.slip.signum() == read.slip.signum()) {
             fitted = self.fitted_with(&again, &fitted.1)?;
             read = again;
@@ -280,7 +280,7 @@ pub(crate) fn answered(
     let bench = Bench::new(rig, &records, usable, Fidelity::Detailed, asked.threads);
     let origin = vec![0.0; bench.nominal.len()];
     let fitted = bench.fit(&[], &[], &[origin], Effort::Full)?.fitted;
-    let readings = tachometer(&bench.fast, &fitted.rig, bench.fit_weights())?;
+    let readings = tachometer(&bench.fast, &fitted.rig, bench.counted())?;
     let ambiguous = readings.first().is_none_or(|read| read.turns < CERTAIN_TURNS);
     let followed = if ambiguous { track(&bench.fast, &fitted.rig, usable)? } else { None };
     let mut turnings = Vec::new();
@@ -310,7 +310,7 @@ pub(crate) fn answered(
     {
         let mut with_terms = at_stated_speed(&answer.found.best.fitted.rig, rig);
         with_terms.mechanisms.retain(|attached| attached.mechanism.id() != "pump_speed");
-        let again = tachometer(&bench.fast, &with_terms, bench.fit_weights())?.into_iter().next();
+        let again = tachometer(&bench.fast, &with_terms, bench.counted())?.into_iter().next();
         let known = answers.iter().any(|(turning, _)| same(turning.tachometer(), again.as_ref()));
         let turning = match again {
             Some(read) => {

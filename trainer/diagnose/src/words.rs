@@ -296,7 +296,10 @@ fn verdict_in_words(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) 
                     stand_ins.join(", ")
                 ),
             };
-            format!("Something is missing that is none of the known mechanisms: {place}.{written}")
+            // What the pump's ripple told is known all the same.
+            let known: String = mechanisms.iter().map(|m| m.summary.clone() + " ").collect();
+            let what = if known.is_empty() { "Something" } else { "Something else" };
+            format!("{known}{what} is missing that is none of the known mechanisms: {place}.{written}")
         }
     }
 }

@@ -204,14 +204,14 @@ fn a_pump_that_slows_under_load_is_named_off_its_ripple() {
 /// A speed that is a hair off swings the readings like a drifting sensor; nothing may be named for it.
 #[test]
 fn a_ripple_that_passes_slowly_is_no_drift() {
-    // 0.12 turns a second of the ripple: 3.6 turns in a recording.
-    let (rig, truth) = moved(&[("volumes.negative.volume_l", 1.03), ("pumps.pump.speed_rpm", 1.0 - 1.2e-3)]);
+    // 0.04 turns a second of the ripple: 1.2 turns in a recording, less than is certain by itself.
+    let (rig, truth) = moved(&[("pumps.pump.speed_rpm", 1.0 - 4e-4)]);
     let out_dir = std::env::temp_dir().join(format!("diagnose-slow-{}", std::process::id()));
     let recordings = made(&truth, 2, 5);
     let request = Request { rig, recordings, out_dir: out_dir.clone(), quick: true, threads: None };
     let found = run(&request, &mut |_, _| ()).unwrap();
     std::fs::remove_dir_all(&out_dir).unwrap();
-    assert_eq!(found.verdict, Verdict::ParametersMoved, "{}", found.summary);
+    assert_eq!(found.verdict, Verdict::Adequate, "{}", found.summary);
     assert!(found.mechanisms.is_empty(), "{}", found.summary);
     assert!(found.notes.iter().any(|note| note.contains("rev/min")), "{:?}", found.notes);
 }

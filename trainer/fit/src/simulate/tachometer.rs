@@ -64,7 +64,8 @@ struct Point {
 }
 
 /// Reads the speed of the only piston pump of `rig`, whose other parameters are already fitted; nothing where there is
-/// no such pump, or the readings do not swing with its ripple. `weights` is zero at readings that do not count.
+/// no such pump, or the readings do not swing with its ripple. `weights` is zero at readings that do not count; a ripple
+/// that passes slowly needs them all (of a third of the rows of 30 s a turn cannot be told from a slow error).
 ///
 /// A ripple that passes backwards looks much the same. Where that gains nearly as much it comes second: a fit with each
 /// tells.
