@@ -161,7 +161,7 @@ fn nothing_named(
             let terms = [lone.candidate];
             let values = [(lone.candidate, lone.start.clone())];
             let starts = starts(bench, candidates, &found.nominal, &terms, &values, false);
-            let rival = bench.fit(candidates, &terms, &starts, Effort::Polish)?;
+            let Ok(rival) = bench.fit(candidates, &terms, &starts, Effort::Polish) else { continue };
             let name = candidates.get(lone.candidate).map(Candidate::name).unwrap_or_default();
             if !group.contains(&name) && evidence(bench, &rival, &found.nominal).fitted > -TIE {
                 group.push(name);

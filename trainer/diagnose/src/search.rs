@@ -186,7 +186,8 @@ fn from_priors(
         let terms = with(&base.terms, *k);
         let middle = candidates[*k].starts.get(candidates[*k].starts.len() / 2).cloned().unwrap_or_default();
         let cold = starts(bench, candidates, base, &terms, &[(*k, middle)], true).into_iter().skip(1);
-        let fitted = bench.fit(candidates, &terms, &cold.collect::<Vec<_>>(), Effort::Polish)?;
+        // From so far away some cannot be run at all.
+        let Ok(fitted) = bench.fit(candidates, &terms, &cold.collect::<Vec<_>>(), Effort::Polish) else { continue };
         if best.as_ref().is_none_or(|best| cost(bench, &fitted) < cost(bench, best)) {
             tried.extend(best.replace(fitted));
         } else {
