@@ -22,9 +22,14 @@ pub struct Evidence {
     /// By what the free run became better, all channels together: root of the drop in mean squared error, in kPa
     /// (negative if it became worse).
     pub removed_kpa: f64,
+    /// Share of the worse one's mean squared error beyond the noise that this is, all channels together.
+    pub share: f64,
     /// Gain of prior and likelihood together on the fitted rows.
     pub posterior: f64,
 }
+
+/// Share of the error from which on a term sets right nearly all that is wrong.
+pub const NEARLY_ALL: f64 = 0.9;
 
 /// Evidence for `better` against `worse`; slow errors of the size that `better` has count little.
 pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) -> Evidence {
@@ -36,7 +41,9 @@ pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) ->
     let (chosen, chosen_se) = select[0].gain_over(&select[1]);
     let squares = |at: usize| -> f64 { fit[at].blocks.iter().chain(&select[at].blocks).flat_map(|b| &b.squares).sum() };
     let rows: usize = fit[0].blocks.iter().chain(&select[0].blocks).flat_map(|b| &b.rows).sum();
-    let drop = (squares(1) - squares(0)) / rows.max(1) as f64 * bench.records.layout().channels() as f64;
+    let mean = |at: usize| squares(at) / rows.max(1) as f64 * bench.records.layout().channels() as f64;
+    let drop = mean(1) - mean(0);
+    let noise: f64 = bench.sigma_kpa().iter().map(|sigma| sigma * sigma).sum();
     Evidence {
         fitted,
         fitted_se,
@@ -44,6 +51,7 @@ pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) ->
         chosen_se,
         throughout: throughout(&bench.score_finely(&better.trace, &drift), &bench.score_finely(&worse.trace, &drift)),
         removed_kpa: drop.abs().sqrt() * drop.signum(),
+        share: drop / (mean(1) - noise).max(1e-12),
         posterior: fitted + worse.prior_cost - better.prior_cost,
     }
 }
@@ -75,13 +83,16 @@ pub struct Bar {
     pub fitted: f64,
     /// Least gain on the rows that choose, in standard errors of [`Evidence::throughout`].
     pub standard_errors: f64,
+    /// The same where the term takes away nearly all that is wrong ([`NEARLY_ALL`]): what only an experiment excites (a leak
+    /// past a shut valve) gains in that recording and in no other.
+    pub standard_errors_of_all: f64,
     /// Least share of the free run that it must set right, in kPa: what is smaller is no physics worth a name.
     pub removed_kpa: f64,
 }
 
 impl Default for Bar {
     fn default() -> Self {
-        Bar { fitted: 12.0, standard_errors: 2.0, removed_kpa: 0.03 }
+        Bar { fitted: 12.0, standard_errors: 2.0, standard_errors_of_all: 1.0, removed_kpa: 0.03 }
     }
 }
 
@@ -90,7 +101,8 @@ impl Bar {
     pub fn passed(&self, evidence: &Evidence, parameters: usize, candidates: usize, blocks: usize) -> bool {
         let penalty = (candidates.max(1) as f64).ln() + 0.5 * parameters as f64 * (blocks.max(1) as f64).ln();
         evidence.fitted - penalty > self.fitted
-            && evidence.throughout > self.standard_errors
+            && evidence.throughout
+                > if evidence.share > NEARLY_ALL { self.standard_errors_of_all } else { self.standard_errors }
             && evidence.chosen > 3.0
             && evidence.removed_kpa > self.removed_kpa
     }
