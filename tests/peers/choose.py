@@ -69,7 +69,7 @@ def forms(peer, seed):
                 for threshold in (0.05, 0.2, 0.6):
                     out.append((kind, 2.0, lambda d, g=degree, t=threshold: residuals.sindy(d, g, t, 1e-3, seed)))
     elif peer == "symbolic":
-        for kind, parsimony in (("static", 0.002), ("lags", 0.002), ("lags", 0.0005)):
+        for kind, parsimony in (("static", 0.002), ("lags", 0.002), ("lags", 0.0005), ("warm", 0.002)):
             out.append((kind, 4.0, lambda d, p=parsimony: residuals.symbolic(d, p, 400, 14, seed)))
     elif peer == "gaussian_process":
         for kind in residuals.SETS:

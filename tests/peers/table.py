@@ -62,32 +62,35 @@ def share(results):
     return lines
 
 
-def shorten(text, most=110):
+def shorten(text, most):
     return text if len(text) <= most else text[: most - 2].rsplit(" ", 1)[0] + " …"
 
 
+def formulas(answer, most):
+    """Formulas of what is kept, from their largest term on."""
+    if answer is None:
+        return ""
+    if not kept(answer):
+        return "nothing kept"
+    chosen = answer["chosen"]
+    terms = chosen["form"].get("terms")
+    told = []
+    for place, formula in chosen["formula"].items():
+        if formula != "0":
+            count = f" ({terms[('positive', 'negative').index(place)]} terms)" if terms else ""
+            told.append(f"{place}{count}: `{shorten(formula, most)}`")
+    return "; ".join(told)
+
+
 def said(results):
-    lines = ["| case | SINDy | symbolic regression | GP, network | ours |", "| --- | --- | --- | --- | --- |"]
+    lines = ["| case | concealed | SINDy | symbolic regression | ours |", "| --- | --- | --- | --- | --- |"]
     for r in results:
-        cells = []
-        for peer in ("sindy", "symbolic"):
-            answer = r["answers"].get(peer)
-            if answer is None:
-                cells.append("")
-            elif not kept(answer):
-                cells.append("nothing kept")
-            else:
-                told = [f"{place}: `{shorten(f)}`" for place, f in answer["chosen"].get("formula", {}).items()]
-                cells.append("; ".join(told))
-        inputs = [f"{a['chosen']['inputs']}" if kept(a) else "nothing kept"
-                  for a in (r["answers"].get(p) for p in ("gaussian_process", "network")) if a]
-        cells.append(", ".join(inputs))
+        cells = [concealed(r), formulas(r["answers"].get("sindy"), 48), formulas(r["answers"].get("symbolic"), 70)]
         ours = r["answers"].get("ours")
-        if ours:
-            names = ", ".join(f"`{m['id']}` {m['where']}" for m in ours["mechanisms"])
-            cells.append(f"{ours['verdict']}{': ' + names if names else ''}")
-        else:
-            cells.append("")
+        names = ", ".join(f"`{m['id']}` {m['where']}" for m in ours["mechanisms"]) if ours else ""
+        rivals = ", ".join(f"`{name}`" for pair in ours["rivals"] for name in pair) if ours else ""
+        verdict = ours["verdict"].replace("_", " ") if ours else ""
+        cells.append(verdict + (f": {names}" if names else "") + (f"; not told apart: {rivals}" if rivals else ""))
         lines.append(f"| `{r['case']}` | " + " | ".join(c.replace("|", "¦") for c in cells) + " |")
     return lines
 
