@@ -19,6 +19,8 @@ pub struct Candidate {
     pub form: &'static str,
     /// What to fit.
     pub parameters: Vec<CandidateParameter>,
+    /// Whether pressures change in steps as its first parameter does, so that they have no slope with it.
+    pub stepped: bool,
     template: Mechanism,
     /// Index of each parameter among the mechanism's numbers.
     fitted: Vec<usize>,
@@ -71,6 +73,7 @@ pub(crate) struct Form {
     mechanism: Mechanism,
     fitted: Vec<usize>,
     parameters: Vec<CandidateParameter>,
+    stepped: bool,
 }
 
 impl Form {
@@ -89,7 +92,12 @@ impl Form {
             })
         };
         let parameters = fitted.iter().filter_map(parameter).collect();
-        Form { name, mechanism, fitted: fitted.to_vec(), parameters }
+        Form { name, mechanism, fitted: fitted.to_vec(), parameters, stepped: false }
+    }
+
+    /// The same, stepped in its first parameter.
+    pub(crate) fn stepped(self) -> Self {
+        Form { stepped: true, ..self }
     }
 
     /// The same with a range and first magnitudes of parameter `index` that suit the component's size.
@@ -115,6 +123,7 @@ pub fn candidates(rig: &Rig) -> Vec<Candidate> {
                     component: component.clone(),
                     form: form.name,
                     parameters: form.parameters,
+                    stepped: form.stepped,
                     template: form.mechanism,
                     fitted: form.fitted,
                 };

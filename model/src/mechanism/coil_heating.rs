@@ -1,13 +1,14 @@
 //! `coil_heating`: a warm coil has more resistance, draws less current at the same duty and pulls less.
 //!
 //! ```text
-//! τ θ̇ = u² − θ,        y = u (1 − k θ)
+//! τ θ̇ = u² − θ,        y = u / (1 + k θ)
 //! ```
 //!
-//! Copper gains 0.39 % of resistance per kelvin, and the heat put in goes with the square of the current; `θ`
-//! is the temperature rise as a share of that at full duty for ever, so `k` is the force lost there: 4 … 15 %
-//! for rises of 10 … 40 K under a driver that sets voltage (one that sets current loses nothing). `τ` is
-//! minutes: grams of copper in still air. Since the paper's area is straight in `u`, this is `Ĉ_u (1 − k θ)`.
+//! Copper gains 0.39 % of resistance per kelvin (IEC 60028), and the heat put in goes with the square of the duty; `θ`
+//! is the temperature rise as a share of that at full duty for ever, so `k` is the resistance gained there: 4 … 16 %
+//! for rises of 10 … 40 K. A driver that sets voltage loses as much current (one that sets current loses nothing). `τ` is
+//! minutes: grams of copper in still air. Since the paper's area is straight in `u`, this is `Ĉ_u / (1 + k θ)`. Writing
+//! `1 − k θ` instead leaves a tenth of the effect where `k` is a tenth, which then looks like other physics.
 //! It tells itself by being slow and one-sided: it follows the past duty, never the pressure.
 //!
 //! A run starts with `θ` = `initial_heat` (0: cold), whatever was commanded before; where recordings start
@@ -24,8 +25,8 @@ use crate::rig::{Number, Rig, numbers};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CoilHeating {
-    /// k: share of the force lost at full duty for ever (0 … 0.9).
-    pub loss: f64,
+    /// k: share of its cold resistance that the coil gains at full duty for ever (0 … 10).
+    pub resistance_rise: f64,
     /// τ: time constant of warming in s.
     pub time_constant_s: f64,
     /// θ at the start of a run, as a share of that at full duty for ever (0 … 1); absent means cold.
@@ -34,7 +35,10 @@ pub struct CoilHeating {
 }
 
 numbers!(CoilHeating {
-    loss: Number::new("", 0.0, 0.9).plausible(0.0, 0.3).starts(&[0.02, 0.05, 0.1, 0.2]).hint("a share of the force"),
+    resistance_rise: Number::new("", 0.0, 10.0)
+        .plausible(0.0, 0.4)
+        .starts(&[0.02, 0.05, 0.1, 0.2])
+        .hint("a share of the cold resistance"),
     time_constant_s: Number::new("s", 0.1, 1e5).plausible(5.0, 900.0).starts(&[90.0, 30.0, 300.0]),
     initial_heat: Number::new("", 0.0, 1.0).starts(&[0.0]).hint("a share: 0 is cold").optional(),
 });
@@ -45,21 +49,25 @@ impl Physics for CoilHeating {
     const SETTLED: bool = true;
 
     fn forms(_rig: &Rig, _component: &str) -> Vec<Form> {
-        let cold = CoilHeating { loss: 0.0, time_constant_s: 90.0, initial_heat: 0.0 };
+        let cold = CoilHeating { resistance_rise: 0.0, time_constant_s: 90.0, initial_heat: 0.0 };
         vec![Form::of("", Mechanism::CoilHeating(cold), &[0, 1])]
     }
 }
 
 impl CoilHeating {
     pub(crate) fn operator(&self, instant_s: f64) -> Heat<f64> {
-        Heat { loss: self.loss, approach: -(-instant_s / self.time_constant_s).exp_m1(), initial: self.initial_heat }
+        Heat {
+            rise: self.resistance_rise,
+            approach: -(-instant_s / self.time_constant_s).exp_m1(),
+            initial: self.initial_heat,
+        }
     }
 }
 
 /// The coil from one tabled instant to the next; its memory is `θ`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Heat<R> {
-    loss: R,
+    rise: R,
     /// 1 − e^(−s/τ) for the time between two instants.
     approach: R,
     /// `θ` at the start of a run.
@@ -69,7 +77,7 @@ pub(crate) struct Heat<R> {
 impl<R: Real> Heat<R> {
     pub(crate) fn side_by_side(parts: &[Heat<f64>]) -> Self {
         Heat {
-            loss: lanes_of(parts, |p| p.loss),
+            rise: lanes_of(parts, |p| p.rise),
             approach: lanes_of(parts, |p| p.approach),
             initial: lanes_of(parts, |p| p.initial),
         }
@@ -78,7 +86,7 @@ impl<R: Real> Heat<R> {
     /// What acts of `duty` at heat `heat`.
     #[inline(always)]
     pub(crate) fn at(&self, duty: R, heat: R) -> R {
-        duty * (R::splat(1.0) - self.loss * heat)
+        duty / self.rise.mul_add(heat, R::splat(1.0))
     }
 
     #[inline(always)]

@@ -12,7 +12,7 @@ use crate::real::Real;
 use crate::rig::{Number, Pump, Rig, RigError, numbers, within};
 
 /// The longest delay in ticks.
-pub(crate) const LONGEST_TICKS: usize = 8;
+pub(crate) const LONGEST_TICKS: usize = 16;
 
 /// A pure delay of a valve's duty.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -24,7 +24,7 @@ pub struct CommandDelay {
 
 numbers!(CommandDelay {
     // How many ticks it may span is checked beside the range: it is the rig's tick that counts.
-    delay_ms: Number::new("ms", 0.0, 1e5).plausible(0.5, 160.0).starts(&[10.0, 20.0, 40.0, 80.0]),
+    delay_ms: Number::new("ms", 0.0, 1e5).plausible(0.5, 320.0).starts(&[10.0, 20.0, 40.0, 80.0, 180.0]),
 });
 
 impl Physics for CommandDelay {
@@ -35,7 +35,7 @@ impl Physics for CommandDelay {
     fn check(&self, rig: &Rig, component: &str, key: &str) -> Result<(), RigError> {
         needs_a_command(Self::ID, rig, component, key)?;
         let longest = LONGEST_TICKS as f64 * rig.integrator.tick_ms;
-        within(&format!("{key}.delay_ms"), self.delay_ms, 0.0, longest, "ms", "eight ticks at most")
+        within(&format!("{key}.delay_ms"), self.delay_ms, 0.0, longest, "ms", "sixteen ticks at most")
     }
 
     fn forms(rig: &Rig, _component: &str) -> Vec<Form> {
@@ -44,7 +44,7 @@ impl Physics for CommandDelay {
         vec![form.ranging(
             0,
             [0.0, LONGEST_TICKS as f64 * tick],
-            [0.5, 1.0, 2.0, 4.0].map(|ticks| ticks * tick).to_vec(),
+            [0.5, 1.0, 2.0, 4.0, 9.0].map(|ticks| ticks * tick).to_vec(),
         )]
     }
 }

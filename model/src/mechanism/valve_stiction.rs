@@ -1,13 +1,15 @@
-//! `valve_stiction`: the flapper stays where it is until the duty has moved away far enough, then jumps to it.
+//! `valve_stiction`: the flapper stays where it is until the duty has moved away far enough, then jumps.
 //!
 //! ```text
-//! y ← u   if |u − y| > d,      else y stays
+//! y ← u − ρ d sign(u − y)   if |u − y| > d,      else y stays
 //! ```
 //!
-//! (Stenman, Gustafsson & Forsman, *Int. J. Adapt. Control Signal Process.* 17, 2003: the one-parameter
-//! model of static friction.) Slow ramps come out as staircases of step `d`, where play (`valve_hysteresis`)
-//! gives smooth branches set apart; after a large step nothing of it is left. What is fitted is not smooth
-//! in `d`: each jump comes in one instant or in the next.
+//! (Stenman, Gustafsson & Forsman, *Int. J. Adapt. Control Signal Process.* 17, 2003, for `ρ = 0`; with `ρ`, the
+//! kinetic friction that is left while the flapper moves, it is the two-parameter model of He, Wang, Pottmann & Qin,
+//! *Ind. Eng. Chem. Res.* 46, 2007: `d = f_S`, `ρ d = f_D`.) Slow ramps come out as staircases of step `(1 − ρ) d`, where
+//! play (`valve_hysteresis`) gives smooth branches set apart; after a large step nothing but `ρ d` of it is left. What
+//! is fitted is not smooth in `d`: each jump comes in one instant or in the next, and a cost is flat between two `d` at
+//! which the same jumps come ([`super::Candidate::stepped`]).
 
 use serde::{Deserialize, Serialize};
 
@@ -22,13 +24,17 @@ use crate::rig::{Number, Rig, numbers};
 pub struct ValveStiction {
     /// d: by how much the duty must have moved before the flapper does, in duty (0 … 0.5).
     pub band_duty: f64,
+    /// ρ: share of the band by which a jump ends short of the duty (0 … 1, below).
+    #[serde(default)]
+    pub short_of_it: f64,
 }
 
 numbers!(ValveStiction {
     band_duty: Number::new("duty", 0.0, 0.5)
         .plausible(0.003, 0.08)
-        .starts(&[0.005, 0.01, 0.02, 0.04])
+        .starts(&[0.003, 0.0042, 0.006, 0.0085, 0.012, 0.017, 0.024, 0.034, 0.048, 0.068])
         .hint("how far the duty moves before the flapper does"),
+    short_of_it: Number::new("", 0.0, 0.99).plausible(0.0, 0.8).starts(&[0.0, 0.3]).hint("a share of the band"),
 });
 
 impl Physics for ValveStiction {
@@ -37,13 +43,14 @@ impl Physics for ValveStiction {
     const SETTLED: bool = false;
 
     fn forms(_rig: &Rig, _component: &str) -> Vec<Form> {
-        vec![Form::of("", Mechanism::ValveStiction(ValveStiction { band_duty: 0.0 }), &[0])]
+        let free = ValveStiction { band_duty: 0.0, short_of_it: 0.0 };
+        vec![Form::of("", Mechanism::ValveStiction(free), &[0, 1]).stepped()]
     }
 }
 
 impl ValveStiction {
     pub(crate) fn operator(&self) -> Stick<f64> {
-        Stick { band: self.band_duty }
+        Stick { band: self.band_duty, short: self.short_of_it * self.band_duty }
     }
 }
 
@@ -51,11 +58,13 @@ impl ValveStiction {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Stick<R> {
     band: R,
+    /// By how much a jump ends short of the duty.
+    short: R,
 }
 
 impl<R: Real> Stick<R> {
     pub(crate) fn side_by_side(parts: &[Stick<f64>]) -> Self {
-        Stick { band: lanes_of(parts, |p| p.band) }
+        Stick { band: lanes_of(parts, |p| p.band), short: lanes_of(parts, |p| p.short) }
     }
 
     #[inline(always)]
@@ -64,7 +73,8 @@ impl<R: Real> Stick<R> {
         samples.each(|duty| {
             flapper = R::from_lanes(|lane| {
                 let (u, y) = (duty.lane(lane), flapper.lane(lane));
-                if (u - y).abs() > self.band.lane(lane) { u } else { y }
+                let away = u - y;
+                if away.abs() > self.band.lane(lane) { u - self.short.lane(lane) * away.signum() } else { y }
             });
             flapper
         });

@@ -57,7 +57,7 @@ pub(crate) const MOST_STATES: usize = 12;
 /// The most places whose pressure is given, the atmosphere included.
 pub(crate) const MOST_GIVEN: usize = 4;
 /// Numbers that command paths and sensors may remember.
-pub(crate) const MEMORY: usize = 64;
+pub(crate) const MEMORY: usize = 80;
 /// The most piston pumps a rig may have.
 pub(crate) const MOST_DRIVES: usize = 4;
 

@@ -18,6 +18,8 @@ pub struct Simulation<R> {
     set: InstructionSet,
     /// The inputs that cylinders were last settled under, if they were.
     settled: Option<Vec<R>>,
+    /// Whether averaged pumps leave no ripple on the pressures that are read.
+    smooth: bool,
 }
 
 /// How a free run guesses what recordings do not tell: the pressures in the cylinders.
@@ -52,11 +54,18 @@ impl<R: Simulated> Simulation<R> {
             ticks: 0,
         };
         let set = if set.is_available() { set } else { InstructionSet::detect() };
-        let mut simulation = Simulation { plant, state, scratch, set, settled: None };
+        let mut simulation = Simulation { plant, state, scratch, set, settled: None, smooth: false };
         simulation.reset_temperatures();
         simulation.rest();
         simulation.reset_sensors();
         simulation
+    }
+
+    /// The same with the ripple of averaged pumps left off all pressures: what readings would be at the mean of a turn.
+    /// Of use where nobody knows at what angle the crank stood. Without averaged pumps it changes nothing.
+    #[must_use]
+    pub fn smooth(self) -> Self {
+        Simulation { smooth: true, ..self }
     }
 
     /// The compiled rig.
@@ -104,6 +113,9 @@ impl<R: Simulated> Simulation<R> {
     /// What the ripple of averaged pumps adds to the pressure of chamber `index` now, as it is seen through a lag.
     fn ripple_pa(&self, index: usize, lag_s: R) -> R {
         let mut sum = R::splat(0.0);
+        if self.smooth {
+            return sum;
+        }
         for pump in self.plant.averaged.iter().filter(|pump| pump.inlet == index || pump.outlet == index) {
             let at = |slots: &[R], i: usize| slots.get(i).copied().unwrap_or(R::splat(0.0));
             let speed = at(&self.scratch.speeds, pump.drive);

@@ -7,23 +7,24 @@ use crate::small_rigs::{TICK_S, mechanism, plain_valve, rig, simulation};
 #[test]
 fn stiction_makes_stairs_of_a_ramp() {
     let band = 0.03;
-    let stick = mechanism("valve_stiction", "valve", &format!("band_duty = {band}"));
     // Slow up, slow down, a jump, and small moves that nothing follows.
     let mut sent: Vec<f64> = (0..=60).map(|i| 0.01 * f64::from(i)).collect();
     sent.extend((0..40).map(|i| 0.6 - 0.01 * f64::from(i)));
     sent.extend([0.9, 0.92, 0.88, 0.9, 0.929]);
-    let acted = acting(&stick, &sent);
-    let mut flapper = 0.0f64;
-    let mut jumps = 0;
-    for (k, (u, y)) in sent.iter().zip(&acted).enumerate() {
-        if (u - flapper).abs() > band {
-            flapper = *u;
-            jumps += 1;
+    // Steps of 0.04 (the first multiple of 0.01 beyond the band): 15 up, about 9 down, and the jump. Jumps that end half
+    // a band short of the duty come every 0.02 (0.015 and what the ramp's steps add) and are twice as many on the ramps.
+    for (short, expected) in [(0.0, 24..=27), (0.5, 45..=52)] {
+        let stick = mechanism("valve_stiction", "valve", &format!("band_duty = {band}\nshort_of_it = {short:?}"));
+        let (mut flapper, mut jumps) = (0.0f64, 0);
+        for (k, (u, y)) in sent.iter().zip(&acting(&stick, &sent)).enumerate() {
+            if (u - flapper).abs() > band {
+                flapper = u - short * band * (u - flapper).signum();
+                jumps += 1;
+            }
+            assert!((y - flapper).abs() < METER, "tick {k}: duty {u} acts as {y}, the stuck flapper is at {flapper}");
         }
-        assert!((y - flapper).abs() < METER, "tick {k}: duty {u} acts as {y}, the stuck flapper is at {flapper}");
+        assert!(expected.contains(&jumps), "{jumps} jumps");
     }
-    // Steps of 0.04 (the first multiple of 0.01 beyond the band): 15 up, about 9 down, and the jump.
-    assert!((24..=27).contains(&jumps), "{jumps} jumps");
     // No smaller: a band of zero follows everything.
     let free = acting(&mechanism("valve_stiction", "valve", "band_duty = 0.0"), &sent);
     assert!(free.iter().zip(&sent).all(|(y, u)| (y - u).abs() < METER));
@@ -60,28 +61,28 @@ fn an_opening_that_ends_approaches_its_full_area() {
 
 #[test]
 fn a_coil_warms_exponentially_and_weakens() {
-    let (loss, tau) = (0.1, 3.0);
-    let heating = mechanism("coil_heating", "valve", &format!("loss = {loss}\ntime_constant_s = {tau:?}"));
+    let (rise, tau) = (0.1, 3.0);
+    let heating = mechanism("coil_heating", "valve", &format!("resistance_rise = {rise}\ntime_constant_s = {tau:?}"));
     let sent: Vec<f64> = (0..600).map(|k| if k < 300 { 0.9 } else { 0.5 }).collect();
     let mut heat = 0.0;
     for (k, (u, mean)) in sent.iter().zip(acting(&heating, &sent)).enumerate() {
-        // θ approaches u²; its mean over the tick.
+        // θ approaches u²; its mean over the tick, in which it hardly moves.
         let left = (-TICK_S / tau).exp();
         let mean_heat = u * u + (heat - u * u) * tau / TICK_S * (1.0 - left);
         heat = u * u + (heat - u * u) * left;
-        let exact = u * (1.0 - loss * mean_heat);
+        let exact = u / (1.0 + rise * mean_heat);
         assert!((mean - exact).abs() < METER, "tick {k}: {mean} against {exact}");
     }
-    // A coil that starts warm starts weak; a loss of nothing changes nothing.
+    // A coil that starts warm starts weak; a rise of nothing changes nothing.
     let warm = acting(&(heating.clone() + "initial_heat = 1.0\n"), &[0.8]);
-    assert!((warm[0] - 0.8 * 0.9).abs() < 1e-3, "{}", warm[0]);
-    let none = acting(&mechanism("coil_heating", "valve", "loss = 0.0\ntime_constant_s = 3.0"), &[0.7, 0.7]);
+    assert!((warm[0] - 0.8 / 1.1).abs() < 1e-3, "{}", warm[0]);
+    let none = acting(&mechanism("coil_heating", "valve", "resistance_rise = 0.0\ntime_constant_s = 3.0"), &[0.7, 0.7]);
     assert!((none[1] - 0.7).abs() < METER);
 }
 
 #[test]
 fn free_runs_start_with_the_coil_as_cold_as_the_rig_says() {
-    let heated = paper_with(&mechanism("coil_heating", "valve_pos", "loss = 0.2\ntime_constant_s = 60.0"));
+    let heated = paper_with(&mechanism("coil_heating", "valve_pos", "resistance_rise = 0.2\ntime_constant_s = 60.0"));
     let plain = paper_with("");
     let run = |rig, heat: Option<f64>| {
         let mut simulation = simulation(rig);
@@ -143,8 +144,8 @@ fn a_sagging_supply_couples_the_valves() {
 fn heating_and_sag_act_in_front_of_the_coils_lag() {
     // With a long lag the coil has hardly moved, whatever weakens its current.
     let lag = mechanism("valve_lag", "valve", "time_constant_ms = 5000.0");
-    let weak =
-        lag.clone() + &mechanism("coil_heating", "valve", "loss = 0.5\ntime_constant_s = 1.0\ninitial_heat = 1.0");
+    let weak = lag.clone()
+        + &mechanism("coil_heating", "valve", "resistance_rise = 1.0\ntime_constant_s = 1.0\ninitial_heat = 1.0");
     let (alone, weak) = (acting(&lag, &[1.0]), acting(&weak, &[1.0]));
     // Half of the current, so half of the little way.
     assert!((weak[0] / alone[0] - 0.5).abs() < 1e-9, "{} of {}", weak[0], alone[0]);

@@ -13,11 +13,11 @@ use crate::small_rigs::{
 /// Each with numbers that show, for the paper's rig.
 pub(crate) const ALL: [(&str, &str, &str); 27] = [
     ("valve_hysteresis", "valve_pos", "half_width_duty = 0.03\nspread_duty = 0.01"),
-    ("valve_stiction", "valve_neg", "band_duty = 0.05"),
+    ("valve_stiction", "valve_neg", "band_duty = 0.05\nshort_of_it = 0.2"),
     ("valve_lag", "valve_neg", "time_constant_ms = 50.0"),
     ("valve_force_curve", "valve_pos", "duty_curvature = 0.2\npressure_curvature_mm2_per_n2 = 0.4"),
     ("valve_force_curve", "valve_neg", "inverse_full_area_per_mm2 = 0.9"),
-    ("coil_heating", "valve_pos", "loss = 0.1\ntime_constant_s = 2.0"),
+    ("coil_heating", "valve_pos", "resistance_rise = 0.1\ntime_constant_s = 2.0"),
     ("supply_sag", "rig", "loss_per_duty = 0.05"),
     ("command_delay", "valve_pos", "delay_ms = 30.0"),
     ("chamber_leak", "negative", "conductance_kg_per_s_pa2 = 1e-14"),

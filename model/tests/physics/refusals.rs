@@ -17,14 +17,17 @@ const WRONG: [(&str, &[&str]); 34] = [
         &["mechanisms.1.component", "a valve", "valve_pos"],
     ),
     ("id = \"valve_force_curve\"\ncomponent = \"valve_pos\"\nduty_curvature = 2.0", &["duty_curvature", "-1 … 1"]),
-    ("id = \"coil_heating\"\ncomponent = \"valve_pos\"\nloss = 0.1", &["time_constant_s", "missing"]),
-    ("id = \"coil_heating\"\ncomponent = \"valve_pos\"\nloss = 10.0\ntime_constant_s = 60.0", &["loss", "10", "share"]),
+    ("id = \"coil_heating\"\ncomponent = \"valve_pos\"\nresistance_rise = 0.1", &["time_constant_s", "missing"]),
+    (
+        "id = \"coil_heating\"\ncomponent = \"valve_pos\"\nresistance_rise = 20.0\ntime_constant_s = 60.0",
+        &["resistance_rise", "20", "share"],
+    ),
     (
         "id = \"supply_sag\"\ncomponent = \"valve_pos\"\nloss_per_duty = 0.1",
         &["mechanisms.1.component", "whole rig", "`rig`"],
     ),
     ("id = \"supply_sag\"\ncomponent = \"rig\"\nloss_per_duty = 5.0", &["loss_per_duty", "1/duty"]),
-    ("id = \"command_delay\"\ncomponent = \"valve_pos\"\ndelay_ms = 200.0", &["delay_ms", "200 ms", "eight ticks"]),
+    ("id = \"command_delay\"\ncomponent = \"valve_pos\"\ndelay_ms = 400.0", &["delay_ms", "400 ms", "sixteen ticks"]),
     ("id = \"command_delay\"\ncomponent = \"pump\"\ndelay_ms = 20.0", &["mechanisms.1.component", "only switched"]),
     (
         "id = \"cross_leak\"\ncomponent = \"positive\"\nto = \"positive\"\nconductance_kg_per_s_pa2 = 1e-15",

@@ -15,6 +15,7 @@
 //! ```
 
 use fit::data::Role;
+use fit::parameters::Transform;
 use fit::simulate::{Arcs, Run, refined_starts};
 
 use crate::bench::Bench;
@@ -28,12 +29,24 @@ pub struct Alone {
     pub candidate: usize,
     /// Share of the mean squared mismatch that goes with it, 0 … 1.
     pub share: f64,
-    /// First magnitudes at which it does.
+    /// Values at which it does.
     pub start: Vec<f64>,
 }
 
 /// How much stronger or weaker than tried an effect may be.
 const AMPLITUDE: [f64; 2] = [0.05, 2.5];
+
+/// A candidate's values when its effect is to be `a` times what it is at `start`, to first order in its first parameter.
+fn scaled(candidate: Option<&Candidate>, start: &[f64], a: f64) -> Vec<f64> {
+    let mut values = start.to_vec();
+    let parameter = candidate.and_then(|candidate| candidate.parameters(0).into_iter().next());
+    if let (Some(parameter), Some(first)) = (parameter, values.first_mut()) {
+        let neutral = if parameter.transform == Transform::Linear { parameter.mean } else { 0.0 };
+        let [low, high] = parameter.bounds;
+        *first = (neutral + a * (*first - neutral)).clamp(low, high);
+    }
+    values
+}
 
 /// Every candidate's share, largest first.
 ///
@@ -77,7 +90,7 @@ pub fn alone(bench: &Bench<'_>, candidates: &[Candidate]) -> Result<Vec<Alone>, 
         }
         let a = (-along / size).clamp(AMPLITUDE[0], AMPLITUDE[1]);
         let share = -(2.0 * a * along + a * a * size) / all;
-        let alone = || Alone { candidate, share, start: start.clone() };
+        let alone = || Alone { candidate, share, start: scaled(candidates.get(candidate), start, a) };
         match found.iter_mut().find(|f| f.candidate == candidate) {
             Some(known) if known.share >= share => {}
             Some(known) => *known = alone(),

@@ -43,6 +43,8 @@ pub struct Bench<'r> {
     pub simulator: Simulator<'r>,
     /// Runs rigs over them with the pump averaged: for searches, corrected by what the detailed rig differs by.
     pub fast: Simulator<'r>,
+    /// Runs rigs over them as closely as can be: in detail, or smooth where the readings were freed from the ripple.
+    pub close: Simulator<'r>,
     /// Which rows are fitted, which choose, which are kept back.
     pub split: Split,
     /// Noise by channel.
@@ -81,12 +83,12 @@ pub enum Effort {
 }
 
 impl Effort {
-    fn settings(self) -> FitSettings {
+    fn settings(self, search: Fidelity) -> FitSettings {
         let (stages, rounds, least_gain) = match self {
             Effort::Polish => (vec![Shooting::Free], 10, 0.05),
             Effort::Full => (vec![Shooting::Windows { seconds: 2.0 }, Shooting::Free], 12, 0.05),
         };
-        FitSettings { stages, rounds, least_gain, search: Fidelity::Averaged, ..FitSettings::default() }
+        FitSettings { stages, rounds, least_gain, search, ..FitSettings::default() }
     }
 }
 
@@ -101,7 +103,8 @@ impl<'r> Bench<'r> {
             rig,
             records,
             simulator,
-            fast: simulator.at(Fidelity::Averaged),
+            fast: simulator.at(searching(fidelity)),
+            close: simulator.at(if fidelity == Fidelity::Smooth { fidelity } else { Fidelity::Detailed }),
             nominal: nominal(rig, Scatter::default()),
             fit_weights: split.weights(records.layout(), Role::Fit).iter().zip(usable).map(|(w, u)| w * u).collect(),
             counted: usable.to_vec(),
@@ -113,15 +116,18 @@ impl<'r> Bench<'r> {
     /// The recordings as they would be had the rig's pump no strokes: less what the detailed simulation of `rig` (the
     /// bench's, with its parameters fitted) differs by from the averaged one.
     ///
-    /// That difference (ripple as sampled, filling from stroke to stroke) hardly depends on the parameters: one prior
+    /// Readings that were freed from the ripple have had theirs taken out with it. That difference (ripple as sampled, filling from stroke to stroke) hardly depends on the parameters: one prior
     /// standard deviation of any of the paper's rig changes it by 0.005 kPa at most. Taken from the readings once, it is
     /// out of every fit that follows, and those need no detailed run.
     ///
     /// # Errors
     /// The rig cannot be simulated.
     pub fn without_strokes(&self, rig: &Rig) -> Result<Records, DiagnoseError> {
+        if self.simulator.fidelity() == Fidelity::Smooth {
+            return Ok(self.records.clone());
+        }
         let arcs = refined_starts(&self.fast, rig, &Arcs::free(self.records))?;
-        let close = self.simulator.at(Fidelity::Detailed).one(rig, &arcs)?;
+        let close = self.close.one(rig, &arcs)?;
         let fast = self.fast.one(rig, &arcs)?;
         let less = self.records.readings_kpa().iter().zip(close.iter().zip(&fast)).map(|(r, (c, f))| r - (c - f));
         Ok(self.records.with_readings(less.collect())?)
@@ -202,7 +208,7 @@ impl<'r> Bench<'r> {
         effort: Effort,
     ) -> Result<Explanation, DiagnoseError> {
         let blocks = self.split.blocks(Role::Fit, BLOCK_ROWS);
-        let settings = effort.settings();
+        let settings = effort.settings(self.fast.fidelity());
         let mut best: Option<(f64, Fitted)> = None;
         let mut failed = None;
         for start in starts {
@@ -229,6 +235,16 @@ impl<'r> Bench<'r> {
     pub fn free_run(&self, rig: &Rig) -> Result<Vec<f64>, DiagnoseError> {
         let arcs = refined_starts(&self.simulator, rig, &Arcs::free(self.records))?;
         Ok(self.simulator.one(rig, &arcs)?)
+    }
+
+    /// Mean square of what a trace is off on the rows of a role, channels together, in kPa².
+    pub fn squares(&self, trace: &[f64], role: Role) -> f64 {
+        let layout = self.records.layout();
+        let weights = self.split.weights(layout, role);
+        let off = trace.iter().zip(self.records.readings_kpa()).zip(weights.iter().zip(&self.counted));
+        let counts = off.filter(|(_, (w, counted))| **w != 0.0 && **counted != 0.0);
+        let (sum, rows) = counts.fold((0.0, 0.0), |(sum, rows), ((p, r), _)| (sum + (p - r).powi(2), rows + 1.0));
+        sum / f64::max(rows, 1.0)
     }
 
     /// Log-likelihood of a trace on the blocks of a role, some errors allowed for.
@@ -289,6 +305,11 @@ impl<'r> Bench<'r> {
     pub fn blocks(&self, role: Role) -> Vec<Stretch> {
         blocks_of(&self.split, role)
     }
+}
+
+/// What searches run on where the recordings are simulated at a fidelity.
+pub fn searching(fidelity: Fidelity) -> Fidelity {
+    if fidelity == Fidelity::Smooth { fidelity } else { Fidelity::Averaged }
 }
 
 /// Rows of a block: 10 s, several time constants of the slowest chamber.

@@ -50,6 +50,11 @@ impl Candidate {
         self.len() == 0
     }
 
+    /// Whether readings change in steps as its first parameter does: least squares sees no slope in it.
+    pub fn stepped(&self) -> bool {
+        self.offered.stepped
+    }
+
     /// Whether both cannot be in one rig at a time.
     pub fn excludes(&self, other: &Candidate) -> bool {
         self.id == other.id && self.component == other.component
@@ -120,6 +125,7 @@ fn neutral(id: &str, p: &CandidateParameter) -> Option<f64> {
     match (id, p.key) {
         ("critical_ratio", _) => Some(0.528),
         ("sensor_gain", _) => Some(1.0),
+        ("valve_stiction", "short_of_it") => Some(0.0),
         _ => p.signed.then_some(0.0),
     }
 }

@@ -12,6 +12,10 @@ use crate::diagnosis::Fit;
 /// nearly nothing says nothing.
 const LEAST_KPA: f64 = 5.0;
 
+/// How much more a channel may err beyond its noise, and how many kPa on top, before that speaks against what was found.
+const SPOILT: f64 = 1.25;
+const SPOILT_KPA: f64 = 0.04;
+
 /// Errors of one rig at three horizons, by channel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figures {
@@ -81,6 +85,22 @@ impl Figures {
         let rmse = |c: usize| self.free.get(c).map_or(0.0, |e| e.rmse_kpa);
         let share = |c: usize| self.accuracy.get(c).copied().filter(|a| a.is_finite()).unwrap_or(0.0);
         Fit { pos_rmse_kpa: rmse(0), neg_rmse_kpa: rmse(1), pos_accuracy: share(0), neg_accuracy: share(1) }
+    }
+
+    /// Whether what turned a rig with the figures `before` into this one holds on rows that nothing was fitted to: all
+    /// channels together err less, and none errs much more. `sigma_kpa` is each channel's noise.
+    ///
+    /// Real physics of one chamber does not spoil the other: the pump ties the two together, so a formula that is not the
+    /// right one but fits shows there first.
+    pub fn holds_against(&self, before: &Figures, sigma_kpa: &[f64]) -> bool {
+        let beyond = |error: &ChannelError, sigma: &f64| (error.rmse_kpa.powi(2) - sigma.powi(2)).max(0.0).sqrt();
+        let spoilt = self
+            .free
+            .iter()
+            .zip(&before.free)
+            .zip(sigma_kpa)
+            .any(|((after, before), sigma)| beyond(after, sigma) > SPOILT * beyond(before, sigma) + SPOILT_KPA);
+        !spoilt && self.total_rmse_kpa() < before.total_rmse_kpa()
     }
 
     /// Root of the mean squared free-run error of all channels, in kPa.

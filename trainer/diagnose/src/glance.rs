@@ -8,7 +8,7 @@
 use fit::FitError;
 use fit::least_squares::{Linearised, Problem, Settings, minimise};
 use fit::parameters::ParameterSet;
-use fit::simulate::{Arcs, Fidelity, Run, Simulator};
+use fit::simulate::{Arcs, Run, Simulator};
 use model::rig::RigError;
 
 use crate::bench::{Bench, Explanation, LOSS};
@@ -101,7 +101,7 @@ pub fn settled(bench: &Bench<'_>, explanation: &Explanation) -> Result<Explanati
     let mut settled = explanation.clone();
     let fitted = &mut settled.fitted;
     for _ in 0..2 {
-        let close = bench.simulator.at(Fidelity::Detailed).one(&fitted.rig, &fitted.arcs)?;
+        let close = bench.close.one(&fitted.rig, &fitted.arcs)?;
         let fast = bench.fast.one(&fitted.rig, &fitted.arcs)?;
         let footing = Footing {
             arcs: fitted.arcs.clone(),

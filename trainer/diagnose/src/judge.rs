@@ -16,10 +16,10 @@ use crate::glance::Footing;
 use crate::search::{FAR_BEHIND, Found, GLANCE_ROUNDS, cost, starts, with, without};
 
 /// Error beyond the noise, in kPa, below which a model is as good as the recordings can tell.
-const FLOOR_KPA: f64 = 0.06;
+pub(crate) const FLOOR_KPA: f64 = 0.06;
 /// Share of the mean squared error beyond the noise that what is named must take away. The same physics written in
 /// another way (relays instead of plays) leaves a sixth; what is merely similar (a lag for a resonance) leaves more.
-const EXPLAINED: f64 = 0.7;
+pub(crate) const EXPLAINED: f64 = 0.7;
 /// Error beyond the noise, in kPa, above which a model that lacks nothing known lacks something unknown.
 pub(crate) const UNKNOWN_KPA: f64 = 0.12;
 /// Gain of prior and likelihood, beyond what the best of all candidates has by chance, at which a mechanism that does
@@ -27,8 +27,10 @@ pub(crate) const UNKNOWN_KPA: f64 = 0.12;
 const HINT: f64 = 5.0;
 /// Error beyond the noise, in kPa, from which on one asks whether a single mechanism explains a shift of parameters.
 const SHIFTED_KPA: f64 = 0.5;
-/// Share of the given rig's mismatch that a mechanism must explain alone to be a rival of moved parameters.
+/// Share of the given rig's mismatch that some mechanism must explain alone before moved parameters are doubted.
 const ALL_BUT: f64 = 0.97;
+/// Share above which a mechanism is a rival once they are: parameters are always off a little beside it.
+const MOST_OF_IT: f64 = 0.8;
 /// The most such rivals.
 const MOST_RIVALS: usize = 5;
 /// Log-likelihood within which two explanations are rivals whatever their blocks say.
@@ -56,6 +58,22 @@ pub struct Judgement {
     pub groups: Vec<Vec<String>>,
     /// Error beyond the noise by channel in kPa: given, re-identified, extended.
     pub excess_kpa: [Vec<f64>; 3],
+}
+
+impl Judgement {
+    /// The same without a name: what was to be named did not hold.
+    #[must_use]
+    pub fn of_no_name(self) -> Self {
+        let [given, nominal, _] = self.excess_kpa;
+        Judgement {
+            verdict: Verdict::UnknownMechanism,
+            named: Vec::new(),
+            contested: Vec::new(),
+            rivals: Vec::new(),
+            groups: Vec::new(),
+            excess_kpa: [given, nominal.clone(), nominal],
+        }
+    }
 }
 
 /// A term and its rivals.
@@ -134,11 +152,16 @@ fn nothing_named(
     if as_given.iter().any(|kpa| *kpa > SHIFTED_KPA) {
         let mut rivals = vec![found.nominal.clone()];
         let mut group = vec![MOVED.to_owned()];
-        for lone in alone(bench, candidates)?.iter().filter(|lone| lone.share > ALL_BUT).take(MOST_RIVALS) {
+        let lone = alone(bench, candidates)?;
+        let doubted = lone.iter().any(|lone| lone.share > ALL_BUT);
+        for lone in lone.iter().filter(|lone| doubted && lone.share > MOST_OF_IT) {
+            if rivals.len() > MOST_RIVALS {
+                break;
+            }
             let terms = [lone.candidate];
             let values = [(lone.candidate, lone.start.clone())];
             let starts = starts(bench, candidates, &found.nominal, &terms, &values, false);
-            let rival = bench.fit(candidates, &terms, &starts, Effort::Polish)?;
+            let Ok(rival) = bench.fit(candidates, &terms, &starts, Effort::Polish) else { continue };
             let name = candidates.get(lone.candidate).map(Candidate::name).unwrap_or_default();
             if !group.contains(&name) && evidence(bench, &rival, &found.nominal).fitted > -TIE {
                 group.push(name);

@@ -11,6 +11,7 @@
 //! | whether one explanation is better, by more than chance | [`evidence`] |
 //! | what a single mechanism explains of the given rig's mismatch | [`alone`] |
 //! | where the mismatch lives; missing flows reconstructed | [`locate`] |
+//! | how the pump turned, and the answer that goes with it | `turning`, `heard`, `answer` |
 //! | a verdict and its rivals | [`judge`] |
 //! | a term without a name | [`unknown`] |
 //! | recorded flows into closed volumes | [`closed`] |
@@ -21,6 +22,7 @@
 //! No verdict is better than its recordings: what they do not tell is said, and never guessed.
 
 pub mod alone;
+mod answer;
 pub mod bench;
 pub mod candidate;
 pub mod closed;
@@ -31,6 +33,7 @@ pub mod evidence;
 pub mod experiment;
 pub mod figures;
 pub mod glance;
+mod heard;
 pub mod judge;
 pub mod locate;
 mod page;
@@ -38,6 +41,7 @@ pub mod place;
 mod run;
 pub mod screen;
 pub mod search;
+mod turning;
 pub mod unknown;
 mod words;
 

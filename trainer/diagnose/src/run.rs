@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use fit::data::quality::Quality;
 use fit::data::{Records, noise};
-use fit::simulate::{Fidelity, tachometer};
-use model::rig::{Pump, Rig};
+use model::rig::Rig;
 use proto::atomic_file;
 use proto::recording::Recording;
 
-use crate::bench::{Bench, Effort, Explanation};
+use crate::answer::{Answer, Asked};
+use crate::bench::{Bench, Explanation};
 use crate::candidate::{Candidate, candidates};
 use crate::closed;
 use crate::diagnosis::{Diagnosis, Fits, Verdict};
@@ -19,9 +19,11 @@ use crate::evidence::Bar;
 use crate::experiment::{Plan, plan};
 use crate::figures::{Figures, figures};
 use crate::glance::settled;
-use crate::judge::{Judgement, UNKNOWN_KPA, judge};
-use crate::locate::{Missing, reconstruct};
-use crate::search::{Found, SearchSettings, search};
+use crate::heard::Heard;
+use crate::judge::{Judgement, UNKNOWN_KPA};
+use crate::locate::Missing;
+use crate::search::{Found, SearchSettings};
+use crate::turning::answered;
 use crate::unknown::{UnknownTerm, fit_unknown};
 use crate::{page, words};
 
@@ -55,6 +57,8 @@ pub(crate) struct Findings<'a, 'r> {
     pub(crate) extended: Figures,
     pub(crate) unknown: Option<&'a UnknownTerm>,
     pub(crate) plan: Option<Plan>,
+    /// What was read off the pump's ripple and has a name.
+    pub(crate) heard: Option<&'a Heard>,
     /// What happened in a span that everything else leaves out.
     pub(crate) event: Option<Event>,
     pub(crate) notes: Vec<String>,
@@ -96,25 +100,29 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         }
         None => (records, quality.usable),
     };
-    progress("fitting the rig's own parameters", 0.0);
-    let turning = turning(rig, records, &usable, request.threads, &mut notes)?;
-    let (rig, records) = (&turning.rig, &turning.records);
-    let whole = Bench::new(rig, records, &usable, Fidelity::Detailed, request.threads);
-    let candidates = candidates(rig);
-    let settings = SearchSettings {
-        most_terms: 4,
-        glanced: if request.quick { 6 } else { 14 },
-        polished: if request.quick { 2 } else { 3 },
-        from_prior: true,
-        bar: Bar::default(),
+    let mut asked = Asked {
+        given: rig,
+        candidates: candidates(rig),
+        settings: SearchSettings {
+            most_terms: 4,
+            glanced: if request.quick { 6 } else { 14 },
+            polished: if request.quick { 2 } else { 3 },
+            from_prior: true,
+            bar: Bar::default(),
+        },
+        quick: request.quick,
+        threads: request.threads,
     };
-    let asked = Asked { given: &request.rig, start: &turning.point, candidates: &candidates, settings: &settings };
-    let mut answer = Answer::of(&whole, &asked, request, progress)?;
+    progress("fitting the rig's own parameters", 0.0);
+    let (turning, mut answer) = answered(&mut asked, records, &usable, progress)?;
+    notes.extend(turning.note());
+    let (rig, records) = (&turning.rig, &turning.records);
+    let whole = turning.bench(&usable, request.threads);
     // What known physics leaves unexplained may be something that happened; then the rest is asked by itself.
     let unexplained = answer.judgement.excess_kpa[2].iter().any(|kpa| *kpa > UNKNOWN_KPA);
     let unnamed = answer.judgement.verdict == Verdict::UnknownMechanism;
     let mut event = if unexplained && unnamed {
-        let searched = Bench::new(rig, &answer.reduced, &usable, Fidelity::Averaged, request.threads);
+        let searched = Bench::new(rig, &answer.reduced, &usable, whole.fast.fidelity(), request.threads);
         event::find(&searched, &answer.found.best.trace)
     } else {
         None
@@ -129,47 +137,78 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
                 closed::without_starts(&records, &mut usable);
             }
             rest = records;
-            rest_bench = Bench::new(rig, &rest, &usable, Fidelity::Detailed, request.threads);
-            answer = Answer::of(&rest_bench, &asked, request, progress)?;
+            rest_bench = Bench::new(rig, &rest, &usable, whole.simulator.fidelity(), request.threads);
+            answer = Answer::of(&rest_bench, &asked, &turning.point, progress)?;
             &rest_bench
         }
         None => &whole,
     };
-    let of = |rig: &Rig| figures(bench, rig, Fidelity::Detailed, !request.quick);
-    let Answer { given, reduced, mut found, missing, judgement } = answer;
-    let searched = Bench::new(rig, &reduced, bench.counted(), Fidelity::Averaged, request.threads);
+    let of = |rig: &Rig| figures(bench, rig, bench.close.fidelity(), !request.quick);
+    let Answer { given, reduced, mut found, missing, mut judgement, .. } = answer;
+    let searched = Bench::new(rig, &reduced, bench.counted(), bench.fast.fidelity(), request.threads);
+    progress("running before and after", 0.0);
+    found.nominal = settled(bench, &found.nominal)?;
+    found.best = if found.best.terms.is_empty() { found.nominal.clone() } else { settled(bench, &found.best)? };
+    let fitted = of(&found.nominal.fitted.rig)?;
+    let mut extended = of(&found.best.fitted.rig)?;
+    let sigma_kpa = bench.sigma_kpa();
+    if judgement.verdict == Verdict::MissingPhysics && !extended.holds_against(&fitted, &sigma_kpa) {
+        let names: Vec<String> =
+            found.best.terms.iter().filter_map(|t| asked.candidates.get(*t)).map(Candidate::name).collect();
+        notes.push(format!(
+            "{} fits what was fitted, but errs more than nothing on the rows kept back ({:.2} kPa instead of {:.2}, or \
+             one pressure for the other): something like it, not it",
+            names.join(" with "),
+            extended.total_rmse_kpa(),
+            fitted.total_rmse_kpa()
+        ));
+        judgement = judgement.of_no_name();
+        found.best = found.nominal.clone();
+        extended = fitted.clone();
+    }
+    turning.judged(&mut judgement);
     let mut unknown = if judgement.verdict == Verdict::UnknownMechanism {
         progress("shaping a term for what has no name", 0.0);
-        fit_unknown(&searched, &found.nominal, &missing, if request.quick { 1 } else { 3 })?
+        fit_unknown(&searched, &found.nominal, &missing, if request.quick { 2 } else { 4 })?
     } else {
         None
     };
+    if let Some(term) = &mut unknown {
+        term.explanation = settled(bench, &term.explanation)?;
+        let with_it = of(&term.explanation.fitted.rig)?;
+        if with_it.holds_against(&fitted, &sigma_kpa) {
+            extended = with_it;
+        } else {
+            notes.push(format!(
+                "{} was tried and does not hold on the rows kept back ({:.2} kPa instead of {:.2}): it is not in the rig file",
+                term.depends_on,
+                with_it.total_rmse_kpa(),
+                fitted.total_rmse_kpa()
+            ));
+            unknown = None;
+        }
+    }
     progress("planning", 0.0);
     let plan = if judgement.verdict == Verdict::Undecided {
         plan(bench, &judgement.rivals.iter().collect::<Vec<_>>())?
     } else {
         None
     };
-    progress("running before and after", 0.0);
-    found.nominal = settled(bench, &found.nominal)?;
-    found.best = if found.best.terms.is_empty() { found.nominal.clone() } else { settled(bench, &found.best)? };
-    if let Some(term) = &mut unknown {
-        term.explanation = settled(bench, &term.explanation)?;
-    }
     if let Some(event) = &mut event {
         event.change = event::what_changed(&whole, &found.best.fitted.rig, event)?;
     }
     let findings = Findings {
         given,
-        reidentified: of(&found.nominal.fitted.rig)?,
-        extended: of(unknown.as_ref().map_or(&found.best.fitted.rig, |term| &term.explanation.fitted.rig))?,
+        reidentified: turning.reidentified(bench, &found.nominal.fitted.rig, !request.quick)?,
+        extended,
         unknown: unknown.as_ref(),
         bench,
-        candidates: &candidates,
+        candidates: &asked.candidates,
         found: &found,
         judgement: &judgement,
         missing: &missing,
         plan,
+        heard: turning.heard.as_ref(),
         event,
         notes,
     };
@@ -181,83 +220,6 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
 /// Weights of the readings at some places.
 fn taken(weights: &[f64], places: &[usize]) -> Vec<f64> {
     places.iter().map(|place| weights.get(*place).copied().unwrap_or(0.0)).collect()
-}
-
-/// The rig with its pump at the speed that its ripple tells, the recordings with cranks where they stood, and the rig's
-/// own parameters as fitted.
-struct Turning {
-    rig: Rig,
-    records: Records,
-    point: Vec<f64>,
-}
-
-/// Fits the rig's own parameters, and reads the pump's speed off what is left.
-fn turning(
-    rig: &Rig,
-    records: Records,
-    usable: &[f64],
-    threads: Option<usize>,
-    notes: &mut Vec<String>,
-) -> Result<Turning, DiagnoseError> {
-    let bench = Bench::new(rig, &records, usable, Fidelity::Detailed, threads);
-    let origin = vec![0.0; bench.nominal.len()];
-    let fitted = bench.fit(&[], &[], &[origin], Effort::Full)?.fitted;
-    let read = tachometer(&bench.fast, &fitted.rig, bench.fit_weights())?;
-    let mut turning = Turning { rig: rig.clone(), records, point: fitted.point };
-    if let Some(read) = read
-        && let Some(Pump::Piston(pump)) = turning.rig.pumps.get_mut(&read.pump)
-    {
-        notes.push(format!(
-            "the readings swing with the pump's ripple at {:.3} Hz: {} turns at {:.2} rev/min, not at {:.2} as in the rig \
-             file; taken into account",
-            read.beat_hz, read.pump, read.speed_rpm, pump.speed_rpm
-        ));
-        pump.speed_rpm = read.speed_rpm;
-        turning.records = turning.records.with_cranks(&read.crank_rev);
-    }
-    Ok(turning)
-}
-
-/// What a search is asked.
-struct Asked<'a> {
-    /// The rig as it was given.
-    given: &'a Rig,
-    /// The rig's own parameters, near their best.
-    start: &'a [f64],
-    candidates: &'a [Candidate],
-    settings: &'a SearchSettings,
-}
-
-/// What a search over some recordings came to.
-struct Answer {
-    given: Figures,
-    /// The recordings less the pump's strokes: what was searched on.
-    reduced: Records,
-    found: Found,
-    missing: Missing,
-    judgement: Judgement,
-}
-
-impl Answer {
-    fn of(
-        recorded: &Bench<'_>,
-        asked: &Asked<'_>,
-        request: &Request,
-        progress: &mut dyn FnMut(&str, f64),
-    ) -> Result<Self, DiagnoseError> {
-        let Asked { given, start, candidates, settings } = *asked;
-        // At its own step: a coarser one's error is not the rig's.
-        let as_given = figures(recorded, given, Fidelity::Detailed, !request.quick)?;
-        let fitted = recorded.set(&[])?.rig_at(start).map_err(DiagnoseError::rig(recorded.rig))?;
-        // Everything is searched with averaged pumps, on readings that lack the strokes; what was found ends on the recordings.
-        let reduced = recorded.without_strokes(&fitted)?;
-        let bench = Bench::new(recorded.rig, &reduced, recorded.counted(), Fidelity::Averaged, request.threads);
-        let found = search(&bench, candidates, start, settings, progress)?;
-        progress("reconstructing what is missing", 0.0);
-        let missing = reconstruct(&bench, &found.nominal.fitted.rig, &found.nominal.trace, !request.quick)?;
-        let judgement = judge(&bench, candidates, &found, &bench.free_run(given)?, progress)?;
-        Ok(Answer { given: as_given, reduced, found, missing, judgement })
-    }
 }
 
 /// The diagnosis in the form of its file.

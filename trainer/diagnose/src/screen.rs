@@ -76,7 +76,7 @@ pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, o
 }
 
 /// A linearised fit, ready to judge effects.
-struct Projector<'a> {
+pub struct Projector<'a> {
     at: &'a Linearised,
     weights: Vec<f64>,
     factor: nalgebra::Cholesky<f64, nalgebra::Dyn>,
@@ -85,7 +85,8 @@ struct Projector<'a> {
 }
 
 impl<'a> Projector<'a> {
-    fn new(at: &'a Linearised, prior: &[f64], point: &[f64]) -> Option<Self> {
+    /// From a fit's residuals and slopes, its priors and its point; `None` if the slopes are not those of a fit.
+    pub fn new(at: &'a Linearised, prior: &[f64], point: &[f64]) -> Option<Self> {
         let weights: Vec<f64> = at.residuals.iter().map(|r| LOSS.weight(*r)).collect();
         let n = at.jacobian.len();
         let mut normal = DMatrix::zeros(n, n);
@@ -108,18 +109,29 @@ impl<'a> Projector<'a> {
         Some(Projector { at, weights, factor, gradient })
     }
 
+    /// What an effect gains as it is, the free parameters having given way.
+    pub fn gain_as_is(&self, effect: &[f64]) -> f64 {
+        let (along, size) = self.along_and_size(effect);
+        -(along + 0.5 * size)
+    }
+
     /// The most that an effect can gain.
     fn gain(&self, effect: &[f64]) -> f64 {
-        let n = self.at.jacobian.len();
-        let on_effect = DVector::from_iterator(n, self.at.jacobian.iter().map(|c| dot(c, effect, &self.weights)));
-        let solved = self.factor.solve(&on_effect);
-        let along = dot(effect, &self.at.residuals, &self.weights) - solved.dot(&self.gradient);
-        let size = dot(effect, effect, &self.weights) - solved.dot(&on_effect);
+        let (along, size) = self.along_and_size(effect);
         if size.is_nan() || size <= 1e-9 {
             return 0.0;
         }
         let a = (-along / size).clamp(AMPLITUDE[0], AMPLITUDE[1]);
         -(a * along + 0.5 * a * a * size)
+    }
+
+    /// `s·r − s·J h` and `s⊥·s`.
+    fn along_and_size(&self, effect: &[f64]) -> (f64, f64) {
+        let n = self.at.jacobian.len();
+        let on_effect = DVector::from_iterator(n, self.at.jacobian.iter().map(|c| dot(c, effect, &self.weights)));
+        let solved = self.factor.solve(&on_effect);
+        let along = dot(effect, &self.at.residuals, &self.weights) - solved.dot(&self.gradient);
+        (along, dot(effect, effect, &self.weights) - solved.dot(&on_effect))
     }
 }
 

@@ -5,6 +5,7 @@
 //! out, make the axes. The table is then fitted in free runs like any other mechanism (`residual_flow`), so that the
 //! rig file simulates with it everywhere. It says where, how much, and on what it depends; it does not say what it is.
 
+use fit::data::Role;
 use fit::parameters::{Knowledge, Parameter, ParameterSet, Transform};
 use model::mechanism::{Axis, Mechanism, ResidualFlow, Shape, Variable};
 use model::rig::{Attached, Rig};
@@ -40,8 +41,8 @@ pub struct UnknownTerm {
     pub depends_on: String,
 }
 
-/// Fits a term for what `base` leaves out; `None` if none makes the rig better on rows that choose. `fitted` is how many
-/// sets of variables, the most promising first, are fitted in free runs.
+/// Fits a term for what `base` leaves out; `None` if none makes the rig better on rows that choose, both by what is likely
+/// and by what the free run is off. `fitted` is how many sets of variables, the most promising first, are fitted in free runs.
 ///
 /// # Errors
 /// A fit failed for another reason than the term.
@@ -66,8 +67,9 @@ pub fn fit_unknown(
     for design in designs.iter().take(fitted) {
         let Ok(explanation) = fit_design(bench, base, design, missing) else { continue };
         let found = evidence(bench, &explanation, base);
-        let gain = found.chosen;
-        if gain > 0.0 && best.as_ref().is_none_or(|(g, _)| gain > *g) {
+        // Likelihood alone forgives what is slow and large.
+        let gain = bench.squares(&base.trace, Role::Select) - bench.squares(&explanation.trace, Role::Select);
+        if found.chosen > 0.0 && gain > 0.0 && best.as_ref().is_none_or(|(g, _)| gain > *g) {
             let depends_on = words(design);
             best = Some((gain, UnknownTerm { explanation, depends_on }));
         }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use crate::candidate::Candidate;
 use crate::diagnosis::{FoundEvidence, FoundMechanism, FoundParameter, Location, Verdict};
 use crate::event::Event;
+use crate::heard::Heard;
 use crate::locate::region::{Stretch, region};
 use crate::locate::{Suspect, Suspicion};
 use crate::place::volumes_at;
@@ -103,8 +104,35 @@ pub(crate) fn mechanisms(findings: &Findings<'_, '_>) -> Vec<FoundMechanism> {
             None => all.push(found),
         }
     }
+    all.extend(findings.heard.map(|heard| heard_off_the_ripple(findings, heard)));
     all.sort_by(|a, b| b.evidence.delta_log_likelihood.total_cmp(&a.evidence.delta_log_likelihood));
     all
+}
+
+/// What the pump's ripple told.
+fn heard_off_the_ripple(findings: &Findings<'_, '_>, heard: &Heard) -> FoundMechanism {
+    let id = heard.attached.mechanism.id();
+    let [low, high] = heard.interval;
+    let before = findings.reidentified.total_rmse_kpa();
+    let after = findings.extended.total_rmse_kpa();
+    let told = format!("{} {} ({} … {}) {}", plain(heard.key), three(heard.value), three(low), three(high), heard.unit);
+    let parameter = FoundParameter { value: heard.value, unit: heard.unit.to_owned(), low, high };
+    FoundMechanism {
+        id: id.to_owned(),
+        side: side_of_pump(findings, heard),
+        component: heard.attached.component.clone(),
+        summary: format!("The pump {} ({told}); this was read off its ripple: {}.", does(id), heard.shows),
+        parameters: BTreeMap::from([(heard.key.to_owned(), parameter)]),
+        evidence: FoundEvidence {
+            delta_log_likelihood: heard.log_likelihood,
+            held_out_rmse_gain: 1.0 - after / before.max(1e-9),
+        },
+        rivals: Vec::new(),
+    }
+}
+
+fn side_of_pump(findings: &Findings<'_, '_>, heard: &Heard) -> String {
+    crate::place::side(findings.bench.rig, std::slice::from_ref(&heard.attached.component))
 }
 
 /// The same mechanism on the other side.
@@ -273,7 +301,10 @@ fn verdict_in_words(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) 
                     stand_ins.join(", ")
                 ),
             };
-            format!("Something is missing that is none of the known mechanisms: {place}.{written}")
+            // What the pump's ripple told is known all the same.
+            let known: String = mechanisms.iter().map(|m| m.summary.clone() + " ").collect();
+            let what = if known.is_empty() { "Something" } else { "Something else" };
+            format!("{known}{what} is missing that is none of the known mechanisms: {place}.{written}")
         }
     }
 }
@@ -365,11 +396,24 @@ fn lasting(findings: &Findings<'_, '_>) -> Vec<Location> {
     if matches!(findings.judgement.verdict, Verdict::Adequate | Verdict::ParametersMoved) {
         return Vec::new();
     }
+    // The ripple of a pump that was heard is in all readings, all the time.
+    let heard = findings.heard.map(|heard| Location {
+        side: side_of_pump(findings, heard),
+        component: heard.attached.component.clone(),
+        share_of_residual: heard.share.clamp(0.0, 1.0),
+        region: "everywhere".to_owned(),
+        time_s: whole(findings),
+        time_scale_s: proto::recording::PERIOD_S,
+        enters: "mass balance".to_owned(),
+    });
+    if findings.judgement.named.is_empty() && findings.judgement.verdict == Verdict::MissingPhysics {
+        return heard.into_iter().collect();
+    }
     let total = findings.missing.all_flows_gain.max(findings.missing.suspicions.first().map_or(0.0, |s| s.gain));
     // What is named knows its component better than a balance does.
     let named: Vec<usize> = findings.judgement.contested.iter().map(|c| c.term).collect();
     let strongest = findings.missing.suspicions.first().map_or(0.0, |s| s.gain);
-    let mut all = Vec::new();
+    let mut all: Vec<Location> = heard.into_iter().collect();
     if named.is_empty() && findings.judgement.verdict == Verdict::Undecided {
         return places_of_rivals(findings);
     }

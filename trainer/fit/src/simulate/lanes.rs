@@ -9,10 +9,12 @@ use crate::data::Record;
 
 /// Runs a bundle through the arcs of one recording.
 ///
-/// `shift_kpa` is added to the start of every arc, by channel; cranks start `crank_rev` revolutions on. `out` is `[channel][row]`, flattened; rows in no arc
-/// are left as they are.
+/// `shift_kpa` is added to the start of every arc, by channel; cranks start `crank_rev` revolutions on; `smooth` leaves
+/// the ripple of averaged pumps off. `out` is `[channel][row]`, flattened; rows in no arc are left as they are.
+#[expect(clippy::too_many_arguments, reason = "a bundle, a recording, and how it starts")]
 pub(super) fn sweep<'a, R: Simulated>(
     plant: &Shared<Plant<R>>,
+    smooth: bool,
     ticks_per_row: u32,
     record: &Record,
     arcs: impl Iterator<Item = &'a Arc>,
@@ -23,6 +25,9 @@ pub(super) fn sweep<'a, R: Simulated>(
     let rows = record.time_s.len();
     let sensors: Vec<usize> = (0..plant.sensor_columns().len()).collect();
     let mut simulation = Simulation::new(Shared::clone(plant));
+    if smooth {
+        simulation = simulation.smooth();
+    }
     let mut commands = vec![R::splat(0.0); record.inputs.len()];
     let mut start = vec![R::splat(0.0); sensors.len()];
     let read = |row: usize, commands: &mut [R]| {

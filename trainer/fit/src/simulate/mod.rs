@@ -6,7 +6,12 @@
 //! | `lanes` | eight rigs of one structure through one recording |
 //! | `simulator` | many rigs through all recordings, on all cores |
 //! | `start` | starts that noise does not spoil |
+//! | `ripple` | a piston pump's ripple at every reading, from runs whose cranks start at many angles |
 //! | `tachometer` | how fast the pump turned, told from its ripple |
+//! | `in_step` | the ripple of a speed that keeps step, as the readings have it |
+//! | `track` | the course of a speed that keeps no step with the sampling |
+//! | `course` | courses that a pump's speed may take |
+//! | `windows` | products of readings and of a ripple that turns |
 //! | `horizon` | how far off a rig is after 1 s, 10 s, or for ever |
 //!
 //! A fit runs the same recordings hundreds of times with parameters a little off. Eight such rigs lie side by side in
@@ -14,15 +19,23 @@
 //! allocated per row.
 
 mod arcs;
+mod course;
 mod horizon;
+mod in_step;
 mod lanes;
+mod ripple;
 mod simulator;
 mod start;
 mod tachometer;
+mod track;
+mod windows;
 
 pub use arcs::{Arc, Arcs};
+pub use course::Course;
 pub use horizon::{ChannelError, Horizon, errors, errors_at, trace_at, traces_at};
+pub use in_step::ripple_in_step;
 pub use simulator::{Fidelity, Run, Simulator};
 pub(crate) use start::NUDGE_KPA;
 pub use start::{refined_starts, smoothed_kpa};
 pub use tachometer::{Tachometer, tachometer};
+pub use track::{Track, track};

@@ -28,6 +28,9 @@ pub enum Fidelity {
     /// Pumps averaged over a revolution ([`model::averaged`]), their ripple put back onto the readings: smooth in the
     /// parameters and, rig by rig, some twenty times as fast as in detail.
     Averaged,
+    /// The same without the ripple: for readings that were freed from it ([`crate::simulate::Track`]), and rigs whose
+    /// crank angles nobody knows.
+    Smooth,
 }
 
 /// The coarse step in ms.
@@ -206,7 +209,16 @@ impl<'r> Simulator<'r> {
             })
             .collect();
         let crank = R::from_lanes(|lane| columns.crank_rev + run_of(lane).map_or(0.0, |run| run.crank_rev));
-        sweep(plant, group.ticks_per_row, columns, arcs.of(record), &shift, crank, &mut out);
+        sweep(
+            plant,
+            self.fidelity == Fidelity::Smooth,
+            group.ticks_per_row,
+            columns,
+            arcs.of(record),
+            &shift,
+            crank,
+            &mut out,
+        );
         let mut outcomes = outcomes.lock().unwrap_or_else(PoisonError::into_inner);
         for (lane, run) in group.runs.iter().enumerate() {
             if let Some(Ok(trace)) = outcomes.get_mut(*run)
@@ -289,21 +301,21 @@ impl<'r> Simulator<'r> {
     /// of them gains nothing over one after the other, and shares out worse among cores.
     fn side_by_side_at_most(&self) -> usize {
         match self.fidelity {
-            Fidelity::Averaged => 1,
+            Fidelity::Averaged | Fidelity::Smooth => 1,
             Fidelity::Detailed | Fidelity::Coarse => SIDE_BY_SIDE,
         }
     }
 
     fn plant(&self, rig: &Rig) -> Result<Plant<f64>, RigError> {
         match self.fidelity {
-            Fidelity::Averaged => Plant::averaged(rig, AVERAGED_STEP_MS, &TABLES),
+            Fidelity::Averaged | Fidelity::Smooth => Plant::averaged(rig, AVERAGED_STEP_MS, &TABLES),
             Fidelity::Detailed | Fidelity::Coarse => Plant::new(rig),
         }
     }
 
     fn side_by_side(&self, rigs: &[Rig]) -> Result<Plant<Lanes<SIDE_BY_SIDE>>, RigError> {
         match self.fidelity {
-            Fidelity::Averaged => Plant::averaged_side_by_side(rigs, AVERAGED_STEP_MS, &TABLES),
+            Fidelity::Averaged | Fidelity::Smooth => Plant::averaged_side_by_side(rigs, AVERAGED_STEP_MS, &TABLES),
             Fidelity::Detailed | Fidelity::Coarse => Plant::side_by_side(rigs),
         }
     }
@@ -313,7 +325,7 @@ impl<'r> Simulator<'r> {
         let least_ms = match self.fidelity {
             Fidelity::Detailed => 0.0,
             Fidelity::Coarse => COARSE_STEP_MS,
-            Fidelity::Averaged => TABLE_STEP_MS,
+            Fidelity::Averaged | Fidelity::Smooth => TABLE_STEP_MS,
         };
         if rig.integrator.step_ms < least_ms {
             let steps = (rig.integrator.tick_ms / least_ms).round().max(1.0);

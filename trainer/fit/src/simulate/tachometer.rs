@@ -17,23 +17,21 @@
 
 use std::f64::consts::TAU;
 
-use model::rig::{Pump, Rig};
+use model::rig::Rig;
 
-use super::arcs::Arcs;
-use super::simulator::{Fidelity, Run, Simulator};
-use super::start::refined_starts;
+use super::ripple::{HARMONICS, Pair, Ripple};
+use super::simulator::{Fidelity, Simulator};
 use crate::FitError;
+use crate::data::Records;
 
-/// Angles at which cranks start.
-const ANGLES: usize = 8;
-/// Harmonics of a revolution that the ripple is made of.
-const HARMONICS: usize = 3;
 /// The largest share by which a speed may be off.
 const REACH: f64 = 0.02;
 /// Turns of the ripple in the longest recording below which a swing is not told from an offset.
-const LEAST_BEATS: f64 = 0.4;
+const LEAST_BEATS: f64 = 0.2;
 /// What is found must be the pump's own ripple: its height over the predicted one.
 const HEIGHT: [f64; 2] = [0.75, 1.3];
+/// Share of the best speed's gain from which on the opposite slip may be meant.
+const AS_GOOD: f64 = 0.8;
 /// Steps of the grid per turn of the ripple in the longest recording.
 const STEPS_PER_BEAT: f64 = 8.0;
 
@@ -48,15 +46,14 @@ pub struct Tachometer {
     pub crank_rev: Vec<f64>,
     /// How often the ripple comes round, in Hz.
     pub beat_hz: f64,
+    /// How often it did so in the longest recording. What turns less than once or so may be anything slow.
+    pub turns: f64,
+    /// Share of its stated speed by which the pump is faster.
+    pub slip: f64,
     /// Height of the swing over the one that the pump's model predicts.
     pub height: f64,
-}
-
-/// Amplitudes of one harmonic at one reading.
-#[derive(Debug, Clone, Copy, Default)]
-struct Pair {
-    cos: f64,
-    sin: f64,
+    /// Log-likelihood that the swing gains, each channel's errors as large as they are.
+    pub log_likelihood: f64,
 }
 
 /// One reading: time, what is to be explained, and the ripple's harmonics, all over the channel's scale.
@@ -66,26 +63,27 @@ struct Point {
     ripple: [Pair; HARMONICS],
 }
 
-/// Reads the speed of the only piston pump of `rig`, whose other parameters are already fitted; `None` where there is
-/// no such pump, or the readings do not swing with its ripple. `weights` is zero at readings that do not count.
+/// Reads the speed of the only piston pump of `rig`, whose other parameters are already fitted; nothing where there is
+/// no such pump, or the readings do not swing with its ripple. `weights` is zero at readings that do not count; a ripple
+/// that passes slowly needs them all (of a third of the rows of 30 s a turn cannot be told from a slow error).
+///
+/// A ripple that passes backwards looks much the same. Where that gains nearly as much it comes second: a fit with each
+/// tells.
 ///
 /// # Errors
 /// The rig cannot be simulated.
-pub fn tachometer(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Result<Option<Tachometer>, FitError> {
-    let mut pistons = rig.pumps.iter().filter_map(|(name, pump)| match pump {
-        Pump::Piston(piston) => Some((name, piston.speed_rpm)),
-        Pump::Flow(_) => None,
-    });
-    let (Some((pump, speed_rpm)), None) = (pistons.next(), pistons.next()) else { return Ok(None) };
+pub fn tachometer(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Result<Vec<Tachometer>, FitError> {
+    let Some(ripple) = Ripple::of(&simulator.at(Fidelity::Averaged), rig)? else { return Ok(Vec::new()) };
+    let (pump, speed_rpm) = (&ripple.pump, ripple.speed_rpm);
     let speed = speed_rpm / 60.0;
-    let swings = swings(&simulator.at(Fidelity::Averaged), rig, weights)?;
+    let swings = swings(simulator.records(), &ripple, weights);
     let every = || swings.iter().flatten().flat_map(|swing| &swing.points);
     let longest_s = every().map(|p| p.time_s).fold(0.0, f64::max);
     let energy = |h: usize| -> f64 { every().filter_map(|p| p.ripple.get(h)).map(Pair::energy).sum() };
     let main = (0..HARMONICS).max_by(|a, b| energy(*a).total_cmp(&energy(*b))).unwrap_or(0);
     let turns = (main + 1) as f64 * speed;
     if longest_s * turns <= 0.0 || energy(main) <= 0.0 {
-        return Ok(None);
+        return Ok(Vec::new());
     }
     let matches = |slip: f64| -> Vec<Match> {
         swings.iter().map(|record| Match::of(&Products::of(record, main, slip * turns))).collect()
@@ -94,23 +92,37 @@ pub fn tachometer(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Resu
     let step = 1.0 / (STEPS_PER_BEAT * turns * longest_s);
     let steps = (REACH / step) as i64;
     let coarse = best((-steps..=steps).map(|k| k as f64 * step), gained);
-    let slip = best((-8..=8).map(|k| coarse + f64::from(k) * step / 8.0), gained);
-    let matched = matches(slip);
-    let of_pump: f64 = matched.iter().map(|m| m.energy).sum();
-    let height = matched.iter().map(|m| m.product).sum::<f64>() / of_pump;
-    // Each recording must show it, or a drift in one of them would do.
-    let everywhere = matched.iter().all(|m| m.product > 0.5 * m.energy);
-    let swing_turns = slip.abs() * turns * longest_s;
-    if !everywhere || swing_turns < LEAST_BEATS || !(HEIGHT[0]..=HEIGHT[1]).contains(&height) {
-        return Ok(None);
-    }
-    Ok(Some(Tachometer {
-        pump: pump.clone(),
-        speed_rpm: speed_rpm * (1.0 + slip),
-        crank_rev: swings.iter().map(|record| crank(record, slip * speed)).collect(),
-        beat_hz: (slip * turns).abs(),
-        height,
-    }))
+    let finely = |near: f64| best((-8..=8).map(|k| near + f64::from(k) * step / 8.0), gained);
+    let rows = every().count() as f64;
+    let read = |slip: f64| -> Option<Tachometer> {
+        let matched = matches(slip);
+        let sum = |of: fn(&Match) -> f64| matched.iter().map(of).sum::<f64>();
+        let height = sum(|m| m.product) / sum(|m| m.energy);
+        // Each recording must show it, or a drift in one of them would do.
+        let everywhere = matched.iter().all(|m| m.product > 0.5 * m.energy);
+        let swing_turns = slip.abs() * turns * longest_s;
+        if !everywhere || swing_turns < LEAST_BEATS || !(HEIGHT[0]..=HEIGHT[1]).contains(&height) {
+            return None;
+        }
+        // Channels are scaled to unit variance; only some rows were looked at.
+        let left = (1.0 - sum(|m| m.gain) / rows).max(1e-3);
+        Some(Tachometer {
+            pump: pump.clone(),
+            speed_rpm: speed_rpm * (1.0 + slip),
+            crank_rev: swings.iter().map(|record| crank(record, slip * speed)).collect(),
+            beat_hz: (slip * turns).abs(),
+            turns: swing_turns,
+            slip,
+            height,
+            log_likelihood: -0.5 * rows * THINNED as f64 * left.ln(),
+        })
+    };
+    let slip = finely(coarse);
+    let Some(read_first) = read(slip) else { return Ok(Vec::new()) };
+    let mirrored = finely(-slip);
+    let close = gained(mirrored) > AS_GOOD * gained(slip);
+    let mirror = if close { read(mirrored) } else { None };
+    Ok(std::iter::once(read_first).chain(mirror).collect())
 }
 
 /// The slip that gains most.
@@ -127,18 +139,7 @@ struct Swing {
 const THINNED: usize = 3;
 
 /// Every reading that counts, by recording and channel.
-fn swings(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Result<Vec<Vec<Swing>>, FitError> {
-    let records = simulator.records();
-    let arcs = refined_starts(simulator, rig, &Arcs::free(records))?;
-    let runs: Vec<Run> =
-        (0..ANGLES).map(|k| Run { crank_rev: k as f64 / ANGLES as f64, ..Run::from(rig.clone()) }).collect();
-    let traces = simulator.run(&runs, &arcs).into_iter().collect::<Result<Vec<_>, _>>().map_err(FitError::rig(rig))?;
-    let turned: [[(f64, f64); ANGLES]; HARMONICS] = std::array::from_fn(|h| {
-        std::array::from_fn(|k| {
-            let (sin, cos) = (TAU * ((h + 1) * k) as f64 / ANGLES as f64).sin_cos();
-            (2.0 / ANGLES as f64 * cos, 2.0 / ANGLES as f64 * sin)
-        })
-    });
+fn swings(records: &Records, ripple: &Ripple, weights: &[f64]) -> Vec<Vec<Swing>> {
     let mut swings: Vec<Vec<Swing>> = records.records().iter().map(|_| Vec::new()).collect();
     for (record, _, range) in records.layout().all() {
         let (Some(own), Some(columns)) = (swings.get_mut(record), records.records().get(record)) else { continue };
@@ -148,14 +149,9 @@ fn swings(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Result<Vec<V
             if weights.get(index).is_none_or(|w| *w == 0.0) {
                 continue;
             }
-            let at: [f64; ANGLES] =
-                std::array::from_fn(|k| traces.get(k).and_then(|trace| trace.get(index)).copied().unwrap_or(f64::NAN));
-            let mean = at.iter().sum::<f64>() / ANGLES as f64;
-            let ripple = turned.map(|turned| Pair {
-                cos: at.iter().zip(turned).map(|(p, (cos, _))| p * cos).sum(),
-                sin: at.iter().zip(turned).map(|(p, (_, sin))| p * sin).sum(),
-            });
+            let mean = ripple.mean_kpa.get(index).copied().unwrap_or(f64::NAN);
             let off = records.readings_kpa().get(index).copied().unwrap_or(f64::NAN) - mean;
+            let ripple = ripple.at.get(index).copied().unwrap_or_default();
             points.push(Point { time_s: time_s - first_s, off, ripple });
         }
         // A channel that is far off counts for less.
@@ -171,14 +167,7 @@ fn swings(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Result<Vec<V
         }
         own.push(Swing { points });
     }
-    Ok(swings)
-}
-
-impl Pair {
-    /// What it contributes to the squared ripple, on average over its angle.
-    fn energy(&self) -> f64 {
-        0.5 * (self.cos * self.cos + self.sin * self.sin)
-    }
+    swings
 }
 
 /// Products of a recording's readings and of a harmonic that turns, at angle zero (`u`) and a quarter turn on (`v`), each
@@ -210,7 +199,7 @@ impl Products {
                 }
                 (sin, cos) = (sin * spacing.2 + cos * spacing.1, cos * spacing.2 - sin * spacing.1);
                 last_s = point.time_s;
-                let (u, v) = (pair.cos * cos + pair.sin * sin, pair.sin * cos - pair.cos * sin);
+                let (u, v) = pair.turned(sin, cos);
                 sums.off_u += point.off * u;
                 sums.off_v += point.off * v;
                 sums.uu += u * u;
@@ -277,28 +266,32 @@ fn crank(record: &[Swing], turns_hz: f64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
-    use crate::data::Records;
     use model::plant::{FreeRunStart, Plant, Simulation};
+    use model::rig::Pump;
     use proto::recording::Recording;
     use proto::recording::csv::{Column, ColumnData};
     use std::sync::Arc;
 
-    /// A minute and a half of holds on the detailed rig, its pump at `speed_rpm`, its crank anywhere at the start.
+    /// A minute and a half of holds on the paper's rig, its pump at `speed_rpm`, its crank anywhere at the start.
     fn recorded(speed_rpm: f64, crank_rev: f64) -> Recording {
         let mut rig = Rig::builtin("dual_pressure").unwrap();
-        rig.integrator.step_ms = 0.2;
         for pump in rig.pumps.values_mut() {
             if let Pump::Piston(pump) = pump {
                 pump.speed_rpm = speed_rpm;
             }
         }
+        recorded_on(rig, crank_rev, 4500)
+    }
+
+    /// Some rows of holds on the detailed rig.
+    pub(crate) fn recorded_on(mut rig: Rig, crank_rev: f64, rows: usize) -> Recording {
+        rig.integrator.step_ms = 0.2;
         let plant = Arc::new(Plant::<f64>::new(&rig).unwrap());
         let mut simulation = Simulation::new(plant);
         let duty = |k: usize| [0.70 + 0.02 * ((k / 150) % 3) as f64, 0.78 + 0.02 * ((k / 110) % 4) as f64, 1.0];
         simulation.start_at(&[90.0, -65.0], &duty(0), FreeRunStart::Running, crank_rev);
-        let rows = 4500;
         let mut columns: [Vec<f64>; 4] = std::array::from_fn(|_| Vec::with_capacity(rows));
         for k in 0..rows {
             for (column, value) in
@@ -323,7 +316,7 @@ mod tests {
             let records = Records::new(&rig, &recordings).unwrap();
             let simulator = Simulator::new(&records, Fidelity::Averaged);
             let weights = vec![1.0; records.layout().len()];
-            let read = tachometer(&simulator, &rig, &weights).unwrap().unwrap();
+            let read = tachometer(&simulator, &rig, &weights).unwrap().swap_remove(0);
             // An eighth of an eighth of a turn in 90 s is what the grid resolves: 0.01 rev/min.
             assert!((read.speed_rpm - speed_rpm).abs() < 0.03, "{read:?}");
             // The ripple repeats itself every half turn, but for what differs between the pistons.
@@ -334,6 +327,6 @@ mod tests {
         }
         let records = Records::new(&rig, &[recorded(3000.0, 0.3)]).unwrap();
         let simulator = Simulator::new(&records, Fidelity::Averaged);
-        assert_eq!(tachometer(&simulator, &rig, &vec![1.0; records.layout().len()]).unwrap(), None);
+        assert_eq!(tachometer(&simulator, &rig, &vec![1.0; records.layout().len()]).unwrap(), vec![]);
     }
 }

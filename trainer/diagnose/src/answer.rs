@@ -1,0 +1,63 @@
+//! What a search over some recordings comes to.
+
+use fit::data::Records;
+use model::rig::Rig;
+
+use crate::bench::Bench;
+use crate::candidate::Candidate;
+use crate::error::DiagnoseError;
+use crate::figures::{Figures, figures};
+use crate::judge::{Judgement, judge};
+use crate::locate::{Missing, reconstruct};
+use crate::search::{Found, SearchSettings, cost, search};
+
+/// What a search is asked.
+pub(crate) struct Asked<'a> {
+    /// The rig as it was given.
+    pub(crate) given: &'a Rig,
+    /// What may be missing from it.
+    pub(crate) candidates: Vec<Candidate>,
+    pub(crate) settings: SearchSettings,
+    /// A shorter search.
+    pub(crate) quick: bool,
+    /// Cores; `None` for all.
+    pub(crate) threads: Option<usize>,
+}
+
+/// What a search over some recordings came to.
+pub(crate) struct Answer {
+    pub(crate) given: Figures,
+    /// The recordings less the pump's strokes: what was searched on.
+    pub(crate) reduced: Records,
+    pub(crate) found: Found,
+    pub(crate) missing: Missing,
+    pub(crate) judgement: Judgement,
+    /// Cost of what was found: comparable between answers from the same readings.
+    pub(crate) cost: f64,
+}
+
+impl Answer {
+    /// Searches from the rig's own parameters at `start`, which are near their best.
+    ///
+    /// # Errors
+    /// A fit failed.
+    pub(crate) fn of(
+        recorded: &Bench<'_>,
+        asked: &Asked<'_>,
+        start: &[f64],
+        progress: &mut dyn FnMut(&str, f64),
+    ) -> Result<Self, DiagnoseError> {
+        // At its own step: a coarser one's error is not the rig's.
+        let given = figures(recorded, asked.given, recorded.close.fidelity(), !asked.quick)?;
+        let fitted = recorded.set(&[])?.rig_at(start).map_err(DiagnoseError::rig(recorded.rig))?;
+        // Everything is searched with averaged pumps, on readings that lack the strokes; what was found ends on the recordings.
+        let reduced = recorded.without_strokes(&fitted)?;
+        let bench = Bench::new(recorded.rig, &reduced, recorded.counted(), recorded.fast.fidelity(), asked.threads);
+        let found = search(&bench, &asked.candidates, start, &asked.settings, progress)?;
+        progress("reconstructing what is missing", 0.0);
+        let missing = reconstruct(&bench, &found.nominal.fitted.rig, &found.nominal.trace, !asked.quick)?;
+        let judgement = judge(&bench, &asked.candidates, &found, &bench.free_run(asked.given)?, progress)?;
+        let cost = cost(&bench, &found.best);
+        Ok(Answer { given, reduced, found, missing, judgement, cost })
+    }
+}

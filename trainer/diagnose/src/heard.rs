@@ -1,0 +1,99 @@
+//! What the pump's ripple told, as a mechanism that is named.
+//!
+//! Intervals come from the scatter between recordings (90 %), and are never narrower than sensors are right: a load that is
+//! read 1 % too large makes a droop 1 % too small.
+
+use fit::simulate::{Course, Tachometer, Track};
+use model::mechanism::{Mechanism, PumpDroop, PumpSpeed};
+use model::rig::Attached;
+
+/// Share of a droop, or of a change of speed, that is never known better: readings of the load have gains of their own.
+const CALIBRATION: f64 = 0.01;
+/// z of a two-sided interval of 90 %.
+const NINETY: f64 = 1.645;
+/// A mechanism of the pump that its ripple told.
+#[derive(Debug, Clone)]
+pub(crate) struct Heard {
+    /// Its entry in the rig file.
+    pub(crate) attached: Attached,
+    /// Key of its number.
+    pub(crate) key: &'static str,
+    pub(crate) unit: &'static str,
+    pub(crate) value: f64,
+    /// Interval that holds it with 90 %.
+    pub(crate) interval: [f64; 2],
+    /// Log-likelihood that the ripple gains by it.
+    pub(crate) log_likelihood: f64,
+    /// Share of what was unexplained that goes with it.
+    pub(crate) share: f64,
+    /// How it shows, to be read after a semicolon.
+    pub(crate) shows: String,
+}
+
+impl Heard {
+    /// A speed that keeps step.
+    pub(crate) fn steady(read: &Tachometer) -> Self {
+        let percent = 100.0 * read.slip;
+        // The grid of the reading resolves a sixty-fourth of a turn.
+        let error = percent.abs() / (64.0 * read.turns.max(1.0));
+        let shows =
+            format!("it beats at {:.2} Hz in the samples, as it does at {:.1} rev/min", read.beat_hz, read.speed_rpm);
+        Heard::speed(&read.pump, percent, error, read.log_likelihood, 1.0, shows)
+    }
+
+    fn speed(pump: &str, percent: f64, error: f64, log_likelihood: f64, share: f64, shows: String) -> Self {
+        Heard {
+            attached: attached(pump, Mechanism::PumpSpeed(PumpSpeed { change_percent: percent })),
+            key: "change_percent",
+            unit: "%",
+            value: percent,
+            interval: [percent - error, percent + error],
+            log_likelihood,
+            share,
+            shows,
+        }
+    }
+
+    /// What a course of the speed is called.
+    pub(crate) fn of(followed: &Track) -> Self {
+        let Track { pump, log_likelihood, share, .. } = followed;
+        let leading = followed.course.leading();
+        let error = (NINETY * followed.error).max(CALIBRATION * leading.abs());
+        match followed.course {
+            Course::Drooping { per_bar, .. } => Heard {
+                attached: attached(pump, Mechanism::PumpDroop(PumpDroop { speed_loss_per_bar: per_bar })),
+                key: "speed_loss_per_bar",
+                unit: "1/bar",
+                value: per_bar,
+                interval: [(per_bar - error).max(0.0), per_bar + error],
+                log_likelihood: *log_likelihood,
+                share: *share,
+                shows: format!(
+                    "it slows by {:.1} % per bar between the pump's ports, {:.1} % on average",
+                    100.0 * per_bar,
+                    -100.0 * followed.mean_share
+                ),
+            },
+            Course::Constant { share: off } => {
+                let shows = format!("it is {:+.2} % off the stated speed", 100.0 * off);
+                Heard::speed(pump, 100.0 * off, 100.0 * error, *log_likelihood, *share, shows)
+            }
+            Course::Warming { share: end, time_s } => {
+                let shows = format!(
+                    "the speed moves by {:+.2} % from the start of each recording on, with a time constant of {time_s:.0} s; \
+                     its mean of {:+.2} % is in the rig file",
+                    100.0 * end,
+                    100.0 * followed.mean_share
+                );
+                // Between where it starts and where it ends.
+                let mut heard = Heard::speed(pump, 100.0 * followed.mean_share, 0.0, *log_likelihood, *share, shows);
+                heard.interval = [end.min(0.0) * 100.0, end.max(0.0) * 100.0];
+                heard
+            }
+        }
+    }
+}
+
+fn attached(pump: &str, mechanism: Mechanism) -> Attached {
+    Attached { component: pump.to_owned(), enabled: true, mechanism }
+}
