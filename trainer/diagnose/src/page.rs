@@ -46,17 +46,18 @@ pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, rig_toml:
     report = report.table(horizons(findings)).plot(traces(findings));
     if !diagnosis.location.is_empty() {
         report = report.heading("Where the mismatch lives").list(diagnosis.location.iter().map(|l| {
-            format!(
-                "{} ({}), {}: {:.0} % of it; {}; between {:.0} and {:.0} s; time scale {} s",
-                l.component,
-                l.side,
-                l.enters,
-                100.0 * l.share_of_residual,
-                l.region,
-                l.time_s[0],
-                l.time_s[1],
-                three(l.time_scale_s)
-            )
+            // Lengths are the steps of a coarse grid; none was found where the reading itself is in doubt.
+            let scale =
+                if l.time_scale_s > 0.0 { format!("; time scale about {} s", l.time_scale_s) } else { String::new() };
+            let place =
+                if l.component == l.side { l.component.clone() } else { format!("{} ({})", l.component, l.side) };
+            // An event has its times in its own words.
+            let span = if l.region.starts_with("an event") {
+                String::new()
+            } else {
+                format!("; between {:.0} and {:.0} s", l.time_s[0], l.time_s[1])
+            };
+            format!("{place}, {}: {:.0} % of it; {}{span}{scale}", l.enters, 100.0 * l.share_of_residual, l.region)
         }));
         report = report.table(suspects(findings));
         for plot in regions(findings, diagnosis) {
@@ -112,17 +113,20 @@ fn key_figures(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Vec<KeyFig
 }
 
 fn found_table(diagnosis: &Diagnosis) -> Table {
-    let mut table = Table::new(["mechanism", "where", "parameter", "value", "90 % interval", "unit", "log-likelihood"]);
+    let mut table =
+        Table::new(["mechanism", "where", "parameter", "value", "90 % interval", "unit", "gain in log-likelihood"]);
     for m in &diagnosis.mechanisms {
-        for (name, p) in &m.parameters {
+        for (at, (name, p)) in m.parameters.iter().enumerate() {
+            // What belongs to the mechanism as a whole stands once.
+            let once = |text: String| if at == 0 { text } else { String::new() };
             table.push([
-                m.id.clone(),
-                m.component.clone(),
+                once(m.id.clone()),
+                once(m.component.clone()),
                 name.clone(),
                 three(p.value),
                 format!("{} … {}", three(p.low), three(p.high)),
                 p.unit.clone(),
-                format!("+{:.0}", m.evidence.delta_log_likelihood),
+                once(format!("{:+.0}", m.evidence.delta_log_likelihood)),
             ]);
         }
     }
@@ -206,7 +210,8 @@ fn traces(findings: &Findings<'_, '_>) -> Plot {
         let error = |trace: &[f64]| -> Vec<f64> { cut(trace).iter().zip(&recorded).map(|(s, r)| s - r).collect() };
         let extended = shows_extended(findings);
         let mut pressures = Panel::new(&format!("{column} (kPa gauge)"))
-            .line(Line::new("recorded", &time_s, &recorded).color(Color::Black))
+            // Wide, so that it is seen behind a simulation that lies on it.
+            .line(Line::new("recorded", &time_s, &recorded).color(Color::Black).width(3.6))
             .line(Line::new("as given", &time_s, &cut(&findings.given.trace)).color(Color::Grey))
             .line(Line::new("parameters fitted", &time_s, &cut(&findings.reidentified.trace)).color(Color::Vermilion));
         let mut errors = Panel::new("error (kPa)").height(120.0).line(
@@ -227,15 +232,17 @@ fn suspects(findings: &Findings<'_, '_>) -> Table {
     let volume = |channel: &usize| {
         findings.bench.rig.sensors.values().nth(*channel).map_or_else(String::new, |s| s.volume.clone())
     };
-    let mut table = Table::new(["switched on alone", "log-likelihood", "time scale (s)", "size"])
-        .caption("Each equation given a free error of its own, one at a time: which one mends the most?");
+    let mut table = Table::new(["switched on alone", "gain in log-likelihood", "time scale (s)", "size"]).caption(
+        "Each equation given a free error of its own, one at a time: which one mends the most? An error that may be \
+         anything at any time gains far more than a mechanism can. Time scales and sizes are the best of a coarse grid.",
+    );
     for s in &findings.missing.suspicions {
         let (name, unit) = match &s.suspect {
             Suspect::Balance { channel } => (format!("mass balance, {}", volume(channel)), "kPa/s"),
             Suspect::Transfer { from, to } => (format!("pump flow {} → {}", volume(from), volume(to)), "kPa/s"),
             Suspect::Reading { channel } => (format!("reading, {}", volume(channel)), "kPa"),
         };
-        table.push([name, format!("{:+.0}", s.gain), three(s.length_s), format!("{} {unit}", three(s.size))]);
+        table.push([name, format!("{:+.0}", s.gain), s.length_s.to_string(), format!("{} {unit}", s.size)]);
     }
     table
 }
@@ -259,7 +266,8 @@ fn regions(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Vec<Plot> {
         let mut reach: f64 = 0.1;
         let clouds: Vec<_> = rigs.iter().map(|(_, f)| clouds(findings, &f.trace, channel, &command)).collect();
         for (_, y, _) in clouds.first().map(|c| c.to_vec()).unwrap_or_default() {
-            reach = y.iter().fold(reach, |a: f64, b: &f64| a.max(b.abs()));
+            // A little beyond the largest, whose dot would be cut in half.
+            reach = y.iter().fold(reach, |a: f64, b: &f64| a.max(1.04 * b.abs()));
         }
         for ((name, _), cloud) in rigs.iter().zip(clouds) {
             let mut panel = Panel::new(&format!("{name} (kPa)")).height(150.0).y_range(-reach, reach);
@@ -343,8 +351,10 @@ fn flows(findings: &Findings<'_, '_>) -> Option<Plot> {
 }
 
 fn tried(findings: &Findings<'_, '_>) -> Table {
-    let mut table = Table::new(["on top of", "mechanism", "gain in log-likelihood (fitted rows, prior included)", ""])
-        .caption("The best candidates of each round. Gains are of a short fit; the first was then fitted to the end.");
+    let mut table = Table::new(["on top of", "mechanism", "gain in log-likelihood", ""]).caption(
+        "The best candidates of each round. Gains are those of a short fit, on the fitted rows and prior included; the \
+         first was then fitted to the end.",
+    );
     let name = |k: &usize| findings.candidates.get(*k).map_or_else(String::new, crate::candidate::Candidate::full_name);
     for round in &findings.found.rounds {
         let base = if round.base.is_empty() {
@@ -401,32 +411,48 @@ fn experiment(findings: &Findings<'_, '_>) -> Plot {
     }
     plot = plot.panel(commands);
     for (channel, column) in findings.bench.records.sensors().iter().enumerate() {
+        let of = |trace: &Vec<f64>| trace.get(channel * rows..(channel + 1) * rows).unwrap_or_default().to_vec();
         let mut panel = Panel::new(&format!("{column} (kPa gauge)"));
+        // What tells rivals apart is small beside the pressures: shown again, less the first one's.
+        let mut apart = Panel::new(&format!("less {} (kPa)", rival_name(findings, 0))).height(110.0);
+        let first = plan.predicted_kpa.first().map(of).unwrap_or_default();
         for (rival, trace) in plan.predicted_kpa.iter().enumerate().take(5) {
-            let values = trace.get(channel * rows..(channel + 1) * rows).unwrap_or_default();
-            panel = panel.line(Line::new(&rival_name(findings, rival), &time_s, values));
+            let (name, values) = (rival_name(findings, rival), of(trace));
+            let less: Vec<f64> = values.iter().zip(&first).map(|(v, f)| v - f).collect();
+            panel = panel.line(Line::new(&name, &time_s, &values));
+            apart = apart.line(Line::new(&name, &time_s, &less));
         }
-        plot = plot.panel(panel);
+        plot = plot.panel(panel).panel(apart);
     }
     plot
 }
 
 fn parameters(findings: &Findings<'_, '_>) -> Table {
-    let mut table =
-        Table::new(["parameter", "given", "fitted", "± sd", "shift (prior sd)", "with what was found", "± sd", "unit"]);
+    let extended = shows_extended(findings);
+    let mut head = vec!["parameter", "given", "fitted", "± sd", "shift"];
+    let mut caption = "Shift: fitted less given, in standard deviations of what was known before.".to_owned();
+    if extended {
+        head.extend(["found", "± sd"]);
+        caption.push_str(" Found: fitted again together with what was found.");
+    }
+    head.push("unit");
+    let mut table = Table::new(head).caption(&caption);
     let best = &findings.found.best;
     for (at, e) in findings.found.nominal.fitted.estimates.iter().enumerate() {
-        let extended = best.fitted.estimates.get(at);
-        table.push([
+        let mut row = vec![
             e.parameter.path.clone(),
             three(e.parameter.mean),
             three(e.value),
             three(e.sd),
             format!("{:+.1}", e.shift),
-            extended.map_or(String::new(), |e| three(e.value)),
-            extended.map_or(String::new(), |e| three(e.sd)),
-            e.parameter.unit().to_owned(),
-        ]);
+        ];
+        if extended {
+            let again = best.fitted.estimates.get(at);
+            row.push(again.map_or(String::new(), |e| three(e.value)));
+            row.push(again.map_or(String::new(), |e| three(e.sd)));
+        }
+        row.push(e.parameter.unit().to_owned());
+        table.push(row);
     }
     table
 }

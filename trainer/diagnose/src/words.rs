@@ -160,7 +160,9 @@ fn mechanism(findings: &Findings<'_, '_>, term: usize) -> FoundMechanism {
             let [low, high] = estimate.parameter.interval(z, NINETY * estimate.undetermined);
             let unit = estimate.parameter.unit();
             let key = estimate.parameter.path.rsplit('.').next().unwrap_or_default().to_owned();
-            told.push(format!("{} {} ({} … {}) {unit}", plain(&key), three(estimate.value), three(low), three(high)));
+            let value = format!("{} {} ({} … {}) {unit}", plain(&key), three(estimate.value), three(low), three(high));
+            // A share or a factor has no unit.
+            told.push(value.trim_end().to_owned());
             parameters.insert(key, FoundParameter { value: estimate.value, unit: unit.to_owned(), low, high });
         }
     }
@@ -183,7 +185,10 @@ fn mechanism(findings: &Findings<'_, '_>, term: usize) -> FoundMechanism {
 
 /// A key of the rig file without its unit and underscores.
 fn plain(key: &str) -> String {
-    const UNITS: [&str; 14] = [
+    const UNITS: [&str; 17] = [
+        "_kpa_per_min",
+        "_mm2_per_n2",
+        "_per_mm2",
         "_kg_per_s_pa2",
         "_w_per_k",
         "_ml_per_kpa",

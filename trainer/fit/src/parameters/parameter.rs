@@ -115,8 +115,11 @@ impl Parameter {
 
     /// What stands after the last underscore group that is a unit, for tables: `mm2` in `input_area_mm2`.
     pub fn unit(&self) -> &'static str {
-        const UNITS: [(&str, &str); 24] = [
+        const UNITS: [(&str, &str); 27] = [
+            ("_mm2_per_n2", "mm²/N²"),
             ("_mm2_per_n", "mm²/N"),
+            ("_per_mm2", "1/mm²"),
+            ("_kpa_per_min", "kPa/min"),
             ("_kg_per_s_pa2", "kg/(s Pa²)"),
             ("_kpa_s_per_l", "kPa s/L"),
             ("_l_per_min", "L/min"),
@@ -175,6 +178,9 @@ mod tests {
             ("volumes.p.volume_l", "L"),
             ("pumps.p.gas_temperature_k", "K"),
             ("mechanisms.valve_lag@v.time_constant_ms", "ms"),
+            ("mechanisms.sensor_drift@s.rate_kpa_per_min", "kPa/min"),
+            ("mechanisms.valve_force_curve@v.inverse_full_area_per_mm2", "1/mm²"),
+            ("mechanisms.valve_force_curve@v.pressure_curvature_mm2_per_n2", "mm²/N²"),
             ("gas.heat_capacity_ratio", ""),
         ] {
             assert_eq!(Parameter::log(path, 1.0, 1.0).unit(), unit, "{path}");
