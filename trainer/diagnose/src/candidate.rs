@@ -50,6 +50,11 @@ impl Candidate {
         self.len() == 0
     }
 
+    /// Unit of its first parameter.
+    pub fn unit(&self) -> &'static str {
+        self.offered.parameters.first().map_or("", |p| p.unit)
+    }
+
     /// Whether readings change in steps as its first parameter does: least squares sees no slope in it.
     pub fn stepped(&self) -> bool {
         self.offered.stepped

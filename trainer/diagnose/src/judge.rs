@@ -13,7 +13,7 @@ use crate::diagnosis::Verdict;
 use crate::error::DiagnoseError;
 use crate::evidence::{Bar, evidence};
 use crate::glance::Footing;
-use crate::search::{FAR_BEHIND, Found, GLANCE_ROUNDS, cost, starts, with, without};
+use crate::search::{FAR_BEHIND, Found, GLANCE_ROUNDS, cost, starts, twins, with, without};
 
 /// Error beyond the noise, in kPa, below which a model is as good as the recordings can tell.
 pub(crate) const FLOOR_KPA: f64 = 0.06;
@@ -248,6 +248,20 @@ fn something_named(
             groups.push(group);
         }
         contested.push(Contest { term: *term, rivals: tied, gain });
+    }
+    if let Some((one, other)) = twins(candidates, &best.terms) {
+        let rest = without(&without(&best.terms, one), other);
+        for rival in &found.tried {
+            let Some((a, b)) = twins(candidates, &rival.terms) else { continue };
+            let both_exchanged = candidates[a].id != candidates[one].id && with(&with(&rest, a), b) == rival.terms;
+            if both_exchanged && is_rival(bench, best, rival) {
+                for (term, k) in [(one, a), (other, b)] {
+                    groups.push(vec![candidates[term].name(), candidates[k].name()]);
+                    contested.iter_mut().filter(|c| c.term == term).for_each(|c| c.rivals.push(k));
+                }
+                rivals.push(rival.clone());
+            }
+        }
     }
     let verdict = if groups.is_empty() { Verdict::MissingPhysics } else { Verdict::Undecided };
     let named = contested.iter().filter(|c| c.rivals.is_empty()).map(|c| c.term).collect();

@@ -15,6 +15,7 @@
 //! | a verdict and its rivals | [`judge`] |
 //! | a term without a name | [`unknown`] |
 //! | recorded flows into closed volumes | [`closed`] |
+//! | pumps that were switched | [`switched`] |
 //! | a time span in which the rig was another one | [`event`] |
 //! | the experiment that tells rivals apart | [`experiment`] |
 //! | before and after; words; `diagnosis.json`; `report.html` | [`figures`], [`diagnosis`] |
@@ -41,6 +42,7 @@ pub mod place;
 mod run;
 pub mod screen;
 pub mod search;
+pub mod switched;
 mod turning;
 pub mod unknown;
 mod words;

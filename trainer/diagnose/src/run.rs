@@ -23,6 +23,7 @@ use crate::heard::Heard;
 use crate::judge::{Judgement, UNKNOWN_KPA};
 use crate::locate::Missing;
 use crate::search::{Found, SearchSettings};
+use crate::switched;
 use crate::turning::answered;
 use crate::unknown::{UnknownTerm, fit_unknown};
 use crate::{page, words};
@@ -98,7 +99,17 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
             closed::without_starts(&pieces, &mut usable);
             (pieces, usable)
         }
-        None => (records, quality.usable),
+        None => match switched::pieces(rig, &records) {
+            Some((pieces, places)) => {
+                notes.push(
+                    "the pump was switched: free runs start anew 0.6 s after each change, since no motor stops or starts at once"
+                        .to_owned(),
+                );
+                let usable = taken(&quality.usable, &places);
+                (pieces, usable)
+            }
+            None => (records, quality.usable),
+        },
     };
     let mut asked = Asked {
         given: rig,

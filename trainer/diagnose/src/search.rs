@@ -1,7 +1,6 @@
 //! Which terms belong into the model: added one by one, swapped, deleted.
 
 use fit::data::Role;
-use fit::simulate::Run;
 
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
@@ -9,7 +8,14 @@ use crate::error::DiagnoseError;
 use crate::evidence::{Bar, Evidence, evidence};
 use crate::glance::{Footing, Glanced};
 use crate::judge::{EXPLAINED, UNKNOWN_KPA, excess};
-use crate::screen::{Projector, screen};
+use crate::screen::screen;
+
+mod exchange;
+mod refine;
+
+pub use exchange::{FAR_BEHIND, twins};
+use exchange::{counts_beside, deletions, pairs, swaps};
+use refine::{from_priors, sharpened};
 
 /// How to search.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -108,6 +114,7 @@ pub fn search(
         }
         if best.terms.len() > 1 {
             best = swaps(bench, candidates, best, &rounds, settings, &mut tried, tell)?;
+            best = pairs(bench, candidates, best, &rounds, &mut tried, tell)?;
             best = deletions(bench, candidates, &nominal, best, settings, &mut tried)?;
         }
     }
@@ -168,95 +175,6 @@ fn additions(
     Ok((glances.iter().map(|(k, gain, ..)| (*k, *gain)).collect(), polished))
 }
 
-/// Fits each of some candidates on top of `base` anew from the priors' means; the best.
-///
-/// Parameters that have given way to missing physics (a chamber's volume for warm gas: by a third) stand so far off that the
-/// slopes there lead nowhere. A glance uses those slopes; this works them out on the way.
-fn from_priors(
-    bench: &Bench<'_>,
-    candidates: &[Candidate],
-    base: &Explanation,
-    among: &[usize],
-    tried: &mut Vec<Explanation>,
-    tell: &mut dyn FnMut(&str, f64),
-) -> Result<Option<Explanation>, DiagnoseError> {
-    let mut best: Option<Explanation> = None;
-    for (done, k) in among.iter().enumerate() {
-        tell("trying again from the priors", done as f64 / among.len() as f64);
-        let terms = with(&base.terms, *k);
-        let middle = candidates[*k].starts.get(candidates[*k].starts.len() / 2).cloned().unwrap_or_default();
-        let cold = starts(bench, candidates, base, &terms, &[(*k, middle)], true).into_iter().skip(1);
-        // From so far away some cannot be run at all.
-        let Ok(fitted) = bench.fit(candidates, &terms, &cold.collect::<Vec<_>>(), Effort::Polish) else { continue };
-        if best.as_ref().is_none_or(|best| cost(bench, &fitted) < cost(bench, best)) {
-            tried.extend(best.replace(fitted));
-        } else {
-            tried.push(fitted);
-        }
-    }
-    match best {
-        Some(best) => Ok(Some(sharpened(bench, candidates, best)?)),
-        None => Ok(None),
-    }
-}
-
-/// Factors either way within which [`sharpened`] looks, by round (a stepped parameter's starts are 1.4 apart), and what is
-/// added to a second parameter, which decides with it when the steps come.
-const SHARPENING: [(f64, f64); 3] = [(1.5, 0.3), (1.12, 0.1), (1.02, 0.02)];
-/// Values that are tried on either side, of each.
-const SHARPENED: [i32; 2] = [10, 2];
-
-/// Looks for better values of stepped parameters, which least squares leaves where they start, and fits the rest anew.
-fn sharpened(
-    bench: &Bench<'_>,
-    candidates: &[Candidate],
-    mut explanation: Explanation,
-) -> Result<Explanation, DiagnoseError> {
-    let stepped: Vec<usize> = explanation.terms.iter().copied().filter(|t| candidates[*t].stepped()).collect();
-    for (reach, term) in SHARPENING.iter().flat_map(|reach| stepped.iter().map(move |term| (*reach, *term))) {
-        let (fitted, set) = (&explanation.fitted, &explanation.set);
-        let Some(at) = position_of(bench, candidates, &explanation, term) else { continue };
-        let parameters = candidates[term].parameters(0);
-        let (factor, added) = reach;
-        let moved = |point: &mut [f64], which: usize, by: &dyn Fn(f64) -> f64| {
-            if let (Some(parameter), Some(slot)) = (parameters.get(which), point.get_mut(at + which)) {
-                let [low, high] = parameter.bounds;
-                *slot = parameter.coordinate(by(parameter.value(*slot)).clamp(low, high));
-            }
-        };
-        let mut points = vec![fitted.point.clone()];
-        let seconds = if parameters.len() > 1 { SHARPENED[1] } else { 0 };
-        for (k, m) in (-SHARPENED[0]..=SHARPENED[0]).flat_map(|k| (-seconds..=seconds).map(move |m| (k, m))) {
-            let mut point = fitted.point.clone();
-            moved(&mut point, 0, &|v| v * factor.powf(f64::from(k) / f64::from(SHARPENED[0])));
-            moved(&mut point, 1, &|v| v + added * f64::from(m) / f64::from(SHARPENED[1]));
-            points.push(point);
-        }
-        let rigs: Result<Vec<Run>, _> = points.iter().map(|point| set.rig_at(point).map(Run::from)).collect();
-        let mut traces = bench.fast.run(&rigs.map_err(DiagnoseError::rig(set.rig()))?, &fitted.arcs).into_iter();
-        let (Some(Ok(still)), Some(projector)) =
-            (traces.next(), Projector::new(&fitted.linearised, &set.prior(), &fitted.point))
-        else {
-            continue;
-        };
-        let weights = bench.weighted(&fitted.scale_kpa);
-        let gain = |trace: Vec<f64>| -> f64 {
-            let moved = trace.iter().zip(&still).zip(&weights);
-            let effect: Vec<f64> = moved.map(|((t, s), w)| if *w == 0.0 { 0.0 } else { (t - s) * w }).collect();
-            projector.gain_as_is(&effect)
-        };
-        let gains: Vec<f64> = traces.map(|trace| trace.map_or(f64::NEG_INFINITY, gain)).collect();
-        let sound = points.iter().skip(1).zip(gains).filter(|(_, gain)| gain.is_finite());
-        let best = sound.max_by(|a, b| a.1.total_cmp(&b.1));
-        let Some((point, _)) = best else { continue };
-        let again = bench.fit(candidates, &explanation.terms, std::slice::from_ref(point), Effort::Polish)?;
-        if cost(bench, &again) < cost(bench, &explanation) {
-            explanation = again;
-        }
-    }
-    Ok(explanation)
-}
-
 /// Starts for `terms`: the base's point, and the priors' means of the rig's own parameters. What the base does not have
 /// starts from `values`, or from its prior's mean.
 pub fn starts(
@@ -312,99 +230,4 @@ pub fn with(terms: &[usize], k: usize) -> Vec<usize> {
 /// `terms` without `k`.
 pub fn without(terms: &[usize], k: usize) -> Vec<usize> {
     terms.iter().copied().filter(|t| *t != k).collect()
-}
-
-/// Replaces terms one by one by what stood next to them in earlier rounds, while that lowers the cost.
-fn swaps(
-    bench: &Bench<'_>,
-    candidates: &[Candidate],
-    mut best: Explanation,
-    rounds: &[Round],
-    settings: &SearchSettings,
-    tried: &mut Vec<Explanation>,
-    tell: &mut dyn FnMut(&str, f64),
-) -> Result<Explanation, DiagnoseError> {
-    // What came close in any round so far.
-    let mut close: Vec<usize> =
-        rounds.iter().flat_map(|round| round.ranked.iter().take(settings.polished + 1).map(|(k, _)| *k)).collect();
-    close.sort_unstable();
-    close.dedup();
-    let mut footing = Footing::of(bench, &best)?;
-    for term in best.terms.clone() {
-        let rest = without(&best.terms, term);
-        for k in &close {
-            if best.terms.contains(k) || rest.iter().any(|t| candidates[*t].excludes(&candidates[*k])) {
-                continue;
-            }
-            tell("swapping mechanisms", 0.5);
-            let terms = with(&rest, *k);
-            let starts = starts(bench, candidates, &best, &terms, &[], false);
-            let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
-            let Some(Glanced { cost: cost_of, point }) =
-                footing.glance(bench, &bench.set(&of)?, &starts, GLANCE_ROUNDS)
-            else {
-                continue;
-            };
-            // A swap that is far behind after a glance does not overtake.
-            if cost_of > footing.cost + FAR_BEHIND {
-                continue;
-            }
-            let swapped = bench.fit(candidates, &terms, &[point], Effort::Polish)?;
-            if cost(bench, &swapped) < cost(bench, &best) - 1.0 {
-                tried.push(best);
-                best = swapped;
-                footing = Footing::of(bench, &best)?;
-                break;
-            }
-            tried.push(swapped);
-        }
-    }
-    Ok(best)
-}
-
-/// Cost by which something is behind after a glance that no fit is spent on it.
-pub const FAR_BEHIND: f64 = 100.0;
-
-/// What a further term must set right beside what is found already, as a share of its error: nobody's formula for the main
-/// effect is exact, and what a few per cent of it leaves behind looks like some small effect of another kind.
-const BESIDE: f64 = 0.1;
-
-/// Whether a term with the evidence `of` is more than what the formulas of the others may leave.
-fn counts_beside(of: &Evidence, others: &Evidence) -> bool {
-    of.removed_kpa > BESIDE * others.removed_kpa
-}
-
-/// Removes terms that the others have made needless.
-fn deletions(
-    bench: &Bench<'_>,
-    candidates: &[Candidate],
-    nominal: &Explanation,
-    mut best: Explanation,
-    settings: &SearchSettings,
-    tried: &mut Vec<Explanation>,
-) -> Result<Explanation, DiagnoseError> {
-    for term in best.terms.clone() {
-        if best.terms.len() < 2 {
-            break;
-        }
-        let terms = without(&best.terms, term);
-        let starts = starts(bench, candidates, &best, &terms, &[], false);
-        let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
-        let footing = Footing::of(bench, &best)?;
-        let without_it = footing.glance(bench, &bench.set(&of)?, &starts, GLANCE_ROUNDS);
-        if without_it.is_none_or(|glanced| glanced.cost > footing.cost + FAR_BEHIND) {
-            continue;
-        }
-        let reduced = bench.fit(candidates, &terms, &starts, Effort::Polish)?;
-        let found = evidence(bench, &best, &reduced);
-        let parameters = candidates[term].len();
-        if settings.bar.passed(&found, parameters, candidates.len(), bench.blocks(Role::Fit).len())
-            && counts_beside(&found, &evidence(bench, &reduced, nominal))
-        {
-            tried.push(reduced);
-        } else {
-            best = reduced;
-        }
-    }
-    Ok(best)
 }

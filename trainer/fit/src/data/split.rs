@@ -5,6 +5,9 @@
 //! model that fits neighbouring rows says nothing about others: the first half of every recording is mostly
 //! fitted, and each recording gives its share to every role, so that every kind of excitation is in all three.
 //!
+//! Of a recording that comes in pieces (a pump that was switched) beside whole ones three quarters of each piece are
+//! fitted and the rest chooses.
+//!
 //! A stretch that is not fitted is simulated along with its recording from the recording's start (commands only),
 //! so slow states are right where it begins; it is the *readings* of it that no fit sees.
 
@@ -48,8 +51,33 @@ const WHOLE_FROM: usize = 5;
 impl Split {
     /// Splits recordings into 60 : 20 : 20.
     pub fn of(records: &Records) -> Self {
-        let rows: Vec<Vec<Range<usize>>> = records.records().iter().map(|r| r.segments.clone()).collect();
-        Self::of_segments(&rows)
+        let all = records.records();
+        let in_pieces: Vec<bool> =
+            all.iter().map(|one| all.iter().filter(|other| other.source == one.source).count() > 1).collect();
+        let of = |pieces: bool| -> Vec<(usize, Vec<Range<usize>>)> {
+            let those = all.iter().zip(&in_pieces).enumerate().filter(|(_, (_, p))| **p == pieces);
+            those.map(|(index, (r, _))| (index, r.segments.clone())).collect()
+        };
+        let whole = of(false);
+        if whole.is_empty() || whole.len() == all.len() {
+            let rows: Vec<Vec<Range<usize>>> = all.iter().map(|r| r.segments.clone()).collect();
+            return Self::of_segments(&rows);
+        }
+        let (places, rows): (Vec<usize>, Vec<_>) = whole.into_iter().unzip();
+        let mut split = Self::of_segments(&rows);
+        for stretch in &mut split.stretches {
+            stretch.record = places.get(stretch.record).copied().unwrap_or(stretch.record);
+        }
+        // Beside whole recordings, pieces are what an experiment showed where nothing else does: nothing of that is kept back.
+        for (record, segments) in of(true) {
+            for rows in segments {
+                let cut = rows.start + rows.len() * 3 / 4;
+                split.stretches.push(Stretch { record, rows: rows.start..cut, role: Role::Fit });
+                split.stretches.push(Stretch { record, rows: cut..rows.end, role: Role::Select });
+            }
+        }
+        split.stretches.sort_by_key(|s| (s.record, s.rows.start));
+        split
     }
 
     /// Everything in one role.

@@ -1,0 +1,187 @@
+//! Terms in exchange for others: swapped one by one or in pairs, deleted.
+
+use fit::data::Role;
+
+use super::{GLANCE_ROUNDS, Round, SearchSettings, cost, position_of, starts, with, without};
+use crate::bench::{Bench, Effort, Explanation};
+use crate::candidate::Candidate;
+use crate::error::DiagnoseError;
+use crate::evidence::{Evidence, evidence};
+use crate::glance::{Footing, Glanced};
+
+/// Replaces terms one by one by what stood next to them in earlier rounds, while that lowers the cost.
+pub(super) fn swaps(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    mut best: Explanation,
+    rounds: &[Round],
+    settings: &SearchSettings,
+    tried: &mut Vec<Explanation>,
+    tell: &mut dyn FnMut(&str, f64),
+) -> Result<Explanation, DiagnoseError> {
+    // What came close in any round so far.
+    let mut close: Vec<usize> =
+        rounds.iter().flat_map(|round| round.ranked.iter().take(settings.polished + 1).map(|(k, _)| *k)).collect();
+    close.sort_unstable();
+    close.dedup();
+    let mut footing = Footing::of(bench, &best)?;
+    for term in best.terms.clone() {
+        let rest = without(&best.terms, term);
+        for k in &close {
+            if best.terms.contains(k) || rest.iter().any(|t| candidates[*t].excludes(&candidates[*k])) {
+                continue;
+            }
+            tell("swapping mechanisms", 0.5);
+            let terms = with(&rest, *k);
+            let starts = starts(bench, candidates, &best, &terms, &[], false);
+            let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
+            let Some(Glanced { cost: cost_of, point }) =
+                footing.glance(bench, &bench.set(&of)?, &starts, GLANCE_ROUNDS)
+            else {
+                continue;
+            };
+            // A swap that is far behind after a glance does not overtake.
+            if cost_of > footing.cost + FAR_BEHIND {
+                continue;
+            }
+            let swapped = bench.fit(candidates, &terms, &[point], Effort::Polish)?;
+            if cost(bench, &swapped) < cost(bench, &best) - 1.0 {
+                tried.push(best);
+                best = swapped;
+                footing = Footing::of(bench, &best)?;
+                break;
+            }
+            tried.push(swapped);
+        }
+    }
+    Ok(best)
+}
+
+/// Replaces a mechanism that was found on both sides by another one on both sides, where that lowers the cost.
+///
+/// Late valves and late sensors are nearly the same to the readings; once one of each pair stands on one side, its like on
+/// the other side fits best, and no exchange of a single term leads over to the other pair.
+pub(super) fn pairs(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    mut best: Explanation,
+    rounds: &[Round],
+    tried: &mut Vec<Explanation>,
+    tell: &mut dyn FnMut(&str, f64),
+) -> Result<Explanation, DiagnoseError> {
+    let Some((one, other)) = twins(candidates, &best.terms) else { return Ok(best) };
+    let rest = without(&without(&best.terms, one), other);
+    let seen: Vec<usize> = rounds.iter().flat_map(|round| round.ranked.iter().map(|(k, _)| *k)).collect();
+    let open = |k: usize| !rest.iter().any(|t| *t == k || candidates[*t].excludes(&candidates[k]));
+    let like = |k: usize, side: &str| {
+        (0..candidates.len()).find(|n| {
+            let (a, b) = (&candidates[*n], &candidates[k]);
+            a.id == b.id && a.form == b.form && a.side == side
+        })
+    };
+    let mut pairs: Vec<(usize, usize)> = Vec::new();
+    for k in seen.iter().filter(|k| candidates[**k].id != candidates[one].id) {
+        let (Some(a), Some(b)) = (like(*k, &candidates[one].side), like(*k, &candidates[other].side)) else { continue };
+        if a != b && open(a) && open(b) && !pairs.contains(&(a, b)) {
+            pairs.push((a, b));
+        }
+    }
+    let footing = Footing::of(bench, &best)?;
+    for (a, b) in pairs {
+        tell("swapping mechanisms", 0.8);
+        let terms = with(&with(&rest, a), b);
+        let values: Vec<(usize, Vec<f64>)> = [(a, one), (b, other)]
+            .into_iter()
+            .filter_map(|(k, term)| in_place_of(bench, candidates, &best, k, term))
+            .collect();
+        let starts = starts(bench, candidates, &best, &terms, &values, false);
+        let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
+        let glanced = footing.glance(bench, &bench.set(&of)?, &starts, PAIR_ROUNDS);
+        let Some(Glanced { cost: cost_of, point }) = glanced else { continue };
+        if cost_of > footing.cost + FAR_BEHIND {
+            continue;
+        }
+        let swapped = bench.fit(candidates, &terms, &[point], Effort::Polish)?;
+        if cost(bench, &swapped) < cost(bench, &best) - 1.0 {
+            tried.push(std::mem::replace(&mut best, swapped));
+        } else {
+            tried.push(swapped);
+        }
+    }
+    Ok(best)
+}
+
+/// Rounds of a glance at a pair: two terms at a time are further from where they will end.
+const PAIR_ROUNDS: usize = 12;
+
+/// Where candidate `k` starts in place of `term`: at the same number, where it is of the same unit (a lag for a lag).
+fn in_place_of(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    best: &Explanation,
+    k: usize,
+    term: usize,
+) -> Option<(usize, Vec<f64>)> {
+    let at = position_of(bench, candidates, best, term)?;
+    let value = best.set.values(&best.fitted.point).get(at).copied()?;
+    let mut values = candidates[k].starts.first()?.clone();
+    let [low, high] = candidates[k].parameters(0).first()?.bounds;
+    if candidates[k].unit() != candidates[term].unit() {
+        return None;
+    }
+    *values.first_mut()? = value.clamp(low, high);
+    Some((k, values))
+}
+
+/// Two terms that are one mechanism at different places.
+pub fn twins(candidates: &[Candidate], terms: &[usize]) -> Option<(usize, usize)> {
+    let alike = |a: usize, b: usize| candidates[a].id == candidates[b].id && candidates[a].side != candidates[b].side;
+    terms.iter().enumerate().find_map(|(n, a)| terms.iter().skip(n + 1).find(|b| alike(*a, **b)).map(|b| (*a, *b)))
+}
+
+/// Cost by which something is behind after a glance that no fit is spent on it.
+pub const FAR_BEHIND: f64 = 100.0;
+
+/// What a further term must set right beside what is found already, as a share of its error: nobody's formula for the main
+/// effect is exact, and what a few per cent of it leaves behind looks like some small effect of another kind.
+const BESIDE: f64 = 0.1;
+
+/// Whether a term with the evidence `of` is more than what the formulas of the others may leave.
+pub(super) fn counts_beside(of: &Evidence, others: &Evidence) -> bool {
+    of.removed_kpa > BESIDE * others.removed_kpa
+}
+
+/// Removes terms that the others have made needless.
+pub(super) fn deletions(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    nominal: &Explanation,
+    mut best: Explanation,
+    settings: &SearchSettings,
+    tried: &mut Vec<Explanation>,
+) -> Result<Explanation, DiagnoseError> {
+    for term in best.terms.clone() {
+        if best.terms.len() < 2 {
+            break;
+        }
+        let terms = without(&best.terms, term);
+        let starts = starts(bench, candidates, &best, &terms, &[], false);
+        let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
+        let footing = Footing::of(bench, &best)?;
+        let without_it = footing.glance(bench, &bench.set(&of)?, &starts, GLANCE_ROUNDS);
+        if without_it.is_none_or(|glanced| glanced.cost > footing.cost + FAR_BEHIND) {
+            continue;
+        }
+        let reduced = bench.fit(candidates, &terms, &starts, Effort::Polish)?;
+        let found = evidence(bench, &best, &reduced);
+        let parameters = candidates[term].len();
+        if settings.bar.passed(&found, parameters, candidates.len(), bench.blocks(Role::Fit).len())
+            && counts_beside(&found, &evidence(bench, &reduced, nominal))
+        {
+            tried.push(reduced);
+        } else {
+            best = reduced;
+        }
+    }
+    Ok(best)
+}

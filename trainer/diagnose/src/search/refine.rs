@@ -1,0 +1,98 @@
+//! Fits that least squares from where things stand would miss: from the priors, and of what moves in steps.
+
+use fit::simulate::Run;
+
+use super::{cost, position_of, starts, with};
+use crate::bench::{Bench, Effort, Explanation};
+use crate::candidate::Candidate;
+use crate::error::DiagnoseError;
+use crate::screen::Projector;
+
+/// Fits each of some candidates on top of `base` anew from the priors' means; the best.
+///
+/// Parameters that have given way to missing physics (a chamber's volume for warm gas: by a third) stand so far off that the
+/// slopes there lead nowhere. A glance uses those slopes; this works them out on the way.
+pub(super) fn from_priors(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    base: &Explanation,
+    among: &[usize],
+    tried: &mut Vec<Explanation>,
+    tell: &mut dyn FnMut(&str, f64),
+) -> Result<Option<Explanation>, DiagnoseError> {
+    let mut best: Option<Explanation> = None;
+    for (done, k) in among.iter().enumerate() {
+        tell("trying again from the priors", done as f64 / among.len() as f64);
+        let terms = with(&base.terms, *k);
+        let middle = candidates[*k].starts.get(candidates[*k].starts.len() / 2).cloned().unwrap_or_default();
+        let cold = starts(bench, candidates, base, &terms, &[(*k, middle)], true).into_iter().skip(1);
+        // From so far away some cannot be run at all.
+        let Ok(fitted) = bench.fit(candidates, &terms, &cold.collect::<Vec<_>>(), Effort::Polish) else { continue };
+        if best.as_ref().is_none_or(|best| cost(bench, &fitted) < cost(bench, best)) {
+            tried.extend(best.replace(fitted));
+        } else {
+            tried.push(fitted);
+        }
+    }
+    match best {
+        Some(best) => Ok(Some(sharpened(bench, candidates, best)?)),
+        None => Ok(None),
+    }
+}
+
+/// Factors either way within which [`sharpened`] looks, by round (a stepped parameter's starts are 1.4 apart), and what is
+/// added to a second parameter, which decides with it when the steps come.
+const SHARPENING: [(f64, f64); 3] = [(1.5, 0.3), (1.12, 0.1), (1.02, 0.02)];
+/// Values that are tried on either side, of each.
+const SHARPENED: [i32; 2] = [10, 2];
+
+/// Looks for better values of stepped parameters, which least squares leaves where they start, and fits the rest anew.
+pub(super) fn sharpened(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    mut explanation: Explanation,
+) -> Result<Explanation, DiagnoseError> {
+    let stepped: Vec<usize> = explanation.terms.iter().copied().filter(|t| candidates[*t].stepped()).collect();
+    for (reach, term) in SHARPENING.iter().flat_map(|reach| stepped.iter().map(move |term| (*reach, *term))) {
+        let (fitted, set) = (&explanation.fitted, &explanation.set);
+        let Some(at) = position_of(bench, candidates, &explanation, term) else { continue };
+        let parameters = candidates[term].parameters(0);
+        let (factor, added) = reach;
+        let moved = |point: &mut [f64], which: usize, by: &dyn Fn(f64) -> f64| {
+            if let (Some(parameter), Some(slot)) = (parameters.get(which), point.get_mut(at + which)) {
+                let [low, high] = parameter.bounds;
+                *slot = parameter.coordinate(by(parameter.value(*slot)).clamp(low, high));
+            }
+        };
+        let mut points = vec![fitted.point.clone()];
+        let seconds = if parameters.len() > 1 { SHARPENED[1] } else { 0 };
+        for (k, m) in (-SHARPENED[0]..=SHARPENED[0]).flat_map(|k| (-seconds..=seconds).map(move |m| (k, m))) {
+            let mut point = fitted.point.clone();
+            moved(&mut point, 0, &|v| v * factor.powf(f64::from(k) / f64::from(SHARPENED[0])));
+            moved(&mut point, 1, &|v| v + added * f64::from(m) / f64::from(SHARPENED[1]));
+            points.push(point);
+        }
+        let rigs: Result<Vec<Run>, _> = points.iter().map(|point| set.rig_at(point).map(Run::from)).collect();
+        let mut traces = bench.fast.run(&rigs.map_err(DiagnoseError::rig(set.rig()))?, &fitted.arcs).into_iter();
+        let (Some(Ok(still)), Some(projector)) =
+            (traces.next(), Projector::new(&fitted.linearised, &set.prior(), &fitted.point))
+        else {
+            continue;
+        };
+        let weights = bench.weighted(&fitted.scale_kpa);
+        let gain = |trace: Vec<f64>| -> f64 {
+            let moved = trace.iter().zip(&still).zip(&weights);
+            let effect: Vec<f64> = moved.map(|((t, s), w)| if *w == 0.0 { 0.0 } else { (t - s) * w }).collect();
+            projector.gain_as_is(&effect)
+        };
+        let gains: Vec<f64> = traces.map(|trace| trace.map_or(f64::NEG_INFINITY, gain)).collect();
+        let sound = points.iter().skip(1).zip(gains).filter(|(_, gain)| gain.is_finite());
+        let best = sound.max_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((point, _)) = best else { continue };
+        let again = bench.fit(candidates, &explanation.terms, std::slice::from_ref(point), Effort::Polish)?;
+        if cost(bench, &again) < cost(bench, &explanation) {
+            explanation = again;
+        }
+    }
+    Ok(explanation)
+}

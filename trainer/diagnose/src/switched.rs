@@ -1,0 +1,87 @@
+//! A pump that was switched while it was recorded.
+//!
+//! A motor takes a while to stop and to come up (30 ms to some tenths of a second with its rotor and what it drives), and
+//! stops at some angle with some gas in its cylinders. The model stops at once. What that is off by at the switch a shut
+//! chamber keeps for good (several kPa with the pump off and both valves shut), and it would be taken for what such a hold is
+//! made to show. So a recording is run freely from switch to switch: each piece from its own first pressures, a little
+//! after the relay has changed.
+
+use std::ops::Range;
+
+use fit::data::Records;
+use model::rig::{Pump, Rig};
+
+/// Rows after a change of the relay that belong to no piece: 0.6 s.
+const SWITCHING_ROWS: usize = 30;
+/// The least rows of a piece: 1 s.
+const LEAST_ROWS: usize = 50;
+
+/// The recordings in pieces between changes of a pump's relay, and which reading each of theirs was; `None` where no pump
+/// was switched.
+pub fn pieces(rig: &Rig, records: &Records) -> Option<(Records, Vec<usize>)> {
+    let relays: Vec<&str> = rig
+        .pumps
+        .values()
+        .filter_map(|pump| match pump {
+            Pump::Piston(pump) => pump.relay.as_deref(),
+            Pump::Flow(_) => None,
+        })
+        .collect();
+    let mut parts: Vec<(usize, Range<usize>)> = Vec::new();
+    let mut switched = false;
+    for (record, columns) in records.records().iter().enumerate() {
+        let states: Vec<&[f64]> = relays.iter().filter_map(|relay| records.input(record, relay)).collect();
+        let on = |row: usize| states.iter().map(move |state| state.get(row).is_none_or(|s| *s >= 0.5));
+        for segment in &columns.segments {
+            let mut start = segment.start;
+            for row in segment.start + 1..segment.end {
+                if on(row).ne(on(row - 1)) {
+                    switched = true;
+                    parts.push((record, start..row));
+                    start = row + SWITCHING_ROWS;
+                }
+            }
+            parts.push((record, start..segment.end));
+        }
+    }
+    parts.retain(|(_, rows)| rows.end >= rows.start + LEAST_ROWS);
+    switched.then(|| records.parts(&parts))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proto::recording::Recording;
+    use proto::recording::csv::{Column, ColumnData};
+
+    #[test]
+    fn pieces_lie_between_switches_and_a_pump_that_ran_leaves_a_recording_whole() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let recorded = |on: &dyn Fn(usize) -> f64| {
+            let time_s: Vec<f64> = (0..1000).map(|k| 0.02 * k as f64).collect();
+            let column = |name: &str, of: &dyn Fn(usize) -> f64| Column {
+                name: name.to_owned(),
+                data: ColumnData::Numbers((0..1000).map(of).collect()),
+            };
+            let columns = vec![
+                column("u_pos", &|_| 0.8),
+                column("u_neg", &|_| 0.8),
+                column("p_pos_kpa", &|k| 90.0 + 1e-3 * k as f64),
+                column("p_neg_kpa", &|_| -70.0),
+                column("pump_on", on),
+            ];
+            Records::new(&rig, &[Recording::new("made", time_s, columns).unwrap()]).unwrap()
+        };
+        assert!(pieces(&rig, &recorded(&|_| 1.0)).is_none());
+        // Off at row 300, on at 600; the last switch is too near the end for a piece after it.
+        let switched = recorded(&|k| if (300..600).contains(&k) || k >= 940 { 0.0 } else { 1.0 });
+        let (cut, places) = pieces(&rig, &switched).unwrap();
+        let rows: Vec<usize> = cut.records().iter().map(|r| r.time_s.len()).collect();
+        assert_eq!(rows, [300, 270, 310]);
+        // Rows keep their readings.
+        assert_eq!(cut.readings_kpa().len(), places.len());
+        let readings = switched.readings_kpa();
+        assert!(cut.readings_kpa().iter().zip(&places).all(|(reading, place)| *reading == readings[*place]));
+        assert_eq!(cut.records()[1].time_s[0], 0.02 * 330.0);
+    }
+}
