@@ -23,7 +23,6 @@ use crate::heard::Heard;
 use crate::judge::{Judgement, UNKNOWN_KPA};
 use crate::locate::Missing;
 use crate::search::{Found, SearchSettings};
-use crate::switched;
 use crate::turning::answered;
 use crate::unknown::{UnknownTerm, fit_unknown};
 use crate::{page, words};
@@ -88,6 +87,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     }
     let mut notes: Vec<String> = request.recordings.iter().flat_map(|r| r.notes().to_vec()).collect();
     notes.extend(quality.doubts().map(|finding| finding.text.clone()));
+    let mut switched = false;
     // What was checked whole is run in pieces where a meter's error would add up.
     let (records, usable) = match closed::accumulates(rig) {
         Some(source) => {
@@ -99,8 +99,9 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
             closed::without_starts(&pieces, &mut usable);
             (pieces, usable)
         }
-        None => match switched::pieces(rig, &records) {
+        None => match crate::switched::pieces(rig, &records) {
             Some((pieces, places)) => {
+                switched = true;
                 notes.push(
                     "the pump was switched: free runs start anew 0.6 s after each change, since no motor stops or starts at once"
                         .to_owned(),
@@ -119,7 +120,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
             glanced: if request.quick { 6 } else { 14 },
             polished: if request.quick { 2 } else { 3 },
             from_prior: true,
-            bar: Bar::default(),
+            bar: if switched { Bar::of_experiments() } else { Bar::default() },
         },
         quick: request.quick,
         threads: request.threads,
