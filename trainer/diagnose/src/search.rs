@@ -129,6 +129,9 @@ pub fn cost(bench: &Bench<'_>, explanation: &Explanation) -> f64 {
     explanation.fitted.comparable_cost(bench.records, bench.fit_weights())
 }
 
+/// Standard deviations of its prior beyond which a parameter has given way to something that it is not.
+const FAR_OFF: f64 = 6.0;
+
 type Ranked = Vec<(usize, f64)>;
 
 /// Tries every candidate on top of `base`; the ranking, and the best ones fitted to the end.
@@ -160,6 +163,8 @@ fn additions(
         }
     }
     glances.sort_by(|a, b| b.1.total_cmp(&a.1));
+    // Parameters that have given way too far lead a fit into a valley of their own.
+    let far_off = base.fitted.point.iter().take(bench.nominal.len()).any(|z| z.abs() > FAR_OFF);
     let mut polished = Vec::new();
     for (_, gain, terms, point) in glances.iter().take(settings.polished) {
         tell("fitting the best", polished.len() as f64 / settings.polished as f64);
@@ -168,7 +173,16 @@ fn additions(
         if *gain < best - 20.0 - 0.5 * best.abs() {
             continue;
         }
-        let fitted = bench.fit(candidates, terms, std::slice::from_ref(point), Effort::Polish)?;
+        let mut from = vec![point.clone()];
+        if far_off {
+            let values: Vec<(usize, Vec<f64>)> = screened
+                .iter()
+                .filter(|s| terms.contains(&s.candidate))
+                .map(|s| (s.candidate, s.start.clone()))
+                .collect();
+            from.extend(starts(bench, candidates, base, terms, &values, true).into_iter().skip(1));
+        }
+        let fitted = bench.fit(candidates, terms, &from, Effort::Polish)?;
         polished.push(sharpened(bench, candidates, fitted)?);
     }
     polished.sort_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b)));
