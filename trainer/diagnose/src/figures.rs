@@ -15,6 +15,8 @@ const LEAST_KPA: f64 = 5.0;
 /// How much more a channel may err beyond its noise, and how many kPa on top, before that speaks against what was found.
 const SPOILT: f64 = 1.25;
 const SPOILT_KPA: f64 = 0.04;
+/// Ratio of two errors on some tens of seconds that are equal but for chance.
+const CHANCE: f64 = 1.05;
 
 /// Errors of one rig at three horizons, by channel.
 #[derive(Debug, Clone, PartialEq)]
@@ -88,7 +90,8 @@ impl Figures {
     }
 
     /// Whether what turned a rig with the figures `before` into this one holds on rows that nothing was fitted to: all
-    /// channels together err less, and none errs much more. `sigma_kpa` is each channel's noise.
+    /// channels together err no more (what only an experiment shows changes nothing elsewhere), and none errs much more.
+    /// `sigma_kpa` is each channel's noise.
     ///
     /// Real physics of one chamber does not spoil the other: the pump ties the two together, so a formula that is not the
     /// right one but fits shows there first.
@@ -100,7 +103,7 @@ impl Figures {
             .zip(&before.free)
             .zip(sigma_kpa)
             .any(|((after, before), sigma)| beyond(after, sigma) > SPOILT * beyond(before, sigma) + SPOILT_KPA);
-        !spoilt && self.total_rmse_kpa() < before.total_rmse_kpa()
+        !spoilt && self.total_rmse_kpa() < CHANCE * before.total_rmse_kpa()
     }
 
     /// Root of the mean squared free-run error of all channels, in kPa.
