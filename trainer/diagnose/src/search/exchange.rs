@@ -144,7 +144,7 @@ pub const FAR_BEHIND: f64 = 100.0;
 
 /// What a further term must set right beside what is found already, as a share of its error: nobody's formula for the main
 /// effect is exact, and what a few per cent of it leaves behind looks like some small effect of another kind.
-const BESIDE: f64 = 0.1;
+const BESIDE: f64 = 0.15;
 
 /// Whether a term with the evidence `of` is more than what the formulas of the others may leave.
 pub(super) fn counts_beside(of: &Evidence, others: &Evidence) -> bool {
