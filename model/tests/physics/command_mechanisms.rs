@@ -66,11 +66,10 @@ fn a_coil_warms_exponentially_and_weakens() {
     let sent: Vec<f64> = (0..600).map(|k| if k < 300 { 0.9 } else { 0.5 }).collect();
     let mut heat = 0.0;
     for (k, (u, mean)) in sent.iter().zip(acting(&heating, &sent)).enumerate() {
-        // θ approaches u²; its mean over the tick, in which it hardly moves.
-        let left = (-TICK_S / tau).exp();
-        let mean_heat = u * u + (heat - u * u) * tau / TICK_S * (1.0 - left);
+        // θ = u² + (θ₀ − u²) e^(−t/τ); the integral of 1/(c + b e^(−t/τ)) is (t + τ ln(c + b e^(−t/τ)))/c.
+        let (c, b, left) = (1.0 + rise * u * u, rise * (heat - u * u), (-TICK_S / tau).exp());
+        let exact = u / c * (1.0 + tau / TICK_S * ((c + b * left) / (c + b)).ln());
         heat = u * u + (heat - u * u) * left;
-        let exact = u / (1.0 + rise * mean_heat);
         assert!((mean - exact).abs() < METER, "tick {k}: {mean} against {exact}");
     }
     // A coil that starts warm starts weak; a rise of nothing changes nothing.
