@@ -116,9 +116,10 @@ impl<'r> Bench<'r> {
     /// The recordings as they would be had the rig's pump no strokes: less what the detailed simulation of `rig` (the
     /// bench's, with its parameters fitted) differs by from the averaged one.
     ///
-    /// Readings that were freed from the ripple have had theirs taken out with it. That difference (ripple as sampled, filling from stroke to stroke) hardly depends on the parameters: one prior
+    /// That difference (ripple as sampled, filling from stroke to stroke) hardly depends on the parameters: one prior
     /// standard deviation of any of the paper's rig changes it by 0.005 kPa at most. Taken from the readings once, it is
-    /// out of every fit that follows, and those need no detailed run.
+    /// out of every fit that follows, and those need no detailed run. Readings that were freed from the ripple have had
+    /// it taken out already.
     ///
     /// # Errors
     /// The rig cannot be simulated.
@@ -181,6 +182,14 @@ impl<'r> Bench<'r> {
         ParameterSet::new(&rig, free).map_err(DiagnoseError::rig(&rig))
     }
 
+    /// The free parameters with some of the candidates as terms.
+    ///
+    /// # Errors
+    /// As [`Bench::set`].
+    pub fn set_of(&self, candidates: &[Candidate], terms: &[usize]) -> Result<ParameterSet, DiagnoseError> {
+        self.set(&terms.iter().filter_map(|t| candidates.get(*t)).collect::<Vec<_>>())
+    }
+
     /// Fits an explanation from the best of some starts (coordinates of [`Bench::set`]).
     ///
     /// # Errors
@@ -192,8 +201,7 @@ impl<'r> Bench<'r> {
         starts: &[Vec<f64>],
         effort: Effort,
     ) -> Result<Explanation, DiagnoseError> {
-        let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
-        self.fit_set(terms, self.set(&of)?, starts, effort)
+        self.fit_set(terms, self.set_of(candidates, terms)?, starts, effort)
     }
 
     /// Fits a set of parameters from the best of some starts.

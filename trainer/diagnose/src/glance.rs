@@ -120,8 +120,8 @@ pub fn settled(bench: &Bench<'_>, explanation: &Explanation) -> Result<Explanati
     Ok(settled)
 }
 
-/// `(trace + correction − recorded) · weight`.
-fn weighted(recorded: &[f64], trace: &[f64], correction: &[f64], weights: &[f64]) -> Vec<f64> {
+/// `(trace + correction − recorded) · weight`; zero where the weight is, whatever the trace.
+pub(crate) fn weighted(recorded: &[f64], trace: &[f64], correction: &[f64], weights: &[f64]) -> Vec<f64> {
     let mut residuals: Vec<f64> =
         trace.iter().zip(recorded).zip(weights).map(|((s, r), w)| if *w == 0.0 { 0.0 } else { (s - r) * w }).collect();
     for ((residual, correction), w) in residuals.iter_mut().zip(correction).zip(weights) {

@@ -11,6 +11,7 @@ use model::rig::Attached;
 const CALIBRATION: f64 = 0.01;
 /// z of a two-sided interval of 90 %.
 const NINETY: f64 = 1.645;
+
 /// A mechanism of the pump that its ripple told.
 #[derive(Debug, Clone)]
 pub(crate) struct Heard {

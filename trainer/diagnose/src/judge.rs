@@ -19,7 +19,7 @@ use crate::search::{FAR_BEHIND, Found, GLANCE_ROUNDS, cost, starts, twins, with,
 pub(crate) const FLOOR_KPA: f64 = 0.06;
 /// Share of the mean squared error beyond the noise that what is named must take away. The same physics written in
 /// another way (relays instead of plays) leaves a sixth; what is merely similar (a lag for a resonance) leaves more.
-pub(crate) const EXPLAINED: f64 = 0.7;
+const EXPLAINED: f64 = 0.7;
 /// Error beyond the noise, in kPa, above which a model that lacks nothing known lacks something unknown.
 pub(crate) const UNKNOWN_KPA: f64 = 0.12;
 /// Gain of prior and likelihood, beyond what the best of all candidates has by chance, at which a mechanism that does
@@ -65,13 +65,18 @@ impl Judgement {
     #[must_use]
     pub fn of_no_name(self) -> Self {
         let [given, nominal, _] = self.excess_kpa;
+        Judgement::unnamed(Verdict::UnknownMechanism, [given, nominal.clone(), nominal])
+    }
+
+    /// Nothing named, and no rivals.
+    fn unnamed(verdict: Verdict, excess_kpa: [Vec<f64>; 3]) -> Self {
         Judgement {
-            verdict: Verdict::UnknownMechanism,
+            verdict,
             named: Vec::new(),
             contested: Vec::new(),
             rivals: Vec::new(),
             groups: Vec::new(),
-            excess_kpa: [given, nominal.clone(), nominal],
+            excess_kpa,
         }
     }
 }
@@ -114,16 +119,13 @@ fn nothing_named(
     given: &[f64],
     excess_kpa: [Vec<f64>; 3],
 ) -> Result<Judgement, DiagnoseError> {
-    let judgement = |verdict, rivals, groups| Judgement {
-        verdict,
-        named: Vec::new(),
-        contested: Vec::new(),
+    let undecided = |rivals, group| Judgement {
         rivals,
-        groups,
-        excess_kpa: excess_kpa.clone(),
+        groups: vec![group],
+        ..Judgement::unnamed(Verdict::Undecided, excess_kpa.clone())
     };
     if excess_kpa[1].iter().any(|kpa| *kpa > UNKNOWN_KPA) {
-        return Ok(judgement(Verdict::UnknownMechanism, Vec::new(), Vec::new()));
+        return Ok(Judgement::unnamed(Verdict::UnknownMechanism, excess_kpa));
     }
     // Mechanisms that the recordings, or the priors, would rather have than a mere shift. The best of many candidates gains
     // the logarithm of their number by chance.
@@ -146,7 +148,7 @@ fn nothing_named(
         let mut group = vec![MOVED.to_owned()];
         group.extend(close.iter().flat_map(|e| &e.terms).filter_map(|t| candidates.get(*t)).map(Candidate::name));
         let rivals = std::iter::once(found.nominal.clone()).chain(close.into_iter().cloned()).collect();
-        return Ok(judgement(Verdict::Undecided, rivals, vec![group]));
+        return Ok(undecided(rivals, group));
     }
     let as_given = excess(bench, given);
     if as_given.iter().any(|kpa| *kpa > SHIFTED_KPA) {
@@ -169,12 +171,12 @@ fn nothing_named(
             }
         }
         if rivals.len() > 1 {
-            return Ok(judgement(Verdict::Undecided, rivals, vec![group]));
+            return Ok(undecided(rivals, group));
         }
     }
     let same = as_given.iter().zip(&excess_kpa[1]).all(|(g, n)| *g < FLOOR_KPA || *g < 1.2 * n);
     let verdict = if same { Verdict::Adequate } else { Verdict::ParametersMoved };
-    Ok(judgement(verdict, Vec::new(), Vec::new()))
+    Ok(Judgement::unnamed(verdict, excess_kpa))
 }
 
 /// Some candidates passed the bar.
@@ -186,19 +188,9 @@ fn something_named(
     tell: &mut dyn FnMut(&str, f64),
 ) -> Result<Judgement, DiagnoseError> {
     let best = &found.best;
-    let squares = |excess: &[f64]| excess.iter().map(|e| e * e).sum::<f64>();
-    let (before, after) = (squares(&excess_kpa[1]), squares(&excess_kpa[2]));
-    let explained = 1.0 - after / before.max(1e-12);
     let left = excess_kpa[2].iter().copied().fold(0.0, f64::max);
-    if left > UNKNOWN_KPA && explained < EXPLAINED {
-        return Ok(Judgement {
-            verdict: Verdict::UnknownMechanism,
-            named: Vec::new(),
-            contested: Vec::new(),
-            rivals: Vec::new(),
-            groups: Vec::new(),
-            excess_kpa,
-        });
+    if left > UNKNOWN_KPA && !explains_most(&excess_kpa[1], &excess_kpa[2]) {
+        return Ok(Judgement::unnamed(Verdict::UnknownMechanism, excess_kpa));
     }
     let mut contested = Vec::new();
     let mut rivals = vec![best.clone()];
@@ -227,9 +219,8 @@ fn something_named(
                 Some(known) => known.clone(),
                 None => {
                     let starts = starts(bench, candidates, best, &terms, &[], false);
-                    let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
                     // What is far behind after a glance is no rival, whatever a fit would still mend.
-                    match footing.glance(bench, &bench.set(&of)?, &starts, GLANCE_ROUNDS) {
+                    match footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS) {
                         Some(glanced) if glanced.cost < footing.cost + FAR_BEHIND => {
                             bench.fit(candidates, &terms, &[glanced.point], Effort::Polish)?
                         }
@@ -280,8 +271,7 @@ fn lost_without(
     if let Some(known) = found.tried.iter().chain([&found.nominal]).find(|e| e.terms == rest) {
         return Ok(evidence(bench, best, known).fitted);
     }
-    let of: Vec<&Candidate> = rest.iter().filter_map(|t| candidates.get(*t)).collect();
-    let set = bench.set(&of)?;
+    let set = bench.set_of(candidates, rest)?;
     let starts = starts(bench, candidates, best, rest, &[], false);
     let Some(glanced) = footing.glance(bench, &set, &starts, LONG_GLANCE_ROUNDS) else { return Ok(f64::INFINITY) };
     let rig = set.rig_at(&glanced.point).map_err(DiagnoseError::rig(set.rig()))?;
@@ -310,6 +300,12 @@ fn close_to(found: &Found, term: usize, gain: f64) -> Vec<usize> {
     close.sort_unstable();
     close.dedup();
     close
+}
+
+/// Whether errors beyond the noise fall far enough, channels together, for what made them fall to be named.
+pub(crate) fn explains_most(before_kpa: &[f64], after_kpa: &[f64]) -> bool {
+    let squares = |excess: &[f64]| excess.iter().map(|kpa| kpa * kpa).sum::<f64>();
+    squares(after_kpa) <= (1.0 - EXPLAINED) * squares(before_kpa)
 }
 
 /// Error beyond the noise by channel, on the rows that were fitted or chose, in kPa.

@@ -23,6 +23,7 @@ use crate::heard::Heard;
 use crate::judge::{Judgement, UNKNOWN_KPA};
 use crate::locate::Missing;
 use crate::search::{Found, SearchSettings};
+use crate::switched;
 use crate::turning::answered;
 use crate::unknown::{UnknownTerm, fit_unknown};
 use crate::{page, words};
@@ -87,7 +88,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     }
     let mut notes: Vec<String> = request.recordings.iter().flat_map(|r| r.notes().to_vec()).collect();
     notes.extend(quality.doubts().map(|finding| finding.text.clone()));
-    let mut switched = false;
+    let mut is_experiment = false;
     // What was checked whole is run in pieces where a meter's error would add up.
     let (records, usable) = match closed::accumulates(rig) {
         Some(source) => {
@@ -99,9 +100,9 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
             closed::without_starts(&pieces, &mut usable);
             (pieces, usable)
         }
-        None => match crate::switched::pieces(rig, &records) {
+        None => match switched::pieces(rig, &records) {
             Some((pieces, places)) => {
-                switched = true;
+                is_experiment = true;
                 notes.push(
                     "the pump was switched: free runs start anew 0.6 s after each change, since no motor stops or starts at once"
                         .to_owned(),
@@ -120,7 +121,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
             glanced: if request.quick { 6 } else { 14 },
             polished: if request.quick { 2 } else { 3 },
             from_prior: true,
-            bar: if switched { Bar::of_experiments() } else { Bar::default() },
+            bar: if is_experiment { Bar::of_experiments() } else { Bar::default() },
         },
         quick: request.quick,
         threads: request.threads,
@@ -160,9 +161,14 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     let searched = Bench::new(rig, &reduced, bench.counted(), bench.fast.fidelity(), request.threads);
     progress("running before and after", 0.0);
     found.nominal = settled(bench, &found.nominal)?;
-    found.best = if found.best.terms.is_empty() { found.nominal.clone() } else { settled(bench, &found.best)? };
     let fitted = of(&found.nominal.fitted.rig)?;
-    let mut extended = of(&found.best.fitted.rig)?;
+    let mut extended = if found.best.terms.is_empty() {
+        found.best = found.nominal.clone();
+        fitted.clone()
+    } else {
+        found.best = settled(bench, &found.best)?;
+        of(&found.best.fitted.rig)?
+    };
     let sigma_kpa = bench.sigma_kpa();
     if judgement.verdict == Verdict::MissingPhysics && !extended.holds_against(&fitted, &sigma_kpa) {
         let names: Vec<String> =
@@ -211,7 +217,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     }
     let findings = Findings {
         given,
-        reidentified: turning.reidentified(bench, &found.nominal.fitted.rig, !request.quick)?,
+        reidentified: turning.reidentified(bench, fitted, !request.quick)?,
         extended,
         unknown: unknown.as_ref(),
         bench,

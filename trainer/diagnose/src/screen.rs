@@ -16,6 +16,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::bench::{Bench, Explanation, LOSS};
 use crate::candidate::Candidate;
+use crate::glance::weighted;
 
 /// What the screen says of a candidate.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,12 +56,7 @@ pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, o
     let mut best: Vec<Screened> = Vec::new();
     for ((k, start), trace) in tries.into_iter().zip(traces) {
         let Ok(trace) = trace else { continue };
-        let effect: Vec<f64> = trace
-            .iter()
-            .zip(&still)
-            .zip(&weights)
-            .map(|((t, s), w)| if *w == 0.0 { 0.0 } else { (t - s) * w })
-            .collect();
+        let effect = weighted(&still, &trace, &[], &weights);
         if effect.iter().any(|e| !e.is_finite()) {
             continue;
         }

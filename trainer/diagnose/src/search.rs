@@ -7,14 +7,14 @@ use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::evidence::{Bar, Evidence, evidence};
 use crate::glance::{Footing, Glanced};
-use crate::judge::{EXPLAINED, UNKNOWN_KPA, excess};
+use crate::judge::{UNKNOWN_KPA, excess, explains_most};
 use crate::screen::screen;
 
 mod exchange;
 mod refine;
 
 pub use exchange::{FAR_BEHIND, twins};
-use exchange::{counts_beside, deletions, pairs, swaps};
+use exchange::{deletions, pairs, swaps};
 use refine::{from_priors, sharpened};
 
 /// How to search.
@@ -75,14 +75,11 @@ pub fn search(
     let mut rounds = Vec::new();
     let mut tried = Vec::new();
     let mut next = None;
-    let blocks = bench.blocks(Role::Fit).len();
     while best.terms.len() < settings.most_terms {
         let (ranked, polished) = additions(bench, candidates, &best, settings, tell)?;
         let Some(top) = polished.first().cloned() else { break };
         let found = evidence(bench, &top, &best);
-        let parameters = top.set.len().saturating_sub(best.set.len());
-        let taken = settings.bar.passed(&found, parameters, candidates.len(), blocks)
-            && counts_beside(&found, &evidence(bench, &best, &nominal));
+        let taken = earns_its_place(bench, candidates, settings, &found, [&top, &best, &nominal]);
         let missed: Vec<usize> = ranked.iter().map(|(k, _)| *k).collect();
         rounds.push(Round { base: best.terms.clone(), ranked, evidence: Some(found), taken });
         tried.extend(polished);
@@ -91,18 +88,14 @@ pub fn search(
         } else {
             // What is far from any known physics may be near one from where the parameters were before they gave way.
             let left = excess(bench, &best.trace);
-            let squares = |excess: &[f64]| excess.iter().map(|kpa| kpa * kpa).sum::<f64>();
-            let unexplained = squares(&left) > (1.0 - EXPLAINED) * squares(&excess(bench, &nominal.trace));
+            let unexplained = !explains_most(&excess(bench, &nominal.trace), &left);
             let again = if unexplained && left.iter().any(|kpa| *kpa > UNKNOWN_KPA) {
                 from_priors(bench, candidates, &best, &missed, &mut tried, tell)?
             } else {
                 None
             };
             let passed = |again: &Explanation| {
-                let found = evidence(bench, again, &best);
-                let parameters = again.set.len().saturating_sub(best.set.len());
-                settings.bar.passed(&found, parameters, candidates.len(), blocks)
-                    && counts_beside(&found, &evidence(bench, &best, &nominal))
+                earns_its_place(bench, candidates, settings, &evidence(bench, again, &best), [again, &best, &nominal])
             };
             match again.filter(passed) {
                 Some(again) => best = again,
@@ -119,6 +112,25 @@ pub fn search(
         }
     }
     Ok(Found { nominal, best, next, rounds, tried })
+}
+
+/// What a further term must set right beside what is found already, as a share of its error: nobody's formula for the main
+/// effect is exact, and what a tenth of it leaves behind looks like some small effect of another kind.
+const BESIDE: f64 = 0.15;
+
+/// Whether `with`, which has the evidence `found` against `without`, passes the bar, and is more than what the formulas of the
+/// terms in `without` may have left of what the `nominal` rig misses.
+fn earns_its_place(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    settings: &SearchSettings,
+    found: &Evidence,
+    [with, without, nominal]: [&Explanation; 3],
+) -> bool {
+    let parameters = with.set.len().saturating_sub(without.set.len());
+    let blocks = bench.blocks(Role::Fit).len();
+    settings.bar.passed(found, parameters, candidates.len(), blocks)
+        && found.removed_kpa > BESIDE * evidence(bench, without, nominal).removed_kpa
 }
 
 /// Rounds of least squares of a glance.
@@ -156,8 +168,7 @@ fn additions(
         let terms = with(&base.terms, k);
         let from = [(k, screened.start.clone())];
         let starts = starts(bench, candidates, base, &terms, &from, settings.from_prior);
-        let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
-        let set = bench.set(&of)?;
+        let set = bench.set_of(candidates, &terms)?;
         if let Some(Glanced { cost, point }) = footing.glance(bench, &set, &starts, GLANCE_ROUNDS) {
             glances.push((k, footing.cost - cost, terms, point));
         }

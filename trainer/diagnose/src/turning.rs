@@ -12,7 +12,7 @@
 
 use fit::data::Records;
 use fit::simulate::{
-    Arcs, Course, Fidelity, Run, Tachometer, Track, refined_starts, ripple_in_step, tachometer, track,
+    Arcs, Course, Fidelity, Ripple, Run, Tachometer, Track, refined_starts, ripple_in_step, tachometer, track,
 };
 use model::rig::{Pump, Rig};
 
@@ -71,9 +71,9 @@ impl Turning {
     }
 
     /// By a ripple that kept step: taken out of the readings as well, for the pump's model predicts it to a tenth.
-    fn in_step(raw: &Raw<'_>, base: &Rig, point: &[f64], read: Tachometer) -> Result<Self, DiagnoseError> {
+    fn in_step(raw: &Raw<'_>, ripple: &Ripple, point: &[f64], read: Tachometer) -> Result<Self, DiagnoseError> {
         let bench = raw.bench;
-        let ripple_kpa = ripple_in_step(&bench.fast, base, &read, bench.counted())?;
+        let ripple_kpa = ripple_in_step(bench.records, ripple, &read, bench.counted());
         let mut turning = Turning::as_stated(bench.rig, &raw.freed(&ripple_kpa)?, point);
         turning.fidelity = Fidelity::Smooth;
         turning.ripple_kpa = ripple_kpa;
@@ -107,14 +107,11 @@ impl Turning {
         let heard = Heard::of(followed);
         rig.mechanisms.push(heard.attached.clone());
         Ok(Turning {
-            rig,
-            records,
-            point: point.to_vec(),
             heard: Some(heard),
             fidelity: Fidelity::Smooth,
-            read: None,
             ripple_kpa: followed.ripple_kpa.clone(),
             without: Some((without, bench.records.clone())),
+            ..Turning::as_stated(&rig, &records, point)
         })
     }
 
@@ -142,15 +139,20 @@ impl Turning {
         Answer::of(&self.bench(usable, asked.threads), asked, &self.point, progress)
     }
 
-    /// Figures of the re-identified rig without what was heard, `nominal` being the one with it; the ripple still on the
-    /// readings.
-    pub(crate) fn reidentified(&self, bench: &Bench<'_>, nominal: &Rig, short: bool) -> Result<Figures, DiagnoseError> {
+    /// Figures of the re-identified rig without what was heard, the ripple still on the readings; `fitted`, those of the one
+    /// with it, where nothing was.
+    pub(crate) fn reidentified(
+        &self,
+        bench: &Bench<'_>,
+        fitted: Figures,
+        short: bool,
+    ) -> Result<Figures, DiagnoseError> {
         Ok(match &self.without {
             Some((without, records)) if records.rows() == bench.records.rows() => {
                 let raw = Bench::new(without, records, bench.counted(), Fidelity::Detailed, None);
                 figures(&raw, without, Fidelity::Detailed, short)?
             }
-            _ => figures(bench, nominal, bench.close.fidelity(), short)?,
+            _ => fitted,
         })
     }
 
@@ -221,12 +223,12 @@ impl<'a> Raw<'a> {
     }
 
     /// Which of two opposite readings is meant: the one with which the rig's own parameters explain more, from the
-    /// parameters as fitted. Only one is no question.
+    /// parameters as fitted.
     fn forwards(&self, readings: Vec<Tachometer>, point: &[f64]) -> Result<Option<Turning>, DiagnoseError> {
         let mut best: Option<(f64, Turning)> = None;
         for first in readings {
-            let (read, base, point) = self.read_twice(first, point)?;
-            let mut turning = Turning::in_step(self, &base, &point, read)?;
+            let Some((read, ripple, point)) = self.read_twice(first, point)? else { continue };
+            let mut turning = Turning::in_step(self, &ripple, &point, read)?;
             let bench = turning.bench(self.bench.counted(), self.threads);
             let freed = bench.fit(&[], &[], &[point], Effort::Polish)?.fitted;
             let cost = freed.comparable_cost(bench.records, bench.fit_weights());
@@ -239,19 +241,25 @@ impl<'a> Raw<'a> {
     }
 
     /// A reading, asked again of the rig as fitted with it: before, its parameters made up for some of the ripple. With it
-    /// that rig, as fast as stated, and its point.
-    fn read_twice(&self, mut read: Tachometer, point: &[f64]) -> Result<(Tachometer, Rig, Vec<f64>), DiagnoseError> {
-        let mut fitted = self.fitted_with(&read, point)?;
-        let again = tachometer(&self.bench.fast, &fitted.0, self.bench.counted())?;
-        if let Some(again) = again.into_iter().find(|again| again.slip.signum() == read.slip.signum()) {
-            fitted = self.fitted_with(&again, &fitted.1)?;
-            read = again;
+    /// that rig's ripple and point; `None` for a rig without one.
+    fn read_twice(
+        &self,
+        read: Tachometer,
+        point: &[f64],
+    ) -> Result<Option<(Tachometer, Ripple, Vec<f64>)>, DiagnoseError> {
+        let Some((ripple, point)) = self.fitted_with(&read, point)? else { return Ok(None) };
+        let again = tachometer(self.bench.records, &ripple, self.bench.counted());
+        match again.into_iter().find(|again| again.slip.signum() == read.slip.signum()) {
+            Some(again) => {
+                let fitted = self.fitted_with(&again, &point)?;
+                Ok(fitted.map(|(ripple, point)| (again, ripple, point)))
+            }
+            None => Ok(Some((read, ripple, point))),
         }
-        Ok((read, fitted.0, fitted.1))
     }
 
-    /// The rig fitted with a reading, as fast as stated, and its point.
-    fn fitted_with(&self, read: &Tachometer, point: &[f64]) -> Result<(Rig, Vec<f64>), DiagnoseError> {
+    /// The ripple of the rig fitted with a reading, as fast as stated, and its point.
+    fn fitted_with(&self, read: &Tachometer, point: &[f64]) -> Result<Option<(Ripple, Vec<f64>)>, DiagnoseError> {
         let mut turned = self.bench.rig.clone();
         if let Some(Pump::Piston(pump)) = turned.pumps.get_mut(&read.pump) {
             pump.speed_rpm = read.speed_rpm;
@@ -259,7 +267,8 @@ impl<'a> Raw<'a> {
         let records = self.bench.records.clone().with_cranks(&read.crank_rev);
         let averaged = Bench::new(&turned, &records, self.bench.counted(), Fidelity::Averaged, self.threads);
         let fitted = averaged.fit(&[], &[], &[point.to_vec()], Effort::Polish)?.fitted;
-        Ok((at_stated_speed(&fitted.rig, self.bench.rig), fitted.point))
+        let ripple = Ripple::of(&self.bench.fast, &at_stated_speed(&fitted.rig, self.bench.rig))?;
+        Ok(ripple.map(|ripple| (ripple, fitted.point)))
     }
 }
 
@@ -280,9 +289,11 @@ pub(crate) fn answered(
     let bench = Bench::new(rig, &records, usable, Fidelity::Detailed, asked.threads);
     let origin = vec![0.0; bench.nominal.len()];
     let fitted = bench.fit(&[], &[], &[origin], Effort::Full)?.fitted;
-    let readings = tachometer(&bench.fast, &fitted.rig, bench.counted())?;
+    let ripple = Ripple::of(&bench.fast, &fitted.rig)?;
+    let readings = ripple.as_ref().map_or(Vec::new(), |ripple| tachometer(&records, ripple, bench.counted()));
     let ambiguous = readings.first().is_none_or(|read| read.turns < CERTAIN_TURNS);
-    let followed = if ambiguous { track(&bench.fast, &fitted.rig, usable)? } else { None };
+    let followed =
+        ripple.filter(|_| ambiguous).and_then(|ripple| track(&records, &fitted.rig, &ripple, bench.counted()));
     let mut turnings = Vec::new();
     if let Some(followed) = &followed {
         let raw = Raw::of(&bench, &fitted.rig, asked.threads)?;
@@ -310,12 +321,14 @@ pub(crate) fn answered(
     {
         let mut with_terms = at_stated_speed(&answer.found.best.fitted.rig, rig);
         with_terms.mechanisms.retain(|attached| attached.mechanism.id() != "pump_speed");
-        let again = tachometer(&bench.fast, &with_terms, bench.counted())?.into_iter().next();
-        let known = answers.iter().any(|(turning, _)| same(turning.tachometer(), again.as_ref()));
+        let ripple = Ripple::of(&bench.fast, &with_terms)?;
+        let again = ripple
+            .and_then(|ripple| Some((tachometer(&records, &ripple, bench.counted()).into_iter().next()?, ripple)));
+        let known = answers.iter().any(|(turning, _)| same(turning.tachometer(), again.as_ref().map(|(read, _)| read)));
         let turning = match again {
-            Some(read) => {
+            Some((read, ripple)) => {
                 let raw = Raw::of(&bench, &fitted.rig, asked.threads)?;
-                let turning = Turning::in_step(&raw, &with_terms, &first.point, read)?;
+                let turning = Turning::in_step(&raw, &ripple, &first.point, read)?;
                 (!known || turning.ripple_off_kpa(first) > REDONE_KPA).then_some(turning)
             }
             None if known => None,

@@ -1,12 +1,10 @@
 //! Terms in exchange for others: swapped one by one or in pairs, deleted.
 
-use fit::data::Role;
-
-use super::{GLANCE_ROUNDS, Round, SearchSettings, cost, position_of, starts, with, without};
+use super::{GLANCE_ROUNDS, Round, SearchSettings, cost, earns_its_place, position_of, starts, with, without};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
-use crate::evidence::{Evidence, evidence};
+use crate::evidence::evidence;
 use crate::glance::{Footing, Glanced};
 
 /// Replaces terms one by one by what stood next to them in earlier rounds, while that lowers the cost.
@@ -34,9 +32,8 @@ pub(super) fn swaps(
             tell("swapping mechanisms", 0.5);
             let terms = with(&rest, *k);
             let starts = starts(bench, candidates, &best, &terms, &[], false);
-            let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
             let Some(Glanced { cost: cost_of, point }) =
-                footing.glance(bench, &bench.set(&of)?, &starts, GLANCE_ROUNDS)
+                footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS)
             else {
                 continue;
             };
@@ -95,8 +92,7 @@ pub(super) fn pairs(
             .filter_map(|(k, term)| in_place_of(bench, candidates, &best, k, term))
             .collect();
         let starts = starts(bench, candidates, &best, &terms, &values, false);
-        let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
-        let glanced = footing.glance(bench, &bench.set(&of)?, &starts, PAIR_ROUNDS);
+        let glanced = footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, PAIR_ROUNDS);
         let Some(Glanced { cost: cost_of, point }) = glanced else { continue };
         if cost_of > footing.cost + FAR_BEHIND {
             continue;
@@ -142,15 +138,6 @@ pub fn twins(candidates: &[Candidate], terms: &[usize]) -> Option<(usize, usize)
 /// Cost by which something is behind after a glance that no fit is spent on it.
 pub const FAR_BEHIND: f64 = 100.0;
 
-/// What a further term must set right beside what is found already, as a share of its error: nobody's formula for the main
-/// effect is exact, and what a few per cent of it leaves behind looks like some small effect of another kind.
-const BESIDE: f64 = 0.15;
-
-/// Whether a term with the evidence `of` is more than what the formulas of the others may leave.
-pub(super) fn counts_beside(of: &Evidence, others: &Evidence) -> bool {
-    of.removed_kpa > BESIDE * others.removed_kpa
-}
-
 /// Removes terms that the others have made needless.
 pub(super) fn deletions(
     bench: &Bench<'_>,
@@ -166,18 +153,14 @@ pub(super) fn deletions(
         }
         let terms = without(&best.terms, term);
         let starts = starts(bench, candidates, &best, &terms, &[], false);
-        let of: Vec<&Candidate> = terms.iter().filter_map(|t| candidates.get(*t)).collect();
         let footing = Footing::of(bench, &best)?;
-        let without_it = footing.glance(bench, &bench.set(&of)?, &starts, GLANCE_ROUNDS);
+        let without_it = footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS);
         if without_it.is_none_or(|glanced| glanced.cost > footing.cost + FAR_BEHIND) {
             continue;
         }
         let reduced = bench.fit(candidates, &terms, &starts, Effort::Polish)?;
         let found = evidence(bench, &best, &reduced);
-        let parameters = candidates[term].len();
-        if settings.bar.passed(&found, parameters, candidates.len(), bench.blocks(Role::Fit).len())
-            && counts_beside(&found, &evidence(bench, &reduced, nominal))
-        {
+        if earns_its_place(bench, candidates, settings, &found, [&best, &reduced, nominal]) {
             tried.push(reduced);
         } else {
             best = reduced;

@@ -6,6 +6,7 @@ use super::{cost, position_of, starts, with};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
+use crate::glance::weighted;
 use crate::screen::Projector;
 
 /// Fits each of some candidates on top of `base` anew from the priors' means; the best.
@@ -80,11 +81,7 @@ pub(super) fn sharpened(
             continue;
         };
         let weights = bench.weighted(&fitted.scale_kpa);
-        let gain = |trace: Vec<f64>| -> f64 {
-            let moved = trace.iter().zip(&still).zip(&weights);
-            let effect: Vec<f64> = moved.map(|((t, s), w)| if *w == 0.0 { 0.0 } else { (t - s) * w }).collect();
-            projector.gain_as_is(&effect)
-        };
+        let gain = |trace: Vec<f64>| -> f64 { projector.gain_as_is(&weighted(&still, &trace, &[], &weights)) };
         let gains: Vec<f64> = traces.map(|trace| trace.map_or(f64::NEG_INFINITY, gain)).collect();
         let sound = points.iter().skip(1).zip(gains).filter(|(_, gain)| gain.is_finite());
         let best = sound.max_by(|a, b| a.1.total_cmp(&b.1));

@@ -45,6 +45,7 @@ const LAGS_S: [f64; 3] = [0.02, 0.1, 0.2];
 /// Warming: largest change, and times in s.
 const WARMING: f64 = 0.12;
 const WARMING_S: [f64; 4] = [15.0, 30.0, 60.0, 120.0];
+
 impl Course {
     /// The number that the course is about.
     pub fn leading(&self) -> f64 {

@@ -13,34 +13,22 @@
 
 use std::f64::consts::TAU;
 
-use model::rig::Rig;
 use nalgebra::{SMatrix, SVector};
 
 use super::ripple::{HARMONICS, Ripple};
-use super::simulator::{Fidelity, Simulator};
 use super::tachometer::Tachometer;
-use crate::FitError;
+use crate::data::Records;
 
 /// Rows of which errors of a model go together: 5 s.
 const TOGETHER: f64 = 250.0;
 /// How far a harmonic's height is from the predicted one.
 const SPREAD: f64 = 0.2;
 
-/// The ripple on each reading in kPa, at the speed and angles that were read. `rig` is the rig with its pump as fast as
-/// stated and its other parameters fitted; `weights` is zero at readings that do not count.
-///
-/// # Errors
-/// The rig cannot be simulated.
-pub fn ripple_in_step(
-    simulator: &Simulator<'_>,
-    rig: &Rig,
-    read: &Tachometer,
-    weights: &[f64],
-) -> Result<Vec<f64>, FitError> {
+/// The ripple on each reading in kPa, at the speed and angles that were read off `ripple`. `weights` is zero at readings that
+/// do not count.
+pub fn ripple_in_step(records: &Records, ripple: &Ripple, read: &Tachometer, weights: &[f64]) -> Vec<f64> {
     const UNKNOWNS: usize = 2 * HARMONICS;
-    let records = simulator.records();
     let mut ripple_kpa = vec![0.0; records.layout().len()];
-    let Some(ripple) = Ripple::of(&simulator.at(Fidelity::Averaged), rig)? else { return Ok(ripple_kpa) };
     let turns_hz = read.slip * ripple.speed_rpm / 60.0;
     // The harmonics at one reading, at angle zero and a quarter of a period on.
     let predicted = |index: usize, turned: f64| -> SVector<f64, UNKNOWNS> {
@@ -96,18 +84,17 @@ pub fn ripple_in_step(
             }
         }
     }
-    Ok(ripple_kpa)
+    ripple_kpa
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::Arcs;
     use super::super::start::refined_starts;
     use super::super::tachometer::tachometer;
     use super::super::tachometer::tests::recorded_on;
+    use super::super::{Arcs, Fidelity, Simulator};
     use super::*;
-    use crate::data::Records;
-    use model::rig::Pump;
+    use model::rig::{Pump, Rig};
 
     /// Root mean square of what is left of readings about a smooth run, each channel of each recording less its mean.
     fn left_kpa(records: &Records, rig: &Rig) -> f64 {
@@ -137,8 +124,9 @@ mod tests {
         let records = Records::new(&rig, &recordings).unwrap();
         let simulator = Simulator::new(&records, Fidelity::Averaged).on(1);
         let weights = vec![1.0; records.layout().len()];
-        let read = tachometer(&simulator, &rig, &weights).unwrap().swap_remove(0);
-        let ripple = ripple_in_step(&simulator, &rig, &read, &weights).unwrap();
+        let predicted = Ripple::of(&simulator, &rig).unwrap().unwrap();
+        let read = tachometer(&records, &predicted, &weights).swap_remove(0);
+        let ripple = ripple_in_step(&records, &predicted, &read, &weights);
         let freed = records.readings_kpa().iter().zip(&ripple).map(|(r, ripple)| r - ripple).collect();
         let (before, after) = (left_kpa(&records, &rig), left_kpa(&records.with_readings(freed).unwrap(), &rig));
         // The ripple has a root mean square of 0.2 kPa; strokes that fill the chambers from rest are not of it.

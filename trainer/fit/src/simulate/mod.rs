@@ -34,6 +34,7 @@ pub use arcs::{Arc, Arcs};
 pub use course::Course;
 pub use horizon::{ChannelError, Horizon, errors, errors_at, trace_at, traces_at};
 pub use in_step::ripple_in_step;
+pub use ripple::Ripple;
 pub use simulator::{Fidelity, Run, Simulator};
 pub(crate) use start::NUDGE_KPA;
 pub use start::{refined_starts, smoothed_kpa};

@@ -12,7 +12,7 @@ use std::f64::consts::TAU;
 use model::rig::{Pump, Rig};
 
 use super::arcs::Arcs;
-use super::simulator::{Run, Simulator};
+use super::simulator::{Fidelity, Run, Simulator};
 use super::start::refined_starts;
 use crate::FitError;
 
@@ -40,8 +40,8 @@ impl Pair {
     }
 }
 
-/// The ripple of a rig's only piston pump.
-pub(super) struct Ripple {
+/// The ripple of a rig's only piston pump over recordings.
+pub struct Ripple {
     /// The pump.
     pub(super) pump: String,
     /// Its speed as stated, in rev/min.
@@ -56,11 +56,13 @@ pub(super) struct Ripple {
 }
 
 impl Ripple {
-    /// The ripple of the only piston pump of `rig`; `None` if there is no such pump.
+    /// The ripple of the only piston pump of `rig`, whose other parameters are already fitted and which turns as fast as
+    /// stated; `None` if there is no such pump. It takes twelve averaged runs.
     ///
     /// # Errors
     /// The rig cannot be simulated.
-    pub(super) fn of(simulator: &Simulator<'_>, rig: &Rig) -> Result<Option<Ripple>, FitError> {
+    pub fn of(simulator: &Simulator<'_>, rig: &Rig) -> Result<Option<Ripple>, FitError> {
+        let simulator = &simulator.at(Fidelity::Averaged);
         let mut pistons = rig.pumps.iter().filter_map(|(name, pump)| match pump {
             Pump::Piston(piston) => Some((name, piston)),
             Pump::Flow(_) => None,

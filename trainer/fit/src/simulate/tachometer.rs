@@ -17,11 +17,7 @@
 
 use std::f64::consts::TAU;
 
-use model::rig::Rig;
-
 use super::ripple::{HARMONICS, Pair, Ripple};
-use super::simulator::{Fidelity, Simulator};
-use crate::FitError;
 use crate::data::Records;
 
 /// The largest share by which a speed may be off.
@@ -63,27 +59,23 @@ struct Point {
     ripple: [Pair; HARMONICS],
 }
 
-/// Reads the speed of the only piston pump of `rig`, whose other parameters are already fitted; nothing where there is
-/// no such pump, or the readings do not swing with its ripple. `weights` is zero at readings that do not count; a ripple
-/// that passes slowly needs them all (of a third of the rows of 30 s a turn cannot be told from a slow error).
+/// Reads the speed of the pump that `ripple` is of; nothing where the readings do not swing with it. `weights` is zero at
+/// readings that do not count; a ripple that passes slowly needs them all (of a third of the rows of 30 s a turn cannot be
+/// told from a slow error).
 ///
 /// A ripple that passes backwards looks much the same. Where that gains nearly as much it comes second: a fit with each
 /// tells.
-///
-/// # Errors
-/// The rig cannot be simulated.
-pub fn tachometer(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Result<Vec<Tachometer>, FitError> {
-    let Some(ripple) = Ripple::of(&simulator.at(Fidelity::Averaged), rig)? else { return Ok(Vec::new()) };
+pub fn tachometer(records: &Records, ripple: &Ripple, weights: &[f64]) -> Vec<Tachometer> {
     let (pump, speed_rpm) = (&ripple.pump, ripple.speed_rpm);
     let speed = speed_rpm / 60.0;
-    let swings = swings(simulator.records(), &ripple, weights);
+    let swings = swings(records, ripple, weights);
     let every = || swings.iter().flatten().flat_map(|swing| &swing.points);
     let longest_s = every().map(|p| p.time_s).fold(0.0, f64::max);
     let energy = |h: usize| -> f64 { every().filter_map(|p| p.ripple.get(h)).map(Pair::energy).sum() };
     let main = (0..HARMONICS).max_by(|a, b| energy(*a).total_cmp(&energy(*b))).unwrap_or(0);
     let turns = (main + 1) as f64 * speed;
     if longest_s * turns <= 0.0 || energy(main) <= 0.0 {
-        return Ok(Vec::new());
+        return Vec::new();
     }
     let matches = |slip: f64| -> Vec<Match> {
         swings.iter().map(|record| Match::of(&Products::of(record, main, slip * turns))).collect()
@@ -118,11 +110,11 @@ pub fn tachometer(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Resu
         })
     };
     let slip = finely(coarse);
-    let Some(read_first) = read(slip) else { return Ok(Vec::new()) };
+    let Some(read_first) = read(slip) else { return Vec::new() };
     let mirrored = finely(-slip);
     let close = gained(mirrored) > AS_GOOD * gained(slip);
     let mirror = if close { read(mirrored) } else { None };
-    Ok(std::iter::once(read_first).chain(mirror).collect())
+    std::iter::once(read_first).chain(mirror).collect()
 }
 
 /// The slip that gains most.
@@ -267,9 +259,10 @@ fn crank(record: &[Swing], turns_hz: f64) -> f64 {
 
 #[cfg(test)]
 pub(super) mod tests {
+    use super::super::simulator::{Fidelity, Simulator};
     use super::*;
     use model::plant::{FreeRunStart, Plant, Simulation};
-    use model::rig::Pump;
+    use model::rig::{Pump, Rig};
     use proto::recording::Recording;
     use proto::recording::csv::{Column, ColumnData};
     use std::sync::Arc;
@@ -316,7 +309,8 @@ pub(super) mod tests {
             let records = Records::new(&rig, &recordings).unwrap();
             let simulator = Simulator::new(&records, Fidelity::Averaged);
             let weights = vec![1.0; records.layout().len()];
-            let read = tachometer(&simulator, &rig, &weights).unwrap().swap_remove(0);
+            let ripple = Ripple::of(&simulator, &rig).unwrap().unwrap();
+            let read = tachometer(&records, &ripple, &weights).swap_remove(0);
             // An eighth of an eighth of a turn in 90 s is what the grid resolves: 0.01 rev/min.
             assert!((read.speed_rpm - speed_rpm).abs() < 0.03, "{read:?}");
             // The ripple repeats itself every half turn, but for what differs between the pistons.
@@ -327,6 +321,7 @@ pub(super) mod tests {
         }
         let records = Records::new(&rig, &[recorded(3000.0, 0.3)]).unwrap();
         let simulator = Simulator::new(&records, Fidelity::Averaged);
-        assert_eq!(tachometer(&simulator, &rig, &vec![1.0; records.layout().len()]).unwrap(), vec![]);
+        let ripple = Ripple::of(&simulator, &rig).unwrap().unwrap();
+        assert_eq!(tachometer(&records, &ripple, &vec![1.0; records.layout().len()]), vec![]);
     }
 }

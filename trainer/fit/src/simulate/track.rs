@@ -22,9 +22,7 @@ use std::ops::Range;
 
 use super::course::{Course, SHARE_STEP};
 use super::ripple::{HARMONICS, Ripple};
-use super::simulator::{Fidelity, Simulator};
 use super::windows::{Channel, Match, Piece, Products, Sums};
-use crate::FitError;
 use crate::data::Records;
 use model::rig::{ATMOSPHERE, Rig};
 
@@ -74,14 +72,10 @@ struct Laid {
     main: usize,
 }
 
-/// Follows the ripple of the only piston pump of `rig`, whose other parameters are already fitted; `None` where there is
-/// no such pump, or no course accounts for the ripple. `weights` is zero at readings that do not count.
-///
-/// # Errors
-/// The rig cannot be simulated.
-pub fn track(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Result<Option<Track>, FitError> {
-    let Some(ripple) = Ripple::of(&simulator.at(Fidelity::Averaged), rig)? else { return Ok(None) };
-    let Some(laid) = Laid::of(simulator.records(), rig, &ripple, weights) else { return Ok(None) };
+/// Follows the ripple of a pump of `rig`; `None` where no course accounts for it. `weights` is zero at readings that do not
+/// count.
+pub fn track(records: &Records, rig: &Rig, ripple: &Ripple, weights: &[f64]) -> Option<Track> {
+    let laid = Laid::of(records, rig, ripple, weights)?;
     let (course, chance) = laid.best_course();
     let matched = laid.matches(course, WINDOWS[0]);
     // What is found by chance adds to what is there as noise does to a length.
@@ -98,11 +92,11 @@ pub fn track(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Result<Op
     let followed = matched.iter().zip(&chance).all(|(m, c)| m.product > UNMISTAKABLE * c);
     let [low, high] = if followed && matches!(course, Course::Drooping { .. }) { HEIGHT_FOLLOWED } else { HEIGHT };
     if !everywhere || !quick || !(low..=high).contains(&height) {
-        return Ok(None);
+        return None;
     }
     let ripple_kpa = laid.followed(course, weights.len());
     let (log_likelihood, share) = laid.gained(&ripple_kpa);
-    Ok(Some(Track {
+    Some(Track {
         log_likelihood,
         share,
         pump: ripple.pump.clone(),
@@ -111,7 +105,7 @@ pub fn track(simulator: &Simulator<'_>, rig: &Rig, weights: &[f64]) -> Result<Op
         course,
         height,
         ripple_kpa,
-    }))
+    })
 }
 
 impl Laid {
@@ -386,6 +380,7 @@ impl Laid {
 
 #[cfg(test)]
 mod tests {
+    use super::super::simulator::{Fidelity, Simulator};
     use super::super::tachometer::tests::recorded_on;
     use super::*;
     use model::mechanism::{Mechanism, PumpDroop, PumpSpeed};
@@ -418,7 +413,8 @@ mod tests {
 
     fn followed(rig: &Rig, records: &Records) -> Option<Track> {
         let simulator = Simulator::new(records, Fidelity::Averaged).on(1);
-        track(&simulator, rig, &vec![1.0; records.layout().len()]).unwrap()
+        let ripple = Ripple::of(&simulator, rig).unwrap().unwrap();
+        track(records, rig, &ripple, &vec![1.0; records.layout().len()])
     }
 
     #[test]
