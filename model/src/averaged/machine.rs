@@ -103,6 +103,6 @@ impl Machine {
             head_area: self.head_area,
             rt: self.rt,
         };
-        (drive, [Cylinder { node: 0, drive: 0, phase: 0.5 }])
+        (drive, [Cylinder { node: 0, inlet: 0, drive: 0, phase: 0.5 }])
     }
 }

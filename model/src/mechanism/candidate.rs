@@ -21,6 +21,8 @@ pub struct Candidate {
     pub parameters: Vec<CandidateParameter>,
     /// Whether pressures change in steps as its first parameter does, so that they have no slope with it.
     pub stepped: bool,
+    /// Mechanisms at the same component without which this shape is no different from another one; empty for none.
+    pub beside: &'static [&'static str],
     template: Mechanism,
     /// Index of each parameter among the mechanism's numbers.
     fitted: Vec<usize>,
@@ -74,6 +76,7 @@ pub(crate) struct Form {
     fitted: Vec<usize>,
     parameters: Vec<CandidateParameter>,
     stepped: bool,
+    beside: &'static [&'static str],
 }
 
 impl Form {
@@ -92,12 +95,17 @@ impl Form {
             })
         };
         let parameters = fitted.iter().filter_map(parameter).collect();
-        Form { name, mechanism, fitted: fitted.to_vec(), parameters, stepped: false }
+        Form { name, mechanism, fitted: fitted.to_vec(), parameters, stepped: false, beside: &[] }
     }
 
     /// The same, stepped in its first parameter.
     pub(crate) fn stepped(self) -> Self {
         Form { stepped: true, ..self }
+    }
+
+    /// The same, of interest only beside one of these mechanisms.
+    pub(crate) fn beside(self, beside: &'static [&'static str]) -> Self {
+        Form { beside, ..self }
     }
 
     /// The same with a range and first magnitudes of parameter `index` that suit the component's size.
@@ -124,6 +132,7 @@ pub fn candidates(rig: &Rig) -> Vec<Candidate> {
                     form: form.name,
                     parameters: form.parameters,
                     stepped: form.stepped,
+                    beside: form.beside,
                     template: form.mechanism,
                     fitted: form.fitted,
                 };

@@ -112,11 +112,21 @@ impl<R: Real> Play<R> {
         })
     }
 
-    /// Moves flappers that lie in the middle of their play, by a share of its half width (−1 … 1).
-    pub(crate) fn place(&self, share: R, memory: &mut [R]) {
+    /// Moves flappers that lie in the middle of their play, by a share of its half width (−1 … 1); what comes out then.
+    pub(crate) fn place(&self, share: R, memory: &mut [R]) -> R {
+        let mut sum = R::splat(0.0);
         for (flapper, half_width) in memory.iter_mut().zip(self.half_widths()) {
             *flapper += half_width * share;
+            sum += *flapper;
         }
+        self.out(sum, memory.get(MIDDLE).copied().unwrap_or(sum))
+    }
+
+    /// What comes out, of the sum of all plays and the middle one: a lane of one play has the bits it would have by itself.
+    #[inline(always)]
+    fn out(&self, sum: R, middle: R) -> R {
+        let mean = sum * R::splat(1.0 / PLAYS as f64);
+        R::from_lanes(|lane| if self.spread.lane(lane) > 0.0 { mean.lane(lane) } else { middle.lane(lane) })
     }
 
     #[inline(always)]
@@ -140,9 +150,7 @@ impl<R: Real> Play<R> {
                 *flapper = follow(*flapper, duty, *half_width);
                 sum += *flapper;
             }
-            let (mean, alone) = (sum * R::splat(1.0 / PLAYS as f64), memory[MIDDLE]);
-            // A lane of one play has the bits it would have by itself.
-            R::from_lanes(|lane| if self.spread.lane(lane) > 0.0 { mean.lane(lane) } else { alone.lane(lane) })
+            self.out(sum, memory[MIDDLE])
         });
     }
 }

@@ -4,7 +4,10 @@
 //! τ ẏ = u − y
 //! ```
 //!
-//! L/R of a coil and the armature's inertia put `τ` at 5 … 200 ms for proportional solenoids of this size.
+//! L/R of a coil and the armature's inertia put `τ` at 5 … 200 ms for proportional solenoids of this size. The coil is late
+//! in front of what friction and magnetic hysteresis make of its current, the armature behind them (`lags`); without
+//! either the two are the same.
+//!
 //! Solved exactly between tabled instants `s` apart, `y ← u + (y − u) e^(−s/τ)`, so it costs no integrator state
 //! and cannot go unstable however short `τ` is.
 
@@ -16,12 +19,32 @@ use crate::plant::{Samples, lanes_of};
 use crate::real::Real;
 use crate::rig::{Number, Rig, RigError, numbers};
 
+/// What of a valve is late.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Lags {
+    /// The current: in front of friction and hysteresis.
+    #[default]
+    Coil,
+    /// What the current moves: behind them.
+    Armature,
+}
+
+impl Lags {
+    fn is_coil(&self) -> bool {
+        *self == Lags::Coil
+    }
+}
+
 /// A first-order lag of a valve behind its duty.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ValveLag {
     /// Time constant τ in ms.
     pub time_constant_ms: f64,
+    /// What is late; absent means the coil.
+    #[serde(default, skip_serializing_if = "Lags::is_coil")]
+    pub lags: Lags,
 }
 
 numbers!(ValveLag {
@@ -38,7 +61,11 @@ impl Physics for ValveLag {
     }
 
     fn forms(_rig: &Rig, _component: &str) -> Vec<Form> {
-        vec![Form::of("", Mechanism::ValveLag(ValveLag { time_constant_ms: 0.01 }), &[0])]
+        let late = |lags| Mechanism::ValveLag(ValveLag { time_constant_ms: 0.01, lags });
+        vec![
+            Form::of("", late(Lags::Coil), &[0]),
+            Form::of("armature", late(Lags::Armature), &[0]).beside(&["valve_hysteresis", "valve_stiction"]),
+        ]
     }
 }
 

@@ -9,7 +9,7 @@ use super::residual::{Probe, Residual, Target, Variable};
 use super::unknown::{Placed, Slot, Unknown};
 use super::{Input, LAWS, MEMORY, MOST_DRIVES, MOST_GIVEN, MOST_RESIDUALS, MOST_STATES, NODES, Plant, carried};
 use crate::averaged::{Machine, PumpTables};
-use crate::mechanism::{self, Mechanism, PumpPort};
+use crate::mechanism::{self, Lags, Mechanism, PumpPort};
 use crate::orifice::FlowFunction;
 use crate::real::Real;
 use crate::rig::{ATMOSPHERE, Line, PistonPump, Pump, Rig, RigError, Source, Valve, Volume, WHOLE_RIG};
@@ -368,7 +368,10 @@ impl<'a> Assembly<'a> {
             .filter_map(|mechanism| match mechanism {
                 Mechanism::CommandDelay(m) => Some(Stage::Delay(m.operator(self.rig.integrator.tick_ms))),
                 Mechanism::CoilHeating(m) => Some(Stage::Heat(m.operator(instant_s))),
-                Mechanism::ValveLag(m) => Some(Stage::Lag(m.operator(instant_s))),
+                Mechanism::ValveLag(m) => Some(match m.lags {
+                    Lags::Coil => Stage::Lag(m.operator(instant_s)),
+                    Lags::Armature => Stage::LateArmature(m.operator(instant_s)),
+                }),
                 Mechanism::ValveForceCurve(m) => Some(Stage::Bend(m.operator())),
                 Mechanism::ValveStiction(m) => Some(Stage::Stick(m.operator())),
                 Mechanism::ValveHysteresis(m) => Some(Stage::Play(m.operator())),
@@ -519,7 +522,7 @@ impl<'a> Assembly<'a> {
             if let Some(temperature) = self.plant.temperature.get_mut(node) {
                 *temperature = p.gas_temperature_k;
             }
-            self.plant.cylinders.push(Cylinder { node, drive, phase: phase / 360.0 });
+            self.plant.cylinders.push(Cylinder { node, inlet, drive, phase: phase / 360.0 });
             let ends = [(inlet, node), (node, outlet)];
             for (((up, down), area), cracking) in ends.into_iter().zip(machine.areas).zip(machine.cracking) {
                 if springs {

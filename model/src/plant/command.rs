@@ -102,8 +102,10 @@ pub(crate) enum Stage<R> {
     Delay(Delay<R>),
     /// `coil_heating`
     Heat(Heat<R>),
-    /// `valve_lag`
+    /// `valve_lag` of the coil
     Lag(Lag<R>),
+    /// `valve_lag` of the armature
+    LateArmature(Lag<R>),
     /// `valve_force_curve`, the coil's part
     Bend(Bend<R>),
     /// `valve_stiction`
@@ -113,7 +115,7 @@ pub(crate) enum Stage<R> {
 }
 
 impl Stage<f64> {
-    /// The order along the path: wire, (supply,) coil, flapper.
+    /// The order along the path: wire, (supply,) coil, friction and hysteresis, armature.
     pub(crate) fn rank(&self) -> u8 {
         match self {
             Stage::Delay(_) => 0,
@@ -122,6 +124,7 @@ impl Stage<f64> {
             Stage::Bend(_) => 3,
             Stage::Stick(_) => 4,
             Stage::Play(_) => 5,
+            Stage::LateArmature(_) => 6,
         }
     }
 }
@@ -131,7 +134,7 @@ impl<R: Real> Stage<R> {
     pub(crate) fn memory_len(&self) -> usize {
         match self {
             Stage::Delay(_) => crate::mechanism::LONGEST_TICKS,
-            Stage::Heat(_) | Stage::Lag(_) | Stage::Stick(_) => 1,
+            Stage::Heat(_) | Stage::Lag(_) | Stage::Stick(_) | Stage::LateArmature(_) => 1,
             Stage::Play(_) => Play::<R>::MEMORY,
             Stage::Bend(_) => 0,
         }
@@ -153,6 +156,7 @@ impl<R: Real> Stage<R> {
             Stage::Bend(_) => all!(Bend, Bend),
             Stage::Stick(_) => all!(Stick, Stick),
             Stage::Play(_) => all!(Play, Play),
+            Stage::LateArmature(_) => all!(LateArmature, Lag),
         }
     }
 
@@ -162,7 +166,7 @@ impl<R: Real> Stage<R> {
             (Stage::Delay(delay), memory) => delay.run(memory, samples),
             (Stage::Bend(bend), _) => bend.run(samples),
             (Stage::Heat(heat), [memory]) => heat.run(memory, samples),
-            (Stage::Lag(lag), [memory]) => lag.run(memory, samples),
+            (Stage::Lag(lag) | Stage::LateArmature(lag), [memory]) => lag.run(memory, samples),
             (Stage::Stick(stick), [memory]) => stick.run(memory, samples),
             (Stage::Play(play), memory) => play.run(memory, samples),
             _ => {}
@@ -177,7 +181,7 @@ impl<R: Real> Stage<R> {
                 heat.at(duty, heat.initial)
             }
             Stage::Bend(bend) => bend.at(duty),
-            Stage::Delay(_) | Stage::Lag(_) | Stage::Stick(_) | Stage::Play(_) => {
+            Stage::Delay(_) | Stage::Lag(_) | Stage::Stick(_) | Stage::Play(_) | Stage::LateArmature(_) => {
                 memory.fill(duty);
                 duty
             }
@@ -270,11 +274,19 @@ impl<R: Real> CommandPath<R> {
         duty
     }
 
-    /// Moves the flapper within the play at the path's end, if it has one, by a share of its half width (−1 … 1).
+    /// Moves the flapper within the play at the path's end, if it has one, by a share of its half width (−1 … 1); an
+    /// armature that is late has long been there.
     pub(crate) fn place_in_play(&self, share: R, memory: &mut [R]) {
+        let mut placed = None;
         for (stage, start) in self.memories() {
-            if let (Stage::Play(play), Some(own)) = (stage, memory.get_mut(start..start + stage.memory_len())) {
-                play.place(share, own);
+            match (stage, memory.get_mut(start..start + stage.memory_len())) {
+                (Stage::Play(play), Some(own)) => placed = Some(play.place(share, own)),
+                (Stage::LateArmature(_), Some(own)) => {
+                    if let Some(placed) = placed {
+                        own.fill(placed);
+                    }
+                }
+                _ => {}
             }
         }
     }

@@ -340,6 +340,8 @@ record! {
 record! {
     /// A cylinder of a piston pump: the node with a moving wall.
     Cylinder { node: usize,
+        /// Node that it draws from.
+        inlet: usize,
         /// Which drive turns it.
         drive: usize,
     } lanes {

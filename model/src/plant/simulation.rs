@@ -260,6 +260,7 @@ impl<R: Simulated> Simulation<R> {
         self.settle_commands(inputs);
         self.settled = None;
         if start == FreeRunStart::Running && !plant.cylinders.is_empty() {
+            self.fill_standing_cylinders(inputs);
             self.settle_cylinders(inputs);
             self.settled = Some(inputs.to_vec());
         }
@@ -317,16 +318,34 @@ impl<R: Simulated> Simulation<R> {
         chambers.iter().zip(pressures).map(|(chamber, held)| gain(chamber, held)).collect()
     }
 
-    /// Sets averaged pumps as they are once periodic, if `inputs` switch them on.
+    /// Which drives `inputs` switch on: 1 or 0.
+    fn running(&self, drive: usize, inputs: &[R]) -> R {
+        let relay = self.plant.drives.get(drive).and_then(|drive| inputs.get(drive.relay?)).copied();
+        relay.unwrap_or(R::splat(1.0)).map(|relay| if relay >= 0.5 { 1.0 } else { 0.0 })
+    }
+
+    /// Cylinders of pumps that `inputs` switch off are as full as what they draw from: their inlet valves have let in what
+    /// they lacked.
+    fn fill_standing_cylinders(&mut self, inputs: &[R]) {
+        let plant = Arc::clone(&self.plant);
+        for cylinder in &plant.cylinders {
+            let running = self.running(cylinder.drive, inputs);
+            let inlet = self.state.x.get(cylinder.inlet).copied().unwrap_or(plant.atmosphere_pa);
+            if let Some(slot) = self.state.x.get_mut(cylinder.node) {
+                *slot = running * *slot + (R::splat(1.0) - running) * inlet;
+            }
+        }
+    }
+
+    /// Sets averaged pumps as they are once periodic where `inputs` switch them on, as full as what they draw from where
+    /// not.
     fn run_averaged(&mut self, inputs: &[R]) {
         let plant = Arc::clone(&self.plant);
         for pump in &plant.averaged {
-            let Some(drive) = plant.drives.get(pump.drive) else { continue };
-            let relay = drive.relay.and_then(|r| inputs.get(r)).copied().unwrap_or(R::splat(1.0));
-            let running = relay.map(|relay| if relay >= 0.5 { 1.0 } else { 0.0 });
+            let running = self.running(pump.drive, inputs);
             let at = |node: usize| self.state.x.get(node).copied().unwrap_or(plant.atmosphere_pa);
             let mean = pump.table.at(at(pump.inlet), at(pump.outlet)).content;
-            let content = running * mean + (R::splat(1.0) - running) * at(pump.content);
+            let content = running * mean + (R::splat(1.0) - running) * at(pump.inlet) * pump.table.content_per_pa;
             for (slot, value) in
                 [(self.state.x.get_mut(pump.content), content), (self.state.memory.get_mut(pump.memory), running)]
             {

@@ -112,7 +112,14 @@ mod tests {
             head_area: 38.485e-4,
             rt: 287.0 * 323.15,
         };
-        (drive, [0.0, 0.5].into_iter().enumerate().map(|(node, phase)| Cylinder { node, drive: 0, phase }).collect())
+        (
+            drive,
+            [0.0, 0.5]
+                .into_iter()
+                .enumerate()
+                .map(|(node, phase)| Cylinder { inlet: 0, node, drive: 0, phase })
+                .collect(),
+        )
     }
 
     #[test]

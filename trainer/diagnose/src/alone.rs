@@ -15,7 +15,6 @@
 //! ```
 
 use fit::data::Role;
-use fit::parameters::Transform;
 use fit::simulate::{Arcs, Run, refined_starts};
 
 use crate::bench::Bench;
@@ -36,18 +35,6 @@ pub struct Alone {
 /// How much stronger or weaker than tried an effect may be.
 const AMPLITUDE: [f64; 2] = [0.05, 2.5];
 
-/// A candidate's values when its effect is to be `a` times what it is at `start`, to first order in its first parameter.
-fn scaled(candidate: Option<&Candidate>, start: &[f64], a: f64) -> Vec<f64> {
-    let mut values = start.to_vec();
-    let parameter = candidate.and_then(|candidate| candidate.parameters(0).into_iter().next());
-    if let (Some(parameter), Some(first)) = (parameter, values.first_mut()) {
-        let neutral = if parameter.transform == Transform::Linear { parameter.mean } else { 0.0 };
-        let [low, high] = parameter.bounds;
-        *first = (neutral + a * (*first - neutral)).clamp(low, high);
-    }
-    values
-}
-
 /// Every candidate's share, largest first.
 ///
 /// # Errors
@@ -57,7 +44,7 @@ pub fn alone(bench: &Bench<'_>, candidates: &[Candidate]) -> Result<Vec<Alone>, 
     let arcs = refined_starts(&bench.fast, rig, &Arcs::free(bench.records))?;
     let mut runs = vec![Run::from(rig.clone())];
     let mut tries: Vec<(usize, &Vec<f64>)> = Vec::new();
-    for (k, candidate) in candidates.iter().enumerate() {
+    for (k, candidate) in candidates.iter().enumerate().filter(|(_, candidate)| candidate.is_apt(rig, &[])) {
         for start in &candidate.starts {
             let mut with = rig.clone();
             with.mechanisms.push(candidate.attached(start));
@@ -90,7 +77,8 @@ pub fn alone(bench: &Bench<'_>, candidates: &[Candidate]) -> Result<Vec<Alone>, 
         }
         let a = (-along / size).clamp(AMPLITUDE[0], AMPLITUDE[1]);
         let share = -(2.0 * a * along + a * a * size) / all;
-        let alone = || Alone { candidate, share, start: scaled(candidates.get(candidate), start, a) };
+        let of = |of: &Candidate| of.scaled(start, a);
+        let alone = || Alone { candidate, share, start: candidates.get(candidate).map_or_else(|| start.clone(), of) };
         match found.iter_mut().find(|f| f.candidate == candidate) {
             Some(known) if known.share >= share => {}
             Some(known) => *known = alone(),

@@ -60,9 +60,41 @@ impl Candidate {
         self.offered.stepped
     }
 
+    /// Whether it is of interest in a rig that has these terms as well: its shape tells itself from another one only beside
+    /// certain mechanisms.
+    pub fn is_apt(&self, rig: &Rig, beside: &[&Candidate]) -> bool {
+        let there = |id: &str, component: &str| component == self.component && self.offered.beside.contains(&id);
+        self.offered.beside.is_empty()
+            || beside.iter().any(|term| there(&term.id, &term.component))
+            || rig.mechanisms.iter().any(|m| m.enabled && there(m.mechanism.id(), &m.component))
+    }
+
+    /// Whether both are shapes of one mechanism there that differ only beside certain others.
+    pub fn differs_beside(&self, other: &Candidate) -> bool {
+        self.excludes(other)
+            && self.form != other.form
+            && !(self.offered.beside.is_empty() && other.offered.beside.is_empty())
+    }
+
     /// Whether both cannot be in one rig at a time.
     pub fn excludes(&self, other: &Candidate) -> bool {
         self.id == other.id && self.component == other.component
+    }
+
+    /// Whether both are one mechanism in one shape, wherever they are.
+    pub fn is_like(&self, other: &Candidate) -> bool {
+        self.id == other.id && self.form == other.form
+    }
+
+    /// Values at which the effect is `a` times what it is at `start`, to first order in the first parameter.
+    pub fn scaled(&self, start: &[f64], a: f64) -> Vec<f64> {
+        let mut values = start.to_vec();
+        if let (Some(parameter), Some(first)) = (self.parameters(0).into_iter().next(), values.first_mut()) {
+            let neutral = if parameter.transform == Transform::Linear { parameter.mean } else { 0.0 };
+            let [low, high] = parameter.bounds;
+            *first = (neutral + a * (*first - neutral)).clamp(low, high);
+        }
+        values
     }
 
     /// The entry of a rig file, with these values.

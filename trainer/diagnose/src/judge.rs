@@ -291,6 +291,12 @@ fn is_rival(bench: &Bench<'_>, best: &Explanation, rival: &Explanation) -> bool 
 /// Candidates that came close to what `term` gained in any round.
 fn close_to(found: &Found, term: usize, gain: f64) -> Vec<usize> {
     let mut close: Vec<usize> = Vec::new();
+    let ranked = found.rounds.iter().any(|round| round.ranked.iter().any(|(k, _)| *k == term));
+    if !ranked {
+        // It came in with its like at another place: whatever gained in that round may stand for it.
+        let into = found.rounds.iter().rev().find(|round| !round.base.contains(&term));
+        close.extend(into.iter().flat_map(|round| &round.ranked).filter(|(_, gain)| *gain > 0.0).map(|(k, _)| *k));
+    }
     for round in &found.rounds {
         let Some(own) = round.ranked.iter().find(|(k, _)| *k == term).map(|(_, gain)| *gain) else { continue };
         // A glance is not converged, so a tenth of the gain is allowed for.

@@ -18,26 +18,36 @@ use crate::bench::{Bench, Explanation, LOSS};
 use crate::candidate::Candidate;
 use crate::glance::weighted;
 
-/// What the screen says of a candidate.
+/// What the screen says of a candidate, or of one at two places.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Screened {
-    /// Index of the candidate.
-    pub candidate: usize,
-    /// Gain in log-likelihood at its best first magnitude, to first order.
+    /// Candidates, each with values at which its effect is as large as is wanted, to first order.
+    pub terms: Vec<(usize, Vec<f64>)>,
+    /// Gain in log-likelihood at the best first magnitude, to first order.
     pub gain: f64,
-    /// That magnitude.
-    pub start: Vec<f64>,
+}
+
+/// Candidates by what they gain, strongest first.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Screening {
+    /// Each on its own.
+    pub single: Vec<Screened>,
+    /// Mechanisms at two places at once, where that gains more than either alone: valves of one make are warm, slow or
+    /// sticky together, and what one of them does to both channels may hide what each does to its own.
+    pub double: Vec<Screened>,
 }
 
 /// How much weaker or stronger than tried an effect may turn out to be before the screen stops believing in it.
 const AMPLITUDE: [f64; 2] = [0.05, 2.5];
+/// What a second place must gain in log-likelihood, to first order, to be tried.
+const SECOND_PLACE: f64 = 20.0;
 
-/// Screens candidates on top of an explanation; strongest first.
-pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, open: &[usize]) -> Vec<Screened> {
+/// Screens candidates on top of an explanation.
+pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, open: &[usize]) -> Screening {
     let prior = base.set.prior();
     let fitted = &base.fitted;
     let Some(projector) = Projector::new(&fitted.linearised, &prior, &fitted.point) else {
-        return Vec::new();
+        return Screening::default();
     };
     let mut tries: Vec<(usize, &Vec<f64>)> = Vec::new();
     let mut runs = vec![Run::from(fitted.rig.clone())];
@@ -51,24 +61,78 @@ pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, o
         }
     }
     let mut traces = bench.fast.run(&runs, &fitted.arcs).into_iter();
-    let Some(Ok(still)) = traces.next() else { return Vec::new() };
+    let Some(Ok(still)) = traces.next() else { return Screening::default() };
     let weights = bench.weighted(&fitted.scale_kpa);
-    let mut best: Vec<Screened> = Vec::new();
-    for ((k, start), trace) in tries.into_iter().zip(traces) {
-        let Ok(trace) = trace else { continue };
-        let effect = weighted(&still, &trace, &[], &weights);
-        if effect.iter().any(|e| !e.is_finite()) {
-            continue;
-        }
-        let gain = projector.gain(&effect);
-        match best.iter_mut().find(|s| s.candidate == k) {
-            Some(known) if known.gain >= gain => {}
-            Some(known) => (known.gain, known.start) = (gain, start.clone()),
-            None => best.push(Screened { candidate: k, gain, start: start.clone() }),
+    let effects: Vec<(usize, &Vec<f64>, Effect)> = tries
+        .into_iter()
+        .zip(traces)
+        .filter_map(|((k, start), trace)| {
+            let effect = weighted(&still, &trace.ok()?, &[], &weights);
+            effect.iter().all(|e| e.is_finite()).then(|| (k, start, projector.seen(effect)))
+        })
+        .collect();
+    let scaled = |k: usize, start: &[f64], a: f64| {
+        (k, candidates.get(k).map_or_else(|| start.to_vec(), |candidate| candidate.scaled(start, a)))
+    };
+    let mut single: Vec<Screened> = Vec::new();
+    for (k, start, effect) in &effects {
+        let (gain, a) = effect.most();
+        keep_best(&mut single, Screened { terms: vec![scaled(*k, start, a)], gain });
+    }
+    let alone = |k: usize| single.iter().find(|s| s.terms.iter().any(|t| t.0 == k)).map_or(0.0, |s| s.gain);
+    let mut double: Vec<Screened> = Vec::new();
+    for (at, (k, start, effect)) in effects.iter().enumerate() {
+        for (other, other_start, other_effect) in effects.iter().skip(at + 1) {
+            let elsewhere = |(a, b): (&Candidate, &Candidate)| a.is_like(b) && a.side != b.side;
+            let twins = candidates.get(*k).zip(candidates.get(*other)).is_some_and(elsewhere);
+            if !twins || start != other_start {
+                continue;
+            }
+            let (gain, [a, b]) = projector.most_of_both(effect, other_effect);
+            if gain > alone(*k).max(alone(*other)) + SECOND_PLACE {
+                keep_best(&mut double, Screened { terms: vec![scaled(*k, start, a), scaled(*other, start, b)], gain });
+            }
         }
     }
-    best.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    best
+    for list in [&mut single, &mut double] {
+        list.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    }
+    Screening { single, double }
+}
+
+/// Keeps the best start of the same candidates.
+fn keep_best(list: &mut Vec<Screened>, new: Screened) {
+    let same = |known: &Screened| known.terms.iter().map(|t| t.0).eq(new.terms.iter().map(|t| t.0));
+    match list.iter_mut().find(|known| same(known)) {
+        Some(known) if known.gain >= new.gain => {}
+        Some(known) => *known = new,
+        None => list.push(new),
+    }
+}
+
+/// An effect as a linearised fit sees it.
+struct Effect {
+    /// The effect itself, weighted.
+    of: Vec<f64>,
+    /// Its products with the slopes.
+    on_slopes: DVector<f64>,
+    /// What of it the free parameters would do.
+    given_way: DVector<f64>,
+    /// `s·r − s·J h`.
+    along: f64,
+    /// `s⊥·s`.
+    size: f64,
+}
+
+impl Effect {
+    /// The most that it can gain, and how large it is then.
+    fn most(&self) -> (f64, f64) {
+        if self.size.is_nan() || self.size <= 1e-9 {
+            return (0.0, 1.0);
+        }
+        let a = (-self.along / self.size).clamp(AMPLITUDE[0], AMPLITUDE[1]);
+        (-(a * self.along + 0.5 * a * a * self.size), a)
+    }
 }
 
 /// A linearised fit, ready to judge effects.
@@ -107,27 +171,42 @@ impl<'a> Projector<'a> {
 
     /// What an effect gains as it is, the free parameters having given way.
     pub fn gain_as_is(&self, effect: &[f64]) -> f64 {
-        let (along, size) = self.along_and_size(effect);
-        -(along + 0.5 * size)
+        let seen = self.seen(effect.to_vec());
+        -(seen.along + 0.5 * seen.size)
     }
 
-    /// The most that an effect can gain.
-    fn gain(&self, effect: &[f64]) -> f64 {
-        let (along, size) = self.along_and_size(effect);
-        if size.is_nan() || size <= 1e-9 {
-            return 0.0;
-        }
-        let a = (-along / size).clamp(AMPLITUDE[0], AMPLITUDE[1]);
-        -(a * along + 0.5 * a * a * size)
-    }
-
-    /// `s·r − s·J h` and `s⊥·s`.
-    fn along_and_size(&self, effect: &[f64]) -> (f64, f64) {
+    fn seen(&self, of: Vec<f64>) -> Effect {
         let n = self.at.jacobian.len();
-        let on_effect = DVector::from_iterator(n, self.at.jacobian.iter().map(|c| dot(c, effect, &self.weights)));
-        let solved = self.factor.solve(&on_effect);
-        let along = dot(effect, &self.at.residuals, &self.weights) - solved.dot(&self.gradient);
-        (along, dot(effect, effect, &self.weights) - solved.dot(&on_effect))
+        let on_slopes = DVector::from_iterator(n, self.at.jacobian.iter().map(|c| dot(c, &of, &self.weights)));
+        let given_way = self.factor.solve(&on_slopes);
+        let along = dot(&of, &self.at.residuals, &self.weights) - given_way.dot(&self.gradient);
+        let size = dot(&of, &of, &self.weights) - given_way.dot(&on_slopes);
+        Effect { of, on_slopes, given_way, along, size }
+    }
+
+    /// The most that two effects can gain together, and how large each is then.
+    fn most_of_both(&self, one: &Effect, other: &Effect) -> (f64, [f64; 2]) {
+        let cross = dot(&one.of, &other.of, &self.weights) - one.given_way.dot(&other.on_slopes);
+        let determinant = one.size * other.size - cross * cross;
+        if determinant.is_nan() || determinant <= 1e-6 * one.size * other.size {
+            return (0.0, [1.0; 2]);
+        }
+        let limited = |a: f64| a.clamp(AMPLITUDE[0], AMPLITUDE[1]);
+        let free = [
+            (cross * other.along - other.size * one.along) / determinant,
+            (cross * one.along - one.size * other.along) / determinant,
+        ];
+        // Inside the limits the minimum itself; else on one of them, the other effect at its best there.
+        let mut at = vec![free.map(limited)];
+        for limit in AMPLITUDE {
+            at.push([limit, limited(-(other.along + cross * limit) / other.size)]);
+            at.push([limited(-(one.along + cross * limit) / one.size), limit]);
+        }
+        let gain = |[a, b]: [f64; 2]| {
+            -(a * one.along + b * other.along) - 0.5 * (a * a * one.size + 2.0 * a * b * cross + b * b * other.size)
+        };
+        let gains = at.into_iter().map(|at| (gain(at), at));
+        gains.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, [1.0; 2]))
     }
 }
 
@@ -157,6 +236,10 @@ mod tests {
         let without = (0..2001).map(|k| r(-2e-3 + 2e-6 * f64::from(k), 0.0)).fold(f64::INFINITY, f64::min);
         let with = r(-0.7e-3, 1.0);
         let expected = 0.5 * 1.2 * (without - with);
-        assert!((projector.gain(&scaled) / expected - 1.0).abs() < 1e-3, "{} {expected}", projector.gain(&scaled));
+        assert!(
+            (projector.seen(scaled.clone()).most().0 / expected - 1.0).abs() < 1e-3,
+            "{} {expected}",
+            projector.seen(scaled.clone()).most().0
+        );
     }
 }

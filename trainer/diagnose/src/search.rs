@@ -7,8 +7,8 @@ use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::evidence::{Bar, Evidence, evidence};
 use crate::glance::{Footing, Glanced};
-use crate::judge::{UNKNOWN_KPA, excess, explains_most};
-use crate::screen::screen;
+use crate::judge::{FLOOR_KPA, UNKNOWN_KPA, excess, explains_most};
+use crate::screen::{Screened, screen};
 
 mod exchange;
 mod refine;
@@ -117,9 +117,12 @@ pub fn search(
 /// What a further term must set right beside what is found already, as a share of its error: nobody's formula for the main
 /// effect is exact, and what a tenth of it leaves behind looks like some small effect of another kind.
 const BESIDE: f64 = 0.15;
+/// Share of the mean squared error that is left.
+const MOST_OF_THE_REST: f64 = 0.5;
 
 /// Whether `with`, which has the evidence `found` against `without`, passes the bar, and is more than what the formulas of the
-/// terms in `without` may have left of what the `nominal` rig misses.
+/// terms in `without` may have left of what the `nominal` rig misses: more than a share of it, or, where it shows, most of
+/// what is left. What a formula leaves is not what some other physics does, and that explains a third of it at best.
 fn earns_its_place(
     bench: &Bench<'_>,
     candidates: &[Candidate],
@@ -130,11 +133,16 @@ fn earns_its_place(
     let parameters = with.set.len().saturating_sub(without.set.len());
     let blocks = bench.blocks(Role::Fit).len();
     settings.bar.passed(found, parameters, candidates.len(), blocks)
-        && found.removed_kpa > BESIDE * evidence(bench, without, nominal).removed_kpa
+        && (found.removed_kpa > BESIDE * evidence(bench, without, nominal).removed_kpa
+            || found.removed_kpa > FLOOR_KPA && found.share > MOST_OF_THE_REST)
 }
 
 /// Rounds of least squares of a glance.
 pub const GLANCE_ROUNDS: usize = 6;
+/// Rounds of a glance at a pair: two terms at a time are further from where they will end.
+const PAIR_ROUNDS: usize = 12;
+/// Drop in cost (half chi-square) that pays for a term, and for a reading of the pump's speed.
+pub const PRICE: f64 = 20.0;
 
 /// Cost of an explanation: half chi-square (robust) and prior.
 pub fn cost(bench: &Bench<'_>, explanation: &Explanation) -> f64 {
@@ -143,6 +151,14 @@ pub fn cost(bench: &Bench<'_>, explanation: &Explanation) -> f64 {
 
 /// Standard deviations of its prior beyond which a parameter has given way to something that it is not.
 const FAR_OFF: f64 = 6.0;
+
+/// Whether candidate `k` can and may be put beside `terms`.
+fn is_open(bench: &Bench<'_>, candidates: &[Candidate], terms: &[usize], k: usize) -> bool {
+    let beside: Vec<&Candidate> = terms.iter().map(|t| &candidates[*t]).collect();
+    !terms.contains(&k)
+        && beside.iter().all(|term| !term.excludes(&candidates[k]))
+        && candidates[k].is_apt(bench.rig, &beside)
+}
 
 type Ranked = Vec<(usize, f64)>;
 
@@ -154,50 +170,65 @@ fn additions(
     settings: &SearchSettings,
     tell: &mut dyn FnMut(&str, f64),
 ) -> Result<(Ranked, Vec<Explanation>), DiagnoseError> {
-    let open: Vec<usize> = (0..candidates.len())
-        .filter(|k| base.terms.iter().all(|t| !candidates[*t].excludes(&candidates[*k])) && !base.terms.contains(k))
-        .collect();
+    let open: Vec<usize> = (0..candidates.len()).filter(|k| is_open(bench, candidates, &base.terms, *k)).collect();
     tell("screening mechanisms", 0.0);
-    let screened = screen(bench, candidates, base, &open);
+    let screening = screen(bench, candidates, base, &open);
     let footing = Footing::of(bench, base)?;
     let mut glances = Vec::new();
-    let count = settings.glanced.min(screened.len());
-    for (done, screened) in screened.iter().take(count).enumerate() {
+    let singles = screening.single.iter().take(settings.glanced);
+    let doubles = screening.double.iter().take(settings.polished);
+    let count = singles.len() + doubles.len();
+    for (done, screened) in singles.chain(doubles).enumerate() {
         tell("trying mechanisms", done as f64 / count.max(1) as f64);
-        let k = screened.candidate;
-        let terms = with(&base.terms, k);
-        let from = [(k, screened.start.clone())];
-        let starts = starts(bench, candidates, base, &terms, &from, settings.from_prior);
-        let set = bench.set_of(candidates, &terms)?;
-        if let Some(Glanced { cost, point }) = footing.glance(bench, &set, &starts, GLANCE_ROUNDS) {
-            glances.push((k, footing.cost - cost, terms, point));
+        let terms = screened.terms.iter().fold(base.terms.clone(), |terms, (k, _)| with(&terms, *k));
+        let starts = starts(bench, candidates, base, &terms, &screened.terms, settings.from_prior);
+        let rounds = if screened.terms.len() > 1 { PAIR_ROUNDS } else { GLANCE_ROUNDS };
+        if let Some(Glanced { cost, point }) =
+            footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, rounds)
+        {
+            glances.push(Tried { screened, gain: footing.cost - cost, terms, point });
         }
     }
-    glances.sort_by(|a, b| b.1.total_cmp(&a.1));
+    glances.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     // Parameters that have given way too far lead a fit into a valley of their own.
     let far_off = base.fitted.point.iter().take(bench.nominal.len()).any(|z| z.abs() > FAR_OFF);
+    let ranked: Ranked = glances.iter().filter_map(|tried| Some((tried.alone()?, tried.gain))).collect();
+    let best = ranked.first().map_or(0.0, |(_, gain)| *gain);
+    // What is far behind after a glance is not worth a fit, nor is a second place that adds next to nothing.
+    let single = glances.iter().filter(|tried| tried.alone().is_some() && tried.gain >= best - 20.0 - 0.5 * best.abs());
+    let double = glances.iter().filter(|tried| tried.alone().is_none() && tried.gain > best + PRICE);
+    let chosen: Vec<&Tried<'_>> = double.take(1).chain(single.take(settings.polished)).collect();
     let mut polished = Vec::new();
-    for (_, gain, terms, point) in glances.iter().take(settings.polished) {
+    for tried in chosen {
         tell("fitting the best", polished.len() as f64 / settings.polished as f64);
-        // What is far behind after a glance is not worth a fit.
-        let best = glances.first().map_or(0.0, |g| g.1);
-        if *gain < best - 20.0 - 0.5 * best.abs() {
-            continue;
-        }
-        let mut from = vec![point.clone()];
+        let mut from = vec![tried.point.clone()];
         if far_off {
-            let values: Vec<(usize, Vec<f64>)> = screened
-                .iter()
-                .filter(|s| terms.contains(&s.candidate))
-                .map(|s| (s.candidate, s.start.clone()))
-                .collect();
-            from.extend(starts(bench, candidates, base, terms, &values, true).into_iter().skip(1));
+            from.extend(starts(bench, candidates, base, &tried.terms, &tried.screened.terms, true).into_iter().skip(1));
         }
-        let fitted = bench.fit(candidates, terms, &from, Effort::Polish)?;
+        let fitted = bench.fit(candidates, &tried.terms, &from, Effort::Polish)?;
         polished.push(sharpened(bench, candidates, fitted)?);
     }
-    polished.sort_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b)));
-    Ok((glances.iter().map(|(k, gain, ..)| (*k, *gain)).collect(), polished))
+    let priced = |explanation: &Explanation| cost(bench, explanation) + PRICE * explanation.terms.len() as f64;
+    polished.sort_by(|a, b| priced(a).total_cmp(&priced(b)));
+    Ok((ranked, polished))
+}
+
+/// Terms after a glance.
+struct Tried<'s> {
+    screened: &'s Screened,
+    gain: f64,
+    terms: Vec<usize>,
+    point: Vec<f64>,
+}
+
+impl Tried<'_> {
+    /// The candidate, where it is one.
+    fn alone(&self) -> Option<usize> {
+        match self.screened.terms.as_slice() {
+            [(k, _)] => Some(*k),
+            _ => None,
+        }
+    }
 }
 
 /// Starts for `terms`: the base's point, and the priors' means of the rig's own parameters. What the base does not have

@@ -23,13 +23,12 @@ use crate::error::DiagnoseError;
 use crate::figures::{Figures, figures};
 use crate::heard::Heard;
 use crate::judge::{FLOOR_KPA, Judgement};
+use crate::search::PRICE;
 
 /// Turns of the ripple in the longest recording below which a reading may be something slow that is missing.
 const CERTAIN_TURNS: f64 = 1.5;
 /// Turns in the longest recording by which two readings are told apart.
 const APART_TURNS: f64 = 0.25;
-/// Drop in cost (half chi-square) that pays for a term, and for a reading: a speed and an angle for each recording.
-const PRICE: f64 = 20.0;
 /// Change of the ripple at which an answer is worked out again, in kPa: what a term must set right to be named.
 const REDONE_KPA: f64 = 0.03;
 /// Share of the stated speed from which on another one is missing physics; less is how such motors scatter.
@@ -372,7 +371,7 @@ fn same(one: Option<&Tachometer>, other: Option<&Tachometer>) -> bool {
     }
 }
 
-/// Which answer explains most for what it asks to be believed.
+/// Which answer explains most for what it asks to be believed: terms, and a speed and an angle for each recording.
 fn plainest(answers: &[Answered]) -> usize {
     let price = |(turning, answer): &Answered| {
         let believed = answer.found.best.terms.len() + usize::from(turning.read.is_some());

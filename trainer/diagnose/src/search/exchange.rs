@@ -1,6 +1,9 @@
 //! Terms in exchange for others: swapped one by one or in pairs, deleted.
 
-use super::{GLANCE_ROUNDS, Round, SearchSettings, cost, earns_its_place, position_of, starts, with, without};
+use super::{
+    GLANCE_ROUNDS, PAIR_ROUNDS, Round, SearchSettings, cost, earns_its_place, is_open, position_of, starts, with,
+    without,
+};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
@@ -25,13 +28,16 @@ pub(super) fn swaps(
     let mut footing = Footing::of(bench, &best)?;
     for term in best.terms.clone() {
         let rest = without(&best.terms, term);
-        for k in &close {
-            if best.terms.contains(k) || rest.iter().any(|t| candidates[*t].excludes(&candidates[*k])) {
+        // And its own other shape, where that is another only since something stands beside it.
+        let shapes = (0..candidates.len()).filter(|k| candidates[*k].differs_beside(&candidates[term]));
+        for k in shapes.chain(close.iter().copied()) {
+            if best.terms.contains(&k) || !is_open(bench, candidates, &rest, k) {
                 continue;
             }
             tell("swapping mechanisms", 0.5);
-            let terms = with(&rest, *k);
-            let starts = starts(bench, candidates, &best, &terms, &[], false);
+            let terms = with(&rest, k);
+            let values: Vec<_> = in_place_of(bench, candidates, &best, k, term).into_iter().collect();
+            let starts = starts(bench, candidates, &best, &terms, &values, false);
             let Some(Glanced { cost: cost_of, point }) =
                 footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS)
             else {
@@ -69,11 +75,11 @@ pub(super) fn pairs(
     let Some((one, other)) = twins(candidates, &best.terms) else { return Ok(best) };
     let rest = without(&without(&best.terms, one), other);
     let seen: Vec<usize> = rounds.iter().flat_map(|round| round.ranked.iter().map(|(k, _)| *k)).collect();
-    let open = |k: usize| !rest.iter().any(|t| *t == k || candidates[*t].excludes(&candidates[k]));
+    let open = |k: usize| is_open(bench, candidates, &rest, k);
     let like = |k: usize, side: &str| {
         (0..candidates.len()).find(|n| {
             let (a, b) = (&candidates[*n], &candidates[k]);
-            a.id == b.id && a.form == b.form && a.side == side
+            a.is_like(b) && a.side == side
         })
     };
     let mut pairs: Vec<(usize, usize)> = Vec::new();
@@ -107,9 +113,6 @@ pub(super) fn pairs(
     Ok(best)
 }
 
-/// Rounds of a glance at a pair: two terms at a time are further from where they will end.
-const PAIR_ROUNDS: usize = 12;
-
 /// Where candidate `k` starts in place of `term`: at the same number, where it is of the same unit (a lag for a lag).
 fn in_place_of(
     bench: &Bench<'_>,
@@ -122,7 +125,8 @@ fn in_place_of(
     let value = best.set.values(&best.fitted.point).get(at).copied()?;
     let mut values = candidates[k].starts.first()?.clone();
     let [low, high] = candidates[k].parameters(0).first()?.bounds;
-    if candidates[k].unit() != candidates[term].unit() {
+    let (one, other) = (&candidates[k], &candidates[term]);
+    if one.unit() != other.unit() || one.unit().is_empty() && one.id != other.id {
         return None;
     }
     *values.first_mut()? = value.clamp(low, high);
