@@ -1,5 +1,7 @@
 //! Rigs drawn around a nominal one (domain randomisation; Tobin et al., IROS 2017).
 
+use std::collections::BTreeMap;
+
 use model::rig::{Attached, Pump, Rig, RigError};
 use rand::{Rng, RngExt as _};
 
@@ -69,10 +71,15 @@ impl RigDraw {
                 vary(&mut piston.outlet_check_area_mm2, self.spread.check_valves_percent);
             }
         }
+        let mut fates = BTreeMap::new();
         for mechanism in &self.mechanisms {
+            let fate = match mechanism.none {
+                0.0 => 1.0,
+                _ => *fates.entry(&mechanism.component).or_insert_with(|| random.random_range(0.0..1.0)),
+            };
             let drawn = attached(mechanism, |[low, high]| {
                 let share: f64 = random.random_range(0.0..=1.0);
-                low + share * (high - low)
+                if fate < mechanism.none { low } else { low + share * (high - low) }
             });
             let sound = drawn.map_err(|problem| RigError::at("mechanisms", problem));
             rig.mechanisms.push(sound.map_err(EnvironmentError::rig(&self.nominal))?);
@@ -122,6 +129,30 @@ mod tests {
         let (low, high) = widths.iter().fold((1.0_f64, 0.0_f64), |(l, h), w| (l.min(*w), h.max(*w)));
         // The extremes of 200 uniform draws lie within 2.5 % of the ends but for one case in 150.
         assert!((0.01..0.011).contains(&low) && (0.049..=0.05).contains(&high), "{low} … {high}");
+    }
+
+    #[test]
+    fn some_valves_have_nothing_of_their_mechanisms_and_then_of_all_of_them() {
+        let nominal = Rig::builtin("dual_pressure").unwrap();
+        let settings: EnvironmentSettings = toml::from_str(
+            "[[mechanisms]]\nid = \"valve_hysteresis\"\ncomponent = \"valve_neg\"\nnone = 0.25\nhalf_width_duty = [0.0, 0.05]\n\
+             [[mechanisms]]\nid = \"command_delay\"\ncomponent = \"valve_neg\"\nnone = 0.25\ndelay_ms = [0.0, 40.0]\n",
+        )
+        .unwrap();
+        settings.check().unwrap();
+        let draw = RigDraw::new(&nominal, &settings).unwrap();
+        let mut plain = 0;
+        for episode in 0..400 {
+            use model::mechanism::Mechanism::{CommandDelay, ValveHysteresis};
+            let rig = draw.draw(&mut stream(1, Purpose::Rig, episode, 0)).unwrap();
+            let [ValveHysteresis(play), CommandDelay(delay)] = [0, 1].map(|n| &rig.mechanisms[n].mechanism) else {
+                panic!()
+            };
+            assert_eq!(play.half_width_duty == 0.0, delay.delay_ms == 0.0);
+            plain += usize::from(play.half_width_duty == 0.0);
+        }
+        // 100 of 400 expected; the binomial's standard deviation is 8.7.
+        assert!((70..=130).contains(&plain), "{plain}");
     }
 
     #[test]

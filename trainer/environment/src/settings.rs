@@ -108,9 +108,17 @@ pub struct MechanismDraw {
     pub id: String,
     /// What it is attached to.
     pub component: String,
+    /// Share of rigs in which every parameter stands at its lowest (no play, no lag, no delay); drawn once for a component,
+    /// so that some valves have nothing of it at all, as in the paper's simulation. Ranges alone hardly ever draw that.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub none: f64,
     /// Each parameter's lowest and highest value, under the name that rig files use.
     #[serde(flatten)]
     pub ranges: std::collections::BTreeMap<String, [f64; 2]>,
+}
+
+fn is_zero(share: &f64) -> bool {
+    *share == 0.0
 }
 
 impl EnvironmentSettings {
@@ -157,6 +165,7 @@ impl EnvironmentSettings {
             within(&format!("spread.{key}"), percent, 0.0, 50.0, " %")?;
         }
         for (n, mechanism) in self.mechanisms.iter().enumerate() {
+            within(&format!("mechanisms[{n}].none"), mechanism.none, 0.0, 1.0, "")?;
             for (name, [low, high]) in &mechanism.ranges {
                 if !(low.is_finite() && high.is_finite() && low <= high) {
                     return Err(EnvironmentError::Setting {
