@@ -75,7 +75,10 @@ pub fn search(
     let mut rounds = Vec::new();
     let mut tried = Vec::new();
     let mut next = None;
-    while best.terms.len() < settings.most_terms {
+    let mut stood: Vec<Vec<usize>> = Vec::new();
+    // What is added and then deleted again would be added once more, and so on.
+    while best.terms.len() < settings.most_terms && !stood.contains(&best.terms) {
+        stood.push(best.terms.clone());
         let (ranked, polished) = additions(bench, candidates, &best, settings, tell)?;
         let Some(top) = polished.first().cloned() else { break };
         let found = evidence(bench, &top, &best);
