@@ -1,6 +1,7 @@
 //! See the crate's description in Cargo.toml.
 
 pub mod atomic_file;
+pub mod diagnosis;
 pub mod emulator;
 pub mod recording;
 pub mod reference;

@@ -272,3 +272,35 @@ fn a_delay_moves_an_averaged_run_smoothly() {
     let biggest = slopes.windows(2).map(|w| (w[1] / w[0] - 1.0).abs()).fold(0.0, f64::max);
     assert!(biggest < 0.25, "the slope jumps by {biggest}");
 }
+
+/// A pump that has long stood still is a part of the chamber it draws from: its inlet valves have let in what it lacked.
+#[test]
+fn a_pump_that_stands_from_the_start_is_as_full_as_its_inlet() {
+    let leak = 2e-15;
+    let rig = paper_with(&mechanism("chamber_leak", "negative", &format!("conductance_kg_per_s_pa2 = {leak:e}")));
+    let shut = [0.0, 0.0, 0.0];
+    let rises = [averaged(&rig), detailed(&rig)].map(|mut simulation| {
+        simulation.start_from(&[60.0, -60.0], &shut, FreeRunStart::Running);
+        let before = simulation.readings_kpa().nth(1).unwrap();
+        for _ in 0..100 {
+            simulation.tick(&shut);
+        }
+        1e3 * (simulation.readings_kpa().nth(1).unwrap() - before)
+    });
+    // The leak alone into chamber and cylinders: Ṗ (V/T + V_c/T_c)/R = k (P_air² − P²), over 2 s with P hardly changed.
+    let Some(Pump::Piston(pump)) = rig.pumps.get("pump") else { panic!() };
+    let volume = &rig.volumes["negative"];
+    let half_cm3 = pump.head_area_cm2 * 0.1 * (pump.effective_length_mm - pump.crank_radius_mm);
+    let cylinders_m3 = 1e-6 * half_cm3 * pump.phases_deg.len() as f64;
+    let per_pa = (1e-3 * volume.volume_l / volume.temperature_k + cylinders_m3 / pump.gas_temperature_k)
+        / rig.gas.gas_constant_j_per_kg_k;
+    let (mut pressure, steps) = (ATMOSPHERE - 60e3, 2000);
+    for _ in 0..steps {
+        pressure += 2.0 / f64::from(steps) * leak * (ATMOSPHERE * ATMOSPHERE - pressure * pressure) / per_pa;
+    }
+    let rise = pressure - (ATMOSPHERE - 60e3);
+    // A rod of finite length makes the cylinders r²/(4 l) of stroke larger on average; a standing one is where it stands.
+    for (name, seen) in ["averaged", "detailed"].iter().zip(rises) {
+        assert!((seen / rise - 1.0).abs() < 0.02, "{name}: {seen} Pa instead of {rise}");
+    }
+}

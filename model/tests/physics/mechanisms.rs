@@ -290,6 +290,27 @@ fn the_path_is_delay_then_lag_then_play() {
 }
 
 #[test]
+fn a_late_armature_follows_what_the_play_leaves() {
+    let (tau, width) = (0.05, 0.03);
+    let path = mechanism("valve_lag", "valve", "time_constant_ms = 50.0\nlags = \"armature\"")
+        + &mechanism("valve_hysteresis", "valve", "half_width_duty = 0.03");
+    let sent: Vec<f64> = (0..60).map(|k| if k < 25 { 0.8 } else { 0.3 }).collect();
+    let (mut opening, mut y) = (0.0f64, 0.0);
+    for (k, (duty, mean)) in sent.iter().zip(acting(&path, &sent)).enumerate() {
+        // The play stands still within a tick, so the approach to it is an exponential.
+        opening = opening.clamp(duty - width, duty + width);
+        let left = (-TICK_S / tau).exp();
+        let exact = opening + (y - opening) * tau / TICK_S * (1.0 - left);
+        y = opening + (y - opening) * left;
+        assert!((mean - exact).abs() < METER, "tick {k}: {mean} against {exact}");
+    }
+    // The coil in front of the play waits out its width first.
+    let coil = acting(&path.replace("\nlags = \"armature\"", ""), &sent);
+    let armature = acting(&path, &sent);
+    assert!(armature[25] < coil[25] - 0.01, "{} {}", armature[25], coil[25]);
+}
+
+#[test]
 fn settled_commands_have_no_transient() {
     let mut with = simulation(&paper_with(
         &(mechanism("command_delay", "valve_pos", "delay_ms = 50.0")

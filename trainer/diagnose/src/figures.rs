@@ -4,9 +4,9 @@ use fit::FitError;
 use fit::data::Role;
 use fit::simulate::{ChannelError, Fidelity, Horizon, Simulator, errors, trace_at};
 use model::rig::Rig;
+use proto::diagnosis::Fit;
 
 use crate::bench::Bench;
-use crate::diagnosis::Fit;
 
 /// A recorded pressure closer to the atmosphere than this does not count for the accuracy, in kPa: a percentage of
 /// nearly nothing says nothing.

@@ -5,11 +5,11 @@
 //! a reason to ask for an experiment, never to name it.
 
 use fit::data::Role;
+use proto::diagnosis::Verdict;
 
 use crate::alone::alone;
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
-use crate::diagnosis::Verdict;
 use crate::error::DiagnoseError;
 use crate::evidence::{Bar, evidence};
 use crate::glance::Footing;

@@ -18,7 +18,7 @@
 //! | pumps that were switched | [`switched`] |
 //! | a time span in which the rig was another one | [`event`] |
 //! | the experiment that tells rivals apart | [`experiment`] |
-//! | before and after; words; `diagnosis.json`; `report.html` | [`figures`], [`diagnosis`] |
+//! | before and after; words; `diagnosis.json`; `report.html` | [`figures`], `words`, [`proto::diagnosis`], `page` |
 //!
 //! No verdict is better than its recordings: what they do not tell is said, and never guessed.
 
@@ -27,7 +27,6 @@ mod answer;
 pub mod bench;
 pub mod candidate;
 pub mod closed;
-pub mod diagnosis;
 mod error;
 pub mod event;
 pub mod evidence;
@@ -47,6 +46,6 @@ mod turning;
 pub mod unknown;
 mod words;
 
-pub use diagnosis::{Diagnosis, Verdict};
 pub use error::DiagnoseError;
+pub use proto::diagnosis::{Diagnosis, Verdict};
 pub use run::{NEXT_EXPERIMENT, Request, run};

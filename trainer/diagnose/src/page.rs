@@ -1,9 +1,9 @@
 //! `report.html`.
 
 use model::rig::ATMOSPHERE;
+use proto::diagnosis::{Diagnosis, Verdict};
 use report::{Band, Color, KeyFigure, Line, Panel, Plot, Report, Scatter, Table, Verdict as Sign};
 
-use crate::diagnosis::{Diagnosis, Verdict};
 use crate::figures::{Figures, held_out};
 use crate::judge::MOVED;
 use crate::locate::Suspect;

@@ -6,13 +6,13 @@ use fit::data::quality::Quality;
 use fit::data::{Records, noise};
 use model::rig::Rig;
 use proto::atomic_file;
+use proto::diagnosis::{Diagnosis, Fits, Verdict};
 use proto::recording::Recording;
 
 use crate::answer::{Answer, Asked};
 use crate::bench::{Bench, Explanation};
 use crate::candidate::{Candidate, candidates};
 use crate::closed;
-use crate::diagnosis::{Diagnosis, Fits, Verdict};
 use crate::error::DiagnoseError;
 use crate::event::{self, Event};
 use crate::evidence::Bar;

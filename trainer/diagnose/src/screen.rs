@@ -242,4 +242,27 @@ mod tests {
             projector.seen(scaled.clone()).most().0
         );
     }
+
+    /// Two effects that overlap, one of which alone would be asked to be negative: together they gain what least squares over
+    /// both does, and each is as large as it is.
+    #[test]
+    fn two_effects_gain_together_what_neither_does_alone() {
+        let n = 60;
+        let of =
+            |f: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..n).map(|k| 1e-3 * f(f64::from(k) / f64::from(n))).collect() };
+        let (one, other) = (of(&|t| t), of(&|t| t + 0.3 * t * t));
+        let residuals: Vec<f64> = one.iter().zip(&other).map(|(a, b)| -(0.4 * a + 0.7 * b)).collect();
+        let at = Linearised { residuals, jacobian: vec![vec![1e-3; n as usize]] };
+        let projector = Projector::new(&at, &[0.0], &[0.0]).unwrap();
+        let (one, other) = (projector.seen(one), projector.seen(other));
+        let (gain, [a, b]) = projector.most_of_both(&one, &other);
+        assert!((a - 0.4).abs() < 1e-3 && (b - 0.7).abs() < 1e-3, "{a} {b}");
+        assert!(gain > one.most().0 && gain > other.most().0);
+        // Beyond the limits each stays within them, and the gain is what it is there.
+        let far = Linearised { residuals: one.of.iter().map(|a| -9.0 * a).collect(), jacobian: at.jacobian.clone() };
+        let projector = Projector::new(&far, &[0.0], &[0.0]).unwrap();
+        let (one, other) = (projector.seen(one.of), projector.seen(other.of));
+        let (_, [a, b]) = projector.most_of_both(&one, &other);
+        assert!((AMPLITUDE[0]..=AMPLITUDE[1]).contains(&a) && (AMPLITUDE[0]..=AMPLITUDE[1]).contains(&b), "{a} {b}");
+    }
 }

@@ -146,6 +146,8 @@ pub const GLANCE_ROUNDS: usize = 6;
 const PAIR_ROUNDS: usize = 12;
 /// Drop in cost (half chi-square) that pays for a term, and for a reading of the pump's speed.
 pub const PRICE: f64 = 20.0;
+/// And for each of its parameters: a mechanism is not worth a richer shape for less.
+const PRICE_OF_A_PARAMETER: f64 = 5.0;
 
 /// Cost of an explanation: half chi-square (robust) and prior.
 pub fn cost(bench: &Bench<'_>, explanation: &Explanation) -> f64 {
@@ -211,7 +213,10 @@ fn additions(
         let fitted = bench.fit(candidates, &tried.terms, &from, Effort::Polish)?;
         polished.push(sharpened(bench, candidates, fitted)?);
     }
-    let priced = |explanation: &Explanation| cost(bench, explanation) + PRICE * explanation.terms.len() as f64;
+    let priced = |explanation: &Explanation| {
+        let (terms, parameters) = (explanation.terms.len(), explanation.set.len());
+        cost(bench, explanation) + PRICE * terms as f64 + PRICE_OF_A_PARAMETER * parameters as f64
+    };
     polished.sort_by(|a, b| priced(a).total_cmp(&priced(b)));
     Ok((ranked, polished))
 }

@@ -15,10 +15,10 @@ use fit::simulate::{
     Arcs, Course, Fidelity, Ripple, Run, Tachometer, Track, refined_starts, ripple_in_step, tachometer, track,
 };
 use model::rig::{Pump, Rig};
+use proto::diagnosis::Verdict;
 
 use crate::answer::{Answer, Asked};
 use crate::bench::{Bench, Effort};
-use crate::diagnosis::Verdict;
 use crate::error::DiagnoseError;
 use crate::figures::{Figures, figures};
 use crate::heard::Heard;

@@ -1,9 +1,9 @@
 //! Findings in plain words.
 
+use proto::diagnosis::{FoundEvidence, FoundMechanism, FoundParameter, Location, Verdict};
 use std::collections::BTreeMap;
 
 use crate::candidate::Candidate;
-use crate::diagnosis::{FoundEvidence, FoundMechanism, FoundParameter, Location, Verdict};
 use crate::event::Event;
 use crate::heard::Heard;
 use crate::locate::region::{Stretch, region};

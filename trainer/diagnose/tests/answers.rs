@@ -65,18 +65,22 @@ fn duties(rows: usize, random: &mut Pcg64Mcg) -> [Vec<f64>; 2] {
 
 /// Recordings of a rig, 30 s each, the first 4 s before them not recorded.
 fn made(rig: &Rig, count: usize, seed: u64) -> Vec<Recording> {
-    const BEFORE: usize = 200;
+    made_after(200, rig, count, seed)
+}
+
+/// The same, so many rows before them not recorded.
+fn made_after(before: usize, rig: &Rig, count: usize, seed: u64) -> Vec<Recording> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     (0..count)
         .map(|number| {
-            let rows = 1500 + BEFORE;
+            let rows = 1500 + before;
             let duty = duties(rows, &mut random);
             let blank = recording("blank", &duty, [vec![0.0; rows], vec![0.0; rows]]);
             let records = Records::new(rig, &[blank]).unwrap();
             let simulator = Simulator::new(&records, Fidelity::Coarse);
             let trace = simulator.free(std::slice::from_ref(rig)).pop().unwrap().unwrap();
             let mut read = |channel: usize| -> Vec<f64> {
-                trace[records.layout().channel(0, channel)][BEFORE..]
+                trace[records.layout().channel(0, channel)][before..]
                     .iter()
                     .map(|p| {
                         let white: f64 = StandardNormal.sample(&mut random);
@@ -85,7 +89,7 @@ fn made(rig: &Rig, count: usize, seed: u64) -> Vec<Recording> {
                     .collect()
             };
             let pressures = [read(0), read(1)];
-            recording(&format!("run{number}.csv"), &duty.map(|d| d[BEFORE..].to_vec()), pressures)
+            recording(&format!("run{number}.csv"), &duty.map(|d| d[before..].to_vec()), pressures)
         })
         .collect()
 }
@@ -153,6 +157,30 @@ fn hysteresis_is_named_with_its_valve_and_width() {
 
 /// A leak past an open valve refits to the noise: it must not be named, and not be denied either.
 #[test]
+fn coils_that_warm_on_both_valves_are_named_on_both() {
+    // Each alone would have to cool the other's: what one valve does to both chambers hides what the other does to its own.
+    let (rig, mut truth) = moved(&[("volumes.positive.volume_l", 0.98), ("valves.valve_pos.input_area_mm2", 1.02)]);
+    let ids = ["coil_heating", "sensor_drift", "chamber_thermal", "volume_compliance"];
+    let all: Vec<Candidate> = candidates(&rig).into_iter().filter(|c| ids.contains(&c.id.as_str())).collect();
+    for coil in all.iter().filter(|c| c.id == "coil_heating" && c.form.is_empty()) {
+        truth.mechanisms.push(coil.attached(&[0.06, 40.0]));
+    }
+    // Half a second from rest: coils are cold when recordings begin, as the mechanism says.
+    let recordings = made_after(25, &truth, 2, 5);
+    let records = Records::new(&rig, &recordings).unwrap();
+    let (found, judgement) = judged(&bench(&rig, &records), &all);
+    let names: Vec<String> = found.best.terms.iter().map(|t| all[*t].name()).collect();
+    assert_eq!(names, ["coil_heating:positive", "coil_heating:negative"]);
+    assert_eq!(judgement.verdict, Verdict::MissingPhysics, "{:?}", judgement.groups);
+    // 40 s of warming are seen for 30 s: the rise and its time constant are known as the slope at the start, not each.
+    let values = found.best.set.values(&found.best.fitted.point);
+    let at = values.len() - 4;
+    for pair in values[at..].chunks(2) {
+        assert!((pair[0] / pair[1] / 1.5e-3 - 1.0).abs() < 0.15, "{pair:?}");
+    }
+}
+
+#[test]
 fn a_leak_on_ordinary_recordings_is_left_open_and_an_experiment_is_proposed() {
     let (rig, mut truth) = moved(&[]);
     let all = some(&rig);
@@ -207,7 +235,8 @@ fn a_ripple_that_passes_slowly_is_no_drift() {
     // 0.04 turns a second of the ripple: 1.2 turns in a recording, less than is certain by itself.
     let (rig, truth) = moved(&[("pumps.pump.speed_rpm", 1.0 - 4e-4)]);
     let out_dir = std::env::temp_dir().join(format!("diagnose-slow-{}", std::process::id()));
-    let recordings = made(&truth, 2, 5);
+    // Half a second from rest: coils are cold when recordings begin, as the mechanism says.
+    let recordings = made_after(25, &truth, 2, 5);
     let request = Request { rig, recordings, out_dir: out_dir.clone(), quick: true, threads: None };
     let found = run(&request, &mut |_, _| ()).unwrap();
     std::fs::remove_dir_all(&out_dir).unwrap();

@@ -1,11 +1,11 @@
-//! What a diagnosis says, and `diagnosis.json`.
+//! `diagnosis.json`: what `trainer diagnose` found missing from a rig's model.
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// The five answers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// The rig file as it stands explains the recordings.
@@ -34,7 +34,7 @@ impl Verdict {
 }
 
 /// A parameter of a mechanism that was found.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FoundParameter {
     /// Its value.
     pub value: f64,
@@ -47,7 +47,7 @@ pub struct FoundParameter {
 }
 
 /// What speaks for a mechanism.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FoundEvidence {
     /// Log-likelihood lost without it, everything else fitted again.
     pub delta_log_likelihood: f64,
@@ -56,7 +56,7 @@ pub struct FoundEvidence {
 }
 
 /// A mechanism that was found.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FoundMechanism {
     /// The mechanism's id.
     pub id: String,
@@ -76,7 +76,7 @@ pub struct FoundMechanism {
 }
 
 /// Where a mismatch lives.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Location {
     /// `positive`, `negative` or `both`.
     #[serde(rename = "where")]
@@ -96,7 +96,7 @@ pub struct Location {
 }
 
 /// How well a rig runs freely over rows that nothing was fitted to.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Fit {
     /// RMSE of the positive channel in kPa.
     pub pos_rmse_kpa: f64,
@@ -109,7 +109,7 @@ pub struct Fit {
 }
 
 /// Three rigs on the same held-out rows.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Fits {
     /// The rig as it was given.
     pub nominal: Fit,
@@ -120,7 +120,7 @@ pub struct Fits {
 }
 
 /// A diagnosis, as `diagnosis.json` holds it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Diagnosis {
     /// The answer.
     pub verdict: Verdict,
@@ -141,8 +141,62 @@ pub struct Diagnosis {
 }
 
 impl Diagnosis {
+    /// Reads the text of `diagnosis.json`.
+    ///
+    /// # Errors
+    /// It is no JSON, or not of this form; the message names line and key.
+    pub fn from_json(text: &str) -> Result<Self, serde_json::Error> {
+        serde_json::from_str(text)
+    }
+
     /// The text of `diagnosis.json`.
+    ///
+    /// # Errors
+    /// A number that JSON has no form for.
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
         serde_json::to_string_pretty(self).map(|text| text + "\n")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read_again_under_the_names_of_the_interface() {
+        let found = FoundMechanism {
+            id: "valve_hysteresis".to_owned(),
+            side: "negative".to_owned(),
+            component: "valve_neg".to_owned(),
+            summary: "It has play.".to_owned(),
+            parameters: BTreeMap::from([(
+                "half_width_duty".to_owned(),
+                FoundParameter { value: 0.031, unit: "duty".to_owned(), low: 0.028, high: 0.034 },
+            )]),
+            evidence: FoundEvidence { delta_log_likelihood: 1234.5, held_out_rmse_gain: 0.62 },
+            rivals: vec!["valve_stiction".to_owned()],
+        };
+        let diagnosis = Diagnosis {
+            verdict: Verdict::MissingPhysics,
+            summary: String::new(),
+            mechanisms: vec![found],
+            location: Vec::new(),
+            fit: Fits::default(),
+            rivals: vec![vec!["chamber_leak:positive".to_owned(), "piston_blowby:both".to_owned()]],
+            next_experiment: None,
+            notes: Vec::new(),
+        };
+        let text = diagnosis.to_json().unwrap();
+        assert_eq!(Diagnosis::from_json(&text).unwrap(), diagnosis);
+        let value: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(value["verdict"], "missing_physics");
+        assert_eq!(value["mechanisms"][0]["where"], "negative");
+        assert_eq!(value["mechanisms"][0]["parameters"]["half_width_duty"]["low"], 0.028);
+        assert_eq!(value["mechanisms"][0]["evidence"]["delta_log_likelihood"], 1234.5);
+        assert!(value["fit"]["reidentified"]["neg_rmse_kpa"].is_number() && value["next_experiment"].is_null());
+        for verdict in ["adequate", "parameters_moved", "missing_physics", "undecided", "unknown_mechanism"] {
+            let read: Verdict = serde_json::from_value(verdict.into()).unwrap();
+            assert_eq!(read.as_str(), verdict);
+        }
     }
 }
