@@ -50,7 +50,11 @@ impl Physics for CoilHeating {
 
     fn forms(_rig: &Rig, _component: &str) -> Vec<Form> {
         let cold = CoilHeating { resistance_rise: 0.0, time_constant_s: 90.0, initial_heat: 0.0 };
-        vec![Form::of("", Mechanism::CoilHeating(cold), &[0, 1])]
+        // All recordings are taken to start as warm as each other: few who record one after the other let coils cool.
+        let warm = Form::of("warm", Mechanism::CoilHeating(cold.clone()), &[0, 1, 2])
+            .ranging(0, [0.0, 0.4], vec![0.1])
+            .ranging(2, [0.0, 1.0], vec![0.3]);
+        vec![Form::of("", Mechanism::CoilHeating(cold), &[0, 1]), warm]
     }
 }
 
