@@ -231,7 +231,12 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         notes,
     };
     let diagnosis = summed_up(&findings);
-    write(request, &findings, &diagnosis)?;
+    let rig = if diagnosis.verdict == Verdict::Adequate {
+        request.rig.clone()
+    } else {
+        turning.as_begun(&findings.extended_by().fitted.rig)
+    };
+    write(request, &findings, &diagnosis, &rig)?;
     Ok(diagnosis)
 }
 
@@ -261,7 +266,12 @@ fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {
     }
 }
 
-fn write(request: &Request, findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Result<(), DiagnoseError> {
+fn write(
+    request: &Request,
+    findings: &Findings<'_, '_>,
+    diagnosis: &Diagnosis,
+    rig: &Rig,
+) -> Result<(), DiagnoseError> {
     let directory = &request.out_dir;
     std::fs::create_dir_all(directory)
         .map_err(|source| DiagnoseError::Directory { directory: directory.display().to_string(), source })?;
@@ -269,12 +279,7 @@ fn write(request: &Request, findings: &Findings<'_, '_>, diagnosis: &Diagnosis) 
     let json = diagnosis
         .to_json()
         .map_err(|e| DiagnoseError::Format { file: "diagnosis.json".to_owned(), problem: e.to_string() })?;
-    let rig = if diagnosis.verdict == Verdict::Adequate {
-        request.rig.clone()
-    } else {
-        findings.extended_by().fitted.rig.clone()
-    };
-    let toml = rig.to_toml().map_err(DiagnoseError::rig(&rig))?;
+    let toml = rig.to_toml().map_err(DiagnoseError::rig(rig))?;
     put("rig.toml", &toml)?;
     if let Some(plan) = &findings.plan {
         put(NEXT_EXPERIMENT, &plan.to_csv())?;
