@@ -76,6 +76,12 @@ impl Candidate {
             && !(self.offered.beside.is_empty() && other.offered.beside.is_empty())
     }
 
+    /// Whether it is the same mechanism there in a plainer shape: the first few of the other's parameters, and no others.
+    pub fn is_plainer_than(&self, other: &Candidate) -> bool {
+        let keys = |of: &Candidate| of.offered.parameters.iter().map(|p| p.key).collect::<Vec<_>>();
+        self.excludes(other) && self.len() < other.len() && keys(other).starts_with(&keys(self))
+    }
+
     /// Whether both cannot be in one rig at a time.
     pub fn excludes(&self, other: &Candidate) -> bool {
         self.id == other.id && self.component == other.component

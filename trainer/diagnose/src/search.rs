@@ -15,7 +15,7 @@ mod refine;
 
 pub use exchange::{FAR_BEHIND, twins};
 use exchange::{deletions, pairs, swaps};
-use refine::{from_priors, sharpened};
+use refine::{from_priors, plainer, sharpened};
 
 /// How to search.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -81,6 +81,7 @@ pub fn search(
         stood.push(best.terms.clone());
         let (ranked, polished) = additions(bench, candidates, &best, settings, tell)?;
         let Some(top) = polished.first().cloned() else { break };
+        let top = plainer(bench, candidates, top, settings.bar.removed_kpa)?;
         let found = evidence(bench, &top, &best);
         let taken = earns_its_place(bench, candidates, settings, &found, [&top, &best, &nominal]);
         let missed: Vec<usize> = ranked.iter().map(|(k, _)| *k).collect();

@@ -2,12 +2,38 @@
 
 use fit::simulate::Run;
 
-use super::{cost, position_of, starts, with};
+use super::{cost, position_of, starts, with, without};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
+use crate::evidence::evidence;
 use crate::glance::weighted;
 use crate::screen::Projector;
+
+/// The same with plainer shapes of its terms, where the richer ones set right less than is worth a name: a number more takes
+/// up what the formula is off by, and with it the numbers that were right.
+pub(super) fn plainer(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    mut explanation: Explanation,
+    least_kpa: f64,
+) -> Result<Explanation, DiagnoseError> {
+    for term in explanation.terms.clone() {
+        let Some(plain) = (0..candidates.len()).find(|k| candidates[*k].is_plainer_than(&candidates[term])) else {
+            continue;
+        };
+        let Some(at) = position_of(bench, candidates, &explanation, term) else { continue };
+        let values = explanation.set.values(&explanation.fitted.point);
+        let known = values.get(at..at + candidates[plain].len()).unwrap_or_default().to_vec();
+        let terms = with(&without(&explanation.terms, term), plain);
+        let from = starts(bench, candidates, &explanation, &terms, &[(plain, known)], false);
+        let fitted = bench.fit(candidates, &terms, &from, Effort::Polish)?;
+        if evidence(bench, &explanation, &fitted).removed_kpa < least_kpa {
+            explanation = fitted;
+        }
+    }
+    Ok(explanation)
+}
 
 /// Fits each of some candidates on top of `base` anew from the priors' means; the best.
 ///
