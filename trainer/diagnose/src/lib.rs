@@ -11,7 +11,7 @@
 //! | whether one explanation is better, by more than chance | [`evidence`] |
 //! | what a single mechanism explains of the given rig's mismatch | [`alone`] |
 //! | where the mismatch lives; missing flows reconstructed | [`locate`] |
-//! | how the pump turned, and the answer that goes with it | `turning`, `heard`, `answer` |
+//! | how the pump turned, and the answer that goes with it | `turning`, `crank`, `heard`, `answer` |
 //! | a verdict and its rivals | [`judge`] |
 //! | a term without a name | [`unknown`] |
 //! | recorded flows into closed volumes | [`closed`] |
@@ -27,6 +27,7 @@ mod answer;
 pub mod bench;
 pub mod candidate;
 pub mod closed;
+mod crank;
 mod error;
 pub mod event;
 pub mod evidence;

@@ -10,8 +10,6 @@
 //! to the wrong side of the stated speed. So the answer is worked out without a reading too where it is ambiguous, and once
 //! more where the ripple, asked again of the rig with what was found in it, tells another speed; the plainest one is taken.
 
-use std::f64::consts::TAU;
-
 use fit::data::Records;
 use fit::simulate::{
     Arcs, Course, Fidelity, Ripple, Run, Tachometer, Track, refined_starts, ripple_in_step, tachometer, track,
@@ -21,6 +19,7 @@ use proto::diagnosis::Verdict;
 
 use crate::answer::{Answer, Asked};
 use crate::bench::{Bench, Effort};
+use crate::crank;
 use crate::error::DiagnoseError;
 use crate::figures::{Figures, figures};
 use crate::heard::Heard;
@@ -35,8 +34,6 @@ const APART_TURNS: f64 = 0.25;
 const REDONE_KPA: f64 = 0.03;
 /// Share of the stated speed from which on another one is missing physics; less is how such motors scatter.
 const NAMED: f64 = 0.002;
-/// Length of the mean of unit vectors from which on angles are one angle: 20° of spread.
-const TOGETHER: f64 = 0.94;
 /// Angles of the crank over which strokes are averaged.
 const ANGLES: usize = 4;
 
@@ -130,11 +127,8 @@ impl Turning {
         let mut rig = rig.clone();
         if let Some(read) = self.tachometer()
             && let Some(Pump::Piston(pump)) = rig.pumps.get_mut(&read.pump)
-            && let Some(rev) = common_angle(&read.crank_rev, period_rev(&pump.phases_deg))
         {
-            for phase in &mut pump.phases_deg {
-                *phase = (*phase + 360.0 * rev).rem_euclid(360.0);
-            }
+            crank::turn_to(pump, &read.crank_rev);
         }
         rig
     }
@@ -361,26 +355,6 @@ pub(crate) fn answered(
     answers.into_iter().nth(plainest).ok_or_else(|| fit::FitError::NoRecordings.into())
 }
 
-/// After what part of a revolution strokes repeat themselves.
-fn period_rev(phases_deg: &[f64]) -> f64 {
-    let mut sorted: Vec<f64> = phases_deg.iter().map(|phase| phase.rem_euclid(360.0)).collect();
-    sorted.sort_by(f64::total_cmp);
-    let even = 360.0 / sorted.len().max(1) as f64;
-    let is_even = sorted.windows(2).all(|pair| (pair[1] - pair[0] - even).abs() < 1.0);
-    if is_even { even / 360.0 } else { 1.0 }
-}
-
-/// The mean of angles in revolutions that repeat themselves after `period_rev`; `None` where they are spread.
-fn common_angle(angles_rev: &[f64], period_rev: f64) -> Option<f64> {
-    let (mut sine, mut cosine) = (0.0, 0.0);
-    for angle in angles_rev {
-        let (s, c) = (TAU * angle / period_rev).sin_cos();
-        (sine, cosine) = (sine + s, cosine + c);
-    }
-    let together = sine.hypot(cosine) / angles_rev.len().max(1) as f64;
-    (together > TOGETHER).then(|| sine.atan2(cosine) / TAU * period_rev)
-}
-
 /// The rig with its pumps as fast as in another.
 fn at_stated_speed(rig: &Rig, stated: &Rig) -> Rig {
     let mut rig = rig.clone();
@@ -418,21 +392,4 @@ fn plainest(answers: &[Answered]) -> usize {
     };
     let priced = answers.iter().map(price).enumerate();
     priced.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn angles_that_agree_are_one_angle() {
-        // Of two pistons half a revolution is the same again.
-        let half = period_rev(&[180.0, 0.0]);
-        assert_eq!((half, period_rev(&[0.0]), period_rev(&[0.0, 120.0])), (0.5, 1.0, 1.0));
-        let mean = common_angle(&[0.02, 0.51, -0.01, 0.98], half).unwrap();
-        // (0.02 + 0.01 − 0.01 − 0.02)/4, each within half a revolution of the others.
-        assert!(mean.abs() < 1e-3, "{mean}");
-        assert!(common_angle(&[0.02, 0.51], 1.0).is_none());
-        assert!(common_angle(&[], 0.5).is_none());
-    }
 }
