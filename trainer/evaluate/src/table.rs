@@ -1,6 +1,6 @@
 //! A table of the paper: who flew what, how well, with its spread; as JSON, Markdown and page.
 
-use report::{Color, Panel, Plot, Report, Scatter, Table as Page};
+use report::{Color, Line, Panel, Plot, Report, Table as Page};
 use serde::Serialize;
 
 /// Figures of one entrant on one rig: means over flights, and their spread (standard deviation over seeds).
@@ -159,16 +159,22 @@ impl Table {
         page = page.table(table);
         let colors = [Color::Blue, Color::Vermilion];
         for (n, column) in self.columns.iter().enumerate() {
-            let x: Vec<f64> = (1..=self.rows.len()).map(|k| k as f64).collect();
             let mut panel = Panel::new("RMSE (kPa)").log_y();
             for (c, (name, color)) in ["positive", "negative"].into_iter().zip(colors).enumerate() {
-                let y: Vec<f64> =
-                    self.rows.iter().map(|r| r.cells.get(n).map_or(f64::NAN, |cell| cell.rmse_kpa[c])).collect();
-                panel = panel.scatter(Scatter::new(name, &x, &y).color(color));
+                // A short stroke for each entrant, the two channels side by side.
+                let (mut x, mut y) = (Vec::new(), Vec::new());
+                for (k, row) in self.rows.iter().enumerate() {
+                    let from = k as f64 + [0.6, 1.05][c];
+                    let kpa = row.cells.get(n).map_or(f64::NAN, |cell| cell.rmse_kpa[c]);
+                    x.extend([from, from + 0.35, from + 0.35]);
+                    y.extend([kpa, kpa, f64::NAN]);
+                }
+                panel = panel.line(Line::new(name, &x, &y).color(color).width(5.0));
             }
             let who: Vec<String> =
                 self.rows.iter().enumerate().map(|(k, r)| format!("{}: {}", k + 1, r.entrant)).collect();
-            page = page.plot(Plot::new(column, "entrant").caption(&who.join("; ")).panel(panel));
+            let end = self.rows.len() as f64 + 0.5;
+            page = page.plot(Plot::new(column, "entrant").caption(&who.join("; ")).x_range(0.5, end).panel(panel));
         }
         for note in &self.notes {
             page = page.text(note);
