@@ -155,7 +155,6 @@ fn hysteresis_is_named_with_its_valve_and_width() {
     assert!((width.value - 0.02).abs() < 5.0 * width.sd + 2e-4, "{width:?}");
 }
 
-/// A leak past an open valve refits to the noise: it must not be named, and not be denied either.
 #[test]
 fn coils_that_warm_on_both_valves_are_named_on_both() {
     // Each alone would have to cool the other's: what one valve does to both chambers hides what the other does to its own.
@@ -180,6 +179,7 @@ fn coils_that_warm_on_both_valves_are_named_on_both() {
     }
 }
 
+/// A leak past an open valve refits to the noise: it must not be named, and not be denied either.
 #[test]
 fn a_leak_on_ordinary_recordings_is_left_open_and_an_experiment_is_proposed() {
     let (rig, mut truth) = moved(&[]);

@@ -107,7 +107,7 @@ pub(super) fn sharpened(
             continue;
         };
         let weights = bench.weighted(&fitted.scale_kpa);
-        let gain = |trace: Vec<f64>| -> f64 { projector.gain_as_is(&weighted(&still, &trace, &[], &weights)) };
+        let gain = |trace: Vec<f64>| -> f64 { projector.gain_as_is(weighted(&still, &trace, &[], &weights)) };
         let gains: Vec<f64> = traces.map(|trace| trace.map_or(f64::NEG_INFINITY, gain)).collect();
         let sound = points.iter().skip(1).zip(gains).filter(|(_, gain)| gain.is_finite());
         let best = sound.max_by(|a, b| a.1.total_cmp(&b.1));
