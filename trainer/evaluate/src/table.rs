@@ -16,6 +16,8 @@ pub struct Cell {
     pub duty_change_rms: [f64; 2],
     /// Flights that the cell is the mean of.
     pub flights: usize,
+    /// RMSE on each rig of the column, mean over seeds, in kPa.
+    pub rigs_kpa: Vec<[f64; 2]>,
 }
 
 /// One entrant.
@@ -79,6 +81,11 @@ impl Cell {
             worst_kpa: each(&|c| flights().fold(0.0, |worst: f64, s| worst.max(s.rmse_kpa[c]))),
             duty_change_rms: each(&|c| mean(&mut flights().map(|s| s.duty_change_rms[c]))),
             flights: flights().count(),
+            rigs_kpa: (0..seeds.first().map_or(0, Vec::len))
+                .map(|rig| {
+                    each(&|c| mean(&mut seeds.iter().filter_map(|flights| flights.get(rig)).map(|s| s.rmse_kpa[c])))
+                })
+                .collect(),
         }
     }
 }
@@ -129,6 +136,7 @@ impl Table {
                 .collect();
             text += &format!("| {} | {} |\n", row.entrant, cells.join(" | "));
         }
+        text += &self.each_rig();
         if !self.paper.is_empty() {
             text += "\nThe paper, on its own rig:\n\n| | positive | negative |\n| --- | --- | --- |\n";
             for (entrant, [pos, neg]) in &self.paper {
@@ -141,6 +149,28 @@ impl Table {
         text += "\n";
         for (key, value) in &self.provenance {
             text += &format!("- {key}: {value}\n");
+        }
+        text
+    }
+
+    /// Columns that are the mean of several rigs, rig by rig; empty where there are none.
+    fn each_rig(&self) -> String {
+        let mut text = String::new();
+        for (n, column) in self.columns.iter().enumerate() {
+            let cells: Vec<&Cell> = self.rows.iter().filter_map(|row| row.cells.get(n)).collect();
+            let rigs = cells.iter().map(|cell| cell.rigs_kpa.len()).max().unwrap_or(0);
+            if rigs < 2 {
+                continue;
+            }
+            let entrants: Vec<&str> = self.rows.iter().map(|row| row.entrant.as_str()).collect();
+            text += &format!("\nEach of {column}, mean over seeds, kPa:\n\n| | {} |\n", entrants.join(" | "));
+            text += &format!("| --- |{}\n", " --- |".repeat(entrants.len()));
+            for rig in 0..rigs {
+                let words = cells.iter().map(|cell| {
+                    cell.rigs_kpa.get(rig).map_or(String::new(), |[pos, neg]| format!("{pos:.3} / {neg:.3}"))
+                });
+                text += &format!("| {} | {} |\n", rig + 1, words.collect::<Vec<_>>().join(" | "));
+            }
         }
         text
     }
@@ -202,6 +232,23 @@ mod tests {
         assert!((cell.rmse_kpa[0] - 0.3).abs() < 1e-12, "mean of 0.2 and 0.4");
         assert!((cell.spread_kpa[0] - 0.02_f64.sqrt()).abs() < 1e-12);
         assert_eq!((cell.worst_kpa[1], cell.flights), (0.8, 3));
+    }
+
+    #[test]
+    fn a_column_of_several_rigs_is_told_rig_by_rig() {
+        let cell = Cell::of(&[vec![score(0.1), score(0.3)], vec![score(0.4), score(0.5)]]);
+        assert!((cell.rigs_kpa[0][0] - 0.25).abs() < 1e-12 && (cell.rigs_kpa[1][1] - 0.8).abs() < 1e-12, "{cell:?}");
+        let table = Table {
+            title: "t".into(),
+            columns: vec!["2 rigs".into()],
+            rows: vec![Row { entrant: "ours".into(), seeds: 2, cells: vec![cell] }],
+            paper: vec![],
+            notes: vec![],
+            provenance: vec![],
+        };
+        let markdown = table.to_markdown();
+        assert!(markdown.contains("Each of 2 rigs"), "{markdown}");
+        assert!(markdown.contains("| 2 | 0.400 / 0.800 |"), "{markdown}");
     }
 
     #[test]
