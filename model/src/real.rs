@@ -208,8 +208,13 @@ impl<const N: usize> Real for Lanes<N> {
     }
 
     #[inline(always)]
-    fn from_lanes(value: impl FnMut(usize) -> f64) -> Self {
-        Lanes(std::array::from_fn(value))
+    fn from_lanes(mut value: impl FnMut(usize) -> f64) -> Self {
+        // A loop: `array::from_fn` is compiled by itself, and calls `value` lane by lane.
+        let mut lanes = [0.0; N];
+        for (lane, slot) in lanes.iter_mut().enumerate() {
+            *slot = value(lane);
+        }
+        Lanes(lanes)
     }
 
     #[inline(always)]

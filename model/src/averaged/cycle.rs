@@ -214,6 +214,15 @@ impl Trace {
     }
 }
 
+/// Flow through a check valve in kg/s, given its area by √(R T). A function, for a closure would not be compiled for the
+/// instruction set of the revolution around it.
+#[inline(always)]
+fn orifice(law: &FlowFunction<Eight>, area_by_speed: Eight, up: Eight, down: Eight, spring: Eight) -> Eight {
+    let zero = Eight::splat(0.0);
+    let driving = up - down - spring;
+    if driving.any_above(zero) { area_by_speed * up * law.at_drop(driving / up) } else { zero }
+}
+
 /// RK4 over one revolution.
 #[inline(always)]
 fn revolution(bench: &Bench<'_>, ports: &Ports, speed: Eight, pressure: Eight, trace: &mut Trace) -> Eight {
@@ -227,10 +236,6 @@ fn revolution(bench: &Bench<'_>, ports: &Ports, speed: Eight, pressure: Eight, t
     let time = splat(1.0) / speed;
     let step = splat(1.0 / bench.steps as f64);
     let (half, sixth, two) = (step * splat(0.5), step * splat(1.0 / 6.0), splat(2.0));
-    let orifice = |area: Eight, inverse_speed: Eight, up: Eight, down: Eight, spring: Eight| {
-        let driving = up - down - spring;
-        if driving.any_above(zero) { area * inverse_speed * up * bench.law.at_drop(driving / up) } else { zero }
-    };
     let mut p = pressure;
     let (mut drawn, mut delivered) = (zero, zero);
     for s in 0..bench.steps {
@@ -247,8 +252,8 @@ fn revolution(bench: &Bench<'_>, ports: &Ports, speed: Eight, pressure: Eight, t
         for (stage, slope) in k.iter_mut().enumerate() {
             let moment = stage.div_ceil(2);
             let wall = bench.walls.at::<1>(4 * s + 2 * moment)[0];
-            let into = orifice(inlet_area, inlet_speed, inlet[moment], y, inlet_spring);
-            let out = orifice(outlet_area, cylinder_speed, y, outlet[moment], outlet_spring);
+            let into = orifice(&bench.law, inlet_area * inlet_speed, inlet[moment], y, inlet_spring);
+            let out = orifice(&bench.law, outlet_area * cylinder_speed, y, outlet[moment], outlet_spring);
             let blown = blowby * (y * y - air2);
             let gained = (into - out - blown) * splat(wall.pressure_per_mass) * time;
             *slope = [gained - y * splat(wall.growth), into, out];

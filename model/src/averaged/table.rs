@@ -5,6 +5,8 @@
 //! the stall. With them there are several rows over `ln P_outlet`. Between nodes: cubics with Catmull-Rom slopes, so
 //! that first derivatives are continuous.
 
+use std::sync::Arc;
+
 use super::cycle::{Bench, Cells, Eight, PHASES};
 use super::machine::Machine;
 use crate::plant::lanes_of;
@@ -38,8 +40,38 @@ pub(crate) struct Flows<R> {
 }
 
 const QUANTITIES: usize = 6;
-/// A cubic in the place within a cell, lowest power first.
-type Cubic<R> = [R; 4];
+/// Quantities rounded up to whole registers.
+const PADDED: usize = 8;
+
+/// Cubics of all quantities in the place within a cell, `[power][quantity]`, lowest power first: one quantity after the
+/// other, so that all of them are worked out at once whatever lane they are for.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
+struct Cubics([[f64; PADDED]; 4]);
+
+impl Cubics {
+    /// All quantities at `t` of the cell.
+    #[inline(always)]
+    fn at(&self, t: f64) -> [f64; PADDED] {
+        let [y0, y1, y2, y3] = &self.0;
+        let mut value = *y3;
+        for power in [y2, y1, y0] {
+            for (value, addend) in value.iter_mut().zip(power) {
+                *value = value.mul_add(t, *addend);
+            }
+        }
+        value
+    }
+}
+
+/// What one pump does at all nodes.
+#[derive(Debug)]
+struct Grid {
+    /// `[row][cell]`, flattened.
+    cells: Vec<Cubics>,
+    /// Gas drawn and delivered beyond the mean per outlet pressure, in kg/Pa: `[row][node][phase]`, flattened.
+    ripple: Vec<[f64; 2]>,
+}
 
 /// The table of one pump, or of one pump in each lane.
 #[derive(Debug, Clone)]
@@ -49,10 +81,8 @@ pub(crate) struct PumpTable<R> {
     rows: usize,
     lowest_ln_outlet: R,
     inverse_ln_step: R,
-    /// `[row][cell]`, flattened.
-    cells: Vec<[Cubic<R>; QUANTITIES]>,
-    /// Gas drawn and delivered beyond the mean per outlet pressure, in kg/Pa: `[row][node][phase]`, flattened.
-    ripple: Vec<[R; 2]>,
+    /// One for each lane. Lanes mostly share theirs: a fit's rigs seldom differ in the pump.
+    grids: Vec<Arc<Grid>>,
     /// Gas in all cylinders per pressure once they stand, in kg/Pa.
     pub(crate) content_per_pa: R,
     /// With what rate a standing pump evens out with its inlet and its outlet, in 1/s.
@@ -106,8 +136,7 @@ impl PumpTable<f64> {
             rows,
             lowest_ln_outlet: ln_from,
             inverse_ln_step: 1.0 / ln_step,
-            cells: nodes.chunks(NODES).flat_map(cubics).collect(),
-            ripple,
+            grids: vec![Arc::new(Grid { cells: nodes.chunks(NODES).flat_map(cubics).collect(), ripple })],
             content_per_pa,
             standing,
         }
@@ -125,7 +154,7 @@ fn quantities(machine: &Machine, cells: &Cells, lane: usize, outlet: f64) -> [f6
 }
 
 /// The cubics between the nodes of a row.
-fn cubics(nodes: &[[f64; QUANTITIES]]) -> Vec<[Cubic<f64>; QUANTITIES]> {
+fn cubics(nodes: &[[f64; QUANTITIES]]) -> Vec<Cubics> {
     let last = nodes.len() - 1;
     let slope = |i: usize, q: usize| {
         let (before, after) = (i.saturating_sub(1), (i + 1).min(last));
@@ -135,7 +164,16 @@ fn cubics(nodes: &[[f64; QUANTITIES]]) -> Vec<[Cubic<f64>; QUANTITIES]> {
         let (y0, y1, d0, d1) = (nodes[cell][q], nodes[cell + 1][q], slope(cell, q), slope(cell + 1, q));
         [y0, d0, 3.0 * (y1 - y0) - 2.0 * d0 - d1, 2.0 * (y0 - y1) + d0 + d1]
     };
-    (0..last).map(|cell| std::array::from_fn(|q| cubic(cell, q))).collect()
+    let all = |cell: usize| {
+        let mut powers = [[0.0; PADDED]; 4];
+        for q in 0..QUANTITIES {
+            for (power, value) in powers.iter_mut().zip(cubic(cell, q)) {
+                power[q] = value;
+            }
+        }
+        Cubics(powers)
+    };
+    (0..last).map(all).collect()
 }
 
 impl<R: Real> PumpTable<R> {
@@ -145,17 +183,14 @@ impl<R: Real> PumpTable<R> {
         if parts.iter().any(|p| p.rows != first.rows) {
             return None;
         }
-        let cubic = |cell: usize, q: usize, power: usize| lanes_of(parts, |p| p.cells[cell][q][power]);
-        let cell = |cell: usize| std::array::from_fn(|q| std::array::from_fn(|power| cubic(cell, q, power)));
-        let ripple = |i: usize| std::array::from_fn(|port: usize| lanes_of(parts, |p| p.ripple[i][port]));
+        let of_lane = |lane: usize| parts.get(lane).or(parts.last())?.grids.first().cloned();
         Some(PumpTable {
             lowest: lanes_of(parts, |p| p.lowest),
             inverse_step: lanes_of(parts, |p| p.inverse_step),
             rows: first.rows,
             lowest_ln_outlet: lanes_of(parts, |p| p.lowest_ln_outlet),
             inverse_ln_step: lanes_of(parts, |p| p.inverse_ln_step),
-            cells: (0..first.cells.len()).map(cell).collect(),
-            ripple: (0..first.ripple.len()).map(ripple).collect(),
+            grids: (0..R::LANES).map(of_lane).collect::<Option<_>>()?,
             content_per_pa: lanes_of(parts, |p| p.content_per_pa),
             standing: std::array::from_fn(|port: usize| lanes_of(parts, |p| p.standing[port])),
         })
@@ -165,16 +200,8 @@ impl<R: Real> PumpTable<R> {
     #[inline(always)]
     pub(crate) fn at(&self, inlet: R, outlet: R) -> Flows<R> {
         let (cell, t) = self.place(inlet, outlet);
-        let row = |row: usize| {
-            let quantity = |q: usize| {
-                let power =
-                    |power: usize| R::from_lanes(|lane| self.cells[row * CELLS + cell[lane]][q][power].lane(lane));
-                power(3).mul_add(t, power(2)).mul_add(t, power(1)).mul_add(t, power(0))
-            };
-            std::array::from_fn::<R, QUANTITIES, _>(quantity)
-        };
         let [drawn, delivered, content, drawn_response, delivered_response, relaxation] =
-            if self.rows == 1 { row(0) } else { self.between_rows(outlet, row) };
+            if self.rows == 1 { self.row(0, &cell, t) } else { self.between_rows(outlet, &cell, t) };
         Flows {
             drawn: drawn * outlet,
             delivered: delivered * outlet,
@@ -195,9 +222,24 @@ impl<R: Real> PumpTable<R> {
         (cell, at - R::from_lanes(|lane| cell[lane] as f64))
     }
 
+    /// What a row holds at a place of a cell in each lane. No closure: it would not be compiled for the instruction set
+    /// of the tick around it.
+    #[inline(always)]
+    fn row(&self, row: usize, cell: &[usize; MOST_LANES], t: R) -> [R; QUANTITIES] {
+        let mut values = [[0.0; PADDED]; MOST_LANES];
+        for lane in 0..R::LANES {
+            values[lane] = self.grids[lane].cells[row * CELLS + cell[lane]].at(t.lane(lane));
+        }
+        let mut row = [R::splat(0.0); QUANTITIES];
+        for (q, slot) in row.iter_mut().enumerate() {
+            *slot = R::from_lanes(|lane| values[lane][q]);
+        }
+        row
+    }
+
     /// A cubic through four rows at an outlet pressure.
     #[inline(always)]
-    fn between_rows(&self, outlet: R, row: impl Fn(usize) -> [R; QUANTITIES]) -> [R; QUANTITIES] {
+    fn between_rows(&self, outlet: R, cell: &[usize; MOST_LANES], t: R) -> [R; QUANTITIES] {
         let last = self.rows - 1;
         let at = ((outlet.map(f64::ln) - self.lowest_ln_outlet) * self.inverse_ln_step)
             .limited(R::splat(0.0), R::splat(last as f64 - 1e-9));
@@ -206,7 +248,7 @@ impl<R: Real> PumpTable<R> {
             // The weight of row `n`: Catmull-Rom's, with the ends' neighbours standing in for what is beyond.
             let weight = at.map(|at| row_weight(at, n, last));
             if weight.any_above(R::splat(0.0)) || (-weight).any_above(R::splat(0.0)) {
-                for (sum, value) in sum.iter_mut().zip(row(n)) {
+                for (sum, value) in sum.iter_mut().zip(self.row(n, cell, t)) {
                     *sum = weight.mul_add(value, *sum);
                 }
             }
@@ -230,7 +272,7 @@ impl<R: Real> PumpTable<R> {
                 let (first, share) = ((turned as usize) % PHASES, turned.fract());
                 let at_node = |row: usize, node: usize| {
                     let at =
-                        |phase: usize| self.ripple[(row * NODES + node) * PHASES + phase % PHASES][port].lane(lane);
+                        |phase: usize| self.grids[lane].ripple[(row * NODES + node) * PHASES + phase % PHASES][port];
                     at(first) + share * (at(first + 1) - at(first))
                 };
                 let (below, between) = (row.lane(lane) as usize, row.lane(lane).fract());

@@ -68,16 +68,29 @@ impl<R: Real> ShapedVent<R> {
     #[inline(always)]
     pub(crate) fn flow(&self, law: &FlowFunction<R>, duty: R, extra_area: R, up: R, down: R) -> R {
         let lifted = self.input_area.mul_add(duty, extra_area) - self.spring_area;
-        let through = |up: R, down: R| {
-            let difference = up - down;
-            let lift = self.pressure_curvature.mul_add(difference, self.pressure_area).mul_add(difference, lifted);
-            let area = lift.at_least(R::splat(0.0));
-            let full = area * self.inverse_full_area;
-            let full2 = full * full;
-            let limited = area / full2.mul_add(full2, R::splat(1.0)).sqrt().sqrt();
-            limited * up * law.at_drop(difference / up)
-        };
-        if self.restricted { self.in_series(up, down, through) } else { through(up, down) }
+        if self.restricted { self.in_series(law, lifted, up, down) } else { self.through(law, lifted, up, down) }
+    }
+
+    /// A P Φ of the valve alone, `lifted` by duty and spring.
+    // A method, as is all that it takes below: closures would not be compiled for the instruction set of the tick.
+    #[inline(always)]
+    fn through(&self, law: &FlowFunction<R>, lifted: R, up: R, down: R) -> R {
+        let difference = up - down;
+        let lift = self.pressure_curvature.mul_add(difference, self.pressure_area).mul_add(difference, lifted);
+        let area = lift.at_least(R::splat(0.0));
+        let full = area * self.inverse_full_area;
+        let full2 = full * full;
+        let limited = area / full2.mul_add(full2, R::splat(1.0)).sqrt().sqrt();
+        limited * up * law.at_drop(difference / up)
+    }
+
+    /// By how much `y` exceeds the square of the flow that it leaves the valve.
+    #[inline(always)]
+    fn excess(&self, law: &FlowFunction<R>, lifted: R, up2: R, down2: R, y: R) -> R {
+        let before = (up2 - self.upstream_drop * y).at_least(R::splat(0.0)).sqrt();
+        let after = self.downstream_drop.mul_add(y, down2).sqrt();
+        let flow = self.through(law, lifted, before, after);
+        y - flow * flow
     }
 
     /// Solves for the flow through what is upstream, the valve, and what is downstream.
@@ -89,29 +102,19 @@ impl<R: Real> ShapedVent<R> {
     /// keep the root bracketed, with the end that stays behind weighted down (Anderson and Björck, *BIT* 13, 1973). It
     /// is found to 1e-10 for lines of 1/5000 of the valve's area and wider.
     #[inline(always)]
-    fn in_series(&self, up: R, down: R, through: impl Fn(R, R) -> R) -> R {
-        let (zero, one, tiny) = (R::splat(0.0), R::splat(1.0), R::splat(1e-300));
+    fn in_series(&self, law: &FlowFunction<R>, lifted: R, up: R, down: R) -> R {
+        let (zero, one) = (R::splat(0.0), R::splat(1.0));
         let (up2, down2) = (up * up, down * down);
         // The flow that would leave the valve no difference.
         let most = ((up2 - down2) / (self.upstream_drop + self.downstream_drop)).at_least(zero);
-        let excess = |y: R| {
-            let before = (up2 - self.upstream_drop * y).at_least(zero).sqrt();
-            let after = self.downstream_drop.mul_add(y, down2).sqrt();
-            let flow = through(before, after);
-            y - flow * flow
-        };
         let (mut low, mut high) = (zero, most);
-        let (mut below, mut above) = (excess(zero), most);
+        let (mut below, mut above) = (self.excess(law, lifted, up2, down2, zero), most);
         // The first chord: the answer for a constant area and incompressible flow.
-        let chord = |low: R, high: R, below: R, above: R| {
-            let y = low + below * (high - low) / (below - above - tiny);
-            y.limited(zero, most)
-        };
-        let mut y = chord(low, high, below, above);
+        let mut y = chord([low, high], [below, above], most);
         let mut open = one;
         let mut last = zero;
         for step in 0..SERIES_STEPS {
-            let g = excess(y);
+            let g = self.excess(law, lifted, up2, down2, y);
             // A lane that has arrived stays where it is, so that it has the bits it would have alone.
             open = open * R::from_lanes(|l| f64::from(g.lane(l).abs() > SERIES_TOLERANCE * y.lane(l)));
             if !open.any_above(zero) {
@@ -132,7 +135,7 @@ impl<R: Real> ShapedVent<R> {
             high = is_above * y + is_below * high;
             last = side;
             let next = if step < SERIES_CHORDS || step % 2 == 1 {
-                chord(low, high, below, above)
+                chord([low, high], [below, above], most)
             } else {
                 (low + high) * R::splat(0.5)
             };
@@ -140,6 +143,13 @@ impl<R: Real> ShapedVent<R> {
         }
         y.sqrt()
     }
+}
+
+/// Where the line through a bracket's ends crosses zero, within 0 … `most`.
+#[inline(always)]
+fn chord<R: Real>([low, high]: [R; 2], [below, above]: [R; 2], most: R) -> R {
+    let y = low + below * (high - low) / (below - above - R::splat(1e-300));
+    y.limited(R::splat(0.0), most)
 }
 
 impl<R: Real> Parabolic<R> {

@@ -111,6 +111,20 @@ pub fn judge(
     }
 }
 
+/// The same with nothing found: what was to be named is not worth it.
+///
+/// # Errors
+/// A fit failed.
+pub fn judge_without(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    found: &Found,
+    given: &[f64],
+) -> Result<Judgement, DiagnoseError> {
+    let nominal = excess(bench, &found.nominal.trace);
+    nothing_named(bench, candidates, found, given, [excess(bench, given), nominal.clone(), nominal])
+}
+
 /// No candidate passed the bar.
 fn nothing_named(
     bench: &Bench<'_>,
@@ -222,7 +236,9 @@ fn something_named(
                     // What is far behind after a glance is no rival, whatever a fit would still mend.
                     match footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS) {
                         Some(glanced) if glanced.cost < footing.cost + FAR_BEHIND => {
-                            bench.fit(candidates, &terms, &[glanced.point], Effort::Polish)?
+                            let fitted = bench.fit(candidates, &terms, &[glanced.point], Effort::Polish);
+                            let Ok(fitted) = fitted else { continue };
+                            fitted
                         }
                         _ => continue,
                     }

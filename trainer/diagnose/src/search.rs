@@ -211,7 +211,9 @@ fn additions(
         if far_off {
             from.extend(starts(bench, candidates, base, &tried.terms, &tried.screened.terms, true).into_iter().skip(1));
         }
-        let fitted = bench.fit(candidates, &tried.terms, &from, Effort::Polish)?;
+        // What cannot be run in full where a glance has left it (a wall that gives way by more than its chamber holds) is
+        // no explanation.
+        let Ok(fitted) = bench.fit(candidates, &tried.terms, &from, Effort::Polish) else { continue };
         polished.push(sharpened(bench, candidates, fitted)?);
     }
     let priced = |explanation: &Explanation| {

@@ -47,7 +47,7 @@ pub(super) fn swaps(
             if cost_of > footing.cost + FAR_BEHIND {
                 continue;
             }
-            let swapped = bench.fit(candidates, &terms, &[point], Effort::Polish)?;
+            let Ok(swapped) = bench.fit(candidates, &terms, &[point], Effort::Polish) else { continue };
             if cost(bench, &swapped) < cost(bench, &best) - 1.0 {
                 tried.push(best);
                 best = swapped;
@@ -103,7 +103,7 @@ pub(super) fn pairs(
         if cost_of > footing.cost + FAR_BEHIND {
             continue;
         }
-        let swapped = bench.fit(candidates, &terms, &[point], Effort::Polish)?;
+        let Ok(swapped) = bench.fit(candidates, &terms, &[point], Effort::Polish) else { continue };
         if cost(bench, &swapped) < cost(bench, &best) - 1.0 {
             tried.push(std::mem::replace(&mut best, swapped));
         } else {
@@ -162,7 +162,7 @@ pub(super) fn deletions(
         if without_it.is_none_or(|glanced| glanced.cost > footing.cost + FAR_BEHIND) {
             continue;
         }
-        let reduced = bench.fit(candidates, &terms, &starts, Effort::Polish)?;
+        let Ok(reduced) = bench.fit(candidates, &terms, &starts, Effort::Polish) else { continue };
         let found = evidence(bench, &best, &reduced);
         if earns_its_place(bench, candidates, settings, &found, [&best, &reduced, nominal]) {
             tried.push(reduced);

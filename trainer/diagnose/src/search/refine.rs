@@ -27,7 +27,7 @@ pub(super) fn plainer(
         let known = values.get(at..at + candidates[plain].len()).unwrap_or_default().to_vec();
         let terms = with(&without(&explanation.terms, term), plain);
         let from = starts(bench, candidates, &explanation, &terms, &[(plain, known)], false);
-        let fitted = bench.fit(candidates, &terms, &from, Effort::Polish)?;
+        let Ok(fitted) = bench.fit(candidates, &terms, &from, Effort::Polish) else { continue };
         if evidence(bench, &explanation, &fitted).removed_kpa < least_kpa {
             explanation = fitted;
         }
@@ -112,7 +112,8 @@ pub(super) fn sharpened(
         let sound = points.iter().skip(1).zip(gains).filter(|(_, gain)| gain.is_finite());
         let best = sound.max_by(|a, b| a.1.total_cmp(&b.1));
         let Some((point, _)) = best else { continue };
-        let again = bench.fit(candidates, &explanation.terms, std::slice::from_ref(point), Effort::Polish)?;
+        let again = bench.fit(candidates, &explanation.terms, std::slice::from_ref(point), Effort::Polish);
+        let Ok(again) = again else { continue };
         if cost(bench, &again) < cost(bench, &explanation) {
             explanation = again;
         }

@@ -17,6 +17,8 @@ use crate::data::Records;
 
 /// Rigs that run side by side.
 const SIDE_BY_SIDE: usize = 8;
+/// Fewer rigs are run one by one: a bundle takes as long as three of them, however many of its lanes are wanted.
+const WORTH_A_BUNDLE: usize = 3;
 
 /// How closely the pump is simulated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -243,7 +245,9 @@ impl<'r> Simulator<'r> {
         }
         let bundles: Vec<Vec<usize>> = kinds
             .iter()
-            .flat_map(|(_, members)| members.chunks(self.side_by_side_at_most()).map(<[usize]>::to_vec))
+            .flat_map(|(_, members)| members.chunks(SIDE_BY_SIDE))
+            .flat_map(|members| members.chunks(if members.len() < WORTH_A_BUNDLE { 1 } else { SIDE_BY_SIDE }))
+            .map(<[usize]>::to_vec)
             .collect();
         // Compiled on all cores: tables of pumps take as long as a run.
         let compiled: Vec<Mutex<Compiled>> = bundles.iter().map(|_| Mutex::default()).collect();
@@ -294,15 +298,6 @@ impl<'r> Simulator<'r> {
                 groups: Vec::new(),
                 unsound: members.first().map(|run| (*run, problem)).into_iter().collect(),
             },
-        }
-    }
-
-    /// How many rigs go into one bundle. The tables of averaged pumps are read at another place in each lane, so a bundle
-    /// of them gains nothing over one after the other, and shares out worse among cores.
-    fn side_by_side_at_most(&self) -> usize {
-        match self.fidelity {
-            Fidelity::Averaged | Fidelity::Smooth => 1,
-            Fidelity::Detailed | Fidelity::Coarse => SIDE_BY_SIDE,
         }
     }
 
