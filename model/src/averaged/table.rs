@@ -71,6 +71,8 @@ struct Grid {
     cells: Vec<Cubics>,
     /// Gas drawn and delivered beyond the mean per outlet pressure, in kg/Pa: `[row][node][phase]`, flattened.
     ripple: Vec<[f64; 2]>,
+    /// The least and the most of it over a revolution, `[row][node]`, flattened.
+    swing: Vec<[[f64; 2]; 2]>,
 }
 
 /// The table of one pump, or of one pump in each lane.
@@ -136,11 +138,23 @@ impl PumpTable<f64> {
             rows,
             lowest_ln_outlet: ln_from,
             inverse_ln_step: 1.0 / ln_step,
-            grids: vec![Arc::new(Grid { cells: nodes.chunks(NODES).flat_map(cubics).collect(), ripple })],
+            grids: vec![Arc::new(Grid {
+                cells: nodes.chunks(NODES).flat_map(cubics).collect(),
+                swing: ripple.chunks(PHASES).map(swing).collect(),
+                ripple,
+            })],
             content_per_pa,
             standing,
         }
     }
+}
+
+/// The least and the most of a node's ripple, of what is drawn and of what is delivered.
+fn swing(phases: &[[f64; 2]]) -> [[f64; 2]; 2] {
+    [0, 1].map(|port| {
+        let of = |end: fn(f64, f64) -> f64| phases.iter().map(|phase| phase[port]).fold(0.0, end);
+        [of(f64::min), of(f64::max)]
+    })
 }
 
 /// One node's numbers, per outlet pressure.
@@ -258,6 +272,26 @@ impl<R: Real> PumpTable<R> {
 
     /// Gas drawn and delivered beyond the mean at a phase of the crank (in revolutions), in kg.
     pub(crate) fn ripple(&self, inlet: R, outlet: R, phase: R) -> [R; 2] {
+        let [drawn, delivered] = [0, 1].map(|port: usize| {
+            self.between_nodes(inlet, outlet, |grid, node, lane| {
+                let turned = phase.lane(lane).rem_euclid(1.0) * PHASES as f64;
+                let (first, share) = ((turned as usize) % PHASES, turned.fract());
+                let at = |phase: usize| grid.ripple[node * PHASES + phase % PHASES][port];
+                at(first) + share * (at(first + 1) - at(first))
+            })
+        });
+        [drawn, delivered]
+    }
+
+    /// The least and the most gas drawn, and delivered, beyond the mean within a revolution, in kg.
+    pub(crate) fn swing(&self, inlet: R, outlet: R) -> [[R; 2]; 2] {
+        [0, 1].map(|port: usize| {
+            [0, 1].map(|end: usize| self.between_nodes(inlet, outlet, |grid, node, _| grid.swing[node][port][end]))
+        })
+    }
+
+    /// What a node of each lane's grid holds per outlet pressure, on straight lines between the nodes.
+    fn between_nodes(&self, inlet: R, outlet: R, value: impl Fn(&Grid, usize, usize) -> f64) -> R {
         let (cell, t) = self.place(inlet, outlet);
         let last = self.rows - 1;
         let row = if last == 0 {
@@ -266,24 +300,16 @@ impl<R: Real> PumpTable<R> {
             ((outlet.map(f64::ln) - self.lowest_ln_outlet) * self.inverse_ln_step)
                 .limited(R::splat(0.0), R::splat(last as f64 - 1e-9))
         };
-        std::array::from_fn(|port| {
-            R::from_lanes(|lane| {
-                let turned = phase.lane(lane).rem_euclid(1.0) * PHASES as f64;
-                let (first, share) = ((turned as usize) % PHASES, turned.fract());
-                let at_node = |row: usize, node: usize| {
-                    let at =
-                        |phase: usize| self.grids[lane].ripple[(row * NODES + node) * PHASES + phase % PHASES][port];
-                    at(first) + share * (at(first + 1) - at(first))
-                };
-                let (below, between) = (row.lane(lane) as usize, row.lane(lane).fract());
-                let in_row = |row: usize| {
-                    let (a, b) = (at_node(row, cell[lane]), at_node(row, cell[lane] + 1));
-                    a + t.lane(lane) * (b - a)
-                };
-                let value = in_row(below);
-                let value = if between > 0.0 { value + between * (in_row(below + 1) - value) } else { value };
-                value * outlet.lane(lane)
-            })
+        R::from_lanes(|lane| {
+            let at_node = |row: usize, node: usize| value(&self.grids[lane], row * NODES + node, lane);
+            let (below, between) = (row.lane(lane) as usize, row.lane(lane).fract());
+            let in_row = |row: usize| {
+                let (a, b) = (at_node(row, cell[lane]), at_node(row, cell[lane] + 1));
+                a + t.lane(lane) * (b - a)
+            };
+            let value = in_row(below);
+            let value = if between > 0.0 { value + between * (in_row(below + 1) - value) } else { value };
+            value * outlet.lane(lane)
         })
     }
 }

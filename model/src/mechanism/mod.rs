@@ -6,8 +6,8 @@
 //!
 //! | place | mechanisms |
 //! | --- | --- |
-//! | command path of a valve, in this order | `command_delay`, `supply_sag`, `coil_heating`, `valve_lag` (coil), `valve_force_curve` (coil), `valve_stiction`, `valve_hysteresis`, `valve_lag` (armature) |
-//! | valve | `dead_zone`, `valve_force_curve` (jet, full opening), `critical_ratio`, `line_resistance`, `exhaust_restriction`, `residual_flow` |
+//! | command path of a valve, in this order | `command_delay`, `supply_sag`, `coil_heating`, `valve_lag` (coil), `valve_force_curve` (coil), `valve_stiction` (plunger), `valve_hysteresis`, `valve_lag` (armature) |
+//! | valve | `dead_zone`, `valve_stiction` (flapper), `valve_force_curve` (jet, full opening), `critical_ratio`, `line_resistance`, `exhaust_restriction`, `residual_flow` |
 //! | volume | `chamber_thermal`, `volume_compliance`, `volume_change`, `actuator_load` |
 //! | flow path | `chamber_leak`, `cross_leak`, `residual_flow`, `line_resistance` |
 //! | pump | `piston_blowby`, `check_valve_cracking`, `pump_droop`, `pump_speed`, `dead_zone`, `line_resistance` |
@@ -80,7 +80,7 @@ pub use valve_hysteresis::ValveHysteresis;
 pub(crate) use valve_lag::Lag;
 pub use valve_lag::{Lags, ValveLag};
 pub(crate) use valve_stiction::Stick;
-pub use valve_stiction::ValveStiction;
+pub use valve_stiction::{Rubs, ValveStiction};
 pub use volume_change::VolumeChange;
 pub use volume_compliance::VolumeCompliance;
 

@@ -1,8 +1,12 @@
-//! `valve_stiction`: the flapper stays where it is until the duty has moved away far enough, then jumps.
+//! `valve_stiction`: the flapper stays where it is until what moves it has changed far enough, then jumps.
 //!
 //! ```text
-//! y ← u − ρ d sign(u − y)   if |u − y| > d,      else y stays
+//! y ← h − ρ d sign(h − y)   if |h − y| > d,      else y stays
 //! ```
+//!
+//! What rubs decides what `h` is (`rubs`): for the plunger in its guide the duty, `h = u`; for the flapper the balance of all
+//! forces on it in units of duty, `h = u + (Ĉ_P (πD²/4) ΔP)/Ĉ_u` (paper eq. (5)), so that pressure alone can break it loose,
+//! and while it sticks the valve is a fixed orifice of area `Ĉ_u y − Ĉ_k`.
 //!
 //! (Stenman, Gustafsson & Forsman, *Int. J. Adapt. Control Signal Process.* 17, 2003, for `ρ = 0`; with `ρ`, the
 //! kinetic friction that is left while the flapper moves, it is the two-parameter model of He, Wang, Pottmann & Qin,
@@ -18,7 +22,24 @@ use crate::plant::{Samples, lanes_of};
 use crate::real::Real;
 use crate::rig::{Number, Rig, numbers};
 
-/// Static friction of a valve's flapper.
+/// What of a valve rubs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Rubs {
+    /// The plunger in its guide, which knows the duty alone.
+    #[default]
+    Plunger,
+    /// The flapper, which the pressure pushes too.
+    Flapper,
+}
+
+impl Rubs {
+    fn is_plunger(&self) -> bool {
+        *self == Rubs::Plunger
+    }
+}
+
+/// Static friction of a valve's plunger or flapper.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ValveStiction {
@@ -27,6 +48,9 @@ pub struct ValveStiction {
     /// ρ: share of the band by which a jump ends short of the duty (0 … 1, below).
     #[serde(default)]
     pub short_of_it: f64,
+    /// What rubs; absent means the plunger.
+    #[serde(default, skip_serializing_if = "Rubs::is_plunger")]
+    pub rubs: Rubs,
 }
 
 numbers!(ValveStiction {
@@ -43,8 +67,11 @@ impl Physics for ValveStiction {
     const SETTLED: bool = false;
 
     fn forms(_rig: &Rig, _component: &str) -> Vec<Form> {
-        let free = ValveStiction { band_duty: 0.0, short_of_it: 0.0 };
-        vec![Form::of("", Mechanism::ValveStiction(free), &[0, 1]).stepped()]
+        let sticks = |rubs| Mechanism::ValveStiction(ValveStiction { band_duty: 0.0, short_of_it: 0.0, rubs });
+        vec![
+            Form::of("", sticks(Rubs::Plunger), &[0, 1]).stepped(),
+            Form::of("flapper", sticks(Rubs::Flapper), &[0, 1]).stepped(),
+        ]
     }
 }
 
@@ -54,15 +81,41 @@ impl ValveStiction {
     }
 }
 
-/// The stick-and-jump operator; its memory is the flapper's duty.
-#[derive(Debug, Clone, Copy)]
+/// The stick-and-jump operator; its memory is where it stands, in duty.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Stick<R> {
-    band: R,
-    /// By how much a jump ends short of the duty.
-    short: R,
+    pub(crate) band: R,
+    /// By how much a jump ends short.
+    pub(crate) short: R,
 }
 
 impl<R: Real> Stick<R> {
+    /// Where what stood at `at` stands once `pulled` acts.
+    #[inline(always)]
+    pub(crate) fn moved(&self, at: R, pulled: R) -> R {
+        R::from_lanes(|lane| {
+            let (h, y) = (pulled.lane(lane), at.lane(lane));
+            let away = h - y;
+            if away.abs() > self.band.lane(lane) { h - self.short.lane(lane) * away.signum() } else { y }
+        })
+    }
+
+    /// The same while what pulls swings between two ends within a revolution of a pump: where its peaks reach the band, it
+    /// moves at the band's edge.
+    pub(crate) fn moved_within(&self, at: R, pulled: R, [low, high]: [R; 2]) -> R {
+        R::from_lanes(|lane| {
+            let (h, y, band) = (pulled.lane(lane), at.lane(lane), self.band.lane(lane));
+            let (low, high, short) = (low.lane(lane), high.lane(lane), self.short.lane(lane));
+            if high - y > band {
+                (if low - y > band { h } else { y + band }) - short
+            } else if y - low > band {
+                (if y - high > band { h } else { y - band }) + short
+            } else {
+                y
+            }
+        })
+    }
+
     pub(crate) fn side_by_side(parts: &[Stick<f64>]) -> Self {
         Stick { band: lanes_of(parts, |p| p.band), short: lanes_of(parts, |p| p.short) }
     }
@@ -71,11 +124,7 @@ impl<R: Real> Stick<R> {
     pub(crate) fn run(&self, memory: &mut R, samples: &mut Samples<R>) {
         let mut flapper = *memory;
         samples.each(|duty| {
-            flapper = R::from_lanes(|lane| {
-                let (u, y) = (duty.lane(lane), flapper.lane(lane));
-                let away = u - y;
-                if away.abs() > self.band.lane(lane) { u - self.short.lane(lane) * away.signum() } else { y }
-            });
+            flapper = self.moved(flapper, duty);
             flapper
         });
         *memory = flapper;

@@ -9,7 +9,7 @@ use super::residual::{Probe, Residual, Target, Variable};
 use super::unknown::{Placed, Slot, Unknown};
 use super::{Input, LAWS, MEMORY, MOST_DRIVES, MOST_GIVEN, MOST_RESIDUALS, MOST_STATES, NODES, Plant, carried};
 use crate::averaged::{Machine, PumpTables};
-use crate::mechanism::{self, Lags, Mechanism, PumpPort};
+use crate::mechanism::{self, Lags, Mechanism, PumpPort, Rubs};
 use crate::orifice::FlowFunction;
 use crate::real::Real;
 use crate::rig::{ATMOSPHERE, Line, PistonPump, Pump, Rig, RigError, Source, Valve, Volume, WHOLE_RIG};
@@ -373,7 +373,7 @@ impl<'a> Assembly<'a> {
                     Lags::Armature => Stage::LateArmature(m.operator(instant_s)),
                 }),
                 Mechanism::ValveForceCurve(m) => Some(Stage::Bend(m.operator())),
-                Mechanism::ValveStiction(m) => Some(Stage::Stick(m.operator())),
+                Mechanism::ValveStiction(m) if m.rubs == Rubs::Plunger => Some(Stage::Stick(m.operator())),
                 Mechanism::ValveHysteresis(m) => Some(Stage::Play(m.operator())),
                 _ => None,
             })
@@ -411,7 +411,7 @@ impl<'a> Assembly<'a> {
     }
 
     /// A valve with whatever bends its forces or lies in series with it.
-    fn shaped(&self, name: &str, valve: &Valve, vent: Vent<f64>, nozzle: f64) -> ShapedVent<f64> {
+    fn shaped(&mut self, name: &str, valve: &Valve, vent: Vent<f64>, nozzle: f64) -> ShapedVent<f64> {
         let mut shaped = ShapedVent::from_plain(&vent);
         let drop = |area_mm2: f64| 1.0 / (area_mm2 * MM2).powi(2);
         for mechanism in mechanisms_on(self.rig, name) {
@@ -419,6 +419,11 @@ impl<'a> Assembly<'a> {
                 Mechanism::ValveForceCurve(m) => {
                     shaped.pressure_curvature = m.pressure_curvature_mm2_per_n2 * MM2 * nozzle * nozzle;
                     shaped.inverse_full_area = m.inverse_full_area_per_mm2 / MM2;
+                }
+                Mechanism::ValveStiction(m) if m.rubs == Rubs::Flapper => {
+                    shaped.held = Some(self.memory);
+                    self.memory += 1;
+                    [shaped.band, shaped.short] = [m.band_duty, m.short_of_it * m.band_duty];
                 }
                 Mechanism::LineResistance(m) => {
                     shaped.restricted = true;
@@ -847,6 +852,7 @@ fn extends_the_balances(mechanism: &Mechanism) -> bool {
         | Mechanism::ExhaustRestriction(_)
         | Mechanism::ActuatorLoad(_)
         | Mechanism::ResidualFlow(_) => true,
+        Mechanism::ValveStiction(m) => m.rubs == Rubs::Flapper,
         // On a pump it is a smaller check valve.
         Mechanism::LineResistance(m) => m.port.is_none(),
         _ => false,

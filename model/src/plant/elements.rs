@@ -81,6 +81,8 @@ record! {
         restricted: bool,
         /// Which tabled area comes on top of its own, if any.
         residual: Option<usize>,
+        /// Where in the memory it stands what dry friction holds the flapper at (in duty), if any.
+        held: Option<usize>,
     } lanes {
         /// Ĉ_u in m² per duty.
         input_area,
@@ -96,6 +98,9 @@ record! {
         upstream_drop,
         /// 1/A² of what is in series downstream.
         downstream_drop,
+        /// Dry friction of the flapper: the band, and by how much a jump ends short, in duty.
+        band,
+        short,
     }
 }
 
@@ -109,6 +114,7 @@ impl ShapedVent<f64> {
             command: vent.command,
             restricted: false,
             residual: None,
+            held: None,
             input_area: vent.input_area,
             pressure_area: vent.pressure_area,
             pressure_curvature: 0.0,
@@ -116,6 +122,8 @@ impl ShapedVent<f64> {
             inverse_full_area: 0.0,
             upstream_drop: 0.0,
             downstream_drop: 0.0,
+            band: 0.0,
+            short: 0.0,
         }
     }
 }

@@ -152,6 +152,17 @@ fn steps<R: Real, const STATES: usize, const NODES: usize, const EXTENDED: bool>
     for step in 0..plant.steps {
         let first = INSTANTS_PER_STEP * step;
         let start = x;
+        if EXTENDED {
+            let instant = if plant.mean_duties { first + INSTANTS_PER_STEP / 2 } else { first };
+            for vent in plant.shaped_vents.iter().filter(|vent| vent.held.is_some()) {
+                let duty = scratch.duty(vent.command, instant);
+                let pressures = [x[vent.up % NODES], x[vent.down % NODES]];
+                let swing = plant.swing(vent.up, vent.down, &state.x, &state.memory);
+                if let Some(slot) = vent.held.and_then(|slot| state.memory.get_mut(slot)) {
+                    *slot = vent.held_at(*slot, duty, pressures, swing);
+                }
+            }
+        }
         let mut span = Span { from: first, half: INSTANTS_PER_STEP / 2, length: whole };
         let mut unrefined = None;
         // One call site: the step is inlined once, whether it is taken whole or in halves.

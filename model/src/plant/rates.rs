@@ -8,6 +8,7 @@ use super::elements::{Parabolic, ShapedVent};
 use super::residual::Target;
 use super::walls::Wall;
 use super::{MEMORY, MOST_DRIVES, MOST_RESIDUALS, Plant, Scratch};
+use crate::mechanism::Stick;
 use crate::orifice::FlowFunction;
 use crate::real::Real;
 
@@ -63,20 +64,51 @@ const SERIES_CHORDS: usize = 10;
 /// Share of the squared flow at which they stop.
 const SERIES_TOLERANCE: f64 = 1e-10;
 
+/// Areas that forces on a flapper open.
+#[derive(Clone, Copy)]
+struct Lifted<R> {
+    /// By duty, spring and a table, in m².
+    by: R,
+    /// By the pressure difference, in m²/Pa, and by its square, in m²/Pa².
+    pushed: [R; 2],
+}
+
 impl<R: Real> ShapedVent<R> {
-    /// A P Φ through the valve in N: mass flow times √(R T).
+    /// A P Φ through the valve in N: mass flow times √(R T). `held` is what friction holds the flapper at, in duty.
     #[inline(always)]
-    pub(crate) fn flow(&self, law: &FlowFunction<R>, duty: R, extra_area: R, up: R, down: R) -> R {
-        let lifted = self.input_area.mul_add(duty, extra_area) - self.spring_area;
+    pub(crate) fn flow(&self, law: &FlowFunction<R>, duty: R, held: Option<R>, extra_area: R, [up, down]: [R; 2]) -> R {
+        let pulled = held.unwrap_or(duty);
+        let pushed = if held.is_some() { [R::splat(0.0); 2] } else { [self.pressure_area, self.pressure_curvature] };
+        let lifted = Lifted { by: self.input_area.mul_add(pulled, extra_area) - self.spring_area, pushed };
         if self.restricted { self.in_series(law, lifted, up, down) } else { self.through(law, lifted, up, down) }
     }
 
-    /// A P Φ of the valve alone, `lifted` by duty and spring.
+    /// Where friction holds the flapper (in duty) once a duty and pressures act that may break it loose; `swing` is how far
+    /// the pumps take the difference of the pressures (in Pa) below and above these within a revolution.
+    pub(crate) fn held_at(&self, held: R, duty: R, [up, down]: [R; 2], swing: [R; 2]) -> R {
+        let difference = up - down;
+        let slope = ((self.pressure_curvature + self.pressure_curvature).mul_add(difference, self.pressure_area))
+            / self.input_area;
+        let balance = self.balance(duty, up, down);
+        let ends = swing.map(|pa| slope.mul_add(pa, balance));
+        Stick { band: self.band, short: self.short }.moved_within(held, balance, ends)
+    }
+
+    /// All forces on the flapper but the spring's, in duty.
+    #[inline(always)]
+    pub(crate) fn balance(&self, duty: R, up: R, down: R) -> R {
+        let difference = up - down;
+        let pushed = self.pressure_curvature.mul_add(difference, self.pressure_area) * difference;
+        duty + pushed / self.input_area
+    }
+
+    /// A P Φ of the valve alone.
     // A method, as is all that it takes below: closures would not be compiled for the instruction set of the tick.
     #[inline(always)]
-    fn through(&self, law: &FlowFunction<R>, lifted: R, up: R, down: R) -> R {
+    fn through(&self, law: &FlowFunction<R>, lifted: Lifted<R>, up: R, down: R) -> R {
         let difference = up - down;
-        let lift = self.pressure_curvature.mul_add(difference, self.pressure_area).mul_add(difference, lifted);
+        let [linear, curvature] = lifted.pushed;
+        let lift = curvature.mul_add(difference, linear).mul_add(difference, lifted.by);
         let area = lift.at_least(R::splat(0.0));
         let full = area * self.inverse_full_area;
         let full2 = full * full;
@@ -86,7 +118,7 @@ impl<R: Real> ShapedVent<R> {
 
     /// By how much `y` exceeds the square of the flow that it leaves the valve.
     #[inline(always)]
-    fn excess(&self, law: &FlowFunction<R>, lifted: R, up2: R, down2: R, y: R) -> R {
+    fn excess(&self, law: &FlowFunction<R>, lifted: Lifted<R>, up2: R, down2: R, y: R) -> R {
         let before = (up2 - self.upstream_drop * y).at_least(R::splat(0.0)).sqrt();
         let after = self.downstream_drop.mul_add(y, down2).sqrt();
         let flow = self.through(law, lifted, before, after);
@@ -102,7 +134,7 @@ impl<R: Real> ShapedVent<R> {
     /// keep the root bracketed, with the end that stays behind weighted down (Anderson and Björck, *BIT* 13, 1973). It
     /// is found to 1e-10 for lines of 1/5000 of the valve's area and wider.
     #[inline(always)]
-    fn in_series(&self, law: &FlowFunction<R>, lifted: R, up: R, down: R) -> R {
+    fn in_series(&self, law: &FlowFunction<R>, lifted: Lifted<R>, up: R, down: R) -> R {
         let (zero, one) = (R::splat(0.0), R::splat(1.0));
         let (up2, down2) = (up * up, down * down);
         // The flow that would leave the valve no difference.
@@ -208,7 +240,9 @@ pub(crate) fn rates<R: Real, const STATES: usize, const NODES: usize, const EXTE
         for vent in &plant.shaped_vents {
             let (up, down) = (x[vent.up % NODES], x[vent.down % NODES]);
             let extra = vent.residual.map_or(zero, |index| areas[index % MOST_RESIDUALS]);
-            let through = vent.flow(plant.law(vent.law), scratch.duty(vent.command, k), extra, up, down);
+            let held = vent.held.map(|slot| memory[slot % MEMORY]);
+            let duty = scratch.duty(vent.command, k);
+            let through = vent.flow(plant.law(vent.law), duty, held, extra, [up, down]);
             balance.pass::<EXTENDED>(vent.up, vent.down, through * inverse_speed[vent.up % NODES], temperature);
         }
         for (pump, content) in plant.averaged.iter().zip(&mut contents) {

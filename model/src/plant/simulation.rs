@@ -206,6 +206,14 @@ impl<R: Simulated> Simulation<R> {
             let sent = inputs.get(path.input).copied().unwrap_or(R::splat(0.0));
             acting.push(path.settle(sent, supplied, &mut self.state.memory));
         }
+        for vent in &plant.shaped_vents {
+            let duty = acting.get(vent.command).copied().unwrap_or(R::splat(0.0));
+            let at = |node: usize| self.state.x.get(node).copied().unwrap_or(plant.atmosphere_pa);
+            let balance = vent.balance(duty, at(vent.up), at(vent.down));
+            if let Some(slot) = vent.held.and_then(|slot| self.state.memory.get_mut(slot)) {
+                *slot = balance;
+            }
+        }
         for probe in plant.residuals.iter().flat_map(|residual| &residual.probes) {
             if let (Variable::Duty { command }, Some(slot)) =
                 (probe.variable, probe.memory.and_then(|m| self.state.memory.get_mut(m)))

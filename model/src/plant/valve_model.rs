@@ -36,7 +36,7 @@ impl ValveModel {
     /// Mass flow in kg/s from one port to the other at a duty that has long been commanded.
     pub(crate) fn flow(&self, duty: f64, up: f64, down: f64) -> f64 {
         let duty = self.bend.map_or(duty, |bend| bend.at(duty));
-        self.inverse_speed * self.vent.flow(&self.law, duty, 0.0, up, down)
+        self.inverse_speed * self.vent.flow(&self.law, duty, None, 0.0, [up, down])
     }
 
     /// The duty that lets `flow` kg/s through, beyond 0 … 1 where no duty does.

@@ -34,6 +34,7 @@ mod command_mechanisms;
 mod conservation;
 mod convergence;
 mod crank;
+mod flapper_friction;
 mod golden;
 mod lanes;
 mod mechanisms;

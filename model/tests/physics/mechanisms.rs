@@ -11,9 +11,10 @@ use crate::small_rigs::{
 };
 
 /// Each with numbers that show, for the paper's rig.
-pub(crate) const ALL: [(&str, &str, &str); 27] = [
+pub(crate) const ALL: [(&str, &str, &str); 28] = [
     ("valve_hysteresis", "valve_pos", "half_width_duty = 0.03\nspread_duty = 0.01"),
     ("valve_stiction", "valve_neg", "band_duty = 0.05\nshort_of_it = 0.2"),
+    ("valve_stiction", "valve_pos", "band_duty = 0.05\nshort_of_it = 0.2\nrubs = \"flapper\""),
     ("valve_lag", "valve_neg", "time_constant_ms = 50.0"),
     ("valve_force_curve", "valve_pos", "duty_curvature = 0.2\npressure_curvature_mm2_per_n2 = 0.4"),
     ("valve_force_curve", "valve_neg", "inverse_full_area_per_mm2 = 0.9"),

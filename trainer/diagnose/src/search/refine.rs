@@ -71,7 +71,7 @@ pub(super) fn from_priors(
 /// added to a second parameter, which decides with it when the steps come.
 const SHARPENING: [(f64, f64); 3] = [(1.5, 0.3), (1.12, 0.1), (1.02, 0.02)];
 /// Values that are tried on either side, of each.
-const SHARPENED: [i32; 2] = [10, 2];
+const SHARPENED: [i32; 2] = [15, 6];
 
 /// Looks for better values of stepped parameters, which least squares leaves where they start, and fits the rest anew.
 pub(super) fn sharpened(
