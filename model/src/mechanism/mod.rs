@@ -18,7 +18,7 @@
 //! only reads it. Volumes and flow paths are terms of the mass and energy balances. A rig without
 //! mechanisms compiles to the very same arrays as if this module did not exist.
 //!
-//! To add one: a file here, a line in [`Mechanism`], and where it acts (`plant/assemble.rs`).
+//! To add one: a file here, a line in [`Mechanism`], and where it acts (`plant/assemble`).
 
 mod actuator_load;
 mod candidate;
