@@ -229,9 +229,10 @@ fn revolution(bench: &Bench<'_>, ports: &Ports, speed: Eight, pressure: Eight, t
     let machine = bench.machine;
     let splat = Eight::splat;
     let zero = splat(0.0);
-    let [inlet_area, outlet_area] = machine.areas.map(splat);
+    // By √(R T) of what flows through.
+    let inlet_area = splat(machine.areas[0] * machine.inlet_inverse_speed);
+    let outlet_area = splat(machine.areas[1] * machine.cylinder_inverse_speed);
     let [inlet_spring, outlet_spring] = machine.cracking.map(splat);
-    let (inlet_speed, cylinder_speed) = (splat(machine.inlet_inverse_speed), splat(machine.cylinder_inverse_speed));
     let (blowby, air2) = (splat(machine.blowby), splat(machine.atmosphere_pa * machine.atmosphere_pa));
     let time = splat(1.0) / speed;
     let step = splat(1.0 / bench.steps as f64);
@@ -252,8 +253,8 @@ fn revolution(bench: &Bench<'_>, ports: &Ports, speed: Eight, pressure: Eight, t
         for (stage, slope) in k.iter_mut().enumerate() {
             let moment = stage.div_ceil(2);
             let wall = bench.walls.at::<1>(4 * s + 2 * moment)[0];
-            let into = orifice(&bench.law, inlet_area * inlet_speed, inlet[moment], y, inlet_spring);
-            let out = orifice(&bench.law, outlet_area * cylinder_speed, y, outlet[moment], outlet_spring);
+            let into = orifice(&bench.law, inlet_area, inlet[moment], y, inlet_spring);
+            let out = orifice(&bench.law, outlet_area, y, outlet[moment], outlet_spring);
             let blown = blowby * (y * y - air2);
             let gained = (into - out - blown) * splat(wall.pressure_per_mass) * time;
             *slope = [gained - y * splat(wall.growth), into, out];

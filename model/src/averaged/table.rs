@@ -255,8 +255,7 @@ impl<R: Real> PumpTable<R> {
     #[inline(always)]
     fn between_rows(&self, outlet: R, cell: &[usize; MOST_LANES], t: R) -> [R; QUANTITIES] {
         let last = self.rows - 1;
-        let at = ((outlet.map(f64::ln) - self.lowest_ln_outlet) * self.inverse_ln_step)
-            .limited(R::splat(0.0), R::splat(last as f64 - 1e-9));
+        let at = self.row_at(outlet);
         let mut sum = [R::splat(0.0); QUANTITIES];
         for n in 0..self.rows {
             // The weight of row `n`: Catmull-Rom's, with the ends' neighbours standing in for what is beyond.
@@ -272,45 +271,59 @@ impl<R: Real> PumpTable<R> {
 
     /// Gas drawn and delivered beyond the mean at a phase of the crank (in revolutions), in kg.
     pub(crate) fn ripple(&self, inlet: R, outlet: R, phase: R) -> [R; 2] {
-        let [drawn, delivered] = [0, 1].map(|port: usize| {
-            self.between_nodes(inlet, outlet, |grid, node, lane| {
-                let turned = phase.lane(lane).rem_euclid(1.0) * PHASES as f64;
-                let (first, share) = ((turned as usize) % PHASES, turned.fract());
-                let at = |phase: usize| grid.ripple[node * PHASES + phase % PHASES][port];
-                at(first) + share * (at(first + 1) - at(first))
-            })
-        });
-        [drawn, delivered]
+        self.between_nodes(inlet, outlet, |grid, node, lane| {
+            let turned = phase.lane(lane).rem_euclid(1.0) * PHASES as f64;
+            let (first, share) = ((turned as usize) % PHASES, turned.fract());
+            let at = |phase: usize| grid.ripple[node * PHASES + phase % PHASES];
+            let (a, b) = (at(first), at(first + 1));
+            [0, 1].map(|port: usize| a[port] + share * (b[port] - a[port]))
+        })
     }
 
     /// The least and the most gas drawn, and delivered, beyond the mean within a revolution, in kg.
     pub(crate) fn swing(&self, inlet: R, outlet: R) -> [[R; 2]; 2] {
-        [0, 1].map(|port: usize| {
-            [0, 1].map(|end: usize| self.between_nodes(inlet, outlet, |grid, node, _| grid.swing[node][port][end]))
-        })
+        let [least_drawn, most_drawn, least_delivered, most_delivered] =
+            self.between_nodes(inlet, outlet, |grid, node, _| {
+                let [drawn, delivered] = grid.swing[node];
+                [drawn[0], drawn[1], delivered[0], delivered[1]]
+            });
+        [[least_drawn, most_drawn], [least_delivered, most_delivered]]
     }
 
-    /// What a node of each lane's grid holds per outlet pressure, on straight lines between the nodes.
-    fn between_nodes(&self, inlet: R, outlet: R, value: impl Fn(&Grid, usize, usize) -> f64) -> R {
+    /// What nodes of each lane's grid hold per outlet pressure, on straight lines between them.
+    fn between_nodes<const N: usize>(
+        &self,
+        inlet: R,
+        outlet: R,
+        values: impl Fn(&Grid, usize, usize) -> [f64; N],
+    ) -> [R; N] {
         let (cell, t) = self.place(inlet, outlet);
-        let last = self.rows - 1;
-        let row = if last == 0 {
-            R::splat(0.0)
-        } else {
-            ((outlet.map(f64::ln) - self.lowest_ln_outlet) * self.inverse_ln_step)
-                .limited(R::splat(0.0), R::splat(last as f64 - 1e-9))
-        };
-        R::from_lanes(|lane| {
-            let at_node = |row: usize, node: usize| value(&self.grids[lane], row * NODES + node, lane);
-            let (below, between) = (row.lane(lane) as usize, row.lane(lane).fract());
+        let row = self.row_at(outlet);
+        let mut lanes = [[0.0; N]; MOST_LANES];
+        for (lane, slot) in lanes.iter_mut().enumerate().take(R::LANES) {
+            let (below, between, t) = (row.lane(lane) as usize, row.lane(lane).fract(), t.lane(lane));
+            let line = |a: [f64; N], b: [f64; N], share: f64| -> [f64; N] {
+                std::array::from_fn(|i| a[i] + share * (b[i] - a[i]))
+            };
             let in_row = |row: usize| {
-                let (a, b) = (at_node(row, cell[lane]), at_node(row, cell[lane] + 1));
-                a + t.lane(lane) * (b - a)
+                let at = |node: usize| values(&self.grids[lane], row * NODES + node, lane);
+                line(at(cell[lane]), at(cell[lane] + 1), t)
             };
             let value = in_row(below);
-            let value = if between > 0.0 { value + between * (in_row(below + 1) - value) } else { value };
-            value * outlet.lane(lane)
-        })
+            let value = if between > 0.0 { line(value, in_row(below + 1), between) } else { value };
+            *slot = value.map(|value| value * outlet.lane(lane));
+        }
+        std::array::from_fn(|i| R::from_lanes(|lane| lanes[lane][i]))
+    }
+
+    /// The place among the rows, 0 … the last.
+    #[inline(always)]
+    fn row_at(&self, outlet: R) -> R {
+        if self.rows == 1 {
+            return R::splat(0.0);
+        }
+        ((outlet.map(f64::ln) - self.lowest_ln_outlet) * self.inverse_ln_step)
+            .limited(R::splat(0.0), R::splat((self.rows - 1) as f64 - 1e-9))
     }
 }
 

@@ -93,15 +93,12 @@ impl<R: Real> Stick<R> {
     /// Where what stood at `at` stands once `pulled` acts.
     #[inline(always)]
     pub(crate) fn moved(&self, at: R, pulled: R) -> R {
-        R::from_lanes(|lane| {
-            let (h, y) = (pulled.lane(lane), at.lane(lane));
-            let away = h - y;
-            if away.abs() > self.band.lane(lane) { h - self.short.lane(lane) * away.signum() } else { y }
-        })
+        self.moved_within(at, pulled, [pulled; 2])
     }
 
     /// The same while what pulls swings between two ends within a revolution of a pump: where its peaks reach the band, it
     /// moves at the band's edge.
+    #[inline(always)]
     pub(crate) fn moved_within(&self, at: R, pulled: R, [low, high]: [R; 2]) -> R {
         R::from_lanes(|lane| {
             let (h, y, band) = (pulled.lane(lane), at.lane(lane), self.band.lane(lane));

@@ -161,18 +161,18 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     let searched = Bench::new(rig, &reduced, bench.counted(), bench.fast.fidelity(), request.threads);
     progress("running before and after", 0.0);
     let removed_kpa = evidence(&searched, &found.best, &found.nominal).removed_kpa;
-    let unsettled = found.nominal.clone();
-    found.nominal = settled(bench, &found.nominal)?;
-    let fitted = of(&found.nominal.fitted.rig)?;
-    let mut extended = if found.best.terms.is_empty() {
-        found.best = found.nominal.clone();
-        fitted.clone()
+    let nominal = settled(bench, &found.nominal)?;
+    let fitted = of(&nominal.fitted.rig)?;
+    let (mut best, mut extended) = if found.best.terms.is_empty() {
+        (nominal.clone(), fitted.clone())
     } else {
-        found.best = settled(bench, &found.best)?;
-        of(&found.best.fitted.rig)?
+        let best = settled(bench, &found.best)?;
+        let extended = of(&best.fitted.rig)?;
+        (best, extended)
     };
     let sigma_kpa = bench.sigma_kpa();
-    if judgement.verdict == Verdict::MissingPhysics && !extended.holds_against(&fitted, &sigma_kpa) {
+    let named = judgement.verdict == Verdict::MissingPhysics;
+    if named && !extended.holds_against(&fitted, &sigma_kpa) {
         notes.push(format!(
             "{} fits what was fitted, but errs more than nothing on the rows kept back ({:.2} kPa instead of {:.2}, or \
              one pressure for the other): something like it, not it",
@@ -181,24 +181,20 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
             fitted.total_rmse_kpa()
         ));
         judgement = judgement.of_no_name();
-        found.best = found.nominal.clone();
-        extended = fitted.clone();
-    } else if judgement.verdict == Verdict::MissingPhysics
-        && removed_kpa < UNKNOWN_KPA
-        && extended.total_rmse_kpa() >= fitted.total_rmse_kpa()
-    {
+    } else if named && removed_kpa < UNKNOWN_KPA && extended.total_rmse_kpa() >= fitted.total_rmse_kpa() {
         // Far from where the rig works (a shut-in, a pump at rest) every model is off a little.
         notes.push(format!(
             "{} would fit what was fitted better by {removed_kpa:.2} kPa and changes nothing on the rows kept back: too \
              little to be named",
             names_of(&asked.candidates, &found.best.terms)
         ));
-        let settled = std::mem::replace(&mut found.nominal, unsettled);
         judgement = judge_without(&searched, &asked.candidates, &found, &searched.free_run(asked.given)?)?;
-        found.nominal = settled;
-        found.best = found.nominal.clone();
+    }
+    if named && judgement.verdict != Verdict::MissingPhysics {
+        best = nominal.clone();
         extended = fitted.clone();
     }
+    (found.nominal, found.best) = (nominal, best);
     turning.judged(&mut judgement);
     let mut unknown = if judgement.verdict == Verdict::UnknownMechanism {
         progress("shaping a term for what has no name", 0.0);
