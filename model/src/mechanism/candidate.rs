@@ -45,6 +45,8 @@ pub struct CandidateParameter {
     pub signed: bool,
     /// What is usual, and the standard deviation of its logarithm, where that was measured.
     pub usual: Option<[f64; 2]>,
+    /// The effect grows with this power of it.
+    pub power: f64,
 }
 
 impl Candidate {
@@ -92,6 +94,7 @@ impl Form {
                 starts: number.starts.to_vec(),
                 signed: number.is_signed(),
                 usual: number.usual,
+                power: number.power,
             })
         };
         let parameters = fitted.iter().filter_map(parameter).collect();

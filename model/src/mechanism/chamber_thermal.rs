@@ -29,6 +29,7 @@ numbers!(ChamberThermal {
     wall_conductance_w_per_k: Number::new("W/K", 0.0, 1000.0)
         .plausible(0.02, 50.0)
         .starts(&[10.0, 3.0, 1.0, 0.3])
+        .acts_with_power(-1.0)
         .hint("leave the mechanism out for an isothermal chamber"),
 });
 

@@ -49,6 +49,7 @@ pub enum PumpPort {
 pub(super) const AREA: Number = Number::new("mm²", 1e-3, 1e4)
     .plausible(0.2, 100.0)
     .starts(&[12.0, 5.0, 2.5, 1.2])
+    .acts_with_power(-2.0)
     .hint("the area of the restriction; leave it out where there is none");
 
 numbers!(LineResistance { area_mm2: AREA });

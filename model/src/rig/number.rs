@@ -31,6 +31,8 @@ pub struct Number {
     pub usual: Option<[f64; 2]>,
     /// Whether its key may be left out, which is the same as zero.
     pub optional: bool,
+    /// For a magnitude of a mechanism: the effect grows with this power of it. Negative where a large value is no effect.
+    pub power: f64,
 }
 
 impl Number {
@@ -47,6 +49,7 @@ impl Number {
             starts: &[],
             usual: None,
             optional: false,
+            power: 1.0,
         }
     }
 
@@ -78,6 +81,11 @@ impl Number {
     /// The same for a key that may be left out.
     pub const fn optional(self) -> Self {
         Number { optional: true, ..self }
+    }
+
+    /// The same for a magnitude whose effect grows with a power of it.
+    pub const fn acts_with_power(self, power: f64) -> Self {
+        Number { power, ..self }
     }
 
     /// The same under its key.

@@ -58,8 +58,8 @@ fn main() {
             round.taken,
             round.evidence
         );
-        for (k, gain) in round.ranked.iter().take(16) {
-            println!("     {} {gain:.1}", all[*k].full_name());
+        for ranked in round.ranked.iter().take(16) {
+            println!("     {} {:.1}", all[ranked.candidate].full_name(), ranked.gain);
         }
     }
     for e in &found.tried {

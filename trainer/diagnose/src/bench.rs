@@ -70,6 +70,14 @@ pub struct Explanation {
     pub prior_cost: f64,
 }
 
+impl Explanation {
+    /// Its point with its coordinates given way by `less`, within their bounds.
+    pub fn given_way(&self, less: &[f64]) -> Vec<f64> {
+        let moved = self.fitted.point.iter().zip(less).zip(self.set.bounds());
+        moved.map(|((z, less), [low, high])| (z - less).clamp(low, high)).collect()
+    }
+}
+
 /// The loss of all fits.
 pub const LOSS: Loss = Loss::Student { freedom: 5.0 };
 
@@ -85,7 +93,7 @@ pub enum Effort {
 impl Effort {
     fn settings(self, search: Fidelity) -> FitSettings {
         let (stages, rounds, least_gain) = match self {
-            Effort::Polish => (vec![Shooting::Free], 10, 0.05),
+            Effort::Polish => (vec![Shooting::Free], 10, 0.3),
             Effort::Full => (vec![Shooting::Windows { seconds: 2.0 }, Shooting::Free], 12, 0.05),
         };
         FitSettings { stages, rounds, least_gain, search, ..FitSettings::default() }

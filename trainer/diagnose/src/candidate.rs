@@ -92,13 +92,15 @@ impl Candidate {
         self.id == other.id && self.form == other.form
     }
 
-    /// Values at which the effect is `a` times what it is at `start`, to first order in the first parameter.
+    /// Values at which the effect is `a` times what it is at `start` (`a > 0`), to first order in the first parameter.
     pub fn scaled(&self, start: &[f64], a: f64) -> Vec<f64> {
         let mut values = start.to_vec();
-        if let (Some(parameter), Some(first)) = (self.parameters(0).into_iter().next(), values.first_mut()) {
+        if let (Some(parameter), Some(first), Some(offered)) =
+            (self.parameters(0).into_iter().next(), values.first_mut(), self.offered.parameters.first())
+        {
             let neutral = if parameter.transform == Transform::Linear { parameter.mean } else { 0.0 };
             let [low, high] = parameter.bounds;
-            *first = (neutral + a * (*first - neutral)).clamp(low, high);
+            *first = (neutral + a.powf(1.0 / offered.power) * (*first - neutral)).clamp(low, high);
         }
         values
     }
@@ -231,5 +233,14 @@ mod tests {
         for side in ["positive", "negative", "both"] {
             assert!(sides.contains(&side));
         }
+    }
+
+    /// A throat of twice the effect is narrower by the root of two, an overlap of twice the effect twice as wide.
+    #[test]
+    fn an_effect_is_scaled_the_way_it_grows() {
+        let all = candidates(&Rig::builtin("dual_pressure").unwrap());
+        let of = |id: &str| all.iter().find(|c| c.id == id && c.component == "valve_pos").unwrap();
+        assert!((of("line_resistance").scaled(&[10.0], 2.0)[0] - 10.0 / 2f64.sqrt()).abs() < 1e-12);
+        assert!((of("valve_hysteresis").scaled(&[0.01], 2.0)[0] - 0.02).abs() < 1e-12);
     }
 }

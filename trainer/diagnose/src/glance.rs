@@ -17,7 +17,7 @@ use crate::error::DiagnoseError;
 /// Span of a difference, in prior standard deviations.
 const STEP: f64 = 0.2;
 /// Steps tried at once.
-const TRIALS: usize = 3;
+const TRIALS: usize = 8;
 
 /// Arcs, weights, correction and slopes that glances share.
 #[derive(Debug, Clone)]

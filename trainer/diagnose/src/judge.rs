@@ -157,8 +157,9 @@ fn nothing_named(
         })
         .collect();
     hints.sort_by(|a, b| b.0.total_cmp(&a.0));
-    if let Some((top, _)) = hints.first().copied() {
-        let close: Vec<&Explanation> = hints.iter().filter(|(g, _)| *g > top - TIE).map(|(_, e)| *e).collect();
+    if let Some((top, first)) = hints.first().copied() {
+        let close = hints.iter().filter(|(g, e)| *g > top - TIE || is_rival(bench, first, e));
+        let close: Vec<&Explanation> = close.map(|(_, e)| *e).take(MOST_RIVALS).collect();
         let mut group = vec![MOVED.to_owned()];
         group.extend(close.iter().flat_map(|e| &e.terms).filter_map(|t| candidates.get(*t)).map(Candidate::name));
         let rivals = std::iter::once(found.nominal.clone()).chain(close.into_iter().cloned()).collect();
@@ -215,7 +216,7 @@ fn something_named(
         let rest = without(&best.terms, *term);
         let gain = lost_without(bench, candidates, &footing, best, &rest, found)?;
         let mut tied = Vec::new();
-        for k in close_to(found, *term, gain) {
+        for k in close_to(found, *term) {
             // Another shape of the same mechanism at the same place is no other answer.
             if candidates[k].name() == candidates[*term].name() {
                 continue;
@@ -232,7 +233,8 @@ fn something_named(
             let rival = match known {
                 Some(known) => known.clone(),
                 None => {
-                    let starts = starts(bench, candidates, best, &terms, &[], false);
+                    let values: Vec<_> = values_of(found, k).into_iter().collect();
+                    let starts = starts(bench, candidates, best, &terms, &values, false);
                     // What is far behind after a glance is no rival, whatever a fit would still mend.
                     match footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS) {
                         Some(glanced) if glanced.cost < footing.cost + FAR_BEHIND => {
@@ -304,20 +306,27 @@ fn is_rival(bench: &Bench<'_>, best: &Explanation, rival: &Explanation) -> bool 
     both < TIE || both < TIE_SE * se && both < 5.0 * TIE
 }
 
+/// Where a candidate did best at a glance.
+fn values_of(found: &Found, candidate: usize) -> Option<(usize, Vec<f64>)> {
+    let glances = found.rounds.iter().flat_map(|round| &round.ranked).filter(|ranked| ranked.candidate == candidate);
+    glances.max_by(|a, b| a.gain.total_cmp(&b.gain)).map(|best| (candidate, best.values.clone()))
+}
+
 /// Candidates that came close to what `term` gained in any round.
-fn close_to(found: &Found, term: usize, gain: f64) -> Vec<usize> {
+fn close_to(found: &Found, term: usize) -> Vec<usize> {
     let mut close: Vec<usize> = Vec::new();
-    let ranked = found.rounds.iter().any(|round| round.ranked.iter().any(|(k, _)| *k == term));
+    let ranked = found.rounds.iter().any(|round| round.ranked.iter().any(|r| r.candidate == term));
     if !ranked {
         // It came in with its like at another place: whatever gained in that round may stand for it.
         let into = found.rounds.iter().rev().find(|round| !round.base.contains(&term));
-        close.extend(into.iter().flat_map(|round| &round.ranked).filter(|(_, gain)| *gain > 0.0).map(|(k, _)| *k));
+        close.extend(into.iter().flat_map(|round| &round.ranked).filter(|r| r.gain > 0.0).map(|r| r.candidate));
     }
     for round in &found.rounds {
-        let Some(own) = round.ranked.iter().find(|(k, _)| *k == term).map(|(_, gain)| *gain) else { continue };
-        // A glance is not converged, so a tenth of the gain is allowed for.
-        let within = 30.0 + 0.1 * gain.abs();
-        close.extend(round.ranked.iter().filter(|(k, gain)| *k != term && own - gain < within).map(|(k, _)| *k));
+        let Some(own) = round.ranked.iter().find(|r| r.candidate == term).map(|r| r.gain) else { continue };
+        // A glance is not converged: where parameters must go far, it is off by a third.
+        let within = 30.0 + 0.3 * own.abs();
+        let others = round.ranked.iter().filter(|r| r.candidate != term && own - r.gain < within);
+        close.extend(others.map(|r| r.candidate));
     }
     close.sort_unstable();
     close.dedup();

@@ -362,13 +362,13 @@ fn tried(findings: &Findings<'_, '_>) -> Table {
         } else {
             round.base.iter().map(name).collect::<Vec<_>>().join(" + ")
         };
-        for (at, (k, gain)) in round.ranked.iter().take(6).enumerate() {
+        for (at, ranked) in round.ranked.iter().take(6).enumerate() {
             let taken = match (at, round.taken) {
                 (0, true) => "taken",
                 (0, false) => "below the bar",
                 _ => "",
             };
-            table.push([base.clone(), name(k), format!("{gain:+.1}"), taken.to_owned()]);
+            table.push([base.clone(), name(&ranked.candidate), format!("{:+.1}", ranked.gain), taken.to_owned()]);
         }
     }
     table

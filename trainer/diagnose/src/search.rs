@@ -37,12 +37,23 @@ pub struct SearchSettings {
 pub struct Round {
     /// Terms before the round.
     pub base: Vec<usize>,
-    /// Candidates with what they gained in log-likelihood and prior at a glance, best first.
-    pub ranked: Vec<(usize, f64)>,
+    /// Candidates after a glance, best first.
+    pub ranked: Vec<Ranked>,
     /// The best one's evidence against the base.
     pub evidence: Option<Evidence>,
     /// Whether it was taken.
     pub taken: bool,
+}
+
+/// A candidate after a glance.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ranked {
+    /// Which.
+    pub candidate: usize,
+    /// What it gained in log-likelihood and prior.
+    pub gain: f64,
+    /// Values of its parameters there.
+    pub values: Vec<f64>,
 }
 
 /// What a search found.
@@ -84,7 +95,7 @@ pub fn search(
         let top = plainer(bench, candidates, top, settings.bar.removed_kpa)?;
         let found = evidence(bench, &top, &best);
         let taken = earns_its_place(bench, candidates, settings, &found, [&top, &best, &nominal]);
-        let missed: Vec<usize> = ranked.iter().map(|(k, _)| *k).collect();
+        let missed: Vec<usize> = ranked.iter().map(|r| r.candidate).collect();
         rounds.push(Round { base: best.terms.clone(), ranked, evidence: Some(found), taken });
         tried.extend(polished);
         if taken {
@@ -166,8 +177,6 @@ fn is_open(bench: &Bench<'_>, candidates: &[Candidate], terms: &[usize], k: usiz
         && candidates[k].is_apt(bench.rig, &beside)
 }
 
-type Ranked = Vec<(usize, f64)>;
-
 /// Tries every candidate on top of `base`; the ranking, and the best ones fitted to the end.
 fn additions(
     bench: &Bench<'_>,
@@ -175,7 +184,7 @@ fn additions(
     base: &Explanation,
     settings: &SearchSettings,
     tell: &mut dyn FnMut(&str, f64),
-) -> Result<(Ranked, Vec<Explanation>), DiagnoseError> {
+) -> Result<(Vec<Ranked>, Vec<Explanation>), DiagnoseError> {
     let open: Vec<usize> = (0..candidates.len()).filter(|k| is_open(bench, candidates, &base.terms, *k)).collect();
     tell("screening mechanisms", 0.0);
     let screening = screen(bench, candidates, base, &open);
@@ -187,7 +196,9 @@ fn additions(
     for (done, screened) in singles.chain(doubles).enumerate() {
         tell("trying mechanisms", done as f64 / count.max(1) as f64);
         let terms = screened.terms.iter().fold(base.terms.clone(), |terms, (k, _)| with(&terms, *k));
-        let starts = starts(bench, candidates, base, &terms, &screened.terms, settings.from_prior);
+        let away: Vec<f64> = screened.shift.iter().map(|by| -by).collect();
+        let from = base.given_way(&away);
+        let starts = starts_at(bench, candidates, (base, &from), &terms, &screened.terms, settings.from_prior);
         let rounds = if screened.terms.len() > 1 { PAIR_ROUNDS } else { GLANCE_ROUNDS };
         if let Some(Glanced { cost, point }) =
             footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, rounds)
@@ -198,8 +209,8 @@ fn additions(
     glances.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     // Parameters that have given way too far lead a fit into a valley of their own.
     let far_off = base.fitted.point.iter().take(bench.nominal.len()).any(|z| z.abs() > FAR_OFF);
-    let ranked: Ranked = glances.iter().filter_map(|tried| Some((tried.alone()?, tried.gain))).collect();
-    let best = ranked.first().map_or(0.0, |(_, gain)| *gain);
+    let ranked: Vec<Ranked> = glances.iter().filter_map(|tried| tried.ranked(bench, candidates)).collect();
+    let best = ranked.first().map_or(0.0, |first| first.gain);
     // What is far behind after a glance is not worth a fit, nor is a second place that adds next to nothing.
     let single = glances.iter().filter(|tried| tried.alone().is_some() && tried.gain >= best - 20.0 - 0.5 * best.abs());
     let double = glances.iter().filter(|tried| tried.alone().is_none() && tried.gain > best + PRICE);
@@ -233,6 +244,16 @@ struct Tried<'s> {
 }
 
 impl Tried<'_> {
+    /// The candidate with its values, where it is one.
+    fn ranked(&self, bench: &Bench<'_>, candidates: &[Candidate]) -> Option<Ranked> {
+        let candidate = self.alone()?;
+        let before = self.terms.iter().take_while(|term| **term != candidate).map(|term| candidates[*term].len());
+        let at = bench.nominal.len() + before.sum::<usize>();
+        let coordinates = self.point.get(at..).unwrap_or_default();
+        let values = candidates[candidate].parameters(0).iter().zip(coordinates).map(|(p, z)| p.value(*z)).collect();
+        Some(Ranked { candidate, gain: self.gain, values })
+    }
+
     /// The candidate, where it is one.
     fn alone(&self) -> Option<usize> {
         match self.screened.terms.as_slice() {
@@ -252,14 +273,26 @@ pub fn starts(
     values: &[(usize, Vec<f64>)],
     from_prior: bool,
 ) -> Vec<Vec<f64>> {
+    starts_at(bench, candidates, (base, &base.fitted.point), terms, values, from_prior)
+}
+
+/// As [`starts`], from another point of the base.
+fn starts_at(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    (base, point): (&Explanation, &[f64]),
+    terms: &[usize],
+    values: &[(usize, Vec<f64>)],
+    from_prior: bool,
+) -> Vec<Vec<f64>> {
     let nominal = bench.nominal.len();
-    let mut warm: Vec<f64> = base.fitted.point.iter().take(nominal).copied().collect();
+    let mut warm: Vec<f64> = point.iter().take(nominal).copied().collect();
     let mut cold = vec![0.0; nominal];
     for term in terms {
         let known = position_of(bench, candidates, base, *term);
         let given = values.iter().find(|(k, _)| k == term).map(|(_, v)| v);
         for (i, parameter) in candidates[*term].parameters(0).iter().enumerate() {
-            let of_base = known.and_then(|at| base.fitted.point.get(at + i)).copied();
+            let of_base = known.and_then(|at| point.get(at + i)).copied();
             let of_values = given.and_then(|v| v.get(i)).map(|v| parameter.coordinate(*v));
             let coordinate = of_base.or(of_values).filter(|z| z.is_finite()).unwrap_or(0.0);
             warm.push(coordinate);

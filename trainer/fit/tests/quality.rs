@@ -111,6 +111,14 @@ fn flat_stuck_clipped_and_wild_readings() {
     let wild = with(&|p| [300, 900, 1500].map(|k: usize| p[k] += 25.0).into_iter().for_each(drop));
     assert_finds(&wild, Trouble::Spikes, Severity::Doubtful, &["3 wild", "kPa off their neighbours"]);
     assert_eq!(wild.usable[..ROWS].iter().filter(|u| **u == 0.0).count(), 3);
+
+    // A line that rings stands out of its neighbours at every crest; those are readings.
+    let ringing = with(&|p| {
+        for (k, v) in p.iter_mut().enumerate() {
+            *v += 25.0 * (std::f64::consts::TAU * 4.0 * 0.02 * k as f64).sin();
+        }
+    });
+    assert!(ringing.findings.iter().all(|finding| finding.trouble != Trouble::Spikes), "{:?}", ringing.findings);
 }
 
 #[test]

@@ -22,7 +22,7 @@ pub(super) fn swaps(
 ) -> Result<Explanation, DiagnoseError> {
     // What came close in any round so far.
     let mut close: Vec<usize> =
-        rounds.iter().flat_map(|round| round.ranked.iter().take(settings.polished + 1).map(|(k, _)| *k)).collect();
+        rounds.iter().flat_map(|round| round.ranked.iter().take(settings.polished + 1).map(|r| r.candidate)).collect();
     close.sort_unstable();
     close.dedup();
     let mut footing = Footing::of(bench, &best)?;
@@ -74,7 +74,7 @@ pub(super) fn pairs(
 ) -> Result<Explanation, DiagnoseError> {
     let Some((one, other)) = twins(candidates, &best.terms) else { return Ok(best) };
     let rest = without(&without(&best.terms, one), other);
-    let seen: Vec<usize> = rounds.iter().flat_map(|round| round.ranked.iter().map(|(k, _)| *k)).collect();
+    let seen: Vec<usize> = rounds.iter().flat_map(|round| round.ranked.iter().map(|r| r.candidate)).collect();
     let open = |k: usize| is_open(bench, candidates, &rest, k);
     let like = |k: usize, side: &str| {
         (0..candidates.len()).find(|n| {

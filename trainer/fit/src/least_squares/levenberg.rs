@@ -2,13 +2,15 @@
 //!
 //! ```text
 //! minimise   Σ ρ(r_i(z)) + ½ Σ p_j z_j²     within   low ≤ z ≤ high
-//! step       (JᵀWJ + P + λ D) δ = −(JᵀW r + P z),     D = diag(JᵀWJ + P)
+//! step       (JᵀWJ + P + λ) δ = −(JᵀW r + P z)
 //! ```
 //!
-//! (Marquardt 1963; scaling by D after Moré 1978, so units do not matter.) Coordinates `z` are in units of the
-//! prior's standard deviation, so a prior weight `p_j` is 1 for a parameter with a prior and 0 without. Because rigs
-//! are simulated side by side, one round of trials costs the same for one λ as for several: the λ's are tried
-//! together and the best step is taken.
+//! (Levenberg 1944; Marquardt 1963 for λ.) Coordinates `z` are in units of the prior's standard deviation, so a prior
+//! weight `p_j` is 1 for a parameter with a prior and 0 without, and λ needs no scale of its own. Moré's (1978), the
+//! diagonal of `JᵀWJ + P`, is wrong here: where parameters can stand in for each other, each alone moves readings a
+//! thousand times more than the combination does that is left, and a λ that holds each by a thousandth holds that
+//! combination for good. Because rigs are simulated side by side, one round of trials costs the same for one λ as for
+//! several: the λ's are tried together and the best step is taken.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -86,6 +88,8 @@ pub struct Outcome {
     pub point: Vec<f64>,
     /// Cost with the prior's share.
     pub cost: f64,
+    /// By how much the steps lowered it, all together.
+    pub gained: f64,
     /// Why it ended there.
     pub stop: Stop,
     /// Jacobians worked out.
@@ -94,12 +98,14 @@ pub struct Outcome {
     pub linearised: Linearised,
 }
 
-/// λ at the start: a cautious first step, for the first point may be far away.
-const FIRST_DAMPING: f64 = 1e-2;
+/// λ at the start, in units of the prior's information.
+const FIRST_DAMPING: f64 = 1.0;
 /// Ratio of neighbouring λ's among the trials of a round.
 const DAMPING_RATIO: f64 = 10.0;
 /// Beyond this λ a step is too short to matter.
-const MOST_DAMPING: f64 = 1e8;
+const MOST_DAMPING: f64 = 1e12;
+/// Below this λ a step is not held back at all.
+const LEAST_DAMPING: f64 = 1e-3;
 
 /// Searches from `start`.
 ///
@@ -112,6 +118,7 @@ pub fn minimise(problem: &mut impl Problem, start: &[f64], settings: &Settings) 
     let mut cost = cost(&linearised.residuals, &point, settings);
     let mut damping = FIRST_DAMPING;
     let mut rounds = 1;
+    let mut gained = 0.0;
     loop {
         let (normal, gradient) = normal_equations(&linearised, &point, settings);
         let mut best: Option<(f64, Vec<f64>, f64)> = None;
@@ -134,13 +141,14 @@ pub fn minimise(problem: &mut impl Problem, start: &[f64], settings: &Settings) 
             }
         }
         let Some((trial, candidate, d)) = best else {
-            return Ok(Outcome { point, cost, stop: Stop::Stuck, rounds, linearised });
+            return Ok(Outcome { point, cost, gained, stop: Stop::Stuck, rounds, linearised });
         };
         let gain = cost - trial;
-        (point, cost, damping) = (candidate, trial, (d / DAMPING_RATIO).max(1e-9));
+        gained += gain;
+        (point, cost, damping) = (candidate, trial, (d / DAMPING_RATIO).max(LEAST_DAMPING));
         if gain < settings.least_gain || rounds >= settings.rounds {
             let stop = if gain < settings.least_gain { Stop::Converged } else { Stop::Rounds };
-            return Ok(Outcome { point, cost, stop, rounds, linearised });
+            return Ok(Outcome { point, cost, gained, stop, rounds, linearised });
         }
         linearised = problem.linearise(&point)?;
         // A problem may settle details anew when it linearises; its cost then is what the next step must beat.
@@ -200,7 +208,7 @@ fn candidate(
                 a[(i, k)] = normal[(*fi, *fk)];
             }
             // A coordinate without any effect and prior keeps its place instead of making the system singular.
-            a[(i, i)] += damping * normal[(*fi, *fi)] + 1e-12 * (1.0 + normal[(*fi, *fi)]);
+            a[(i, i)] += damping + 1e-12 * (1.0 + normal[(*fi, *fi)]);
             b[i] = -gradient[*fi];
         }
         let step = a.cholesky()?.solve(&b);

@@ -187,7 +187,7 @@ impl Task<'_> {
             prior: self.set.prior(),
             bounds: self.set.bounds(),
             rounds,
-            trials: 4,
+            trials: 8,
             least_gain,
         }
     }
@@ -229,25 +229,28 @@ impl Task<'_> {
         let mut known = borrowed.map(|slopes| (slopes, point.clone()));
         let mut before: Option<(Vec<f64>, Vec<f64>)> = None;
         let mut last: Option<(Outcome, Setting)> = None;
+        let mut gained = f64::INFINITY;
         let passes = if borrowing { 1 } else { PASSES };
         for pass in 0..passes {
             let setting = self.setting(&self.rig_at(&point)?)?;
             let at_rest =
                 |(old, at): &(Vec<f64>, Vec<f64>)| settled(old, &setting.scale_kpa) && near_to(at, &point, 0.1);
-            if known.is_some() && before.as_ref().is_some_and(at_rest) {
+            if known.is_some() && gained < REST && before.as_ref().is_some_and(at_rest) {
                 break;
             }
             before = Some((setting.scale_kpa.clone(), point.clone()));
             // The first pass may have far to go: slopes anew in every round, on one side. The others begin near its end.
             let approaching = pass == 0 && !borrowing;
-            let slopes = known.take().filter(|(_, at)| borrowing || near_to(at, &point, SLOPES_REACH));
+            // Where parameters can stand in for each other, slopes from a little way off lead on for a little way only.
+            let good = |at: &[f64]| gained < REST && near_to(at, &point, SLOPES_REACH);
+            let slopes = known.take().filter(|(_, at)| borrowing || good(at));
             let at = slopes.as_ref().map_or_else(|| point.clone(), |(_, at)| at.clone());
             rounds += usize::from(slopes.is_none() && !approaching);
             let mut problem = self.problem(&setting);
             problem =
                 if approaching { problem.on(Sides::One) } else { problem.keeping(slopes.map(|(slopes, _)| slopes)) };
             let search = match (approaching, borrowing) {
-                (true, _) => self.search(self.settings.rounds, 1.0),
+                (true, _) => self.search(self.settings.rounds, APPROACH_GAIN),
                 (false, true) => self.search(FOLLOWED, self.settings.least_gain),
                 (false, false) => self.search(self.settings.rounds, self.settings.least_gain),
             };
@@ -256,6 +259,7 @@ impl Task<'_> {
             if approaching {
                 rounds += outcome.rounds;
             } else {
+                gained = outcome.gained;
                 known = problem.into_slopes().map(|slopes| (slopes, at));
             }
             last = Some((outcome, setting));
@@ -340,8 +344,13 @@ impl Problem for Watched<'_, '_> {
     }
 }
 
-/// Passes of the last stage.
-const PASSES: usize = 3;
+/// The most passes of the last stage.
+const PASSES: usize = 8;
+/// Log-likelihood that a pass gains at rest.
+const REST: f64 = 1.0;
+/// What a round must gain while slopes are taken on one side: they are off by a per cent, and along a valley a search that
+/// follows them crawls.
+const APPROACH_GAIN: f64 = 5.0;
 /// Rounds that borrowed slopes are followed for: another minimum shows by then.
 const FOLLOWED: usize = 4;
 

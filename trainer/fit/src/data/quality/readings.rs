@@ -134,7 +134,8 @@ fn stuck(values: &[f64], mask: &mut [f64], range: Option<[f64; 2]>, add: &mut im
     }
 }
 
-/// Masks single readings far from the median of the five around them.
+/// Masks single readings far from the median of the five around them, and farther than the other four are from each other:
+/// the crest of a swing stands out, too.
 fn wild(values: &[f64], sigma: f64, mask: &mut [f64], add: &mut impl FnMut(Severity, Trouble, String)) {
     let limit = WILD_KPA.max(WILD * sigma);
     let mut count = 0;
@@ -143,7 +144,10 @@ fn wild(values: &[f64], sigma: f64, mask: &mut [f64], add: &mut impl FnMut(Sever
         let mut sorted = [window[0], window[1], window[2], window[3], window[4]];
         sorted.sort_by(f64::total_cmp);
         let off = (window[2] - sorted[2]).abs();
-        if off > limit {
+        let others = [window[0], window[1], window[3], window[4]];
+        let spread = others.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+            - others.iter().copied().fold(f64::INFINITY, f64::min);
+        if off > limit && off > spread {
             count += 1;
             worst = worst.max(off);
             if let Some(slot) = mask.get_mut(row + 2) {
