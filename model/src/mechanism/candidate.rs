@@ -23,6 +23,8 @@ pub struct Candidate {
     pub stepped: bool,
     /// Mechanisms at the same component without which this shape is no different from another one; empty for none.
     pub beside: &'static [&'static str],
+    /// Whether this is a richer shape that is only worth trying in place of a plainer one that was found.
+    pub refinement: bool,
     template: Mechanism,
     /// Index of each parameter among the mechanism's numbers.
     fitted: Vec<usize>,
@@ -79,6 +81,7 @@ pub(crate) struct Form {
     parameters: Vec<CandidateParameter>,
     stepped: bool,
     beside: &'static [&'static str],
+    refinement: bool,
 }
 
 impl Form {
@@ -98,12 +101,17 @@ impl Form {
             })
         };
         let parameters = fitted.iter().filter_map(parameter).collect();
-        Form { name, mechanism, fitted: fitted.to_vec(), parameters, stepped: false, beside: &[] }
+        Form { name, mechanism, fitted: fitted.to_vec(), parameters, stepped: false, beside: &[], refinement: false }
     }
 
     /// The same, stepped in its first parameter.
     pub(crate) fn stepped(self) -> Self {
         Form { stepped: true, ..self }
+    }
+
+    /// The same, a richer shape to be tried in place of a plainer one that was found.
+    pub(crate) fn refinement(self) -> Self {
+        Form { refinement: true, ..self }
     }
 
     /// The same, of interest only beside one of these mechanisms.
@@ -136,6 +144,7 @@ pub fn candidates(rig: &Rig) -> Vec<Candidate> {
                     parameters: form.parameters,
                     stepped: form.stepped,
                     beside: form.beside,
+                    refinement: form.refinement,
                     template: form.mechanism,
                     fitted: form.fitted,
                 };

@@ -4,6 +4,13 @@
 //! τ θ̇ = u² − θ,        y = u / (1 + k θ)
 //! ```
 //!
+//! with, where the winding warms before its body (`winding_share` s, `winding_time_constant_s` τ_w; two bodies in series,
+//! as motors' windings and irons are taken, IEC 60034-11),
+//!
+//! ```text
+//! τ_w θ̇_w = u² − θ_w,        y = u / (1 + k ((1 − s) θ + s θ_w))
+//! ```
+//!
 //! Copper gains 0.39 % of resistance per kelvin (IEC 60028), and the heat put in goes with the square of the duty; `θ`
 //! is the temperature rise as a share of that at full duty for ever, so `k` is the resistance gained there: 4 … 16 %
 //! for rises of 10 … 40 K. A driver that sets voltage loses as much current (one that sets current loses nothing). `τ` is
@@ -32,6 +39,16 @@ pub struct CoilHeating {
     /// θ at the start of a run, as a share of that at full duty for ever (0 … 1); absent means cold.
     #[serde(default)]
     pub initial_heat: f64,
+    /// s: share of the rise that the winding has over its body (0 … 1); absent means that both are one.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub winding_share: f64,
+    /// τ_w: time constant of that share in s.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub winding_time_constant_s: f64,
+}
+
+fn is_zero(number: &f64) -> bool {
+    *number == 0.0
 }
 
 numbers!(CoilHeating {
@@ -41,6 +58,8 @@ numbers!(CoilHeating {
         .hint("a share of the cold resistance"),
     time_constant_s: Number::new("s", 0.1, 1e5).plausible(5.0, 900.0).starts(&[90.0, 30.0, 300.0]),
     initial_heat: Number::new("", 0.0, 1.0).starts(&[0.0]).hint("a share: 0 is cold").optional(),
+    winding_share: Number::new("", 0.0, 1.0).plausible(0.02, 0.8).starts(&[0.3]).hint("a share of the rise").optional(),
+    winding_time_constant_s: Number::new("s", 0.0, 1e5).plausible(1.0, 120.0).starts(&[10.0]).optional(),
 });
 
 impl Physics for CoilHeating {
@@ -49,12 +68,19 @@ impl Physics for CoilHeating {
     const SETTLED: bool = true;
 
     fn forms(_rig: &Rig, _component: &str) -> Vec<Form> {
-        let cold = CoilHeating { resistance_rise: 0.0, time_constant_s: 90.0, initial_heat: 0.0 };
+        let cold = CoilHeating {
+            resistance_rise: 0.0,
+            time_constant_s: 90.0,
+            initial_heat: 0.0,
+            winding_share: 0.0,
+            winding_time_constant_s: 0.0,
+        };
+        let winding = Form::of("winding", Mechanism::CoilHeating(cold.clone()), &[0, 1, 3, 4]).refinement();
         // All recordings are taken to start as warm as each other: few who record one after the other let coils cool.
         let warm = Form::of("warm", Mechanism::CoilHeating(cold.clone()), &[0, 1, 2])
             .ranging(0, [0.0, 0.4], vec![0.1])
             .ranging(2, [0.0, 1.0], vec![0.3]);
-        vec![Form::of("", Mechanism::CoilHeating(cold), &[0, 1]), warm]
+        vec![Form::of("", Mechanism::CoilHeating(cold), &[0, 1]), warm, winding]
     }
 }
 
@@ -63,18 +89,24 @@ impl CoilHeating {
         Heat {
             rise: self.resistance_rise,
             approach: -(-instant_s / self.time_constant_s).exp_m1(),
+            share: self.winding_share,
+            winding_approach: -(-instant_s / self.winding_time_constant_s).exp_m1(),
             initial: self.initial_heat,
         }
     }
 }
 
-/// The coil from one tabled instant to the next; its memory is `θ`.
+/// The coil from one tabled instant to the next; its memory is `θ` and `θ_w`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Heat<R> {
     rise: R,
     /// 1 − e^(−s/τ) for the time between two instants.
     approach: R,
-    /// `θ` at the start of a run.
+    /// s.
+    share: R,
+    /// 1 − e^(−s/τ_w).
+    winding_approach: R,
+    /// Both at the start of a run.
     pub(crate) initial: R,
 }
 
@@ -83,6 +115,8 @@ impl<R: Real> Heat<R> {
         Heat {
             rise: lanes_of(parts, |p| p.rise),
             approach: lanes_of(parts, |p| p.approach),
+            share: lanes_of(parts, |p| p.share),
+            winding_approach: lanes_of(parts, |p| p.winding_approach),
             initial: lanes_of(parts, |p| p.initial),
         }
     }
@@ -94,18 +128,26 @@ impl<R: Real> Heat<R> {
     }
 
     #[inline(always)]
-    pub(crate) fn run(&self, memory: &mut R, samples: &mut Samples<R>) {
+    pub(crate) fn run(&self, memory: &mut [R], samples: &mut Samples<R>) {
+        let [mut body, mut winding] = [0, 1].map(|k: usize| memory.get(k).copied().unwrap_or(self.initial));
         samples.spread();
-        let mut heat = *memory;
         let mut before: Option<R> = None;
         samples.each(|duty| {
             // The duty of the interval that ends here; the first sample is the tick's own start.
             if let Some(duty) = before {
-                heat = self.approach.mul_add(duty * duty - heat, heat);
+                body = self.approach.mul_add(duty * duty - body, body);
+                winding = self.winding_approach.mul_add(duty * duty - winding, winding);
             }
             before = Some(duty);
-            self.at(duty, heat)
+            self.at(duty, self.share.mul_add(winding - body, body))
         });
-        *memory = heat;
+        for (slot, heat) in memory.iter_mut().zip([body, winding]) {
+            *slot = heat;
+        }
     }
+}
+
+impl Heat<f64> {
+    /// Numbers it remembers.
+    pub(crate) const MEMORY: usize = 2;
 }

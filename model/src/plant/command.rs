@@ -134,7 +134,8 @@ impl<R: Real> Stage<R> {
     pub(crate) fn memory_len(&self) -> usize {
         match self {
             Stage::Delay(_) => crate::mechanism::LONGEST_TICKS,
-            Stage::Heat(_) | Stage::Lag(_) | Stage::Stick(_) | Stage::LateArmature(_) => 1,
+            Stage::Heat(_) => Heat::MEMORY,
+            Stage::Lag(_) | Stage::Stick(_) | Stage::LateArmature(_) => 1,
             Stage::Play(_) => Play::<R>::MEMORY,
             Stage::Bend(_) => 0,
         }
@@ -165,7 +166,7 @@ impl<R: Real> Stage<R> {
         match (self, memory) {
             (Stage::Delay(delay), memory) => delay.run(memory, samples),
             (Stage::Bend(bend), _) => bend.run(samples),
-            (Stage::Heat(heat), [memory]) => heat.run(memory, samples),
+            (Stage::Heat(heat), memory) => heat.run(memory, samples),
             (Stage::Lag(lag) | Stage::LateArmature(lag), [memory]) => lag.run(memory, samples),
             (Stage::Stick(stick), [memory]) => stick.run(memory, samples),
             (Stage::Play(play), memory) => play.run(memory, samples),

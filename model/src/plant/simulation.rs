@@ -6,6 +6,7 @@ use super::dispatch::{InstructionSet, Simulated};
 use super::residual::Variable;
 use super::unknown::{Slot, Unknown};
 use super::{MEMORY, MOST_DRIVES, NODES, Plant, Scratch, State};
+use crate::mechanism::Heat;
 
 /// A plant with its state and everything a tick needs.
 ///
@@ -376,8 +377,8 @@ impl<R: Simulated> Simulation<R> {
         let plant = Arc::clone(&self.plant);
         match plant.unknowns.get(index).map(|placed| placed.slot) {
             Some(Slot::Heat { memory }) => {
-                if let Some(heat) = self.state.memory.get_mut(memory) {
-                    *heat = value;
+                if let Some(heat) = self.state.memory.get_mut(memory..memory + Heat::MEMORY) {
+                    heat.fill(value);
                 }
             }
             Some(Slot::Play { path }) => {

@@ -79,6 +79,28 @@ fn a_coil_warms_exponentially_and_weakens() {
     assert!((none[1] - 0.7).abs() < METER);
 }
 
+/// A step onto a cold coil: the winding's share comes with its own time constant, the rest with the body's.
+#[test]
+fn a_winding_warms_before_its_body() {
+    let (rise, body_s, share, winding_s) = (0.2, 4.0, 0.3, 0.5);
+    let heating = mechanism(
+        "coil_heating",
+        "valve",
+        &format!(
+            "resistance_rise = {rise}\ntime_constant_s = {body_s:?}\nwinding_share = {share}\n\
+             winding_time_constant_s = {winding_s:?}"
+        ),
+    );
+    let u = 0.8_f64;
+    for (k, mean) in acting(&heating, &[u; 400]).iter().enumerate() {
+        let t = TICK_S * (k as f64 + 0.5);
+        let warmed = |tau: f64| u * u * -(-t / tau).exp_m1();
+        let exact = u / (1.0 + rise * ((1.0 - share) * warmed(body_s) + share * warmed(winding_s)));
+        // Mean of a tick against its middle: the curvature of the quick part, u³ k s (T/τ_w)²/24.
+        assert!((mean - exact).abs() < METER + 3e-6, "tick {k}: {mean} against {exact}");
+    }
+}
+
 #[test]
 fn free_runs_start_with_the_coil_as_cold_as_the_rig_says() {
     let heated = paper_with(&mechanism("coil_heating", "valve_pos", "resistance_rise = 0.2\ntime_constant_s = 60.0"));

@@ -44,7 +44,8 @@ pub fn alone(bench: &Bench<'_>, candidates: &[Candidate]) -> Result<Vec<Alone>, 
     let arcs = refined_starts(&bench.fast, rig, &Arcs::free(bench.records))?;
     let mut runs = vec![Run::from(rig.clone())];
     let mut tries: Vec<(usize, &Vec<f64>)> = Vec::new();
-    for (k, candidate) in candidates.iter().enumerate().filter(|(_, candidate)| candidate.is_apt(rig, &[])) {
+    let plain = |(_, candidate): &(usize, &Candidate)| candidate.is_apt(rig, &[]) && !candidate.is_refinement();
+    for (k, candidate) in candidates.iter().enumerate().filter(plain) {
         for start in &candidate.starts {
             let mut with = rig.clone();
             with.mechanisms.push(candidate.attached(start));

@@ -69,6 +69,11 @@ impl Candidate {
             || rig.mechanisms.iter().any(|m| m.enabled && there(m.mechanism.id(), &m.component))
     }
 
+    /// Whether it is a richer shape, to be tried in place of a plainer one that was found.
+    pub fn is_refinement(&self) -> bool {
+        self.offered.refinement
+    }
+
     /// Whether both are shapes of one mechanism there that differ only beside certain others.
     pub fn differs_beside(&self, other: &Candidate) -> bool {
         self.excludes(other)

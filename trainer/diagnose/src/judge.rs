@@ -11,7 +11,7 @@ use crate::alone::alone;
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
-use crate::evidence::{Bar, evidence};
+use crate::evidence::{Bar, Evidence, evidence};
 use crate::glance::Footing;
 use crate::search::{FAR_BEHIND, Found, GLANCE_ROUNDS, cost, starts, twins, with, without};
 
@@ -37,6 +37,19 @@ const MOST_RIVALS: usize = 5;
 const TIE: f64 = 6.0;
 /// Standard errors within which they are.
 const TIE_SE: f64 = 2.0;
+
+/// Log-likelihood, fitted and kept rows together, at which something is there however little it does.
+const CERTAIN: f64 = 50.0;
+/// Standard errors by which fitted rows must show it, and those that choose.
+const CERTAIN_SE: [f64; 2] = [2.0, 1.0];
+
+/// Whether something is there beyond doubt, whatever its size.
+fn is_certain(found: &Evidence) -> bool {
+    let [fitted_se, chosen_se] = CERTAIN_SE;
+    found.fitted + found.chosen > CERTAIN
+        && found.fitted > fitted_se * found.fitted_se
+        && found.chosen > chosen_se * found.chosen_se
+}
 
 /// Rounds of a glance that nothing follows.
 const LONG_GLANCE_ROUNDS: usize = 10;
@@ -150,8 +163,9 @@ fn nothing_named(
         .filter(|e| e.terms.len() == 1)
         .filter_map(|e| {
             let found_for = evidence(bench, e, &found.nominal);
-            // What hardly shows in the free run is an everyday imperfection; what saves the priors much is not.
-            let shows = found_for.removed_kpa > Bar::default().removed_kpa;
+            // What hardly shows in the free run is an everyday imperfection; what saves the priors much is not, nor what is
+            // beyond all doubt, small as it may be.
+            let shows = found_for.removed_kpa > Bar::default().removed_kpa || is_certain(&found_for);
             let gain = if shows { found_for.posterior } else { found_for.posterior - found_for.fitted.max(0.0) };
             (gain > HINT + looked_at).then_some((gain, e))
         })

@@ -15,7 +15,7 @@ mod refine;
 
 pub use exchange::{FAR_BEHIND, twins};
 use exchange::{deletions, pairs, swaps};
-use refine::{from_priors, plainer, sharpened};
+use refine::{from_priors, plainer, refined, richer, sharpened};
 
 /// How to search.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -99,7 +99,7 @@ pub fn search(
         rounds.push(Round { base: best.terms.clone(), ranked, evidence: Some(found), taken });
         tried.extend(polished);
         if taken {
-            best = top;
+            best = refined(bench, candidates, top, settings.bar.removed_kpa)?;
         } else {
             // What is far from any known physics may be near one from where the parameters were before they gave way.
             let left = excess(bench, &best.trace);
@@ -173,6 +173,7 @@ const FAR_OFF: f64 = 6.0;
 fn is_open(bench: &Bench<'_>, candidates: &[Candidate], terms: &[usize], k: usize) -> bool {
     let beside: Vec<&Candidate> = terms.iter().map(|t| &candidates[*t]).collect();
     !terms.contains(&k)
+        && !candidates[k].is_refinement()
         && beside.iter().all(|term| !term.excludes(&candidates[k]))
         && candidates[k].is_apt(bench.rig, &beside)
 }

@@ -1,8 +1,8 @@
 //! Terms in exchange for others: swapped one by one or in pairs, deleted.
 
 use super::{
-    GLANCE_ROUNDS, PAIR_ROUNDS, Round, SearchSettings, cost, earns_its_place, is_open, position_of, starts, with,
-    without,
+    GLANCE_ROUNDS, PAIR_ROUNDS, Round, SearchSettings, cost, earns_its_place, is_open, plainer, position_of, refined,
+    richer, starts, with, without,
 };
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
@@ -142,7 +142,7 @@ pub fn twins(candidates: &[Candidate], terms: &[usize]) -> Option<(usize, usize)
 /// Cost by which something is behind after a glance that no fit is spent on it.
 pub const FAR_BEHIND: f64 = 100.0;
 
-/// Removes terms that the others have made needless.
+/// Removes terms that the others, in a richer shape where one is offered, have made needless.
 pub(super) fn deletions(
     bench: &Bench<'_>,
     candidates: &[Candidate],
@@ -159,15 +159,18 @@ pub(super) fn deletions(
         let starts = starts(bench, candidates, &best, &terms, &[], false);
         let footing = Footing::of(bench, &best)?;
         let without_it = footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS);
-        if without_it.is_none_or(|glanced| glanced.cost > footing.cost + FAR_BEHIND) {
+        // What a plain shape of another term leaves looks like physics of its own.
+        let may_be_richer = terms.iter().any(|t| richer(candidates, *t).next().is_some());
+        if !may_be_richer && without_it.is_none_or(|glanced| glanced.cost > footing.cost + FAR_BEHIND) {
             continue;
         }
         let Ok(reduced) = bench.fit(candidates, &terms, &starts, Effort::Polish) else { continue };
+        let reduced = if may_be_richer { refined(bench, candidates, reduced, 0.0)? } else { reduced };
         let found = evidence(bench, &best, &reduced);
         if earns_its_place(bench, candidates, settings, &found, [&best, &reduced, nominal]) {
             tried.push(reduced);
         } else {
-            best = reduced;
+            best = plainer(bench, candidates, reduced, settings.bar.removed_kpa)?;
         }
     }
     Ok(best)

@@ -35,6 +35,39 @@ pub(super) fn plainer(
     Ok(explanation)
 }
 
+/// Richer shapes that are offered in place of a term.
+pub(super) fn richer(candidates: &[Candidate], term: usize) -> impl Iterator<Item = usize> + '_ {
+    let of_it = move |k: &usize| candidates[*k].is_refinement() && candidates[term].is_plainer_than(&candidates[*k]);
+    (0..candidates.len()).filter(of_it)
+}
+
+/// The same with richer shapes of its terms that are offered for what was found, where that sets right what is worth a name.
+pub(super) fn refined(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    mut explanation: Explanation,
+    least_kpa: f64,
+) -> Result<Explanation, DiagnoseError> {
+    for term in explanation.terms.clone() {
+        for rich in richer(candidates, term) {
+            let Some(at) = position_of(bench, candidates, &explanation, term) else { continue };
+            let known = explanation.set.values(&explanation.fitted.point);
+            let Some(mut values) = candidates[rich].starts.first().cloned() else { continue };
+            for (value, known) in values.iter_mut().zip(known.iter().skip(at).take(candidates[term].len())) {
+                *value = *known;
+            }
+            let terms = with(&without(&explanation.terms, term), rich);
+            let from = starts(bench, candidates, &explanation, &terms, &[(rich, values)], false);
+            let Ok(fitted) = bench.fit(candidates, &terms, &from, Effort::Polish) else { continue };
+            if evidence(bench, &fitted, &explanation).removed_kpa >= least_kpa {
+                explanation = fitted;
+                break;
+            }
+        }
+    }
+    Ok(explanation)
+}
+
 /// Fits each of some candidates on top of `base` anew from the priors' means; the best.
 ///
 /// Parameters that have given way to missing physics (a chamber's volume for warm gas: by a third) stand so far off that the
