@@ -23,7 +23,7 @@ fn does(id: &str) -> &'static str {
         "valve_lag" => "follows its command late",
         "valve_force_curve" => "is pushed open by the pressure in another way than in proportion",
         "coil_heating" => "opens less as its coil warms",
-        "supply_sag" => "opens less when both coils draw current, because the supply sags",
+        "supply_sag" => "sags when both coils draw current, so that each valve opens less",
         "command_delay" => "acts on a command a fixed time after it was sent",
         "chamber_leak" => "leaks to the outside even when its valve is shut",
         "cross_leak" => "lets air pass back from the positive to the negative side",
@@ -72,7 +72,7 @@ fn called(findings: &Findings<'_, '_>, candidate: &Candidate) -> String {
     } else if rig.lines.contains_key(component) {
         return format!("The line `{component}`");
     } else {
-        return format!("`{component}`");
+        return if candidate.id == "supply_sag" { "The valves' supply".to_owned() } else { format!("`{component}`") };
     };
     // In a rig of other sides than the paper's two, the name in its file says more.
     match candidate.side.as_str() {
