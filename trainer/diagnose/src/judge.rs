@@ -118,7 +118,7 @@ pub fn judge(
 ) -> Result<Judgement, DiagnoseError> {
     let excess_kpa = [excess(bench, given), excess(bench, &found.nominal.trace), excess(bench, &found.best.trace)];
     if found.best.terms.is_empty() {
-        nothing_named(bench, candidates, found, given, excess_kpa)
+        nothing_named(bench, candidates, found, given, excess_kpa, &[])
     } else {
         something_named(bench, candidates, found, excess_kpa, tell)
     }
@@ -135,23 +135,26 @@ pub fn judge_without(
     given: &[f64],
 ) -> Result<Judgement, DiagnoseError> {
     let nominal = excess(bench, &found.nominal.trace);
-    nothing_named(bench, candidates, found, given, [excess(bench, given), nominal.clone(), nominal])
+    let excess_kpa = [excess(bench, given), nominal.clone(), nominal];
+    nothing_named(bench, candidates, found, given, excess_kpa, &found.best.terms)
 }
 
-/// No candidate passed the bar.
+/// No candidate passed the bar, or what did was withdrawn.
 fn nothing_named(
     bench: &Bench<'_>,
     candidates: &[Candidate],
     found: &Found,
     given: &[f64],
     excess_kpa: [Vec<f64>; 3],
+    withdrawn: &[usize],
 ) -> Result<Judgement, DiagnoseError> {
     let undecided = |rivals, group| Judgement {
         rivals,
         groups: vec![group],
         ..Judgement::unnamed(Verdict::Undecided, excess_kpa.clone())
     };
-    if excess_kpa[1].iter().any(|kpa| *kpa > UNKNOWN_KPA) {
+    // What was withdrawn says where the error is: far from where the rig works.
+    if withdrawn.is_empty() && excess_kpa[1].iter().any(|kpa| *kpa > UNKNOWN_KPA) {
         return Ok(Judgement::unnamed(Verdict::UnknownMechanism, excess_kpa));
     }
     // Mechanisms that the recordings, or the priors, would rather have than a mere shift. The best of many candidates gains
@@ -160,7 +163,7 @@ fn nothing_named(
     let mut hints: Vec<(f64, &Explanation)> = found
         .tried
         .iter()
-        .filter(|e| e.terms.len() == 1)
+        .filter(|e| e.terms.len() == 1 && e.terms != withdrawn)
         .filter_map(|e| {
             let found_for = evidence(bench, e, &found.nominal);
             // What hardly shows in the free run is an everyday imperfection; what saves the priors much is not, nor what is
