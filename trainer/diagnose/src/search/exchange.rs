@@ -2,7 +2,7 @@
 
 use super::{
     GLANCE_ROUNDS, PAIR_ROUNDS, Round, SearchSettings, cost, earns_its_place, is_open, plainer, position_of, refined,
-    richer, starts, with, without,
+    richer, sharpened, starts, with, without,
 };
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
@@ -159,12 +159,15 @@ pub(super) fn deletions(
         let starts = starts(bench, candidates, &best, &terms, &[], false);
         let footing = Footing::of(bench, &best)?;
         let without_it = footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS);
-        // What a plain shape of another term leaves looks like physics of its own.
+        // What a plain shape of another term leaves looks like physics of its own, and so does what is left by one that moves
+        // in steps and was not yet quite where it belongs when this one came in.
         let may_be_richer = terms.iter().any(|t| richer(candidates, *t).next().is_some());
-        if !may_be_richer && without_it.is_none_or(|glanced| glanced.cost > footing.cost + FAR_BEHIND) {
+        let stepped = terms.iter().any(|t| candidates[*t].stepped());
+        if !may_be_richer && !stepped && without_it.is_none_or(|glanced| glanced.cost > footing.cost + FAR_BEHIND) {
             continue;
         }
         let Ok(reduced) = bench.fit(candidates, &terms, &starts, Effort::Polish) else { continue };
+        let reduced = sharpened(bench, candidates, reduced)?;
         let reduced = if may_be_richer { refined(bench, candidates, reduced, 0.0)? } else { reduced };
         let found = evidence(bench, &best, &reduced);
         if earns_its_place(bench, candidates, settings, &found, [&best, &reduced, nominal]) {
