@@ -47,6 +47,9 @@ pub(crate) struct Bench<'m> {
     law: FlowFunction<Eight>,
     walls: WallTable<f64>,
     steps: usize,
+    /// Share of the pressure before a check valve below which the drop across it drives a laminar flow, in proportion; 0
+    /// for never.
+    laminar: f64,
 }
 
 /// Port pressures of eight cells, in Pa, with their ripple at the start of each step.
@@ -70,15 +73,17 @@ const NUDGE: f64 = 0.01;
 const LONGEST_MEMORY: f64 = 0.98;
 
 impl<'m> Bench<'m> {
-    pub(crate) fn new(machine: &'m Machine) -> Self {
-        // Half the step of the detailed pump, and a whole number of steps between two tabled phases.
-        let per_phase = (2.0 / (machine.speed * machine.step_s * PHASES as f64)).ceil().clamp(4.0, 80.0);
+    pub(crate) fn new(machine: &'m Machine, smooth: bool) -> Self {
+        // The step of the detailed pump or half of it, and a whole number of steps between two tabled phases.
+        let (finer, laminar) = if smooth { (2.0, LAMINAR) } else { (1.0, 0.0) };
+        let per_phase =
+            (finer / (machine.speed * machine.step_s * PHASES as f64)).ceil().clamp(2.0 * finer, 40.0 * finer);
         let steps = PHASES * per_phase as usize;
         let mut walls = WallTable::new(1, 1, steps, &[]);
         let (drive, cylinders) = machine.crank();
         // One revolution per second, so that the table is per revolution; it starts at bottom dead centre.
         walls.turn(0, &drive, &cylinders, 0.0, 1.0, 0.25 / steps as f64);
-        Bench { machine, law: FlowFunction::from_lanes(&[machine.law]), walls, steps }
+        Bench { machine, law: FlowFunction::from_lanes(&[machine.law]), walls, steps, laminar }
     }
 
     /// Works out eight cells at port pressures in Pa.
@@ -214,7 +219,7 @@ impl Trace {
     }
 }
 
-/// Share of the pressure before a check valve below which the drop across it drives a laminar flow, in proportion.
+/// That share where pumps are to be smooth.
 const LAMINAR: f64 = 3e-3;
 
 /// Flow through a check valve in kg/s, given its area by √(R T). A function, for a closure would not be compiled for the
@@ -224,14 +229,24 @@ const LAMINAR: f64 = 3e-3;
 /// matters. An orifice's root has no slope at zero; at fixed steps it chatters there, and a valve that opens a step sooner or
 /// later leaves kinks of 0.01 kPa in the pump's parameters, over which fits stumble (0.001 with this).
 #[inline(always)]
-fn orifice(law: &FlowFunction<Eight>, area_by_speed: Eight, up: Eight, down: Eight, spring: Eight) -> Eight {
+fn orifice(
+    law: &FlowFunction<Eight>,
+    laminar: f64,
+    area_by_speed: Eight,
+    up: Eight,
+    down: Eight,
+    spring: Eight,
+) -> Eight {
     let zero = Eight::splat(0.0);
     let driving = up - down - spring;
     if driving.any_above(zero) {
         let drop = (driving / up).at_least(zero);
+        let flow = area_by_speed * up * law.at_drop(drop);
+        if laminar == 0.0 {
+            return flow;
+        }
         let squared = drop * drop;
-        let laminar = (squared / (squared + Eight::splat(LAMINAR * LAMINAR))).sqrt().sqrt();
-        area_by_speed * up * law.at_drop(drop) * laminar
+        flow * (squared / (squared + Eight::splat(laminar * laminar))).sqrt().sqrt()
     } else {
         zero
     }
@@ -267,8 +282,8 @@ fn revolution(bench: &Bench<'_>, ports: &Ports, speed: Eight, pressure: Eight, t
         for (stage, slope) in k.iter_mut().enumerate() {
             let moment = stage.div_ceil(2);
             let wall = bench.walls.at::<1>(4 * s + 2 * moment)[0];
-            let into = orifice(&bench.law, inlet_area, inlet[moment], y, inlet_spring);
-            let out = orifice(&bench.law, outlet_area, y, outlet[moment], outlet_spring);
+            let into = orifice(&bench.law, bench.laminar, inlet_area, inlet[moment], y, inlet_spring);
+            let out = orifice(&bench.law, bench.laminar, outlet_area, y, outlet[moment], outlet_spring);
             let blown = blowby * (y * y - air2);
             let gained = (into - out - blown) * splat(wall.pressure_per_mass) * time;
             *slope = [gained - y * splat(wall.growth), into, out];

@@ -47,6 +47,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub struct PumpTables {
     /// Newest last.
     known: Mutex<Vec<Known>>,
+    /// Whether pumps are smooth in their parameters.
+    smooth: bool,
 }
 
 /// The numbers of a pump, and its table.
@@ -56,9 +58,16 @@ type Known = (Vec<u64>, Arc<PumpTable<f64>>);
 const REMEMBERED: usize = 128;
 
 impl PumpTables {
-    /// None so far.
+    /// None so far, of pumps as the detailed plant has them.
     pub const fn new() -> Self {
-        PumpTables { known: Mutex::new(Vec::new()) }
+        PumpTables { known: Mutex::new(Vec::new()), smooth: false }
+    }
+
+    /// None so far, of pumps that are smooth in their parameters, for searches: check valves are laminar below a drop of
+    /// 0.3 %, which an orifice is not. That moves a pressure by some hundredths of a kPa, which a search that ends on the
+    /// detailed plant takes out again and a feed-forward would not.
+    pub const fn smooth() -> Self {
+        PumpTables { known: Mutex::new(Vec::new()), smooth: true }
     }
 
     /// How many are remembered.
@@ -85,7 +94,7 @@ impl PumpTables {
             }
         }
         // Two threads may work out the same one; both get the same numbers.
-        let table = Arc::new(PumpTable::new(machine));
+        let table = Arc::new(PumpTable::new(machine, self.smooth));
         let mut known = known();
         if known.len() >= REMEMBERED {
             known.remove(0);

@@ -93,8 +93,8 @@ pub(crate) struct PumpTable<R> {
 
 impl PumpTable<f64> {
     /// Works out the table of a pump: some milliseconds, or a few times that where absolute pressure matters.
-    pub(crate) fn new(machine: &Machine) -> Self {
-        let bench = Bench::new(machine);
+    pub(crate) fn new(machine: &Machine, smooth: bool) -> Self {
+        let bench = Bench::new(machine, smooth);
         let lowest = 0.8 / machine.compression_ratio().sqrt();
         let step = (HIGHEST - lowest) / CELLS as f64;
         let rows = if machine.scales() { 1 } else { ROWS };

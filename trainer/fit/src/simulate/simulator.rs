@@ -44,7 +44,7 @@ const AVERAGED_STEP_MS: f64 = 10.0;
 
 /// Tables of averaged pumps, which depend on numbers of rigs alone. Rigs of one Jacobian differ in one number each, which
 /// mostly is none of the pump's, and the next run begins where the last one ended.
-static TABLES: PumpTables = PumpTables::new();
+static TABLES: PumpTables = PumpTables::smooth();
 
 /// One rig to be run, and how its starts differ from the arcs'.
 #[derive(Debug, Clone)]
