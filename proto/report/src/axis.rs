@@ -180,6 +180,6 @@ fn log_label(value: f64) -> String {
 }
 
 /// A true minus sign: a hyphen is easily missed before a digit.
-fn with_minus(number: &str) -> String {
+pub(crate) fn with_minus(number: &str) -> String {
     number.replace('-', "\u{2212}")
 }

@@ -24,6 +24,8 @@ const ROW: f64 = 20.0;
 const GAP: f64 = 16.0;
 /// Space below the last panel: tick labels and the axis' name.
 const FOOT: f64 = 48.0;
+/// Diameter of a dot (pixels).
+const DOT: f64 = 4.4;
 /// Columns that a line is thinned out to: one per pixel of the axes.
 const COLUMNS: usize = (RIGHT - LEFT) as usize;
 
@@ -113,11 +115,16 @@ fn draw_panel(out: &mut String, panel: &Placed<'_>, id: &str, is_last: bool) {
         }
     }
     grid(out, panel, is_last);
+    // A dot on the edge is not cut in half.
+    let has_dots = panel.panel.series.iter().any(|series| matches!(series, Series::Scatter(_)));
+    let margin = if has_dots { 0.5 * DOT } else { 0.0 };
     let _ = write!(
         out,
-        "<clipPath id=\"{id}\"><rect x=\"{left}\" y=\"{top}\" width=\"{}\" height=\"{}\"/></clipPath><g clip-path=\"url(#{id})\">",
-        coordinate(RIGHT - LEFT),
-        coordinate(panel.panel.height)
+        "<clipPath id=\"{id}\"><rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"/></clipPath><g clip-path=\"url(#{id})\">",
+        coordinate(LEFT - margin),
+        coordinate(panel.top - margin),
+        coordinate(RIGHT - LEFT + 2.0 * margin),
+        coordinate(panel.panel.height + 2.0 * margin)
     );
     // Areas first, then curves, then what must stay visible on top of them.
     for layer in 0..3 {
@@ -199,8 +206,9 @@ fn draw_series(out: &mut String, panel: &Placed<'_>, styled: &Styled<'_>) {
             }
             write!(
                 out,
-                "<path transform=\"scale(.1)\" d=\"{}\" fill=\"none\" stroke=\"{color}\" stroke-opacity=\"0.65\" stroke-width=\"44\" stroke-linecap=\"round\">{title}</path>",
-                path.text
+                "<path transform=\"scale(.1)\" d=\"{}\" fill=\"none\" stroke=\"{color}\" stroke-opacity=\"0.65\" stroke-width=\"{}\" stroke-linecap=\"round\">{title}</path>",
+                path.text,
+                coordinate(10.0 * DOT)
             )
         }
         Series::Bars { histogram, .. } => {

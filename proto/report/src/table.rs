@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use crate::axis::with_minus;
 use crate::markup::escape;
 
 /// A table of texts.
@@ -55,7 +56,8 @@ impl Table {
         for row in &self.rows {
             out.push_str("<tr>");
             for (cell, number) in row.iter().zip(&numbers) {
-                let _ = write!(out, "<td{}>{}</td>", class(*number), escape(cell));
+                let text = if *number { with_minus(cell) } else { cell.clone() };
+                let _ = write!(out, "<td{}>{}</td>", class(*number), escape(&text));
             }
             out.push_str("</tr>");
         }
@@ -85,6 +87,12 @@ mod tests {
             .row(["negative", "n/a", "", "none"]);
         let holds: Vec<bool> = (0..4).map(|column| table.holds_numbers(column)).collect();
         assert_eq!(holds, [false, true, true, false]);
+    }
+
+    #[test]
+    fn numbers_have_a_true_minus_and_texts_keep_their_hyphens() {
+        let html = Table::new(["gain", "rig"]).row(["-3.1", "re-identified"]).to_html();
+        assert!(html.contains("<td class=\"number\">\u{2212}3.1</td><td>re-identified</td>"), "{html}");
     }
 
     #[test]
