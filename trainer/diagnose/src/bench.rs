@@ -1,5 +1,7 @@
 //! The bench on which explanations are tried: recordings, their split and noise, and fits of a rig with terms.
 
+use std::sync::OnceLock;
+
 use fit::FitError;
 use fit::data::{Noise, Records, Role, Split, Stretch, noise};
 use fit::least_squares::Loss;
@@ -68,13 +70,20 @@ pub struct Explanation {
     pub trace: Vec<f64>,
     /// Half the squared shifts of the nominal parameters in prior standard deviations.
     pub prior_cost: f64,
+    /// [`Explanation::errors`], once they were asked for.
+    errors: OnceLock<Allowed>,
 }
 
 impl Explanation {
-    /// Its point with its coordinates given way by `less`, within their bounds.
-    pub fn given_way(&self, less: &[f64]) -> Vec<f64> {
-        let moved = self.fitted.point.iter().zip(less).zip(self.set.bounds());
-        moved.map(|((z, less), [low, high])| (z - less).clamp(low, high)).collect()
+    /// Its point moved `by` that much in each coordinate, within their bounds.
+    pub fn moved(&self, by: &[f64]) -> Vec<f64> {
+        let moved = self.fitted.point.iter().zip(by).zip(self.set.bounds());
+        moved.map(|((z, by), [low, high])| (z + by).clamp(low, high)).collect()
+    }
+
+    /// [`Bench::drift_of`] its trace, on the bench that it was fitted on.
+    pub fn errors(&self, bench: &Bench<'_>) -> &Allowed {
+        self.errors.get_or_init(|| bench.drift_of(&self.trace))
     }
 }
 
@@ -241,7 +250,7 @@ impl<'r> Bench<'r> {
         let Some((_, fitted)) = best else { return Err(failed.unwrap_or(FitError::NoRecordings).into()) };
         let trace = self.free_run(&fitted.rig)?;
         let prior_cost = fitted.point.iter().take(self.nominal.len()).map(|z| 0.5 * z * z).sum();
-        Ok(Explanation { terms: terms.to_vec(), set, fitted, trace, prior_cost })
+        Ok(Explanation { terms: terms.to_vec(), set, fitted, trace, prior_cost, errors: OnceLock::new() })
     }
 
     /// A free run over all rows, starts refined.

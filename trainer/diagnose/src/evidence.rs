@@ -33,8 +33,8 @@ pub const NEARLY_ALL: f64 = 0.75;
 
 /// Evidence for `better` against `worse`; slow errors of the size that `better` has count little.
 pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) -> Evidence {
-    let drift = bench.drift_of(&better.trace);
-    let of = |e: &Explanation, role| bench.score(&e.trace, role, &drift);
+    let errors = better.errors(bench);
+    let of = |e: &Explanation, role| bench.score(&e.trace, role, errors);
     let fit = [of(better, Role::Fit), of(worse, Role::Fit)];
     let select = [of(better, Role::Select), of(worse, Role::Select)];
     let (fitted, fitted_se) = fit[0].gain_over(&fit[1]);
@@ -49,11 +49,16 @@ pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) ->
         fitted_se,
         chosen,
         chosen_se,
-        throughout: throughout(&bench.score_finely(&better.trace, &drift), &bench.score_finely(&worse.trace, &drift)),
-        removed_kpa: drop.abs().sqrt() * drop.signum(),
+        throughout: throughout(&bench.score_finely(&better.trace, errors), &bench.score_finely(&worse.trace, errors)),
+        removed_kpa: root_of_drop(drop),
         share: drop / (mean(1) - noise).max(1e-12),
         posterior: fitted + worse.prior_cost - better.prior_cost,
     }
+}
+
+/// Signed root of a drop in mean squared error: negative if it rose.
+pub fn root_of_drop(drop: f64) -> f64 {
+    drop.abs().sqrt().copysign(drop)
 }
 
 /// Where the gain of a block stops counting for [`Evidence::throughout`].

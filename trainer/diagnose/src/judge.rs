@@ -310,8 +310,7 @@ fn lost_without(
     let starts = starts(bench, candidates, best, rest, &[], false);
     let Some(glanced) = footing.glance(bench, &set, &starts, LONG_GLANCE_ROUNDS) else { return Ok(f64::INFINITY) };
     let rig = set.rig_at(&glanced.point).map_err(DiagnoseError::rig(set.rig()))?;
-    let drift = bench.drift_of(&best.trace);
-    let score = |trace: &[f64]| bench.score(trace, Role::Fit, &drift);
+    let score = |trace: &[f64]| bench.score(trace, Role::Fit, best.errors(bench));
     Ok(score(&best.trace).gain_over(&score(&bench.free_run(&rig)?)).0)
 }
 

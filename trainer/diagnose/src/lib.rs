@@ -18,7 +18,7 @@
 //! | pumps that were switched | [`switched`] |
 //! | a time span in which the rig was another one | [`event`] |
 //! | the experiment that tells rivals apart | [`experiment`] |
-//! | before and after; words; `diagnosis.json`; `report.html` | [`figures`], `words`, [`proto::diagnosis`], `page` |
+//! | before and after; in words; where; `diagnosis.json`; `report.html` | [`figures`], `summary`, `whereabouts`, [`proto::diagnosis`], `page` |
 //!
 //! No verdict is better than its recordings: what they do not tell is said, and never guessed.
 
@@ -42,9 +42,11 @@ pub mod place;
 mod run;
 pub mod screen;
 pub mod search;
+mod summary;
 pub mod switched;
 mod turning;
 pub mod unknown;
+mod whereabouts;
 mod words;
 
 pub use error::DiagnoseError;

@@ -41,6 +41,11 @@ pub fn side(rig: &Rig, components: &[String]) -> String {
     }
 }
 
+/// As [`side`], of one component.
+pub fn side_of(rig: &Rig, component: &str) -> String {
+    side(rig, &[component.to_owned()])
+}
+
 /// The channel (index of the sensor) that reads a volume.
 pub fn channel_of(rig: &Rig, volume: &str) -> Option<usize> {
     rig.sensors.values().position(|sensor| sensor.volume == volume)

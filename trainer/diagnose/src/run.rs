@@ -15,7 +15,7 @@ use crate::candidate::{Candidate, candidates};
 use crate::closed;
 use crate::error::DiagnoseError;
 use crate::event::{self, Event};
-use crate::evidence::{Bar, evidence};
+use crate::evidence::{Bar, evidence, root_of_drop};
 use crate::experiment::{Plan, plan};
 use crate::figures::{Figures, figures};
 use crate::glance::settled;
@@ -26,7 +26,7 @@ use crate::search::{Found, SearchSettings};
 use crate::switched;
 use crate::turning::answered;
 use crate::unknown::{UnknownTerm, fit_unknown};
-use crate::{page, words};
+use crate::{page, summary, whereabouts};
 
 /// What is asked for.
 #[derive(Debug, Clone)]
@@ -264,8 +264,7 @@ const REACH_KPA: f64 = 0.1;
 
 /// Root of the drop in mean squared error, in kPa; negative if it rose.
 fn removed(without: &Figures, with: &Figures) -> f64 {
-    let drop = without.total_rmse_kpa().powi(2) - with.total_rmse_kpa().powi(2);
-    drop.abs().sqrt().copysign(drop)
+    root_of_drop(without.total_rmse_kpa().powi(2) - with.total_rmse_kpa().powi(2))
 }
 
 /// Names of terms, for notes.
@@ -281,12 +280,12 @@ fn taken(weights: &[f64], places: &[usize]) -> Vec<f64> {
 /// The diagnosis in the form of its file.
 fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {
     let judgement = findings.judgement;
-    let mechanisms = words::mechanisms(findings);
+    let mechanisms = summary::mechanisms(findings);
     let extended = if judgement.verdict == Verdict::Adequate { &findings.given } else { &findings.extended };
     Diagnosis {
         verdict: judgement.verdict,
-        summary: words::summary(findings, &mechanisms),
-        location: words::locations(findings),
+        summary: summary::summary(findings, &mechanisms),
+        location: whereabouts::locations(findings),
         mechanisms,
         fit: Fits {
             nominal: findings.given.to_fit(),

@@ -82,7 +82,7 @@ pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, o
     let mut shifts: Vec<(usize, Vec<f64>)> = Vec::new();
     let mut runs: Vec<Run> = Vec::new();
     for (at, (k, start, effect)) in effects.iter().enumerate() {
-        let point = base.given_way(effect.given_way.as_slice());
+        let point = base.moved(effect.shift.as_slice());
         let (Some(candidate), Ok(mut rig)) = (candidates.get(*k), base.set.rig_at(&point)) else { continue };
         rig.mechanisms.push(candidate.attached(start));
         shifts.push((at, point.iter().zip(&fitted.point).map(|(to, from)| to - from).collect()));
@@ -103,7 +103,7 @@ pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, o
     let mut single: Vec<Screened> = Vec::new();
     for (k, start, effect) in &effects {
         let (gain, a) = effect.most();
-        let shift = effect.given_way.iter().map(|g| -a * g).collect();
+        let shift = effect.shift.iter().map(|by| a * by).collect();
         keep_best(&mut single, Screened { terms: vec![scaled(*k, start, a)], gain, shift });
     }
     let alone = |k: usize| single.iter().find(|s| s.terms.iter().any(|t| t.0 == k)).map_or(0.0, |s| s.gain);
@@ -117,8 +117,8 @@ pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, o
             }
             let (gain, [a, b]) = projector.most_of_both(effect, other_effect);
             if gain > alone(*k).max(alone(*other)) + SECOND_PLACE {
-                let shifts = effect.given_way.iter().zip(&other_effect.given_way);
-                let shift = shifts.map(|(one, other)| -a * one - b * other).collect();
+                let shifts = effect.shift.iter().zip(&other_effect.shift);
+                let shift = shifts.map(|(one, other)| a * one + b * other).collect();
                 let terms = vec![scaled(*k, start, a), scaled(*other, start, b)];
                 keep_best(&mut double, Screened { terms, gain, shift });
             }
@@ -146,8 +146,8 @@ struct Effect {
     of: Vec<f64>,
     /// Its products with the slopes.
     on_slopes: DVector<f64>,
-    /// What of it the free parameters would do.
-    given_way: DVector<f64>,
+    /// What the free parameters' coordinates give way by.
+    shift: DVector<f64>,
     /// `s·r − s·J h`.
     along: f64,
     /// `s⊥·s`.
@@ -218,15 +218,15 @@ impl<'a> Projector<'a> {
     fn seen(&self, of: Vec<f64>) -> Effect {
         let n = self.at.jacobian.len();
         let on_slopes = DVector::from_iterator(n, self.at.jacobian.iter().map(|c| dot(c, &of, &self.weights)));
-        let given_way = self.factor.solve(&on_slopes);
-        let along = dot(&of, &self.at.residuals, &self.weights) - given_way.dot(&self.gradient);
-        let size = dot(&of, &of, &self.weights) - given_way.dot(&on_slopes);
-        Effect { of, on_slopes, given_way, along, size }
+        let shift = -self.factor.solve(&on_slopes);
+        let along = dot(&of, &self.at.residuals, &self.weights) + shift.dot(&self.gradient);
+        let size = dot(&of, &of, &self.weights) + shift.dot(&on_slopes);
+        Effect { of, on_slopes, shift, along, size }
     }
 
     /// The most that two effects can gain together, and how large each is then.
     fn most_of_both(&self, one: &Effect, other: &Effect) -> (f64, [f64; 2]) {
-        let cross = dot(&one.of, &other.of, &self.weights) - one.given_way.dot(&other.on_slopes);
+        let cross = dot(&one.of, &other.of, &self.weights) + one.shift.dot(&other.on_slopes);
         let determinant = one.size * other.size - cross * cross;
         if determinant.is_nan() || determinant <= 1e-6 * one.size * other.size {
             return (0.0, [1.0; 2]);

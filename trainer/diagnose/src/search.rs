@@ -39,10 +39,20 @@ pub struct Round {
     pub base: Vec<usize>,
     /// Candidates after a glance, best first.
     pub ranked: Vec<Ranked>,
-    /// The best one's evidence against the base.
+    /// What was added in the best after fits to the end, ascending.
+    pub best: Vec<usize>,
+    /// Its evidence against the base.
     pub evidence: Option<Evidence>,
     /// Whether it was taken.
     pub taken: bool,
+}
+
+impl Round {
+    /// Notes the best that was fitted to the end, and its evidence.
+    fn shows(&mut self, best: &Explanation, found: Evidence) {
+        self.best = best.terms.iter().copied().filter(|term| !self.base.contains(term)).collect();
+        self.evidence = Some(found);
+    }
 }
 
 /// A candidate after a glance.
@@ -96,7 +106,8 @@ pub fn search(
         let found = evidence(bench, &top, &best);
         let taken = earns_its_place(bench, candidates, settings, &found, [&top, &best, &nominal]);
         let missed: Vec<usize> = ranked.iter().map(|r| r.candidate).collect();
-        rounds.push(Round { base: best.terms.clone(), ranked, evidence: Some(found), taken });
+        let mut round = Round { base: best.terms.clone(), ranked, best: Vec::new(), evidence: None, taken };
+        round.shows(&top, found);
         tried.extend(polished);
         if taken {
             best = refined(bench, candidates, top, settings.bar.removed_kpa)?;
@@ -113,13 +124,19 @@ pub fn search(
                 earns_its_place(bench, candidates, settings, &evidence(bench, again, &best), [again, &best, &nominal])
             };
             match again.filter(passed) {
-                Some(again) => best = again,
+                Some(again) => {
+                    round.shows(&again, evidence(bench, &again, &best));
+                    round.taken = true;
+                    best = again;
+                }
                 None => {
                     next = Some(top);
+                    rounds.push(round);
                     break;
                 }
             }
         }
+        rounds.push(round);
         if best.terms.len() > 1 {
             best = swaps(bench, candidates, best, &rounds, settings, &mut tried, tell)?;
             best = pairs(bench, candidates, best, &rounds, &mut tried, tell)?;
@@ -197,8 +214,7 @@ fn additions(
     for (done, screened) in singles.chain(doubles).enumerate() {
         tell("trying mechanisms", done as f64 / count.max(1) as f64);
         let terms = screened.terms.iter().fold(base.terms.clone(), |terms, (k, _)| with(&terms, *k));
-        let away: Vec<f64> = screened.shift.iter().map(|by| -by).collect();
-        let from = base.given_way(&away);
+        let from = base.moved(&screened.shift);
         let starts = starts_at(bench, candidates, (base, &from), &terms, &screened.terms, settings.from_prior);
         let rounds = if screened.terms.len() > 1 { PAIR_ROUNDS } else { GLANCE_ROUNDS };
         if let Some(Glanced { cost, point }) =
@@ -248,8 +264,7 @@ impl Tried<'_> {
     /// The candidate with its values, where it is one.
     fn ranked(&self, bench: &Bench<'_>, candidates: &[Candidate]) -> Option<Ranked> {
         let candidate = self.alone()?;
-        let before = self.terms.iter().take_while(|term| **term != candidate).map(|term| candidates[*term].len());
-        let at = bench.nominal.len() + before.sum::<usize>();
+        let at = position_in(bench, candidates, &self.terms, candidate)?;
         let coordinates = self.point.get(at..).unwrap_or_default();
         let values = candidates[candidate].parameters(0).iter().zip(coordinates).map(|(p, z)| p.value(*z)).collect();
         Some(Ranked { candidate, gain: self.gain, values })
@@ -310,14 +325,13 @@ pub fn position_of(
     explanation: &Explanation,
     term: usize,
 ) -> Option<usize> {
-    let mut at = bench.nominal.len();
-    for known in &explanation.terms {
-        if *known == term {
-            return Some(at);
-        }
-        at += candidates[*known].len();
-    }
-    None
+    position_in(bench, candidates, &explanation.terms, term)
+}
+
+/// Where the parameters of a term begin in a point of some terms.
+fn position_in(bench: &Bench<'_>, candidates: &[Candidate], terms: &[usize], term: usize) -> Option<usize> {
+    let before = terms.iter().take(terms.iter().position(|known| *known == term)?);
+    Some(bench.nominal.len() + before.map(|known| candidates[*known].len()).sum::<usize>())
 }
 
 /// `terms` and `k`, ascending.

@@ -81,6 +81,9 @@ pub(crate) fn reach_kpa(bench: &Bench<'_>, explanation: &Explanation) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bench::Effort;
+    use crate::candidate::candidates;
+    use fit::simulate::{Fidelity, Simulator};
     use proto::recording::Recording;
     use proto::recording::csv::{Column, ColumnData};
 
@@ -113,5 +116,58 @@ mod tests {
         let readings = switched.readings_kpa();
         assert!(cut.readings_kpa().iter().zip(&places).all(|(reading, place)| *reading == readings[*place]));
         assert_eq!(cut.records()[1].time_s[0], 0.02 * 330.0);
+    }
+
+    /// A leak that a shut-in shows by a kPa, and that moves what was recorded with the valves at work by less than a tenth.
+    #[test]
+    fn what_only_a_shut_in_shows_does_not_reach_where_the_rig_works() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let all = candidates(&rig);
+        let leak = all.iter().position(|c| c.name() == "chamber_leak:positive").unwrap();
+        let mut truth = rig.clone();
+        truth.mechanisms.push(all[leak].attached(&[4e-17]));
+        let rows = 1000;
+        let working: Vec<f64> = (0..rows).map(|k| 0.78 + 0.1 * (0.013 * k as f64).sin()).collect();
+        // Filled with both valves shut, then left alone.
+        let held = |k: usize| f64::from(k < 200);
+        let shut: [Vec<f64>; 2] = [vec![0.0; rows], vec![0.0; rows]];
+        let recorded = |source: &str, duty: &[Vec<f64>; 2], on: &dyn Fn(usize) -> f64, kpa: [Vec<f64>; 2]| {
+            let column =
+                |name: &str, values: Vec<f64>| Column { name: name.to_owned(), data: ColumnData::Numbers(values) };
+            let [pos, neg] = kpa;
+            let columns = vec![
+                column("u_pos", duty[0].clone()),
+                column("u_neg", duty[1].clone()),
+                column("p_pos_kpa", pos),
+                column("p_neg_kpa", neg),
+                column("pump_on", (0..rows).map(on).collect()),
+            ];
+            Recording::new(source, (0..rows).map(|k| 0.02 * k as f64).collect(), columns).unwrap()
+        };
+        let made = |source: &str, duty: [Vec<f64>; 2], on: &dyn Fn(usize) -> f64| {
+            let blank = recorded(source, &duty, on, [vec![0.0; rows], vec![0.0; rows]]);
+            let records = Records::new(&rig, &[blank]).unwrap();
+            let trace = Simulator::new(&records, Fidelity::Averaged).free(&[truth.clone()]).pop().unwrap().unwrap();
+            let kpa = [0, 1].map(|channel| trace[records.layout().channel(0, channel)].to_vec());
+            recorded(source, &duty, on, kpa)
+        };
+        let ordinary = made("ordinary.csv", [working.clone(), working], &|_| 1.0);
+        let shut_in = made("shut_in.csv", shut, &held);
+        let of = |recordings: &[Recording]| {
+            let (cut, _) = pieces(&rig, &Records::new(&rig, recordings).unwrap()).unwrap();
+            let usable = vec![1.0; cut.layout().len()];
+            let bench = Bench::new(&rig, &cut, &usable, Fidelity::Averaged, None);
+            let set = bench.set_of(&all, &[leak]).unwrap();
+            let mut start = vec![0.0; set.len()];
+            *start.last_mut().unwrap() = all[leak].parameters(0)[0].coordinate(4e-17);
+            let explanation = bench.fit(&all, &[leak], &[start], Effort::Polish).unwrap();
+            let without = bench.free_run(&rig).unwrap();
+            let off = explanation.trace.iter().zip(&without).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            (reach_kpa(&bench, &explanation).unwrap(), off)
+        };
+        let (reach, most) = of(&[ordinary, shut_in.clone()]);
+        assert!(reach > 0.0 && reach < 0.1 && most > 1.0, "{reach} {most}");
+        // Where all was recorded with the pump switched, nothing says how far it reaches.
+        assert_eq!(of(&[shut_in]).0, f64::INFINITY);
     }
 }

@@ -22,12 +22,7 @@ pub(super) fn plainer(
         let Some(plain) = (0..candidates.len()).find(|k| candidates[*k].is_plainer_than(&candidates[term])) else {
             continue;
         };
-        let Some(at) = position_of(bench, candidates, &explanation, term) else { continue };
-        let values = explanation.set.values(&explanation.fitted.point);
-        let known = values.get(at..at + candidates[plain].len()).unwrap_or_default().to_vec();
-        let terms = with(&without(&explanation.terms, term), plain);
-        let from = starts(bench, candidates, &explanation, &terms, &[(plain, known)], false);
-        let Ok(fitted) = bench.fit(candidates, &terms, &from, Effort::Polish) else { continue };
+        let Some(fitted) = in_shape(bench, candidates, &explanation, term, plain) else { continue };
         if evidence(bench, &explanation, &fitted).removed_kpa < least_kpa {
             explanation = fitted;
         }
@@ -50,15 +45,7 @@ pub(super) fn refined(
 ) -> Result<Explanation, DiagnoseError> {
     for term in explanation.terms.clone() {
         for rich in richer(candidates, term) {
-            let Some(at) = position_of(bench, candidates, &explanation, term) else { continue };
-            let known = explanation.set.values(&explanation.fitted.point);
-            let Some(mut values) = candidates[rich].starts.first().cloned() else { continue };
-            for (value, known) in values.iter_mut().zip(known.iter().skip(at).take(candidates[term].len())) {
-                *value = *known;
-            }
-            let terms = with(&without(&explanation.terms, term), rich);
-            let from = starts(bench, candidates, &explanation, &terms, &[(rich, values)], false);
-            let Ok(fitted) = bench.fit(candidates, &terms, &from, Effort::Polish) else { continue };
+            let Some(fitted) = in_shape(bench, candidates, &explanation, term, rich) else { continue };
             if evidence(bench, &fitted, &explanation).removed_kpa >= least_kpa {
                 explanation = fitted;
                 break;
@@ -66,6 +53,33 @@ pub(super) fn refined(
         }
     }
     Ok(explanation)
+}
+
+/// The same fitted again with `shape` in place of `term`: the numbers that both have start where they are, the others where
+/// the shape's own start; `None` if it cannot be run.
+///
+/// A shape with more numbers also starts with all of its own: of two time constants a plain shape has found one, and not
+/// always the one that it is named for.
+fn in_shape(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    explanation: &Explanation,
+    term: usize,
+    shape: usize,
+) -> Option<Explanation> {
+    let at = position_of(bench, candidates, explanation, term)?;
+    let known = explanation.set.values(&explanation.fitted.point);
+    let mut values = candidates[shape].starts.first()?.clone();
+    for (value, known) in values.iter_mut().zip(known.iter().skip(at).take(candidates[term].len())) {
+        *value = *known;
+    }
+    let terms = with(&without(&explanation.terms, term), shape);
+    let mut from = starts(bench, candidates, explanation, &terms, &[(shape, values)], false);
+    if candidates[term].is_plainer_than(&candidates[shape]) {
+        let own = candidates[shape].starts.first()?.clone();
+        from.extend(starts(bench, candidates, explanation, &terms, &[(shape, own)], false));
+    }
+    bench.fit(candidates, &terms, &from, Effort::Polish).ok()
 }
 
 /// Fits each of some candidates on top of `base` anew from the priors' means; the best.

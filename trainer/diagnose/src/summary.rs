@@ -1,0 +1,245 @@
+//! What was found, as sentences and as entries of `diagnosis.json`.
+
+use proto::diagnosis::{FoundEvidence, FoundMechanism, FoundParameter, Verdict};
+use std::collections::BTreeMap;
+
+use crate::event::Event;
+use crate::heard::Heard;
+use crate::locate::{Suspect, Suspicion};
+use crate::place::side_of;
+use crate::run::Findings;
+use crate::search::position_of;
+use crate::words::{called, does, does_at, in_words, plain, three};
+
+/// z of a two-sided interval of 90 %.
+const NINETY: f64 = 1.645;
+
+/// The answer in one sentence, after what happened if something did.
+pub(crate) fn summary(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) -> String {
+    let answer = verdict_in_words(findings, mechanisms);
+    findings.event.as_ref().map_or(answer.clone(), |event| format!("{} For the rest: {answer}", happened(event)))
+}
+
+/// An event in words.
+fn happened(event: &Event) -> String {
+    let [from, to] = event.time_s;
+    let file =
+        std::path::Path::new(&event.source).file_name().map_or(event.source.clone(), |f| f.display().to_string());
+    let [inside, outside] = event.rmse_kpa;
+    let span = format!("Something happened between {from:.1} and {to:.1} s of {file}");
+    let off = format!("the free run is off by {inside:.2} kPa there and by {outside:.2} kPa outside");
+    match &event.change {
+        Some(change) => {
+            let key = change.path.rsplit('.').next().unwrap_or_default();
+            format!(
+                "{span}, at `{}`: with a {} of {} instead of {} the squared error there falls by {:.0} %, with any other \
+                 single change by {:.0} % at most ({off}).",
+                change.component,
+                key.replace('_', " "),
+                three(change.during),
+                three(change.before),
+                100.0 * change.share,
+                100.0 * change.next_share
+            )
+        }
+        None => format!("{span} that no single change of the rig explains ({off})."),
+    }
+}
+
+fn verdict_in_words(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) -> String {
+    let judgement = findings.judgement;
+    let before = findings.reidentified.total_rmse_kpa();
+    let after = findings.extended.total_rmse_kpa();
+    match judgement.verdict {
+        Verdict::Adequate => {
+            "The model as it stands explains these recordings to within their noise; nothing is missing.".to_owned()
+        }
+        Verdict::ParametersMoved => format!(
+            "Nothing is missing, but the rig's parameters are not those of the file: with them fitted the free run is \
+             off by {before:.2} kPa instead of {:.2} kPa. {}",
+            findings.given.total_rmse_kpa(),
+            moved(findings)
+        ),
+        Verdict::MissingPhysics => {
+            let what: Vec<String> = mechanisms.iter().map(|m| m.summary.clone()).collect();
+            let noise = findings.bench.noise.iter().map(|n| n.sigma_kpa.powi(2)).sum::<f64>();
+            let noise = (noise / findings.bench.noise.len().max(1) as f64).sqrt();
+            format!(
+                "{} With this the free run is off by {after:.2} kPa instead of {before:.2} kPa (noise {noise:.2} kPa).",
+                what.join(" ")
+            )
+        }
+        Verdict::Undecided => {
+            let groups: Vec<String> = judgement
+                .groups
+                .iter()
+                .map(|group| group.iter().map(|name| in_words(findings, name)).collect::<Vec<_>>().join(", or "))
+                .collect();
+            let known = if mechanisms.is_empty() {
+                String::new()
+            } else {
+                mechanisms.iter().map(|m| m.summary.clone() + " ").collect()
+            };
+            let next = match &findings.plan {
+                Some(plan) if plan.decides() => " The experiment in next_experiment.csv will tell them apart.",
+                Some(_) => " The experiment in next_experiment.csv is the best that was found to tell them apart.",
+                None => "",
+            };
+            format!("{known}These recordings do not tell whether {}.{next}", groups.join("; nor whether "))
+        }
+        Verdict::UnknownMechanism => {
+            let at = findings.missing.suspicions.first();
+            let place = at.map_or_else(|| "its place is unclear".to_owned(), |s| place_of(findings, s));
+            let figures = format!("the free run is off by {after:.2} kPa instead of {before:.2} kPa");
+            let stand_ins: Vec<String> = findings
+                .found
+                .best
+                .terms
+                .iter()
+                .filter_map(|t| findings.candidates.get(*t))
+                .map(|c| format!("{} of {}", c.id, c.component))
+                .collect();
+            let written = match findings.unknown {
+                Some(term) => format!(" The rig file now has {}; {figures}.", term.depends_on),
+                None if stand_ins.is_empty() => String::new(),
+                None => format!(
+                    " The rig file has the nearest of what is known in its place ({}), which is not what it is; {figures}.",
+                    stand_ins.join(", ")
+                ),
+            };
+            // What the pump's ripple told is known all the same.
+            let known: String = mechanisms.iter().map(|m| m.summary.clone() + " ").collect();
+            let what = if known.is_empty() { "Something" } else { "Something else" };
+            format!("{known}{what} is missing that is none of the known mechanisms: {place}.{written}")
+        }
+    }
+}
+
+/// The parameters that moved most, in words.
+fn moved(findings: &Findings<'_, '_>) -> String {
+    let mut estimates: Vec<_> = findings.found.nominal.fitted.estimates.iter().collect();
+    estimates.retain(|e| e.undetermined < 0.7);
+    estimates.sort_by(|a, b| b.shift.abs().total_cmp(&a.shift.abs()));
+    let told: Vec<String> = estimates
+        .iter()
+        .take(3)
+        .map(|e| {
+            // What was stated as nothing has no share of it.
+            if e.parameter.mean == 0.0 {
+                return format!("{} {} {}", e.parameter.path, three(e.value), e.parameter.unit());
+            }
+            format!("{} {:+.1} %", e.parameter.path, 100.0 * (e.value / e.parameter.mean - 1.0))
+        })
+        .collect();
+    if told.is_empty() { String::new() } else { format!("Moved most: {}.", told.join(", ")) }
+}
+
+/// A suspicion in words.
+fn place_of(findings: &Findings<'_, '_>, suspicion: &Suspicion) -> String {
+    let name = |channel: &usize| {
+        let sensor = findings.bench.rig.sensors.values().nth(*channel);
+        sensor.map_or_else(|| format!("channel {channel}"), |s| s.volume.clone())
+    };
+    let pace = match suspicion.length_s {
+        l if l < 0.2 => "fast",
+        l if l < 1.0 => "within a second",
+        l if l < 10.0 => "over seconds",
+        _ => "slow",
+    };
+    match &suspicion.suspect {
+        Suspect::Balance { channel } => {
+            format!("the mass balance of the {} chamber is off, {pace}", name(channel))
+        }
+        Suspect::Transfer { from, to } => {
+            format!("the pump moves another flow from the {} to the {} side, {pace}", name(from), name(to))
+        }
+        Suspect::Reading { channel } => {
+            format!("the reading of the {} sensor is off while its chamber behaves, {pace}", name(channel))
+        }
+    }
+}
+
+/// The mechanisms that are named, those of one kind on both sides as one.
+pub(crate) fn mechanisms(findings: &Findings<'_, '_>) -> Vec<FoundMechanism> {
+    let mut all: Vec<FoundMechanism> = Vec::new();
+    for term in &findings.judgement.named {
+        let found = mechanism(findings, *term);
+        match all.iter_mut().find(|known| known.id == found.id && known.side != found.side) {
+            Some(twin) => join(twin, found),
+            None => all.push(found),
+        }
+    }
+    all.extend(findings.heard.map(|heard| heard_off_the_ripple(findings, heard)));
+    all.sort_by(|a, b| b.evidence.delta_log_likelihood.total_cmp(&a.evidence.delta_log_likelihood));
+    all
+}
+
+/// What the pump's ripple told.
+fn heard_off_the_ripple(findings: &Findings<'_, '_>, heard: &Heard) -> FoundMechanism {
+    let id = heard.attached.mechanism.id();
+    let [low, high] = heard.interval;
+    let before = findings.reidentified.total_rmse_kpa();
+    let after = findings.extended.total_rmse_kpa();
+    let told = format!("{} {} ({} … {}) {}", plain(heard.key), three(heard.value), three(low), three(high), heard.unit);
+    let parameter = FoundParameter { value: heard.value, unit: heard.unit.to_owned(), low, high };
+    FoundMechanism {
+        id: id.to_owned(),
+        side: side_of(findings.bench.rig, &heard.attached.component),
+        component: heard.attached.component.clone(),
+        summary: format!("The pump {} ({told}); this was read off its ripple: {}.", does(id), heard.shows),
+        parameters: BTreeMap::from([(heard.key.to_owned(), parameter)]),
+        evidence: FoundEvidence {
+            delta_log_likelihood: heard.log_likelihood,
+            held_out_rmse_gain: 1.0 - after / before.max(1e-9),
+        },
+        rivals: Vec::new(),
+    }
+}
+
+/// The same mechanism on the other side.
+fn join(twin: &mut FoundMechanism, other: FoundMechanism) {
+    let sides = [twin.side.clone(), other.side.clone()];
+    let own = std::mem::take(&mut twin.parameters);
+    twin.parameters = own.into_iter().map(|(name, p)| (format!("{name}_{}", sides[0]), p)).collect();
+    twin.parameters.extend(other.parameters.into_iter().map(|(name, p)| (format!("{name}_{}", sides[1]), p)));
+    twin.side = "both".to_owned();
+    twin.component = format!("{},{}", twin.component, other.component);
+    twin.summary = format!("{} {}", twin.summary, other.summary);
+    twin.evidence.delta_log_likelihood += other.evidence.delta_log_likelihood;
+    twin.evidence.held_out_rmse_gain = twin.evidence.held_out_rmse_gain.max(other.evidence.held_out_rmse_gain);
+    twin.rivals.extend(other.rivals);
+}
+
+fn mechanism(findings: &Findings<'_, '_>, term: usize) -> FoundMechanism {
+    let candidate = &findings.candidates[term];
+    let best = &findings.found.best;
+    let mut parameters = BTreeMap::new();
+    let mut told = Vec::new();
+    if let Some(at) = position_of(findings.bench, findings.candidates, best, term) {
+        for estimate in best.fitted.estimates.iter().skip(at).take(candidate.len()) {
+            let z = estimate.parameter.coordinate(estimate.value);
+            let [low, high] = estimate.parameter.interval(z, NINETY * estimate.undetermined);
+            let unit = estimate.parameter.unit();
+            let key = estimate.parameter.path.rsplit('.').next().unwrap_or_default().to_owned();
+            let value = format!("{} {} ({} … {}) {unit}", plain(&key), three(estimate.value), three(low), three(high));
+            // A share or a factor has no unit.
+            told.push(value.trim_end().to_owned());
+            parameters.insert(key, FoundParameter { value: estimate.value, unit: unit.to_owned(), low, high });
+        }
+    }
+    let contest = findings.judgement.contested.iter().find(|c| c.term == term);
+    let before = findings.reidentified.total_rmse_kpa();
+    let after = findings.extended.total_rmse_kpa();
+    FoundMechanism {
+        id: candidate.id.clone(),
+        side: candidate.side.clone(),
+        component: candidate.component.clone(),
+        summary: format!("{} {} ({}).", called(findings, candidate), does_at(findings, candidate), told.join(", ")),
+        parameters,
+        evidence: FoundEvidence {
+            delta_log_likelihood: contest.map_or(0.0, |c| c.gain),
+            held_out_rmse_gain: 1.0 - after / before.max(1e-9),
+        },
+        rivals: contest.map(|c| c.rivals.iter().map(|k| findings.candidates[*k].name()).collect()).unwrap_or_default(),
+    }
+}

@@ -1,0 +1,205 @@
+//! Where the mismatch lives: components, regions, spans of time.
+
+use proto::diagnosis::{Location, Verdict};
+
+use crate::event::Event;
+use crate::locate::Suspect;
+use crate::locate::region::{Stretch, region};
+use crate::place::{channel_of, side_of, volumes_at};
+use crate::run::Findings;
+
+/// Where the mismatch lives: first the span of an event, then what is off all along.
+pub(crate) fn locations(findings: &Findings<'_, '_>) -> Vec<Location> {
+    let mut all: Vec<Location> = findings.event.iter().map(|event| place_of_event(findings, event)).collect();
+    all.extend(lasting(findings));
+    all
+}
+
+fn place_of_event(findings: &Findings<'_, '_>, event: &Event) -> Location {
+    let component = event.change.as_ref().map_or_else(|| volume_of(findings, 0), |change| change.component.clone());
+    let rows = event.rows as f64;
+    let all = findings.bench.records.records().iter().map(|r| r.time_s.len()).sum::<usize>() as f64;
+    let [inside, outside] = event.rmse_kpa.map(|kpa| kpa * kpa);
+    Location {
+        side: side_of(findings.bench.rig, &component),
+        component,
+        share_of_residual: rows * inside / (rows * inside + all * outside).max(1e-12),
+        region: format!("an event between {:.1} and {:.1} s", event.time_s[0], event.time_s[1]),
+        time_s: event.time_s,
+        time_scale_s: event.time_s[1] - event.time_s[0],
+        enters: "mass balance".to_owned(),
+    }
+}
+
+/// Where the mismatch lives that is there all along.
+fn lasting(findings: &Findings<'_, '_>) -> Vec<Location> {
+    if matches!(findings.judgement.verdict, Verdict::Adequate | Verdict::ParametersMoved) {
+        return Vec::new();
+    }
+    // The ripple of a pump that was heard is in all readings, all the time.
+    let heard = findings.heard.map(|heard| Location {
+        side: side_of(findings.bench.rig, &heard.attached.component),
+        component: heard.attached.component.clone(),
+        share_of_residual: heard.share.clamp(0.0, 1.0),
+        region: "everywhere".to_owned(),
+        time_s: whole(findings),
+        time_scale_s: proto::recording::PERIOD_S,
+        enters: "mass balance".to_owned(),
+    });
+    if findings.judgement.named.is_empty() && findings.judgement.verdict == Verdict::MissingPhysics {
+        return heard.into_iter().collect();
+    }
+    let total = findings.missing.all_flows_gain.max(findings.missing.suspicions.first().map_or(0.0, |s| s.gain));
+    // What is named knows its component better than a balance does.
+    let named: Vec<usize> = findings.judgement.contested.iter().map(|c| c.term).collect();
+    let strongest = findings.missing.suspicions.first().map_or(0.0, |s| s.gain);
+    let mut all: Vec<Location> = heard.into_iter().collect();
+    if named.is_empty() && findings.judgement.verdict == Verdict::Undecided {
+        return places_of_rivals(findings);
+    }
+    if !named.is_empty() {
+        let gains: f64 = findings.judgement.contested.iter().map(|c| c.gain.max(0.0)).sum();
+        for contest in &findings.judgement.contested {
+            let candidate = &findings.candidates[contest.term];
+            let component = candidate.component.clone();
+            let channels = channels_of(findings, &component);
+            let (region, time_s) = words_of_region(findings, &component, &channels);
+            let reading = findings.bench.rig.sensors.contains_key(&component);
+            all.push(Location {
+                side: candidate.side.clone(),
+                component: candidate.component.clone(),
+                share_of_residual: contest.gain.max(0.0) / gains.max(1e-9),
+                region,
+                time_s,
+                time_scale_s: findings.missing.suspicions.first().map_or(0.0, |s| s.length_s),
+                enters: if reading { "reading" } else { "mass balance" }.to_owned(),
+            });
+        }
+        return shared_out(all);
+    }
+    for suspicion in findings.missing.suspicions.iter().filter(|s| s.gain > 0.3 * strongest && s.gain > 10.0).take(2) {
+        let (channels, component, enters) = match &suspicion.suspect {
+            Suspect::Balance { channel } => (vec![*channel], volume_of(findings, *channel), "mass balance"),
+            Suspect::Transfer { from, to } => {
+                let pump = findings.bench.rig.pumps.keys().next().cloned().unwrap_or_default();
+                (vec![*from, *to], pump, "mass balance")
+            }
+            Suspect::Reading { channel } => (vec![*channel], sensor_of(findings, *channel), "reading"),
+        };
+        let (region, time_s) = words_of_region(findings, &component, &channels);
+        all.push(Location {
+            side: side_of(findings.bench.rig, &component),
+            component,
+            share_of_residual: (suspicion.gain / total.max(1e-9)).clamp(0.0, 1.0),
+            region,
+            time_s,
+            time_scale_s: suspicion.length_s,
+            enters: enters.to_owned(),
+        });
+    }
+    shared_out(all)
+}
+
+/// Places that overlap (a pump's ripple is in both chambers) claim more than there is: each its part of the whole.
+fn shared_out(mut places: Vec<Location>) -> Vec<Location> {
+    let total: f64 = places.iter().map(|place| place.share_of_residual).sum();
+    for place in &mut places {
+        place.share_of_residual /= total.max(1.0);
+    }
+    places
+}
+
+/// Where the rivals of a mere shift of parameters sit. The re-identified rig has no error left that could tell where, so
+/// the given one's is looked at.
+fn places_of_rivals(findings: &Findings<'_, '_>) -> Vec<Location> {
+    let mut all: Vec<Location> = Vec::new();
+    for candidate in findings.judgement.rivals.iter().flat_map(|r| &r.terms).filter_map(|t| findings.candidates.get(*t))
+    {
+        if all.iter().any(|known| known.component == candidate.component) {
+            continue;
+        }
+        let channels = channels_of(findings, &candidate.component);
+        let squares = |channel: usize| findings.given.free.get(channel).map_or(0.0, |e| e.rmse_kpa.powi(2));
+        let total: f64 = (0..findings.given.free.len()).map(squares).sum();
+        let reading = findings.bench.rig.sensors.contains_key(&candidate.component);
+        all.push(Location {
+            side: candidate.side.clone(),
+            component: candidate.component.clone(),
+            share_of_residual: channels.iter().map(|c| squares(*c)).sum::<f64>() / total.max(1e-12),
+            region: "everywhere".to_owned(),
+            time_s: whole(findings),
+            time_scale_s: 0.0,
+            enters: if reading { "reading" } else { "mass balance" }.to_owned(),
+        });
+    }
+    all
+}
+
+/// First and last time of all recordings.
+fn whole(findings: &Findings<'_, '_>) -> [f64; 2] {
+    let times = || findings.bench.records.records().iter().flat_map(|r| [r.time_s.first(), r.time_s.last()]).flatten();
+    [times().copied().fold(f64::INFINITY, f64::min), times().copied().fold(f64::NEG_INFINITY, f64::max)]
+}
+
+fn volume_of(findings: &Findings<'_, '_>, channel: usize) -> String {
+    findings.bench.rig.sensors.values().nth(channel).map(|s| s.volume.clone()).unwrap_or_default()
+}
+
+fn sensor_of(findings: &Findings<'_, '_>, channel: usize) -> String {
+    findings.bench.rig.sensors.keys().nth(channel).cloned().unwrap_or_default()
+}
+
+fn channels_of(findings: &Findings<'_, '_>, component: &str) -> Vec<usize> {
+    volumes_at(findings.bench.rig, component)
+        .iter()
+        .filter_map(|volume| channel_of(findings.bench.rig, volume))
+        .collect()
+}
+
+/// The command that has to do with a component: its own, or that of a valve on its volume.
+pub(crate) fn command_of(findings: &Findings<'_, '_>, component: &str) -> Option<String> {
+    let rig = findings.bench.rig;
+    if let Some(valve) = rig.valves.get(component) {
+        return Some(valve.command.clone());
+    }
+    let volumes = volumes_at(rig, component);
+    rig.valves
+        .iter()
+        .find(|(name, _)| volumes_at(rig, name).iter().any(|v| volumes.contains(v)))
+        .map(|(_, valve)| valve.command.clone())
+        .or_else(|| findings.bench.records.inputs().first().map(|input| input.column.clone()))
+}
+
+fn words_of_region(findings: &Findings<'_, '_>, component: &str, channels: &[usize]) -> (String, [f64; 2]) {
+    let Some(command) = command_of(findings, component) else { return ("everywhere".to_owned(), [0.0, 0.0]) };
+    let energies = energies(findings, channels);
+    let records = findings.bench.records;
+    let stretches: Vec<Stretch<'_>> = energies
+        .iter()
+        .enumerate()
+        .filter_map(|(record, energy)| {
+            let r = records.records().get(record)?;
+            Some(Stretch { energy, command: records.input(record, &command)?, time_s: &r.time_s })
+        })
+        .collect();
+    match region(&stretches) {
+        Some(found) => (found.in_words(&command), found.time_s),
+        None => ("everywhere".to_owned(), [0.0, 0.0]),
+    }
+}
+
+/// Energy of what is missing from some channels' balances beyond its own uncertainty, by recording and row.
+fn energies(findings: &Findings<'_, '_>, channels: &[usize]) -> Vec<Vec<f64>> {
+    let layout = findings.bench.records.layout();
+    (0..layout.records())
+        .map(|record| {
+            let mut energy = vec![0.0; layout.rows(record)];
+            for flow in findings.missing.flows.iter().filter(|f| f.record == record && channels.contains(&f.channel)) {
+                for ((slot, flow), sd) in energy.iter_mut().zip(&flow.flow_kg_s).zip(&flow.sd_kg_s) {
+                    *slot += (flow * flow - sd * sd).max(0.0);
+                }
+            }
+            energy
+        })
+        .collect()
+}
