@@ -45,7 +45,7 @@ fn is_zero(value: &f64) -> bool {
 
 numbers!(ValveHysteresis {
     half_width_duty: Number::new("duty", 0.0, 0.5)
-        .plausible(0.002, 0.1)
+        .plausible(0.002, 0.15)
         .starts(&[0.005, 0.015, 0.03, 0.06])
         .usually(0.012, 1.0)
         .hint("half of the gap between rising and falling"),

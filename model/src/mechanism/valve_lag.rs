@@ -48,7 +48,7 @@ pub struct ValveLag {
 }
 
 numbers!(ValveLag {
-    time_constant_ms: Number::new("ms", 0.01, 10_000.0).plausible(1.0, 400.0).starts(&[8.0, 25.0, 60.0, 150.0]),
+    time_constant_ms: Number::new("ms", 0.01, 10_000.0).plausible(1.0, 800.0).starts(&[8.0, 25.0, 60.0, 150.0]),
 });
 
 impl Physics for ValveLag {

@@ -55,8 +55,8 @@ pub struct ValveStiction {
 
 numbers!(ValveStiction {
     band_duty: Number::new("duty", 0.0, 0.5)
-        .plausible(0.003, 0.08)
-        .starts(&[0.003, 0.0042, 0.006, 0.0085, 0.012, 0.017, 0.024, 0.034, 0.048, 0.068])
+        .plausible(0.003, 0.2)
+        .starts(&[0.003, 0.0042, 0.006, 0.0085, 0.012, 0.017, 0.024, 0.034, 0.048, 0.068, 0.096, 0.135])
         .hint("how far the duty moves before the flapper does"),
     short_of_it: Number::new("", 0.0, 0.99).plausible(0.0, 0.8).starts(&[0.0, 0.3]).hint("a share of the band"),
 });

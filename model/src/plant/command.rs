@@ -292,6 +292,19 @@ impl<R: Real> CommandPath<R> {
         }
     }
 
+    /// Moves what dry friction holds by a share of its band (−1 … 1), and what follows it along with it.
+    pub(crate) fn place_in_friction(&self, share: R, memory: &mut [R]) {
+        let mut moved = R::splat(0.0);
+        for (stage, start) in self.memories() {
+            if let Stage::Stick(stick) = stage {
+                moved = stick.band * share;
+            }
+            let follows = matches!(stage, Stage::Stick(_) | Stage::Play(_) | Stage::LateArmature(_));
+            let own = memory.get_mut(start..start + stage.memory_len()).filter(|_| follows);
+            own.into_iter().flatten().for_each(|duty| *duty += moved);
+        }
+    }
+
     /// Where the memory of each stage starts.
     pub(crate) fn memories(&self) -> impl Iterator<Item = (&Stage<R>, usize)> {
         let mut at = self.memory;

@@ -386,6 +386,18 @@ impl<R: Simulated> Simulation<R> {
                     path.place_in_play(value, &mut self.state.memory);
                 }
             }
+            Some(Slot::Stick { path }) => {
+                if let Some(path) = plant.commands.get(path) {
+                    path.place_in_friction(value, &mut self.state.memory);
+                }
+            }
+            Some(Slot::Held { vent }) => {
+                if let Some(vent) = plant.shaped_vents.get(vent)
+                    && let Some(held) = vent.held.and_then(|slot| self.state.memory.get_mut(slot))
+                {
+                    *held += vent.band * value;
+                }
+            }
             Some(Slot::Phase { drive }) => {
                 if let Some(phase) = self.state.phase.get_mut(drive) {
                     *phase = value;

@@ -8,7 +8,7 @@
 use fit::FitError;
 use fit::least_squares::{Linearised, Problem, Settings, minimise};
 use fit::parameters::ParameterSet;
-use fit::simulate::{Arcs, Run, Simulator};
+use fit::simulate::{Arcs, Run, Simulator, with_flappers};
 use model::rig::RigError;
 
 use crate::bench::{Bench, Explanation, LOSS};
@@ -76,7 +76,10 @@ impl Footing {
             Settings { loss: LOSS, prior: set.prior(), bounds: set.bounds(), rounds, trials: TRIALS, least_gain: 1.0 };
         let mut best: Option<Glanced> = None;
         for start in starts {
-            let mut problem = Chord { simulator: bench.fast, set, footing: self };
+            // A flapper that is new to the rig lies where its first seconds fit best.
+            let Ok(rig) = set.rig_at(start) else { continue };
+            let arcs = with_flappers(&bench.fast, &rig, &self.arcs);
+            let mut problem = Chord { simulator: bench.fast, set, footing: self, arcs };
             if let Ok(outcome) = minimise(&mut problem, start, &settings)
                 && best.as_ref().is_none_or(|best| outcome.cost < best.cost)
             {
@@ -140,6 +143,8 @@ struct Chord<'c> {
     simulator: Simulator<'c>,
     set: &'c ParameterSet,
     footing: &'c Footing,
+    /// The footing's, with flappers that are new to it.
+    arcs: Arcs,
 }
 
 impl Chord<'_> {
@@ -166,7 +171,7 @@ impl Problem for Chord<'_> {
         }
         let mut traces = self
             .simulator
-            .run(&runs, &self.footing.arcs)
+            .run(&runs, &self.arcs)
             .into_iter()
             .collect::<Result<Vec<_>, _>>()
             .map_err(unsound(self.set))?
@@ -185,7 +190,7 @@ impl Problem for Chord<'_> {
     fn residuals(&mut self, points: &[Vec<f64>]) -> Vec<Option<Vec<f64>>> {
         let runs: Vec<Option<Run>> = points.iter().map(|point| self.run_at(point).ok()).collect();
         let sound: Vec<Run> = runs.iter().flatten().cloned().collect();
-        let mut traces = self.simulator.run(&sound, &self.footing.arcs).into_iter();
+        let mut traces = self.simulator.run(&sound, &self.arcs).into_iter();
         runs.iter()
             .map(|run| {
                 run.as_ref()?;

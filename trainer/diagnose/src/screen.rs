@@ -14,7 +14,7 @@
 //! of which other parameters take up all but 0.03; what they do not do in proportion is as much as that, and would hide it.
 
 use fit::least_squares::Linearised;
-use fit::simulate::Run;
+use fit::simulate::{Run, flappers_of};
 use model::rig::Rig;
 use nalgebra::{DMatrix, DVector};
 
@@ -66,6 +66,11 @@ pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, o
             runs.push(Run::from(rig));
         }
     }
+    // A flapper that is new to the rig lies where its first seconds fit best.
+    let lying = flappers_of(&bench.fast, &runs, &fitted.arcs, false);
+    for (run, flappers) in runs.iter_mut().zip(&lying) {
+        run.flappers.clone_from(flappers);
+    }
     let mut traces = bench.fast.run(&runs, &fitted.arcs).into_iter();
     let Some(Ok(still)) = traces.next() else { return Screening::default() };
     let weights = bench.weighted(&fitted.scale_kpa);
@@ -73,20 +78,21 @@ pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, o
         let effect = weighted(&still, trace, &[], &weights);
         effect.iter().all(|e| e.is_finite()).then_some(effect)
     };
-    let seen = tries.into_iter().zip(traces).filter_map(|((k, start), trace)| {
-        let effect = of(&trace.ok()?)?;
-        Some((k, start, projector.seen(effect)))
-    });
-    let mut effects: Vec<(usize, &Vec<f64>, Effect)> = seen.collect();
+    let seen =
+        tries.into_iter().zip(traces).zip(lying.into_iter().skip(1)).filter_map(|(((k, start), trace), lying)| {
+            let effect = of(&trace.ok()?)?;
+            Some(((k, start, projector.seen(effect)), lying))
+        });
+    let (mut effects, lying): (Vec<Try<'_>>, Vec<_>) = seen.unzip();
     // Once more where the parameters have given way to it.
     let mut shifts: Vec<(usize, Vec<f64>)> = Vec::new();
     let mut runs: Vec<Run> = Vec::new();
-    for (at, (k, start, effect)) in effects.iter().enumerate() {
+    for ((at, (k, start, effect)), lying) in effects.iter().enumerate().zip(lying) {
         let point = base.moved(effect.shift.as_slice());
         let (Some(candidate), Ok(mut rig)) = (candidates.get(*k), base.set.rig_at(&point)) else { continue };
         rig.mechanisms.push(candidate.attached(start));
         shifts.push((at, point.iter().zip(&fitted.point).map(|(to, from)| to - from).collect()));
-        runs.push(Run::from(rig));
+        runs.push(Run { flappers: lying, ..Run::from(rig) });
     }
     for ((at, shift), trace) in shifts.iter().zip(bench.fast.run(&runs, &fitted.arcs)) {
         let Some(effect) = trace.ok().and_then(|trace| of(&trace)) else { continue };
@@ -139,6 +145,9 @@ fn keep_best(list: &mut Vec<Screened>, new: Screened) {
         None => list.push(new),
     }
 }
+
+/// A candidate at one of its starts, and what that does.
+type Try<'t> = (usize, &'t Vec<f64>, Effect);
 
 /// An effect as a linearised fit sees it.
 struct Effect {

@@ -155,6 +155,25 @@ fn hysteresis_is_named_with_its_valve_and_width() {
     assert!((width.value - 0.02).abs() < 5.0 * width.sd + 2e-4, "{width:?}");
 }
 
+/// Recordings begin while the flapper is held somewhere else than where its command would put it, and every later jump begins
+/// where the one before ended: taken to start in the middle, the right mechanism is off by as much as a wrong one.
+#[test]
+fn stiction_is_named_though_no_recording_tells_where_the_flapper_stood() {
+    let (rig, mut truth) = moved(&[("volumes.negative.volume_l", 1.02), ("valves.valve_neg.input_area_mm2", 0.98)]);
+    let ids = ["valve_stiction", "valve_hysteresis", "valve_lag", "chamber_thermal", "command_delay"];
+    let all: Vec<Candidate> = candidates(&rig).into_iter().filter(|c| ids.contains(&c.id.as_str())).collect();
+    let at = all.iter().position(|c| c.full_name() == "valve_stiction:negative").unwrap();
+    truth.mechanisms.push(all[at].attached(&[0.06, 0.1]));
+    let recordings = made(&truth, 2, 7);
+    let records = Records::new(&rig, &recordings).unwrap();
+    let (found, judgement) = judged(&bench(&rig, &records), &all);
+    let names: Vec<String> = found.best.terms.iter().map(|t| all[*t].full_name()).collect();
+    assert_eq!(names, ["valve_stiction:negative"], "{:?}", judgement.excess_kpa);
+    assert_eq!(judgement.verdict, Verdict::MissingPhysics, "{:?}", judgement.groups);
+    let band = &found.best.fitted.estimates[found.best.fitted.estimates.len() - 2];
+    assert!((band.value / 0.06 - 1.0).abs() < 0.1, "{band:?}");
+}
+
 #[test]
 fn coils_that_warm_on_both_valves_are_named_on_both() {
     // Each alone would have to cool the other's: what one valve does to both chambers hides what the other does to its own.

@@ -31,6 +31,7 @@ impl Assembly<'_> {
             let (what, low, usual, slot) = match stage {
                 Stage::Heat(heat) => ("heat", 0.0, heat.initial, Slot::Heat { memory }),
                 Stage::Play(_) => ("play", -1.0, 0.0, Slot::Play { path: index }),
+                Stage::Stick(_) => ("stick", -1.0, 0.0, Slot::Stick { path: index }),
                 _ => continue,
             };
             let unknown = Unknown { name: format!("{what}:{component}"), low, high: 1.0, usual };

@@ -1,6 +1,6 @@
 //! Fits that least squares from where things stand would miss: from the priors, and of what moves in steps.
 
-use fit::simulate::Run;
+use fit::simulate::{Flapper, Run};
 
 use super::{cost, position_of, starts, with, without};
 use crate::bench::{Bench, Effort, Explanation};
@@ -146,7 +146,16 @@ pub(super) fn sharpened(
             moved(&mut point, 1, &|v| v + added * f64::from(m) / f64::from(SHARPENED[1]));
             points.push(point);
         }
-        let rigs: Result<Vec<Run>, _> = points.iter().map(|point| set.rig_at(point).map(Run::from)).collect();
+        // Flappers stay where they lay: of a wider band that is a smaller share.
+        let band = |point: &[f64]| parameters.first().zip(point.get(at)).map_or(1.0, |(p, z)| p.value(*z));
+        let its_own = |flapper: &&Flapper| flapper.unknown.ends_with(&format!(":{}", candidates[term].component));
+        let lying = |point: &[f64]| -> Vec<Vec<Flapper>> {
+            let share = |was: f64| (was * band(&fitted.point) / band(point)).clamp(-1.0, 1.0);
+            let of = |flapper: &Flapper| Flapper { share: share(flapper.share), ..flapper.clone() };
+            fitted.arcs.arcs().iter().map(|arc| arc.flappers.iter().filter(its_own).map(of).collect()).collect()
+        };
+        let run = |point: &Vec<f64>| set.rig_at(point).map(|rig| Run { flappers: lying(point), ..Run::from(rig) });
+        let rigs: Result<Vec<Run>, _> = points.iter().map(run).collect();
         let mut traces = bench.fast.run(&rigs.map_err(DiagnoseError::rig(set.rig()))?, &fitted.arcs).into_iter();
         let (Some(Ok(still)), Some(projector)) =
             (traces.next(), Projector::new(&fitted.linearised, &set.prior(), &fitted.point))

@@ -386,7 +386,7 @@ fn arcs_for(simulator: Simulator<'_>, rig: &Rig, shooting: Shooting, ends: &[usi
         Shooting::Windows { seconds } => {
             let trace = simulator.one(rig, &free)?;
             let rows = ((seconds / proto::recording::PERIOD_S).round() as usize).max(2);
-            Ok(Arcs::windows(records, rows, &smoothed_kpa(records, &trace)).until(ends))
+            Ok(Arcs::windows(records, rows, &smoothed_kpa(records, &trace)).with_flappers_of(&free).until(ends))
         }
     }
 }

@@ -21,6 +21,22 @@ pub struct Arc {
     pub start_kpa: Vec<f64>,
     /// Whether everything starts anew (at a segment's first row) or the chamber pressures alone.
     pub fresh: bool,
+    /// Where flappers lie at a fresh start; what is not listed starts as usual.
+    pub flappers: Vec<Flapper>,
+}
+
+/// Where a flapper with play or friction lies at the start of a run: the readings do not tell.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Flapper {
+    /// Name of the unknown ([`model::plant::Unknown`]): `play:valve_pos`, `stick:valve_pos`.
+    pub unknown: String,
+    /// Share of the room that it has, −1 … 1.
+    pub share: f64,
+}
+
+/// The share that a list has for an unknown.
+pub(crate) fn share_of(flappers: &[Flapper], unknown: &str) -> Option<f64> {
+    flappers.iter().find(|flapper| flapper.unknown == unknown).map(|flapper| flapper.share)
 }
 
 /// Arcs in the order of recordings and rows; they do not overlap.
@@ -35,7 +51,8 @@ impl Arcs {
         let mut arcs = Vec::new();
         for (record, r) in records.records().iter().enumerate() {
             for rows in &r.segments {
-                arcs.push(Arc { record, rows: rows.clone(), start_kpa: at(records, record, rows.start), fresh: true });
+                let start_kpa = at(records, record, rows.start);
+                arcs.push(Arc { record, rows: rows.clone(), start_kpa, fresh: true, flappers: Vec::new() });
             }
         }
         Arcs { arcs }
@@ -59,7 +76,8 @@ impl Arcs {
                             smoothed_kpa.get(index).copied().unwrap_or(f64::NAN)
                         })
                         .collect();
-                    arcs.push(Arc { record, rows: start..end, start_kpa, fresh: window == 0 });
+                    let rows = start..end;
+                    arcs.push(Arc { record, rows, start_kpa, fresh: window == 0, flappers: Vec::new() });
                 }
             }
         }
@@ -83,6 +101,18 @@ impl Arcs {
         self
     }
 
+    /// The same with flappers where they lie in `other` at the starts that both have.
+    #[must_use]
+    pub fn with_flappers_of(mut self, other: &Arcs) -> Self {
+        for arc in &mut self.arcs {
+            let like = other.arcs.iter().find(|like| like.record == arc.record && like.rows.start == arc.rows.start);
+            if let Some(like) = like {
+                arc.flappers.clone_from(&like.flappers);
+            }
+        }
+        self
+    }
+
     /// The arcs, in order.
     pub fn arcs(&self) -> &[Arc] {
         &self.arcs
@@ -95,7 +125,12 @@ impl Arcs {
 
     /// The arcs of one recording.
     pub(crate) fn of(&self, record: usize) -> impl Iterator<Item = &Arc> + Clone {
-        self.arcs.iter().filter(move |arc| arc.record == record)
+        self.numbered(record).map(|(_, arc)| arc)
+    }
+
+    /// The arcs of one recording with their numbers among all.
+    pub(crate) fn numbered(&self, record: usize) -> impl Iterator<Item = (usize, &Arc)> + Clone {
+        self.arcs.iter().enumerate().filter(move |(_, arc)| arc.record == record)
     }
 }
 

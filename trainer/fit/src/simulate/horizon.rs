@@ -58,7 +58,7 @@ pub fn traces_at(simulator: &Simulator<'_>, rig: &Rig, horizons: &[Horizon]) -> 
             Horizon::Free => Ok(free.clone()),
             Horizon::Windows { seconds } => {
                 let rows = ((seconds / proto::recording::PERIOD_S).round() as usize).max(1);
-                simulator.one(rig, &Arcs::windows(records, rows, &smoothed))
+                simulator.one(rig, &Arcs::windows(records, rows, &smoothed).with_flappers_of(&arcs))
             }
         })
         .collect()

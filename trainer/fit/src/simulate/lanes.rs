@@ -2,7 +2,7 @@
 
 use std::sync::Arc as Shared;
 
-use model::plant::{Plant, Simulated, Simulation};
+use model::plant::{Plant, Simulated, Simulation, Unknown};
 
 use super::arcs::Arc;
 use crate::data::Record;
@@ -10,16 +10,17 @@ use crate::data::Record;
 /// Runs a bundle through the arcs of one recording.
 ///
 /// `shift_kpa` is added to the start of every arc, by channel; cranks start `crank_rev` revolutions on; `smooth` leaves
-/// the ripple of averaged pumps off. `out` is `[channel][row]`, flattened; rows in no arc are left as they are.
+/// the ripple of averaged pumps off; `share` tells where flappers lie at the start of an arc. `out` is `[channel][row]`, flattened; rows in no arc are left as they are.
 #[expect(clippy::too_many_arguments, reason = "a bundle, a recording, and how it starts")]
 pub(super) fn sweep<'a, R: Simulated>(
     plant: &Shared<Plant<R>>,
     smooth: bool,
     ticks_per_row: u32,
     record: &Record,
-    arcs: impl Iterator<Item = &'a Arc>,
+    arcs: impl Iterator<Item = (usize, &'a Arc)>,
     shift_kpa: &[R],
     crank_rev: R,
+    share: &dyn Fn(usize, &Arc, &Unknown) -> Option<R>,
     out: &mut [R],
 ) {
     let rows = record.time_s.len();
@@ -28,6 +29,7 @@ pub(super) fn sweep<'a, R: Simulated>(
     if smooth {
         simulation = simulation.smooth();
     }
+    let unknowns: Vec<Unknown> = simulation.unknowns().cloned().collect();
     let mut commands = vec![R::splat(0.0); record.inputs.len()];
     let mut start = vec![R::splat(0.0); sensors.len()];
     let read = |row: usize, commands: &mut [R]| {
@@ -35,7 +37,7 @@ pub(super) fn sweep<'a, R: Simulated>(
             *slot = R::splat(column.get(row).copied().unwrap_or(0.0));
         }
     };
-    for arc in arcs {
+    for (number, arc) in arcs {
         for ((slot, kpa), shift) in start.iter_mut().zip(&arc.start_kpa).zip(shift_kpa) {
             *slot = R::splat(*kpa) + *shift;
         }
@@ -45,6 +47,11 @@ pub(super) fn sweep<'a, R: Simulated>(
             let recorded: Vec<R> = arc.start_kpa.iter().map(|kpa| R::splat(*kpa)).collect();
             let how = simulation.start_for(&recorded);
             simulation.start_at(&start, &commands, how, crank_rev);
+            for (index, unknown) in unknowns.iter().enumerate() {
+                if let Some(share) = share(number, arc, unknown) {
+                    simulation.set_unknown(index, share);
+                }
+            }
         } else {
             simulation.correct(&sensors, &start);
         }

@@ -20,6 +20,7 @@
 
 mod arcs;
 mod course;
+mod flappers;
 mod horizon;
 mod in_step;
 mod lanes;
@@ -30,13 +31,14 @@ mod tachometer;
 mod track;
 mod windows;
 
-pub use arcs::{Arc, Arcs};
+pub use arcs::{Arc, Arcs, Flapper};
 pub use course::Course;
+pub use flappers::{flappers_of, lies};
 pub use horizon::{ChannelError, Horizon, errors, errors_at, trace_at, traces_at};
 pub use in_step::ripple_in_step;
 pub use ripple::Ripple;
 pub use simulator::{Fidelity, Run, Simulator};
 pub(crate) use start::NUDGE_KPA;
-pub use start::{refined_starts, smoothed_kpa};
+pub use start::{refined_starts, smoothed_kpa, with_flappers};
 pub use tachometer::{Tachometer, tachometer};
 pub use track::{Track, track};

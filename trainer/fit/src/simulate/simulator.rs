@@ -5,12 +5,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc as Shared, Mutex, PoisonError};
 
 use model::averaged::PumpTables;
-use model::plant::{Plant, Simulated};
+use model::plant::{Plant, Simulated, Unknown};
 use model::real::{Lanes, Real};
 use model::rig::{Rig, RigError};
 use proto::recording::PERIOD_S;
 
-use super::arcs::Arcs;
+use super::arcs::{Arc, Arcs, Flapper, share_of};
 use super::lanes::sweep;
 use crate::FitError;
 use crate::data::Records;
@@ -55,11 +55,13 @@ pub struct Run {
     pub shift_kpa: Vec<f64>,
     /// Revolutions by which cranks are further on at the start of each recording than [`Records`] says.
     pub crank_rev: f64,
+    /// Where flappers lie at the start of each arc, by its number, where that is not what the arc says; empty for nothing.
+    pub flappers: Vec<Vec<Flapper>>,
 }
 
 impl From<Rig> for Run {
     fn from(rig: Rig) -> Self {
-        Run { rig, shift_kpa: Vec::new(), crank_rev: 0.0 }
+        Run { rig, shift_kpa: Vec::new(), crank_rev: 0.0, flappers: Vec::new() }
     }
 }
 
@@ -216,9 +218,10 @@ impl<'r> Simulator<'r> {
             self.fidelity == Fidelity::Smooth,
             group.ticks_per_row,
             columns,
-            arcs.of(record),
+            arcs.numbered(record),
             &shift,
             crank,
+            &|number, arc, unknown| self.share(&run_of, number, arc, unknown),
             &mut out,
         );
         let mut outcomes = outcomes.lock().unwrap_or_else(PoisonError::into_inner);
@@ -231,6 +234,22 @@ impl<'r> Simulator<'r> {
                 }
             }
         }
+    }
+
+    /// Where an unknown stands at the start of an arc, lane by lane; `None` where no lane says so.
+    fn share<'a, R: Real>(
+        &self,
+        run_of: &dyn Fn(usize) -> Option<&'a Run>,
+        number: usize,
+        arc: &Arc,
+        unknown: &Unknown,
+    ) -> Option<R> {
+        let own = |lane: usize| run_of(lane).and_then(|run| share_of(run.flappers.get(number)?, &unknown.name));
+        let arcs = share_of(&arc.flappers, &unknown.name);
+        if arcs.is_none() && (0..R::LANES).all(|lane| own(lane).is_none()) {
+            return None;
+        }
+        Some(R::from_lanes(|lane| own(lane).or(arcs).unwrap_or(unknown.usual)))
     }
 
     /// Compiles the runs in bundles of one structure; what cannot be compiled becomes an error.

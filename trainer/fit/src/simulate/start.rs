@@ -7,6 +7,7 @@ use model::rig::Rig;
 use nalgebra::{DMatrix, DVector};
 
 use super::arcs::{Arc, Arcs};
+use super::flappers::flappers_of;
 use super::simulator::{Run, Simulator};
 use crate::FitError;
 use crate::data::Records;
@@ -54,13 +55,15 @@ pub fn smoothed_kpa(records: &Records, free_run: &[f64]) -> Vec<f64> {
     smoothed
 }
 
-/// Moves the starts of `arcs` to where the rows after them fit best (least squares over 2 s, one linear step).
+/// Moves the starts of `arcs` to where the rows after them fit best: flappers with room first ([`flappers_of`]), then
+/// pressures (least squares over 2 s, one linear step).
 ///
 /// # Errors
 /// The rig cannot be simulated.
 pub fn refined_starts(simulator: &Simulator<'_>, rig: &Rig, arcs: &Arcs) -> Result<Arcs, FitError> {
     let records = simulator.records();
     let channels = records.layout().channels();
+    let arcs = &with_flappers(simulator, rig, arcs);
     let ends: Vec<usize> = (0..records.records().len())
         .map(|record| arcs.of(record).map(|arc| arc.rows.start + FITTED_ROWS).max().unwrap_or(0))
         .collect();
@@ -90,6 +93,16 @@ pub fn refined_starts(simulator: &Simulator<'_>, rig: &Rig, arcs: &Arcs) -> Resu
         }
     }
     Ok(refined)
+}
+
+/// The arcs with flappers where they lie best.
+pub fn with_flappers(simulator: &Simulator<'_>, rig: &Rig, arcs: &Arcs) -> Arcs {
+    let mut placed = arcs.clone();
+    let found = flappers_of(simulator, &[Run::from(rig.clone())], arcs, true).pop().unwrap_or_default();
+    for (arc, flappers) in placed.arcs_mut().iter_mut().zip(found) {
+        arc.flappers.extend(flappers);
+    }
+    placed
 }
 
 /// The step of one arc's start that fits its first rows best.

@@ -30,7 +30,13 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
             .filter_map(|(record, r)| {
                 let first = r.segments.first()?;
                 let rows = first.start..first.end.min(first.start + ROWS);
-                (rows.len() > 2 * COMPARED).then(|| Arc { record, rows, start_kpa: vec![0.0; channels], fresh: true })
+                (rows.len() > 2 * COMPARED).then(|| Arc {
+                    record,
+                    rows,
+                    start_kpa: vec![0.0; channels],
+                    fresh: true,
+                    flappers: Vec::new(),
+                })
             })
             .collect(),
     );

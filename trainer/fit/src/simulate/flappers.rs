@@ -1,0 +1,179 @@
+//! Where flappers lay when a recording began.
+//!
+//! A valve with play or dry friction has a memory that no sensor shows. What it holds at the first row stays there until the
+//! duty has moved far enough: with play for the first seconds, with friction, or under commands that move less than its band,
+//! for as long as the recording lasts, since every later jump starts where the one before ended. Taken for the middle where
+//! it was not, the right mechanism is off by as much as a wrong one.
+
+use model::mechanism::Mechanism;
+use model::rig::Rig;
+
+use super::arcs::{Arcs, Flapper, share_of};
+use super::simulator::{Run, Simulator};
+
+/// Rows from the start of an arc that decide: 20 s.
+const DECIDING_ROWS: usize = 1000;
+/// Places on either side of the middle that are looked at first, and around the best of them.
+const PLACES: i32 = 8;
+const NEARER: i32 = 4;
+
+/// Even shares on either side of the middle, up to `reach`.
+fn places(each: i32, reach: f64) -> Vec<f64> {
+    (-each..=each).map(|k| reach * f64::from(k) / f64::from(each)).collect()
+}
+
+/// Names of the unknowns of a rig's valves that have room to lie anywhere in.
+pub fn lies(rig: &Rig) -> Vec<String> {
+    let of = |attached: &model::rig::Attached| match attached.mechanism {
+        Mechanism::ValveHysteresis(_) => Some(format!("play:{}", attached.component)),
+        Mechanism::ValveStiction(_) => Some(format!("stick:{}", attached.component)),
+        _ => None,
+    };
+    rig.mechanisms.iter().filter(|attached| attached.enabled).filter_map(of).collect()
+}
+
+/// Where the flappers of some runs lie best (least absolute error of the first 20 s) at the start of each arc, by run and
+/// arc; those that the arcs themselves tell stay where they are. Runs that cannot be simulated keep the usual places.
+///
+/// `closely` looks around the best place once more.
+pub fn flappers_of(simulator: &Simulator<'_>, runs: &[Run], arcs: &Arcs, closely: bool) -> Vec<Vec<Vec<Flapper>>> {
+    let count = arcs.arcs().len();
+    let mut found: Vec<Vec<Vec<Flapper>>> = runs.iter().map(|_| vec![Vec::new(); count]).collect();
+    let told = |unknown: &String| arcs.arcs().iter().any(|arc| share_of(&arc.flappers, unknown).is_some());
+    let open: Vec<Vec<String>> =
+        runs.iter().map(|run| lies(&run.rig).into_iter().filter(|unknown| !told(unknown)).collect()).collect();
+    let most = open.iter().map(Vec::len).max().unwrap_or(0);
+    if most == 0 {
+        return found;
+    }
+    let ends: Vec<usize> = (0..simulator.records().records().len())
+        .map(|record| arcs.of(record).map(|arc| arc.rows.start + DECIDING_ROWS).max().unwrap_or(0))
+        .collect();
+    let first = arcs.clone().until(&ends);
+    for turn in 0..most {
+        for (places, around) in [(places(PLACES, 1.0), false), (places(NEARER, 0.5 / f64::from(PLACES)), true)] {
+            if around && !closely {
+                continue;
+            }
+            // All probes of all runs at once: lanes are filled by runs of one structure.
+            let mut probes = Vec::new();
+            let mut of = Vec::new();
+            for (at, (run, open)) in runs.iter().zip(&open).enumerate() {
+                let Some(unknown) = open.get(turn) else { continue };
+                for place in &places {
+                    let mut probe = run.clone();
+                    probe.flappers.clone_from(&found[at]);
+                    for flappers in &mut probe.flappers {
+                        put(flappers, unknown, *place, around);
+                    }
+                    of.push((at, *place));
+                    probes.push(probe);
+                }
+            }
+            let traces = simulator.run(&probes, &first);
+            let mut best: Vec<Vec<(f64, f64)>> = runs.iter().map(|_| vec![(f64::INFINITY, 0.0); count]).collect();
+            for ((at, place), trace) in of.iter().zip(traces) {
+                let Ok(trace) = trace else { continue };
+                for (number, best) in best[*at].iter_mut().enumerate() {
+                    let error = error(simulator, &first, number, &trace);
+                    if error < best.0 {
+                        *best = (error, *place);
+                    }
+                }
+            }
+            for ((flappers, best), open) in found.iter_mut().zip(&best).zip(&open) {
+                let Some(unknown) = open.get(turn) else { continue };
+                for (flappers, (_, place)) in flappers.iter_mut().zip(best) {
+                    put(flappers, unknown, *place, around);
+                }
+            }
+        }
+    }
+    found
+}
+
+/// Puts a flapper at a place, or at a place around where it lies.
+fn put(flappers: &mut Vec<Flapper>, unknown: &str, place: f64, around: bool) {
+    match flappers.iter_mut().find(|flapper| flapper.unknown == unknown) {
+        Some(flapper) if around => flapper.share = (flapper.share + place).clamp(-1.0, 1.0),
+        Some(flapper) => flapper.share = place,
+        None => flappers.push(Flapper { unknown: unknown.to_owned(), share: place }),
+    }
+}
+
+/// Sum of absolute errors over an arc, channels together; infinite where the run diverged.
+fn error(simulator: &Simulator<'_>, arcs: &Arcs, number: usize, trace: &[f64]) -> f64 {
+    let (records, layout) = (simulator.records(), simulator.records().layout());
+    let Some(arc) = arcs.arcs().get(number) else { return f64::INFINITY };
+    let sum: f64 = (0..layout.channels())
+        .flat_map(|channel| layout.stretch(arc.record, channel, arc.rows.clone()))
+        .map(|i| (trace.get(i).unwrap_or(&f64::NAN) - records.readings_kpa().get(i).unwrap_or(&0.0)).abs())
+        .sum();
+    if sum.is_finite() { sum } else { f64::INFINITY }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::Records;
+    use crate::simulate::Fidelity;
+    use model::rig::Attached;
+    use proto::recording::Recording;
+    use proto::recording::csv::{Column, ColumnData};
+
+    fn records(rig: &Rig, pressures: [Vec<f64>; 2]) -> Records {
+        let rows = pressures[0].len();
+        let numbers = |name: &str, of: Vec<f64>| Column { name: name.to_owned(), data: ColumnData::Numbers(of) };
+        // Steps of 0.01 to 0.05: a band of 0.04 passes some of them on and not others.
+        let duty = |k: usize| 0.8 + 0.02 * ((k / 60 * 7 % 5) as f64 - 2.0) + 0.01 * ((k / 100) % 3) as f64;
+        let [pos, neg] = pressures;
+        let columns = vec![
+            numbers("u_pos", (0..rows).map(duty).collect()),
+            numbers("u_neg", vec![0.8; rows]),
+            numbers("p_pos_kpa", pos),
+            numbers("p_neg_kpa", neg),
+        ];
+        let time_s = (0..rows).map(|k| 0.02 * k as f64).collect();
+        Records::new(rig, &[Recording::new("made", time_s, columns).unwrap()]).unwrap()
+    }
+
+    /// Runs that began with the flapper at a known place: it is found there again, for play and for friction.
+    #[test]
+    fn a_flapper_is_found_where_it_lay() {
+        let mechanisms = [
+            "id = 'valve_hysteresis'\nhalf_width_duty = 0.04",
+            "id = 'valve_stiction'\nband_duty = 0.04\nshort_of_it = 0.2",
+            "id = 'valve_stiction'\nband_duty = 0.04\nshort_of_it = 0.2\nrubs = 'flapper'",
+        ];
+        for text in mechanisms {
+            let mut rig = Rig::builtin("dual_pressure").unwrap();
+            let attached: Attached = toml::from_str(&format!("component = 'valve_pos'\n{text}")).unwrap();
+            rig.mechanisms.push(attached);
+            let blank = records(&rig, [vec![90.0; 600], vec![-70.0; 600]]);
+            let arcs = Arcs::free(&blank);
+            let [unknown] = &lies(&rig)[..] else { panic!("one valve has room") };
+            for share in [-0.8, 0.3, 0.9] {
+                let flappers = vec![vec![Flapper { unknown: unknown.clone(), share }]];
+                let began = Run { flappers, ..Run::from(rig.clone()) };
+                let simulator = Simulator::new(&blank, Fidelity::Averaged);
+                let trace = simulator.run(&[began], &arcs).pop().unwrap().unwrap();
+                let read = [0, 1].map(|channel| trace[blank.layout().channel(0, channel)].to_vec());
+                let made = records(&rig, read);
+                let simulator = Simulator::new(&made, Fidelity::Averaged);
+                let found = flappers_of(&simulator, &[Run::from(rig.clone())], &Arcs::free(&made), true);
+                let again = Run { flappers: found[0].clone(), ..Run::from(rig.clone()) };
+                let again = simulator.run(&[again], &Arcs::free(&made)).pop().unwrap().unwrap();
+                let off = again.iter().zip(made.readings_kpa()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                let found = &found[0][0][0];
+                // It is looked for in steps of a 64th.
+                assert!(
+                    (found.share - share).abs() < 0.02 && off < 0.1,
+                    "{text}: {found:?}, began at {share}, {off} kPa"
+                );
+                // Found once, it is not looked for again.
+                let told = super::super::with_flappers(&simulator, &rig, &Arcs::free(&made));
+                assert!(flappers_of(&simulator, &[Run::from(rig.clone())], &told, true)[0][0].is_empty());
+            }
+        }
+    }
+}
