@@ -17,8 +17,8 @@ use crate::stdout;
 /// Learns a policy in simulation: Soft Actor-Critic with smooth actions (CAPS) and model-predicted observations.
 ///
 /// A run is a folder: settings, learning curve (JSON lines, TensorBoard), checkpoint, policy, report. Without --config
-/// it is the paper's Table IV on the paper's rig. Ctrl-C ends the episode (a few seconds), writes a checkpoint and
-/// stops; --resume goes on to the same result. The end exports policy.onnx, which the daemon flies.
+/// it is the paper's Table IV on the paper's rig. Ctrl-C ends the episode (half a minute), writes a checkpoint and
+/// stops, and once more stops at once; --resume goes on to the same result. The end exports policy.onnx, which the daemon flies.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   trainer train --out runs/first --steps 20000
@@ -174,7 +174,7 @@ impl Observer for Bar {
         if self.stop.load(Ordering::Relaxed) && !self.told_stop {
             self.told_stop = true;
             self.clear();
-            self.write("trainer: stopping after this episode (a few seconds); once more stops at once\n");
+            self.write("trainer: stopping after this episode (half a minute); once more stops at once, back to the last checkpoint\n");
         }
         let now = Instant::now();
         if now < self.next {
