@@ -1,5 +1,7 @@
 //! Mechanisms along a valve's command, read by the flow meter of `mechanisms`.
 
+use model::rig::Rig;
+
 use crate::mechanisms::{METER, acting, paper_with};
 use crate::small_rigs::{ATMOSPHERE, KAPPA, R, T, chamber, choked, source};
 use crate::small_rigs::{TICK_S, mechanism, plain_valve, rig, simulation};
@@ -120,6 +122,33 @@ fn free_runs_start_with_the_coil_as_cold_as_the_rig_says() {
     // In one tick of a minute the cold coil loses 0.2·0.8²·20 ms/60 s/2 of its force.
     assert!((cold - plain).abs() < 1e-3, "{cold} against {plain}");
     assert!(warm > plain + 0.4, "warm, it opens less: {warm} against {plain}");
+}
+
+#[test]
+fn a_free_run_can_begin_with_a_flapper_held_anywhere_in_its_band() {
+    let run = |rig: &Rig, duty: f64, share: Option<f64>| {
+        let mut simulation = simulation(rig);
+        let start = simulation.start_for(&[80.0, -70.0]);
+        simulation.start_from(&[80.0, -70.0], &[0.8, 0.8, 1.0], start);
+        if let Some(share) = share {
+            let index = simulation.unknowns().position(|u| u.name == "stick:valve_pos").unwrap();
+            simulation.set_unknown(index, share);
+        }
+        simulation.tick(&[duty, 0.8, 1.0]);
+        simulation.pressure_kpa(0)
+    };
+    let plain = paper_with("");
+    // The plunger's place is the duty that acts; the flapper's is that and the pressure's push, which changes in the tick.
+    for (rubs, tolerance) in [("plunger", 1e-9), ("flapper", 0.02)] {
+        let parameters = format!("band_duty = 0.05\nrubs = \"{rubs}\"");
+        let stuck = paper_with(&mechanism("valve_stiction", "valve_pos", &parameters));
+        for share in [-0.9, -0.3, 0.0, 0.6] {
+            let (held, moved) = (run(&stuck, 0.8, Some(share)), run(&plain, 0.8 + 0.05 * share, None));
+            assert!((held - moved).abs() < tolerance, "{rubs} at {share}: {held} instead of {moved}");
+        }
+        let ends = [-0.9, 0.9].map(|share| run(&stuck, 0.8, Some(share)));
+        assert!(ends[0] - ends[1] > 0.3, "{rubs}: {ends:?}");
+    }
 }
 
 /// Two flow meters on one supply of current.
