@@ -1,8 +1,9 @@
 //! What recordings do not tell about their start, for fits that free it.
 //!
 //! A free run starts from the first readings and the first commands. Whether coils were warm, on which side of its
-//! play a flapper lay, where friction held it, and where the crank stood is not in them. Each such number has a usual value that a run starts
-//! from; fits of recordings that began otherwise set it ([`super::Simulation::set_unknown`]).
+//! play a flapper lay, where friction held it, and where the crank stood is not in them. Each such number has a usual
+//! value that a run starts from; fits of recordings that began otherwise set it
+//! ([`super::Simulation::set_unknown`]).
 
 /// A number of a run's start that its recording does not tell.
 #[derive(Debug, Clone, PartialEq)]

@@ -35,7 +35,7 @@ impl Candidate {
         format!("{}:{}", self.id, self.side)
     }
 
-    /// The name with the shape, for tables.
+    /// The name with the shape.
     pub fn full_name(&self) -> String {
         if self.form.is_empty() { self.name() } else { format!("{} ({})", self.name(), self.form) }
     }

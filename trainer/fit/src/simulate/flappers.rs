@@ -23,7 +23,7 @@ fn places(each: i32, reach: f64) -> Vec<f64> {
 }
 
 /// Names of the unknowns of a rig's valves that have room to lie anywhere in.
-pub fn lies(rig: &Rig) -> Vec<String> {
+fn lies(rig: &Rig) -> Vec<String> {
     let of = |attached: &model::rig::Attached| match attached.mechanism {
         Mechanism::ValveHysteresis(_) => Some(format!("play:{}", attached.component)),
         Mechanism::ValveStiction(_) => Some(format!("stick:{}", attached.component)),

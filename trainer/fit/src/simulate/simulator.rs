@@ -221,7 +221,7 @@ impl<'r> Simulator<'r> {
             arcs.numbered(record),
             &shift,
             crank,
-            &|number, arc, unknown| self.share(&run_of, number, arc, unknown),
+            &|number, arc, unknown| share(&run_of, number, arc, unknown),
             &mut out,
         );
         let mut outcomes = outcomes.lock().unwrap_or_else(PoisonError::into_inner);
@@ -234,22 +234,6 @@ impl<'r> Simulator<'r> {
                 }
             }
         }
-    }
-
-    /// Where an unknown stands at the start of an arc, lane by lane; `None` where no lane says so.
-    fn share<'a, R: Real>(
-        &self,
-        run_of: &dyn Fn(usize) -> Option<&'a Run>,
-        number: usize,
-        arc: &Arc,
-        unknown: &Unknown,
-    ) -> Option<R> {
-        let own = |lane: usize| run_of(lane).and_then(|run| share_of(run.flappers.get(number)?, &unknown.name));
-        let arcs = share_of(&arc.flappers, &unknown.name);
-        if arcs.is_none() && (0..R::LANES).all(|lane| own(lane).is_none()) {
-            return None;
-        }
-        Some(R::from_lanes(|lane| own(lane).or(arcs).unwrap_or(unknown.usual)))
     }
 
     /// Compiles the runs in bundles of one structure; what cannot be compiled becomes an error.
@@ -368,6 +352,21 @@ impl<'r> Simulator<'r> {
         // Between 1 and 20: a rig's tick is at least 1 ms.
         Ok(ticks.round() as u32)
     }
+}
+
+/// Where an unknown stands at the start of an arc, lane by lane; `None` where no lane says so.
+fn share<'a, R: Real>(
+    run_of: &dyn Fn(usize) -> Option<&'a Run>,
+    number: usize,
+    arc: &Arc,
+    unknown: &Unknown,
+) -> Option<R> {
+    let own = |lane: usize| run_of(lane).and_then(|run| share_of(run.flappers.get(number)?, &unknown.name));
+    let arcs = share_of(&arc.flappers, &unknown.name);
+    if arcs.is_none() && (0..R::LANES).all(|lane| own(lane).is_none()) {
+        return None;
+    }
+    Some(R::from_lanes(|lane| own(lane).or(arcs).unwrap_or(unknown.usual)))
 }
 
 /// What must be equal for rigs to lie side by side, as far as it shows without compiling them.
