@@ -270,50 +270,47 @@ impl<R: Real> PumpTable<R> {
     }
 
     /// Gas drawn and delivered beyond the mean at a phase of the crank (in revolutions), in kg.
+    #[inline(always)]
     pub(crate) fn ripple(&self, inlet: R, outlet: R, phase: R) -> [R; 2] {
-        self.between_nodes(inlet, outlet, |grid, node, lane| {
-            let turned = phase.lane(lane).rem_euclid(1.0) * PHASES as f64;
-            let (first, share) = ((turned as usize) % PHASES, turned.fract());
-            let at = |phase: usize| grid.ripple[node * PHASES + phase % PHASES];
-            let (a, b) = (at(first), at(first + 1));
-            [0, 1].map(|port: usize| a[port] + share * (b[port] - a[port]))
-        })
+        let mut at_phase = [AtPhase { first: 0, share: 0.0 }; MOST_LANES];
+        for lane in 0..R::LANES {
+            let phase = phase.lane(lane);
+            let turned = (phase - phase.floor()) * PHASES as f64;
+            at_phase[lane] = AtPhase { first: turned as usize, share: turned.fract() };
+        }
+        self.between_nodes(inlet, outlet, &at_phase)
     }
 
     /// The least and the most gas drawn, and delivered, beyond the mean within a revolution, in kg.
+    #[inline(always)]
     pub(crate) fn swing(&self, inlet: R, outlet: R) -> [[R; 2]; 2] {
         let [least_drawn, most_drawn, least_delivered, most_delivered] =
-            self.between_nodes(inlet, outlet, |grid, node, _| {
-                let [drawn, delivered] = grid.swing[node];
-                [drawn[0], drawn[1], delivered[0], delivered[1]]
-            });
+            self.between_nodes(inlet, outlet, &[Swing; MOST_LANES]);
         [[least_drawn, most_drawn], [least_delivered, most_delivered]]
     }
 
     /// What nodes of each lane's grid hold per outlet pressure, on straight lines between them.
-    fn between_nodes<const N: usize>(
-        &self,
-        inlet: R,
-        outlet: R,
-        values: impl Fn(&Grid, usize, usize) -> [f64; N],
-    ) -> [R; N] {
+    #[inline(always)]
+    fn between_nodes<const N: usize>(&self, inlet: R, outlet: R, held: &[impl Held<N>; MOST_LANES]) -> [R; N] {
         let (cell, t) = self.place(inlet, outlet);
         let row = self.row_at(outlet);
         let mut lanes = [[0.0; N]; MOST_LANES];
-        for (lane, slot) in lanes.iter_mut().enumerate().take(R::LANES) {
-            let (below, between, t) = (row.lane(lane) as usize, row.lane(lane).fract(), t.lane(lane));
-            let line = |a: [f64; N], b: [f64; N], share: f64| -> [f64; N] {
-                std::array::from_fn(|i| a[i] + share * (b[i] - a[i]))
-            };
-            let in_row = |row: usize| {
-                let at = |node: usize| values(&self.grids[lane], row * NODES + node, lane);
-                line(at(cell[lane]), at(cell[lane] + 1), t)
-            };
-            let value = in_row(below);
-            let value = if between > 0.0 { line(value, in_row(below + 1), between) } else { value };
-            *slot = value.map(|value| value * outlet.lane(lane));
+        for lane in 0..R::LANES {
+            let (grid, held, t) = (&self.grids[lane], &held[lane], t.lane(lane));
+            let (below, between) = (row.lane(lane) as usize, row.lane(lane).fract());
+            let node = below * NODES + cell[lane];
+            let mut value = line(held.at(grid, node), held.at(grid, node + 1), t);
+            if between > 0.0 {
+                let above = line(held.at(grid, node + NODES), held.at(grid, node + NODES + 1), t);
+                value = line(value, above, between);
+            }
+            lanes[lane] = value;
         }
-        std::array::from_fn(|i| R::from_lanes(|lane| lanes[lane][i]))
+        let mut all = [R::splat(0.0); N];
+        for (i, slot) in all.iter_mut().enumerate() {
+            *slot = R::from_lanes(|lane| lanes[lane][i]) * outlet;
+        }
+        all
     }
 
     /// The place among the rows, 0 … the last.
@@ -329,6 +326,48 @@ impl<R: Real> PumpTable<R> {
 
 /// The most lanes of a bundle.
 const MOST_LANES: usize = 8;
+
+/// What a node of a grid holds of something. A trait and not a closure, for the same reason as [`PumpTable::row`].
+trait Held<const N: usize> {
+    fn at(&self, grid: &Grid, node: usize) -> [f64; N];
+}
+
+/// The ripple at a phase: the one tabled before it, and the share of the way to the next.
+#[derive(Clone, Copy)]
+struct AtPhase {
+    first: usize,
+    share: f64,
+}
+
+impl Held<2> for AtPhase {
+    #[inline(always)]
+    fn at(&self, grid: &Grid, node: usize) -> [f64; 2] {
+        let [a, b] = [self.first, self.first + 1].map(|phase| grid.ripple[node * PHASES + phase % PHASES]);
+        line(a, b, self.share)
+    }
+}
+
+/// The ripple's least and most: of what is drawn, then of what is delivered.
+#[derive(Clone, Copy)]
+struct Swing;
+
+impl Held<4> for Swing {
+    #[inline(always)]
+    fn at(&self, grid: &Grid, node: usize) -> [f64; 4] {
+        let [drawn, delivered] = grid.swing[node];
+        [drawn[0], drawn[1], delivered[0], delivered[1]]
+    }
+}
+
+/// Values on the straight line from `a` to `b`.
+#[inline(always)]
+fn line<const N: usize>(a: [f64; N], b: [f64; N], share: f64) -> [f64; N] {
+    let mut values = a;
+    for (value, b) in values.iter_mut().zip(b) {
+        *value += share * (b - *value);
+    }
+    values
+}
 
 /// The weight of node `n` of 0 … `last` at a place between nodes, for a cubic with Catmull-Rom slopes.
 fn row_weight(at: f64, n: usize, last: usize) -> f64 {

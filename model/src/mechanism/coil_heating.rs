@@ -132,15 +132,16 @@ impl<R: Real> Heat<R> {
         let [mut body, mut winding] = [0, 1].map(|k: usize| memory.get(k).copied().unwrap_or(self.initial));
         samples.spread();
         let mut before: Option<R> = None;
-        samples.each(|duty| {
+        for sample in samples.in_time() {
+            let duty = *sample;
             // The duty of the interval that ends here; the first sample is the tick's own start.
             if let Some(duty) = before {
                 body = self.approach.mul_add(duty * duty - body, body);
                 winding = self.winding_approach.mul_add(duty * duty - winding, winding);
             }
             before = Some(duty);
-            self.at(duty, self.share.mul_add(winding - body, body))
-        });
+            *sample = self.at(duty, self.share.mul_add(winding - body, body));
+        }
         for (slot, heat) in memory.iter_mut().zip([body, winding]) {
             *slot = heat;
         }

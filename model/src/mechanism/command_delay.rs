@@ -97,17 +97,15 @@ impl<R: Real> Delay<R> {
         if self.part.any_above(R::splat(0.0)) {
             samples.spread();
             let instants = samples.instants() as f64;
-            let mut j = 0.0;
-            samples.each(|_| {
-                let past = R::splat(j) - self.part * R::splat(instants) + R::splat(1.0);
+            for (j, sample) in samples.in_time().iter_mut().enumerate() {
+                let past = R::splat(j as f64) - self.part * R::splat(instants) + R::splat(1.0);
                 let weight = past.limited(R::splat(0.0), R::splat(1.0));
-                j += 1.0;
                 // Not `older + weight (newer − older)`: at weight one this is the newer duty to the last bit, as
                 // in a run alone, when a neighbour's delay makes a lane without a part of a tick come here.
-                weight.mul_add(newer, (R::splat(1.0) - weight) * older)
-            });
+                *sample = weight.mul_add(newer, (R::splat(1.0) - weight) * older);
+            }
         } else {
-            samples.each(|_| newer);
+            samples.in_time().fill(newer);
         }
         memory.rotate_right(1);
         if let Some(newest) = memory.first_mut() {

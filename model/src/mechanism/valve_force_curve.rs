@@ -107,6 +107,8 @@ impl<R: Real> Bend<R> {
 
     #[inline(always)]
     pub(crate) fn run(&self, samples: &mut Samples<R>) {
-        samples.each(|duty| self.at(duty));
+        for duty in samples.in_time() {
+            *duty = self.at(*duty);
+        }
     }
 }

@@ -132,25 +132,29 @@ impl<R: Real> Play<R> {
     #[inline(always)]
     pub(crate) fn run(&self, memory: &mut [R], samples: &mut Samples<R>) {
         let Some(memory) = memory.first_chunk_mut::<PLAYS>() else { return };
-        let follow =
-            |flapper: R, duty: R, half_width: R| flapper.at_least(duty - half_width).at_most(duty + half_width);
         if !self.is_spread {
             let mut flapper = memory[MIDDLE];
-            samples.each(|duty| {
-                flapper = follow(flapper, duty, self.half_width);
-                flapper
-            });
+            for duty in samples.in_time() {
+                flapper = pulled(flapper, *duty, self.half_width);
+                *duty = flapper;
+            }
             memory[MIDDLE] = flapper;
             return;
         }
         let half_widths = self.half_widths();
-        samples.each(|duty| {
+        for duty in samples.in_time() {
             let mut sum = R::splat(0.0);
             for (flapper, half_width) in memory.iter_mut().zip(&half_widths) {
-                *flapper = follow(*flapper, duty, *half_width);
+                *flapper = pulled(*flapper, *duty, *half_width);
                 sum += *flapper;
             }
-            self.out(sum, memory[MIDDLE])
-        });
+            *duty = self.out(sum, memory[MIDDLE]);
+        }
     }
+}
+
+/// Where a duty has pulled a flapper that has this much room to either side.
+#[inline(always)]
+fn pulled<R: Real>(flapper: R, duty: R, half_width: R) -> R {
+    flapper.at_least(duty - half_width).at_most(duty + half_width)
 }

@@ -92,14 +92,14 @@ impl<R: Real> Lag<R> {
         samples.spread();
         let mut lagged = *memory;
         let mut first = true;
-        samples.each(|duty| {
+        for duty in samples.in_time() {
             // The first sample is the tick's own start, where the memory already stands.
             if !first {
-                lagged = self.approach.mul_add(duty - lagged, lagged);
+                lagged = self.approach.mul_add(*duty - lagged, lagged);
             }
             first = false;
-            lagged
-        });
+            *duty = lagged;
+        }
         *memory = lagged;
     }
 }

@@ -120,10 +120,10 @@ impl<R: Real> Stick<R> {
     #[inline(always)]
     pub(crate) fn run(&self, memory: &mut R, samples: &mut Samples<R>) {
         let mut flapper = *memory;
-        samples.each(|duty| {
-            flapper = self.moved(flapper, duty);
-            flapper
-        });
+        for duty in samples.in_time() {
+            flapper = self.moved(flapper, *duty);
+            *duty = flapper;
+        }
         *memory = flapper;
     }
 }

@@ -82,16 +82,12 @@ impl<R: Real> Samples<R> {
         }
     }
 
-    /// Replaces each sample in the order of time (just one where the duty is constant).
+    /// The samples in the order of time (just one where the duty is constant), to be replaced one by one. For loops and
+    /// not for closures, which are not compiled for the instruction set of the tick around them.
     #[inline(always)]
-    pub(crate) fn each(&mut self, mut f: impl FnMut(R) -> R) {
-        if self.spread {
-            for value in &mut self.values {
-                *value = f(*value);
-            }
-        } else if let Some(first) = self.values.first_mut() {
-            *first = f(*first);
-        }
+    pub(crate) fn in_time(&mut self) -> &mut [R] {
+        let count = if self.spread { self.values.len() } else { 1 };
+        self.values.get_mut(..count).unwrap_or_default()
     }
 }
 

@@ -1,4 +1,4 @@
-//! The tick compiled for each instruction set, chosen once when a simulation is made.
+//! The tick, and the ripple that is read between ticks, compiled for each instruction set, chosen once when a simulation is made.
 //!
 //! The same source, inlined under `#[target_feature]`; since every operation is correctly rounded, both
 //! give the same bits. Without fused multiply-add in hardware (before 2013) the fallback calls the
@@ -47,8 +47,9 @@ impl Simulated for Lanes<8> {}
 pub(crate) mod sealed {
     use super::{InstructionSet, Plant, Scratch, State};
 
-    /// One tick on `set`, which must be available.
+    /// What is compiled for a set, which must be available.
     pub trait Tick: Sized {
+        /// One tick.
         #[doc(hidden)]
         fn advance(
             set: InstructionSet,
@@ -57,6 +58,17 @@ pub(crate) mod sealed {
             scratch: &mut Scratch<Self>,
             inputs: &[Self],
         );
+
+        /// What the ripple of averaged pumps adds to a chamber's pressure, [`Plant::ripple_at`].
+        #[doc(hidden)]
+        fn ripple(
+            set: InstructionSet,
+            plant: &Plant<Self>,
+            state: &State<Self>,
+            speeds: &[Self],
+            node: usize,
+            lag_s: Self,
+        ) -> Self;
     }
 }
 
@@ -86,6 +98,34 @@ macro_rules! compile_tick {
                     #[allow(unsafe_code)]
                     InstructionSet::Avx2 => unsafe { avx2(plant, state, scratch, inputs) },
                     _ => tick(plant, state, scratch, inputs),
+                }
+            }
+
+            fn ripple(
+                set: InstructionSet,
+                plant: &Plant<Self>,
+                state: &State<Self>,
+                speeds: &[Self],
+                node: usize,
+                lag_s: Self,
+            ) -> Self {
+                #[cfg(target_arch = "x86_64")]
+                #[target_feature(enable = "avx2,fma")]
+                fn avx2(
+                    plant: &Plant<$bundle>,
+                    state: &State<$bundle>,
+                    speeds: &[$bundle],
+                    node: usize,
+                    lag_s: $bundle,
+                ) -> $bundle {
+                    plant.ripple_at(state, speeds, node, lag_s)
+                }
+                match set {
+                    // SAFETY: as above.
+                    #[cfg(target_arch = "x86_64")]
+                    #[allow(unsafe_code)]
+                    InstructionSet::Avx2 => unsafe { avx2(plant, state, speeds, node, lag_s) },
+                    _ => plant.ripple_at(state, speeds, node, lag_s),
                 }
             }
         }

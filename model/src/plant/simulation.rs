@@ -113,27 +113,10 @@ impl<R: Simulated> Simulation<R> {
 
     /// What the ripple of averaged pumps adds to the pressure of chamber `index` now, as it is seen through a lag.
     fn ripple_pa(&self, index: usize, lag_s: R) -> R {
-        let mut sum = R::splat(0.0);
-        if self.smooth {
-            return sum;
+        if self.smooth || self.plant.averaged.is_empty() {
+            return R::splat(0.0);
         }
-        for pump in self.plant.averaged.iter().filter(|pump| pump.inlet == index || pump.outlet == index) {
-            let at = |slots: &[R], i: usize| slots.get(i).copied().unwrap_or(R::splat(0.0));
-            let speed = at(&self.scratch.speeds, pump.drive);
-            // Of a lag's answer to the ripple only that to its fundamental matters.
-            let turn = std::f64::consts::TAU / pump.beat;
-            let behind = (speed * R::splat(turn) * lag_s).map(f64::atan);
-            let left = behind.map(f64::cos);
-            let phase = at(&self.state.phase, pump.drive) - behind * R::splat(1.0 / turn);
-            let running = at(&self.state.memory, pump.memory);
-            let moved = self.plant.moved(pump, &self.state.x, phase);
-            let [inlet, outlet] = self.plant.ripple(pump, &self.state.x, moved);
-            let both = [(pump.inlet, inlet), (pump.outlet, outlet)];
-            for (_, ripple) in both.into_iter().filter(|(node, _)| *node == index) {
-                sum += left * running * ripple;
-            }
-        }
-        sum
+        R::ripple(self.set, &self.plant, &self.state, &self.scratch.speeds, index, lag_s)
     }
 
     /// Gauge pressure of chamber `index` in kPa, without any sensor in between.
