@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use ::evaluate::competition::{Competition, Entrant};
+use ::evaluate::join::joined;
 use ::evaluate::table::Table;
 use ::evaluate::{Dob, payload, rigs_around};
 use clap::{Args, Subcommand};
@@ -28,7 +29,8 @@ use crate::stdout;
 #[command(after_help = "Examples:
   trainer evaluate comparison --runs runs --out tables/comparison
   trainer evaluate ablation --runs runs --rig bench --out tables/ablation
-  trainer evaluate loads --runs runs --out tables/loads")]
+  trainer evaluate loads --runs runs --out tables/loads
+  trainer evaluate join tables/comparison/table.json limit/table.json --out tables/both")]
 pub(crate) struct EvaluateArgs {
     #[command(subcommand)]
     what: What,
@@ -42,6 +44,21 @@ enum What {
     Ablation(TableArgs),
     /// Payloads of 0 to 20 kg on the actuator that hangs on both chambers (Table II)
     Loads(TableArgs),
+    /// Puts tables of the same rigs together, flown on other days or machines; nothing is flown
+    Join(JoinArgs),
+}
+
+#[derive(Debug, Args)]
+struct JoinArgs {
+    /// Tables (table.json), at least two; an entrant of several counts in the first, and must fly alike in all
+    #[arg(required = true, num_args = 2.., value_name = "TABLE")]
+    tables: Vec<PathBuf>,
+    /// Folder for table.json, table.md and table.html
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Print the table as one JSON object
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Debug, Args)]
@@ -92,6 +109,7 @@ pub(crate) fn run(args: &EvaluateArgs) -> Result<(), Failure> {
             let shown = |variant| variant == Variant::Both;
             fill(table, "Robustness over payloads", &shown, true, PAPER_LOADS, loads(table)?)
         }
+        What::Join(args) => join(args),
     }
 }
 
@@ -197,17 +215,36 @@ fn fill(
         paper: paper.iter().map(|(who, rmse)| ((*who).to_owned(), *rmse)).collect(),
         notes: steps,
         provenance: vec![
-            ("command".into(), std::env::args().collect::<Vec<_>>().join(" ")),
+            ("command".into(), command()),
             ("trainer".into(), env!("CARGO_PKG_VERSION").into()),
             ("reference".into(), args.reference.as_ref().map_or("the paper's".into(), |p| p.display().to_string())),
             ("noise".into(), format!("{noise_v_rms} V RMS and steps of the converter")),
         ],
     };
-    write(&args.out, &table)?;
-    if args.json {
+    deliver(&table, &args.out, args.json)
+}
+
+fn join(args: &JoinArgs) -> Result<(), Failure> {
+    let mut tables = Vec::new();
+    for path in &args.tables {
+        let file = path.display().to_string();
+        let wrong = |problem: String| TrainingError::File { file: file.clone(), problem };
+        let text = std::fs::read_to_string(path).map_err(|error| wrong(format!("cannot be read: {error}")))?;
+        let table: Table = serde_json::from_str(&text)
+            .map_err(|error| wrong(format!("is no table of `trainer evaluate`: {error}; give a table.json")))?;
+        tables.push((file, table));
+    }
+    let later = tables.split_off(1);
+    let Some(first) = tables.pop() else { return Ok(()) };
+    deliver(&joined(first, later)?, &args.out, args.json)
+}
+
+fn deliver(table: &Table, out: &Path, as_json: bool) -> Result<(), Failure> {
+    write(out, table)?;
+    if as_json {
         return stdout::say_json(&serde_json::json!(table));
     }
-    stdout::say(&format!("{}\nwritten to {}", table.to_markdown(), args.out.display()))
+    stdout::say(&format!("{}\nwritten to {}", table.to_markdown(), out.display()))
 }
 
 fn write(folder: &Path, table: &Table) -> Result<(), Failure> {
@@ -220,6 +257,12 @@ fn write(folder: &Path, table: &Table) -> Result<(), Failure> {
     atomic_file::write(&folder.join("table.md"), table.to_markdown().as_bytes())?;
     atomic_file::write(&folder.join("table.html"), table.to_html().as_bytes())?;
     Ok(())
+}
+
+/// The command line, without the folder that the program lies in.
+fn command() -> String {
+    let program = std::iter::once(env!("CARGO_BIN_NAME").to_owned());
+    program.chain(std::env::args().skip(1)).collect::<Vec<_>>().join(" ")
 }
 
 /// Rows of policies by sorting key: their label, and one policy for each seed.

@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 use std::process::ExitCode;
 
+use ::evaluate::join::JoinError;
 use diagnose::DiagnoseError;
 use fit::FitError;
 use proto::atomic_file::AtomicFileError;
@@ -44,6 +45,8 @@ pub(crate) enum Failure {
     Lanes(#[from] LanesDiffer),
     #[error(transparent)]
     Training(#[from] TrainingError),
+    #[error(transparent)]
+    Join(#[from] JoinError),
     #[error("learning cannot be timed: {0}")]
     Learner(String),
     #[error("{out}: this is the file of --inputs, which would be lost; give --out another name")]
@@ -76,6 +79,7 @@ impl Failure {
             | Self::Rig(_)
             | Self::Recording(_)
             | Self::FreeRun(_)
+            | Self::Join(_)
             | Self::Faults(_)
             | Self::OverInputs { .. }
             | Self::OverRecording { .. } => BAD_INPUT,

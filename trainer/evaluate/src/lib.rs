@@ -6,12 +6,14 @@
 //! | [`clairvoyant`] | the limit: what any controller could reach that knows rig and reference |
 //! | [`competition`] | entrants fly rigs |
 //! | [`table`] | tables as JSON, Markdown and page |
+//! | [`join`] | tables of one kind put together |
 //! | [`payload`] | rigs with an actuator that carries a load |
 //! | [`rigs_around`] | rigs drawn around a given one |
 
 pub mod clairvoyant;
 pub mod competition;
 pub mod dob;
+pub mod join;
 pub mod payload;
 pub mod rigs_around;
 pub mod table;

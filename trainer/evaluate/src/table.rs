@@ -1,10 +1,10 @@
 //! A table of the paper: who flew what, how well, with its spread; as JSON, Markdown and page.
 
 use report::{Color, Line, Panel, Plot, Report, Table as Page};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Figures of one entrant on one rig: means over flights, and their spread (standard deviation over seeds).
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Cell {
     /// RMSE of the measured pressures after the first 5 s, in kPa; positive, negative.
     pub rmse_kpa: [f64; 2],
@@ -21,7 +21,7 @@ pub struct Cell {
 }
 
 /// One entrant.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// Who flew.
     pub entrant: String,
@@ -32,7 +32,7 @@ pub struct Row {
 }
 
 /// A table.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Table {
     /// What it shows.
     pub title: String,
