@@ -47,6 +47,9 @@ pub(crate) struct Bench<'m> {
     law: FlowFunction<Eight>,
     walls: WallTable<f64>,
     steps: usize,
+    /// Steps that each piston is ahead of the shaft, counted from its own bottom dead centre (the trace starts there, half a
+    /// revolution after a phase of zero); less than a revolution.
+    offsets: Vec<usize>,
     /// Share of the pressure before a check valve below which the drop across it drives a laminar flow, in proportion; 0
     /// for never.
     laminar: f64,
@@ -83,7 +86,9 @@ impl<'m> Bench<'m> {
         let (drive, cylinders) = machine.crank();
         // One revolution per second, so that the table is per revolution; it starts at bottom dead centre.
         walls.turn(0, &drive, &cylinders, 0.0, 1.0, 0.25 / steps as f64);
-        Bench { machine, law: FlowFunction::from_lanes(&[machine.law]), walls, steps, laminar }
+        let offset = |phase: &f64| ((phase + 0.5).rem_euclid(1.0) * steps as f64).round() as usize % steps;
+        let offsets = machine.phases.iter().map(offset).collect();
+        Bench { machine, law: FlowFunction::from_lanes(&[machine.law]), walls, steps, offsets, laminar }
     }
 
     /// Works out eight cells at port pressures in Pa.
@@ -143,8 +148,8 @@ impl<'m> Bench<'m> {
         let n = self.steps;
         let whole = moved.last().copied().unwrap_or(Eight::splat(0.0));
         let one = |step: usize| {
-            let even = whole * Eight::splat((step % n) as f64 / n as f64);
-            moved.get(step % n).copied().unwrap_or(whole) - even
+            let even = whole * Eight::splat(step as f64 / n as f64);
+            moved.get(step).copied().unwrap_or(whole) - even
         };
         let total = |step: usize| self.cranks(step).fold(Eight::splat(0.0), |sum, crank| sum + one(crank));
         let mut ripple: Vec<Eight> = (0..n).map(total).collect();
@@ -160,7 +165,7 @@ impl<'m> Bench<'m> {
         let share = Eight::splat(pa_per_kg / self.machine.phases.len() as f64);
         for (step, r) in ripple.iter().enumerate() {
             for crank in self.cranks(step) {
-                if let Some(slot) = seen.get_mut(crank % n) {
+                if let Some(slot) = seen.get_mut(crank) {
                     *slot += *r * share;
                 }
             }
@@ -168,14 +173,12 @@ impl<'m> Bench<'m> {
         seen
     }
 
-    /// The step, counted from its own bottom dead centre, at which each piston is when the shaft is at step `shaft`.
+    /// The step, counted from its own bottom dead centre, at which each piston is when the shaft is at step `shaft` of a
+    /// revolution.
+    #[inline(always)]
     fn cranks(&self, shaft: usize) -> impl Iterator<Item = usize> + '_ {
-        let n = self.steps as f64;
-        self.machine.phases.iter().map(move |phase| {
-            // The trace starts at bottom dead centre, half a revolution after a phase of zero.
-            let offset = ((phase + 0.5).rem_euclid(1.0) * n).round() as usize;
-            shaft + offset
-        })
+        let n = self.steps;
+        self.offsets.iter().map(move |offset| if shaft + offset < n { shaft + offset } else { shaft + offset - n })
     }
 
     /// Turns the cylinder once from a pressure at bottom dead centre; the pressure after it.
