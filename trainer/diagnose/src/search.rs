@@ -99,6 +99,9 @@ pub fn search(
     let mut stood: Vec<Vec<usize>> = Vec::new();
     // What is added and then deleted again would be added once more, and so on.
     while best.terms.len() < settings.most_terms && !stood.contains(&best.terms) {
+        if !best.terms.is_empty() && !leaves_room(bench, settings, &best, &nominal) {
+            break;
+        }
         stood.push(best.terms.clone());
         let (ranked, polished) = additions(bench, candidates, &best, settings, tell)?;
         let Some(top) = polished.first().cloned() else { break };
@@ -151,6 +154,25 @@ pub fn search(
 const BESIDE: f64 = 0.15;
 /// Share of the mean squared error that is left.
 const MOST_OF_THE_REST: f64 = 0.5;
+
+/// The noise may be this much less than it was taken for, as a share of its variance: what is left beyond it is then more.
+const NOISE_DOUBT: f64 = 0.2;
+
+/// Whether a further term could still earn its place beside those of `best`: none sets right more than all that is left beyond
+/// the noise.
+fn leaves_room(bench: &Bench<'_>, settings: &SearchSettings, best: &Explanation, nominal: &Explanation) -> bool {
+    let left_kpa = reach_beyond_noise(bench, &best.trace);
+    left_kpa > settings.bar.removed_kpa
+        && (left_kpa > FLOOR_KPA || left_kpa > BESIDE * evidence(bench, best, nominal).removed_kpa)
+}
+
+/// What the free run would gain if nothing but the noise were left, and that less than it was taken for: as
+/// [`Evidence::removed_kpa`].
+fn reach_beyond_noise(bench: &Bench<'_>, trace: &[f64]) -> f64 {
+    let noise: f64 = bench.sigma_kpa().iter().map(|sigma| sigma * sigma).sum();
+    let beyond: f64 = excess(bench, trace).iter().map(|kpa| kpa * kpa).sum();
+    (beyond + NOISE_DOUBT * noise).sqrt()
+}
 
 /// Whether `with`, which has the evidence `found` against `without`, passes the bar, and is more than what the formulas of the
 /// terms in `without` may have left of what the `nominal` rig misses: more than a share of it, or, where it shows, most of

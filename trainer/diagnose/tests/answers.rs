@@ -150,6 +150,8 @@ fn hysteresis_is_named_with_its_valve_and_width() {
     let (found, judgement) = judged(&bench(&rig, &records), &all);
     assert_eq!(judgement.verdict, Verdict::MissingPhysics, "{:?}", judgement.groups);
     assert_eq!(judgement.named, vec![at]);
+    // What is left is noise: no further round could name anything.
+    assert_eq!(found.rounds.len(), 1);
     let width = found.best.fitted.estimates.last().unwrap();
     // Five standard errors: the averaged pump's own error comes on top of the noise.
     assert!((width.value - 0.02).abs() < 5.0 * width.sd + 2e-4, "{width:?}");
