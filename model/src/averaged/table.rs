@@ -273,10 +273,10 @@ impl<R: Real> PumpTable<R> {
     #[inline(always)]
     pub(crate) fn ripple(&self, inlet: R, outlet: R, phase: R) -> [R; 2] {
         let mut at_phase = [AtPhase { first: 0, share: 0.0 }; MOST_LANES];
-        for lane in 0..R::LANES {
+        for (lane, slot) in at_phase.iter_mut().enumerate().take(R::LANES) {
             let phase = phase.lane(lane);
             let turned = (phase - phase.floor()) * PHASES as f64;
-            at_phase[lane] = AtPhase { first: turned as usize, share: turned.fract() };
+            *slot = AtPhase { first: turned as usize, share: turned.fract() };
         }
         self.between_nodes(inlet, outlet, &at_phase)
     }
