@@ -16,7 +16,13 @@ fn table(name: &str) -> String {
 fn a_comparison_and_the_limit_are_one_table() {
     let folder = Folder::new("join");
     let out = folder.path("joined");
-    sound(["evaluate", "join", &table("comparison"), &table("limit"), "--out", &out]);
+    // The committed comparison has been joined already: it is taken apart again.
+    let text = std::fs::read_to_string(table("comparison")).unwrap();
+    let mut flown: serde_json::Value = serde_json::from_str(&text).unwrap();
+    flown["rows"].as_array_mut().unwrap().retain(|row| !row["entrant"].as_str().unwrap().starts_with("limit"));
+    flown["provenance"] = serde_json::json!([]);
+    let flown = folder.with("flown.json", flown.to_string());
+    sound(["evaluate", "join", &flown, &table("limit"), "--out", &out]);
     let text = std::fs::read_to_string(format!("{out}/table.md")).unwrap();
     let row = |name: &str| text.lines().find(|line| line.starts_with(&format!("| {name}"))).unwrap().to_owned();
     assert!(row("RL both").matches('×').count() == 6, "two channels of three columns: {}", row("RL both"));
