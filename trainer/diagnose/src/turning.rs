@@ -9,11 +9,11 @@
 //! that may be missing from a model; and a reading made while something is still missing from the rig may have been drawn
 //! to the wrong side of the stated speed. So the answer is worked out without a reading too where it is ambiguous, and once
 //! more where the ripple, asked again of the rig with what was found in it, tells another speed; the plainest one is taken.
+//! When it is asked again, sensors do not drift (that is what a slow ripple passes for), and of two opposite readings the
+//! one is meant with which what was found explains more: before it was found, either may have looked the better.
 
 use fit::data::Records;
-use fit::simulate::{
-    Arcs, Course, Fidelity, Ripple, Run, Tachometer, Track, refined_starts, ripple_in_step, tachometer, track,
-};
+use fit::simulate::{Course, Fidelity, Ripple, Tachometer, Track, ripple_in_step, tachometer, track};
 use model::rig::{Pump, Rig};
 use proto::diagnosis::Verdict;
 
@@ -26,6 +26,9 @@ use crate::heard::Heard;
 use crate::judge::{FLOOR_KPA, Judgement};
 use crate::search::PRICE;
 
+mod raw;
+use raw::{Beside, Raw};
+
 /// Turns of the ripple in the longest recording below which a reading may be something slow that is missing.
 const CERTAIN_TURNS: f64 = 1.5;
 /// Turns in the longest recording by which two readings are told apart.
@@ -34,8 +37,6 @@ const APART_TURNS: f64 = 0.25;
 const REDONE_KPA: f64 = 0.03;
 /// Share of the stated speed from which on another one is missing physics; less is how such motors scatter.
 const NAMED: f64 = 0.002;
-/// Angles of the crank over which strokes are averaged.
-const ANGLES: usize = 4;
 
 /// The rig with its pump at the speed that its ripple tells, the recordings with cranks where they stood or without
 /// ripple, and the rig's own parameters as fitted.
@@ -199,91 +200,6 @@ impl Turning {
     }
 }
 
-/// Recordings as they came.
-struct Raw<'a> {
-    bench: &'a Bench<'a>,
-    /// The rig as fitted to them, its pump as fast as stated.
-    fitted: &'a Rig,
-    /// What the detailed simulation differs by from the averaged one, wherever the crank starts, in kPa.
-    strokes_kpa: Vec<f64>,
-    threads: Option<usize>,
-}
-
-impl<'a> Raw<'a> {
-    fn of(bench: &'a Bench<'a>, fitted: &'a Rig, threads: Option<usize>) -> Result<Self, DiagnoseError> {
-        let arcs = refined_starts(&bench.fast, fitted, &Arcs::free(bench.records))?;
-        // Half a turn of a pair of pistons is all there is to see.
-        let runs: Vec<Run> = (0..ANGLES)
-            .map(|k| Run { crank_rev: 0.5 * k as f64 / ANGLES as f64, ..Run::from(fitted.clone()) })
-            .collect();
-        let mut strokes_kpa = vec![0.0; bench.records.layout().len()];
-        for (simulator, sign) in [(&bench.close, 1.0), (&bench.fast, -1.0)] {
-            for trace in simulator.run(&runs, &arcs) {
-                let trace = trace.map_err(DiagnoseError::rig(fitted))?;
-                for (slot, kpa) in strokes_kpa.iter_mut().zip(trace) {
-                    *slot += sign * kpa / ANGLES as f64;
-                }
-            }
-        }
-        Ok(Raw { bench, fitted, strokes_kpa, threads })
-    }
-
-    /// The recordings without a ripple, and as if the pump had no strokes.
-    fn freed(&self, ripple_kpa: &[f64]) -> Result<Records, DiagnoseError> {
-        let readings = self.bench.records.readings_kpa().iter().zip(ripple_kpa).zip(&self.strokes_kpa);
-        Ok(self.bench.records.with_readings(readings.map(|((r, ripple), stroke)| r - ripple - stroke).collect())?)
-    }
-
-    /// Which of two opposite readings is meant: the one with which the rig's own parameters explain more, from the
-    /// parameters as fitted.
-    fn forwards(&self, readings: Vec<Tachometer>, point: &[f64]) -> Result<Option<Turning>, DiagnoseError> {
-        let mut best: Option<(f64, Turning)> = None;
-        for first in readings {
-            let Some((read, ripple, point)) = self.read_twice(first, point)? else { continue };
-            let mut turning = Turning::in_step(self, &ripple, &point, read)?;
-            let bench = turning.bench(self.bench.counted(), self.threads);
-            let freed = bench.fit(&[], &[], &[point], Effort::Polish)?.fitted;
-            let cost = freed.comparable_cost(bench.records, bench.fit_weights());
-            turning.point = freed.point;
-            if best.as_ref().is_none_or(|(least, _)| cost < *least) {
-                best = Some((cost, turning));
-            }
-        }
-        Ok(best.map(|(_, turning)| turning))
-    }
-
-    /// A reading, asked again of the rig as fitted with it: before, its parameters made up for some of the ripple. With it
-    /// that rig's ripple and point; `None` for a rig without one.
-    fn read_twice(
-        &self,
-        read: Tachometer,
-        point: &[f64],
-    ) -> Result<Option<(Tachometer, Ripple, Vec<f64>)>, DiagnoseError> {
-        let Some((ripple, point)) = self.fitted_with(&read, point)? else { return Ok(None) };
-        let again = tachometer(self.bench.records, &ripple, self.bench.counted());
-        match again.into_iter().find(|again| again.slip.signum() == read.slip.signum()) {
-            Some(again) => {
-                let fitted = self.fitted_with(&again, &point)?;
-                Ok(fitted.map(|(ripple, point)| (again, ripple, point)))
-            }
-            None => Ok(Some((read, ripple, point))),
-        }
-    }
-
-    /// The ripple of the rig fitted with a reading, as fast as stated, and its point.
-    fn fitted_with(&self, read: &Tachometer, point: &[f64]) -> Result<Option<(Ripple, Vec<f64>)>, DiagnoseError> {
-        let mut turned = self.bench.rig.clone();
-        if let Some(Pump::Piston(pump)) = turned.pumps.get_mut(&read.pump) {
-            pump.speed_rpm = read.speed_rpm;
-        }
-        let records = self.bench.records.clone().with_cranks(&read.crank_rev);
-        let averaged = Bench::new(&turned, &records, self.bench.counted(), Fidelity::Averaged, self.threads);
-        let fitted = averaged.fit(&[], &[], &[point.to_vec()], Effort::Polish)?.fitted;
-        let ripple = Ripple::of(&self.bench.fast, &at_stated_speed(&fitted.rig, self.bench.rig))?;
-        Ok(ripple.map(|ripple| (ripple, fitted.point)))
-    }
-}
-
 /// An answer with the reading that it rests on.
 type Answered = (Turning, Answer);
 
@@ -331,18 +247,19 @@ pub(crate) fn answered(
         && followed.is_none()
         && !answer.found.best.terms.is_empty()
     {
-        let mut with_terms = at_stated_speed(&answer.found.best.fitted.rig, rig);
-        with_terms.mechanisms.retain(|attached| attached.mechanism.id() != "pump_speed");
-        let ripple = Ripple::of(&bench.fast, &with_terms)?;
-        let again = ripple
-            .and_then(|ripple| Some((tachometer(&records, &ripple, bench.counted()).into_iter().next()?, ripple)));
-        let known = answers.iter().any(|(turning, _)| same(turning.tachometer(), again.as_ref().map(|(read, _)| read)));
-        let turning = match again {
-            Some((read, ripple)) => {
+        let found = Beside::of(answer, asked);
+        let ripple = Ripple::of(&bench.fast, &found.without_ripple(rig))?;
+        let again = match ripple {
+            Some(ripple) => {
                 let raw = Raw::of(&bench, &fitted.rig, asked.threads)?;
-                let turning = Turning::in_step(&raw, &ripple, &first.point, read)?;
-                (!known || turning.ripple_off_kpa(first) > REDONE_KPA).then_some(turning)
+                raw.read_beside(&ripple, &first.point, &found)?
             }
+            None => None,
+        };
+        let read = again.as_ref().and_then(Turning::tachometer);
+        let known = answers.iter().any(|(turning, _)| same(turning.tachometer(), read));
+        let turning = match again {
+            Some(again) => (!known || again.ripple_off_kpa(first) > REDONE_KPA).then_some(again),
             None if known => None,
             None => Some(Turning::as_stated(rig, &records, &fitted.point)),
         };
@@ -353,17 +270,6 @@ pub(crate) fn answered(
     }
     let plainest = plainest(&answers);
     answers.into_iter().nth(plainest).ok_or_else(|| fit::FitError::NoRecordings.into())
-}
-
-/// The rig with its pumps as fast as in another.
-fn at_stated_speed(rig: &Rig, stated: &Rig) -> Rig {
-    let mut rig = rig.clone();
-    for (name, pump) in &mut rig.pumps {
-        if let (Pump::Piston(pump), Some(Pump::Piston(stated))) = (pump, stated.pumps.get(name)) {
-            pump.speed_rpm = stated.speed_rpm;
-        }
-    }
-    rig
 }
 
 /// Whether nothing is left to be explained, and nothing had to be added for it.
