@@ -10,6 +10,7 @@ use crate::figures::{Figures, figures};
 use crate::judge::{Judgement, judge};
 use crate::locate::{Missing, reconstruct};
 use crate::search::{Found, SearchSettings, cost, search};
+use crate::switched;
 
 /// What a search is asked.
 pub(crate) struct Asked<'a> {
@@ -53,7 +54,8 @@ impl Answer {
         // Everything is searched with averaged pumps, on readings that lack the strokes; what was found ends on the recordings.
         let reduced = recorded.without_strokes(&fitted)?;
         let bench = Bench::new(recorded.rig, &reduced, recorded.counted(), recorded.fast.fidelity(), asked.threads);
-        let found = search(&bench, &asked.candidates, start, &asked.settings, progress)?;
+        let mut found = search(&bench, &asked.candidates, start, &asked.settings, progress)?;
+        found.best = switched::at_work(&bench, &asked.candidates, found.best)?;
         progress("reconstructing what is missing", 0.0);
         let missing = reconstruct(&bench, &found.nominal.fitted.rig, &found.nominal.trace, !asked.quick)?;
         let judgement = judge(&bench, &asked.candidates, &found, &bench.free_run(asked.given)?, progress)?;

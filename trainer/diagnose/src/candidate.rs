@@ -13,6 +13,14 @@ use crate::place::side;
 /// Standard deviation of the logarithm of a magnitude: a factor of 4.5 either way.
 const LOG_SD: f64 = 1.5;
 
+/// Mechanisms that let air pass where the paper's rig has none: what a hold with the pump off is made to show.
+const LEAKS: [&str; 3] = ["chamber_leak", "cross_leak", "piston_blowby"];
+
+/// Whether a mechanism lets air pass where the paper's rig has none.
+pub(crate) fn leaks(id: &str) -> bool {
+    LEAKS.contains(&id)
+}
+
 /// A mechanism at a component.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {

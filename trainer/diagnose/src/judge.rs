@@ -175,8 +175,19 @@ fn nothing_named(
         .collect();
     hints.sort_by(|a, b| b.0.total_cmp(&a.0));
     if let Some((top, first)) = hints.first().copied() {
-        let close = hints.iter().filter(|(g, e)| *g > top - TIE || is_rival(bench, first, e));
-        let close: Vec<&Explanation> = close.map(|(_, e)| *e).take(MOST_RIVALS).collect();
+        let mut close: Vec<&Explanation> =
+            hints.iter().filter(|(g, e)| *g > top - TIE || is_rival(bench, first, e)).map(|(_, e)| *e).collect();
+        // What is no hint by itself can still stand in the first one's place.
+        let posterior = |e: &Explanation| evidence(bench, e, &found.nominal).posterior;
+        let least = posterior(first) - TIE;
+        let others = found.tried.iter().filter(|e| e.terms.len() == 1 && e.terms != withdrawn);
+        let others = others.filter(|e| posterior(e) > least && is_rival(bench, first, e));
+        for other in others {
+            if !close.iter().any(|e| e.terms == other.terms) {
+                close.push(other);
+            }
+        }
+        close.truncate(MOST_RIVALS);
         let mut group = vec![MOVED.to_owned()];
         group.extend(close.iter().flat_map(|e| &e.terms).filter_map(|t| candidates.get(*t)).map(Candidate::name));
         let rivals = std::iter::once(found.nominal.clone()).chain(close.into_iter().cloned()).collect();

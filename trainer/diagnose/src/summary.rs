@@ -46,6 +46,27 @@ fn happened(event: &Event) -> String {
     }
 }
 
+/// Difference of two errors, in kPa, that two decimals do not show.
+const AS_GOOD_KPA: f64 = 0.01;
+
+/// The recording, or the piece of one, in which what was found sets most right, and how much.
+fn shows_in(findings: &Findings<'_, '_>) -> Option<String> {
+    let records = findings.bench.records;
+    let layout = records.layout();
+    let rmse = |trace: &[f64], record: usize| {
+        let rows = || (0..layout.channels()).flat_map(|channel| layout.channel(record, channel));
+        let off = |i: usize| trace.get(i).zip(records.readings_kpa().get(i)).map_or(0.0, |(t, r)| (t - r).powi(2));
+        (rows().map(off).sum::<f64>() / rows().count().max(1) as f64).sqrt()
+    };
+    let [without, with] = [&findings.found.nominal, &findings.found.best];
+    let pieces = records.records().iter().enumerate().map(|(at, piece)| (at, piece, rmse(&without.trace, at)));
+    let drops = pieces.map(|(at, piece, before)| (piece, before, rmse(&with.trace, at)));
+    let (piece, before, after) = drops.max_by(|a, b| (a.1 - a.2).total_cmp(&(b.1 - b.2)))?;
+    let file = std::path::Path::new(&piece.source).file_name()?.display().to_string();
+    let from = piece.time_s.first().filter(|s| **s > 1.0).map_or_else(String::new, |s| format!(" from {s:.1} s on"));
+    (before - after > AS_GOOD_KPA).then(|| format!("in {file}{from}: off by {after:.2} kPa instead of {before:.2} kPa"))
+}
+
 fn verdict_in_words(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) -> String {
     let judgement = findings.judgement;
     let before = findings.reidentified.total_rmse_kpa();
@@ -64,10 +85,16 @@ fn verdict_in_words(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) 
             let what: Vec<String> = mechanisms.iter().map(|m| m.summary.clone()).collect();
             let noise = findings.bench.noise.iter().map(|n| n.sigma_kpa.powi(2)).sum::<f64>();
             let noise = (noise / findings.bench.noise.len().max(1) as f64).sqrt();
-            format!(
-                "{} With this the free run is off by {after:.2} kPa instead of {before:.2} kPa (noise {noise:.2} kPa).",
-                what.join(" ")
-            )
+            let what = what.join(" ");
+            match shows_in(findings) {
+                Some(shows) if before - after < AS_GOOD_KPA => format!(
+                    "{what} It shows {shows}; on the rows kept back the free run is off by {after:.2} kPa with it and by \
+                     {before:.2} kPa without (noise {noise:.2} kPa)."
+                ),
+                _ => format!(
+                    "{what} With this the free run is off by {after:.2} kPa instead of {before:.2} kPa (noise {noise:.2} kPa)."
+                ),
+            }
         }
         Verdict::Undecided => {
             let groups: Vec<String> = judgement

@@ -49,6 +49,9 @@ struct Sheet<'a> {
     inputs: Vec<Vec<f64>>,
 }
 
+/// The programme in which every leak shows, and by the way both pressures fall, which one it is.
+pub(super) const SHUT_IN: &str = "pump off, all valves shut (14 s)";
+
 const ROWS_PER_S: f64 = 50.0;
 /// Settling at the middle before a programme begins, in s.
 const SETTLE_S: f64 = 3.0;
@@ -106,7 +109,7 @@ pub fn menu(rig: &Rig, inputs: &[Input], usage: &Usage) -> Vec<Programme> {
                     set(now, &relays, 0.0);
                     set(now, &valves, 0.0);
                 })
-                .named("pump off, all valves shut (14 s)"),
+                .named(SHUT_IN),
         );
         all.push(
             sheet()

@@ -8,9 +8,10 @@ use nalgebra::DMatrix;
 use proto::recording::csv::{self, Column, ColumnData};
 use proto::recording::{PERIOD_S, Recording};
 
-use super::menu::{Programme, Usage, menu};
+use super::menu::{Programme, SHUT_IN, Usage, menu};
 use super::separation::{PairSums, Predicted};
 use crate::bench::{Bench, Explanation};
+use crate::candidate::leaks;
 use crate::error::DiagnoseError;
 
 /// The longest experiment in s.
@@ -104,9 +105,17 @@ pub fn plan(bench: &Bench<'_>, rivals: &[&Explanation]) -> Result<Option<Plan>, 
             pairs.iter().map(|(i, k)| PairSums::of(&of[*i], &of[*k])).collect()
         })
         .collect();
-    let chosen = choose(&programmes, &safe, &sums, &pairs, &known);
+    let mut chosen = choose(&programmes, &safe, &sums, &pairs, &known);
     if chosen.is_empty() {
         return Ok(None);
+    }
+    // Leaks pass for each other where a valve is open, and not all that do are among the rivals.
+    let shut_in = safe.iter().find(|p| programmes.get(**p).is_some_and(|programme| programme.name == SHUT_IN));
+    if let Some(shut_in) = shut_in.filter(|p| {
+        !chosen.contains(p)
+            && rivals.iter().any(|rival| rival.fitted.rig.mechanisms.iter().any(|m| leaks(m.mechanism.id())))
+    }) {
+        chosen.push(*shut_in);
     }
     finish(bench, rivals, &programmes, &chosen, &sums, &pairs, &known).map(Some)
 }

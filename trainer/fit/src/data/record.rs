@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use model::plant::{Input, Plant};
-use model::rig::Rig;
+use model::rig::{Pump, Rig};
 use proto::recording::Recording;
 
 use super::Layout;
@@ -172,6 +172,15 @@ impl Records {
     pub fn input(&self, record: usize, column: &str) -> Option<&[f64]> {
         let index = self.inputs.iter().position(|input| input.column == column)?;
         self.records.get(record)?.inputs.get(index).map(Vec::as_slice)
+    }
+
+    /// What switches the rig's pumps in one recording: a command a pump that has a relay.
+    pub fn relays(&self, rig: &Rig, record: usize) -> Vec<&[f64]> {
+        let relay = |pump: &Pump| match pump {
+            Pump::Piston(pump) => pump.relay.clone(),
+            Pump::Flow(_) => None,
+        };
+        rig.pumps.values().filter_map(relay).filter_map(|relay| self.input(record, &relay)).collect()
     }
 
     /// Rows of all recordings together.
