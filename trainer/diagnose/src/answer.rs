@@ -55,7 +55,7 @@ impl Answer {
         let reduced = recorded.without_strokes(&fitted)?;
         let bench = Bench::new(recorded.rig, &reduced, recorded.counted(), recorded.fast.fidelity(), asked.threads);
         let mut found = search(&bench, &asked.candidates, start, &asked.settings, progress)?;
-        found.best = switched::at_work(&bench, &asked.candidates, found.best)?;
+        found.best = switched::at_work(&bench, &asked.candidates, found.best, asked.threads)?;
         progress("reconstructing what is missing", 0.0);
         let missing = reconstruct(&bench, &found.nominal.fitted.rig, &found.nominal.trace, !asked.quick)?;
         let judgement = judge(&bench, &asked.candidates, &found, &bench.free_run(asked.given)?, progress)?;
