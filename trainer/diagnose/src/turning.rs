@@ -249,12 +249,13 @@ pub(crate) fn answered(
     {
         let found = Beside::of(answer, asked);
         let ripple = Ripple::of(&bench.fast, &found.without_ripple(rig))?;
+        let readings = ripple.as_ref().map_or(Vec::new(), |ripple| tachometer(&records, ripple, bench.counted()));
         let again = match ripple {
-            Some(ripple) => {
+            Some(ripple) if !readings.is_empty() => {
                 let raw = Raw::of(&bench, &fitted.rig, asked.threads)?;
-                raw.read_beside(&ripple, &first.point, &found)?
+                raw.read_beside(readings, &ripple, &first.point, &found)?
             }
-            None => None,
+            _ => None,
         };
         let read = again.as_ref().and_then(Turning::tachometer);
         let known = answers.iter().any(|(turning, _)| same(turning.tachometer(), read));

@@ -69,15 +69,15 @@ impl<'a> Raw<'a> {
         Ok(best.map(|(_, turning)| turning))
     }
 
-    /// The reading of a ripple that was worked out with what was found in the rig; of two opposite ones the one with which
-    /// that explains more. `point` is near the parameters' best.
+    /// Which of two opposite readings of `ripple`, that of the rig with what was found in it, is meant: the one with which that
+    /// explains more. `point` is near the parameters' best.
     pub(super) fn read_beside(
         &self,
+        readings: Vec<Tachometer>,
         ripple: &Ripple,
         point: &[f64],
         found: &Beside<'_>,
     ) -> Result<Option<Turning>, DiagnoseError> {
-        let readings = tachometer(self.bench.records, ripple, self.bench.counted());
         let one = readings.len() == 1;
         let mut best: Option<(f64, Turning)> = None;
         for read in readings {
