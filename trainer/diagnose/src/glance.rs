@@ -70,10 +70,18 @@ impl Footing {
         })
     }
 
-    /// A few rounds from each start; the best end. `None` if no start can be simulated.
-    pub fn glance(&self, bench: &Bench<'_>, set: &ParameterSet, starts: &[Vec<f64>], rounds: usize) -> Option<Glanced> {
-        let settings =
-            Settings { loss: LOSS, prior: set.prior(), bounds: set.bounds(), rounds, trials: TRIALS, least_gain: 1.0 };
+    /// A few rounds from each start; the best end. `None` if no start can be simulated. What is not on its way to a cost of
+    /// `needed`, or to the best end so far, is followed no further: it ends where it is.
+    pub fn glance(
+        &self,
+        bench: &Bench<'_>,
+        set: &ParameterSet,
+        starts: &[Vec<f64>],
+        rounds: usize,
+        needed: f64,
+    ) -> Option<Glanced> {
+        let (prior, bounds) = (set.prior(), set.bounds());
+        let mut settings = Settings { loss: LOSS, prior, bounds, rounds, trials: TRIALS, least_gain: 1.0, needed };
         let mut best: Option<Glanced> = None;
         for start in starts {
             // A flapper that is new to the rig lies where its first seconds fit best.
@@ -84,6 +92,7 @@ impl Footing {
                 && best.as_ref().is_none_or(|best| outcome.cost < best.cost)
             {
                 best = Some(Glanced { cost: outcome.cost, point: outcome.point });
+                settings.needed = needed.min(outcome.cost);
             }
         }
         best
@@ -113,7 +122,9 @@ pub fn settled(bench: &Bench<'_>, explanation: &Explanation) -> Result<Explanati
             slopes: fitted.linearised.jacobian.clone(),
             cost: fitted.cost,
         };
-        let Some(glanced) = footing.glance(bench, set, std::slice::from_ref(&fitted.point), 4) else { break };
+        let Some(glanced) = footing.glance(bench, set, std::slice::from_ref(&fitted.point), 4, f64::INFINITY) else {
+            break;
+        };
         fitted.rig = set.rig_at(&glanced.point).map_err(DiagnoseError::rig(set.rig()))?;
         fitted.point = glanced.point;
     }

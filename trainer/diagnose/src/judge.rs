@@ -264,8 +264,9 @@ fn something_named(
                     let values: Vec<_> = values_of(found, k).into_iter().collect();
                     let starts = starts(bench, candidates, best, &terms, &values, false);
                     // What is far behind after a glance is no rival, whatever a fit would still mend.
-                    match footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS) {
-                        Some(glanced) if glanced.cost < footing.cost + FAR_BEHIND => {
+                    let behind = footing.cost + FAR_BEHIND;
+                    match footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS, behind) {
+                        Some(glanced) if glanced.cost < behind => {
                             let fitted = bench.fit(candidates, &terms, &[glanced.point], Effort::Polish);
                             let Ok(fitted) = fitted else { continue };
                             fitted
@@ -319,7 +320,9 @@ fn lost_without(
     }
     let set = bench.set_of(candidates, rest)?;
     let starts = starts(bench, candidates, best, rest, &[], false);
-    let Some(glanced) = footing.glance(bench, &set, &starts, LONG_GLANCE_ROUNDS) else { return Ok(f64::INFINITY) };
+    let Some(glanced) = footing.glance(bench, &set, &starts, LONG_GLANCE_ROUNDS, f64::INFINITY) else {
+        return Ok(f64::INFINITY);
+    };
     let rig = set.rig_at(&glanced.point).map_err(DiagnoseError::rig(set.rig()))?;
     let score = |trace: &[f64]| bench.score(trace, Role::Fit, best.errors(bench));
     Ok(score(&best.trace).gain_over(&score(&bench.free_run(&rig)?)).0)

@@ -10,8 +10,9 @@
 //! runs per first magnitude are all it takes; `s` is the effect at that magnitude itself, so `a` near one means that the
 //! magnitude was right.
 //!
-//! The second run is of the rig whose parameters have given way, by `J`'s word. Rings that blow by shift a pressure by 3 kPa
-//! of which other parameters take up all but 0.03; what they do not do in proportion is as much as that, and would hide it.
+//! The second run is of the rig whose parameters have given way, by `J`'s word, where they can take up most of the effect. Rings
+//! that blow by shift a pressure by 3 kPa of which other parameters take up all but 0.03; what they do not do in proportion is
+//! as much as that, and would hide it.
 
 use fit::least_squares::Linearised;
 use fit::simulate::{Run, flappers_of};
@@ -47,6 +48,10 @@ pub struct Screening {
 const AMPLITUDE: [f64; 2] = [0.05, 2.5];
 /// What a second place must gain in log-likelihood, to first order, to be tried.
 const SECOND_PLACE: f64 = 20.0;
+
+/// Share of an effect's square that parameters must leave for it to be seen well enough without a second run: what they do out of
+/// proportion is a small part of what they take up.
+const TAKEN_UP: f64 = 0.3;
 
 /// Screens candidates on top of an explanation.
 pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, open: &[usize]) -> Screening {
@@ -88,6 +93,9 @@ pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, o
     let mut shifts: Vec<(usize, Vec<f64>)> = Vec::new();
     let mut runs: Vec<Run> = Vec::new();
     for ((at, (k, start, effect)), lying) in effects.iter().enumerate().zip(lying) {
+        if effect.size > TAKEN_UP * dot(&effect.of, &effect.of, &projector.weights) {
+            continue;
+        }
         let point = base.moved(effect.shift.as_slice());
         let (Some(candidate), Ok(mut rig)) = (candidates.get(*k), base.set.rig_at(&point)) else { continue };
         rig.mechanisms.push(candidate.attached(start));

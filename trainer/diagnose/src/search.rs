@@ -8,7 +8,7 @@ use crate::error::DiagnoseError;
 use crate::evidence::{Bar, Evidence, evidence};
 use crate::glance::{Footing, Glanced};
 use crate::judge::{FLOOR_KPA, UNKNOWN_KPA, excess, explains_most};
-use crate::screen::{Screened, screen};
+use crate::screen::{Screened, Screening, screen};
 
 mod exchange;
 mod refine;
@@ -191,6 +191,30 @@ fn earns_its_place(
             || found.removed_kpa > FLOOR_KPA && found.share > MOST_OF_THE_REST)
 }
 
+/// How much more than the screen sees, to first order, a term may come to gain where the rest is explained.
+const BEYOND_THE_SCREEN: f64 = 5.0;
+
+/// Whether anything on top of `base`, by what the screen sees in it, could set right `least_kpa` of the free run.
+///
+/// On `n` readings of a channel fitted with a scale `s`, a root of `k` in the drop of the mean square is a gain of `½ n (k/s)²`,
+/// or more where the channel with the larger scale is the one. Where much is unexplained the screen's slopes lead nowhere,
+/// and so does this.
+fn any_could_earn(bench: &Bench<'_>, base: &Explanation, screening: &Screening, least_kpa: f64) -> bool {
+    if excess(bench, &base.trace).iter().any(|kpa| *kpa > UNKNOWN_KPA) {
+        return true;
+    }
+    let most =
+        [&screening.single, &screening.double].into_iter().filter_map(|list| list.first()).map(|first| first.gain);
+    let weights = bench.weighted(&base.fitted.scale_kpa);
+    let mut readings = vec![0.0; bench.records.layout().channels()];
+    for (_, channel, range) in bench.records.layout().all() {
+        let of_channel = weights.get(range).unwrap_or_default();
+        readings[channel] += of_channel.iter().map(|w| w * w).sum::<f64>();
+    }
+    let least = 0.5 * readings.into_iter().fold(f64::INFINITY, f64::min) * least_kpa * least_kpa;
+    BEYOND_THE_SCREEN * most.fold(0.0, f64::max) > least
+}
+
 /// Rounds of least squares of a glance.
 pub const GLANCE_ROUNDS: usize = 6;
 /// Rounds of a glance at a pair: two terms at a time are further from where they will end.
@@ -228,7 +252,12 @@ fn additions(
     let open: Vec<usize> = (0..candidates.len()).filter(|k| is_open(bench, candidates, &base.terms, *k)).collect();
     tell("screening mechanisms", 0.0);
     let screening = screen(bench, candidates, base, &open);
+    if !base.terms.is_empty() && !any_could_earn(bench, base, &screening, settings.bar.removed_kpa) {
+        return Ok((Vec::new(), Vec::new()));
+    }
     let footing = Footing::of(bench, base)?;
+    // Parameters that have given way too far lead a fit into a valley of their own.
+    let far_off = base.fitted.point.iter().take(bench.nominal.len()).any(|z| z.abs() > FAR_OFF);
     let mut glances = Vec::new();
     let singles = screening.single.iter().take(settings.glanced);
     let doubles = screening.double.iter().take(settings.polished);
@@ -237,17 +266,16 @@ fn additions(
         tell("trying mechanisms", done as f64 / count.max(1) as f64);
         let terms = screened.terms.iter().fold(base.terms.clone(), |terms, (k, _)| with(&terms, *k));
         let from = base.moved(&screened.shift);
-        let starts = starts_at(bench, candidates, (base, &from), &terms, &screened.terms, settings.from_prior);
+        let starts =
+            starts_at(bench, candidates, (base, &from), &terms, &screened.terms, settings.from_prior && far_off);
         let rounds = if screened.terms.len() > 1 { PAIR_ROUNDS } else { GLANCE_ROUNDS };
         if let Some(Glanced { cost, point }) =
-            footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, rounds)
+            footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, rounds, f64::INFINITY)
         {
             glances.push(Tried { screened, gain: footing.cost - cost, terms, point });
         }
     }
     glances.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    // Parameters that have given way too far lead a fit into a valley of their own.
-    let far_off = base.fitted.point.iter().take(bench.nominal.len()).any(|z| z.abs() > FAR_OFF);
     let ranked: Vec<Ranked> = glances.iter().filter_map(|tried| tried.ranked(bench, candidates)).collect();
     let best = ranked.first().map_or(0.0, |first| first.gain);
     // What is far behind after a glance is not worth a fit, nor is a second place that adds next to nothing.

@@ -35,16 +35,17 @@ pub(super) fn swaps(
                 continue;
             }
             tell("swapping mechanisms", 0.5);
+            // A swap that is far behind after a glance does not overtake.
+            let behind = footing.cost + FAR_BEHIND;
             let terms = with(&rest, k);
             let values: Vec<_> = in_place_of(bench, candidates, &best, k, term).into_iter().collect();
             let starts = starts(bench, candidates, &best, &terms, &values, false);
             let Some(Glanced { cost: cost_of, point }) =
-                footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS)
+                footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS, behind)
             else {
                 continue;
             };
-            // A swap that is far behind after a glance does not overtake.
-            if cost_of > footing.cost + FAR_BEHIND {
+            if cost_of > behind {
                 continue;
             }
             let Ok(swapped) = bench.fit(candidates, &terms, &[point], Effort::Polish) else { continue };
@@ -98,9 +99,10 @@ pub(super) fn pairs(
             .filter_map(|(k, term)| in_place_of(bench, candidates, &best, k, term))
             .collect();
         let starts = starts(bench, candidates, &best, &terms, &values, false);
-        let glanced = footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, PAIR_ROUNDS);
+        let behind = footing.cost + FAR_BEHIND;
+        let glanced = footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, PAIR_ROUNDS, behind);
         let Some(Glanced { cost: cost_of, point }) = glanced else { continue };
-        if cost_of > footing.cost + FAR_BEHIND {
+        if cost_of > behind {
             continue;
         }
         let Ok(swapped) = bench.fit(candidates, &terms, &[point], Effort::Polish) else { continue };
@@ -158,12 +160,13 @@ pub(super) fn deletions(
         let terms = without(&best.terms, term);
         let starts = starts(bench, candidates, &best, &terms, &[], false);
         let footing = Footing::of(bench, &best)?;
-        let without_it = footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS);
+        let behind = footing.cost + FAR_BEHIND;
+        let without_it = footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS, behind);
         // What a plain shape of another term leaves looks like physics of its own, and so does what is left by one that moves
         // in steps and was not yet quite where it belongs when this one came in.
         let may_be_richer = terms.iter().any(|t| richer(candidates, *t).next().is_some());
         let stepped = terms.iter().any(|t| candidates[*t].stepped());
-        if !may_be_richer && !stepped && without_it.is_none_or(|glanced| glanced.cost > footing.cost + FAR_BEHIND) {
+        if !may_be_richer && !stepped && without_it.is_none_or(|glanced| glanced.cost > behind) {
             continue;
         }
         let Ok(reduced) = bench.fit(candidates, &terms, &starts, Effort::Polish) else { continue };

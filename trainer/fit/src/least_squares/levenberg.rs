@@ -53,6 +53,9 @@ pub struct Settings {
     pub trials: usize,
     /// Done when a step lowers the cost by less than this.
     pub least_gain: f64,
+    /// The cost that must be reached for the search to be of use: one that is not on its way there ends. Infinite for one
+    /// that goes on whatever it comes to.
+    pub needed: f64,
 }
 
 impl Settings {
@@ -66,6 +69,7 @@ impl Settings {
             trials: 4,
             // A hundredth of what one standard error costs (½).
             least_gain: 5e-3,
+            needed: f64::INFINITY,
         }
     }
 }
@@ -79,6 +83,8 @@ pub enum Stop {
     Stuck,
     /// The most Jacobians were used up.
     Rounds,
+    /// What is needed was out of reach.
+    Behind,
 }
 
 /// Where a search ended.
@@ -106,6 +112,10 @@ const DAMPING_RATIO: f64 = 10.0;
 const MOST_DAMPING: f64 = 1e12;
 /// Below this λ a step is not held back at all.
 const LEAST_DAMPING: f64 = 1e-3;
+
+/// How much better than the last one the steps to come may turn out, before a search counts as out of reach of what is needed.
+/// Steps of least squares mostly become smaller, the first ones of a long way excepted.
+const HOPE: f64 = 2.0;
 
 /// Searches from `start`.
 ///
@@ -146,8 +156,17 @@ pub fn minimise(problem: &mut impl Problem, start: &[f64], settings: &Settings) 
         let gain = cost - trial;
         gained += gain;
         (point, cost, damping) = (candidate, trial, (d / DAMPING_RATIO).max(LEAST_DAMPING));
-        if gain < settings.least_gain || rounds >= settings.rounds {
-            let stop = if gain < settings.least_gain { Stop::Converged } else { Stop::Rounds };
+        let left = settings.rounds.saturating_sub(rounds);
+        let stop = if gain < settings.least_gain {
+            Some(Stop::Converged)
+        } else if left == 0 {
+            Some(Stop::Rounds)
+        } else if cost - HOPE * gain * left as f64 > settings.needed {
+            Some(Stop::Behind)
+        } else {
+            None
+        };
+        if let Some(stop) = stop {
             return Ok(Outcome { point, cost, gained, stop, rounds, linearised });
         }
         linearised = problem.linearise(&point)?;
@@ -319,6 +338,19 @@ mod tests {
         // 50/11 = 4.55 by least squares; ρ' of Student falls as 6/r, so the pull is about 6/50 / (10 · 1.2).
         assert!((at(Loss::Gaussian) - 50.0 / 11.0).abs() < 1e-6);
         assert!(at(Loss::Student { freedom: 5.0 }).abs() < 0.02);
+    }
+
+    /// One that needs less than the valley's floor soon ends; one that needs what is there gets there by the same steps.
+    #[test]
+    fn a_search_ends_once_what_is_needed_is_out_of_reach() {
+        let mut valley = Function(|p: &[f64]| vec![10.0 * (p[1] - p[0] * p[0]), 1.0 - p[0], 3.0]);
+        let free = minimise(&mut valley, &[-1.2, 1.0], &Settings { rounds: 60, ..flat(2) }).unwrap();
+        let needing = |needed| Settings { rounds: 60, needed, ..flat(2) };
+        let reached = minimise(&mut valley, &[-1.2, 1.0], &needing(free.cost)).unwrap();
+        assert_eq!(reached, free);
+        let behind = minimise(&mut valley, &[-1.2, 1.0], &needing(1.0)).unwrap();
+        assert_eq!(behind.stop, Stop::Behind);
+        assert!(behind.rounds < free.rounds, "{} {}", behind.rounds, free.rounds);
     }
 
     #[test]

@@ -189,6 +189,7 @@ impl Task<'_> {
             rounds,
             trials: 8,
             least_gain,
+            needed: f64::INFINITY,
         }
     }
 
@@ -316,7 +317,7 @@ impl Task<'_> {
             point,
             cost: outcome.cost,
             loss: self.settings.loss,
-            converged: outcome.stop != Stop::Rounds,
+            converged: !matches!(outcome.stop, Stop::Rounds | Stop::Behind),
             rounds,
             information,
             linearised,
