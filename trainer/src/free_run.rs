@@ -6,10 +6,11 @@
 //!
 //! What recordings do not tell is guessed in one place, [`Simulation::start_from`]: cylinders at atmospheric
 //! pressure where the first row is, periodic ones otherwise; commands as if the first row's had long been
-//! in force.
+//! in force. Where the flappers of valves with play or friction lay may be told by the caller ([`Began`]).
 
 use std::sync::Arc;
 
+use fit::simulate::Flapper;
 use model::plant::{FreeRunStart, Plant, Simulation};
 use model::rig::RigError;
 use proto::recording::{PERIOD_S, Recording, RecordingError};
@@ -33,6 +34,9 @@ pub(crate) struct Trace {
     /// Whether the recording had pressures to start from.
     pub(crate) pressures_given: bool,
 }
+
+/// Where flappers lay at the first row of each stretch of a recording; empty where nothing is known of it.
+pub(crate) type Began = Vec<Vec<Flapper>>;
 
 /// Why a recording cannot be run.
 #[derive(Debug, thiserror::Error)]
@@ -71,14 +75,24 @@ impl FreeRun {
         Ok(FreeRun { simulation: Simulation::new(plant), ticks_per_row: ticks.round() as u32 })
     }
 
-    /// Runs over a recording from the first row of each stretch.
+    /// Whether some valve's flapper may lie anywhere in a room of its own when a recording begins.
+    pub(crate) fn has_flappers(&self) -> bool {
+        self.simulation.unknowns().any(|unknown| ["play:", "stick:"].iter().any(|kind| unknown.name.starts_with(kind)))
+    }
+
+    /// Runs over a recording from the first row of each stretch, flappers where they `began`.
     ///
     /// A recording without any of the rig's pressures starts at rest, if it has no gap.
     ///
     /// # Errors
     /// A command column is missing or is text, some but not all pressures are missing, a gap without
     /// pressures, or a simulation that diverges.
-    pub(crate) fn over(&mut self, recording: &Recording, progress: &mut Progress) -> Result<Trace, FreeRunError> {
+    pub(crate) fn over(
+        &mut self,
+        recording: &Recording,
+        began: &Began,
+        progress: &mut Progress,
+    ) -> Result<Trace, FreeRunError> {
         let plant = Arc::clone(self.simulation.plant());
         let inputs = inputs(&plant, recording)?;
         let has = |column: &String| recording.names().any(|name| name == column);
@@ -92,9 +106,15 @@ impl FreeRun {
         let mut readings_kpa = vec![Vec::with_capacity(recording.rows()); plant.sensor_columns().len()];
         let mut first_start = None;
         let mut commands = vec![0.0; inputs.len()];
-        for rows in recording.segments() {
+        for (number, rows) in recording.segments().iter().enumerate() {
             read_row(&inputs, rows.start, &mut commands);
             let start = self.start(&pressures, rows.start, &commands);
+            for flapper in began.get(number).into_iter().flatten() {
+                let index = self.simulation.unknowns().position(|unknown| unknown.name == flapper.unknown);
+                if let Some(index) = index {
+                    self.simulation.set_unknown(index, flapper.share);
+                }
+            }
             first_start.get_or_insert(start);
             for row in rows.clone() {
                 for ((column, reading), name) in

@@ -15,7 +15,7 @@ use proto::rig_file::RigFileError;
 use serde_json::json;
 
 use crate::failure::{Failure, tell};
-use crate::free_run::{FreeRun, Trace};
+use crate::free_run::{Began, FreeRun, Trace};
 use crate::progress::Progress;
 use crate::rig_choice::RigChoice;
 use crate::stdout;
@@ -58,7 +58,8 @@ pub(crate) fn run(args: &SimulateArgs) -> Result<(), Failure> {
         FreeRun::new(plant.clone()).map_err(|problem| RigFileError::Rig { file: args.rig.rig.clone(), problem })?;
     let trace = {
         let mut progress = Progress::new("simulating", recording.rows() as u64);
-        free_run.over(&recording, &mut progress)?
+        // No reading but the first row's counts here: flappers begin in the middle of their room.
+        free_run.over(&recording, &Began::new(), &mut progress)?
     };
     if !trace.pressures_given {
         tell(&format!("{}: no column {}; starting at rest", recording.source(), plant.sensor_columns().join(" or ")));

@@ -3,14 +3,17 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use fit::data::Records;
+use fit::simulate::{Arcs, Fidelity, Flapper, Run, Simulator, flappers_of};
 use model::plant::Plant;
+use model::rig::Rig;
 use proto::recording::Recording;
 use proto::rig_file::RigFileError;
 use serde_json::{Map, Value, json};
 
 use crate::accuracy::Errors;
 use crate::failure::{Failure, tell};
-use crate::free_run::{FreeRun, FreeRunError};
+use crate::free_run::{Began, FreeRun, FreeRunError};
 use crate::progress::Progress;
 use crate::rig_choice::RigChoice;
 use crate::stdout;
@@ -20,7 +23,8 @@ use crate::stdout;
 /// The run starts at the first row's pressures, then only the commands count. Accuracy is 1 minus the mean absolute
 /// percentage error of gauge pressures (the paper's figure); rows nearer to the atmosphere than --least-kpa are left out
 /// of it, for a percentage of nearly nothing says nothing, and are counted under `near 0`. RMSE and the largest error
-/// are over all rows.
+/// are over all rows. Where a valve's flapper with play or friction lay when a recording began is told by no reading: it is
+/// placed where the first 20 s come out best, and said.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: trainer validate --rig dual_pressure run1.mcap run2.csv --json")]
 pub(crate) struct ValidateArgs {
@@ -43,6 +47,8 @@ struct Figures {
     /// The recording's file; `None` for all recordings together.
     file: Option<String>,
     segments: usize,
+    /// Where flappers lay, by stretch.
+    began: Began,
     /// By sensor of the rig.
     channels: Vec<Errors>,
 }
@@ -59,11 +65,18 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     {
         let mut progress = Progress::new("validating", rows as u64);
         for recording in &recordings {
-            figures.push(compare(&mut free_run, &plant, recording, args.least_kpa, &mut progress)?);
+            let began = if free_run.has_flappers() { began(&rig, recording)? } else { Began::new() };
+            figures.push(compare(&mut free_run, &plant, recording, began, args.least_kpa, &mut progress)?);
         }
     }
     for note in recordings.iter().flat_map(Recording::notes) {
         tell(note);
+    }
+    for each in &figures {
+        if let (Some(file), Some(first)) = (&each.file, each.began.first().filter(|flappers| !flappers.is_empty())) {
+            let places: Vec<String> = first.iter().map(placed).collect();
+            tell(&format!("{file}: by its first 20 s, {}", places.join(", ")));
+        }
     }
     let overall = overall(&figures);
     if args.json {
@@ -77,22 +90,38 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     stdout::say(&table(figures.iter().chain(several), &plant))
 }
 
+/// Where flappers lay at the first row of each stretch, by the 20 s after it.
+fn began(rig: &Rig, recording: &Recording) -> Result<Began, Failure> {
+    let records = Records::new(rig, std::slice::from_ref(recording))?;
+    let simulator = Simulator::new(&records, Fidelity::Averaged);
+    let found = flappers_of(&simulator, &[Run::from(rig.clone())], &Arcs::free(&records), true);
+    Ok(found.into_iter().next().unwrap_or_default())
+}
+
+/// A flapper's place in words.
+fn placed(flapper: &Flapper) -> String {
+    let (kind, valve) = flapper.unknown.split_once(':').unwrap_or(("", &flapper.unknown));
+    let of = if kind == "play" { "its play" } else { "the band that friction holds it in" };
+    format!("the flapper of {valve} lay at {:+.0} % of {of}", 100.0 * flapper.share)
+}
+
 fn compare(
     free_run: &mut FreeRun,
     plant: &Plant<f64>,
     recording: &Recording,
+    began: Began,
     least_kpa: f64,
     progress: &mut Progress,
 ) -> Result<Figures, FreeRunError> {
     // Without pressures a free run would start at rest; here there would be nothing to compare it with.
     let recorded = recording.require_all(plant.sensor_columns().iter().map(String::as_str))?;
-    let trace = free_run.over(recording, progress)?;
+    let trace = free_run.over(recording, &began, progress)?;
     let channels = recorded
         .iter()
         .zip(&trace.readings_kpa)
         .map(|(recorded, simulated)| Errors::of(recording.time_s(), recorded, simulated, least_kpa))
         .collect();
-    Ok(Figures { file: Some(recording.source().to_owned()), segments: recording.segments().len(), channels })
+    Ok(Figures { file: Some(recording.source().to_owned()), segments: recording.segments().len(), began, channels })
 }
 
 fn overall(figures: &[Figures]) -> Figures {
@@ -103,6 +132,7 @@ fn overall(figures: &[Figures]) -> Figures {
     Figures {
         file: None,
         segments: figures.iter().map(|each| each.segments).sum(),
+        began: Began::new(),
         channels: (0..channels).map(sum).collect(),
     }
 }
@@ -114,6 +144,11 @@ fn json_of(figures: &Figures, plant: &Plant<f64>) -> Value {
         object.insert("file".to_owned(), json!(file));
     }
     object.insert("segments".to_owned(), json!(figures.segments));
+    if figures.began.iter().any(|flappers| !flappers.is_empty()) {
+        let of = |flapper: &Flapper| (flapper.unknown.clone(), json!(flapper.share));
+        let began = figures.began.iter().map(|flappers| Value::Object(flappers.iter().map(of).collect()));
+        object.insert("flappers_began_at".to_owned(), began.collect());
+    }
     for (column, errors) in plant.sensor_columns().iter().zip(&figures.channels) {
         let channel = channel(column);
         let (worst_kpa, worst_time_s) = errors.worst();
