@@ -6,13 +6,18 @@
 //!
 //! What recordings do not tell is guessed in one place, [`Simulation::start_from`]: cylinders at atmospheric
 //! pressure where the first row is, periodic ones otherwise; commands as if the first row's had long been
-//! in force. Where the flappers of valves with play or friction lay may be told by the caller ([`Began`]).
+//! in force. Where the flappers of valves with play or friction lay may be told by the caller ([`Began`]); where it is not,
+//! they lie where the first pressures would hold, as near to that as the first commands allow: a rig that is recorded has
+//! mostly settled under some command before.
 
 use std::sync::Arc;
 
 use fit::simulate::Flapper;
+use model::mechanism::Mechanism;
 use model::plant::{FreeRunStart, Plant, Simulation};
-use model::rig::RigError;
+use model::predict::DualPressurePorts;
+use model::rig::{Rig, RigError};
+use model::steady::SteadyMap;
 use proto::recording::{PERIOD_S, Recording, RecordingError};
 
 use crate::progress::Progress;
@@ -22,6 +27,36 @@ use crate::progress::Progress;
 pub(crate) struct FreeRun {
     simulation: Simulation<f64>,
     ticks_per_row: u32,
+    /// Valves whose flappers have room to lie anywhere in.
+    rooms: Vec<Room>,
+    /// Which duties hold which pressures, where a rig with such a valve has such a map.
+    steady: Option<SteadyMap>,
+}
+
+/// The room in which a valve's flapper may lie when a recording begins.
+#[derive(Debug)]
+struct Room {
+    /// The unknown's name.
+    unknown: String,
+    /// The valve's channel: its place among the commands of the paper's rig.
+    channel: usize,
+    /// From the middle to either end, in duty.
+    half_duty: f64,
+}
+
+/// The rooms of a rig's valves; nothing for those that are no valve of the paper's rig.
+fn rooms(rig: &Rig) -> Vec<Room> {
+    let of = |attached: &model::rig::Attached| {
+        let (kind, half_duty) = match &attached.mechanism {
+            Mechanism::ValveHysteresis(play) => ("play", play.half_width_duty),
+            Mechanism::ValveStiction(stick) => ("stick", stick.band_duty),
+            _ => return None,
+        };
+        let command = &rig.valves.get(&attached.component)?.command;
+        let channel = DualPressurePorts::DUTY.iter().position(|duty| duty == command)?;
+        (half_duty > 0.0).then(|| Room { unknown: format!("{kind}:{}", attached.component), channel, half_duty })
+    };
+    rig.mechanisms.iter().filter(|attached| attached.enabled).filter_map(of).collect()
 }
 
 /// What a free run gave.
@@ -55,11 +90,11 @@ pub(crate) enum FreeRunError {
 const ROWS_AT_ONCE: usize = 64;
 
 impl FreeRun {
-    /// A free run of a compiled rig.
+    /// A free run of a rig, and of what it was compiled to.
     ///
     /// # Errors
     /// The rig's tick does not divide the 20 ms between rows.
-    pub(crate) fn new(plant: Arc<Plant<f64>>) -> Result<Self, RigError> {
+    pub(crate) fn new(rig: &Rig, plant: Arc<Plant<f64>>) -> Result<Self, RigError> {
         let ticks = PERIOD_S / plant.tick_s();
         // Ticks are written in ms with a few digits.
         if ticks < 0.5 || (ticks - ticks.round()).abs() > 1e-6 {
@@ -71,13 +106,16 @@ impl FreeRun {
             );
             return Err(RigError::at("integrator.tick_ms", problem));
         }
+        let rooms = rooms(rig);
+        // A rig of another kind has no such map; flappers then begin in the middle.
+        let steady = if rooms.is_empty() { None } else { SteadyMap::new(rig).ok() };
         // Between 1 and 20: a rig's tick is at least 1 ms.
-        Ok(FreeRun { simulation: Simulation::new(plant), ticks_per_row: ticks.round() as u32 })
+        Ok(FreeRun { simulation: Simulation::new(plant), ticks_per_row: ticks.round() as u32, rooms, steady })
     }
 
     /// Whether some valve's flapper may lie anywhere in a room of its own when a recording begins.
     pub(crate) fn has_flappers(&self) -> bool {
-        self.simulation.unknowns().any(|unknown| ["play:", "stick:"].iter().any(|kind| unknown.name.starts_with(kind)))
+        !self.rooms.is_empty()
     }
 
     /// Runs over a recording from the first row of each stretch, flappers where they `began`.
@@ -109,7 +147,11 @@ impl FreeRun {
         for (number, rows) in recording.segments().iter().enumerate() {
             read_row(&inputs, rows.start, &mut commands);
             let start = self.start(&pressures, rows.start, &commands);
-            for flapper in began.get(number).into_iter().flatten() {
+            let guessed = || match start {
+                FreeRunStart::Running => self.settled_before(&pressures, rows.start, &commands),
+                FreeRunStart::AtRest => Vec::new(),
+            };
+            for flapper in began.get(number).cloned().unwrap_or_else(guessed) {
                 let index = self.simulation.unknowns().position(|unknown| unknown.name == flapper.unknown);
                 if let Some(index) = index {
                     self.simulation.set_unknown(index, flapper.share);
@@ -152,6 +194,33 @@ impl FreeRun {
         let start = self.simulation.start_for(&first);
         self.simulation.start_from(&first, inputs, start);
         start
+    }
+
+    /// Where flappers lie if the pressures of a row had settled before its commands came.
+    fn settled_before(&self, pressures: &[&[f64]], row: usize, inputs: &[f64]) -> Vec<Flapper> {
+        let Some(steady) = &self.steady else { return Vec::new() };
+        let plant = self.simulation.plant();
+        let reading = |name: &str| {
+            let at = plant.sensor_columns().iter().position(|column| column == name)?;
+            pressures.get(at)?.get(row).copied()
+        };
+        let command = |name: &str| {
+            let at = plant.inputs().iter().position(|input| input.column == name)?;
+            inputs.get(at).copied()
+        };
+        let ([Some(pos), Some(neg)], [Some(u_pos), Some(u_neg)]) =
+            (DualPressurePorts::READING.map(reading), DualPressurePorts::DUTY.map(command))
+        else {
+            return Vec::new();
+        };
+        let (holding, commanded) = (steady.duty_for([pos, neg], [0.0; 2]), [u_pos, u_neg]);
+        let lies = |room: &Room| {
+            let off = holding.get(room.channel)? - commanded.get(room.channel)?;
+            // Where no duty holds the pressures, they had not settled.
+            let share = (off / room.half_duty).clamp(-1.0, 1.0);
+            share.is_finite().then(|| Flapper { unknown: room.unknown.clone(), share })
+        };
+        self.rooms.iter().filter_map(lies).collect()
     }
 
     fn refuse_gaps(&self, recording: &Recording) -> Result<(), FreeRunError> {

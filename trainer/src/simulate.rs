@@ -23,7 +23,8 @@ use crate::stdout;
 /// Runs a rig freely under given commands: starts at the first row's pressures, then only the commands count.
 ///
 /// Row k holds the pressures at t_k and the commands from t_k to t_{k+1}, 20 ms later. A first row within 0.5 kPa of
-/// the atmosphere starts a rig that stood still; any other one a rig whose pump was running. A file without any
+/// the atmosphere starts a rig that stood still; any other one a rig whose pump was running, and whose valves, where they
+/// have play or friction, lie as if the first pressures had settled before. A file without any
 /// pressure column (such as next_experiment.csv) starts at rest. A gap in the rows starts the run anew at the next row.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: trainer simulate --rig dual_pressure --inputs run.csv --out simulated.csv")]
@@ -54,11 +55,10 @@ pub(crate) fn run(args: &SimulateArgs) -> Result<(), Failure> {
     for note in recording.notes() {
         tell(note);
     }
-    let mut free_run =
-        FreeRun::new(plant.clone()).map_err(|problem| RigFileError::Rig { file: args.rig.rig.clone(), problem })?;
+    let mut free_run = FreeRun::new(&rig, plant.clone())
+        .map_err(|problem| RigFileError::Rig { file: args.rig.rig.clone(), problem })?;
     let trace = {
         let mut progress = Progress::new("simulating", recording.rows() as u64);
-        // No reading but the first row's counts here: flappers begin in the middle of their room.
         free_run.over(&recording, &Began::new(), &mut progress)?
     };
     if !trace.pressures_given {

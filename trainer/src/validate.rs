@@ -58,8 +58,8 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     // All are read before any is run, so that a bad file shows at once.
     let recordings =
         args.recordings.iter().map(|path| Recording::read_for(path, &rig)).collect::<Result<Vec<_>, _>>()?;
-    let mut free_run =
-        FreeRun::new(plant.clone()).map_err(|problem| RigFileError::Rig { file: args.rig.rig.clone(), problem })?;
+    let mut free_run = FreeRun::new(&rig, plant.clone())
+        .map_err(|problem| RigFileError::Rig { file: args.rig.rig.clone(), problem })?;
     let rows: usize = recordings.iter().map(Recording::rows).sum();
     let mut figures = Vec::with_capacity(recordings.len());
     {
