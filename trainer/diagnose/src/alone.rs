@@ -20,6 +20,7 @@ use fit::simulate::{Arcs, Run, refined_starts};
 use crate::bench::Bench;
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
+use crate::screen::AMPLITUDE;
 
 /// What a candidate explains alone.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,9 +32,6 @@ pub struct Alone {
     /// Values at which it does.
     pub start: Vec<f64>,
 }
-
-/// How much stronger or weaker than tried an effect may be.
-const AMPLITUDE: [f64; 2] = [0.05, 2.5];
 
 /// Every candidate's share, largest first.
 ///

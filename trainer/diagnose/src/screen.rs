@@ -45,7 +45,7 @@ pub struct Screening {
 }
 
 /// How much weaker or stronger than tried an effect may turn out to be before the screen stops believing in it.
-const AMPLITUDE: [f64; 2] = [0.05, 2.5];
+pub const AMPLITUDE: [f64; 2] = [0.05, 2.5];
 /// What a second place must gain in log-likelihood, to first order, to be tried.
 const SECOND_PLACE: f64 = 20.0;
 

@@ -29,7 +29,7 @@ pub fn pieces(rig: &Rig, records: &Records) -> Option<(Records, Vec<usize>)> {
     let mut switched = false;
     for (record, columns) in records.records().iter().enumerate() {
         let states = records.relays(rig, record);
-        let on = |row: usize| states.iter().map(move |state| state.get(row).is_none_or(|s| *s >= 0.5));
+        let on = |row: usize| states.iter().map(move |state| state.get(row).is_none_or(|on| *on));
         for segment in &columns.segments {
             let mut start = segment.start;
             for row in segment.start + 1..segment.end {
@@ -92,8 +92,7 @@ pub(crate) fn at_work(
     threads: Option<usize>,
 ) -> Result<Explanation, DiagnoseError> {
     let records = bench.records;
-    let runs =
-        |record: &usize| records.relays(bench.rig, *record).iter().all(|relay| relay.iter().all(|on| *on >= 0.5));
+    let runs = |record: &usize| records.relays(bench.rig, *record).iter().flatten().all(|on| *on);
     let (at_work, at_rest): (Vec<usize>, Vec<usize>) = (0..records.records().len()).partition(runs);
     let asked = best.terms.iter().copied().filter(|term| candidates.get(*term).is_some_and(|c| !leaks(&c.id)));
     let asked: Vec<usize> = asked.collect();

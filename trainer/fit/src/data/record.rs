@@ -174,17 +174,23 @@ impl Records {
         self.records.get(record)?.inputs.get(index).map(Vec::as_slice)
     }
 
-    /// What switches the rig's pumps in one recording: a command a pump that has a relay.
-    pub fn relays(&self, rig: &Rig, record: usize) -> Vec<&[f64]> {
+    /// Whether the rig's pumps are switched on in one recording, row by row: a list a pump that has a relay.
+    pub fn relays(&self, rig: &Rig, record: usize) -> Vec<Vec<bool>> {
         let relay = |pump: &Pump| match pump {
             Pump::Piston(pump) => pump.relay.clone(),
             Pump::Flow(_) => None,
         };
-        rig.pumps.values().filter_map(relay).filter_map(|relay| self.input(record, &relay)).collect()
+        let commands = rig.pumps.values().filter_map(relay).filter_map(|relay| self.input(record, &relay));
+        commands.map(|command| command.iter().map(|level| is_on(*level)).collect()).collect()
     }
 
     /// Rows of all recordings together.
     pub fn rows(&self) -> usize {
         self.records.iter().map(|record| record.time_s.len()).sum()
     }
+}
+
+/// Whether a relay's command switches its pump on, as plants take it.
+pub(super) fn is_on(relay: f64) -> bool {
+    relay >= 0.5
 }

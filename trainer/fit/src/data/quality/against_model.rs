@@ -32,8 +32,7 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
                 // Where a rig stands with its pump off is for its leaks to say, and such recordings are made to show them: a
                 // chamber that empties in a minute is no other unit.
                 let relays = records.relays(rig, record);
-                let off =
-                    first.clone().find(|row| relays.iter().any(|relay| relay.get(*row).is_some_and(|on| *on < 0.5)));
+                let off = first.clone().find(|row| relays.iter().any(|relay| relay.get(*row).is_some_and(|on| !on)));
                 let rows = first.start..off.unwrap_or(first.end).min(first.start + ROWS);
                 (rows.len() > 2 * COMPARED).then(|| Arc {
                     record,

@@ -3,6 +3,7 @@
 use model::rig::{Pump, Rig};
 
 use super::{Finding, Severity, Trouble};
+use crate::data::record::is_on;
 use crate::data::{Noise, Records};
 
 /// A duty that varies by less than this (standard deviation) does not excite its valve: half a per cent of duty
@@ -90,7 +91,7 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mu
         let on = (0..records.records().len())
             .filter_map(|r| records.input(r, relay))
             .flatten()
-            .filter(|value| **value >= 0.5)
+            .filter(|level| is_on(**level))
             .count();
         if on == 0 {
             findings.push(everywhere(
