@@ -145,7 +145,6 @@ fn a_flapper_may_lie_anywhere_in_its_play_when_a_recording_begins() {
     let without_kpa = simulated_off_by_kpa(&folder, &rig, &cut);
     let value = json(&["--rig", &rig, &cut]);
     let with_kpa = value["overall"]["pos_rmse_kpa"].as_f64().unwrap();
-    println!("{with_kpa} {without_kpa} {value:#}");
     assert!(without_kpa > 0.5 && with_kpa < 0.1, "{with_kpa} {without_kpa} {value:#}");
     assert!(value["recordings"][0]["flappers_began_at"][0]["play:valve_pos"].as_f64().is_some(), "{value:#}");
 }
