@@ -8,6 +8,8 @@ use super::unknown::{Slot, Unknown};
 use super::{MEMORY, MOST_DRIVES, NODES, Plant, Scratch, State};
 use crate::mechanism::Heat;
 
+mod warmth;
+
 /// A plant with its state and everything a tick needs.
 ///
 /// Pressures are absolute Pa unless a name says kPa, which is gauge.
@@ -255,6 +257,9 @@ impl<R: Simulated> Simulation<R> {
             self.fill_standing_cylinders(inputs);
             self.settle_cylinders(inputs);
             self.settled = Some(inputs.to_vec());
+        }
+        if start == FreeRunStart::Running {
+            self.warm_as_settled(inputs);
         }
         self.reset_sensors();
     }
