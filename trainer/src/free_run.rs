@@ -10,10 +10,10 @@
 //! they lie where the first pressures would hold, as near to that as the first commands allow: a rig that is recorded has
 //! mostly settled under some command before.
 
+use std::cell::OnceCell;
 use std::sync::Arc;
 
-use fit::simulate::Flapper;
-use model::mechanism::Mechanism;
+use fit::simulate::{Flapper, Room, rooms};
 use model::plant::{FreeRunStart, Plant, Simulation};
 use model::predict::DualPressurePorts;
 use model::rig::{Rig, RigError};
@@ -27,36 +27,11 @@ use crate::progress::Progress;
 pub(crate) struct FreeRun {
     simulation: Simulation<f64>,
     ticks_per_row: u32,
-    /// Valves whose flappers have room to lie anywhere in.
-    rooms: Vec<Room>,
-    /// Which duties hold which pressures, where a rig with such a valve has such a map.
-    steady: Option<SteadyMap>,
-}
-
-/// The room in which a valve's flapper may lie when a recording begins.
-#[derive(Debug)]
-struct Room {
-    /// The unknown's name.
-    unknown: String,
-    /// The valve's channel: its place among the commands of the paper's rig.
-    channel: usize,
-    /// From the middle to either end, in duty.
-    half_duty: f64,
-}
-
-/// The rooms of a rig's valves; nothing for those that are no valve of the paper's rig.
-fn rooms(rig: &Rig) -> Vec<Room> {
-    let of = |attached: &model::rig::Attached| {
-        let (kind, half_duty) = match &attached.mechanism {
-            Mechanism::ValveHysteresis(play) => ("play", play.half_width_duty),
-            Mechanism::ValveStiction(stick) => ("stick", stick.band_duty),
-            _ => return None,
-        };
-        let command = &rig.valves.get(&attached.component)?.command;
-        let channel = DualPressurePorts::DUTY.iter().position(|duty| duty == command)?;
-        (half_duty > 0.0).then(|| Room { unknown: format!("{kind}:{}", attached.component), channel, half_duty })
-    };
-    rig.mechanisms.iter().filter(|attached| attached.enabled).filter_map(of).collect()
+    /// Valves of the paper's rig whose flappers have room to lie anywhere in, each with its channel.
+    rooms: Vec<(usize, Room)>,
+    rig: Rig,
+    /// Which duties hold which pressures, made when it is first asked; nothing where a rig of another kind has no such map.
+    steady: OnceCell<Option<SteadyMap>>,
 }
 
 /// What a free run gave.
@@ -106,11 +81,16 @@ impl FreeRun {
             );
             return Err(RigError::at("integrator.tick_ms", problem));
         }
-        let rooms = rooms(rig);
-        // A rig of another kind has no such map; flappers then begin in the middle.
-        let steady = if rooms.is_empty() { None } else { SteadyMap::new(rig).ok() };
+        let channel = |room: &Room| {
+            let command = &rig.valves.get(&room.valve)?.command;
+            DualPressurePorts::DUTY.iter().position(|duty| duty == command)
+        };
+        let open = rooms(rig).into_iter().filter(|room| room.half_duty > 0.0);
+        let rooms: Vec<_> = open.filter_map(|room| Some((channel(&room)?, room))).collect();
         // Between 1 and 20: a rig's tick is at least 1 ms.
-        Ok(FreeRun { simulation: Simulation::new(plant), ticks_per_row: ticks.round() as u32, rooms, steady })
+        let ticks_per_row = ticks.round() as u32;
+        let simulation = Simulation::new(plant);
+        Ok(FreeRun { simulation, ticks_per_row, rooms, rig: rig.clone(), steady: OnceCell::new() })
     }
 
     /// Whether some valve's flapper may lie anywhere in a room of its own when a recording begins.
@@ -198,7 +178,11 @@ impl FreeRun {
 
     /// Where flappers lie if the pressures of a row had settled before its commands came.
     fn settled_before(&self, pressures: &[&[f64]], row: usize, inputs: &[f64]) -> Vec<Flapper> {
-        let Some(steady) = &self.steady else { return Vec::new() };
+        if self.rooms.is_empty() {
+            return Vec::new();
+        }
+        // Without a map flappers begin in the middle.
+        let Some(steady) = self.steady.get_or_init(|| SteadyMap::new(&self.rig).ok()) else { return Vec::new() };
         let plant = self.simulation.plant();
         let reading = |name: &str| {
             let at = plant.sensor_columns().iter().position(|column| column == name)?;
@@ -214,8 +198,8 @@ impl FreeRun {
             return Vec::new();
         };
         let (holding, commanded) = (steady.duty_for([pos, neg], [0.0; 2]), [u_pos, u_neg]);
-        let lies = |room: &Room| {
-            let off = holding.get(room.channel)? - commanded.get(room.channel)?;
+        let lies = |(channel, room): &(usize, Room)| {
+            let off = holding.get(*channel)? - commanded.get(*channel)?;
             // Where no duty holds the pressures, they had not settled.
             let share = (off / room.half_duty).clamp(-1.0, 1.0);
             share.is_finite().then(|| Flapper { unknown: room.unknown.clone(), share })

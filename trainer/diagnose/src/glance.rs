@@ -18,6 +18,8 @@ use crate::error::DiagnoseError;
 const STEP: f64 = 0.2;
 /// Steps tried at once.
 const TRIALS: usize = 8;
+/// Cost by which something is behind after a glance that no fit is spent on it.
+const FAR_BEHIND: f64 = 100.0;
 
 /// Arcs, weights, correction and slopes that glances share.
 #[derive(Debug, Clone)]
@@ -96,6 +98,18 @@ impl Footing {
             }
         }
         best
+    }
+
+    /// A glance at what is to stand in place of this base; `None` where it is far behind.
+    pub fn contender(
+        &self,
+        bench: &Bench<'_>,
+        set: &ParameterSet,
+        starts: &[Vec<f64>],
+        rounds: usize,
+    ) -> Option<Glanced> {
+        let behind = self.cost + FAR_BEHIND;
+        self.glance(bench, set, starts, rounds, behind).filter(|glanced| glanced.cost <= behind)
     }
 }
 

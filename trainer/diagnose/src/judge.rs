@@ -13,7 +13,7 @@ use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::evidence::{Bar, Evidence, evidence};
 use crate::glance::Footing;
-use crate::search::{FAR_BEHIND, Found, GLANCE_ROUNDS, cost, starts, twins, with, without};
+use crate::search::{Found, GLANCE_ROUNDS, cost, starts, twins, with, without};
 
 /// Error beyond the noise, in kPa, below which a model is as good as the recordings can tell.
 pub(crate) const FLOOR_KPA: f64 = 0.06;
@@ -264,15 +264,10 @@ fn something_named(
                     let values: Vec<_> = values_of(found, k).into_iter().collect();
                     let starts = starts(bench, candidates, best, &terms, &values, false);
                     // What is far behind after a glance is no rival, whatever a fit would still mend.
-                    let behind = footing.cost + FAR_BEHIND;
-                    match footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS, behind) {
-                        Some(glanced) if glanced.cost < behind => {
-                            let fitted = bench.fit(candidates, &terms, &[glanced.point], Effort::Polish);
-                            let Ok(fitted) = fitted else { continue };
-                            fitted
-                        }
-                        _ => continue,
-                    }
+                    let set = bench.set_of(candidates, &terms)?;
+                    let Some(close) = footing.contender(bench, &set, &starts, GLANCE_ROUNDS) else { continue };
+                    let Ok(fitted) = bench.fit(candidates, &terms, &[close.point], Effort::Polish) else { continue };
+                    fitted
                 }
             };
             if is_rival(bench, best, &rival) {

@@ -13,7 +13,7 @@ use crate::screen::{Screened, Screening, screen};
 mod exchange;
 mod refine;
 
-pub use exchange::{FAR_BEHIND, twins};
+pub use exchange::twins;
 use exchange::{deletions, pairs, swaps};
 use refine::{from_priors, plainer, refined, richer, sharpened};
 

@@ -8,7 +8,7 @@ use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::evidence::evidence;
-use crate::glance::{Footing, Glanced};
+use crate::glance::Footing;
 
 /// Replaces terms one by one by what stood next to them in earlier rounds, while that lowers the cost.
 pub(super) fn swaps(
@@ -35,20 +35,13 @@ pub(super) fn swaps(
                 continue;
             }
             tell("swapping mechanisms", 0.5);
-            // A swap that is far behind after a glance does not overtake.
-            let behind = footing.cost + FAR_BEHIND;
             let terms = with(&rest, k);
             let values: Vec<_> = in_place_of(bench, candidates, &best, k, term).into_iter().collect();
             let starts = starts(bench, candidates, &best, &terms, &values, false);
-            let Some(Glanced { cost: cost_of, point }) =
-                footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS, behind)
-            else {
-                continue;
-            };
-            if cost_of > behind {
-                continue;
-            }
-            let Ok(swapped) = bench.fit(candidates, &terms, &[point], Effort::Polish) else { continue };
+            // A swap that is far behind after a glance does not overtake.
+            let set = bench.set_of(candidates, &terms)?;
+            let Some(close) = footing.contender(bench, &set, &starts, GLANCE_ROUNDS) else { continue };
+            let Ok(swapped) = bench.fit(candidates, &terms, &[close.point], Effort::Polish) else { continue };
             if cost(bench, &swapped) < cost(bench, &best) - 1.0 {
                 tried.push(best);
                 best = swapped;
@@ -99,13 +92,9 @@ pub(super) fn pairs(
             .filter_map(|(k, term)| in_place_of(bench, candidates, &best, k, term))
             .collect();
         let starts = starts(bench, candidates, &best, &terms, &values, false);
-        let behind = footing.cost + FAR_BEHIND;
-        let glanced = footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, PAIR_ROUNDS, behind);
-        let Some(Glanced { cost: cost_of, point }) = glanced else { continue };
-        if cost_of > behind {
-            continue;
-        }
-        let Ok(swapped) = bench.fit(candidates, &terms, &[point], Effort::Polish) else { continue };
+        let set = bench.set_of(candidates, &terms)?;
+        let Some(close) = footing.contender(bench, &set, &starts, PAIR_ROUNDS) else { continue };
+        let Ok(swapped) = bench.fit(candidates, &terms, &[close.point], Effort::Polish) else { continue };
         if cost(bench, &swapped) < cost(bench, &best) - 1.0 {
             tried.push(std::mem::replace(&mut best, swapped));
         } else {
@@ -141,9 +130,6 @@ pub fn twins(candidates: &[Candidate], terms: &[usize]) -> Option<(usize, usize)
     terms.iter().enumerate().find_map(|(n, a)| terms.iter().skip(n + 1).find(|b| alike(*a, **b)).map(|b| (*a, *b)))
 }
 
-/// Cost by which something is behind after a glance that no fit is spent on it.
-pub const FAR_BEHIND: f64 = 100.0;
-
 /// Removes terms that the others, in a richer shape where one is offered, have made needless.
 pub(super) fn deletions(
     bench: &Bench<'_>,
@@ -160,13 +146,12 @@ pub(super) fn deletions(
         let terms = without(&best.terms, term);
         let starts = starts(bench, candidates, &best, &terms, &[], false);
         let footing = Footing::of(bench, &best)?;
-        let behind = footing.cost + FAR_BEHIND;
-        let without_it = footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS, behind);
+        let without_it = footing.contender(bench, &bench.set_of(candidates, &terms)?, &starts, GLANCE_ROUNDS);
         // What a plain shape of another term leaves looks like physics of its own, and so does what is left by one that moves
         // in steps and was not yet quite where it belongs when this one came in.
         let may_be_richer = terms.iter().any(|t| richer(candidates, *t).next().is_some());
         let stepped = terms.iter().any(|t| candidates[*t].stepped());
-        if !may_be_richer && !stepped && without_it.is_none_or(|glanced| glanced.cost > behind) {
+        if !may_be_richer && !stepped && without_it.is_none() {
             continue;
         }
         let Ok(reduced) = bench.fit(candidates, &terms, &starts, Effort::Polish) else { continue };

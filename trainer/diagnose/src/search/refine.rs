@@ -116,8 +116,8 @@ pub(super) fn from_priors(
 
 /// Factors either way within which [`sharpened`] looks, by round, and what is added to a second parameter, which decides with
 /// it when the steps come. A stepped parameter's starts are 1.4 apart, but where one slip that comes too late puts off all that
-/// follow, the right values are better than others within a tenth of them alone (measured: 1.5 kPa at 0.09 of duty, 2.4 at 0.08
-/// and at 0.044, where the search began): so it first looks all around.
+/// follow, values near the right ones are better than others within a tenth of them alone (measured: 1.5 kPa at 0.09 of duty, 2.2
+/// at 0.08, 2.4 at 0.044, where the search had ended): so it first looks all around.
 const SHARPENING: [(f64, f64); 4] = [(3.0, 0.3), (1.5, 0.3), (1.12, 0.1), (1.02, 0.02)];
 /// Values that are tried on either side, of each.
 const SHARPENED: [i32; 2] = [15, 6];

@@ -22,14 +22,34 @@ fn places(each: i32, reach: f64) -> Vec<f64> {
     (-each..=each).map(|k| reach * f64::from(k) / f64::from(each)).collect()
 }
 
-/// Names of the unknowns of a rig's valves that have room to lie anywhere in.
-fn lies(rig: &Rig) -> Vec<String> {
-    let of = |attached: &model::rig::Attached| match attached.mechanism {
-        Mechanism::ValveHysteresis(_) => Some(format!("play:{}", attached.component)),
-        Mechanism::ValveStiction(_) => Some(format!("stick:{}", attached.component)),
-        _ => None,
+/// The room in which a valve's flapper may lie when a run begins.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Room {
+    /// Name of the unknown ([`model::plant::Unknown`]).
+    pub unknown: String,
+    /// The valve.
+    pub valve: String,
+    /// From the middle to either end, in duty.
+    pub half_duty: f64,
+}
+
+/// The rooms of a rig's valves with play or friction, in the order of its mechanisms.
+pub fn rooms(rig: &Rig) -> Vec<Room> {
+    let of = |attached: &model::rig::Attached| {
+        let (kind, half_duty) = match &attached.mechanism {
+            Mechanism::ValveHysteresis(play) => ("play", play.half_width_duty),
+            Mechanism::ValveStiction(stick) => ("stick", stick.band_duty),
+            _ => return None,
+        };
+        let valve = attached.component.clone();
+        Some(Room { unknown: format!("{kind}:{valve}"), valve, half_duty })
     };
     rig.mechanisms.iter().filter(|attached| attached.enabled).filter_map(of).collect()
+}
+
+/// Names of the unknowns of a rig's valves that have room to lie anywhere in.
+fn lies(rig: &Rig) -> Vec<String> {
+    rooms(rig).into_iter().map(|room| room.unknown).collect()
 }
 
 /// Where the flappers of some runs lie best (least absolute error of the first 20 s) at the start of each arc, by run and

@@ -33,7 +33,7 @@ mod windows;
 
 pub use arcs::{Arc, Arcs, Flapper};
 pub use course::Course;
-pub use flappers::flappers_of;
+pub use flappers::{Room, flappers_of, rooms};
 pub use horizon::{ChannelError, Horizon, errors, errors_at, trace_at, traces_at};
 pub use in_step::ripple_in_step;
 pub use ripple::Ripple;
