@@ -223,13 +223,14 @@ mod tests {
         fn stretches_tile_the_rows(lengths in prop::collection::vec(1_usize..20_000, 1..9)) {
             let records: Vec<Vec<Range<usize>>> = lengths.iter().map(|n| std::iter::once(0..*n).collect()).collect();
             let split = Split::of_segments(&records);
+            // The only recording that has rows to hold out, 20 to 30 s of it, shares its last 10 s between two roles.
+            let alone = lengths.iter().filter(|n| **n >= 2 * SHORTEST_ROWS).count() == 1;
+            let shortest = if alone { SHORTEST_ROWS / 2 } else { SHORTEST_ROWS };
             for (record, n) in lengths.iter().enumerate() {
                 let mut end = 0;
                 for stretch in split.stretches().iter().filter(|s| s.record == record) {
                     prop_assert_eq!(stretch.rows.start, end);
                     end = stretch.rows.end;
-                    // A single recording of 20 to 30 s shares its last 10 s between two roles.
-                    let shortest = if lengths.len() == 1 { SHORTEST_ROWS / 2 } else { SHORTEST_ROWS };
                     prop_assert!(stretch.rows.len() >= shortest.min(*n));
                 }
                 prop_assert_eq!(end, *n);
