@@ -2,8 +2,8 @@
 //!
 //! A search for missing physics goes through this list. Each candidate says which numbers to fit, between
 //! which limits and from which first magnitudes, and turns fitted numbers into an entry of a rig file. What
-//! only a person can know (`actuator_load`: is there a muscle?) or only data can shape (`residual_flow`) is
-//! not in it.
+//! only a person can know (`actuator_load`: is there a muscle?) or only data can shape (`residual_flow`,
+//! `residual_response`) is not in it.
 
 use super::Mechanism;
 use crate::rig::{Attached, Numbers as _, Rig};

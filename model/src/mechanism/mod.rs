@@ -11,7 +11,7 @@
 //! | volume | `chamber_thermal`, `volume_compliance`, `volume_change`, `actuator_load` |
 //! | flow path | `chamber_leak`, `cross_leak`, `residual_flow`, `line_resistance` |
 //! | pump | `piston_blowby`, `check_valve_cracking`, `pump_droop`, `pump_speed`, `dead_zone`, `line_resistance` |
-//! | sensor | `sensor_lag`, `sensor_drift`, `sensor_bias`, `sensor_gain` |
+//! | sensor | `sensor_lag`, `sensor_drift`, `sensor_bias`, `sensor_gain`, `residual_response` |
 //!
 //! The command path runs ahead of the pressures: a command is constant over a tick and nothing in the
 //! path depends on pressure, so its operators fill one table of instants per tick and the integrator
@@ -36,6 +36,7 @@ mod piston_blowby;
 mod pump_droop;
 mod pump_speed;
 mod residual_flow;
+mod residual_response;
 mod sensor_bias;
 mod sensor_drift;
 mod sensor_gain;
@@ -68,6 +69,7 @@ pub use pump_droop::PumpDroop;
 pub use pump_speed::PumpSpeed;
 pub(crate) use residual_flow::Table;
 pub use residual_flow::{Axis, ResidualFlow, Shape, Variable};
+pub use residual_response::{ResidualResponse, Swing};
 pub use sensor_bias::SensorBias;
 pub use sensor_drift::SensorDrift;
 pub use sensor_gain::SensorGain;
@@ -256,6 +258,8 @@ mechanisms! {
     ActuatorLoad,
     /// Flow or opening without a name, as a table.
     ResidualFlow,
+    /// A reading's answer without a name, as a second-order system.
+    ResidualResponse,
 }
 
 impl Attached {

@@ -8,6 +8,7 @@
 //! pairs of 256-bit ones, eight lanes ran at 0.5 to 1.0 times the speed of AVX2.
 
 use super::integrate::tick;
+use super::sensor::Filter;
 use super::{Plant, Scratch, State};
 use crate::real::{Lanes, Real};
 
@@ -45,7 +46,7 @@ impl Simulated for f64 {}
 impl Simulated for Lanes<8> {}
 
 pub(crate) mod sealed {
-    use super::{InstructionSet, Plant, Scratch, State};
+    use super::{Filter, InstructionSet, Plant, Scratch, State};
 
     /// What is compiled for a set, which must be available.
     pub trait Tick: Sized {
@@ -67,7 +68,7 @@ pub(crate) mod sealed {
             state: &State<Self>,
             speeds: &[Self],
             node: usize,
-            lag_s: Self,
+            seen: &Filter<Self>,
         ) -> Self;
     }
 }
@@ -107,7 +108,7 @@ macro_rules! compile_tick {
                 state: &State<Self>,
                 speeds: &[Self],
                 node: usize,
-                lag_s: Self,
+                seen: &Filter<Self>,
             ) -> Self {
                 #[cfg(target_arch = "x86_64")]
                 #[target_feature(enable = "avx2,fma")]
@@ -116,16 +117,16 @@ macro_rules! compile_tick {
                     state: &State<$bundle>,
                     speeds: &[$bundle],
                     node: usize,
-                    lag_s: $bundle,
+                    seen: &Filter<$bundle>,
                 ) -> $bundle {
-                    plant.ripple_at(state, speeds, node, lag_s)
+                    plant.ripple_at(state, speeds, node, seen)
                 }
                 match set {
                     // SAFETY: as above.
                     #[cfg(target_arch = "x86_64")]
                     #[allow(unsafe_code)]
-                    InstructionSet::Avx2 => unsafe { avx2(plant, state, speeds, node, lag_s) },
-                    _ => plant.ripple_at(state, speeds, node, lag_s),
+                    InstructionSet::Avx2 => unsafe { avx2(plant, state, speeds, node, seen) },
+                    _ => plant.ripple_at(state, speeds, node, seen),
                 }
             }
         }

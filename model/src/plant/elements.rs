@@ -39,6 +39,8 @@ macro_rules! record {
     };
 }
 
+pub(crate) use record;
+
 record! {
     /// A one-way orifice of fixed effective area: check valves, and each direction of a line.
     Passage { up: usize, down: usize, law: usize, } lanes {
@@ -380,51 +382,5 @@ record! {
         head_area,
         /// R T in the cylinders, in J/kg.
         rt,
-    }
-}
-
-record! {
-    /// A sensor on a chamber.
-    SensorPath { node: usize,
-        /// Where in the memory its lagged reading lives, if it lags.
-        memory: Option<usize>,
-    } lanes {
-        /// Share of the distance to the pressure covered in one step (0 … 1).
-        approach,
-        /// Reading per pressure; 1 is right.
-        gain,
-        /// What is added to the reading, in kPa.
-        bias,
-        /// What is added per second at the start, in kPa/s.
-        drift,
-        /// With what rate the drift comes to rest, in 1/s; 0 is never.
-        drift_end,
-    }
-}
-
-impl<R: Real> SensorPath<R> {
-    /// What is added to the reading `time_s` after the start, in kPa.
-    fn offset(&self, time_s: f64) -> R {
-        let drifted = R::from_lanes(|lane| {
-            let end = self.drift_end.lane(lane);
-            let gone = if end * time_s > 1e-9 { -(-end * time_s).exp_m1() / end } else { time_s };
-            self.drift.lane(lane) * gone
-        });
-        self.bias + drifted
-    }
-
-    /// What it reads at a gauge pressure in kPa, `time_s` after the start.
-    pub(crate) fn reading(&self, gauge_kpa: R, time_s: f64) -> R {
-        self.gain.mul_add(gauge_kpa, self.offset(time_s))
-    }
-
-    /// The time constant of its lag in s, for steps of `step_s`.
-    pub(crate) fn lag_s(&self, step_s: f64) -> R {
-        self.approach.map(|approach| -step_s / (-approach).ln_1p())
-    }
-
-    /// The gauge pressure in kPa at which it reads so.
-    pub(crate) fn gauge_kpa(&self, reading: R, time_s: f64) -> R {
-        (reading - self.offset(time_s)) / self.gain
     }
 }

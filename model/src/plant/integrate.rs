@@ -148,7 +148,7 @@ fn steps<R: Real, const STATES: usize, const NODES: usize, const EXTENDED: bool>
         temperature: std::array::from_fn(|i| plant.temperature[i % plant.temperature.len()]),
         inverse_speed: std::array::from_fn(|i| plant.inverse_speed[i % plant.inverse_speed.len()]),
     };
-    let lagging = plant.sensors.iter().any(|sensor| sensor.memory.is_some());
+    let lagging = plant.sensors.iter().any(|sensor| sensor.memory.is_some() || sensor.response.is_some());
     for step in 0..plant.steps {
         let first = INSTANTS_PER_STEP * step;
         let start = x;
@@ -189,10 +189,8 @@ fn steps<R: Real, const STATES: usize, const NODES: usize, const EXTENDED: bool>
         }
         if lagging {
             for sensor in &plant.sensors {
-                if let Some(reading) = sensor.memory.and_then(|m| state.memory.get_mut(m)) {
-                    let mean = R::splat(0.5) * (start[sensor.node % NODES] + x[sensor.node % NODES]);
-                    *reading = sensor.approach.mul_add(mean - *reading, *reading);
-                }
+                let mean = R::splat(0.5) * (start[sensor.node % NODES] + x[sensor.node % NODES]);
+                sensor.follow(mean, &mut state.memory);
             }
         }
         if EXTENDED {

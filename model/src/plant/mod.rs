@@ -26,6 +26,7 @@ mod integrate;
 mod rates;
 mod residual;
 mod ripple;
+mod sensor;
 mod simulation;
 mod unknown;
 mod valve_model;
@@ -44,9 +45,10 @@ pub(crate) use walls::WallTable;
 
 use elements::{
     AveragedPump, Capillary, Compliant, Displacement, Feed, Given, Isothermal, Muscle, Parabolic, Passage, Sag,
-    SensorPath, ShapedVent, SpringCheck, Thermal, Vent,
+    ShapedVent, SpringCheck, Thermal, Vent,
 };
 use residual::Residual;
+use sensor::SensorPath;
 use walls::Wall;
 
 use crate::orifice::FlowFunction;

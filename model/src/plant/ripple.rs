@@ -3,6 +3,7 @@
 //! Everything is inlined into the tick and into [`super::dispatch`], so that it is compiled for their instruction set.
 
 use super::elements::AveragedPump;
+use super::sensor::Filter;
 use super::{MEMORY, NODES, Plant, State};
 use crate::real::Real;
 
@@ -29,22 +30,21 @@ impl<R: Real> Plant<R> {
         [inlet, delivered * self.pa_per_kg(pump.outlet, x, pump.temperature)]
     }
 
-    /// What the ripple of all averaged pumps adds to the pressure of a chamber now, as it is seen through a lag, in Pa.
+    /// What the ripple of all averaged pumps adds to the pressure of a chamber now, as it is seen through a filter, in Pa.
     #[inline(always)]
-    pub(super) fn ripple_at(&self, state: &State<R>, speeds: &[R], node: usize, lag_s: R) -> R {
+    pub(super) fn ripple_at(&self, state: &State<R>, speeds: &[R], node: usize, seen: &Filter<R>) -> R {
         let zero = R::splat(0.0);
         let mut sum = zero;
         for pump in self.averaged.iter().filter(|pump| pump.inlet == node || pump.outlet == node) {
             let mut phase = state.phase.get(pump.drive).copied().unwrap_or(zero);
             let running = state.memory.get(pump.memory).copied().unwrap_or(zero);
             let mut left = running;
-            if lag_s.any_above(zero) {
-                // Of a lag's answer to the ripple only that to its fundamental matters.
-                let speed = speeds.get(pump.drive).copied().unwrap_or(zero);
-                let turn = std::f64::consts::TAU / pump.beat;
-                let behind = (speed * R::splat(turn) * lag_s).map(f64::atan);
-                left = behind.map(f64::cos) * running;
-                phase = phase - behind * R::splat(1.0 / turn);
+            // Of the answer to the ripple only that to its fundamental matters.
+            let turn = std::f64::consts::TAU / pump.beat;
+            let speed = speeds.get(pump.drive).copied().unwrap_or(zero);
+            if let Some((gain, late)) = seen.at(speed * R::splat(turn)) {
+                left = gain * running;
+                phase = phase - late * R::splat(1.0 / turn);
             }
             let [inlet, outlet] = self.ripple(pump, &state.x, self.moved(pump, &state.x, phase));
             for (port, ripple) in [(pump.inlet, inlet), (pump.outlet, outlet)] {

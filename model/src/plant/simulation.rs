@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::dispatch::{InstructionSet, Simulated};
 use super::residual::Variable;
+use super::sensor::Filter;
 use super::unknown::{Slot, Unknown};
 use super::{MEMORY, MOST_DRIVES, NODES, Plant, Scratch, State};
 use crate::mechanism::Heat;
@@ -107,18 +108,18 @@ impl<R: Simulated> Simulation<R> {
     pub fn pressure_pa(&self, index: usize) -> R {
         if index < self.plant.chambers {
             let state = self.state.x.get(index).copied().unwrap_or(R::splat(f64::NAN));
-            if self.plant.averaged.is_empty() { state } else { state + self.ripple_pa(index, R::splat(0.0)) }
+            if self.plant.averaged.is_empty() { state } else { state + self.ripple_pa(index, &Filter::none()) }
         } else {
             R::splat(f64::NAN)
         }
     }
 
-    /// What the ripple of averaged pumps adds to the pressure of chamber `index` now, as it is seen through a lag.
-    fn ripple_pa(&self, index: usize, lag_s: R) -> R {
+    /// What the ripple of averaged pumps adds to the pressure of chamber `index` now, as it is seen through a filter.
+    fn ripple_pa(&self, index: usize, seen: &Filter<R>) -> R {
         if self.smooth || self.plant.averaged.is_empty() {
             return R::splat(0.0);
         }
-        R::ripple(self.set, &self.plant, &self.state, &self.scratch.speeds, index, lag_s)
+        R::ripple(self.set, &self.plant, &self.state, &self.scratch.speeds, index, seen)
     }
 
     /// Gauge pressure of chamber `index` in kPa, without any sensor in between.
@@ -137,7 +138,7 @@ impl<R: Simulated> Simulation<R> {
         if !self.plant.averaged.is_empty() {
             // The state is the mean; the ripple on it hardly depends on it.
             for _ in 0..2 {
-                let mean = pressure - self.ripple_pa(index, R::splat(0.0));
+                let mean = pressure - self.ripple_pa(index, &Filter::none());
                 if let Some(slot) = self.state.x.get_mut(index) {
                     *slot = mean;
                 }
@@ -155,21 +156,23 @@ impl<R: Simulated> Simulation<R> {
             let Some(sensor) = self.plant.sensors.get(*index).copied() else { continue };
             let pressure = self.plant.atmosphere_pa + sensor.gauge_kpa(*measured, time_s) * R::splat(1e3);
             self.set_pressure_pa(sensor.node, pressure);
-            if let Some(slot) = sensor.memory.and_then(|m| self.state.memory.get_mut(m)) {
-                *slot = pressure;
-            }
+            sensor.settle(pressure, &mut self.state.memory);
         }
     }
 
     /// What sensor `index` reads, in gauge kPa; NaN beyond the last sensor.
     pub fn reading_kpa(&self, index: usize) -> R {
         let Some(sensor) = self.plant.sensors.get(index) else { return R::splat(f64::NAN) };
-        let lagged = sensor.memory.and_then(|m| self.state.memory.get(m)).copied();
-        let pressure = match lagged {
-            Some(lagged) if self.plant.averaged.is_empty() => lagged,
-            Some(lagged) => lagged + self.ripple_pa(sensor.node, sensor.lag_s(self.plant.step_s)),
+        let remembered = |place: Option<usize>| place.and_then(|m| self.state.memory.get(m)).copied();
+        let step_s = self.plant.step_s;
+        let mut pressure = match remembered(sensor.memory) {
+            Some(lagged) => lagged + self.ripple_pa(sensor.node, &sensor.lag(step_s)),
             None => self.pressure_pa(sensor.node),
         };
+        if let Some(answered) = remembered(sensor.response) {
+            let answered = answered + self.ripple_pa(sensor.node, &sensor.answer(step_s));
+            pressure = sensor.share.mul_add(answered - pressure, pressure);
+        }
         sensor.reading((pressure - self.plant.atmosphere_pa) * R::splat(1e-3), self.time_s())
     }
 
@@ -428,9 +431,7 @@ impl<R: Simulated> Simulation<R> {
         let plant = Arc::clone(&self.plant);
         for sensor in &plant.sensors {
             let pressure = self.pressure_pa(sensor.node);
-            if let Some(slot) = sensor.memory.and_then(|m| self.state.memory.get_mut(m)) {
-                *slot = pressure;
-            }
+            sensor.settle(pressure, &mut self.state.memory);
         }
         for probe in plant.residuals.iter().flat_map(|residual| &residual.probes) {
             // Duties' memories are settled with the commands; no table is over anything else that a state lacks.

@@ -115,6 +115,15 @@ fn free_runs_agree_with_chambers_that_are_not_plain() {
         + &mechanism("line_resistance", "valve_pos", "area_mm2 = 2.0")
         + &mechanism("command_delay", "valve_neg", "delay_ms = 27.0");
     agrees("thermal, compliant, lagging", &paper_with(&parts), ASKED_KPA);
+    // Far below the strokes' frequency, and near it, where it lets more of the ripple through than there is.
+    for hz in [4.0, 40.0] {
+        let parts = mechanism(
+            "residual_response",
+            "sensor_neg",
+            &format!("natural_frequency_hz = {hz:?}\ndamping_ratio = 0.4\nshare = 0.7"),
+        );
+        agrees(&format!("a reading that rings at {hz} Hz"), &paper_with(&parts), ASKED_KPA);
+    }
     let load = mechanism("actuator_load", "positive", "vacuum = \"negative\"\npayload_kg = 10.0");
     agrees("muscle", &paper_with(&load), ASKED_KPA);
 }

@@ -11,7 +11,7 @@ use crate::small_rigs::{
 };
 
 /// Each with numbers that show, for the paper's rig.
-pub(crate) const ALL: [(&str, &str, &str); 28] = [
+pub(crate) const ALL: [(&str, &str, &str); 29] = [
     ("valve_hysteresis", "valve_pos", "half_width_duty = 0.03\nspread_duty = 0.01"),
     ("valve_stiction", "valve_neg", "band_duty = 0.05\nshort_of_it = 0.2"),
     ("valve_stiction", "valve_pos", "band_duty = 0.05\nshort_of_it = 0.2\nrubs = \"flapper\""),
@@ -38,6 +38,7 @@ pub(crate) const ALL: [(&str, &str, &str); 28] = [
     ("sensor_drift", "sensor_pos", "rate_kpa_per_min = 1.0\ntime_constant_s = 30.0"),
     ("sensor_bias", "sensor_neg", "bias_kpa = 0.5"),
     ("sensor_gain", "sensor_pos", "gain = 1.02"),
+    ("residual_response", "sensor_neg", "natural_frequency_hz = 3.0\ndamping_ratio = 0.2"),
     ("actuator_load", "positive", "vacuum = \"negative\"\npayload_kg = 5.0"),
     (
         "residual_flow",

@@ -4,6 +4,7 @@
 //! variables, with and without memory; the variables that explain most of it, block by block on rows that were left
 //! out, make the axes. The table is then fitted in free runs like any other mechanism (`residual_flow`), so that the
 //! rig file simulates with it everywhere. It says where, how much, and on what it depends; it does not say what it is.
+//! Where a reading is off while its chamber behaves, a formula is tried first: an answer of second order ([`response`]).
 
 use fit::data::Role;
 use fit::parameters::{Knowledge, Parameter, ParameterSet, Transform};
@@ -17,6 +18,8 @@ use crate::error::DiagnoseError;
 use crate::evidence::evidence;
 use crate::locate::Missing;
 use crate::place::volumes_at;
+
+mod response;
 
 /// Knots of the only axis, and of each of two.
 const KNOTS: [usize; 2] = [9, 5];
@@ -52,6 +55,23 @@ pub fn fit_unknown(
     missing: &Missing,
     fitted: usize,
 ) -> Result<Option<UnknownTerm>, DiagnoseError> {
+    let holds = |term: &UnknownTerm| {
+        let found = evidence(bench, &term.explanation, base);
+        // Likelihood alone forgives what is slow and large.
+        let gain = bench.squares(&base.trace, Role::Select) - bench.squares(&term.explanation.trace, Role::Select);
+        (found.chosen > 0.0 && gain > 0.0).then_some(gain)
+    };
+    let mut best: Option<(f64, UnknownTerm)> = None;
+    if let Ok(Some(term)) = response::fit_response(bench, base)
+        && let Some(gain) = holds(&term)
+    {
+        let noise = bench.sigma_kpa().iter().map(|s| s * s).sum::<f64>() / bench.noise.len().max(1) as f64;
+        // A formula that leaves less than it takes away is better than a table that might take away more.
+        if bench.squares(&term.explanation.trace, Role::Select) - noise < gain {
+            return Ok(Some(term));
+        }
+        best = Some((gain, term));
+    }
     let mut designs = Vec::new();
     for (channel, volume) in channels(bench) {
         for axes in variables(&base.fitted.rig, &volume) {
@@ -63,15 +83,13 @@ pub fn fit_unknown(
         }
     }
     designs.sort_by(|a, b| b.explained.total_cmp(&a.explained));
-    let mut best: Option<(f64, UnknownTerm)> = None;
     for design in designs.iter().take(fitted) {
         let Ok(explanation) = fit_design(bench, base, design, missing) else { continue };
-        let found = evidence(bench, &explanation, base);
-        // Likelihood alone forgives what is slow and large.
-        let gain = bench.squares(&base.trace, Role::Select) - bench.squares(&explanation.trace, Role::Select);
-        if found.chosen > 0.0 && gain > 0.0 && best.as_ref().is_none_or(|(g, _)| gain > *g) {
-            let depends_on = words(design);
-            best = Some((gain, UnknownTerm { explanation, depends_on }));
+        let term = UnknownTerm { explanation, depends_on: words(design) };
+        if let Some(gain) = holds(&term)
+            && best.as_ref().is_none_or(|(most, _)| gain > *most)
+        {
+            best = Some((gain, term));
         }
     }
     Ok(best.map(|(_, term)| term))

@@ -7,9 +7,10 @@ use crate::plant::Plant;
 use crate::plant::command::CommandPath;
 use crate::plant::elements::{
     AveragedPump, Capillary, Compliant, Cylinder, Displacement, Drive, Feed, Given, Isothermal, Muscle, Parabolic,
-    Passage, Sag, SensorPath, ShapedVent, SpringCheck, Thermal, Vent, lanes_of,
+    Passage, Sag, ShapedVent, SpringCheck, Thermal, Vent, lanes_of,
 };
 use crate::plant::residual::Residual;
+use crate::plant::sensor::SensorPath;
 use crate::real::Real;
 use crate::rig::{Rig, RigError};
 

@@ -1,22 +1,28 @@
 //! Sensors, and the chambers that are read by a neighbour's.
 
 use super::{Assembly, mechanisms_on};
-use crate::mechanism::Mechanism;
-use crate::plant::elements::SensorPath;
+use crate::mechanism::{Mechanism, Swing};
+use crate::plant::sensor::SensorPath;
 use crate::rig::{Line, RigError};
 
 impl Assembly<'_> {
     pub(super) fn sensors(&mut self) -> Result<(), RigError> {
         for (name, sensor) in &self.rig.sensors {
             let node = self.node(&sensor.volume);
-            let mut path =
-                SensorPath { node, memory: None, approach: 1.0, gain: 1.0, bias: 0.0, drift: 0.0, drift_end: 0.0 };
+            let mut path = SensorPath::plain(node);
             for mechanism in mechanisms_on(self.rig, name) {
                 match mechanism {
                     Mechanism::SensorLag(m) => {
                         path.memory = Some(self.memory);
                         path.approach = m.approach(self.plant.step_s);
                         self.memory += 1;
+                    }
+                    Mechanism::ResidualResponse(m) => {
+                        path.response = Some(self.memory);
+                        (path.natural, path.damping, path.share) = (m.natural_rad_s(), m.damping_ratio, m.share);
+                        let Swing { keeps, turns, damps } = m.swing(self.plant.step_s);
+                        (path.keeps, path.turns, path.damps) = (keeps, turns, damps);
+                        self.memory += 2;
                     }
                     Mechanism::SensorGain(m) => path.gain = m.gain,
                     Mechanism::SensorBias(m) => path.bias = m.bias_kpa,

@@ -1,0 +1,158 @@
+//! From a chamber to a reading: lag, answer, gain, bias and drift, and what of a pump's ripple comes through.
+
+use super::elements::{lanes_of, record};
+use crate::real::Real;
+
+record! {
+    /// A sensor on a chamber.
+    SensorPath { node: usize,
+        /// Where in the memory its lagged reading lives, if it lags.
+        memory: Option<usize>,
+        /// Where what it answers to that lives, with its speed over ω behind it (mechanism `residual_response`).
+        response: Option<usize>,
+    } lanes {
+        /// Share of the distance to the pressure covered in one step (0 … 1).
+        approach,
+        /// ω of its answer in rad/s.
+        natural,
+        /// ζ.
+        damping,
+        /// Of the distance, what is left after a step.
+        keeps,
+        /// Of the speed into the distance.
+        turns,
+        /// Of the speed, what is left.
+        damps,
+        /// Share of the reading that answers so.
+        share,
+        /// Reading per pressure; 1 is right.
+        gain,
+        /// What is added to the reading, in kPa.
+        bias,
+        /// What is added per second at the start, in kPa/s.
+        drift,
+        /// With what rate the drift comes to rest, in 1/s; 0 is never.
+        drift_end,
+    }
+}
+
+/// What stands between a chamber's ripple and a reading.
+#[derive(Debug, Clone, Copy)]
+pub struct Filter<R> {
+    /// Time constant of a first-order lag in s; 0 for none.
+    pub(crate) lag_s: R,
+    /// 1/ω of a second-order answer in s; 0 for none.
+    pub(crate) period_s: R,
+    /// Its damping ratio.
+    pub(crate) damping: R,
+}
+
+impl<R: Real> Filter<R> {
+    /// Nothing.
+    pub(crate) fn none() -> Self {
+        let zero = R::splat(0.0);
+        Filter { lag_s: zero, period_s: zero, damping: zero }
+    }
+
+    /// Gain at an angular frequency in rad/s, and by what angle it comes late; `None` where all comes through as it is.
+    #[inline(always)]
+    pub(crate) fn at(&self, frequency: R) -> Option<(R, R)> {
+        let zero = R::splat(0.0);
+        let (lags, rings) = (self.lag_s.any_above(zero), self.period_s.any_above(zero));
+        if !lags && !rings {
+            return None;
+        }
+        let (mut gain, mut late) = (R::splat(1.0), zero);
+        if lags {
+            let behind = (frequency * self.lag_s).map(f64::atan);
+            (gain, late) = (behind.map(f64::cos), behind);
+        }
+        if rings {
+            let ratio = frequency * self.period_s;
+            let (real, imaginary) = (R::splat(1.0) - ratio * ratio, R::splat(2.0) * self.damping * ratio);
+            gain = gain / (real * real + imaginary * imaginary).sqrt();
+            late += R::from_lanes(|lane| imaginary.lane(lane).atan2(real.lane(lane)));
+        }
+        Some((gain, late))
+    }
+}
+
+impl SensorPath<f64> {
+    /// A sensor that reads what is there.
+    pub(crate) fn plain(node: usize) -> Self {
+        SensorPath {
+            node,
+            memory: None,
+            response: None,
+            approach: 1.0,
+            natural: f64::INFINITY,
+            damping: 1.0,
+            keeps: 0.0,
+            turns: 0.0,
+            damps: 0.0,
+            share: 0.0,
+            gain: 1.0,
+            bias: 0.0,
+            drift: 0.0,
+            drift_end: 0.0,
+        }
+    }
+}
+
+impl<R: Real> SensorPath<R> {
+    /// What is added to the reading `time_s` after the start, in kPa.
+    fn offset(&self, time_s: f64) -> R {
+        let drifted = R::from_lanes(|lane| {
+            let end = self.drift_end.lane(lane);
+            let gone = if end * time_s > 1e-9 { -(-end * time_s).exp_m1() / end } else { time_s };
+            self.drift.lane(lane) * gone
+        });
+        self.bias + drifted
+    }
+
+    /// What it reads at a gauge pressure in kPa, `time_s` after the start.
+    pub(crate) fn reading(&self, gauge_kpa: R, time_s: f64) -> R {
+        self.gain.mul_add(gauge_kpa, self.offset(time_s))
+    }
+
+    /// What its lag lets through of a ripple, for steps of `step_s`.
+    pub(crate) fn lag(&self, step_s: f64) -> Filter<R> {
+        let lag_s = self.memory.map(|_| self.approach.map(|approach| -step_s / (-approach).ln_1p()));
+        Filter { lag_s: lag_s.unwrap_or(R::splat(0.0)), ..Filter::none() }
+    }
+
+    /// And what its answer does to that.
+    pub(crate) fn answer(&self, step_s: f64) -> Filter<R> {
+        Filter { period_s: self.natural.map(|natural| 1.0 / natural), damping: self.damping, ..self.lag(step_s) }
+    }
+
+    /// Moves on by a step in which the pressure was `mean`.
+    #[inline(always)]
+    pub(crate) fn follow(&self, mean: R, memory: &mut [R]) {
+        let mut seen = mean;
+        if let Some(reading) = self.memory.and_then(|m| memory.get_mut(m)) {
+            *reading = self.approach.mul_add(mean - *reading, *reading);
+            seen = *reading;
+        }
+        if let Some([reading, speed]) = self.response.and_then(|m| memory.get_mut(m..m + 2)) {
+            let (off, was) = (*reading - seen, *speed);
+            *reading = self.keeps.mul_add(off, self.turns.mul_add(was, seen));
+            *speed = self.damps.mul_add(was, -(self.turns * off));
+        }
+    }
+
+    /// Has it read `pressure` for ever.
+    pub(crate) fn settle(&self, pressure: R, memory: &mut [R]) {
+        if let Some(reading) = self.memory.and_then(|m| memory.get_mut(m)) {
+            *reading = pressure;
+        }
+        if let Some([reading, speed]) = self.response.and_then(|m| memory.get_mut(m..m + 2)) {
+            (*reading, *speed) = (pressure, R::splat(0.0));
+        }
+    }
+
+    /// The gauge pressure in kPa at which it reads so.
+    pub(crate) fn gauge_kpa(&self, reading: R, time_s: f64) -> R {
+        (reading - self.offset(time_s)) / self.gain
+    }
+}
