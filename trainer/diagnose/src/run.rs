@@ -25,7 +25,7 @@ use crate::locate::Missing;
 use crate::search::{Found, SearchSettings};
 use crate::switched;
 use crate::turning::answered;
-use crate::unknown::{UnknownTerm, fit_unknown};
+use crate::unknown::{UnknownTerm, fit_unknown, formula_for_reading};
 use crate::{page, summary, whereabouts};
 
 /// What is asked for.
@@ -134,12 +134,14 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     // What known physics leaves unexplained may be something that happened; then the rest is asked by itself.
     let unexplained = answer.judgement.excess_kpa[2].iter().any(|kpa| *kpa > UNKNOWN_KPA);
     let unnamed = answer.judgement.verdict == Verdict::UnknownMechanism;
-    let mut event = if unexplained && unnamed {
+    let (mut formula, mut event) = (None, None);
+    if unnamed {
         let searched = Bench::new(rig, &answer.reduced, &usable, whole.fast.fidelity(), request.threads);
-        event::find(&searched, &answer.found.best.trace)
-    } else {
-        None
-    };
+        formula = formula_for_reading(&searched, &answer.found.nominal)?;
+        if unexplained && !formula.as_ref().is_some_and(|formula| formula.suffices) {
+            event = event::find(&searched, &answer.found.best.trace);
+        }
+    }
     let (rest, rest_bench);
     let bench = match &event {
         Some(event) => {
@@ -152,12 +154,14 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
             rest = records;
             rest_bench = Bench::new(rig, &rest, &usable, whole.simulator.fidelity(), request.threads);
             answer = Answer::of(&rest_bench, &asked, &turning.point, progress)?;
+            // Fitted to what happened as well.
+            formula = None;
             &rest_bench
         }
         None => &whole,
     };
     let of = |rig: &Rig| figures(bench, rig, bench.close.fidelity(), !request.quick);
-    let Answer { given, reduced, mut found, missing, mut judgement, .. } = answer;
+    let Answer { given, reduced, mut found, mut missing, mut judgement, .. } = answer;
     let searched = Bench::new(rig, &reduced, bench.counted(), bench.fast.fidelity(), request.threads);
     progress("running before and after", 0.0);
     let removed_kpa = evidence(&searched, &found.best, &found.nominal).removed_kpa;
@@ -202,7 +206,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     turning.judged(&mut judgement);
     let mut unknown = if judgement.verdict == Verdict::UnknownMechanism {
         progress("shaping a term for what has no name", 0.0);
-        fit_unknown(&searched, &found.nominal, &missing, if request.quick { 2 } else { 4 })?
+        fit_unknown(&searched, &found.nominal, &missing, if request.quick { 2 } else { 4 }, formula)?
     } else {
         None
     };
@@ -220,6 +224,9 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
             ));
             unknown = None;
         }
+    }
+    if let Some(channel) = unknown.as_ref().and_then(|term| term.reading) {
+        missing.settle_on_reading(channel);
     }
     progress("planning", 0.0);
     let plan = if judgement.verdict == Verdict::Undecided {

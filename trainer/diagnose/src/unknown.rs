@@ -42,10 +42,41 @@ pub struct UnknownTerm {
     pub explanation: Explanation,
     /// What it depends on, in words.
     pub depends_on: String,
+    /// The channel whose reading it is about; `None` for a flow.
+    pub reading: Option<usize>,
+}
+
+/// A formula for a reading, and what it is worth.
+#[derive(Debug, Clone)]
+pub struct Formula {
+    term: UnknownTerm,
+    gain: f64,
+    /// Whether it takes more away than it leaves.
+    pub suffices: bool,
+}
+
+/// Fits a formula for the reading that gains most by one; `None` if that makes the rig no better on rows that choose.
+///
+/// # Errors
+/// The rig cannot be simulated with it.
+pub fn formula_for_reading(bench: &Bench<'_>, base: &Explanation) -> Result<Option<Formula>, DiagnoseError> {
+    let Some(term) = response::fit_response(bench, base)? else { return Ok(None) };
+    let noise = bench.sigma_kpa().iter().map(|s| s * s).sum::<f64>() / bench.noise.len().max(1) as f64;
+    let left = bench.squares(&term.explanation.trace, Role::Select) - noise;
+    Ok(gain(bench, base, &term).map(|gain| Formula { term, gain, suffices: left < gain }))
+}
+
+/// By how much a term lowers the mean squared error (kPa²) on rows that choose, if it does so and is likely as well:
+/// likelihood alone forgives what is slow and large.
+fn gain(bench: &Bench<'_>, base: &Explanation, term: &UnknownTerm) -> Option<f64> {
+    let found = evidence(bench, &term.explanation, base);
+    let gain = bench.squares(&base.trace, Role::Select) - bench.squares(&term.explanation.trace, Role::Select);
+    (found.chosen > 0.0 && gain > 0.0).then_some(gain)
 }
 
 /// Fits a term for what `base` leaves out; `None` if none makes the rig better on rows that choose, both by what is likely
-/// and by what the free run is off. `fitted` is how many sets of variables, the most promising first, are fitted in free runs.
+/// and by what the free run is off. `fitted` is how many sets of variables, the most promising first, are fitted in free runs;
+/// a `formula` that suffices is better than a table that might take away more.
 ///
 /// # Errors
 /// A fit failed for another reason than the term.
@@ -54,24 +85,12 @@ pub fn fit_unknown(
     base: &Explanation,
     missing: &Missing,
     fitted: usize,
+    formula: Option<Formula>,
 ) -> Result<Option<UnknownTerm>, DiagnoseError> {
-    let holds = |term: &UnknownTerm| {
-        let found = evidence(bench, &term.explanation, base);
-        // Likelihood alone forgives what is slow and large.
-        let gain = bench.squares(&base.trace, Role::Select) - bench.squares(&term.explanation.trace, Role::Select);
-        (found.chosen > 0.0 && gain > 0.0).then_some(gain)
+    let mut best = match formula {
+        Some(formula) if formula.suffices => return Ok(Some(formula.term)),
+        other => other.map(|formula| (formula.gain, formula.term)),
     };
-    let mut best: Option<(f64, UnknownTerm)> = None;
-    if let Ok(Some(term)) = response::fit_response(bench, base)
-        && let Some(gain) = holds(&term)
-    {
-        let noise = bench.sigma_kpa().iter().map(|s| s * s).sum::<f64>() / bench.noise.len().max(1) as f64;
-        // A formula that leaves less than it takes away is better than a table that might take away more.
-        if bench.squares(&term.explanation.trace, Role::Select) - noise < gain {
-            return Ok(Some(term));
-        }
-        best = Some((gain, term));
-    }
     let mut designs = Vec::new();
     for (channel, volume) in channels(bench) {
         for axes in variables(&base.fitted.rig, &volume) {
@@ -85,8 +104,8 @@ pub fn fit_unknown(
     designs.sort_by(|a, b| b.explained.total_cmp(&a.explained));
     for design in designs.iter().take(fitted) {
         let Ok(explanation) = fit_design(bench, base, design, missing) else { continue };
-        let term = UnknownTerm { explanation, depends_on: words(design) };
-        if let Some(gain) = holds(&term)
+        let term = UnknownTerm { explanation, depends_on: words(design), reading: None };
+        if let Some(gain) = gain(bench, base, &term)
             && best.as_ref().is_none_or(|(most, _)| gain > *most)
         {
             best = Some((gain, term));

@@ -83,6 +83,19 @@ pub struct Missing {
     pub all_flows_gain: f64,
 }
 
+impl Missing {
+    /// Puts the reading of a channel before all others, and leaves out what else would explain that channel: a formula for the
+    /// reading has settled it.
+    pub fn settle_on_reading(&mut self, channel: usize) {
+        self.suspicions.retain(|suspicion| match suspicion.suspect {
+            Suspect::Balance { channel: other } => other != channel,
+            Suspect::Transfer { from, to } => from != channel && to != channel,
+            Suspect::Reading { .. } => true,
+        });
+        self.suspicions.sort_by_key(|suspicion| suspicion.suspect != Suspect::Reading { channel });
+    }
+}
+
 /// The residual of one recording, ready for the smoother.
 struct Prepared {
     residual: Vec<f64>,

@@ -30,6 +30,7 @@ const KNOWN: f64 = 1.5;
 
 /// Where a reading's answer fits best at a first look.
 struct Look {
+    channel: usize,
     sensor: String,
     response: ResidualResponse,
     /// Share of the reading's mean squared mismatch that goes.
@@ -83,7 +84,7 @@ pub(super) fn fit_response(bench: &Bench<'_>, base: &Explanation) -> Result<Opti
         told(1),
         told(2)
     );
-    Ok(Some(UnknownTerm { explanation, depends_on }))
+    Ok(Some(UnknownTerm { explanation, depends_on, reading: Some(best.channel) }))
 }
 
 /// The frequency and damping at which what `base` simulates comes nearest to one reading.
@@ -134,7 +135,8 @@ fn look(bench: &Bench<'_>, base: &Explanation, channel: usize) -> Option<Look> {
             let share = (along / size).clamp(-SHARE, SHARE);
             let goes = (2.0 * share * along - share * share * size) / missing;
             if goes.is_finite() && best.as_ref().is_none_or(|best| goes > best.goes) {
-                best = Some(Look { sensor: sensor.clone(), response: ResidualResponse { share, ..whole }, goes });
+                let response = ResidualResponse { share, ..whole };
+                best = Some(Look { channel, sensor: sensor.clone(), response, goes });
             }
         }
     }
@@ -171,8 +173,8 @@ mod tests {
             let sine: Vec<f64> =
                 (0..4000).map(|k| (std::f64::consts::TAU * hz * PERIOD_S * f64::from(k)).sin()).collect();
             let largest = answered(&response, &sine).iter().skip(2000).fold(0.0_f64, |most, y| most.max(y.abs()));
-            // Means of neighbouring rows are 0.3 % smaller than a sine of 2 Hz.
-            assert!((largest / gain - 1.0).abs() < 0.01, "{hz} Hz: {largest}");
+            // Means of neighbouring rows are 0.8 % smaller than a sine of 2 Hz, and held for a row each.
+            assert!((largest / gain - 1.0).abs() < 0.015, "{hz} Hz: {largest}");
         }
     }
 }
