@@ -137,7 +137,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     let (mut formula, mut event) = (None, None);
     if unnamed {
         let searched = Bench::new(rig, &answer.reduced, &usable, whole.fast.fidelity(), request.threads);
-        formula = formula_for_reading(&searched, &answer.found.nominal)?;
+        formula = formula_for_reading(&searched, &answer.found.nominal);
         if unexplained && !formula.as_ref().is_some_and(|formula| formula.suffices) {
             event = event::find(&searched, &answer.found.best.trace);
         }
@@ -154,8 +154,6 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
             rest = records;
             rest_bench = Bench::new(rig, &rest, &usable, whole.simulator.fidelity(), request.threads);
             answer = Answer::of(&rest_bench, &asked, &turning.point, progress)?;
-            // Fitted to what happened as well.
-            formula = None;
             &rest_bench
         }
         None => &whole,
@@ -206,6 +204,10 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     turning.judged(&mut judgement);
     let mut unknown = if judgement.verdict == Verdict::UnknownMechanism {
         progress("shaping a term for what has no name", 0.0);
+        if event.is_some() {
+            // That one was fitted to what happened as well.
+            formula = formula_for_reading(&searched, &found.nominal);
+        }
         fit_unknown(&searched, &found.nominal, &missing, if request.quick { 2 } else { 4 }, formula)?
     } else {
         None

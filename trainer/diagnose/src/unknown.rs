@@ -56,14 +56,11 @@ pub struct Formula {
 }
 
 /// Fits a formula for the reading that gains most by one; `None` if that makes the rig no better on rows that choose.
-///
-/// # Errors
-/// The rig cannot be simulated with it.
-pub fn formula_for_reading(bench: &Bench<'_>, base: &Explanation) -> Result<Option<Formula>, DiagnoseError> {
-    let Some(term) = response::fit_response(bench, base)? else { return Ok(None) };
+pub fn formula_for_reading(bench: &Bench<'_>, base: &Explanation) -> Option<Formula> {
+    let term = response::fit_response(bench, base)?;
     let noise = bench.sigma_kpa().iter().map(|s| s * s).sum::<f64>() / bench.noise.len().max(1) as f64;
     let left = bench.squares(&term.explanation.trace, Role::Select) - noise;
-    Ok(gain(bench, base, &term).map(|gain| Formula { term, gain, suffices: left < gain }))
+    gain(bench, base, &term).map(|gain| Formula { term, gain, suffices: left < gain })
 }
 
 /// By how much a term lowers the mean squared error (kPa²) on rows that choose, if it does so and is likely as well:

@@ -12,7 +12,6 @@ use proto::recording::PERIOD_S;
 
 use super::UnknownTerm;
 use crate::bench::{Bench, Effort, Explanation};
-use crate::error::DiagnoseError;
 use crate::words::three;
 
 /// Frequencies that are looked at, in Hz: each 1.25 times the one before. Beyond the last the rows, 20 ms apart, show
@@ -37,15 +36,11 @@ struct Look {
     goes: f64,
 }
 
-/// Fits an answer of the reading that gains most by one; `None` where none does.
-///
-/// # Errors
-/// The rig cannot be simulated with it.
-pub(super) fn fit_response(bench: &Bench<'_>, base: &Explanation) -> Result<Option<UnknownTerm>, DiagnoseError> {
+/// Fits an answer of the reading that gains most by one; `None` where none does, or the rig takes no further one (a sensor has
+/// one at most).
+pub(super) fn fit_response(bench: &Bench<'_>, base: &Explanation) -> Option<UnknownTerm> {
     let looks = (0..bench.records.layout().channels()).filter_map(|channel| look(bench, base, channel));
-    let Some(best) = looks.max_by(|a, b| a.goes.total_cmp(&b.goes)).filter(|best| best.goes > WORTH) else {
-        return Ok(None);
-    };
+    let best = looks.max_by(|a, b| a.goes.total_cmp(&b.goes)).filter(|best| best.goes > WORTH)?;
     let mut rig = base.fitted.rig.clone();
     let at = rig.mechanisms.len();
     let known = base.set.len();
@@ -65,10 +60,10 @@ pub(super) fn fit_response(bench: &Bench<'_>, base: &Explanation) -> Result<Opti
         bounds,
     });
     let free = base.set.parameters().iter().cloned().chain(own).collect();
-    let set = ParameterSet::new(&rig, free).map_err(DiagnoseError::rig(&rig))?;
+    let set = ParameterSet::new(&rig, free).ok()?;
     let mut start = base.fitted.point.clone();
     start.resize(set.len(), 0.0);
-    let explanation = bench.fit_set(&base.terms, set, &[start], Effort::Polish)?;
+    let explanation = bench.fit_set(&base.terms, set, &[start], Effort::Polish).ok()?;
     let told = |index: usize| {
         explanation.fitted.estimates.get(known + index).map_or_else(String::new, |estimate| {
             let [low, high] = estimate.interval();
@@ -84,7 +79,7 @@ pub(super) fn fit_response(bench: &Bench<'_>, base: &Explanation) -> Result<Opti
         told(1),
         told(2)
     );
-    Ok(Some(UnknownTerm { explanation, depends_on, reading: Some(best.channel) }))
+    Some(UnknownTerm { explanation, depends_on, reading: Some(best.channel) })
 }
 
 /// The frequency and damping at which what `base` simulates comes nearest to one reading.
