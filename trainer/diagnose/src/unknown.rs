@@ -4,7 +4,7 @@
 //! variables, with and without memory; the variables that explain most of it, block by block on rows that were left
 //! out, make the axes. The table is then fitted in free runs like any other mechanism (`residual_flow`), so that the
 //! rig file simulates with it everywhere. It says where, how much, and on what it depends; it does not say what it is.
-//! Where a reading is off while its chamber behaves, a formula is tried first: an answer of second order ([`response`]).
+//! Where a reading is off while its chamber behaves, a formula is tried first: an answer of second order (`unknown/response.rs`).
 
 use fit::data::Role;
 use fit::parameters::{Knowledge, Parameter, ParameterSet, Transform};
