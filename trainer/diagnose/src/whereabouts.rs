@@ -77,7 +77,13 @@ fn lasting(findings: &Findings<'_, '_>) -> Vec<Location> {
         }
         return shared_out(all);
     }
-    for suspicion in findings.missing.suspicions.iter().filter(|s| s.gain > 0.3 * strongest && s.gain > 10.0).take(2) {
+    // A formula for a reading leaves nothing of its channel to another suspect.
+    let settled = findings.unknown.and_then(|term| term.reading);
+    let open = |suspect: &Suspect| {
+        settled.is_none_or(|channel| *suspect == Suspect::Reading { channel } || !suspect.concerns(channel))
+    };
+    let suspicions = findings.missing.suspicions.iter().filter(|s| open(&s.suspect));
+    for suspicion in suspicions.filter(|s| s.gain > 0.3 * strongest && s.gain > 10.0).take(2) {
         let (channels, component, enters) = match &suspicion.suspect {
             Suspect::Balance { channel } => (vec![*channel], volume_of(findings, *channel), "mass balance"),
             Suspect::Transfer { from, to } => {

@@ -83,15 +83,19 @@ pub struct Missing {
     pub all_flows_gain: f64,
 }
 
+impl Suspect {
+    /// Whether it is about this channel.
+    pub fn concerns(&self, channel: usize) -> bool {
+        match self {
+            Suspect::Balance { channel: own } | Suspect::Reading { channel: own } => *own == channel,
+            Suspect::Transfer { from, to } => *from == channel || *to == channel,
+        }
+    }
+}
+
 impl Missing {
-    /// Puts the reading of a channel before all others, and leaves out what else would explain that channel: a formula for the
-    /// reading has settled it.
+    /// Puts the reading of a channel before all others: a formula for it has settled where that channel's mismatch lies.
     pub fn settle_on_reading(&mut self, channel: usize) {
-        self.suspicions.retain(|suspicion| match suspicion.suspect {
-            Suspect::Balance { channel: other } => other != channel,
-            Suspect::Transfer { from, to } => from != channel && to != channel,
-            Suspect::Reading { .. } => true,
-        });
         self.suspicions.sort_by_key(|suspicion| suspicion.suspect != Suspect::Reading { channel });
     }
 }
