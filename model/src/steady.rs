@@ -56,7 +56,7 @@ impl Capacity {
         let (mut litres, mut compliance) = (volume.volume_l, volume.compliance_ml_per_kpa);
         for mechanism in rig.mechanisms.iter().filter(|m| m.enabled && m.component == name).map(|m| &m.mechanism) {
             match mechanism {
-                Mechanism::VolumeChange(m) => litres += m.extra_volume_l,
+                Mechanism::VolumeChange(m) if !m.is_later() => litres += m.extra_volume_l,
                 Mechanism::VolumeCompliance(m) => compliance += m.compliance_ml_per_kpa,
                 _ => {}
             }
@@ -282,7 +282,8 @@ fn without_valves(rig: &Rig) -> Rig {
         _ => false,
     };
     shut.mechanisms.retain(|m| {
-        let acts = m.mechanism.acts_when_settled() || matches!(m.mechanism, Mechanism::VolumeChange(_));
+        let acts =
+            m.mechanism.acts_when_settled() || matches!(&m.mechanism, Mechanism::VolumeChange(m) if !m.is_later());
         m.enabled && acts && !rig.valves.contains_key(&m.component) && !over_a_valve(&m.mechanism)
     });
     shut

@@ -23,7 +23,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Form, Mechanism, Physics, Place};
+use super::{Form, Mechanism, Physics, Place, is_zero};
 use crate::plant::{Samples, lanes_of};
 use crate::real::Real;
 use crate::rig::{Number, Rig, numbers};
@@ -45,10 +45,6 @@ pub struct CoilHeating {
     /// τ_w: time constant of that share in s.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub winding_time_constant_s: f64,
-}
-
-fn is_zero(number: &f64) -> bool {
-    *number == 0.0
 }
 
 numbers!(CoilHeating {

@@ -24,7 +24,7 @@ pub struct CommandDelay {
 
 numbers!(CommandDelay {
     // How many ticks it may span is checked beside the range: it is the rig's tick that counts.
-    delay_ms: Number::new("ms", 0.0, 1e5).plausible(0.5, 320.0).starts(&[10.0, 20.0, 40.0, 80.0, 180.0]),
+    delay_ms: Number::new("ms", 0.0, 1e5).plausible(0.5, 320.0).starts(&[10.0, 20.0, 40.0, 80.0, 180.0, 280.0]),
 });
 
 impl Physics for CommandDelay {
@@ -44,7 +44,7 @@ impl Physics for CommandDelay {
         vec![form.ranging(
             0,
             [0.0, LONGEST_TICKS as f64 * tick],
-            [0.5, 1.0, 2.0, 4.0, 9.0].map(|ticks| ticks * tick).to_vec(),
+            [0.5, 1.0, 2.0, 4.0, 9.0, 14.0].map(|ticks| ticks * tick).to_vec(),
         )]
     }
 }

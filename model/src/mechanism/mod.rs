@@ -90,6 +90,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::rig::{Attached, Number, Numbers, Rig, RigError, WHOLE_RIG};
 
+/// Whether a number is at the value that a rig file leaves out.
+fn is_zero(number: &f64) -> bool {
+    *number == 0.0
+}
+
 /// What a mechanism can be attached to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {

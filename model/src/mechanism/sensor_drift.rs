@@ -27,8 +27,8 @@ pub struct SensorDrift {
 
 numbers!(SensorDrift {
     rate_kpa_per_min: Number::new("kPa/min", -1000.0, 1000.0)
-        .plausible(-3.0, 3.0)
-        .starts(&[0.1, -0.1, 0.4, -0.4, 1.5, -1.5]),
+        .plausible(-20.0, 20.0)
+        .starts(&[0.1, -0.1, 0.4, -0.4, 1.5, -1.5, 5.0, -5.0]),
     time_constant_s: Number::new("s", 0.0, 1e6).plausible(5.0, 3600.0).starts(&[60.0, 20.0, 300.0]).optional(),
 });
 

@@ -22,7 +22,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Form, Mechanism, Physics, Place};
+use super::{Form, Mechanism, Physics, Place, is_zero};
 use crate::plant::{Samples, lanes_of};
 use crate::real::Real;
 use crate::rig::{Number, Rig, numbers};
@@ -37,10 +37,6 @@ pub struct ValveHysteresis {
     /// narrower than nothing). Left out or zero there is one play.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub spread_duty: f64,
-}
-
-fn is_zero(value: &f64) -> bool {
-    *value == 0.0
 }
 
 numbers!(ValveHysteresis {

@@ -172,6 +172,36 @@ impl<R: Real> Muscle<R> {
     }
 }
 
+record! {
+    /// A volume that a chamber gains (or loses) at some time (mechanism `volume_change`).
+    Joined { node: usize,
+        /// State that holds how much of it there is by now, in m³.
+        volume: usize,
+    } lanes {
+        /// All of it, in m³.
+        whole,
+        /// When it begins to, in s after the start.
+        begins_s,
+        /// Gas that comes with it, in kg/m³, and its temperature in K.
+        brings,
+        temperature,
+    }
+}
+
+/// How long a volume takes to join, in s: a cock that is turned, a hose that is plugged in.
+const JOINING_S: f64 = 0.5;
+
+impl<R: Real> Joined<R> {
+    /// How much of it there is `time_s` after the start, in m³: from none to all as 3 s² − 2 s³ of the time it takes, so that
+    /// a fit sees a smooth function of when it begins.
+    #[inline(always)]
+    pub(crate) fn volume_at(&self, time_s: f64) -> R {
+        let gone = (R::splat(time_s) - self.begins_s) * R::splat(1.0 / JOINING_S);
+        let share = gone.limited(R::splat(0.0), R::splat(1.0));
+        self.whole * share * share * (R::splat(3.0) - share - share)
+    }
+}
+
 /// A piston pump as a table (see [`crate::averaged`]).
 #[derive(Debug, Clone)]
 pub(crate) struct AveragedPump<R> {

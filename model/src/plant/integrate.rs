@@ -66,6 +66,11 @@ fn prepare<R: Real>(plant: &Plant<R>, state: &mut State<R>, scratch: &mut Scratc
     for (feed, slot) in plant.feeds.iter().zip(&mut scratch.feeds) {
         *slot = scale(feed.command);
     }
+    for (joined, slot) in plant.joined.iter().zip(&mut scratch.joining) {
+        let tick_s = plant.tick_s();
+        let [now, then] = [state.ticks, state.ticks + 1].map(|ticks| joined.volume_at(ticks as f64 * tick_s));
+        *slot = (then - now) * R::splat(1.0 / tick_s);
+    }
 }
 
 /// Hands an averaged pump's ripple to its chambers when it stops, and takes it out again when it starts: while it runs

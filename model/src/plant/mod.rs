@@ -44,7 +44,7 @@ pub(crate) use elements::{Cylinder, Drive};
 pub(crate) use walls::WallTable;
 
 use elements::{
-    AveragedPump, Capillary, Compliant, Displacement, Feed, Given, Isothermal, Muscle, Parabolic, Passage, Sag,
+    AveragedPump, Capillary, Compliant, Displacement, Feed, Given, Isothermal, Joined, Muscle, Parabolic, Passage, Sag,
     ShapedVent, SpringCheck, Thermal, Vent,
 };
 use residual::Residual;
@@ -125,6 +125,7 @@ pub struct Plant<R> {
     parabolics: Vec<Parabolic<R>>,
     residuals: Vec<Residual<R>>,
     muscles: Vec<Muscle<R>>,
+    joined: Vec<Joined<R>>,
     averaged: Vec<AveragedPump<R>>,
     /// Whether duties are taken as their mean over a step: steps are long and duties may jump within them.
     mean_duties: bool,
@@ -188,18 +189,32 @@ impl<R: Real> Plant<R> {
         self.commands.iter().map(|p| if p.on_supply { sent(p) * factor } else { sent(p) }).collect()
     }
 
+    /// What of a chamber's volume has joined it by now, in m³.
+    #[inline(always)]
+    fn joined_to(&self, node: usize, x: &[R; NODES]) -> R {
+        let here = self.joined.iter().filter(|joined| joined.node == node);
+        here.fold(R::splat(0.0), |sum, joined| sum + x.get(joined.volume).copied().unwrap_or(sum))
+    }
+
+    /// States beside the pressures that stay as they are while something settles: temperatures, contractions, volumes.
+    fn slow_states(&self) -> impl Iterator<Item = usize> + '_ {
+        let temperatures = self.thermal.iter().map(|chamber| chamber.temperature);
+        let contractions = self.muscles.iter().map(|muscle| muscle.contraction);
+        temperatures.chain(contractions).chain(self.joined.iter().map(|joined| joined.volume))
+    }
+
     /// How far a kilogram of gas at `temperature` K moves the pressure of a node, in Pa/kg; 0 where it is given.
     fn pa_per_kg(&self, node: usize, x: &[R; NODES], temperature: R) -> R {
         let p = x.get(node).copied().unwrap_or(self.atmosphere_pa);
         if let Some(chamber) = self.isothermal.iter().find(|c| c.node == node) {
             chamber.pressure_per_mass
         } else if let Some(chamber) = self.compliant.iter().find(|c| c.node == node) {
-            let volume = chamber.compliance.mul_add(p, chamber.volume_at_vacuum);
+            let volume = chamber.compliance.mul_add(p, chamber.volume_at_vacuum) + self.joined_to(node, x);
             chamber.rt / chamber.compliance.mul_add(p, volume)
         } else if let Some(chamber) = self.thermal.iter().find(|c| c.node == node) {
             // Too fast for the wall.
             let kappa = self.heat_capacity_ratio;
-            let volume = chamber.compliance.mul_add(p, chamber.volume_at_vacuum);
+            let volume = chamber.compliance.mul_add(p, chamber.volume_at_vacuum) + self.joined_to(node, x);
             kappa * self.gas_constant * temperature / (kappa * chamber.compliance).mul_add(p, volume)
         } else {
             R::splat(0.0)
@@ -247,6 +262,8 @@ pub struct Scratch<R> {
     running: Vec<R>,
     displacements: Vec<R>,
     feeds: Vec<R>,
+    /// How fast volumes join, in m³/s.
+    joining: Vec<R>,
 }
 
 impl<R: Real> Scratch<R> {
@@ -259,6 +276,7 @@ impl<R: Real> Scratch<R> {
             running: vec![zero; plant.drives.len()],
             displacements: vec![zero; plant.displacements.len()],
             feeds: vec![zero; plant.feeds.len()],
+            joining: vec![zero; plant.joined.len()],
         }
     }
 

@@ -301,6 +301,12 @@ pub(crate) fn rates<R: Real, const STATES: usize, const NODES: usize, const EXTE
         balance.feed::<EXTENDED>(feed.down, flow, feed.temperature, temperature);
     }
 
+    if EXTENDED {
+        for (joined, rate) in plant.joined.iter().zip(&scratch.joining) {
+            balance.feed::<EXTENDED>(joined.node, joined.brings * *rate, joined.temperature, temperature);
+        }
+    }
+
     // Rigid isothermal chambers and cylinders are one formula; the others are overwritten below.
     let walls: &[Wall<R>; STATES] = scratch.walls(k);
     let mut dx = [zero; STATES];
@@ -325,6 +331,14 @@ pub(crate) fn rates<R: Real, const STATES: usize, const NODES: usize, const EXTE
             swept[gains] += rate;
             displaced[loses] = displaced[loses] - volume;
             swept[loses] = swept[loses] - rate;
+        }
+    }
+    if EXTENDED {
+        for (joined, rate) in plant.joined.iter().zip(&scratch.joining) {
+            let node = joined.node % NODES;
+            dx[joined.volume % STATES] = *rate;
+            displaced[node] += x[joined.volume % NODES];
+            swept[node] += *rate;
         }
     }
     for chamber in &plant.compliant {

@@ -218,21 +218,24 @@ impl<R: Simulated> Simulation<R> {
     /// A chamber without a sensor starts at the reading of the nearest one that lines join it to; at atmospheric pressure
     /// where there is none.
     pub fn start_from(&mut self, readings_kpa: &[R], inputs: &[R], start: FreeRunStart) {
-        self.start_at(readings_kpa, inputs, start, R::splat(0.0));
+        self.start_at(readings_kpa, inputs, start, R::splat(0.0), 0.0);
     }
 
-    /// The same with all cranks `crank_rev` revolutions further on.
-    pub fn start_at(&mut self, readings_kpa: &[R], inputs: &[R], start: FreeRunStart, crank_rev: R) {
+    /// The same with all cranks `crank_rev` revolutions further on, `elapsed_s` after what drifts or changes by itself began
+    /// to: a recording's later part.
+    pub fn start_at(&mut self, readings_kpa: &[R], inputs: &[R], start: FreeRunStart, crank_rev: R, elapsed_s: f64) {
         let fresh = Simulation::on(Arc::clone(&self.plant), self.set);
         self.state = fresh.state;
+        self.state.ticks = (elapsed_s / self.plant.tick_s()).round().max(0.0) as u64;
+        let time_s = self.time_s();
         self.state.phase = [crank_rev.map(|rev| rev - rev.floor()); MOST_DRIVES];
         let plant = Arc::clone(&self.plant);
         for (sensor, reading) in plant.sensors.iter().zip(readings_kpa) {
-            self.set_pressure_pa(sensor.node, plant.atmosphere_pa + sensor.gauge_kpa(*reading, 0.0) * R::splat(1e3));
+            self.set_pressure_pa(sensor.node, plant.atmosphere_pa + sensor.gauge_kpa(*reading, time_s) * R::splat(1e3));
         }
         for (node, sensor) in &plant.like {
             if let (Some(sensor), Some(reading)) = (plant.sensors.get(*sensor), readings_kpa.get(*sensor)) {
-                let gauge_kpa = sensor.gauge_kpa(*reading, 0.0);
+                let gauge_kpa = sensor.gauge_kpa(*reading, time_s);
                 self.set_pressure_pa(*node, plant.atmosphere_pa + gauge_kpa * R::splat(1e3));
             }
         }
@@ -242,10 +245,15 @@ impl<R: Simulated> Simulation<R> {
             for (sensor, reading) in plant.sensors.iter().zip(readings_kpa) {
                 self.set_pressure_pa(
                     sensor.node,
-                    plant.atmosphere_pa + sensor.gauge_kpa(*reading, 0.0) * R::splat(1e3),
+                    plant.atmosphere_pa + sensor.gauge_kpa(*reading, time_s) * R::splat(1e3),
                 );
             }
             self.run_averaged(inputs);
+        }
+        for joined in &plant.joined {
+            if let Some(slot) = self.state.x.get_mut(joined.volume) {
+                *slot = joined.volume_at(time_s);
+            }
         }
         for muscle in &plant.muscles {
             let at = |node: usize| self.state.x.get(node).copied().unwrap_or(plant.atmosphere_pa);
@@ -282,8 +290,7 @@ impl<R: Simulated> Simulation<R> {
         // A revolution forgets about a third of its start (the outlet valve is tight), so thirty leave 1e-5 of it.
         for _ in 0..SETTLING_TICKS {
             self.tick(inputs);
-            let beside = plant.thermal.iter().map(|t| t.temperature).chain(plant.muscles.iter().map(|m| m.contraction));
-            for node in (0..plant.chambers).chain(beside) {
+            for node in (0..plant.chambers).chain(plant.slow_states()) {
                 if let (Some(slot), Some(value)) = (self.state.x.get_mut(node), held.x.get(node)) {
                     *slot = *value;
                 }
@@ -405,6 +412,11 @@ impl<R: Simulated> Simulation<R> {
     /// What a rig at rest has in coils, muscles and averaged pumps.
     fn rest(&mut self) {
         let plant = Arc::clone(&self.plant);
+        for joined in &plant.joined {
+            if let Some(slot) = self.state.x.get_mut(joined.volume) {
+                *slot = R::splat(0.0);
+            }
+        }
         for muscle in &plant.muscles {
             if let Some(slot) = self.state.x.get_mut(muscle.contraction) {
                 *slot = muscle.at_rest(plant.atmosphere_pa, plant.atmosphere_pa);

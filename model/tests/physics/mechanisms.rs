@@ -11,7 +11,7 @@ use crate::small_rigs::{
 };
 
 /// Each with numbers that show, for the paper's rig.
-pub(crate) const ALL: [(&str, &str, &str); 29] = [
+pub(crate) const ALL: [(&str, &str, &str); 30] = [
     ("valve_hysteresis", "valve_pos", "half_width_duty = 0.03\nspread_duty = 0.01"),
     ("valve_stiction", "valve_neg", "band_duty = 0.05\nshort_of_it = 0.2"),
     ("valve_stiction", "valve_pos", "band_duty = 0.05\nshort_of_it = 0.2\nrubs = \"flapper\""),
@@ -27,6 +27,7 @@ pub(crate) const ALL: [(&str, &str, &str); 29] = [
     ("chamber_thermal", "positive", "wall_conductance_w_per_k = 1.0"),
     ("volume_compliance", "negative", "compliance_ml_per_kpa = 0.5"),
     ("volume_change", "positive", "extra_volume_l = 0.05"),
+    ("volume_change", "negative", "extra_volume_l = 0.05\nbegins_s = 0.5"),
     ("line_resistance", "valve_pos", "area_mm2 = 2.0"),
     ("line_resistance", "pump", "port = \"outlet\"\narea_mm2 = 3.0"),
     ("exhaust_restriction", "valve_neg", "area_mm2 = 2.0"),

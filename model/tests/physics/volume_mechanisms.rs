@@ -61,6 +61,52 @@ fn extra_volume_is_volume() {
 }
 
 #[test]
+fn a_volume_that_joins_later_keeps_the_gas_and_adds_its_own() {
+    for (extra, brings, parts) in [(0.25, 0.0, 0.0), (0.25, 150e3, 150e3 * 0.25), (-0.15, 0.0, 0.0)] {
+        let number = format!("extra_volume_l = {extra:?}\nbegins_s = 0.33\nbrings_kpa_abs = {:?}", 1e-3 * brings);
+        // With an energy balance as well, whose walls take up all heat at once.
+        let walls = mechanism("chamber_thermal", "tank", "wall_conductance_w_per_k = 1000.0");
+        for walls in ["", &walls] {
+            let joins = mechanism("volume_change", "tank", &number);
+            let mut simulation = simulation(&rig(&(chamber("tank", 0.75) + &joins + walls)));
+            simulation.set_pressure_pa(0, 300e3);
+            for tick in 1..=100 {
+                simulation.tick(&[]);
+                let p = simulation.pressure_pa(0);
+                // Nothing before, Boyle's law after; half a second is what it takes.
+                let exact = (300e3 * 0.75 + parts) / (0.75 + extra);
+                match tick {
+                    ..=16 => assert!((p - 300e3).abs() < 1e-6, "tick {tick}: {p}"),
+                    42.. => assert!((p / exact - 1.0).abs() < 1e-4, "tick {tick}: {p} against {exact}"),
+                    _ => {}
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_run_that_begins_later_has_what_has_joined_and_drifted_by_then() {
+    let all = mechanism("volume_change", "positive", "extra_volume_l = 0.2\nbegins_s = 5.0")
+        + &mechanism("sensor_drift", "sensor_pos", "rate_kpa_per_min = 6.0");
+    let mut later = simulation(&paper_with(&all));
+    let duties = [0.7, 0.8, 1.0];
+    later.start_at(&[50.0, -40.0], &duties, model::plant::FreeRunStart::Running, 0.0, 20.0);
+    assert!((later.reading_kpa(0) - 50.0).abs() < 1e-9, "it reads what it is said to");
+    assert!((later.pressure_kpa(0) - 48.0).abs() < 1e-9, "after two kPa of drift: {}", later.pressure_kpa(0));
+    let stated = mechanism("volume_change", "positive", "extra_volume_l = 0.2");
+    let mut larger = simulation(&paper_with(&stated));
+    larger.start_at(&[48.0, -40.0], &duties, model::plant::FreeRunStart::Running, 0.0, 0.0);
+    for tick in 0..100 {
+        later.tick(&duties);
+        larger.tick(&duties);
+        let off = later.pressure_kpa(0) - larger.pressure_kpa(0);
+        // The same physics; cylinders settle against chambers of the same pressure.
+        assert!(off.abs() < 1e-6, "tick {tick}: {off} kPa");
+    }
+}
+
+#[test]
 fn what_leaks_across_leaves_one_and_enters_the_other() {
     let k = 4e-15;
     let leak = mechanism("cross_leak", "one", &format!("to = \"two\"\nconductance_kg_per_s_pa2 = {k:?}"));

@@ -6,8 +6,8 @@ use crate::orifice::FlowFunction;
 use crate::plant::Plant;
 use crate::plant::command::CommandPath;
 use crate::plant::elements::{
-    AveragedPump, Capillary, Compliant, Cylinder, Displacement, Drive, Feed, Given, Isothermal, Muscle, Parabolic,
-    Passage, Sag, ShapedVent, SpringCheck, Thermal, Vent, lanes_of,
+    AveragedPump, Capillary, Compliant, Cylinder, Displacement, Drive, Feed, Given, Isothermal, Joined, Muscle,
+    Parabolic, Passage, Sag, ShapedVent, SpringCheck, Thermal, Vent, lanes_of,
 };
 use crate::plant::residual::Residual;
 use crate::plant::sensor::SensorPath;
@@ -118,6 +118,7 @@ impl<R: Real> Plant<R> {
             parabolics: records!(parabolics, Parabolic::side_by_side),
             residuals: records!(residuals, Residual::side_by_side),
             muscles: records!(muscles, Muscle::side_by_side),
+            joined: records!(joined, Joined::side_by_side),
             averaged: records!(averaged, AveragedPump::side_by_side),
             mean_duties: first.mean_duties,
             sags: records!(sags, Sag::side_by_side),

@@ -1,9 +1,9 @@
 //! Chambers, what hangs on them, and tabled flows into them.
 
-use super::{Assembly, LITRE, MM2, MS, mechanisms_on};
+use super::{Assembly, KPA, LITRE, MM2, MS, mechanisms_on};
 use crate::mechanism::{self, Mechanism};
 use crate::plant::MOST_RESIDUALS;
-use crate::plant::elements::{Capillary, Compliant, Isothermal, Muscle, Thermal};
+use crate::plant::elements::{Capillary, Compliant, Isothermal, Joined, Muscle, Thermal};
 use crate::plant::residual::{Probe, Residual, Target, Variable};
 use crate::rig::{Rig, RigError, Volume};
 
@@ -66,11 +66,35 @@ impl Assembly<'_> {
                     compliance_ml_per_kpa += m.compliance_ml_per_kpa;
                     moves = true;
                 }
+                Mechanism::VolumeChange(m) if m.is_later() => moves = true,
                 Mechanism::VolumeChange(m) => volume_l += m.extra_volume_l,
                 _ => {}
             }
         }
         Size { volume: volume_l * LITRE, compliance: compliance_ml_per_kpa * 1e-9, moves, wall_conductance }
+    }
+
+    pub(super) fn joined(&mut self) {
+        if self.held {
+            return;
+        }
+        for attached in self.rig.mechanisms.iter().filter(|m| m.enabled) {
+            let Mechanism::VolumeChange(m) = &attached.mechanism else { continue };
+            if !m.is_later() {
+                continue;
+            }
+            let volume = self.plant.states;
+            self.plant.states += 1;
+            let temperature = self.rig.atmosphere.temperature_k;
+            self.plant.joined.push(Joined {
+                node: self.node(&attached.component),
+                volume,
+                whole: m.extra_volume_l * LITRE,
+                begins_s: m.begins_s,
+                brings: m.brings_kpa_abs * KPA / (self.plant.gas_constant * temperature),
+                temperature,
+            });
+        }
     }
 
     pub(super) fn muscles(&mut self) {

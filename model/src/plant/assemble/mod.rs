@@ -78,7 +78,11 @@ impl<'a> Assembly<'a> {
             Pump::Flow(_) => 0,
         });
         let enabled = || rig.mechanisms.iter().filter(|m| m.enabled).map(|m| &m.mechanism);
-        let own_state = |m: &&Mechanism| matches!(m, Mechanism::ChamberThermal(_) | Mechanism::ActuatorLoad(_));
+        let own_state = |m: &&Mechanism| match m {
+            Mechanism::ChamberThermal(_) | Mechanism::ActuatorLoad(_) => true,
+            Mechanism::VolumeChange(m) => m.is_later(),
+            _ => false,
+        };
         let states = rig.volumes.len() + cylinders.sum::<usize>() + enabled().filter(own_state).count();
         let extended = (averaged && has_pistons) || enabled().any(extends_the_balances);
         if states > MOST_STATES {
@@ -114,6 +118,7 @@ impl<'a> Assembly<'a> {
             parabolics: Vec::new(),
             residuals: Vec::new(),
             muscles: Vec::new(),
+            joined: Vec::new(),
             averaged: Vec::new(),
             mean_duties: averaged && extended,
             sags: Vec::new(),
@@ -143,6 +148,7 @@ impl<'a> Assembly<'a> {
         self.feeds()?;
         self.chambers()?;
         self.muscles();
+        self.joined();
         self.residuals()?;
         self.sensors()?;
         if self.memory > MEMORY {
@@ -208,6 +214,7 @@ fn extends_the_balances(mechanism: &Mechanism) -> bool {
         | Mechanism::ExhaustRestriction(_)
         | Mechanism::ActuatorLoad(_)
         | Mechanism::ResidualFlow(_) => true,
+        Mechanism::VolumeChange(m) => m.is_later(),
         Mechanism::ValveStiction(m) => m.rubs == Rubs::Flapper,
         // On a pump it is a smaller check valve.
         Mechanism::LineResistance(m) => m.port.is_none(),

@@ -55,8 +55,7 @@ impl<R: Simulated> Simulation<R> {
                 let stiffness = (kappa * chamber.compliance).mul_add(p0, volume(p0));
                 *heat += (stiffness * (p - p0) + cooled) / (kappa * plant.gas_constant);
             }
-            let beside = plant.thermal.iter().map(|t| t.temperature).chain(plant.muscles.iter().map(|m| m.contraction));
-            for node in (0..plant.chambers).chain(beside) {
+            for node in (0..plant.chambers).chain(plant.slow_states()) {
                 if let (Some(slot), Some(value)) = (self.state.x.get_mut(node), held.x.get(node)) {
                     *slot = *value;
                 }

@@ -16,6 +16,8 @@ pub struct Record {
     pub source: String,
     /// Time of each row in s.
     pub time_s: Vec<f64>,
+    /// Time at which the file begins in s, of which this may be a part.
+    pub begun_s: f64,
     /// Commands by input of the rig, then by row.
     pub inputs: Vec<Vec<f64>>,
     /// Runs of rows without a gap; in order, never empty, together all rows.
@@ -33,6 +35,13 @@ pub struct Records {
     records: Vec<Record>,
     layout: Layout,
     readings_kpa: Vec<f64>,
+}
+
+impl Record {
+    /// Seconds from the file's beginning to a row.
+    pub fn elapsed_s(&self, row: usize) -> f64 {
+        self.time_s.get(row).map_or(0.0, |time_s| time_s - self.begun_s)
+    }
 }
 
 impl Records {
@@ -60,6 +69,7 @@ impl Records {
             records.push(Record {
                 source: recording.source().to_owned(),
                 time_s: recording.time_s().to_vec(),
+                begun_s: recording.time_s().first().copied().unwrap_or(0.0),
                 inputs,
                 segments: recording.segments().to_vec(),
                 crank_rev: 0.0,
@@ -123,6 +133,7 @@ impl Records {
             .map(|(whole, _, rows)| Record {
                 source: whole.source.clone(),
                 time_s: cut(&whole.time_s, rows),
+                begun_s: whole.begun_s,
                 inputs: whole.inputs.iter().map(|input| cut(input, rows)).collect(),
                 segments: whole
                     .segments

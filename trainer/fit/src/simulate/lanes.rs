@@ -46,7 +46,7 @@ pub(super) fn sweep<'a, R: Simulated>(
             // Asked of the recorded pressures, not of the shifted ones: all runs must start alike.
             let recorded: Vec<R> = arc.start_kpa.iter().map(|kpa| R::splat(*kpa)).collect();
             let how = simulation.start_for(&recorded);
-            simulation.start_at(&start, &commands, how, crank_rev);
+            simulation.start_at(&start, &commands, how, crank_rev, record.elapsed_s(arc.rows.start));
             for (index, unknown) in unknowns.iter().enumerate() {
                 if let Some(share) = share(number, arc, unknown) {
                     simulation.set_unknown(index, share);

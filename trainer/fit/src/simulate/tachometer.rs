@@ -284,7 +284,7 @@ pub(super) mod tests {
         let plant = Arc::new(Plant::<f64>::new(&rig).unwrap());
         let mut simulation = Simulation::new(plant);
         let duty = |k: usize| [0.70 + 0.02 * ((k / 150) % 3) as f64, 0.78 + 0.02 * ((k / 110) % 4) as f64, 1.0];
-        simulation.start_at(&[90.0, -65.0], &duty(0), FreeRunStart::Running, crank_rev);
+        simulation.start_at(&[90.0, -65.0], &duty(0), FreeRunStart::Running, crank_rev, 0.0);
         let mut columns: [Vec<f64>; 4] = std::array::from_fn(|_| Vec::with_capacity(rows));
         for k in 0..rows {
             for (column, value) in
