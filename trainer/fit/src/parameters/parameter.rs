@@ -42,6 +42,9 @@ pub struct Parameter {
     pub bounds: [f64; 2],
 }
 
+/// Share of a bound by which a value beyond it is rounding.
+const ROUNDING: f64 = 1e-9;
+
 impl Parameter {
     /// A positive parameter with a relative prior.
     pub fn log(path: impl Into<String>, mean: f64, sd: f64) -> Self {
@@ -88,10 +91,14 @@ impl Parameter {
 
     /// The value at a coordinate.
     pub fn value(&self, coordinate: f64) -> f64 {
-        match self.transform {
+        let value = match self.transform {
             Transform::Log => self.mean * (self.scale() * coordinate).exp(),
             Transform::Linear => self.mean + self.scale() * coordinate,
-        }
+        };
+        // A bound's coordinate leads back to the bound, not to the next number beyond, which a rig file refuses.
+        let [low, high] = self.bounds;
+        let limited = value.clamp(low, high);
+        if (value - limited).abs() <= ROUNDING * limited.abs() { limited } else { value }
     }
 
     /// The coordinate of a value.
@@ -160,6 +167,18 @@ mod tests {
                 // Cancellation of `value − mean` costs up to mean/sd roundings.
                 prop_assert!((parameter.coordinate(parameter.value(z)) - z).abs() < 1e-9);
                 prop_assert_eq!(parameter.value(0.0), mean);
+            }
+        }
+    }
+
+    #[test]
+    fn the_coordinate_of_a_bound_leads_back_to_it() {
+        for mean in [20.0, 33.0, 40.7, 80.0, 181.0] {
+            for parameter in [Parameter::log("a_ms", mean, 1.5), Parameter::linear("a_ms", mean, 1.5)] {
+                let parameter = Parameter { bounds: [0.3, 320.0], ..parameter };
+                for bound in [0.3, 320.0] {
+                    assert_eq!(parameter.value(parameter.coordinate(bound)), bound, "{parameter:?}");
+                }
             }
         }
     }
