@@ -63,7 +63,7 @@ struct JoinArgs {
 
 #[derive(Debug, Args)]
 struct TableArgs {
-    /// Folder of runs, each with its policy.bin
+    /// Folder of runs, each with its policy.bin, or its policy.onnx and settings.toml
     #[arg(long, value_name = "DIR")]
     runs: Option<PathBuf>,
     /// Rig to fly, name or file; may be given several times (dual_pressure, bench)
@@ -277,7 +277,7 @@ fn groups(folder: &Path, shown: &dyn Fn(Variant) -> bool) -> Result<(Groups, Vec
     let mut paths: Vec<PathBuf> = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {
         let path = entry.map_err(unreadable)?.path();
-        if path.join("policy.bin").is_file() {
+        if TrainedPolicy::is_in(&path) {
             paths.push(path);
         }
     }
@@ -285,7 +285,7 @@ fn groups(folder: &Path, shown: &dyn Fn(Variant) -> bool) -> Result<(Groups, Vec
     if paths.is_empty() {
         return Err(TrainingError::File {
             file: folder.display().to_string(),
-            problem: "holds no run with a policy.bin; train some first, or leave out --runs".into(),
+            problem: "holds no run with a policy.bin, or a policy.onnx and its settings.toml; train some first, or leave out --runs".into(),
         }
         .into());
     }

@@ -44,6 +44,26 @@ fn stopping_and_going_on_and_threads_change_no_bit() {
     }
 }
 
+/// A run that was published without its policy.bin (as those under docs/runs) is the policy that was trained, bit for bit.
+#[test]
+fn a_published_policy_is_the_one_that_was_trained() {
+    let folder = Folder::new("published");
+    let run = trained(&folder, "run", &["--threads", "1"]);
+    let (before, after) = (folder.path("before.onnx"), folder.path("after.onnx"));
+    sound(["export", &run, "--out", &before]);
+    std::fs::remove_file(Path::new(&run).join("policy.bin")).unwrap();
+    sound(["export", &run, "--out", &after]);
+    assert_eq!(std::fs::read(&before).unwrap(), std::fs::read(&after).unwrap());
+    let out = folder.path("table");
+    let flight = ["--rig", "dual_pressure", "--drawn", "0", "--seconds", "6", "--seeds", "1", "--without-limit"];
+    sound([&["evaluate", "ablation", "--runs", &folder.path(""), "--out", &out], flight.as_slice()].concat());
+    let settings = Path::new(&run).join("settings.toml");
+    let text = std::fs::read_to_string(&settings).unwrap();
+    std::fs::write(&settings, text.replace("\nseed = ", "\nseed = 7")).unwrap();
+    let line = refused(["export", &run, "--out", &after]);
+    assert!(line.contains("policy.onnx") && line.contains("seed") && line.contains("two runs"), "{line}");
+}
+
 #[test]
 fn an_interrupt_ends_the_episode_and_keeps_everything() {
     let folder = Folder::new("interrupt");

@@ -1,4 +1,4 @@
-//! Why a network is not exported: one line each, with the mend.
+//! Why a network is not exported, or not read back: one line each, with the mend.
 
 /// What is wrong with a network or with what is said about it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -123,5 +123,29 @@ pub enum ExportError {
     KeyTaken {
         /// The key.
         key: String,
+    },
+}
+
+/// Why a policy file is not read back.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ImportError {
+    /// The bytes are no ONNX file, or end too early.
+    #[error("is no ONNX file, or is damaged; fetch it again")]
+    Damaged,
+    /// ONNX that this crate did not write.
+    #[error("was not written by this trainer ({what}); the controller may fly it, the trainer cannot")]
+    Foreign {
+        /// What tells.
+        what: String,
+    },
+    /// A network that is unsound.
+    #[error("{0}")]
+    Network(ExportError),
+    /// Another answer than the file itself says that the network gives.
+    #[error("does not answer as its golden pair {pair} says: a number in it was changed; fetch the file again")]
+    Answers {
+        /// Number of the pair, from 0.
+        pair: usize,
     },
 }

@@ -15,18 +15,21 @@
 //! | [`network`] | features, dense layers, tanh: what is exported, and an independent forward pass |
 //! | [`card`] | what the file says about itself: contract, provenance, golden pairs |
 //! | `graph` | the network as ONNX operators |
+//! | `read` | the same back from a file that this crate wrote |
 //! | `protobuf` | the wire format, as far as ONNX needs it |
 //!
-//! Left out: reading ONNX (the `policy` crate does), other activations and graphs that branch.
+//! Left out: reading ONNX that others wrote (the `policy` crate does), other activations and graphs that branch.
 
 pub mod card;
 mod error;
 mod graph;
 pub mod network;
 mod protobuf;
+mod read;
 
 pub use card::{GoldenPair, Provenance};
-pub use error::ExportError;
+pub use error::{ExportError, ImportError};
 pub use graph::{INPUT, OUTPUT, to_onnx};
 pub use model::ports::{Port, Ports};
 pub use network::{Dense, FeatureTerm, OutputMap, PolicyGraph};
+pub use read::{Exported, from_onnx};

@@ -1,11 +1,15 @@
-//! Protocol buffers on the wire, as far as writing ONNX needs them.
+//! Protocol buffers on the wire, as far as ONNX needs them.
 //!
 //! A message is a row of fields, each a tag `(number << 3) | kind` and its value: kind 0 is a base-128 number, kind 2
 //! a length and that many bytes (text, raw data, or a message inside). Fields may stand in any order; a list is its
 //! field written again and again. (Protocol Buffers, "Encoding".)
 
+use crate::error::ImportError;
+
 const NUMBER: u64 = 0;
+const EIGHT_BYTES: u64 = 1;
 const BYTES: u64 = 2;
+const FOUR_BYTES: u64 = 5;
 
 /// A message under construction.
 #[derive(Debug, Default, Clone)]
@@ -57,6 +61,62 @@ impl Message {
     }
 }
 
+/// A field's value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Value<'b> {
+    /// An unsigned number, or an enumeration's value.
+    Number(u64),
+    /// Text, raw data, or a message.
+    Bytes(&'b [u8]),
+}
+
+/// The fields of a message, in order. Fields of the two fixed lengths, which ONNX files of this crate do not have, are
+/// passed over.
+pub(crate) struct Fields;
+
+impl Fields {
+    /// Reads them all.
+    ///
+    /// # Errors
+    /// [`ImportError::Damaged`]: the bytes end within a field, or are no message.
+    pub(crate) fn of(mut bytes: &[u8]) -> Result<Vec<(u64, Value<'_>)>, ImportError> {
+        let mut fields = Vec::new();
+        while !bytes.is_empty() {
+            let tag = varint(&mut bytes)?;
+            match tag & 7 {
+                NUMBER => fields.push((tag >> 3, Value::Number(varint(&mut bytes)?))),
+                BYTES => {
+                    let length = usize::try_from(varint(&mut bytes)?).map_err(|_| ImportError::Damaged)?;
+                    fields.push((tag >> 3, Value::Bytes(part(&mut bytes, length)?)));
+                }
+                EIGHT_BYTES => drop(part(&mut bytes, 8)?),
+                FOUR_BYTES => drop(part(&mut bytes, 4)?),
+                _ => return Err(ImportError::Damaged),
+            }
+        }
+        Ok(fields)
+    }
+}
+
+/// Takes the first `length` bytes off.
+fn part<'b>(bytes: &mut &'b [u8], length: usize) -> Result<&'b [u8], ImportError> {
+    let (first, rest) = bytes.split_at_checked(length).ok_or(ImportError::Damaged)?;
+    *bytes = rest;
+    Ok(first)
+}
+
+fn varint(bytes: &mut &[u8]) -> Result<u64, ImportError> {
+    let mut value = 0;
+    for shift in (0..64).step_by(7) {
+        let &[byte] = part(bytes, 1)? else { return Err(ImportError::Damaged) };
+        value |= u64::from(byte & 0x7f) << shift;
+        if byte < 0x80 {
+            return Ok(value);
+        }
+    }
+    Err(ImportError::Damaged)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -78,5 +138,8 @@ mod tests {
         assert_eq!(Message::default().number(16, 0).into_bytes(), [0x80, 0x01, 0x00]);
         let longest = Message::default().number(1, u64::MAX).into_bytes();
         assert_eq!((longest.len(), longest[10]), (11, 0x01));
+        assert_eq!(Fields::of(&longest).unwrap(), [(1, Value::Number(u64::MAX))]);
+        // An eleventh byte of a number is one too many.
+        assert_eq!(Fields::of(&[[0x08].as_slice(), &[0xff; 11]].concat()).unwrap_err(), ImportError::Damaged);
     }
 }

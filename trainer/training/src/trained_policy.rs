@@ -7,7 +7,7 @@
 use environment::fleet;
 use model::contract::{ACTION_LEN, AHEAD, CHANNELS, CORRECTION_LIMIT, Contract, GOALS_AHEAD, PAST};
 use model::rig::Rig;
-use onnx_file::{Dense, FeatureTerm, GoldenPair, OutputMap, PolicyGraph, Ports, Provenance};
+use onnx_file::{Dense, Exported, FeatureTerm, GoldenPair, OutputMap, PolicyGraph, Ports, Provenance};
 use sac::{Network, Workspace};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -17,6 +17,10 @@ use crate::checkpoint::part;
 use crate::settings::TrainingSettings;
 
 const MAGIC: &[u8; 8] = b"DPPOL001";
+/// In the folder of a run: the policy, the same as it is published, and the settings of its training.
+const POLICY: &str = "policy.bin";
+const PUBLISHED: &str = "policy.onnx";
+const SETTINGS: &str = "settings.toml";
 
 /// What a policy was trained on.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -78,16 +82,77 @@ impl TrainedPolicy {
         &self.network
     }
 
-    /// Reads a policy, by its file or by the folder of its run.
+    /// Whether a folder is that of a run with a policy to fly.
+    pub fn is_in(folder: &Path) -> bool {
+        let has = |name: &str| folder.join(name).is_file();
+        has(POLICY) || has(PUBLISHED) && has(SETTINGS)
+    }
+
+    /// Reads a policy, by its file or by the folder of its run; one that was published as `policy.onnx` with the
+    /// `settings.toml` of its training beside it flies in the same bits.
     ///
     /// # Errors
     /// Names the file and what is wrong with it.
     pub fn load(path: &Path) -> Result<Self, TrainingError> {
-        let path = if path.is_dir() { path.join("policy.bin") } else { path.to_owned() };
+        let path = match path.is_dir() {
+            true if !path.join(POLICY).is_file() && Self::is_in(path) => path.join(PUBLISHED),
+            true => path.join(POLICY),
+            false => path.to_owned(),
+        };
+        if path.extension().is_some_and(|extension| extension == "onnx") {
+            return Self::load_published(&path);
+        }
         let bytes = std::fs::read(&path).map_err(|error| {
             TrainingError::file(&path, &format!("cannot be read: {error}; give the folder of a run or its policy.bin"))
         })?;
         Self::from_bytes(&bytes).map_err(|problem| TrainingError::file(&path, &problem))
+    }
+
+    /// Reads a policy that was published, with the settings beside it.
+    fn load_published(path: &Path) -> Result<Self, TrainingError> {
+        let read = |file: &Path| {
+            std::fs::read(file).map_err(|error| TrainingError::file(file, &format!("cannot be read: {error}")))
+        };
+        let beside = path.with_file_name(SETTINGS);
+        let settings = String::from_utf8_lossy(&read(&beside)?).into_owned();
+        let settings = TrainingSettings::parse(&beside.display().to_string(), &settings)?;
+        let exported =
+            onnx_file::from_onnx(&read(path)?).map_err(|error| TrainingError::file(path, &error.to_string()))?;
+        Self::published(settings, &exported).map_err(|problem| TrainingError::file(path, &problem))
+    }
+
+    /// The policy of a file that was exported, and the settings that it was trained with.
+    fn published(settings: TrainingSettings, exported: &Exported) -> Result<Self, String> {
+        let told = |key: &str| {
+            exported.metadata.get(key).cloned().ok_or_else(|| format!("does not say its {key}; export it again"))
+        };
+        let trained = |key: &str, with: String| match told(key)? {
+            told if told == with => Ok(()),
+            told => Err(format!("has {key} {told}, the settings.toml beside it {with}; they are of two runs")),
+        };
+        trained("seed", settings.run.seed.to_string())?;
+        trained("variant", settings.policy.variant.name().into())?;
+        trained("preset", format!("contract {}", settings.policy.contract))?;
+        let steps =
+            told("steps")?.parse().map_err(|_| "does not say its steps in digits; export it again".to_owned())?;
+        let origin = Origin { rig: told("rig")?, rig_hash: told("rig_hash")? };
+        let feature = |f: &FeatureTerm| sac::Feature { plus: f.plus, minus: f.minus, offset: f.offset, scale: f.scale };
+        let layer = |l: &Dense| sac::Dense {
+            inputs: l.inputs,
+            outputs: l.outputs,
+            weights: l.weights.clone(),
+            bias: l.biases.clone(),
+        };
+        let graph = &exported.graph;
+        let features = sac::FeatureMap::new(graph.inputs, graph.features.iter().map(feature).collect());
+        let features = features.map_err(|error| error.to_string())?;
+        let network = Network { features, layers: graph.layers.iter().map(layer).collect(), log_std: None };
+        network.check().map_err(|error| error.to_string())?;
+        let policy = TrainedPolicy { settings, origin, steps, network };
+        match policy.graph() == *graph {
+            true => Ok(policy),
+            false => Err("maps its outputs otherwise than the settings.toml beside it; they are of two runs".into()),
+        }
     }
 
     /// Reads a policy's bytes.
