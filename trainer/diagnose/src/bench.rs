@@ -90,6 +90,9 @@ impl Explanation {
 /// The loss of all fits.
 pub const LOSS: Loss = Loss::Student { freedom: 5.0 };
 
+/// How far a fit moves an onset, in s: a row or two more than the steps in which onsets are looked for.
+const ONSET_REACH_S: f64 = 0.1;
+
 /// How thorough a fit is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effort {
@@ -207,7 +210,8 @@ impl<'r> Bench<'r> {
         self.set(&terms.iter().filter_map(|t| candidates.get(*t)).collect::<Vec<_>>())
     }
 
-    /// Fits an explanation from the best of some starts (coordinates of [`Bench::set`]).
+    /// Fits an explanation from the best of some starts (coordinates of [`Bench::set`]). What begins later stays within
+    /// a little of when it begins in the first of them: rows that are fitted need not show when.
     ///
     /// # Errors
     /// No start can be simulated.
@@ -218,7 +222,23 @@ impl<'r> Bench<'r> {
         starts: &[Vec<f64>],
         effort: Effort,
     ) -> Result<Explanation, DiagnoseError> {
-        self.fit_set(terms, self.set_of(candidates, terms)?, starts, effort)
+        let mut set = self.set_of(candidates, terms)?;
+        let mut at = self.nominal.len();
+        for candidate in terms.iter().filter_map(|term| candidates.get(*term)) {
+            let start = |onset: usize| starts.first().and_then(|start| start.get(at + onset));
+            if let Some((onset, start)) = candidate.onset().and_then(|onset| Some((onset, start(onset)?))) {
+                let mut free = set.parameters().to_vec();
+                if let Some(parameter) = free.get_mut(at + onset) {
+                    let [low, high] = parameter.bounds;
+                    let begins_s = parameter.value(*start);
+                    let near = [begins_s - ONSET_REACH_S, begins_s + ONSET_REACH_S];
+                    parameter.bounds = near.map(|time_s| time_s.clamp(low, high));
+                }
+                set = ParameterSet::new(set.rig(), free).map_err(DiagnoseError::rig(set.rig()))?;
+            }
+            at += candidate.len();
+        }
+        self.fit_set(terms, set, starts, effort)
     }
 
     /// Fits a set of parameters from the best of some starts.

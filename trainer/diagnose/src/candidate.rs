@@ -16,6 +16,9 @@ const LOG_SD: f64 = 1.5;
 /// Mechanisms that let air pass where the paper's rig has none: what a hold with the pump off is made to show.
 const LEAKS: [&str; 3] = ["chamber_leak", "cross_leak", "piston_blowby"];
 
+/// Key of the time at which something begins.
+const ONSET: &str = "begins_s";
+
 /// Whether a mechanism lets air pass where the paper's rig has none.
 pub(crate) fn leaks(id: &str) -> bool {
     LEAKS.contains(&id)
@@ -105,6 +108,11 @@ impl Candidate {
         self.id == other.id && self.form == other.form
     }
 
+    /// Which of its parameters tells when it begins, if one does.
+    pub fn onset(&self) -> Option<usize> {
+        self.offered.parameters.iter().position(|p| p.key == ONSET)
+    }
+
     /// Values at which the effect is `a` times what it is at `start` (`a > 0`), to first order in the first parameter.
     pub fn scaled(&self, start: &[f64], a: f64) -> Vec<f64> {
         let mut values = start.to_vec();
@@ -188,7 +196,20 @@ fn neutral(id: &str, p: &CandidateParameter) -> Option<f64> {
     }
 }
 
+/// Distance in s by which another onset shows: what joins in an instant moves readings for a second or two, and slopes over
+/// more than a part of that lead nowhere.
+const ONSET_S: f64 = 0.5;
+
 fn parameter(id: &str, p: &CandidateParameter, path: String) -> Parameter {
+    if p.key == ONSET {
+        return Parameter {
+            path,
+            transform: Transform::Linear,
+            mean: p.starts.first().copied().unwrap_or(p.low),
+            knowledge: Knowledge::Nothing { scale: ONSET_S },
+            bounds: [p.low, p.high],
+        };
+    }
     match neutral(id, p) {
         Some(neutral) => {
             let reach = p.starts.iter().map(|s| (s - neutral).abs()).fold(0.0, f64::max);

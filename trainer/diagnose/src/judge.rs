@@ -14,6 +14,7 @@ use crate::error::DiagnoseError;
 use crate::evidence::{Bar, Evidence, evidence};
 use crate::glance::Footing;
 use crate::search::{Found, GLANCE_ROUNDS, cost, starts, twins, with, without};
+use crate::switched::{REACH_KPA, reach_kpa};
 
 /// Error beyond the noise, in kPa, below which a model is as good as the recordings can tell.
 pub(crate) const FLOOR_KPA: f64 = 0.06;
@@ -172,6 +173,8 @@ fn nothing_named(
             let gain = if shows { found_for.posterior } else { found_for.posterior - found_for.fitted.max(0.0) };
             (gain > HINT + looked_at).then_some((gain, e))
         })
+        // Nor is what next to nothing would change without: no experiment is worth flying for it.
+        .filter(|(_, e)| reach_kpa(bench, e).is_ok_and(|kpa| kpa > REACH_KPA))
         .collect();
     hints.sort_by(|a, b| b.0.total_cmp(&a.0));
     if let Some((top, first)) = hints.first().copied() {
@@ -182,6 +185,7 @@ fn nothing_named(
         let least = posterior(first) - TIE;
         let others = found.tried.iter().filter(|e| e.terms.len() == 1 && e.terms != withdrawn);
         let others = others.filter(|e| posterior(e) > least && is_rival(bench, first, e));
+        let others = others.filter(|e| reach_kpa(bench, e).is_ok_and(|kpa| kpa > REACH_KPA));
         for other in others {
             if !close.iter().any(|e| e.terms == other.terms) {
                 close.push(other);
@@ -189,8 +193,17 @@ fn nothing_named(
         }
         close.truncate(MOST_RIVALS);
         let mut group = vec![MOVED.to_owned()];
-        group.extend(close.iter().flat_map(|e| &e.terms).filter_map(|t| candidates.get(*t)).map(Candidate::name));
-        let rivals = std::iter::once(found.nominal.clone()).chain(close.into_iter().cloned()).collect();
+        let mut rivals = vec![found.nominal.clone()];
+        for rival in close {
+            let Some(name) = rival.terms.first().and_then(|t| candidates.get(*t)).map(Candidate::name) else {
+                continue;
+            };
+            // Two shapes of one mechanism there are one answer.
+            if !group.contains(&name) {
+                group.push(name);
+                rivals.push(rival.clone());
+            }
+        }
         return Ok(undecided(rivals, group));
     }
     let as_given = excess(bench, given);

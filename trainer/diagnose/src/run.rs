@@ -185,7 +185,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         ));
         judgement = judgement.of_no_name();
     } else if named
-        && (removed_kpa < UNKNOWN_KPA || reach_kpa < REACH_KPA)
+        && (removed_kpa < UNKNOWN_KPA || reach_kpa < switched::REACH_KPA)
         && removed(&fitted, &extended) < KEPT_BACK_KPA
     {
         // Far from where the rig works (a shut-in, a pump at rest) every model is off a little.
@@ -267,9 +267,6 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
 /// What must be set right on the rows kept back, in kPa, where little is set right elsewhere. A minute of rows tells the
 /// root of a drop in mean squared error to a hundredth of a kPa or so.
 const KEPT_BACK_KPA: f64 = 0.02;
-
-/// What a mechanism that only an experiment shows must do elsewhere, in kPa, with all else as it is.
-const REACH_KPA: f64 = 0.1;
 
 /// Root of the drop in mean squared error, in kPa; negative if it rose.
 fn removed(without: &Figures, with: &Figures) -> f64 {

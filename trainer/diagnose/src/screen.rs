@@ -23,6 +23,8 @@ use crate::bench::{Bench, Explanation, LOSS};
 use crate::candidate::Candidate;
 use crate::glance::weighted;
 
+mod onset;
+
 /// What the screen says of a candidate, or of one at two places.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Screened {
@@ -60,16 +62,17 @@ pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, o
     let Some(projector) = Projector::new(&fitted.linearised, &prior, &fitted.point) else {
         return Screening::default();
     };
-    let mut tries: Vec<(usize, &Vec<f64>)> = Vec::new();
+    let weights = bench.weighted(&fitted.scale_kpa);
+    let later = onset::starts(bench, candidates, base, open, &projector, &weights);
+    let offered = |k: &usize| candidates.get(*k).into_iter().flat_map(|candidate| &candidate.starts);
+    let mut tries: Vec<(usize, &Vec<f64>)> =
+        open.iter().flat_map(|k| offered(k).map(move |start| (*k, start))).collect();
+    tries.extend(later.iter().map(|(k, start)| (*k, start)));
     let mut runs = vec![Run::from(fitted.rig.clone())];
-    for k in open {
-        let Some(candidate) = candidates.get(*k) else { continue };
-        for start in &candidate.starts {
-            let mut rig: Rig = fitted.rig.clone();
-            rig.mechanisms.push(candidate.attached(start));
-            tries.push((*k, start));
-            runs.push(Run::from(rig));
-        }
+    for (k, start) in &tries {
+        let mut rig: Rig = fitted.rig.clone();
+        rig.mechanisms.extend(candidates.get(*k).map(|candidate| candidate.attached(start)));
+        runs.push(Run::from(rig));
     }
     // A flapper that is new to the rig lies where its first seconds fit best.
     let lying = flappers_of(&bench.fast, &runs, &fitted.arcs, false);
@@ -78,7 +81,6 @@ pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, o
     }
     let mut traces = bench.fast.run(&runs, &fitted.arcs).into_iter();
     let Some(Ok(still)) = traces.next() else { return Screening::default() };
-    let weights = bench.weighted(&fitted.scale_kpa);
     let of = |trace: &[f64]| -> Option<Vec<f64>> {
         let effect = weighted(&still, trace, &[], &weights);
         effect.iter().all(|e| e.is_finite()).then_some(effect)
@@ -220,6 +222,11 @@ impl<'a> Projector<'a> {
     pub fn gain_as_is(&self, effect: Vec<f64>) -> f64 {
         let seen = self.seen(effect);
         -(seen.along + 0.5 * seen.size)
+    }
+
+    /// The most that an effect gains at any size, the free parameters having given way.
+    fn most(&self, effect: Vec<f64>) -> f64 {
+        self.seen(effect).most().0
     }
 
     /// An effect that was seen with the parameters shifted, less what the slopes make of that shift.

@@ -281,9 +281,16 @@ fn additions(
     // What is far behind after a glance is not worth a fit, nor is a second place that adds next to nothing.
     let single = glances.iter().filter(|tried| tried.alone().is_some() && tried.gain >= best - 20.0 - 0.5 * best.abs());
     let double = glances.iter().filter(|tried| tried.alone().is_none() && tried.gain > best + PRICE);
-    let chosen: Vec<&Tried<'_>> = double.take(1).chain(single.take(settings.polished)).collect();
+    let mut chosen: Vec<&Tried<'_>> = double.take(1).chain(single.take(settings.polished)).collect();
+    let wanted = chosen.len();
+    let left_out = glances.iter().filter(|tried| chosen.iter().all(|known| known.terms != tried.terms));
+    chosen.extend(left_out.collect::<Vec<_>>());
     let mut polished = Vec::new();
-    for tried in chosen {
+    for (done, tried) in chosen.into_iter().enumerate() {
+        // Those behind have their turn where none of the first can be fitted.
+        if done >= wanted && !polished.is_empty() {
+            break;
+        }
         tell("fitting the best", polished.len() as f64 / settings.polished as f64);
         let mut from = vec![tried.point.clone()];
         if far_off {

@@ -46,6 +46,9 @@ pub fn pieces(rig: &Rig, records: &Records) -> Option<(Records, Vec<usize>)> {
     switched.then(|| records.parts(&parts))
 }
 
+/// What a mechanism that only an experiment shows must do elsewhere, in kPa, with all else as it is.
+pub(crate) const REACH_KPA: f64 = 0.1;
+
 /// By how much readings of the recordings in which no pump was switched would be off without the term that matters most to
 /// them, all else as it is: root mean square in kPa of the pressure that it moves most. Infinite where there are none.
 ///

@@ -41,6 +41,7 @@ pub(crate) fn does_at(findings: &Findings<'_, '_>, candidate: &Candidate) -> &'s
         "line_resistance" if line => {
             "loses more pressure than in proportion to its flow: part of it grows with the square"
         }
+        "volume_change" if candidate.onset().is_some() => "takes on another volume while a recording runs",
         id => does(id),
     }
 }
@@ -98,7 +99,7 @@ fn raised(exponent: i32) -> String {
 
 /// A key of the rig file without its unit and underscores.
 pub(crate) fn plain(key: &str) -> String {
-    const UNITS: [&str; 17] = [
+    const UNITS: [&str; 18] = [
         "_kpa_per_min",
         "_mm2_per_n2",
         "_per_mm2",
@@ -115,6 +116,7 @@ pub(crate) fn plain(key: &str) -> String {
         "_ml",
         "_hz",
         "_k",
+        "_l",
         "_s",
     ];
     let bare = UNITS.iter().find_map(|unit| key.strip_suffix(unit)).unwrap_or(key);

@@ -202,6 +202,28 @@ fn coils_that_warm_on_both_valves_are_named_on_both() {
     }
 }
 
+/// What joins a chamber during a recording is no drift and no larger chamber; its time is looked for, not waited for: no fit
+/// that starts elsewhere sees a slope towards it.
+#[test]
+fn a_volume_that_joins_later_is_named_with_its_time() {
+    let (rig, mut truth) = moved(&[("volumes.positive.volume_l", 0.98), ("valves.valve_pos.input_area_mm2", 1.02)]);
+    let ids = ["volume_change", "sensor_drift", "chamber_thermal", "volume_compliance", "valve_lag"];
+    let all: Vec<Candidate> = candidates(&rig).into_iter().filter(|c| ids.contains(&c.id.as_str())).collect();
+    let at = all.iter().position(|c| c.full_name() == "volume_change:negative (later)").unwrap();
+    // Four seconds of it are not recorded.
+    truth.mechanisms.push(all[at].attached(&[0.16, 10.3]));
+    let recordings = made(&truth, 2, 8);
+    let records = Records::new(&rig, &recordings).unwrap();
+    let (found, judgement) = judged(&bench(&rig, &records), &all);
+    let names: Vec<String> = found.best.terms.iter().map(|t| all[*t].full_name()).collect();
+    assert_eq!(names, ["volume_change:negative (later)"]);
+    assert_eq!(judgement.verdict, Verdict::MissingPhysics, "{:?}", judgement.groups);
+    let [volume, begins] = found.best.fitted.estimates.last_chunk::<2>().unwrap();
+    assert!((volume.value / 0.16 - 1.0).abs() < 0.05, "{volume:?}");
+    // A row is 0.02 s.
+    assert!((begins.value - 6.3).abs() < 0.05, "{begins:?}");
+}
+
 /// No search starts from the richer shape: it is offered for a coil that was found without a winding.
 #[test]
 fn a_winding_that_warms_before_its_body_is_found_as_a_richer_shape() {

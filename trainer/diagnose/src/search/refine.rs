@@ -1,9 +1,10 @@
 //! Fits that least squares from where things stand would miss: from the priors, and of what moves in steps.
 
+use fit::data::Role;
 use fit::simulate::{Flapper, Run};
 
 use super::{cost, position_of, starts, with, without};
-use crate::bench::{Bench, Effort, Explanation};
+use crate::bench::{Bench, Effort, Explanation, LOSS};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::evidence::evidence;
@@ -114,6 +115,62 @@ pub(super) fn from_priors(
     }
 }
 
+/// Onsets that [`timed`] tries: steps of so many seconds, so many either way.
+const ONSET_STEPS: (f64, i32) = (0.04, 25);
+
+/// Looks for better times of what begins later, and fits the rest anew.
+///
+/// A kick that comes a third of a second early is as wrong as none: both are so far off that a robust loss has no slope between
+/// them. So times are tried one by one, and judged by that loss; on the rows that choose as well, for the kick takes a second and
+/// may lie there in all recordings.
+fn timed(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    mut explanation: Explanation,
+) -> Result<Explanation, DiagnoseError> {
+    for term in explanation.terms.clone() {
+        let Some(onset) = candidates[term].onset() else { continue };
+        let Some(at) = position_of(bench, candidates, &explanation, term) else { continue };
+        let (fitted, set) = (&explanation.fitted, &explanation.set);
+        let parameters = candidates[term].parameters(0);
+        let Some(parameter) = parameters.get(onset) else { continue };
+        let [low, high] = parameter.bounds;
+        let (step_s, steps) = ONSET_STEPS;
+        let moved = |k: i32| {
+            let mut point = fitted.point.clone();
+            if let Some(slot) = point.get_mut(at + onset) {
+                let begins_s = parameter.value(*slot) + step_s * f64::from(k);
+                *slot = parameter.coordinate(begins_s.clamp(low, high));
+            }
+            point
+        };
+        let points: Vec<Vec<f64>> = (-steps..=steps).map(moved).collect();
+        let rigs: Result<Vec<Run>, _> = points.iter().map(|point| set.rig_at(point).map(Run::from)).collect();
+        let traces = bench.fast.run(&rigs.map_err(DiagnoseError::rig(set.rig()))?, &fitted.arcs);
+        let (layout, recorded) = (bench.records.layout(), bench.records.readings_kpa());
+        let mut weights = vec![0.0; layout.len()];
+        for stretch in bench.split.stretches().iter().filter(|stretch| stretch.role != Role::HeldOut) {
+            for (channel, scale) in fitted.scale_kpa.iter().enumerate() {
+                for i in layout.stretch(stretch.record, channel, stretch.rows.clone()) {
+                    if let Some((slot, counted)) = weights.get_mut(i).zip(bench.counted().get(i)) {
+                        *slot = counted / scale;
+                    }
+                }
+            }
+        }
+        let loss = |trace: Vec<f64>| weighted(recorded, &trace, &[], &weights).into_iter().map(|r| LOSS.cost(r)).sum();
+        let losses: Vec<f64> = traces.into_iter().map(|trace| trace.map_or(f64::INFINITY, loss)).collect();
+        let still = losses.get(points.len() / 2).copied().unwrap_or(f64::INFINITY);
+        let Some((point, best)) = points.iter().zip(losses).min_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
+        if best < still
+            && let Ok(again) = bench.fit(candidates, &explanation.terms, std::slice::from_ref(point), Effort::Polish)
+        {
+            explanation = again;
+        }
+    }
+    Ok(explanation)
+}
+
 /// Factors either way within which [`sharpened`] looks, by round, and what is added to a second parameter, which decides with
 /// it when the steps come. A stepped parameter's starts are 1.4 apart, but where one slip that comes too late puts off all that
 /// follow, values near the right ones are better than others within a tenth of them alone (measured: 1.5 kPa at 0.09 of duty, 2.2
@@ -122,12 +179,14 @@ const SHARPENING: [(f64, f64); 4] = [(3.0, 0.3), (1.5, 0.3), (1.12, 0.1), (1.02,
 /// Values that are tried on either side, of each.
 const SHARPENED: [i32; 2] = [15, 6];
 
-/// Looks for better values of stepped parameters, which least squares leaves where they start, and fits the rest anew.
+/// Looks for better values of stepped parameters and of onsets, which least squares leaves where they start, and fits the rest
+/// anew.
 pub(super) fn sharpened(
     bench: &Bench<'_>,
     candidates: &[Candidate],
-    mut explanation: Explanation,
+    explanation: Explanation,
 ) -> Result<Explanation, DiagnoseError> {
+    let mut explanation = timed(bench, candidates, explanation)?;
     let stepped: Vec<usize> = explanation.terms.iter().copied().filter(|t| candidates[*t].stepped()).collect();
     for (reach, term) in SHARPENING.iter().flat_map(|reach| stepped.iter().map(move |term| (*reach, *term))) {
         let (fitted, set) = (&explanation.fitted, &explanation.set);
