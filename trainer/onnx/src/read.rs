@@ -237,8 +237,8 @@ mod tests {
         let graph = graph(&[0.5, -0.4]);
         let mut bytes = file(&graph);
         let half = 0.5_f32.to_le_bytes();
-        // The first weight of the last layer, which nothing rectifies.
-        let name = bytes.windows(9).position(|w| w == b"weights_2").unwrap();
+        // A bias of the last layer, which nothing rectifies; its name stands in the node and then with its values.
+        let name = bytes.windows(8).rposition(|w| w == b"biases_2").unwrap();
         let at = bytes.iter().skip(name).zip(name..).find(|(_, k)| bytes[*k..].starts_with(&half)).unwrap().1;
         bytes[at..at + 4].copy_from_slice(&0.9_f32.to_le_bytes());
         let refused = from_onnx(&bytes).unwrap_err().to_string();
