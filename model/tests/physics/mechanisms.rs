@@ -230,6 +230,29 @@ fn lag_follows_exponentially() {
     }
 }
 
+/// A current that falls at another pace than it rises: each step goes its own way, and what goes up and comes down in the
+/// same time moves the mean by the difference.
+#[test]
+fn a_lag_may_fall_at_another_pace_than_it_rises() {
+    let (rising, ratio) = (0.06, 1.7);
+    let lag =
+        mechanism("valve_lag", "valve", &format!("time_constant_ms = {}\nfalling_over_rising = {ratio}", rising * 1e3));
+    let sent: Vec<f64> = (0..40).map(|k| if k % 20 < 10 { 0.8 } else { 0.3 }).collect();
+    let mut y = 0.0;
+    for (k, (u, mean)) in sent.iter().zip(acting(&lag, &sent)).enumerate() {
+        let tau = if *u > y { rising } else { ratio * rising };
+        let left = (-TICK_S / tau).exp();
+        let exact = u + (y - u) * tau / TICK_S * (1.0 - left);
+        y = u + (y - u) * left;
+        assert!((mean - exact).abs() < METER, "tick {k}: {mean} against {exact}");
+    }
+    // Written as it is read, and left out where it says nothing.
+    let alike = mechanism("valve_lag", "valve", "time_constant_ms = 60.0");
+    let stated = mechanism("valve_lag", "valve", "time_constant_ms = 60.0\nfalling_over_rising = 1.0");
+    let bits = |rig: &str| acting(rig, &sent).iter().map(|y| y.to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(&alike), bits(&stated));
+}
+
 #[test]
 fn whole_ticks_of_delay_shift_the_commands_and_nothing_else() {
     let plain = Rig::builtin("dual_pressure").unwrap();

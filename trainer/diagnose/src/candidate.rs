@@ -190,7 +190,7 @@ fn starts(parameters: &[CandidateParameter]) -> Vec<Vec<f64>> {
 fn neutral(id: &str, p: &CandidateParameter) -> Option<f64> {
     match (id, p.key) {
         ("critical_ratio", _) => Some(0.528),
-        ("sensor_gain", _) => Some(1.0),
+        ("sensor_gain", _) | ("valve_lag", "falling_over_rising") => Some(1.0),
         ("valve_stiction", "short_of_it") => Some(0.0),
         _ => p.signed.then_some(0.0),
     }

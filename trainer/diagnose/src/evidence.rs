@@ -43,7 +43,7 @@ pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) ->
     let rows: usize = fit[0].blocks.iter().chain(&select[0].blocks).flat_map(|b| &b.rows).sum();
     let mean = |at: usize| squares(at) / rows.max(1) as f64 * bench.records.layout().channels() as f64;
     let drop = mean(1) - mean(0);
-    let noise: f64 = bench.sigma_kpa().iter().map(|sigma| sigma * sigma).sum();
+    let noise: f64 = bench.noise.iter().map(|noise| noise.floor_kpa().powi(2)).sum();
     Evidence {
         fitted,
         fitted_se,

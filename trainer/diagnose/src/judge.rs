@@ -218,7 +218,9 @@ fn nothing_named(
             }
             let terms = [lone.candidate];
             let values = [(lone.candidate, lone.start.clone())];
-            let starts = starts(bench, candidates, &found.nominal, &terms, &values, false);
+            // From the rig as it was given, for what explains its mismatch alone need move none of its numbers far.
+            let starts: Vec<_> =
+                starts(bench, candidates, &found.nominal, &terms, &values, true).into_iter().skip(1).collect();
             let Ok(rival) = bench.fit(candidates, &terms, &starts, Effort::Polish) else { continue };
             let name = candidates.get(lone.candidate).map(Candidate::name).unwrap_or_default();
             if !group.contains(&name) && evidence(bench, &rival, &found.nominal).fitted > -TIE {

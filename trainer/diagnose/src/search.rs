@@ -32,6 +32,13 @@ pub struct SearchSettings {
     pub bar: Bar,
 }
 
+impl SearchSettings {
+    /// For a round that is only there to see whether something follows.
+    fn looking_ahead(&self) -> Self {
+        SearchSettings { polished: 1, ..*self }
+    }
+}
+
 /// What a round of additions looked like.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Round {
@@ -99,7 +106,7 @@ pub fn search(
     let mut stood: Vec<Vec<usize>> = Vec::new();
     // What is added and then deleted again would be added once more, and so on.
     while best.terms.len() < settings.most_terms && !stood.contains(&best.terms) {
-        if !best.terms.is_empty() && !leaves_room(bench, settings, &best, &nominal) {
+        if !best.terms.is_empty() && !leaves_room(bench, settings, &best) {
             break;
         }
         stood.push(best.terms.clone());
@@ -115,13 +122,27 @@ pub fn search(
         if taken {
             best = refined(bench, candidates, top, settings.bar.removed_kpa)?;
         } else {
-            // What is far from any known physics may be near one from where the parameters were before they gave way.
             let left = excess(bench, &best.trace);
             let unexplained = !explains_most(&excess(bench, &nominal.trace), &left);
-            let again = if unexplained && left.iter().any(|kpa| *kpa > UNKNOWN_KPA) {
-                from_priors(bench, candidates, &best, &missed, &mut tried, tell)?
+            let unexplained = unexplained && left.iter().any(|kpa| *kpa > UNKNOWN_KPA);
+            // Each of two may be lost in what the other does.
+            let ahead = if unexplained && best.terms.len() + 2 <= settings.most_terms {
+                let (_, further) = additions(bench, candidates, &top, &settings.looking_ahead(), tell)?;
+                further.into_iter().next().filter(|pair| {
+                    let earned = |without: &Explanation| {
+                        let found = evidence(bench, pair, without);
+                        earns_its_place(bench, candidates, settings, &found, [pair, without, &nominal])
+                    };
+                    earned(&best) && earned(&top)
+                })
             } else {
                 None
+            };
+            // What is far from any known physics may be near one from where the parameters were before they gave way.
+            let again = match ahead {
+                Some(pair) => Some(pair),
+                None if unexplained => from_priors(bench, candidates, &best, &missed, &mut tried, tell)?,
+                None => None,
             };
             let passed = |again: &Explanation| {
                 earns_its_place(bench, candidates, settings, &evidence(bench, again, &best), [again, &best, &nominal])
@@ -152,18 +173,22 @@ pub fn search(
 /// What a further term must set right beside what is found already, as a share of its error: nobody's formula for the main
 /// effect is exact, and what a tenth of it leaves behind looks like some small effect of another kind.
 const BESIDE: f64 = 0.15;
+/// Log-likelihood that nothing small which is not there gains, and standard errors of it.
+const DOUBT: f64 = 100.0;
+const DOUBT_SE: f64 = 4.0;
 /// Share of the mean squared error that is left.
 const MOST_OF_THE_REST: f64 = 0.5;
+/// The same of what is beyond doubt. Noise that wanders is not known to be noise and counts as left: of what any term could set
+/// right this is more.
+const MORE_THAN_A_THIRD: f64 = 0.4;
 
 /// The noise may be this much less than it was taken for, as a share of its variance: what is left beyond it is then more.
 const NOISE_DOUBT: f64 = 0.2;
 
 /// Whether a further term could still earn its place beside those of `best`: none sets right more than all that is left beyond
 /// the noise.
-fn leaves_room(bench: &Bench<'_>, settings: &SearchSettings, best: &Explanation, nominal: &Explanation) -> bool {
-    let left_kpa = reach_beyond_noise(bench, &best.trace);
-    left_kpa > settings.bar.removed_kpa
-        && (left_kpa > FLOOR_KPA || left_kpa > BESIDE * evidence(bench, best, nominal).removed_kpa)
+fn leaves_room(bench: &Bench<'_>, settings: &SearchSettings, best: &Explanation) -> bool {
+    reach_beyond_noise(bench, &best.trace) > settings.bar.removed_kpa
 }
 
 /// What the free run would gain if nothing but the noise were left, and that less than it was taken for: as
@@ -175,8 +200,9 @@ fn reach_beyond_noise(bench: &Bench<'_>, trace: &[f64]) -> f64 {
 }
 
 /// Whether `with`, which has the evidence `found` against `without`, passes the bar, and is more than what the formulas of the
-/// terms in `without` may have left of what the `nominal` rig misses: more than a share of it, or, where it shows, most of
-/// what is left. What a formula leaves is not what some other physics does, and that explains a third of it at best.
+/// terms in `without` may have left of what the `nominal` rig misses: more than a share of it, or, where it shows or is
+/// beyond doubt, most of what is left. What a formula leaves is not what some other physics does, and that explains a third of
+/// it at best.
 fn earns_its_place(
     bench: &Bench<'_>,
     candidates: &[Candidate],
@@ -188,7 +214,13 @@ fn earns_its_place(
     let blocks = bench.blocks(Role::Fit).len();
     settings.bar.passed(found, parameters, candidates.len(), blocks)
         && (found.removed_kpa > BESIDE * evidence(bench, without, nominal).removed_kpa
-            || found.removed_kpa > FLOOR_KPA && found.share > MOST_OF_THE_REST)
+            || found.removed_kpa > FLOOR_KPA && found.share > MOST_OF_THE_REST
+            || found.share > MORE_THAN_A_THIRD && is_beyond_doubt(found))
+}
+
+/// Whether a gain is there in every part of the recordings, and as large in those that nothing was fitted to.
+fn is_beyond_doubt(found: &Evidence) -> bool {
+    found.fitted > DOUBT && found.fitted > DOUBT_SE * found.fitted_se && found.throughout > DOUBT_SE
 }
 
 /// How much more than the screen sees, to first order, a term may come to gain where the rest is explained.
@@ -260,7 +292,8 @@ fn additions(
     let far_off = base.fitted.point.iter().take(bench.nominal.len()).any(|z| z.abs() > FAR_OFF);
     let mut glances = Vec::new();
     let singles = screening.single.iter().take(settings.glanced);
-    let doubles = screening.double.iter().take(settings.polished);
+    let pair_fits = base.terms.len() + 2 <= settings.most_terms;
+    let doubles = screening.double.iter().take(if pair_fits { settings.polished } else { 0 });
     let count = singles.len() + doubles.len();
     for (done, screened) in singles.chain(doubles).enumerate() {
         tell("trying mechanisms", done as f64 / count.max(1) as f64);
@@ -279,9 +312,11 @@ fn additions(
     let ranked: Vec<Ranked> = glances.iter().filter_map(|tried| tried.ranked(bench, candidates)).collect();
     let best = ranked.first().map_or(0.0, |first| first.gain);
     // What is far behind after a glance is not worth a fit, nor is a second place that adds next to nothing.
-    let single = glances.iter().filter(|tried| tried.alone().is_some() && tried.gain >= best - 20.0 - 0.5 * best.abs());
-    let double = glances.iter().filter(|tried| tried.alone().is_none() && tried.gain > best + PRICE);
-    let mut chosen: Vec<&Tried<'_>> = double.take(1).chain(single.take(settings.polished)).collect();
+    let double = glances.iter().find(|tried| tried.alone().is_none() && tried.gain > best + PRICE);
+    let first = double.map_or(best, |double| double.gain);
+    let single =
+        glances.iter().filter(|tried| tried.alone().is_some() && tried.gain >= first - 20.0 - 0.5 * first.abs());
+    let mut chosen: Vec<&Tried<'_>> = double.into_iter().chain(single.take(settings.polished)).collect();
     let wanted = chosen.len();
     let left_out = glances.iter().filter(|tried| chosen.iter().all(|known| known.terms != tried.terms));
     chosen.extend(left_out.collect::<Vec<_>>());
@@ -292,13 +327,21 @@ fn additions(
             break;
         }
         tell("fitting the best", polished.len() as f64 / settings.polished as f64);
-        let mut from = vec![tried.point.clone()];
-        if far_off {
-            from.extend(starts(bench, candidates, base, &tried.terms, &tried.screened.terms, true).into_iter().skip(1));
-        }
+        let warm = bench.fit(candidates, &tried.terms, std::slice::from_ref(&tried.point), Effort::Polish);
+        // Where much is left, the priors' means may lead to a better end than parameters that have given way.
+        let leaves_much = |e: &Explanation| excess(bench, &e.trace).iter().any(|kpa| *kpa > UNKNOWN_KPA);
+        let cold = if far_off && warm.as_ref().map_or(true, leaves_much) {
+            let values = &tried.screened.terms;
+            let from: Vec<_> =
+                starts(bench, candidates, base, &tried.terms, values, true).into_iter().skip(1).collect();
+            bench.fit(candidates, &tried.terms, &from, Effort::Polish).ok()
+        } else {
+            None
+        };
         // What cannot be run in full where a glance has left it (a wall that gives way by more than its chamber holds) is
         // no explanation.
-        let Ok(fitted) = bench.fit(candidates, &tried.terms, &from, Effort::Polish) else { continue };
+        let ends = warm.into_iter().chain(cold);
+        let Some(fitted) = ends.min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b))) else { continue };
         polished.push(sharpened(bench, candidates, fitted)?);
     }
     let priced = |explanation: &Explanation| {

@@ -2,9 +2,8 @@
 //!
 //! White noise shows in differences of neighbouring rows, which a plant with a time constant of a second hardly
 //! passes; noise of the fourth difference `Δ⁴y` is `√70` times that of a reading, a parabola's is nil. Quantisation is
-//! the smallest step on which (nearly) all readings lie. Whether neighbouring noise belongs together is asked of
-//! plateaus alone: residuals of a model that lacks something are coloured too, and an AR(1) fitted to those would
-//! explain away what is to be found.
+//! the smallest step on which (nearly) all readings lie. What noise there is beyond the white is asked of plateaus
+//! alone: residuals of a model that lacks something are coloured too, and would explain away what is to be found.
 
 use super::Records;
 
@@ -15,13 +14,21 @@ pub struct Noise {
     pub sigma_kpa: f64,
     /// Quantisation step in kPa; 0 where none shows.
     pub step_kpa: f64,
-    /// Correlation of neighbouring readings' noise on plateaus; `None` where there are too few plateaus.
-    pub correlation: Option<f64>,
+    /// Standard deviation on plateaus of a second, from a parabola, in kPa: what wanders within a second is in it, what does so
+    /// from row to row as well. `None` where there are too few plateaus.
+    pub on_plateaus_kpa: Option<f64>,
+}
+
+impl Noise {
+    /// The larger of both, which no model can be nearer to the readings than.
+    pub fn floor_kpa(&self) -> f64 {
+        self.on_plateaus_kpa.map_or(self.sigma_kpa, |kpa| kpa.max(self.sigma_kpa))
+    }
 }
 
 /// Rows that a plateau must last for, after twice as many rows for settling: 1 s after 2 s.
 const PLATEAU_ROWS: usize = 50;
-/// Fewest plateaus that a correlation is told from.
+/// Fewest plateaus that are enough.
 const PLATEAUS: usize = 5;
 
 /// The noise of every channel, all recordings together.
@@ -32,7 +39,7 @@ pub fn noise(records: &Records) -> Vec<Noise> {
             // A reading that never moves by less than a step has at least the rounding's own noise.
             let floor = step_kpa / 12.0_f64.sqrt();
             let sigma_kpa = white(records, channel).max(floor).max(1e-6);
-            Noise { sigma_kpa, step_kpa, correlation: correlation(records, channel) }
+            Noise { sigma_kpa, step_kpa, on_plateaus_kpa: on_plateaus(records, channel) }
         })
         .collect()
 }
@@ -105,9 +112,9 @@ fn quantisation(records: &Records, channel: usize) -> f64 {
     if on_grid * 10 >= gaps.len() * 9 && distinct * 2 < values.len() { step } else { 0.0 }
 }
 
-/// Lag-one correlation of residuals from a parabola on stretches where no command moves.
-fn correlation(records: &Records, channel: usize) -> Option<f64> {
-    let (mut products, mut squares, mut plateaus, mut used) = (0.0, 0.0, 0, 0.0);
+/// Root mean square of residuals from a parabola on stretches where no command moves.
+fn on_plateaus(records: &Records, channel: usize) -> Option<f64> {
+    let (mut squares, mut plateaus) = (0.0, 0);
     for (record, r) in records.records().iter().enumerate() {
         let values = records.channel_kpa(record, channel);
         let still = |row: usize| {
@@ -125,20 +132,15 @@ fn correlation(records: &Records, channel: usize) -> Option<f64> {
                 if row + 1 - since == 3 * PLATEAU_ROWS {
                     let part = values.get(row + 1 - PLATEAU_ROWS..row + 1).unwrap_or_default();
                     let residual = without_parabola(part);
-                    products += residual.windows(2).map(|w| w[0] * w[1]).sum::<f64>();
                     squares += residual.iter().map(|r| r * r).sum::<f64>();
-                    used += PLATEAU_ROWS as f64;
                     plateaus += 1;
                     since = row + 1 - PLATEAU_ROWS;
                 }
             }
         }
     }
-    if plateaus < PLATEAUS || squares <= 0.0 {
-        return None;
-    }
-    // Taking three coefficients out of n rows lowers the correlation of white noise by about 3/n.
-    Some((products / squares + 3.0 * plateaus as f64 / used).clamp(-1.0, 1.0))
+    // A parabola takes three of the rows' degrees of freedom.
+    (plateaus >= PLATEAUS).then(|| (squares / (plateaus * (PLATEAU_ROWS - 3)) as f64).sqrt())
 }
 
 /// Residuals from the parabola that fits best.
