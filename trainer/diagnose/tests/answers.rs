@@ -224,6 +224,46 @@ fn a_volume_that_joins_later_is_named_with_its_time() {
     assert!((begins.value - 6.3).abs() < 0.05, "{begins:?}");
 }
 
+/// Warm gas errs all the time, a tank that joins for two seconds by ten times as much: neither is seen for the other.
+#[test]
+fn a_volume_that_joins_beside_warm_gas_is_named_with_it() {
+    let (rig, mut truth) = moved(&[("volumes.positive.volume_l", 0.98), ("valves.valve_pos.input_area_mm2", 1.02)]);
+    let ids = ["volume_change", "sensor_drift", "chamber_thermal", "volume_compliance", "valve_lag"];
+    let all: Vec<Candidate> = candidates(&rig).into_iter().filter(|c| ids.contains(&c.id.as_str())).collect();
+    let at = |name: &str| all.iter().position(|c| c.full_name() == name).unwrap();
+    let (joins, warm) = (at("volume_change:positive (later)"), at("chamber_thermal:positive"));
+    truth.mechanisms.push(all[warm].attached(&[5.0]));
+    truth.mechanisms.push(all[joins].attached(&[0.075, 10.3]));
+    let recordings = made(&truth, 2, 10);
+    let records = Records::new(&rig, &recordings).unwrap();
+    let (found, judgement) = judged(&bench(&rig, &records), &all);
+    let names: Vec<String> = found.best.terms.iter().map(|t| all[*t].full_name()).collect();
+    let mut expected = vec![all[warm].full_name(), all[joins].full_name()];
+    expected.sort_by_key(|name| at(name));
+    assert_eq!(names, expected);
+    assert_eq!(judgement.verdict, Verdict::MissingPhysics, "{:?}", judgement.groups);
+}
+
+/// What falls more slowly than it rises is no second effect beside the lag.
+#[test]
+fn a_lag_that_falls_more_slowly_is_found_as_a_richer_shape() {
+    let (rig, mut truth) = moved(&[("volumes.positive.volume_l", 0.98), ("valves.valve_pos.input_area_mm2", 1.02)]);
+    let ids = ["valve_lag", "sensor_lag", "command_delay", "valve_hysteresis", "cross_leak"];
+    let all: Vec<Candidate> = candidates(&rig).into_iter().filter(|c| ids.contains(&c.id.as_str())).collect();
+    let at = all.iter().position(|c| c.full_name() == "valve_lag:negative (falling)").unwrap();
+    truth.mechanisms.push(all[at].attached(&[120.0, 1.5]));
+    let recordings = made(&truth, 2, 11);
+    let records = Records::new(&rig, &recordings).unwrap();
+    let (found, judgement) = judged(&bench(&rig, &records), &all);
+    let names: Vec<String> = found.best.terms.iter().map(|t| all[*t].full_name()).collect();
+    assert_eq!(names, ["valve_lag:negative (falling)"]);
+    assert_eq!(judgement.verdict, Verdict::MissingPhysics, "{:?}", judgement.groups);
+    let [rising, ratio] = found.best.fitted.estimates.last_chunk::<2>().unwrap();
+    // A twentieth: commands come in ticks of 20 ms.
+    assert!((rising.value / 120.0 - 1.0).abs() < 0.05, "{rising:?}");
+    assert!((ratio.value / 1.5 - 1.0).abs() < 0.05, "{ratio:?}");
+}
+
 /// No search starts from the richer shape: it is offered for a coil that was found without a winding.
 #[test]
 fn a_winding_that_warms_before_its_body_is_found_as_a_richer_shape() {
