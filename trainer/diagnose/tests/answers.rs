@@ -259,9 +259,11 @@ fn a_lag_that_falls_more_slowly_is_found_as_a_richer_shape() {
     assert_eq!(names, ["valve_lag:negative (falling)"]);
     assert_eq!(judgement.verdict, Verdict::MissingPhysics, "{:?}", judgement.groups);
     let [rising, ratio] = found.best.fitted.estimates.last_chunk::<2>().unwrap();
-    // A twentieth: commands come in ticks of 20 ms.
-    assert!((rising.value / 120.0 - 1.0).abs() < 0.05, "{rising:?}");
-    assert!((ratio.value / 1.5 - 1.0).abs() < 0.05, "{ratio:?}");
+    // Within what is said of their errors, and those small enough to tell the shape: short recordings tell no more.
+    for (estimate, truth) in [(rising, 120.0), (ratio, 1.5)] {
+        assert!((estimate.value - truth).abs() < 2.5 * estimate.sd, "{estimate:?}");
+        assert!(estimate.sd < 0.1 * truth, "{estimate:?}");
+    }
 }
 
 /// No search starts from the richer shape: it is offered for a coil that was found without a winding.
