@@ -182,8 +182,8 @@ fn choose_too(stretches: &mut Vec<Stretch>) {
     }
 }
 
-/// Cuts one segment into stretches: fit, select, fit, held out, in shares of 3 : 2 : 3 : 2, or `early` of 1 : 2 : 5 : 2, the
-/// first of them a little more than 1.
+/// Cuts one segment into stretches: fit, select, fit, held out, in shares of 3 : 2 : 3 : 2, or `early` of 1 : 2 : 5 : 2 where
+/// that leaves 10 s for the first (from 80 s on; it is a little more than 1 below 100 s).
 ///
 /// A segment too short for that gives less: below 20 s it is fitted as a whole, below 30 s its last third (at
 /// least 10 s) is held out.
@@ -201,7 +201,7 @@ fn cut(record: usize, rows: &Range<usize>, early: bool, stretches: &mut Vec<Stre
         let share = (n / 5).max(SHORTEST_ROWS);
         let fitted = n - 2 * share;
         // The first part holds the recording's start, whose pressures are guessed: it takes the larger half, or what is needed.
-        let first = if early && n / 8 >= SHORTEST_ROWS { n / 8 } else { fitted - fitted / 2 };
+        let first = if early && n / 8 >= SHORTEST_ROWS { (n / 10).max(SHORTEST_ROWS) } else { fitted - fitted / 2 };
         if fitted < 2 * SHORTEST_ROWS {
             add(0, fitted, Role::Fit);
             add(fitted, fitted + share, Role::Select);
