@@ -65,14 +65,21 @@ fn lasting(findings: &Findings<'_, '_>) -> Vec<Location> {
             let channels = channels_of(findings, &component);
             let (region, time_s) = words_of_region(findings, &component, &channels);
             let reading = findings.bench.rig.sensors.contains_key(&component);
+            let enters = if reading { "reading" } else { "mass balance" };
+            let share = contest.gain.max(0.0) / gains.max(1e-9);
+            // Two mechanisms of one valve are at one place.
+            if let Some(known) = all.iter_mut().find(|known| known.component == component && known.enters == enters) {
+                known.share_of_residual += share;
+                continue;
+            }
             all.push(Location {
                 side: candidate.side.clone(),
-                component: candidate.component.clone(),
-                share_of_residual: contest.gain.max(0.0) / gains.max(1e-9),
+                component,
+                share_of_residual: share,
                 region,
                 time_s,
                 time_scale_s: findings.missing.suspicions.first().map_or(0.0, |s| s.length_s),
-                enters: if reading { "reading" } else { "mass balance" }.to_owned(),
+                enters: enters.to_owned(),
             });
         }
         return shared_out(all);
