@@ -1,21 +1,31 @@
 //! Which terms belong into the model: added one by one, swapped, deleted.
-
-use fit::data::Role;
+//!
+//! | file | subject |
+//! | --- | --- |
+//! | `additions` | a further term: every candidate tried on top of what is found |
+//! | `worth` | what a further term must show to be taken |
+//! | `exchange` | terms in exchange for others |
+//! | `refine` | fits that least squares from where things stand would miss |
+//! | `terms` | which terms may stand beside which, and where their parameters lie |
 
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::evidence::{Bar, Evidence, evidence};
-use crate::glance::{Footing, Glanced};
-use crate::judge::{FLOOR_KPA, UNKNOWN_KPA, excess, explains_most};
-use crate::screen::{Screened, Screening, screen};
+use crate::judge::{UNKNOWN_KPA, excess, explains_most};
 
+mod additions;
 mod exchange;
 mod refine;
+mod terms;
+mod worth;
 
+use additions::additions;
 pub use exchange::twins;
 use exchange::{deletions, pairs, swaps};
 use refine::{from_priors, plainer, refined, richer, sharpened};
+pub use terms::{position_of, starts, with, without};
+use worth::{earns_its_place, leaves_room};
 
 /// How to search.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -170,279 +180,14 @@ pub fn search(
     Ok(Found { nominal, best, next, rounds, tried })
 }
 
-/// What a further term must set right beside what is found already, as a share of its error: nobody's formula for the main
-/// effect is exact, and what a tenth of it leaves behind looks like some small effect of another kind.
-const BESIDE: f64 = 0.15;
-/// Log-likelihood that nothing small which is not there gains, and standard errors of it.
-const DOUBT: f64 = 100.0;
-const DOUBT_SE: f64 = 4.0;
-/// Share of the mean squared error that is left.
-const MOST_OF_THE_REST: f64 = 0.5;
-/// The same of what is beyond doubt. Noise that wanders is not known to be noise and counts as left: of what any term could set
-/// right this is more.
-const MORE_THAN_A_THIRD: f64 = 0.4;
-
-/// The noise may be this much less than it was taken for, as a share of its variance: what is left beyond it is then more.
-const NOISE_DOUBT: f64 = 0.2;
-
-/// Whether a further term could still earn its place beside those of `best`: none sets right more than all that is left beyond
-/// the noise.
-fn leaves_room(bench: &Bench<'_>, settings: &SearchSettings, best: &Explanation) -> bool {
-    reach_beyond_noise(bench, &best.trace) > settings.bar.removed_kpa
-}
-
-/// What the free run would gain if nothing but the noise were left, and that less than it was taken for: as
-/// [`Evidence::removed_kpa`].
-fn reach_beyond_noise(bench: &Bench<'_>, trace: &[f64]) -> f64 {
-    let noise: f64 = bench.sigma_kpa().iter().map(|sigma| sigma * sigma).sum();
-    let beyond: f64 = excess(bench, trace).iter().map(|kpa| kpa * kpa).sum();
-    (beyond + NOISE_DOUBT * noise).sqrt()
-}
-
-/// Whether `with`, which has the evidence `found` against `without`, passes the bar, and is more than what the formulas of the
-/// terms in `without` may have left of what the `nominal` rig misses: more than a share of it, or, where it shows or is
-/// beyond doubt, most of what is left. What a formula leaves is not what some other physics does, and that explains a third of
-/// it at best.
-fn earns_its_place(
-    bench: &Bench<'_>,
-    candidates: &[Candidate],
-    settings: &SearchSettings,
-    found: &Evidence,
-    [with, without, nominal]: [&Explanation; 3],
-) -> bool {
-    let parameters = with.set.len().saturating_sub(without.set.len());
-    let blocks = bench.blocks(Role::Fit).len();
-    settings.bar.passed(found, parameters, candidates.len(), blocks)
-        && (found.removed_kpa > BESIDE * evidence(bench, without, nominal).removed_kpa
-            || found.removed_kpa > FLOOR_KPA && found.share > MOST_OF_THE_REST
-            || found.share > MORE_THAN_A_THIRD && is_beyond_doubt(found))
-}
-
-/// Whether a gain is there in every part of the recordings, and as large in those that nothing was fitted to.
-fn is_beyond_doubt(found: &Evidence) -> bool {
-    found.fitted > DOUBT && found.fitted > DOUBT_SE * found.fitted_se && found.throughout > DOUBT_SE
-}
-
-/// How much more than the screen sees, to first order, a term may come to gain where the rest is explained.
-const BEYOND_THE_SCREEN: f64 = 5.0;
-
-/// Whether anything on top of `base`, by what the screen sees in it, could set right `least_kpa` of the free run.
-///
-/// On `n` readings of a channel fitted with a scale `s`, a root of `k` in the drop of the mean square is a gain of `½ n (k/s)²`,
-/// or more where the channel with the larger scale is the one. Where much is unexplained the screen's slopes lead nowhere,
-/// and so does this.
-fn any_could_earn(bench: &Bench<'_>, base: &Explanation, screening: &Screening, least_kpa: f64) -> bool {
-    if excess(bench, &base.trace).iter().any(|kpa| *kpa > UNKNOWN_KPA) {
-        return true;
-    }
-    let most =
-        [&screening.single, &screening.double].into_iter().filter_map(|list| list.first()).map(|first| first.gain);
-    let weights = bench.weighted(&base.fitted.scale_kpa);
-    let mut readings = vec![0.0; bench.records.layout().channels()];
-    for (_, channel, range) in bench.records.layout().all() {
-        let of_channel = weights.get(range).unwrap_or_default();
-        readings[channel] += of_channel.iter().map(|w| w * w).sum::<f64>();
-    }
-    let least = 0.5 * readings.into_iter().fold(f64::INFINITY, f64::min) * least_kpa * least_kpa;
-    BEYOND_THE_SCREEN * most.fold(0.0, f64::max) > least
-}
-
 /// Rounds of least squares of a glance.
 pub const GLANCE_ROUNDS: usize = 6;
 /// Rounds of a glance at a pair: two terms at a time are further from where they will end.
 const PAIR_ROUNDS: usize = 12;
 /// Drop in cost (half chi-square) that pays for a term, and for a reading of the pump's speed.
 pub const PRICE: f64 = 20.0;
-/// And for each of its parameters: a mechanism is not worth a richer shape for less.
-const PRICE_OF_A_PARAMETER: f64 = 5.0;
 
 /// Cost of an explanation: half chi-square (robust) and prior.
 pub fn cost(bench: &Bench<'_>, explanation: &Explanation) -> f64 {
     explanation.fitted.comparable_cost(bench.records, bench.fit_weights())
-}
-
-/// Standard deviations of its prior beyond which a parameter has given way to something that it is not.
-const FAR_OFF: f64 = 6.0;
-
-/// Whether candidate `k` can and may be put beside `terms`.
-fn is_open(bench: &Bench<'_>, candidates: &[Candidate], terms: &[usize], k: usize) -> bool {
-    let beside: Vec<&Candidate> = terms.iter().map(|t| &candidates[*t]).collect();
-    !terms.contains(&k)
-        && !candidates[k].is_refinement()
-        && beside.iter().all(|term| !term.excludes(&candidates[k]))
-        && candidates[k].is_apt(bench.rig, &beside)
-}
-
-/// Tries every candidate on top of `base`; the ranking, and the best ones fitted to the end.
-fn additions(
-    bench: &Bench<'_>,
-    candidates: &[Candidate],
-    base: &Explanation,
-    settings: &SearchSettings,
-    tell: &mut dyn FnMut(&str, f64),
-) -> Result<(Vec<Ranked>, Vec<Explanation>), DiagnoseError> {
-    let open: Vec<usize> = (0..candidates.len()).filter(|k| is_open(bench, candidates, &base.terms, *k)).collect();
-    tell("screening mechanisms", 0.0);
-    let screening = screen(bench, candidates, base, &open);
-    if !base.terms.is_empty() && !any_could_earn(bench, base, &screening, settings.bar.removed_kpa) {
-        return Ok((Vec::new(), Vec::new()));
-    }
-    let footing = Footing::of(bench, base)?;
-    // Parameters that have given way too far lead a fit into a valley of their own.
-    let far_off = base.fitted.point.iter().take(bench.nominal.len()).any(|z| z.abs() > FAR_OFF);
-    let mut glances = Vec::new();
-    let singles = screening.single.iter().take(settings.glanced);
-    let pair_fits = base.terms.len() + 2 <= settings.most_terms;
-    let doubles = screening.double.iter().take(if pair_fits { settings.polished } else { 0 });
-    let count = singles.len() + doubles.len();
-    for (done, screened) in singles.chain(doubles).enumerate() {
-        tell("trying mechanisms", done as f64 / count.max(1) as f64);
-        let terms = screened.terms.iter().fold(base.terms.clone(), |terms, (k, _)| with(&terms, *k));
-        let from = base.moved(&screened.shift);
-        let starts =
-            starts_at(bench, candidates, (base, &from), &terms, &screened.terms, settings.from_prior && far_off);
-        let rounds = if screened.terms.len() > 1 { PAIR_ROUNDS } else { GLANCE_ROUNDS };
-        if let Some(Glanced { cost, point }) =
-            footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, rounds, f64::INFINITY)
-        {
-            glances.push(Tried { screened, gain: footing.cost - cost, terms, point });
-        }
-    }
-    glances.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    let ranked: Vec<Ranked> = glances.iter().filter_map(|tried| tried.ranked(bench, candidates)).collect();
-    let best = ranked.first().map_or(0.0, |first| first.gain);
-    // What is far behind after a glance is not worth a fit, nor is a second place that adds next to nothing.
-    let double = glances.iter().find(|tried| tried.alone().is_none() && tried.gain > best + PRICE);
-    let first = double.map_or(best, |double| double.gain);
-    let single =
-        glances.iter().filter(|tried| tried.alone().is_some() && tried.gain >= first - 20.0 - 0.5 * first.abs());
-    let mut chosen: Vec<&Tried<'_>> = double.into_iter().chain(single.take(settings.polished)).collect();
-    let wanted = chosen.len();
-    let left_out = glances.iter().filter(|tried| chosen.iter().all(|known| known.terms != tried.terms));
-    chosen.extend(left_out.collect::<Vec<_>>());
-    let mut polished = Vec::new();
-    for (done, tried) in chosen.into_iter().enumerate() {
-        // Those behind have their turn where none of the first can be fitted.
-        if done >= wanted && !polished.is_empty() {
-            break;
-        }
-        tell("fitting the best", polished.len() as f64 / settings.polished as f64);
-        let warm = bench.fit(candidates, &tried.terms, std::slice::from_ref(&tried.point), Effort::Polish);
-        // Where much is left, the priors' means may lead to a better end than parameters that have given way.
-        let leaves_much = |e: &Explanation| excess(bench, &e.trace).iter().any(|kpa| *kpa > UNKNOWN_KPA);
-        let cold = if far_off && warm.as_ref().map_or(true, leaves_much) {
-            let values = &tried.screened.terms;
-            let from: Vec<_> =
-                starts(bench, candidates, base, &tried.terms, values, true).into_iter().skip(1).collect();
-            bench.fit(candidates, &tried.terms, &from, Effort::Polish).ok()
-        } else {
-            None
-        };
-        // What cannot be run in full where a glance has left it (a wall that gives way by more than its chamber holds) is
-        // no explanation.
-        let ends = warm.into_iter().chain(cold);
-        let Some(fitted) = ends.min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b))) else { continue };
-        polished.push(sharpened(bench, candidates, fitted)?);
-    }
-    let priced = |explanation: &Explanation| {
-        let (terms, parameters) = (explanation.terms.len(), explanation.set.len());
-        cost(bench, explanation) + PRICE * terms as f64 + PRICE_OF_A_PARAMETER * parameters as f64
-    };
-    polished.sort_by(|a, b| priced(a).total_cmp(&priced(b)));
-    Ok((ranked, polished))
-}
-
-/// Terms after a glance.
-struct Tried<'s> {
-    screened: &'s Screened,
-    gain: f64,
-    terms: Vec<usize>,
-    point: Vec<f64>,
-}
-
-impl Tried<'_> {
-    /// The candidate with its values, where it is one.
-    fn ranked(&self, bench: &Bench<'_>, candidates: &[Candidate]) -> Option<Ranked> {
-        let candidate = self.alone()?;
-        let at = position_in(bench, candidates, &self.terms, candidate)?;
-        let coordinates = self.point.get(at..).unwrap_or_default();
-        let values = candidates[candidate].parameters(0).iter().zip(coordinates).map(|(p, z)| p.value(*z)).collect();
-        Some(Ranked { candidate, gain: self.gain, values })
-    }
-
-    /// The candidate, where it is one.
-    fn alone(&self) -> Option<usize> {
-        match self.screened.terms.as_slice() {
-            [(k, _)] => Some(*k),
-            _ => None,
-        }
-    }
-}
-
-/// Starts for `terms`: the base's point, and the priors' means of the rig's own parameters. What the base does not have
-/// starts from `values`, or from its prior's mean.
-pub fn starts(
-    bench: &Bench<'_>,
-    candidates: &[Candidate],
-    base: &Explanation,
-    terms: &[usize],
-    values: &[(usize, Vec<f64>)],
-    from_prior: bool,
-) -> Vec<Vec<f64>> {
-    starts_at(bench, candidates, (base, &base.fitted.point), terms, values, from_prior)
-}
-
-/// As [`starts`], from another point of the base.
-fn starts_at(
-    bench: &Bench<'_>,
-    candidates: &[Candidate],
-    (base, point): (&Explanation, &[f64]),
-    terms: &[usize],
-    values: &[(usize, Vec<f64>)],
-    from_prior: bool,
-) -> Vec<Vec<f64>> {
-    let nominal = bench.nominal.len();
-    let mut warm: Vec<f64> = point.iter().take(nominal).copied().collect();
-    let mut cold = vec![0.0; nominal];
-    for term in terms {
-        let known = position_of(bench, candidates, base, *term);
-        let given = values.iter().find(|(k, _)| k == term).map(|(_, v)| v);
-        for (i, parameter) in candidates[*term].parameters(0).iter().enumerate() {
-            let of_base = known.and_then(|at| point.get(at + i)).copied();
-            let of_values = given.and_then(|v| v.get(i)).map(|v| parameter.coordinate(*v));
-            let coordinate = of_base.or(of_values).filter(|z| z.is_finite()).unwrap_or(0.0);
-            warm.push(coordinate);
-            cold.push(coordinate);
-        }
-    }
-    if from_prior { vec![warm, cold] } else { vec![warm] }
-}
-
-/// Where the parameters of a term begin in an explanation's point.
-pub fn position_of(
-    bench: &Bench<'_>,
-    candidates: &[Candidate],
-    explanation: &Explanation,
-    term: usize,
-) -> Option<usize> {
-    position_in(bench, candidates, &explanation.terms, term)
-}
-
-/// Where the parameters of a term begin in a point of some terms.
-fn position_in(bench: &Bench<'_>, candidates: &[Candidate], terms: &[usize], term: usize) -> Option<usize> {
-    let before = terms.iter().take(terms.iter().position(|known| *known == term)?);
-    Some(bench.nominal.len() + before.map(|known| candidates[*known].len()).sum::<usize>())
-}
-
-/// `terms` and `k`, ascending.
-pub fn with(terms: &[usize], k: usize) -> Vec<usize> {
-    let mut all = terms.to_vec();
-    all.push(k);
-    all.sort_unstable();
-    all
-}
-
-/// `terms` without `k`.
-pub fn without(terms: &[usize], k: usize) -> Vec<usize> {
-    terms.iter().copied().filter(|t| *t != k).collect()
 }

@@ -1,8 +1,9 @@
 //! Terms in exchange for others: swapped one by one or in pairs, deleted.
 
+use super::terms::is_open;
 use super::{
-    GLANCE_ROUNDS, PAIR_ROUNDS, Round, SearchSettings, cost, earns_its_place, is_open, plainer, position_of, refined,
-    richer, sharpened, starts, with, without,
+    GLANCE_ROUNDS, PAIR_ROUNDS, Round, SearchSettings, cost, earns_its_place, plainer, position_of, refined, richer,
+    sharpened, starts, with, without,
 };
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;

@@ -1,0 +1,122 @@
+//! A further term: every candidate tried on top of what is found, the best ones fitted to the end.
+
+use super::terms::{is_open, position_in, starts, starts_at, with};
+use super::worth::any_could_earn;
+use super::{GLANCE_ROUNDS, PAIR_ROUNDS, PRICE, Ranked, SearchSettings, cost, sharpened};
+use crate::bench::{Bench, Effort, Explanation};
+use crate::candidate::Candidate;
+use crate::error::DiagnoseError;
+use crate::glance::{Footing, Glanced};
+use crate::judge::{UNKNOWN_KPA, excess};
+use crate::screen::{Screened, screen};
+
+/// And for each of its parameters: a mechanism is not worth a richer shape for less.
+const PRICE_OF_A_PARAMETER: f64 = 5.0;
+/// Standard deviations of its prior beyond which a parameter has given way to something that it is not.
+const FAR_OFF: f64 = 6.0;
+
+/// Tries every candidate on top of `base`; the ranking, and the best ones fitted to the end.
+pub(super) fn additions(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    base: &Explanation,
+    settings: &SearchSettings,
+    tell: &mut dyn FnMut(&str, f64),
+) -> Result<(Vec<Ranked>, Vec<Explanation>), DiagnoseError> {
+    let open: Vec<usize> = (0..candidates.len()).filter(|k| is_open(bench, candidates, &base.terms, *k)).collect();
+    tell("screening mechanisms", 0.0);
+    let screening = screen(bench, candidates, base, &open);
+    if !base.terms.is_empty() && !any_could_earn(bench, base, &screening, settings.bar.removed_kpa) {
+        return Ok((Vec::new(), Vec::new()));
+    }
+    let footing = Footing::of(bench, base)?;
+    // Parameters that have given way too far lead a fit into a valley of their own.
+    let far_off = base.fitted.point.iter().take(bench.nominal.len()).any(|z| z.abs() > FAR_OFF);
+    let mut glances = Vec::new();
+    let singles = screening.single.iter().take(settings.glanced);
+    let pair_fits = base.terms.len() + 2 <= settings.most_terms;
+    let doubles = screening.double.iter().take(if pair_fits { settings.polished } else { 0 });
+    let count = singles.len() + doubles.len();
+    for (done, screened) in singles.chain(doubles).enumerate() {
+        tell("trying mechanisms", done as f64 / count.max(1) as f64);
+        let terms = screened.terms.iter().fold(base.terms.clone(), |terms, (k, _)| with(&terms, *k));
+        let from = base.moved(&screened.shift);
+        let starts =
+            starts_at(bench, candidates, (base, &from), &terms, &screened.terms, settings.from_prior && far_off);
+        let rounds = if screened.terms.len() > 1 { PAIR_ROUNDS } else { GLANCE_ROUNDS };
+        if let Some(Glanced { cost, point }) =
+            footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, rounds, f64::INFINITY)
+        {
+            glances.push(Tried { screened, gain: footing.cost - cost, terms, point });
+        }
+    }
+    glances.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    let ranked: Vec<Ranked> = glances.iter().filter_map(|tried| tried.ranked(bench, candidates)).collect();
+    let best = ranked.first().map_or(0.0, |first| first.gain);
+    // What is far behind after a glance is not worth a fit, nor is a second place that adds next to nothing.
+    let double = glances.iter().find(|tried| tried.alone().is_none() && tried.gain > best + PRICE);
+    let first = double.map_or(best, |double| double.gain);
+    let single =
+        glances.iter().filter(|tried| tried.alone().is_some() && tried.gain >= first - 20.0 - 0.5 * first.abs());
+    let mut chosen: Vec<&Tried<'_>> = double.into_iter().chain(single.take(settings.polished)).collect();
+    let wanted = chosen.len();
+    let left_out = glances.iter().filter(|tried| chosen.iter().all(|known| known.terms != tried.terms));
+    chosen.extend(left_out.collect::<Vec<_>>());
+    let mut polished = Vec::new();
+    for (done, tried) in chosen.into_iter().enumerate() {
+        // Those behind have their turn where none of the first can be fitted.
+        if done >= wanted && !polished.is_empty() {
+            break;
+        }
+        tell("fitting the best", polished.len() as f64 / settings.polished as f64);
+        let warm = bench.fit(candidates, &tried.terms, std::slice::from_ref(&tried.point), Effort::Polish);
+        // Where much is left, the priors' means may lead to a better end than parameters that have given way.
+        let leaves_much = |e: &Explanation| excess(bench, &e.trace).iter().any(|kpa| *kpa > UNKNOWN_KPA);
+        let cold = if far_off && warm.as_ref().map_or(true, leaves_much) {
+            let values = &tried.screened.terms;
+            let from: Vec<_> =
+                starts(bench, candidates, base, &tried.terms, values, true).into_iter().skip(1).collect();
+            bench.fit(candidates, &tried.terms, &from, Effort::Polish).ok()
+        } else {
+            None
+        };
+        // What cannot be run in full where a glance has left it (a wall that gives way by more than its chamber holds) is
+        // no explanation.
+        let ends = warm.into_iter().chain(cold);
+        let Some(fitted) = ends.min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b))) else { continue };
+        polished.push(sharpened(bench, candidates, fitted)?);
+    }
+    let priced = |explanation: &Explanation| {
+        let (terms, parameters) = (explanation.terms.len(), explanation.set.len());
+        cost(bench, explanation) + PRICE * terms as f64 + PRICE_OF_A_PARAMETER * parameters as f64
+    };
+    polished.sort_by(|a, b| priced(a).total_cmp(&priced(b)));
+    Ok((ranked, polished))
+}
+
+/// Terms after a glance.
+struct Tried<'s> {
+    screened: &'s Screened,
+    gain: f64,
+    terms: Vec<usize>,
+    point: Vec<f64>,
+}
+
+impl Tried<'_> {
+    /// The candidate with its values, where it is one.
+    fn ranked(&self, bench: &Bench<'_>, candidates: &[Candidate]) -> Option<Ranked> {
+        let candidate = self.alone()?;
+        let at = position_in(bench, candidates, &self.terms, candidate)?;
+        let coordinates = self.point.get(at..).unwrap_or_default();
+        let values = candidates[candidate].parameters(0).iter().zip(coordinates).map(|(p, z)| p.value(*z)).collect();
+        Some(Ranked { candidate, gain: self.gain, values })
+    }
+
+    /// The candidate, where it is one.
+    fn alone(&self) -> Option<usize> {
+        match self.screened.terms.as_slice() {
+            [(k, _)] => Some(*k),
+            _ => None,
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! What a further term must show to be taken, and whether any could.
+
+use fit::data::Role;
+
+use super::SearchSettings;
+use crate::bench::{Bench, Explanation};
+use crate::candidate::Candidate;
+use crate::evidence::{Evidence, evidence};
+use crate::judge::{FLOOR_KPA, UNKNOWN_KPA, excess};
+use crate::screen::Screening;
+
+/// What a further term must set right beside what is found already, as a share of its error: nobody's formula for the main
+/// effect is exact, and what a tenth of it leaves behind looks like some small effect of another kind.
+const BESIDE: f64 = 0.15;
+/// Log-likelihood that nothing small which is not there gains, and standard errors of it.
+const DOUBT: f64 = 100.0;
+const DOUBT_SE: f64 = 4.0;
+/// Share of the mean squared error that is left.
+const MOST_OF_THE_REST: f64 = 0.5;
+/// The same of what is beyond doubt. Noise that wanders is not known to be noise and counts as left: of what any term could set
+/// right this is more.
+const MORE_THAN_A_THIRD: f64 = 0.4;
+
+/// The noise may be this much less than it was taken for, as a share of its variance: what is left beyond it is then more.
+const NOISE_DOUBT: f64 = 0.2;
+
+/// Whether a further term could still earn its place beside those of `best`: none sets right more than all that is left beyond
+/// the noise.
+pub(super) fn leaves_room(bench: &Bench<'_>, settings: &SearchSettings, best: &Explanation) -> bool {
+    reach_beyond_noise(bench, &best.trace) > settings.bar.removed_kpa
+}
+
+/// What the free run would gain if nothing but the noise were left, and that less than it was taken for: as
+/// [`Evidence::removed_kpa`].
+fn reach_beyond_noise(bench: &Bench<'_>, trace: &[f64]) -> f64 {
+    let noise: f64 = bench.sigma_kpa().iter().map(|sigma| sigma * sigma).sum();
+    let beyond: f64 = excess(bench, trace).iter().map(|kpa| kpa * kpa).sum();
+    (beyond + NOISE_DOUBT * noise).sqrt()
+}
+
+/// Whether `with`, which has the evidence `found` against `without`, passes the bar, and is more than what the formulas of the
+/// terms in `without` may have left of what the `nominal` rig misses: more than a share of it, or, where it shows or is
+/// beyond doubt, most of what is left. What a formula leaves is not what some other physics does, and that explains a third of
+/// it at best.
+pub(super) fn earns_its_place(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    settings: &SearchSettings,
+    found: &Evidence,
+    [with, without, nominal]: [&Explanation; 3],
+) -> bool {
+    let parameters = with.set.len().saturating_sub(without.set.len());
+    let blocks = bench.blocks(Role::Fit).len();
+    settings.bar.passed(found, parameters, candidates.len(), blocks)
+        && (found.removed_kpa > BESIDE * evidence(bench, without, nominal).removed_kpa
+            || found.removed_kpa > FLOOR_KPA && found.share > MOST_OF_THE_REST
+            || found.share > MORE_THAN_A_THIRD && is_beyond_doubt(found))
+}
+
+/// Whether a gain is there in every part of the recordings, and as large in those that nothing was fitted to.
+fn is_beyond_doubt(found: &Evidence) -> bool {
+    found.fitted > DOUBT && found.fitted > DOUBT_SE * found.fitted_se && found.throughout > DOUBT_SE
+}
+
+/// How much more than the screen sees, to first order, a term may come to gain where the rest is explained.
+const BEYOND_THE_SCREEN: f64 = 5.0;
+
+/// Whether anything on top of `base`, by what the screen sees in it, could set right `least_kpa` of the free run.
+///
+/// On `n` readings of a channel fitted with a scale `s`, a root of `k` in the drop of the mean square is a gain of `½ n (k/s)²`,
+/// or more where the channel with the larger scale is the one. Where much is unexplained the screen's slopes lead nowhere,
+/// and so does this.
+pub(super) fn any_could_earn(bench: &Bench<'_>, base: &Explanation, screening: &Screening, least_kpa: f64) -> bool {
+    if excess(bench, &base.trace).iter().any(|kpa| *kpa > UNKNOWN_KPA) {
+        return true;
+    }
+    let most =
+        [&screening.single, &screening.double].into_iter().filter_map(|list| list.first()).map(|first| first.gain);
+    let weights = bench.weighted(&base.fitted.scale_kpa);
+    let mut readings = vec![0.0; bench.records.layout().channels()];
+    for (_, channel, range) in bench.records.layout().all() {
+        let of_channel = weights.get(range).unwrap_or_default();
+        readings[channel] += of_channel.iter().map(|w| w * w).sum::<f64>();
+    }
+    let least = 0.5 * readings.into_iter().fold(f64::INFINITY, f64::min) * least_kpa * least_kpa;
+    BEYOND_THE_SCREEN * most.fold(0.0, f64::max) > least
+}
