@@ -17,10 +17,19 @@
 use fit::data::Role;
 use fit::simulate::{Arcs, Run, refined_starts};
 
-use crate::bench::Bench;
+use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
+use crate::glance::{Footing, Glanced};
 use crate::screen::AMPLITUDE;
+use crate::search::starts;
+
+/// Share of the given rig's mismatch that some mechanism must explain alone before moved parameters are doubted.
+const ALL_BUT: f64 = 0.97;
+/// Share above which a mechanism is a rival once they are: parameters are always off a little beside it.
+const MOST_OF_IT: f64 = 0.8;
+/// Rounds of a glance that a fit follows only where it comes close: it starts far off.
+const ROUNDS: usize = 10;
 
 /// What a candidate explains alone.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,4 +95,45 @@ pub fn alone(bench: &Bench<'_>, candidates: &[Candidate]) -> Result<Vec<Alone>, 
     }
     found.sort_by(|a, b| b.share.total_cmp(&a.share));
     Ok(found)
+}
+
+/// Mechanisms that explain most of the given rig's mismatch by themselves, one of each name, each fitted from the rig as it was
+/// given: what explains its mismatch alone need move none of its numbers far. At most `most`; none where none explains
+/// all but a little.
+///
+/// # Errors
+/// The rig as given cannot be simulated.
+pub(crate) fn by_themselves(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    nominal: &Explanation,
+    most: usize,
+) -> Result<Vec<Explanation>, DiagnoseError> {
+    let lone = alone(bench, candidates)?;
+    if lone.iter().all(|lone| lone.share <= ALL_BUT) {
+        return Ok(Vec::new());
+    }
+    let lone: Vec<Alone> = lone.into_iter().filter(|lone| lone.share > MOST_OF_IT).collect();
+    let footing = Footing::of(bench, nominal)?;
+    let from_given = |lone: &Alone| {
+        let values = [(lone.candidate, lone.start.clone())];
+        starts(bench, candidates, nominal, &[lone.candidate], &values, true).into_iter().skip(1).collect::<Vec<_>>()
+    };
+    let mut close: Vec<(String, usize, Glanced)> = Vec::new();
+    for lone in &lone {
+        let set = bench.set_of(candidates, &[lone.candidate])?;
+        let glanced = footing.contender(bench, &set, &from_given(lone), ROUNDS);
+        let (Some(glanced), Some(candidate)) = (glanced, candidates.get(lone.candidate)) else { continue };
+        let name = candidate.name();
+        match close.iter_mut().find(|(known, ..)| *known == name) {
+            Some((.., best)) if best.cost <= glanced.cost => {}
+            Some(known) => *known = (name, lone.candidate, glanced),
+            None => close.push((name, lone.candidate, glanced)),
+        }
+    }
+    close.truncate(most);
+    let fitted = close.into_iter().filter_map(|(_, term, glanced)| {
+        bench.fit(candidates, &[term], std::slice::from_ref(&glanced.point), Effort::Polish).ok()
+    });
+    Ok(fitted.collect())
 }

@@ -7,7 +7,7 @@
 use fit::data::Role;
 use proto::diagnosis::Verdict;
 
-use crate::alone::alone;
+use crate::alone::by_themselves;
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
@@ -28,11 +28,7 @@ pub(crate) const UNKNOWN_KPA: f64 = 0.12;
 const HINT: f64 = 5.0;
 /// Error beyond the noise, in kPa, from which on one asks whether a single mechanism explains a shift of parameters.
 const SHIFTED_KPA: f64 = 0.5;
-/// Share of the given rig's mismatch that some mechanism must explain alone before moved parameters are doubted.
-const ALL_BUT: f64 = 0.97;
-/// Share above which a mechanism is a rival once they are: parameters are always off a little beside it.
-const MOST_OF_IT: f64 = 0.8;
-/// The most such rivals.
+/// The most rivals of moved parameters.
 const MOST_RIVALS: usize = 5;
 /// Log-likelihood within which two explanations are rivals whatever their blocks say.
 const TIE: f64 = 6.0;
@@ -210,23 +206,10 @@ fn nothing_named(
     if as_given.iter().any(|kpa| *kpa > SHIFTED_KPA) {
         let mut rivals = vec![found.nominal.clone()];
         let mut group = vec![MOVED.to_owned()];
-        let lone = alone(bench, candidates)?;
-        let doubted = lone.iter().any(|lone| lone.share > ALL_BUT);
-        for lone in lone.iter().filter(|lone| doubted && lone.share > MOST_OF_IT) {
-            if rivals.len() > MOST_RIVALS {
-                break;
-            }
-            let terms = [lone.candidate];
-            let values = [(lone.candidate, lone.start.clone())];
-            // From the rig as it was given, for what explains its mismatch alone need move none of its numbers far.
-            let starts: Vec<_> =
-                starts(bench, candidates, &found.nominal, &terms, &values, true).into_iter().skip(1).collect();
-            let Ok(rival) = bench.fit(candidates, &terms, &starts, Effort::Polish) else { continue };
-            let name = candidates.get(lone.candidate).map(Candidate::name).unwrap_or_default();
-            if !group.contains(&name) && evidence(bench, &rival, &found.nominal).fitted > -TIE {
-                group.push(name);
-                rivals.push(rival);
-            }
+        let others = by_themselves(bench, candidates, &found.nominal, MOST_RIVALS)?;
+        for rival in others.into_iter().filter(|rival| evidence(bench, rival, &found.nominal).fitted > -TIE) {
+            group.extend(rival.terms.iter().filter_map(|term| candidates.get(*term)).map(Candidate::name));
+            rivals.push(rival);
         }
         if rivals.len() > 1 {
             return Ok(undecided(rivals, group));
