@@ -1,5 +1,6 @@
 //! The bench on which explanations are tried: recordings, their split and noise, and fits of a rig with terms.
 
+use std::ops::Range;
 use std::sync::OnceLock;
 
 use fit::FitError;
@@ -68,6 +69,8 @@ pub struct Explanation {
     pub fitted: Fitted,
     /// Free run over all rows of all recordings.
     pub trace: Vec<f64>,
+    /// Whether a flapper jumps in it: one jump that comes an instant late throws a free run off until the next.
+    pub jumps: bool,
     /// Half the squared shifts of the nominal parameters in prior standard deviations.
     pub prior_cost: f64,
     /// [`Explanation::errors`], once they were asked for.
@@ -238,7 +241,9 @@ impl<'r> Bench<'r> {
             }
             at += candidate.len();
         }
-        self.fit_set(terms, set, starts, effort)
+        let fitted = self.fit_set(terms, set, starts, effort)?;
+        let jumps = terms.iter().filter_map(|term| candidates.get(*term)).any(Candidate::stepped);
+        Ok(Explanation { jumps, ..fitted })
     }
 
     /// Fits a set of parameters from the best of some starts.
@@ -270,7 +275,7 @@ impl<'r> Bench<'r> {
         let Some((_, fitted)) = best else { return Err(failed.unwrap_or(FitError::NoRecordings).into()) };
         let trace = self.free_run(&fitted.rig)?;
         let prior_cost = fitted.point.iter().take(self.nominal.len()).map(|z| 0.5 * z * z).sum();
-        Ok(Explanation { terms: terms.to_vec(), set, fitted, trace, prior_cost, errors: OnceLock::new() })
+        Ok(Explanation { terms: terms.to_vec(), set, fitted, trace, jumps: false, prior_cost, errors: OnceLock::new() })
     }
 
     /// A free run over all rows, starts refined.
@@ -290,6 +295,38 @@ impl<'r> Bench<'r> {
         let counts = off.filter(|(_, (w, counted))| **w != 0.0 && **counted != 0.0);
         let (sum, rows) = counts.fold((0.0, 0.0), |(sum, rows), ((p, r), _)| (sum + (p - r).powi(2), rows + 1.0));
         sum / f64::max(rows, 1.0)
+    }
+
+    /// Mean square of what a trace is off by channel on the rows that are fitted or choose, in kPa²; `in_the_middle`, that of the
+    /// middle one of all stretches of 2 s.
+    pub fn squares_by_channel(&self, trace: &[f64], in_the_middle: bool) -> Vec<f64> {
+        let layout = self.records.layout();
+        let known = self.split.stretches().iter().filter(|stretch| stretch.role != Role::HeldOut);
+        let pieces: Vec<(usize, Range<usize>)> = known
+            .flat_map(|s| {
+                s.rows.clone().step_by(SHORT_ROWS).map(|from| (s.record, from..s.rows.end.min(from + SHORT_ROWS)))
+            })
+            .collect();
+        let of_channel = |channel: usize| {
+            let squares = |(record, rows): &(usize, Range<usize>)| -> (f64, f64) {
+                let readings = layout.stretch(*record, channel, rows.clone());
+                let of = |values: &[f64], i: usize| values.get(i).copied().unwrap_or(0.0);
+                let counted = readings.filter(|i| of(&self.counted, *i) != 0.0);
+                let off = counted.map(|i| of(trace, i) - of(self.records.readings_kpa(), i));
+                off.fold((0.0, 0.0), |(sum, rows), off| (sum + off * off, rows + 1.0))
+            };
+            let all: Vec<(f64, f64)> = pieces.iter().map(squares).collect();
+            if in_the_middle {
+                let counted = all.iter().filter(|(_, rows)| *rows > 0.0);
+                let mut means: Vec<f64> = counted.map(|(sum, rows)| sum / rows).collect();
+                means.sort_by(f64::total_cmp);
+                means.get(means.len() / 2).copied().unwrap_or(0.0)
+            } else {
+                let (sum, rows) = all.iter().fold((0.0, 0.0), |(sum, rows), (s, r)| (sum + s, rows + r));
+                sum / f64::max(rows, 1.0)
+            }
+        };
+        (0..layout.channels()).map(of_channel).collect()
     }
 
     /// Log-likelihood of a trace on the blocks of a role, some errors allowed for.
@@ -359,5 +396,7 @@ pub fn searching(fidelity: Fidelity) -> Fidelity {
 
 /// Rows of a block: 10 s, several time constants of the slowest chamber.
 const BLOCK_ROWS: usize = 500;
+/// Rows of a short stretch: 2 s.
+const SHORT_ROWS: usize = 100;
 /// Rows of a fine block: 4 s.
 const FINE_ROWS: usize = 200;

@@ -20,7 +20,7 @@ pub struct Evidence {
     /// there throughout, not in one stretch alone.
     pub throughout: f64,
     /// By what the free run became better, all channels together: root of the drop in mean squared error, in kPa
-    /// (negative if it became worse).
+    /// (negative if it became worse); where a flapper jumps, in the middle one of all stretches of 2 s.
     pub removed_kpa: f64,
     /// Share of the worse one's mean squared error beyond the noise that this is, all channels together.
     pub share: f64,
@@ -39,10 +39,11 @@ pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) ->
     let select = [of(better, Role::Select), of(worse, Role::Select)];
     let (fitted, fitted_se) = fit[0].gain_over(&fit[1]);
     let (chosen, chosen_se) = select[0].gain_over(&select[1]);
-    let squares = |at: usize| -> f64 { fit[at].blocks.iter().chain(&select[at].blocks).flat_map(|b| &b.squares).sum() };
-    let rows: usize = fit[0].blocks.iter().chain(&select[0].blocks).flat_map(|b| &b.rows).sum();
-    let mean = |at: usize| squares(at) / rows.max(1) as f64 * bench.records.layout().channels() as f64;
-    let drop = mean(1) - mean(0);
+    // A jump that comes an instant late is no evidence against what drives it, nor one set right by chance for anything.
+    let jumps = better.jumps || worse.jumps;
+    let mean = |e: &Explanation| bench.squares_by_channel(&e.trace, jumps).iter().sum::<f64>();
+    let (after, before) = (mean(better), mean(worse));
+    let drop = before - after;
     let noise: f64 = bench.noise.iter().map(|noise| noise.floor_kpa().powi(2)).sum();
     Evidence {
         fitted,
@@ -51,7 +52,7 @@ pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) ->
         chosen_se,
         throughout: throughout(&bench.score_finely(&better.trace, errors), &bench.score_finely(&worse.trace, errors)),
         removed_kpa: root_of_drop(drop),
-        share: drop / (mean(1) - noise).max(1e-12),
+        share: drop / (before - noise).max(1e-12),
         posterior: fitted + worse.prior_cost - better.prior_cost,
     }
 }

@@ -113,7 +113,8 @@ pub fn judge(
     given: &[f64],
     tell: &mut dyn FnMut(&str, f64),
 ) -> Result<Judgement, DiagnoseError> {
-    let excess_kpa = [excess(bench, given), excess(bench, &found.nominal.trace), excess(bench, &found.best.trace)];
+    let jumps = found.best.jumps;
+    let excess_kpa = [given, &found.nominal.trace, &found.best.trace].map(|trace| beyond_noise(bench, trace, jumps));
     if found.best.terms.is_empty() {
         nothing_named(bench, candidates, found, given, excess_kpa, &[])
     } else {
@@ -364,23 +365,16 @@ pub(crate) fn explains_most(before_kpa: &[f64], after_kpa: &[f64]) -> bool {
 
 /// Error beyond the noise by channel, on the rows that were fitted or chose, in kPa.
 pub fn excess(bench: &Bench<'_>, trace: &[f64]) -> Vec<f64> {
-    let layout = bench.records.layout();
-    let sigma = bench.sigma_kpa();
-    (0..layout.channels())
-        .map(|channel| {
-            let (mut sum, mut rows) = (0.0, 0.0);
-            for stretch in bench.split.stretches() {
-                if stretch.role == Role::HeldOut {
-                    continue;
-                }
-                for i in layout.stretch(stretch.record, channel, stretch.rows.clone()) {
-                    let off = trace.get(i).unwrap_or(&0.0) - bench.records.readings_kpa().get(i).unwrap_or(&0.0);
-                    sum += off * off;
-                    rows += 1.0;
-                }
-            }
-            let s = sigma.get(channel).copied().unwrap_or(0.0);
-            (sum / f64::max(rows, 1.0) - s * s).max(0.0).sqrt()
-        })
-        .collect()
+    beyond_noise(bench, trace, false)
+}
+
+/// What an explanation leaves, as [`excess`]; where a flapper jumps in it, in the middle one of all stretches of 2 s.
+pub(crate) fn left(bench: &Bench<'_>, explanation: &Explanation) -> Vec<f64> {
+    beyond_noise(bench, &explanation.trace, explanation.jumps)
+}
+
+/// Errors beyond the noise, of all readings together or of those in the middle.
+fn beyond_noise(bench: &Bench<'_>, trace: &[f64], in_the_middle: bool) -> Vec<f64> {
+    let squares = bench.squares_by_channel(trace, in_the_middle).into_iter();
+    squares.zip(bench.sigma_kpa()).map(|(square, sigma)| (square - sigma * sigma).max(0.0).sqrt()).collect()
 }

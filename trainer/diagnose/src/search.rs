@@ -12,7 +12,7 @@ use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::evidence::{Bar, Evidence, evidence};
-use crate::judge::{UNKNOWN_KPA, excess, explains_most};
+use crate::judge::{UNKNOWN_KPA, excess, explains_most, left};
 
 mod additions;
 mod exchange;
@@ -132,7 +132,7 @@ pub fn search(
         if taken {
             best = refined(bench, candidates, top, settings.bar.removed_kpa)?;
         } else {
-            let left = excess(bench, &best.trace);
+            let left = left(bench, &best);
             let unexplained = !explains_most(&excess(bench, &nominal.trace), &left);
             let unexplained = unexplained && left.iter().any(|kpa| *kpa > UNKNOWN_KPA);
             // Each of two may be lost in what the other does.

@@ -7,7 +7,7 @@ use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::glance::{Footing, Glanced};
-use crate::judge::{UNKNOWN_KPA, excess};
+use crate::judge::{UNKNOWN_KPA, left};
 use crate::screen::{Screened, screen};
 
 /// And for each of its parameters: a mechanism is not worth a richer shape for less.
@@ -71,7 +71,7 @@ pub(super) fn additions(
         tell("fitting the best", polished.len() as f64 / settings.polished as f64);
         let warm = bench.fit(candidates, &tried.terms, std::slice::from_ref(&tried.point), Effort::Polish);
         // Where much is left, the priors' means may lead to a better end than parameters that have given way.
-        let leaves_much = |e: &Explanation| excess(bench, &e.trace).iter().any(|kpa| *kpa > UNKNOWN_KPA);
+        let leaves_much = |e: &Explanation| left(bench, e).iter().any(|kpa| *kpa > UNKNOWN_KPA);
         let cold = if far_off && warm.as_ref().map_or(true, leaves_much) {
             let values = &tried.screened.terms;
             let from: Vec<_> =
@@ -84,7 +84,7 @@ pub(super) fn additions(
         // no explanation.
         let ends = warm.into_iter().chain(cold);
         let Some(fitted) = ends.min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b))) else { continue };
-        polished.push(sharpened(bench, candidates, fitted)?);
+        polished.push(sharpened(bench, candidates, fitted, &base.terms)?);
     }
     let priced = |explanation: &Explanation| {
         let (terms, parameters) = (explanation.terms.len(), explanation.set.len());

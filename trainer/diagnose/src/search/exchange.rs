@@ -156,7 +156,7 @@ pub(super) fn deletions(
             continue;
         }
         let Ok(reduced) = bench.fit(candidates, &terms, &starts, Effort::Polish) else { continue };
-        let reduced = sharpened(bench, candidates, reduced)?;
+        let reduced = sharpened(bench, candidates, reduced, &[])?;
         let reduced = if may_be_richer { refined(bench, candidates, reduced, 0.0)? } else { reduced };
         let found = evidence(bench, &best, &reduced);
         if earns_its_place(bench, candidates, settings, &found, [&best, &reduced, nominal]) {

@@ -110,7 +110,7 @@ pub(super) fn from_priors(
         }
     }
     match best {
-        Some(best) => Ok(Some(sharpened(bench, candidates, best)?)),
+        Some(best) => Ok(Some(sharpened(bench, candidates, best, &base.terms)?)),
         None => Ok(None),
     }
 }
@@ -180,14 +180,16 @@ const SHARPENING: [(f64, f64); 4] = [(3.0, 0.3), (1.5, 0.3), (1.12, 0.1), (1.02,
 const SHARPENED: [i32; 2] = [15, 6];
 
 /// Looks for better values of stepped parameters and of onsets, which least squares leaves where they start, and fits the rest
-/// anew.
+/// anew. Stepped parameters of `known` terms were looked at when those came in.
 pub(super) fn sharpened(
     bench: &Bench<'_>,
     candidates: &[Candidate],
     explanation: Explanation,
+    known: &[usize],
 ) -> Result<Explanation, DiagnoseError> {
     let mut explanation = timed(bench, candidates, explanation)?;
-    let stepped: Vec<usize> = explanation.terms.iter().copied().filter(|t| candidates[*t].stepped()).collect();
+    let stepped = explanation.terms.iter().copied().filter(|t| candidates[*t].stepped() && !known.contains(t));
+    let stepped: Vec<usize> = stepped.collect();
     for (reach, term) in SHARPENING.iter().flat_map(|reach| stepped.iter().map(move |term| (*reach, *term))) {
         let (fitted, set) = (&explanation.fitted, &explanation.set);
         let Some(at) = position_of(bench, candidates, &explanation, term) else { continue };

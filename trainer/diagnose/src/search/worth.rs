@@ -6,7 +6,7 @@ use super::SearchSettings;
 use crate::bench::{Bench, Explanation};
 use crate::candidate::Candidate;
 use crate::evidence::{Evidence, evidence};
-use crate::judge::{FLOOR_KPA, UNKNOWN_KPA, excess};
+use crate::judge::{FLOOR_KPA, UNKNOWN_KPA, left};
 use crate::screen::Screening;
 
 /// What a further term must set right beside what is found already, as a share of its error: nobody's formula for the main
@@ -27,14 +27,14 @@ const NOISE_DOUBT: f64 = 0.2;
 /// Whether a further term could still earn its place beside those of `best`: none sets right more than all that is left beyond
 /// the noise.
 pub(super) fn leaves_room(bench: &Bench<'_>, settings: &SearchSettings, best: &Explanation) -> bool {
-    reach_beyond_noise(bench, &best.trace) > settings.bar.removed_kpa
+    reach_beyond_noise(bench, best) > settings.bar.removed_kpa
 }
 
 /// What the free run would gain if nothing but the noise were left, and that less than it was taken for: as
 /// [`Evidence::removed_kpa`].
-fn reach_beyond_noise(bench: &Bench<'_>, trace: &[f64]) -> f64 {
+fn reach_beyond_noise(bench: &Bench<'_>, best: &Explanation) -> f64 {
     let noise: f64 = bench.sigma_kpa().iter().map(|sigma| sigma * sigma).sum();
-    let beyond: f64 = excess(bench, trace).iter().map(|kpa| kpa * kpa).sum();
+    let beyond: f64 = left(bench, best).iter().map(|kpa| kpa * kpa).sum();
     (beyond + NOISE_DOUBT * noise).sqrt()
 }
 
@@ -71,7 +71,7 @@ const BEYOND_THE_SCREEN: f64 = 5.0;
 /// or more where the channel with the larger scale is the one. Where much is unexplained the screen's slopes lead nowhere,
 /// and so does this.
 pub(super) fn any_could_earn(bench: &Bench<'_>, base: &Explanation, screening: &Screening, least_kpa: f64) -> bool {
-    if excess(bench, &base.trace).iter().any(|kpa| *kpa > UNKNOWN_KPA) {
+    if left(bench, base).iter().any(|kpa| *kpa > UNKNOWN_KPA) {
         return true;
     }
     let most =
