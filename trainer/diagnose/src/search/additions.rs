@@ -10,6 +10,8 @@ use crate::glance::{Footing, Glanced};
 use crate::judge::{UNKNOWN_KPA, left};
 use crate::screen::{Screened, screen};
 
+/// Share of the first one's gain at a glance within which others are fitted as well.
+const NOT_CONVERGED: f64 = 0.7;
 /// And for each of its parameters: a mechanism is not worth a richer shape for less.
 const PRICE_OF_A_PARAMETER: f64 = 5.0;
 /// Standard deviations of its prior beyond which a parameter has given way to something that it is not.
@@ -53,11 +55,13 @@ pub(super) fn additions(
     glances.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let ranked: Vec<Ranked> = glances.iter().filter_map(|tried| tried.ranked(bench, candidates)).collect();
     let best = ranked.first().map_or(0.0, |first| first.gain);
-    // What is far behind after a glance is not worth a fit, nor is a second place that adds next to nothing.
+    // What is far behind after a glance is not worth a fit, nor is a second place that adds next to nothing. A glance is not
+    // converged: where parameters have far to go, what gains less than half of the first at a glance may come out ahead.
     let double = glances.iter().find(|tried| tried.alone().is_none() && tried.gain > best + PRICE);
     let first = double.map_or(best, |double| double.gain);
-    let single =
-        glances.iter().filter(|tried| tried.alone().is_some() && tried.gain >= first - 20.0 - 0.5 * first.abs());
+    let single = glances
+        .iter()
+        .filter(|tried| tried.alone().is_some() && tried.gain >= first - 20.0 - NOT_CONVERGED * first.abs());
     let mut chosen: Vec<&Tried<'_>> = double.into_iter().chain(single.take(settings.polished)).collect();
     let wanted = chosen.len();
     let left_out = glances.iter().filter(|tried| chosen.iter().all(|known| known.terms != tried.terms));
