@@ -28,6 +28,8 @@ use crate::search::starts;
 const ALL_BUT: f64 = 0.97;
 /// Share above which a mechanism is a rival once they are: parameters are always off a little beside it.
 const MOST_OF_IT: f64 = 0.8;
+/// Half the squared shifts of the parameters, in standard deviations, from which on it is asked too: five of them two off.
+const FAR: f64 = 10.0;
 /// Rounds of a glance that a fit follows only where it comes close: it starts far off.
 const ROUNDS: usize = 10;
 
@@ -97,9 +99,18 @@ pub fn alone(bench: &Bench<'_>, candidates: &[Candidate]) -> Result<Vec<Alone>, 
     Ok(found)
 }
 
-/// Mechanisms that explain most of the given rig's mismatch by themselves, one of each name, each fitted from the rig as it was
-/// given: what explains its mismatch alone need move none of its numbers far. At most `most`; none where none explains
-/// all but a little.
+/// Mechanisms that explain most of the given rig's mismatch by themselves.
+#[derive(Default)]
+pub(crate) struct ByThemselves {
+    /// One of each name, with the rig's own parameters fitted.
+    pub(crate) fitted: Vec<Explanation>,
+    /// Whether one of them explains all but a little before anything is fitted.
+    pub(crate) nearly_all: bool,
+}
+
+/// Mechanisms that explain most of the given rig's mismatch by themselves, at most `most`, fitted from the rig as it was given:
+/// what explains its mismatch alone need move none of its numbers far. None where none explains all but a little and the
+/// `nominal` parameters did not have to go far either.
 ///
 /// # Errors
 /// The rig as given cannot be simulated.
@@ -108,32 +119,29 @@ pub(crate) fn by_themselves(
     candidates: &[Candidate],
     nominal: &Explanation,
     most: usize,
-) -> Result<Vec<Explanation>, DiagnoseError> {
+) -> Result<ByThemselves, DiagnoseError> {
     let lone = alone(bench, candidates)?;
-    if lone.iter().all(|lone| lone.share <= ALL_BUT) {
-        return Ok(Vec::new());
+    let nearly_all = lone.iter().any(|lone| lone.share > ALL_BUT);
+    if !nearly_all && nominal.prior_cost < FAR {
+        return Ok(ByThemselves::default());
     }
-    let lone: Vec<Alone> = lone.into_iter().filter(|lone| lone.share > MOST_OF_IT).collect();
     let footing = Footing::of(bench, nominal)?;
-    let from_given = |lone: &Alone| {
-        let values = [(lone.candidate, lone.start.clone())];
-        starts(bench, candidates, nominal, &[lone.candidate], &values, true).into_iter().skip(1).collect::<Vec<_>>()
-    };
     let mut close: Vec<(String, usize, Glanced)> = Vec::new();
-    for lone in &lone {
-        let set = bench.set_of(candidates, &[lone.candidate])?;
-        let glanced = footing.contender(bench, &set, &from_given(lone), ROUNDS);
-        let (Some(glanced), Some(candidate)) = (glanced, candidates.get(lone.candidate)) else { continue };
+    for Alone { candidate: k, start, .. } in lone.into_iter().filter(|lone| lone.share > MOST_OF_IT) {
+        let set = bench.set_of(candidates, &[k])?;
+        let from: Vec<_> = starts(bench, candidates, nominal, &[k], &[(k, start)], true).into_iter().skip(1).collect();
+        let glanced = footing.contender(bench, &set, &from, ROUNDS);
+        let (Some(glanced), Some(candidate)) = (glanced, candidates.get(k)) else { continue };
         let name = candidate.name();
         match close.iter_mut().find(|(known, ..)| *known == name) {
             Some((.., best)) if best.cost <= glanced.cost => {}
-            Some(known) => *known = (name, lone.candidate, glanced),
-            None => close.push((name, lone.candidate, glanced)),
+            Some(known) => *known = (name, k, glanced),
+            None => close.push((name, k, glanced)),
         }
     }
     close.truncate(most);
     let fitted = close.into_iter().filter_map(|(_, term, glanced)| {
         bench.fit(candidates, &[term], std::slice::from_ref(&glanced.point), Effort::Polish).ok()
     });
-    Ok(fitted.collect())
+    Ok(ByThemselves { fitted: fitted.collect(), nearly_all })
 }

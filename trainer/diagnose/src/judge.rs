@@ -7,14 +7,15 @@
 use fit::data::Role;
 use proto::diagnosis::Verdict;
 
-use crate::alone::by_themselves;
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
-use crate::evidence::{Bar, Evidence, evidence};
+use crate::evidence::evidence;
 use crate::glance::Footing;
 use crate::search::{Found, GLANCE_ROUNDS, cost, starts, twins, with, without};
-use crate::switched::{REACH_KPA, reach_kpa};
+
+mod moved;
+use moved::nothing_named;
 
 /// Error beyond the noise, in kPa, below which a model is as good as the recordings can tell.
 pub(crate) const FLOOR_KPA: f64 = 0.06;
@@ -23,30 +24,10 @@ pub(crate) const FLOOR_KPA: f64 = 0.06;
 const EXPLAINED: f64 = 0.7;
 /// Error beyond the noise, in kPa, above which a model that lacks nothing known lacks something unknown.
 pub(crate) const UNKNOWN_KPA: f64 = 0.12;
-/// Gain of prior and likelihood, beyond what the best of all candidates has by chance, at which a mechanism that does
-/// not pass the bar is a rival of moved parameters.
-const HINT: f64 = 5.0;
-/// Error beyond the noise, in kPa, from which on one asks whether a single mechanism explains a shift of parameters.
-const SHIFTED_KPA: f64 = 0.5;
-/// The most rivals of moved parameters.
-const MOST_RIVALS: usize = 5;
 /// Log-likelihood within which two explanations are rivals whatever their blocks say.
 const TIE: f64 = 6.0;
 /// Standard errors within which they are.
 const TIE_SE: f64 = 2.0;
-
-/// Log-likelihood, fitted and kept rows together, at which something is there however little it does.
-const CERTAIN: f64 = 50.0;
-/// Standard errors by which fitted rows must show it, and those that choose.
-const CERTAIN_SE: [f64; 2] = [2.0, 1.0];
-
-/// Whether something is there beyond doubt, whatever its size.
-fn is_certain(found: &Evidence) -> bool {
-    let [fitted_se, chosen_se] = CERTAIN_SE;
-    found.fitted + found.chosen > CERTAIN
-        && found.fitted > fitted_se * found.fitted_se
-        && found.chosen > chosen_se * found.chosen_se
-}
 
 /// Rounds of a glance that nothing follows.
 const LONG_GLANCE_ROUNDS: usize = 10;
@@ -135,90 +116,6 @@ pub fn judge_without(
     let nominal = excess(bench, &found.nominal.trace);
     let excess_kpa = [excess(bench, given), nominal.clone(), nominal];
     nothing_named(bench, candidates, found, given, excess_kpa, &found.best.terms)
-}
-
-/// No candidate passed the bar, or what did was withdrawn.
-fn nothing_named(
-    bench: &Bench<'_>,
-    candidates: &[Candidate],
-    found: &Found,
-    given: &[f64],
-    excess_kpa: [Vec<f64>; 3],
-    withdrawn: &[usize],
-) -> Result<Judgement, DiagnoseError> {
-    let undecided = |rivals, group| Judgement {
-        rivals,
-        groups: vec![group],
-        ..Judgement::unnamed(Verdict::Undecided, excess_kpa.clone())
-    };
-    // What was withdrawn says where the error is: far from where the rig works.
-    if withdrawn.is_empty() && excess_kpa[1].iter().any(|kpa| *kpa > UNKNOWN_KPA) {
-        return Ok(Judgement::unnamed(Verdict::UnknownMechanism, excess_kpa));
-    }
-    // Mechanisms that the recordings, or the priors, would rather have than a mere shift. The best of many candidates gains
-    // the logarithm of their number by chance.
-    let looked_at = (candidates.len().max(1) as f64).ln();
-    let mut hints: Vec<(f64, &Explanation)> = found
-        .tried
-        .iter()
-        .filter(|e| e.terms.len() == 1 && e.terms != withdrawn)
-        .filter_map(|e| {
-            let found_for = evidence(bench, e, &found.nominal);
-            // What hardly shows in the free run is an everyday imperfection; what saves the priors much is not, nor what is
-            // beyond all doubt, small as it may be.
-            let shows = found_for.removed_kpa > Bar::default().removed_kpa || is_certain(&found_for);
-            let gain = if shows { found_for.posterior } else { found_for.posterior - found_for.fitted.max(0.0) };
-            (gain > HINT + looked_at).then_some((gain, e))
-        })
-        // Nor is what next to nothing would change without: no experiment is worth flying for it.
-        .filter(|(_, e)| reach_kpa(bench, e).is_ok_and(|kpa| kpa > REACH_KPA))
-        .collect();
-    hints.sort_by(|a, b| b.0.total_cmp(&a.0));
-    if let Some((top, first)) = hints.first().copied() {
-        let mut close: Vec<&Explanation> =
-            hints.iter().filter(|(g, e)| *g > top - TIE || is_rival(bench, first, e)).map(|(_, e)| *e).collect();
-        // What is no hint by itself can still stand in the first one's place.
-        let posterior = |e: &Explanation| evidence(bench, e, &found.nominal).posterior;
-        let least = posterior(first) - TIE;
-        let others = found.tried.iter().filter(|e| e.terms.len() == 1 && e.terms != withdrawn);
-        let others = others.filter(|e| posterior(e) > least && is_rival(bench, first, e));
-        let others = others.filter(|e| reach_kpa(bench, e).is_ok_and(|kpa| kpa > REACH_KPA));
-        for other in others {
-            if !close.iter().any(|e| e.terms == other.terms) {
-                close.push(other);
-            }
-        }
-        close.truncate(MOST_RIVALS);
-        let mut group = vec![MOVED.to_owned()];
-        let mut rivals = vec![found.nominal.clone()];
-        for rival in close {
-            let Some(name) = rival.terms.first().and_then(|t| candidates.get(*t)).map(Candidate::name) else {
-                continue;
-            };
-            // Two shapes of one mechanism there are one answer.
-            if !group.contains(&name) {
-                group.push(name);
-                rivals.push(rival.clone());
-            }
-        }
-        return Ok(undecided(rivals, group));
-    }
-    let as_given = excess(bench, given);
-    if as_given.iter().any(|kpa| *kpa > SHIFTED_KPA) {
-        let mut rivals = vec![found.nominal.clone()];
-        let mut group = vec![MOVED.to_owned()];
-        let others = by_themselves(bench, candidates, &found.nominal, MOST_RIVALS)?;
-        for rival in others.into_iter().filter(|rival| evidence(bench, rival, &found.nominal).fitted > -TIE) {
-            group.extend(rival.terms.iter().filter_map(|term| candidates.get(*term)).map(Candidate::name));
-            rivals.push(rival);
-        }
-        if rivals.len() > 1 {
-            return Ok(undecided(rivals, group));
-        }
-    }
-    let same = as_given.iter().zip(&excess_kpa[1]).all(|(g, n)| *g < FLOOR_KPA || *g < 1.2 * n);
-    let verdict = if same { Verdict::Adequate } else { Verdict::ParametersMoved };
-    Ok(Judgement::unnamed(verdict, excess_kpa))
 }
 
 /// Some candidates passed the bar.

@@ -1,0 +1,108 @@
+//! Nothing was named: whether the rig is as stated, only its parameters moved, or something may stand behind that.
+//!
+//! Parameters that were fitted to recordings of a rig with a leak take the leak up. What then speaks for the leak is not the
+//! likelihood: it is that parameters need not be believed to be far off. So mechanisms are asked for that save the priors much,
+//! on top of the fitted parameters and, by themselves, on top of the rig as it was given; and what no more than equals the
+//! shift is asked for as well where it explains nearly all of the mismatch with one number ([`crate::alone`]).
+
+use proto::diagnosis::Verdict;
+
+use super::{FLOOR_KPA, Judgement, MOVED, TIE, UNKNOWN_KPA, excess, is_rival};
+use crate::alone::{ByThemselves, by_themselves};
+use crate::bench::{Bench, Explanation};
+use crate::candidate::Candidate;
+use crate::error::DiagnoseError;
+use crate::evidence::{Bar, Evidence, evidence};
+use crate::search::Found;
+use crate::switched::{REACH_KPA, reach_kpa};
+
+/// Gain of prior and likelihood, beyond what the best of all candidates has by chance, at which a mechanism that does
+/// not pass the bar is a rival of moved parameters.
+const HINT: f64 = 5.0;
+/// Error beyond the noise, in kPa, from which on one asks whether a single mechanism explains a shift of parameters.
+const SHIFTED_KPA: f64 = 0.5;
+/// The most rivals of moved parameters.
+const MOST_RIVALS: usize = 5;
+/// Log-likelihood, fitted and kept rows together, at which something is there however little it does.
+const CERTAIN: f64 = 50.0;
+/// Standard errors by which fitted rows must show it, and those that choose.
+const CERTAIN_SE: [f64; 2] = [2.0, 1.0];
+
+/// Whether something is there beyond doubt, whatever its size.
+fn is_certain(found: &Evidence) -> bool {
+    let [fitted_se, chosen_se] = CERTAIN_SE;
+    found.fitted + found.chosen > CERTAIN
+        && found.fitted > fitted_se * found.fitted_se
+        && found.chosen > chosen_se * found.chosen_se
+}
+
+/// No candidate passed the bar, or what did was withdrawn.
+pub(super) fn nothing_named(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    found: &Found,
+    given: &[f64],
+    excess_kpa: [Vec<f64>; 3],
+    withdrawn: &[usize],
+) -> Result<Judgement, DiagnoseError> {
+    let undecided = |rivals, group| Judgement {
+        rivals,
+        groups: vec![group],
+        ..Judgement::unnamed(Verdict::Undecided, excess_kpa.clone())
+    };
+    // What was withdrawn says where the error is: far from where the rig works.
+    if withdrawn.is_empty() && excess_kpa[1].iter().any(|kpa| *kpa > UNKNOWN_KPA) {
+        return Ok(Judgement::unnamed(Verdict::UnknownMechanism, excess_kpa));
+    }
+    let as_given = excess(bench, given);
+    let shifted = as_given.iter().any(|kpa| *kpa > SHIFTED_KPA);
+    let lone =
+        if shifted { by_themselves(bench, candidates, &found.nominal, MOST_RIVALS)? } else { ByThemselves::default() };
+    let known = found.tried.iter().filter(|e| e.terms.len() == 1 && e.terms != withdrawn);
+    let singles: Vec<&Explanation> = known.chain(&lone.fitted).collect();
+    // Mechanisms that the recordings, or the priors, would rather have than a mere shift. The best of many candidates gains
+    // the logarithm of their number by chance.
+    let looked_at = (candidates.len().max(1) as f64).ln();
+    let mut hints: Vec<(f64, &Explanation)> = singles
+        .iter()
+        .filter_map(|e| {
+            let found_for = evidence(bench, e, &found.nominal);
+            // What hardly shows in the free run is an everyday imperfection; what saves the priors much is not, nor what is
+            // beyond all doubt, small as it may be.
+            let shows = found_for.removed_kpa > Bar::default().removed_kpa || is_certain(&found_for);
+            let gain = if shows { found_for.posterior } else { found_for.posterior - found_for.fitted.max(0.0) };
+            (gain > HINT + looked_at).then_some((gain, *e))
+        })
+        // Nor is what next to nothing would change without: no experiment is worth flying for it.
+        .filter(|(_, e)| reach_kpa(bench, e).is_ok_and(|kpa| kpa > REACH_KPA))
+        .collect();
+    hints.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut close: Vec<&Explanation> = Vec::new();
+    if let Some((top, first)) = hints.first().copied() {
+        let near = hints.iter().filter(|(gain, e)| *gain > top - TIE || is_rival(bench, first, e));
+        close.extend(near.map(|(_, e)| *e));
+        // What is no hint by itself can still stand in the first one's place.
+        let posterior = |e: &Explanation| evidence(bench, e, &found.nominal).posterior;
+        let least = posterior(first) - TIE;
+        let others = singles.iter().copied().filter(|e| posterior(e) > least && is_rival(bench, first, e));
+        close.extend(others.filter(|e| reach_kpa(bench, e).is_ok_and(|kpa| kpa > REACH_KPA)));
+    } else if lone.nearly_all {
+        close.extend(lone.fitted.iter().filter(|e| evidence(bench, e, &found.nominal).fitted > -TIE));
+    }
+    let mut group = vec![MOVED.to_owned()];
+    let mut rivals = vec![found.nominal.clone()];
+    for rival in close {
+        let Some(name) = rival.terms.first().and_then(|t| candidates.get(*t)).map(Candidate::name) else { continue };
+        // Two shapes of one mechanism there are one answer.
+        if !group.contains(&name) && rivals.len() <= MOST_RIVALS {
+            group.push(name);
+            rivals.push(rival.clone());
+        }
+    }
+    if rivals.len() > 1 {
+        return Ok(undecided(rivals, group));
+    }
+    let same = as_given.iter().zip(&excess_kpa[1]).all(|(g, n)| *g < FLOOR_KPA || *g < 1.2 * n);
+    let verdict = if same { Verdict::Adequate } else { Verdict::ParametersMoved };
+    Ok(Judgement::unnamed(verdict, excess_kpa))
+}
