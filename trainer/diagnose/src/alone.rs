@@ -22,14 +22,12 @@ use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::glance::{Footing, Glanced};
 use crate::screen::AMPLITUDE;
-use crate::search::starts;
+use crate::search::{has_given_way, starts};
 
 /// Share of the given rig's mismatch that some mechanism must explain alone before moved parameters are doubted.
 const ALL_BUT: f64 = 0.97;
 /// Share above which a mechanism is a rival once they are: parameters are always off a little beside it.
 const MOST_OF_IT: f64 = 0.8;
-/// Half the squared shifts of the parameters, in standard deviations, from which on it is asked too: five of them two off.
-const FAR: f64 = 10.0;
 /// Rounds of a glance that a fit follows only where it comes close: it starts far off.
 const ROUNDS: usize = 10;
 
@@ -110,7 +108,7 @@ pub(crate) struct ByThemselves {
 
 /// Mechanisms that explain most of the given rig's mismatch by themselves, at most `most`, fitted from the rig as it was given:
 /// what explains its mismatch alone need move none of its numbers far. None where none explains all but a little and the
-/// `nominal` parameters did not have to go far either.
+/// `nominal` parameters have not given way either.
 ///
 /// # Errors
 /// The rig as given cannot be simulated.
@@ -122,10 +120,10 @@ pub(crate) fn by_themselves(
 ) -> Result<ByThemselves, DiagnoseError> {
     let lone = alone(bench, candidates)?;
     let nearly_all = lone.iter().any(|lone| lone.share > ALL_BUT);
-    if !nearly_all && nominal.prior_cost < FAR {
+    if !nearly_all && !has_given_way(bench, nominal) {
         return Ok(ByThemselves::default());
     }
-    let footing = Footing::of(bench, nominal)?;
+    let footing = Footing::of_given(bench, nominal)?;
     let mut close: Vec<(String, usize, Glanced)> = Vec::new();
     for Alone { candidate: k, start, .. } in lone.into_iter().filter(|lone| lone.share > MOST_OF_IT) {
         let set = bench.set_of(candidates, &[k])?;

@@ -72,6 +72,20 @@ impl Footing {
         })
     }
 
+    /// What glances from the rig as it was given stand on, beside the fitted `nominal` parameters, whose cost it has: parameters
+    /// that have given way have slopes of their own.
+    ///
+    /// # Errors
+    /// The rig cannot be simulated.
+    pub fn of_given(bench: &Bench<'_>, nominal: &Explanation) -> Result<Footing, DiagnoseError> {
+        let mut footing = Footing { slopes: Vec::new(), ..Footing::of(bench, nominal)? };
+        let arcs = footing.arcs.clone();
+        let mut problem = Chord { simulator: bench.fast, set: &nominal.set, footing: &footing, arcs };
+        let given = problem.linearise(&vec![0.0; nominal.set.len()])?;
+        footing.slopes = given.jacobian;
+        Ok(footing)
+    }
+
     /// A few rounds from each start; the best end. `None` if no start can be simulated. What is not on its way to a cost of
     /// `needed`, or to the best end so far, is followed no further: it ends where it is.
     pub fn glance(

@@ -191,3 +191,11 @@ pub const PRICE: f64 = 20.0;
 pub fn cost(bench: &Bench<'_>, explanation: &Explanation) -> f64 {
     explanation.fitted.comparable_cost(bench.records, bench.fit_weights())
 }
+
+/// Standard deviations of its prior beyond which a parameter has given way to something that it is not.
+const FAR_OFF: f64 = 6.0;
+
+/// Whether one of the rig's own parameters has.
+pub(crate) fn has_given_way(bench: &Bench<'_>, explanation: &Explanation) -> bool {
+    explanation.fitted.point.iter().take(bench.nominal.len()).any(|z| z.abs() > FAR_OFF)
+}

@@ -2,7 +2,7 @@
 
 use super::terms::{is_open, position_in, starts, starts_at, with};
 use super::worth::any_could_earn;
-use super::{GLANCE_ROUNDS, PAIR_ROUNDS, PRICE, Ranked, SearchSettings, cost, sharpened};
+use super::{GLANCE_ROUNDS, PAIR_ROUNDS, PRICE, Ranked, SearchSettings, cost, has_given_way, sharpened};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
@@ -14,8 +14,6 @@ use crate::screen::{Screened, screen};
 const NOT_CONVERGED: f64 = 0.7;
 /// And for each of its parameters: a mechanism is not worth a richer shape for less.
 const PRICE_OF_A_PARAMETER: f64 = 5.0;
-/// Standard deviations of its prior beyond which a parameter has given way to something that it is not.
-const FAR_OFF: f64 = 6.0;
 
 /// Tries every candidate on top of `base`; the ranking, and the best ones fitted to the end.
 pub(super) fn additions(
@@ -33,7 +31,7 @@ pub(super) fn additions(
     }
     let footing = Footing::of(bench, base)?;
     // Parameters that have given way too far lead a fit into a valley of their own.
-    let far_off = base.fitted.point.iter().take(bench.nominal.len()).any(|z| z.abs() > FAR_OFF);
+    let far_off = has_given_way(bench, base);
     let mut glances = Vec::new();
     let singles = screening.single.iter().take(settings.glanced);
     let pair_fits = base.terms.len() + 2 <= settings.most_terms;
