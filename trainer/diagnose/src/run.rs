@@ -202,6 +202,13 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     }
     (found.nominal, found.best) = (nominal, best);
     turning.judged(&mut judgement);
+    if found.best.jumps && judgement.verdict == Verdict::MissingPhysics {
+        notes.push(
+            "where a valve sticks, one jump that comes late throws the free run off until the next: what is left was judged by the \
+             middle one of all stretches of 2 s"
+                .to_owned(),
+        );
+    }
     let mut unknown = if judgement.verdict == Verdict::UnknownMechanism {
         progress("shaping a term for what has no name", 0.0);
         if event.is_some() {

@@ -158,6 +158,32 @@ fn hysteresis_is_named_with_its_valve_and_width() {
     assert!((width.value - 0.02).abs() < 5.0 * width.sd + 2e-4, "{width:?}");
 }
 
+/// A run that is off by 0.1 kPa throughout and by 5 kPa in one stretch of 2 s: the mean square is that of both, the middle one knows
+/// nothing of the stretch, and rows that do not count are in neither.
+#[test]
+fn the_middle_of_errors_forgives_a_late_jump() {
+    let (rig, _) = moved(&[]);
+    let records = Records::new(&rig, &made(&rig, 1, 9)).unwrap();
+    let layout = records.layout();
+    let first = layout.channel(0, 0);
+    let mut usable = vec![1.0; layout.len()];
+    let mut trace: Vec<f64> = records.readings_kpa().iter().map(|kpa| kpa + 0.1).collect();
+    // Rows 100 to 199 are fitted, and so is row 0.
+    trace[first.start + 100..first.start + 200].iter_mut().for_each(|kpa| *kpa += 4.9);
+    trace[first.start] = 1e6;
+    usable[first.start] = 0.0;
+    let bench = Bench::new(&rig, &records, &usable, Fidelity::Averaged, None);
+    let held = bench.split.weights(layout, fit::data::Role::HeldOut);
+    let rows = held[first].iter().filter(|held| **held == 0.0).count() as f64 - 1.0;
+    let mean = bench.squares_by_channel(&trace, false);
+    let expected = (100.0 * 25.0 + (rows - 100.0) * 0.01) / rows;
+    assert!((mean[0] / expected - 1.0).abs() < 1e-9, "{mean:?} {expected}");
+    assert!((mean[1] - 0.01).abs() < 1e-9, "{mean:?}");
+    for square in bench.squares_by_channel(&trace, true) {
+        assert!((square - 0.01).abs() < 1e-9, "{square}");
+    }
+}
+
 /// Recordings begin while the flapper is held somewhere else than where its command would put it, and every later jump begins
 /// where the one before ended: taken to start in the middle, the right mechanism is off by as much as a wrong one.
 #[test]
