@@ -4,6 +4,17 @@ use crate::orifice::FlowFunction;
 use crate::plant::{Cylinder, Drive};
 use crate::real::Real;
 
+/// What keeps a check valve shut, in Pa (see [`crate::mechanism::CheckValveCracking`]).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Spring {
+    /// Difference below which it is shut.
+    pub(crate) cracking_pa: f64,
+    /// What is taken from the difference that drives the flow.
+    pub(crate) taken_pa: f64,
+    /// Difference beyond the cracking pressure over which it opens; 0 at once.
+    pub(crate) opening_pa: f64,
+}
+
 /// What a pump's table depends on, and nothing else.
 #[derive(Debug, Clone)]
 pub(crate) struct Machine {
@@ -21,8 +32,8 @@ pub(crate) struct Machine {
     pub(crate) rt: f64,
     /// Effective areas of inlet and outlet check valves in m², lines in series included.
     pub(crate) areas: [f64; 2],
-    /// Their cracking pressures in Pa (mechanism `check_valve_cracking`).
-    pub(crate) cracking: [f64; 2],
+    /// What keeps them shut (mechanism `check_valve_cracking`).
+    pub(crate) springs: [Spring; 2],
     /// Conductance of the rings in kg/(s Pa²) (mechanism `piston_blowby`).
     pub(crate) blowby: f64,
     /// 1/√(R T) at the inlet and in the cylinders, in s/m.
@@ -42,7 +53,7 @@ pub(crate) struct Machine {
 impl Machine {
     /// Every number of it: two pumps with the same have the same table.
     pub(crate) fn key(&self) -> Vec<u64> {
-        let Machine { areas: [inlet, outlet], cracking: [inlet_spring, outlet_spring], .. } = *self;
+        let Machine { areas: [inlet, outlet], springs: [inlet_spring, outlet_spring], .. } = *self;
         let numbers = [
             self.speed,
             self.droop,
@@ -53,8 +64,12 @@ impl Machine {
             self.rt,
             inlet,
             outlet,
-            inlet_spring,
-            outlet_spring,
+            inlet_spring.cracking_pa,
+            inlet_spring.taken_pa,
+            inlet_spring.opening_pa,
+            outlet_spring.cracking_pa,
+            outlet_spring.taken_pa,
+            outlet_spring.opening_pa,
             self.blowby,
             self.inlet_inverse_speed,
             self.cylinder_inverse_speed,
@@ -69,7 +84,7 @@ impl Machine {
 
     /// Whether all flows scale with all pressures: nothing in it knows an absolute pressure.
     pub(crate) fn scales(&self) -> bool {
-        self.droop == 0.0 && self.blowby == 0.0 && self.cracking == [0.0; 2]
+        self.droop == 0.0 && self.blowby == 0.0 && self.springs.iter().all(|spring| spring.cracking_pa == 0.0)
     }
 
     /// Ratio of the pressures at which it stalls: that of the largest to the smallest volume.

@@ -20,13 +20,12 @@
 //! states are means, readings have it on top.
 //!
 //! What is lost, measured against the detailed plant over free runs of 40 s: 0.01 … 0.02 kPa rms on the built-in rigs
-//! and with most mechanisms, 0.03 with other chambers or another number of pistons, 0.04 with uneven ones, 0.09 with
-//! springs of several kPa on the check valves (tables have few rows over the absolute pressure). A stroke that moves a
-//! chamber by tens of percent is no small ripple: filling from rest is off by up to 1 kPa in the first half second and
-//! by 0.6 kPa after it. A pump that stands is one volume of gas here and several cylinders at their own pressures and
-//! angles in truth: after it is switched off chambers are up to 4 kPa off until they come to rest, and 0.2 kPa from 0.4
-//! s after it is switched on again. So it is for searching, on stretches where the pump runs; what it finds is to be
-//! refined on the detailed plant. A rig without piston pumps is the detailed plant itself.
+//! and with most mechanisms, 0.03 with other chambers or another number of pistons, 0.04 with uneven ones. A stroke that
+//! moves a chamber by tens of percent is no small ripple: filling from rest is off by up to 1 kPa in the first half
+//! second and by 0.6 kPa after it. A pump that stands is one volume of gas here and several cylinders at their own
+//! pressures and angles in truth: after it is switched off chambers are up to 4 kPa off until they come to rest, and 0.2
+//! kPa from 0.4 s after it is switched on again. So it is for searching, on stretches where the pump runs; what it finds
+//! is to be refined on the detailed plant. A rig without piston pumps is the detailed plant itself.
 //!
 //! [`cycle`]: self
 
@@ -34,7 +33,7 @@ mod cycle;
 mod machine;
 mod table;
 
-pub(crate) use machine::Machine;
+pub(crate) use machine::{Machine, Spring};
 pub(crate) use table::PumpTable;
 
 use std::sync::{Arc, Mutex, PoisonError};

@@ -2,8 +2,10 @@
 //!
 //! Without springs, rings or droop nothing in a pump knows an absolute pressure, so flow per pressure depends on the
 //! ratio of the two alone: one row over `s = √(P_inlet/P_outlet)`, in which the flow is nearly straight right up to
-//! the stall. With them there are several rows over `ln P_outlet`. Between nodes: cubics with Catmull-Rom slopes, so
-//! that first derivatives are continuous.
+//! the stall. With them there are several rows over `ln P_outlet`. Springs on check valves mostly act like ports at
+//! other pressures (gas enters at `P_inlet − p_c` and has to reach `P_outlet + p_c`), so places are counted in those:
+//! the stall then stays at one `s` in all rows. Between nodes: cubics with Catmull-Rom slopes, so that first
+//! derivatives are continuous.
 
 use std::sync::Arc;
 
@@ -24,7 +26,7 @@ const ROWS_TO: f64 = 10.0;
 /// The highest `s`: an inlet at twice the pressure of the outlet.
 const HIGHEST: f64 = 1.41;
 
-/// What the table holds, each per outlet pressure or in 1/s.
+/// What the table holds, each per outlet pressure (beyond its spring) or in 1/s.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Flows<R> {
     /// Mean flow at the inlet and at the outlet in kg/s.
@@ -83,6 +85,8 @@ pub(crate) struct PumpTable<R> {
     rows: usize,
     lowest_ln_outlet: R,
     inverse_ln_step: R,
+    /// Cracking pressures of the check valves at inlet and outlet, in Pa.
+    springs: [R; 2],
     /// One for each lane. Lanes mostly share theirs: a fit's rigs seldom differ in the pump.
     grids: Vec<Arc<Grid>>,
     /// Gas in all cylinders per pressure once they stand, in kg/Pa.
@@ -98,28 +102,30 @@ impl PumpTable<f64> {
         let lowest = 0.8 / machine.compression_ratio().sqrt();
         let step = (HIGHEST - lowest) / CELLS as f64;
         let rows = if machine.scales() { 1 } else { ROWS };
-        let ln_from = (ROWS_FROM * machine.atmosphere_pa).ln();
-        let ln_step = (ROWS_TO / ROWS_FROM).ln() / (ROWS - 1) as f64;
+        let springs = machine.springs.map(|spring| spring.cracking_pa);
+        let [ln_from, ln_to] = [ROWS_FROM, ROWS_TO].map(|row| (row * machine.atmosphere_pa + springs[1]).ln());
+        let ln_step = (ln_to - ln_from) / (ROWS - 1) as f64;
+        // Pressures at the ports, and the one that the row stands for.
         let place = |index: usize| {
             let (row, node) = (index / NODES, index % NODES);
             // A pump that scales may be worked out anywhere.
-            let outlet = if rows == 1 { 2.0 * machine.atmosphere_pa } else { (ln_from + ln_step * row as f64).exp() };
+            let beyond = if rows == 1 { 2.0 * machine.atmosphere_pa } else { (ln_from + ln_step * row as f64).exp() };
             let s = lowest + step * node as f64;
-            (s * s * outlet, outlet)
+            [s * s * beyond + springs[0], beyond - springs[1], beyond]
         };
         let all: Vec<usize> = (0..rows * NODES).collect();
         let mut nodes: Vec<[f64; QUANTITIES]> = Vec::with_capacity(all.len());
         let mut ripple = Vec::with_capacity(all.len() * PHASES);
         for eight in all.chunks(Eight::LANES) {
             let at = |lane: usize| place(eight.get(lane).or(eight.last()).copied().unwrap_or(0));
-            let outlet = Eight::from_lanes(|lane| at(lane).1);
-            let cells = bench.cells(Eight::from_lanes(|lane| at(lane).0), outlet);
+            let [inlet, outlet, beyond] = [0, 1, 2].map(|which: usize| Eight::from_lanes(|lane| at(lane)[which]));
+            let cells = bench.cells(inlet, outlet);
             for lane in 0..eight.len() {
-                let outlet = outlet.lane(lane);
-                nodes.push(quantities(machine, &cells, lane, outlet));
+                let beyond = beyond.lane(lane);
+                nodes.push(quantities(machine, &cells, lane, beyond));
                 let pairs = cells.drawn_ripple.iter().zip(&cells.delivered_ripple);
                 ripple
-                    .extend(pairs.map(|(drawn, delivered)| [drawn.lane(lane) / outlet, delivered.lane(lane) / outlet]));
+                    .extend(pairs.map(|(drawn, delivered)| [drawn.lane(lane) / beyond, delivered.lane(lane) / beyond]));
             }
         }
         let content_per_pa = machine.content_per_pa();
@@ -138,6 +144,7 @@ impl PumpTable<f64> {
             rows,
             lowest_ln_outlet: ln_from,
             inverse_ln_step: 1.0 / ln_step,
+            springs,
             grids: vec![Arc::new(Grid {
                 cells: nodes.chunks(NODES).flat_map(cubics).collect(),
                 swing: ripple.chunks(PHASES).map(swing).collect(),
@@ -204,6 +211,7 @@ impl<R: Real> PumpTable<R> {
             rows: first.rows,
             lowest_ln_outlet: lanes_of(parts, |p| p.lowest_ln_outlet),
             inverse_ln_step: lanes_of(parts, |p| p.inverse_ln_step),
+            springs: std::array::from_fn(|port: usize| lanes_of(parts, |p| p.springs[port])),
             grids: (0..R::LANES).map(of_lane).collect::<Option<_>>()?,
             content_per_pa: lanes_of(parts, |p| p.content_per_pa),
             standing: std::array::from_fn(|port: usize| lanes_of(parts, |p| p.standing[port])),
@@ -213,23 +221,30 @@ impl<R: Real> PumpTable<R> {
     /// Everything about the pump at port pressures in Pa; beyond the table it stays what it is at its edge.
     #[inline(always)]
     pub(crate) fn at(&self, inlet: R, outlet: R) -> Flows<R> {
-        let (cell, t) = self.place(inlet, outlet);
+        let [entering, beyond] = self.beyond_springs(inlet, outlet);
+        let (cell, t) = self.place(entering, beyond);
         let [drawn, delivered, content, drawn_response, delivered_response, relaxation] =
-            if self.rows == 1 { self.row(0, &cell, t) } else { self.between_rows(outlet, &cell, t) };
+            if self.rows == 1 { self.row(0, &cell, t) } else { self.between_rows(beyond, &cell, t) };
         Flows {
-            drawn: drawn * outlet,
-            delivered: delivered * outlet,
-            content: content * outlet,
+            drawn: drawn * beyond,
+            delivered: delivered * beyond,
+            content: content * beyond,
             drawn_response,
             delivered_response,
             relaxation,
         }
     }
 
+    /// The pressures at which gas enters the cylinders and has to leave them, in Pa.
+    #[inline(always)]
+    fn beyond_springs(&self, inlet: R, outlet: R) -> [R; 2] {
+        [inlet - self.springs[0], outlet + self.springs[1]]
+    }
+
     /// The cell along `s` in each lane (lanes beyond the last repeat it), and the place within it.
     #[inline(always)]
-    fn place(&self, inlet: R, outlet: R) -> ([usize; MOST_LANES], R) {
-        let s = (inlet / outlet).at_least(R::splat(0.0)).sqrt();
+    fn place(&self, entering: R, beyond: R) -> ([usize; MOST_LANES], R) {
+        let s = (entering / beyond).at_least(R::splat(0.0)).sqrt();
         let at = ((s - self.lowest) * self.inverse_step).limited(R::splat(0.0), R::splat(CELLS as f64 - 1e-9));
         let cell: [usize; MOST_LANES] =
             std::array::from_fn(|lane| if lane < R::LANES { at.lane(lane) as usize } else { 0 });
@@ -251,11 +266,11 @@ impl<R: Real> PumpTable<R> {
         row
     }
 
-    /// A cubic through four rows at an outlet pressure.
+    /// A cubic through four rows at an outlet pressure beyond its spring.
     #[inline(always)]
-    fn between_rows(&self, outlet: R, cell: &[usize; MOST_LANES], t: R) -> [R; QUANTITIES] {
+    fn between_rows(&self, beyond: R, cell: &[usize; MOST_LANES], t: R) -> [R; QUANTITIES] {
         let last = self.rows - 1;
-        let at = self.row_at(outlet);
+        let at = self.row_at(beyond);
         let mut sum = [R::splat(0.0); QUANTITIES];
         for n in 0..self.rows {
             // The weight of row `n`: Catmull-Rom's, with the ends' neighbours standing in for what is beyond.
@@ -292,8 +307,9 @@ impl<R: Real> PumpTable<R> {
     /// What nodes of each lane's grid hold per outlet pressure, on straight lines between them.
     #[inline(always)]
     fn between_nodes<const N: usize>(&self, inlet: R, outlet: R, held: &[impl Held<N>; MOST_LANES]) -> [R; N] {
-        let (cell, t) = self.place(inlet, outlet);
-        let row = self.row_at(outlet);
+        let [entering, beyond] = self.beyond_springs(inlet, outlet);
+        let (cell, t) = self.place(entering, beyond);
+        let row = self.row_at(beyond);
         let mut lanes = [[0.0; N]; MOST_LANES];
         for lane in 0..R::LANES {
             let (grid, held, t) = (&self.grids[lane], &held[lane], t.lane(lane));
@@ -308,18 +324,18 @@ impl<R: Real> PumpTable<R> {
         }
         let mut all = [R::splat(0.0); N];
         for (i, slot) in all.iter_mut().enumerate() {
-            *slot = R::from_lanes(|lane| lanes[lane][i]) * outlet;
+            *slot = R::from_lanes(|lane| lanes[lane][i]) * beyond;
         }
         all
     }
 
     /// The place among the rows, 0 … the last.
     #[inline(always)]
-    fn row_at(&self, outlet: R) -> R {
+    fn row_at(&self, beyond: R) -> R {
         if self.rows == 1 {
             return R::splat(0.0);
         }
-        ((outlet.map(f64::ln) - self.lowest_ln_outlet) * self.inverse_ln_step)
+        ((beyond.map(f64::ln) - self.lowest_ln_outlet) * self.inverse_ln_step)
             .limited(R::splat(0.0), R::splat((self.rows - 1) as f64 - 1e-9))
     }
 }

@@ -71,6 +71,10 @@ record! {
         area,
         /// Cracking pressure in Pa.
         cracking,
+        /// What the spring takes from the difference that drives the flow, in Pa.
+        taken,
+        /// One over the difference beyond the cracking pressure over which it opens, in 1/Pa.
+        inverse_opening,
     }
 }
 

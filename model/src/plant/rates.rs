@@ -230,10 +230,11 @@ pub(crate) fn rates<R: Real, const STATES: usize, const NODES: usize, const EXTE
         }
         for check in &plant.spring_checks {
             let (up, down) = (x[check.up % NODES], x[check.down % NODES]);
-            let driving = up - down - check.cracking;
-            if driving.any_above(zero) {
-                let phi = plant.law(check.law).at_drop(driving / up);
-                let flow = check.area * inverse_speed[check.up % NODES] * up * phi;
+            let beyond = up - down - check.cracking;
+            if beyond.any_above(zero) {
+                let open = (beyond * check.inverse_opening).limited(zero, R::splat(1.0));
+                let phi = plant.law(check.law).at_drop(((up - down - check.taken) / up).at_least(zero));
+                let flow = check.area * open * inverse_speed[check.up % NODES] * up * phi;
                 balance.pass::<EXTENDED>(check.up, check.down, flow, temperature);
             }
         }

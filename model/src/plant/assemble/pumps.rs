@@ -1,13 +1,16 @@
 //! Pumps: pistons in full detail or averaged over a revolution, and flows that are commanded.
 
 use super::{Assembly, KPA, LITRE, MM2, MS, dead_zone, input, mechanisms_on};
-use crate::averaged::Machine;
+use crate::averaged::{Machine, Spring};
 use crate::mechanism::{Mechanism, PumpPort};
 use crate::orifice::FlowFunction;
 use crate::plant::MOST_DRIVES;
 use crate::plant::elements::{AveragedPump, Capillary, Cylinder, Displacement, Drive, Passage, SpringCheck};
 use crate::plant::unknown::{Placed, Slot, Unknown};
 use crate::rig::{PistonPump, Pump, RigError};
+
+/// A check valve that opens over less than this opens at once.
+const AT_ONCE_PA: f64 = 1e-3;
 
 /// The most of a pump's range that may be dead; the rest must hold all of its flow.
 const MOST_DEAD: f64 = 0.95;
@@ -100,9 +103,17 @@ impl Assembly<'_> {
             }
             self.plant.cylinders.push(Cylinder { node, inlet, drive, phase: phase / 360.0 });
             let ends = [(inlet, node), (node, outlet)];
-            for (((up, down), area), cracking) in ends.into_iter().zip(machine.areas).zip(machine.cracking) {
+            for (((up, down), area), spring) in ends.into_iter().zip(machine.areas).zip(machine.springs) {
                 if springs {
-                    self.plant.spring_checks.push(SpringCheck { up, down, law: 0, area, cracking });
+                    self.plant.spring_checks.push(SpringCheck {
+                        up,
+                        down,
+                        law: 0,
+                        area,
+                        cracking: spring.cracking_pa,
+                        taken: spring.taken_pa,
+                        inverse_opening: 1.0 / spring.opening_pa.max(AT_ONCE_PA),
+                    });
                 } else {
                     self.plant.passages.push(Passage { up, down, law: 0, area });
                 }
@@ -129,7 +140,7 @@ impl Assembly<'_> {
             head_area: p.head_area_cm2 * 1e-4,
             rt: gas_constant * p.gas_temperature_k,
             areas: [p.inlet_check_area_mm2 * MM2, p.outlet_check_area_mm2 * MM2],
-            cracking: [0.0; 2],
+            springs: [Spring::default(); 2],
             blowby: 0.0,
             inlet_inverse_speed: 1.0 / (gas_constant * temperature(self.node(&p.inlet))).sqrt(),
             cylinder_inverse_speed: 1.0 / (gas_constant * p.gas_temperature_k).sqrt(),
@@ -149,7 +160,15 @@ impl Assembly<'_> {
                         *area /= (1.0 + (*area / (m.area_mm2 * MM2)).powi(2)).sqrt();
                     }
                 }
-                Mechanism::CheckValveCracking(m) => machine.cracking = [m.inlet_kpa * KPA, m.outlet_kpa * KPA],
+                Mechanism::CheckValveCracking(m) => {
+                    machine.springs = [m.inlet_kpa, m.outlet_kpa].map(|cracking_kpa| {
+                        let cracking_pa = cracking_kpa * KPA;
+                        match m.wide_open_share {
+                            Some(share) => Spring { cracking_pa, taken_pa: 0.0, opening_pa: share * cracking_pa },
+                            None => Spring { cracking_pa, taken_pa: cracking_pa, opening_pa: 0.0 },
+                        }
+                    });
+                }
                 Mechanism::PistonBlowby(m) => machine.blowby = m.conductance_kg_per_s_pa2,
                 _ => {}
             }
