@@ -63,7 +63,7 @@ impl PumpTables {
     }
 
     /// None so far, of pumps that are smooth in their parameters, for searches: check valves are laminar below a drop of
-    /// 0.3 %, which an orifice is not. That moves a pressure by some hundredths of a kPa, which a search that ends on the
+    /// 0.6 %, which an orifice is not. That moves a pressure by a tenth of a kPa, which a search that ends on the
     /// detailed plant takes out again and a feed-forward would not.
     pub const fn smooth() -> Self {
         PumpTables { known: Mutex::new(Vec::new()), smooth: true }

@@ -9,7 +9,7 @@
 //! difference then drives the flow:
 //!
 //! ```text
-//! ṁ = y C P_up/√(R T) Φ(1 − P_down/P_up),     y = (P_up − P_down − p_c)/(s p_c), within 0 … 1
+//! ṁ = (3 y² − 2 y³) C P_up/√(R T) Φ(1 − P_down/P_up),     y = (P_up − P_down − p_c)/(s p_c), within 0 … 1
 //! ```
 //!
 //! as reeds and spring-loaded discs do (Costagliola's valve without its inertia). Reeds crack at 0.2 … 5 kPa,
@@ -39,7 +39,7 @@ pub struct CheckValveCracking {
 }
 
 /// s of the valves that a search proposes: reeds lie at their stop soon after they have left the seat.
-const USUAL_SHARE: f64 = 0.25;
+const USUAL_SHARE: f64 = 0.1;
 
 const PRESSURE: Number =
     Number::new("kPa", 0.0, 200.0).plausible(0.0, 20.0).hint("a difference, not an absolute pressure").optional();

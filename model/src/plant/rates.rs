@@ -232,7 +232,8 @@ pub(crate) fn rates<R: Real, const STATES: usize, const NODES: usize, const EXTE
             let (up, down) = (x[check.up % NODES], x[check.down % NODES]);
             let beyond = up - down - check.cracking;
             if beyond.any_above(zero) {
-                let open = (beyond * check.inverse_opening).limited(zero, R::splat(1.0));
+                let gone = (beyond * check.inverse_opening).limited(zero, R::splat(1.0));
+                let open = gone * gone * (R::splat(3.0) - gone - gone);
                 let phi = plant.law(check.law).at_drop(((up - down - check.taken) / up).at_least(zero));
                 let flow = check.area * open * inverse_speed[check.up % NODES] * up * phi;
                 balance.pass::<EXTENDED>(check.up, check.down, flow, temperature);

@@ -94,8 +94,12 @@ impl Candidate {
 
     /// Whether it is the same mechanism there in a plainer shape: the first few of the other's parameters, and no others.
     pub fn is_plainer_than(&self, other: &Candidate) -> bool {
-        let keys = |of: &Candidate| of.offered.parameters.iter().map(|p| p.key).collect::<Vec<_>>();
-        self.excludes(other) && self.len() < other.len() && keys(other).starts_with(&keys(self))
+        self.excludes(other) && self.len() < other.len() && self.keys().zip(other.keys()).all(|(own, its)| own == its)
+    }
+
+    /// Keys of its free parameters, in their order.
+    pub fn keys(&self) -> impl Iterator<Item = &'static str> + '_ {
+        self.offered.parameters.iter().map(|p| p.key)
     }
 
     /// Whether both cannot be in one rig at a time.

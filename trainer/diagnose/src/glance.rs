@@ -14,8 +14,6 @@ use model::rig::RigError;
 use crate::bench::{Bench, Explanation, LOSS};
 use crate::error::DiagnoseError;
 
-/// Span of a difference, in prior standard deviations.
-const STEP: f64 = 0.2;
 /// Steps tried at once.
 const TRIALS: usize = 8;
 /// Cost by which something is behind after a glance that no fit is spent on it.
@@ -78,12 +76,23 @@ impl Footing {
     /// # Errors
     /// The rig cannot be simulated.
     pub fn of_given(bench: &Bench<'_>, nominal: &Explanation) -> Result<Footing, DiagnoseError> {
-        let mut footing = Footing { slopes: Vec::new(), ..Footing::of(bench, nominal)? };
-        let arcs = footing.arcs.clone();
-        let mut problem = Chord { simulator: bench.fast, set: &nominal.set, footing: &footing, arcs };
-        let given = problem.linearise(&vec![0.0; nominal.set.len()])?;
-        footing.slopes = given.jacobian;
-        Ok(footing)
+        let footing = Footing { slopes: Vec::new(), ..Footing::of(bench, nominal)? };
+        let given = footing.linearised(bench, &nominal.set, &vec![0.0; nominal.set.len()])?;
+        Ok(Footing { slopes: given.jacobian, ..footing })
+    }
+
+    /// Residuals at a point, and slopes where there are none yet.
+    ///
+    /// # Errors
+    /// The rig cannot be simulated.
+    pub fn linearised(
+        &self,
+        bench: &Bench<'_>,
+        set: &ParameterSet,
+        point: &[f64],
+    ) -> Result<Linearised, DiagnoseError> {
+        let arcs = self.arcs.clone();
+        Ok(Chord { simulator: bench.fast, set, footing: self, arcs }.linearise(point)?)
     }
 
     /// A few rounds from each start; the best end. `None` if no start can be simulated. What is not on its way to a cost of
@@ -201,9 +210,10 @@ impl Problem for Chord<'_> {
     fn linearise(&mut self, point: &[f64]) -> Result<Linearised, FitError> {
         let mut runs = vec![self.run_at(point)?];
         let mut steps = Vec::new();
-        for (i, [_, high]) in self.set.bounds().into_iter().enumerate().skip(self.footing.slopes.len()) {
+        for (i, parameter) in self.set.parameters().iter().enumerate().skip(self.footing.slopes.len()) {
             let mut varied = point.to_vec();
-            let step = if varied[i] + STEP > high { -STEP } else { STEP };
+            let (step, [_, high]) = (parameter.difference_step(), parameter.coordinate_bounds());
+            let step = if varied[i] + step > high { -step } else { step };
             varied[i] += step;
             runs.push(self.run_at(&varied)?);
             steps.push(step);

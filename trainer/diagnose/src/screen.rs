@@ -184,6 +184,16 @@ impl Effect {
     }
 }
 
+/// What an effect would do for a fit, to first order.
+pub(crate) struct Answered {
+    /// What is gained in log-likelihood and prior beyond what the free parameters gain without it.
+    pub(crate) gain: f64,
+    /// How large the effect is then, by what it was tried at.
+    pub(crate) amplitude: f64,
+    /// Where the free parameters go, from where they are.
+    pub(crate) step: Vec<f64>,
+}
+
 /// A linearised fit, ready to judge effects.
 pub struct Projector<'a> {
     at: &'a Linearised,
@@ -196,7 +206,11 @@ pub struct Projector<'a> {
 impl<'a> Projector<'a> {
     /// From a fit's residuals and slopes, its priors and its point; `None` if the slopes are not those of a fit.
     pub fn new(at: &'a Linearised, prior: &[f64], point: &[f64]) -> Option<Self> {
-        let weights: Vec<f64> = at.residuals.iter().map(|r| LOSS.weight(*r)).collect();
+        Self::weighing(at, at.residuals.iter().map(|r| LOSS.weight(*r)).collect(), prior, point)
+    }
+
+    /// The same with weights of one's own, by reading.
+    pub(crate) fn weighing(at: &'a Linearised, weights: Vec<f64>, prior: &[f64], point: &[f64]) -> Option<Self> {
         let n = at.jacobian.len();
         let mut normal = DMatrix::zeros(n, n);
         for (i, column) in at.jacobian.iter().enumerate() {
@@ -218,15 +232,33 @@ impl<'a> Projector<'a> {
         Some(Projector { at, weights, factor, gradient })
     }
 
-    /// What an effect gains as it is, the free parameters having given way.
-    pub fn gain_as_is(&self, effect: Vec<f64>) -> f64 {
-        let seen = self.seen(effect);
-        -(seen.along + 0.5 * seen.size)
+    /// What an effect gains as it is by the loss of the fits, or would once the free parameters have given way, whichever is
+    /// more; and what they give way by then. Large effects that come at the wrong moments count for no more than in a fit.
+    pub fn as_is(&self, effect: &[f64]) -> (f64, Vec<f64>) {
+        let still: f64 = self.at.residuals.iter().map(|r| LOSS.cost(*r)).sum();
+        let lost = |residuals: &[f64]| residuals.iter().map(|r| LOSS.cost(*r)).sum::<f64>() - still;
+        let mut with: Vec<f64> = self.at.residuals.iter().zip(effect).map(|(r, e)| r + e).collect();
+        let as_it_is = lost(&with);
+        let shift: Vec<f64> = self.seen(effect.to_vec()).shift.iter().copied().collect();
+        for (column, by) in self.at.jacobian.iter().zip(&shift) {
+            with.iter_mut().zip(column).for_each(|(r, slope)| *r += slope * by);
+        }
+        let given_way = lost(&with);
+        if given_way < as_it_is { (-given_way, shift) } else { (-as_it_is, vec![0.0; shift.len()]) }
     }
 
     /// The most that an effect gains at any size, the free parameters having given way.
     fn most(&self, effect: Vec<f64>) -> f64 {
         self.seen(effect).most().0
+    }
+
+    /// The most that an effect gains, the free parameters having given way.
+    pub(crate) fn answer(&self, effect: Vec<f64>) -> Answered {
+        let seen = self.seen(effect);
+        let (gain, amplitude) = seen.most();
+        let without = self.factor.solve(&self.gradient);
+        let step = seen.shift.iter().zip(&without).map(|(with, without)| amplitude * with - without).collect();
+        Answered { gain, amplitude, step }
     }
 
     /// An effect that was seen with the parameters shifted, less what the slopes make of that shift.

@@ -6,6 +6,7 @@
 //! | `worth` | what a further term must show to be taken |
 //! | `exchange` | terms in exchange for others |
 //! | `refine` | fits that least squares from where things stand would miss |
+//! | `stepped` | what moves in steps, or begins at a moment |
 //! | `terms` | which terms may stand beside which, and where their parameters lie |
 
 use crate::bench::{Bench, Effort, Explanation};
@@ -17,13 +18,16 @@ use crate::judge::{UNKNOWN_KPA, excess, explains_most, left};
 mod additions;
 mod exchange;
 mod refine;
+mod stepped;
 mod terms;
 mod worth;
 
 use additions::additions;
 pub use exchange::twins;
 use exchange::{deletions, pairs, swaps};
-use refine::{from_priors, plainer, refined, richer, sharpened};
+use refine::{from_priors, plainer, refined, richer};
+use stepped::{scanned, sharpened};
+pub(crate) use terms::starts_from;
 pub use terms::{position_of, starts, with, without};
 use worth::{earns_its_place, leaves_room};
 

@@ -2,7 +2,7 @@
 
 use super::terms::{is_open, position_in, starts, starts_at, with};
 use super::worth::any_could_earn;
-use super::{GLANCE_ROUNDS, PAIR_ROUNDS, PRICE, Ranked, SearchSettings, cost, has_given_way, sharpened};
+use super::{GLANCE_ROUNDS, PAIR_ROUNDS, PRICE, Ranked, SearchSettings, cost, has_given_way, scanned, sharpened};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
@@ -14,6 +14,9 @@ use crate::screen::{Screened, screen};
 const NOT_CONVERGED: f64 = 0.7;
 /// And for each of its parameters: a mechanism is not worth a richer shape for less.
 const PRICE_OF_A_PARAMETER: f64 = 5.0;
+
+/// Ends of fits of what moves in steps that are looked at closely.
+const SHARPENED: usize = 2;
 
 /// Tries every candidate on top of `base`; the ranking, and the best ones fitted to the end.
 pub(super) fn additions(
@@ -82,11 +85,20 @@ pub(super) fn additions(
         } else {
             None
         };
+        let stepped = tried.alone().filter(|k| candidates[*k].stepped());
+        let found = stepped.and_then(|_| tried.screened.terms.first());
+        let places = found.map_or_else(Vec::new, |(k, values)| scanned(bench, candidates, base, *k, values));
+        let fits = places.iter().map(std::slice::from_ref);
+        let elsewhere = fits.filter_map(|place| bench.fit(candidates, &tried.terms, place, Effort::Polish).ok());
         // What cannot be run in full where a glance has left it (a wall that gives way by more than its chamber holds) is
         // no explanation.
-        let ends = warm.into_iter().chain(cold);
-        let Some(fitted) = ends.min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b))) else { continue };
-        polished.push(sharpened(bench, candidates, fitted, &base.terms)?);
+        let mut ends: Vec<Explanation> = warm.into_iter().chain(cold).chain(elsewhere).collect();
+        ends.sort_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b)));
+        // Before steps come at their moments the right place may be second to a wrong one.
+        ends.truncate(if stepped.is_some() { SHARPENED } else { 1 });
+        let sharp = ends.into_iter().map(|end| sharpened(bench, candidates, end, &base.terms));
+        let sharp = sharp.collect::<Result<Vec<Explanation>, _>>()?;
+        polished.extend(sharp.into_iter().min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b))));
     }
     let priced = |explanation: &Explanation| {
         let (terms, parameters) = (explanation.terms.len(), explanation.set.len());

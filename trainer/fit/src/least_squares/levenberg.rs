@@ -207,8 +207,8 @@ fn normal_equations(at: &Linearised, point: &[f64], settings: &Settings) -> (DMa
 
 /// The point that a damped step leads to, within bounds.
 ///
-/// Coordinates that stand at a bound and would go beyond it are held, and the others solved again, so a bound does
-/// not bend the step of the rest.
+/// Coordinates that would go beyond a bound go to it, and the others are solved again with that: clamped alone, it would take
+/// the others with it to where only the whole step leads, off the floor of a valley.
 fn candidate(
     normal: &DMatrix<f64>,
     gradient: &DVector<f64>,
@@ -218,6 +218,7 @@ fn candidate(
 ) -> Option<Vec<f64>> {
     let n = point.len();
     let mut free: Vec<usize> = (0..n).collect();
+    let mut moved = point.to_vec();
     for _ in 0..=n {
         let m = free.len();
         let mut a = DMatrix::zeros(m, m);
@@ -228,23 +229,28 @@ fn candidate(
             }
             // A coordinate without any effect and prior keeps its place instead of making the system singular.
             a[(i, i)] += damping + 1e-12 * (1.0 + normal[(*fi, *fi)]);
-            b[i] = -gradient[*fi];
+            // Those at their bounds have moved already.
+            let given: f64 =
+                (0..n).filter(|k| !free.contains(k)).map(|k| normal[(*fi, k)] * (moved[k] - point[k])).sum();
+            b[i] = -gradient[*fi] - given;
         }
         let step = a.cholesky()?.solve(&b);
-        let held = |i: usize, fi: usize| {
-            let [low, high] = settings.bounds.get(fi).copied().unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
-            (point[fi] <= low && step[i] < 0.0) || (point[fi] >= high && step[i] > 0.0)
-        };
-        let keep: Vec<usize> = free.iter().enumerate().filter(|(i, fi)| !held(*i, **fi)).map(|(_, fi)| *fi).collect();
-        if keep.len() == m {
-            let mut moved = point.to_vec();
-            for (i, fi) in free.iter().enumerate() {
-                moved[*fi] += step[i];
-            }
+        let bounds = |fi: usize| settings.bounds.get(fi).copied().unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
+        let inside = |to: f64, [low, high]: [f64; 2]| low <= to && to <= high;
+        let (keep, beyond): (Vec<usize>, Vec<usize>) =
+            (0..m).partition(|i| inside(point[free[*i]] + step[*i], bounds(free[*i])));
+        for i in &keep {
+            moved[free[*i]] = point[free[*i]] + step[*i];
+        }
+        for i in &beyond {
+            let [low, high] = bounds(free[*i]);
+            moved[free[*i]] = (point[free[*i]] + step[*i]).clamp(low, high);
+        }
+        if beyond.is_empty() {
             limit(&mut moved, &settings.bounds);
             return Some(moved);
         }
-        free = keep;
+        free = keep.into_iter().map(|i| free[i]).collect();
     }
     None
 }

@@ -8,15 +8,6 @@ use crate::least_squares::{Linearised, Problem};
 use crate::parameters::ParameterSet;
 use crate::simulate::{Arcs, NUDGE_KPA, Run, Simulator};
 
-/// Half the span of a central difference, in prior standard deviations.
-///
-/// Combinations of parameters that hardly show are small differences of large columns, so columns must be good to a
-/// thousandth. With priors of a few per cent the span moves a parameter by a per cent to each side: what is left of
-/// the curvature is 1e-4 of the slope, and the roughness that switching check valves leave in a simulation at fixed
-/// steps (up to 1e-4 kPa, measured) a thousandth of it. A one-sided step of 0.01 was off by 15 % for the pump's
-/// displacement, which moves readings by 0.02 kPa per standard deviation, and halved the stated uncertainties.
-const STEP: f64 = 0.2;
-
 /// Which sides of a point differences are taken on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sides {
@@ -170,14 +161,15 @@ impl RigProblem<'_> {
     /// How far differences reach below and above a point, by coordinate: one or both sides, within bounds.
     fn spans(&self, point: &[f64]) -> Vec<[f64; 2]> {
         self.set
-            .bounds()
+            .parameters()
             .iter()
             .zip(point)
-            .map(|([low, high], z)| {
-                let (below, above) = ((z - STEP).max(*low) - z, (z + STEP).min(*high) - z);
+            .map(|(parameter, z)| {
+                let (step, [low, high]) = (parameter.difference_step(), parameter.coordinate_bounds());
+                let (below, above) = ((z - step).max(low) - z, (z + step).min(high) - z);
                 match self.sides {
                     Sides::Both => [below, above],
-                    Sides::One if above > 0.5 * STEP => [0.0, above],
+                    Sides::One if above > 0.5 * step => [0.0, above],
                     Sides::One => [below, 0.0],
                 }
             })
