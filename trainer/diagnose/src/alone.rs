@@ -21,7 +21,6 @@ use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::glance::{Footing, Glanced};
-use crate::near_given::near_given;
 use crate::screen::AMPLITUDE;
 use crate::search::{has_given_way, starts};
 
@@ -31,9 +30,6 @@ const ALL_BUT: f64 = 0.97;
 const MOST_OF_IT: f64 = 0.8;
 /// Rounds of a glance that a fit follows only where it comes close: it starts far off.
 const ROUNDS: usize = 10;
-
-/// Mechanisms that are fitted where parameters have gone far: they are ranked, and the right one is among the first.
-const MOST_FITTED: usize = 3;
 
 /// What a candidate explains alone.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,8 +47,21 @@ pub struct Alone {
 /// # Errors
 /// The rig as given cannot be simulated.
 pub fn alone(bench: &Bench<'_>, candidates: &[Candidate]) -> Result<Vec<Alone>, DiagnoseError> {
-    let arcs = refined_starts(&bench.fast, bench.rig, &Arcs::free(bench.records))?;
-    let still = bench.fast.one(bench.rig, &arcs)?;
+    let rig = bench.rig;
+    let arcs = refined_starts(&bench.fast, rig, &Arcs::free(bench.records))?;
+    let mut runs = vec![Run::from(rig.clone())];
+    let mut tries: Vec<(usize, &Vec<f64>)> = Vec::new();
+    let plain = |(_, candidate): &(usize, &Candidate)| candidate.is_apt(rig, &[]) && !candidate.is_refinement();
+    for (k, candidate) in candidates.iter().enumerate().filter(plain) {
+        for start in &candidate.starts {
+            let mut with = rig.clone();
+            with.mechanisms.push(candidate.attached(start));
+            tries.push((k, start));
+            runs.push(Run::from(with));
+        }
+    }
+    let mut traces = bench.fast.run(&runs, &arcs).into_iter();
+    let Some(Ok(still)) = traces.next() else { return Ok(Vec::new()) };
     // Nothing is fitted here, but what is held out stays so.
     let held_out = bench.split.weights(bench.records.layout(), Role::HeldOut);
     let weights: Vec<f64> = bench
@@ -67,7 +76,9 @@ pub fn alone(bench: &Bench<'_>, candidates: &[Candidate]) -> Result<Vec<Alone>, 
     };
     let all = dot(&mismatch, &mismatch);
     let mut found: Vec<Alone> = Vec::new();
-    for (candidate, start, effect) in effects_on_given(bench, candidates, &arcs)? {
+    for ((candidate, start), trace) in tries.into_iter().zip(traces) {
+        let Ok(trace) = trace else { continue };
+        let effect: Vec<f64> = trace.iter().zip(&still).map(|(t, s)| t - s).collect();
         let (size, along) = (dot(&effect, &effect), dot(&effect, &mismatch));
         if size.is_nan() || size <= 0.0 || all <= 0.0 {
             continue;
@@ -75,7 +86,7 @@ pub fn alone(bench: &Bench<'_>, candidates: &[Candidate]) -> Result<Vec<Alone>, 
         let a = (-along / size).clamp(AMPLITUDE[0], AMPLITUDE[1]);
         let share = -(2.0 * a * along + a * a * size) / all;
         let of = |of: &Candidate| of.scaled(start, a);
-        let alone = || Alone { candidate, share, start: candidates.get(candidate).map_or_else(|| start.to_vec(), of) };
+        let alone = || Alone { candidate, share, start: candidates.get(candidate).map_or_else(|| start.clone(), of) };
         match found.iter_mut().find(|f| f.candidate == candidate) {
             Some(known) if known.share >= share => {}
             Some(known) => *known = alone(),
@@ -84,32 +95,6 @@ pub fn alone(bench: &Bench<'_>, candidates: &[Candidate]) -> Result<Vec<Alone>, 
     }
     found.sort_by(|a, b| b.share.total_cmp(&a.share));
     Ok(found)
-}
-
-/// What every candidate does to the rig as given, at each of its first magnitudes, in kPa.
-///
-/// # Errors
-/// The rig as given cannot be simulated.
-pub(crate) fn effects_on_given<'c>(
-    bench: &Bench<'_>,
-    candidates: &'c [Candidate],
-    arcs: &Arcs,
-) -> Result<Vec<(usize, &'c [f64], Vec<f64>)>, DiagnoseError> {
-    let rig = bench.rig;
-    let still = bench.fast.one(rig, arcs)?;
-    let plain = |(_, candidate): &(usize, &Candidate)| candidate.is_apt(rig, &[]) && !candidate.is_refinement();
-    let apt = candidates.iter().enumerate().filter(plain);
-    let tries: Vec<(usize, &[f64])> =
-        apt.flat_map(|(k, candidate)| candidate.starts.iter().map(move |start| (k, start.as_slice()))).collect();
-    let run = |(k, start): &(usize, &[f64])| {
-        let mut with = rig.clone();
-        with.mechanisms.extend(candidates.get(*k).map(|candidate| candidate.attached(start)));
-        Run::from(with)
-    };
-    let traces = bench.fast.run(&tries.iter().map(run).collect::<Vec<_>>(), arcs);
-    let sound = tries.into_iter().zip(traces).filter_map(|((k, start), trace)| Some((k, start, trace.ok()?)));
-    let effect = |trace: Vec<f64>| trace.iter().zip(&still).map(|(t, s)| t - s).collect();
-    Ok(sound.map(|(k, start, trace)| (k, start, effect(trace))).collect())
 }
 
 /// Mechanisms that explain most of the given rig's mismatch by themselves.
@@ -135,10 +120,7 @@ pub(crate) fn by_themselves(
 ) -> Result<ByThemselves, DiagnoseError> {
     let lone = alone(bench, candidates)?;
     let nearly_all = lone.iter().any(|lone| lone.share > ALL_BUT);
-    if has_given_way(bench, nominal) {
-        return Ok(ByThemselves { fitted: near_given(bench, candidates, nominal, MOST_FITTED)?, nearly_all });
-    }
-    if !nearly_all {
+    if !nearly_all && !has_given_way(bench, nominal) {
         return Ok(ByThemselves::default());
     }
     let footing = Footing::of_given(bench, nominal)?;

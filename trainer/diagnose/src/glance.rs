@@ -7,6 +7,7 @@
 
 use fit::FitError;
 use fit::least_squares::{Linearised, Problem, Settings, minimise};
+use fit::objective::difference_step;
 use fit::parameters::ParameterSet;
 use fit::simulate::{Arcs, Run, Simulator, with_flappers};
 use model::rig::RigError;
@@ -76,23 +77,12 @@ impl Footing {
     /// # Errors
     /// The rig cannot be simulated.
     pub fn of_given(bench: &Bench<'_>, nominal: &Explanation) -> Result<Footing, DiagnoseError> {
-        let footing = Footing { slopes: Vec::new(), ..Footing::of(bench, nominal)? };
-        let given = footing.linearised(bench, &nominal.set, &vec![0.0; nominal.set.len()])?;
-        Ok(Footing { slopes: given.jacobian, ..footing })
-    }
-
-    /// Residuals at a point, and slopes where there are none yet.
-    ///
-    /// # Errors
-    /// The rig cannot be simulated.
-    pub fn linearised(
-        &self,
-        bench: &Bench<'_>,
-        set: &ParameterSet,
-        point: &[f64],
-    ) -> Result<Linearised, DiagnoseError> {
-        let arcs = self.arcs.clone();
-        Ok(Chord { simulator: bench.fast, set, footing: self, arcs }.linearise(point)?)
+        let mut footing = Footing { slopes: Vec::new(), ..Footing::of(bench, nominal)? };
+        let arcs = footing.arcs.clone();
+        let mut problem = Chord { simulator: bench.fast, set: &nominal.set, footing: &footing, arcs };
+        let given = problem.linearise(&vec![0.0; nominal.set.len()])?;
+        footing.slopes = given.jacobian;
+        Ok(footing)
     }
 
     /// A few rounds from each start; the best end. `None` if no start can be simulated. What is not on its way to a cost of
@@ -212,7 +202,8 @@ impl Problem for Chord<'_> {
         let mut steps = Vec::new();
         for (i, parameter) in self.set.parameters().iter().enumerate().skip(self.footing.slopes.len()) {
             let mut varied = point.to_vec();
-            let (step, [_, high]) = (parameter.difference_step(), parameter.coordinate_bounds());
+            let (step, [_, high]) =
+                (difference_step(parameter, self.simulator.fidelity()), parameter.coordinate_bounds());
             let step = if varied[i] + step > high { -step } else { step };
             varied[i] += step;
             runs.push(self.run_at(&varied)?);

@@ -37,7 +37,6 @@ pub mod glance;
 mod heard;
 pub mod judge;
 pub mod locate;
-mod near_given;
 mod page;
 pub mod place;
 mod run;

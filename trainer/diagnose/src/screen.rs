@@ -184,16 +184,6 @@ impl Effect {
     }
 }
 
-/// What an effect would do for a fit, to first order.
-pub(crate) struct Answered {
-    /// What is gained in log-likelihood and prior beyond what the free parameters gain without it.
-    pub(crate) gain: f64,
-    /// How large the effect is then, by what it was tried at.
-    pub(crate) amplitude: f64,
-    /// Where the free parameters go, from where they are.
-    pub(crate) step: Vec<f64>,
-}
-
 /// A linearised fit, ready to judge effects.
 pub struct Projector<'a> {
     at: &'a Linearised,
@@ -206,11 +196,7 @@ pub struct Projector<'a> {
 impl<'a> Projector<'a> {
     /// From a fit's residuals and slopes, its priors and its point; `None` if the slopes are not those of a fit.
     pub fn new(at: &'a Linearised, prior: &[f64], point: &[f64]) -> Option<Self> {
-        Self::weighing(at, at.residuals.iter().map(|r| LOSS.weight(*r)).collect(), prior, point)
-    }
-
-    /// The same with weights of one's own, by reading.
-    pub(crate) fn weighing(at: &'a Linearised, weights: Vec<f64>, prior: &[f64], point: &[f64]) -> Option<Self> {
+        let weights: Vec<f64> = at.residuals.iter().map(|r| LOSS.weight(*r)).collect();
         let n = at.jacobian.len();
         let mut normal = DMatrix::zeros(n, n);
         for (i, column) in at.jacobian.iter().enumerate() {
@@ -250,15 +236,6 @@ impl<'a> Projector<'a> {
     /// The most that an effect gains at any size, the free parameters having given way.
     fn most(&self, effect: Vec<f64>) -> f64 {
         self.seen(effect).most().0
-    }
-
-    /// The most that an effect gains, the free parameters having given way.
-    pub(crate) fn answer(&self, effect: Vec<f64>) -> Answered {
-        let seen = self.seen(effect);
-        let (gain, amplitude) = seen.most();
-        let without = self.factor.solve(&self.gradient);
-        let step = seen.shift.iter().zip(&without).map(|(with, without)| amplitude * with - without).collect();
-        Answered { gain, amplitude, step }
     }
 
     /// An effect that was seen with the parameters shifted, less what the slopes make of that shift.

@@ -27,7 +27,6 @@ pub use exchange::twins;
 use exchange::{deletions, pairs, swaps};
 use refine::{from_priors, plainer, refined, richer};
 use stepped::{scanned, sharpened};
-pub(crate) use terms::starts_from;
 pub use terms::{position_of, starts, with, without};
 use worth::{earns_its_place, leaves_room};
 

@@ -51,25 +51,6 @@ pub(super) fn starts_at(
     if from_prior { vec![warm, cold] } else { vec![warm] }
 }
 
-/// The start for `terms` at some values, the rig's own parameters at `nominal`.
-pub(crate) fn starts_from(
-    bench: &Bench<'_>,
-    candidates: &[Candidate],
-    nominal: &[f64],
-    terms: &[usize],
-    values: &[(usize, Vec<f64>)],
-) -> Vec<f64> {
-    let mut start: Vec<f64> = nominal.iter().take(bench.nominal.len()).copied().collect();
-    for term in terms {
-        let given = values.iter().find(|(k, _)| k == term).map(|(_, v)| v);
-        for (i, parameter) in candidates[*term].parameters(0).iter().enumerate() {
-            let coordinate = given.and_then(|v| v.get(i)).map(|v| parameter.coordinate(*v));
-            start.push(coordinate.filter(|z| z.is_finite()).unwrap_or(0.0));
-        }
-    }
-    start
-}
-
 /// Where the parameters of a term begin in an explanation's point.
 pub fn position_of(
     bench: &Bench<'_>,

@@ -42,12 +42,6 @@ pub struct Parameter {
     pub bounds: [f64; 2],
 }
 
-/// Half the span of a difference, in prior standard deviations.
-const STEP: f64 = 0.2;
-/// The most of it as a share of the value, and of the range of what may be zero.
-const MOST_SHARE: f64 = 0.05;
-const MOST_OF_RANGE: f64 = 0.01;
-
 /// Share of a bound by which a value beyond it is rounding.
 const ROUNDING: f64 = 1e-9;
 
@@ -84,24 +78,6 @@ impl Parameter {
         match self.knowledge {
             Knowledge::Prior { sd } => sd,
             Knowledge::Nothing { scale } => scale,
-        }
-    }
-
-    /// Half the span of a difference that slopes are taken from, in coordinates.
-    ///
-    /// Combinations of parameters that hardly show are small differences of large columns, so columns must be good to a
-    /// thousandth. Two tenths of a prior of a few per cent move a parameter by a per cent to each side: what is left of
-    /// the curvature is 1e-4 of the slope, and the roughness that switching check valves leave in a simulation at fixed
-    /// steps (up to 1e-4 kPa, measured) a thousandth of it. A one-sided step of 0.01 was off by 15 % for the pump's
-    /// displacement, which moves readings by 0.02 kPa per standard deviation, and halved the stated uncertainties. Of a
-    /// mechanism's magnitude one knows no more than a factor of five, and two tenths of that are a third: the columns of
-    /// springs on check valves were off by 2 to 6 %, and fits crawled along a valley. It moves by less.
-    pub fn difference_step(&self) -> f64 {
-        let [low, high] = self.bounds;
-        match (self.transform, self.knowledge) {
-            (Transform::Log, _) => STEP.min(MOST_SHARE / self.scale()),
-            (Transform::Linear, Knowledge::Prior { sd }) => STEP.min(MOST_OF_RANGE * (high - low) / sd),
-            (Transform::Linear, Knowledge::Nothing { .. }) => STEP,
         }
     }
 
