@@ -7,7 +7,7 @@ use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::glance::{Footing, Glanced};
-use crate::judge::{UNKNOWN_KPA, left};
+use crate::judge::{UNKNOWN_KPA, explains_most, left};
 use crate::screen::{Screened, screen};
 
 /// Share of the first one's gain at a glance within which others are fitted as well.
@@ -85,7 +85,9 @@ pub(super) fn additions(
         } else {
             None
         };
-        let stepped = tried.alone().filter(|k| candidates[*k].stepped());
+        // Its many fits are spared where something smooth that a glance put first does explain it.
+        let explained = polished.iter().any(|e: &Explanation| explains_most(&left(bench, base), &left(bench, e)));
+        let stepped = tried.alone().filter(|k| candidates[*k].stepped() && !explained);
         let found = stepped.and_then(|_| tried.screened.terms.first());
         let places = found.map_or_else(Vec::new, |(k, values)| scanned(bench, candidates, base, *k, values));
         let fits = places.iter().map(std::slice::from_ref);
