@@ -13,9 +13,11 @@ use super::simulator::{Run, Simulator};
 
 /// Rows from the start of an arc that decide: 20 s.
 const DECIDING_ROWS: usize = 1000;
-/// Places on either side of the middle that are looked at first, and around the best of them.
+/// Places on either side of the middle that are looked at first, and around the best of them: so many, for where a jump
+/// decides the neighbour of the right place may be behind a wrong one.
 const PLACES: i32 = 8;
 const NEARER: i32 = 4;
+const LOOKED_AROUND: usize = 3;
 
 /// Even shares on either side of the middle, up to `reach`.
 fn places(each: i32, reach: f64) -> Vec<f64> {
@@ -55,7 +57,7 @@ fn lies(rig: &Rig) -> Vec<String> {
 /// Where the flappers of some runs lie best (least absolute error of the first 20 s) at the start of each arc, by run and
 /// arc; those that the arcs themselves tell stay where they are. Runs that cannot be simulated keep the usual places.
 ///
-/// `closely` looks around the best place once more.
+/// `closely` looks around the best places once more.
 pub fn flappers_of(simulator: &Simulator<'_>, runs: &[Run], arcs: &Arcs, closely: bool) -> Vec<Vec<Vec<Flapper>>> {
     let count = arcs.arcs().len();
     let mut found: Vec<Vec<Vec<Flapper>>> = runs.iter().map(|_| vec![Vec::new(); count]).collect();
@@ -71,53 +73,74 @@ pub fn flappers_of(simulator: &Simulator<'_>, runs: &[Run], arcs: &Arcs, closely
         .collect();
     let first = arcs.clone().until(&ends);
     for turn in 0..most {
-        for (places, around) in [(places(PLACES, 1.0), false), (places(NEARER, 0.5 / f64::from(PLACES)), true)] {
-            if around && !closely {
-                continue;
-            }
-            // All probes of all runs at once: lanes are filled by runs of one structure.
-            let mut probes = Vec::new();
-            let mut of = Vec::new();
-            for (at, (run, open)) in runs.iter().zip(&open).enumerate() {
-                let Some(unknown) = open.get(turn) else { continue };
-                for place in &places {
-                    let mut probe = run.clone();
-                    probe.flappers.clone_from(&found[at]);
-                    for flappers in &mut probe.flappers {
-                        put(flappers, unknown, *place, around);
-                    }
-                    of.push((at, *place));
-                    probes.push(probe);
-                }
-            }
-            let traces = simulator.run(&probes, &first);
-            let mut best: Vec<Vec<(f64, f64)>> = runs.iter().map(|_| vec![(f64::INFINITY, 0.0); count]).collect();
-            for ((at, place), trace) in of.iter().zip(traces) {
-                let Ok(trace) = trace else { continue };
-                for (number, best) in best[*at].iter_mut().enumerate() {
-                    let error = error(simulator, &first, number, &trace);
-                    if error < best.0 {
-                        *best = (error, *place);
-                    }
-                }
-            }
-            for ((flappers, best), open) in found.iter_mut().zip(&best).zip(&open) {
-                let Some(unknown) = open.get(turn) else { continue };
-                for (flappers, (_, place)) in flappers.iter_mut().zip(best) {
-                    put(flappers, unknown, *place, around);
-                }
+        let unknown_of = |at: usize| open.get(at).and_then(|open: &Vec<String>| open.get(turn));
+        let coarse: Places = vec![vec![places(PLACES, 1.0); count]; runs.len()];
+        let mut best = ranked(simulator, runs, &first, &found, &unknown_of, coarse);
+        if closely {
+            let around = |shares: &mut Vec<f64>| {
+                let near = places(NEARER, 0.5 / f64::from(PLACES));
+                let at = |share: &f64| near.iter().map(|by| (share + by).clamp(-1.0, 1.0)).collect::<Vec<f64>>();
+                *shares = shares.iter().take(LOOKED_AROUND).flat_map(at).collect();
+            };
+            best.iter_mut().flatten().for_each(around);
+            best = ranked(simulator, runs, &first, &found, &unknown_of, best);
+        }
+        for (at, (flappers, best)) in found.iter_mut().zip(&best).enumerate() {
+            let Some(unknown) = unknown_of(at) else { continue };
+            for (flappers, shares) in flappers.iter_mut().zip(best) {
+                put(flappers, unknown, shares.first().copied().unwrap_or(0.0));
             }
         }
     }
     found
 }
 
-/// Puts a flapper at a place, or at a place around where it lies.
-fn put(flappers: &mut Vec<Flapper>, unknown: &str, place: f64, around: bool) {
+/// Shares by run and arc.
+type Places = Vec<Vec<Vec<f64>>>;
+
+/// Places of one flapper of each run, in each arc the one that errs least first. All probes of all runs run at once: lanes
+/// are filled by runs of one structure.
+fn ranked<'u>(
+    simulator: &Simulator<'_>,
+    runs: &[Run],
+    first: &Arcs,
+    found: &[Vec<Vec<Flapper>>],
+    unknown_of: &dyn Fn(usize) -> Option<&'u String>,
+    places: Places,
+) -> Places {
+    let mut probes = Vec::new();
+    let mut of = Vec::new();
+    for (at, ((run, found), places)) in runs.iter().zip(found).zip(&places).enumerate() {
+        let Some(unknown) = unknown_of(at) else { continue };
+        for which in 0..places.iter().map(Vec::len).max().unwrap_or(0) {
+            let mut probe = Run { flappers: found.clone(), ..run.clone() };
+            for (flappers, shares) in probe.flappers.iter_mut().zip(places) {
+                put(flappers, unknown, shares.get(which).or(shares.last()).copied().unwrap_or(0.0));
+            }
+            of.push((at, which));
+            probes.push(probe);
+        }
+    }
+    let mut errors: Vec<Vec<Vec<(f64, f64)>>> = places.iter().map(|arcs| vec![Vec::new(); arcs.len()]).collect();
+    for ((at, which), trace) in of.into_iter().zip(simulator.run(&probes, first)) {
+        let Ok(trace) = trace else { continue };
+        for (number, (errors, shares)) in errors[at].iter_mut().zip(&places[at]).enumerate() {
+            let error = error(simulator, first, number, &trace);
+            errors.extend(shares.get(which).filter(|_| error.is_finite()).map(|share| (error, *share)));
+        }
+    }
+    let sorted = |mut errors: Vec<(f64, f64)>| {
+        errors.sort_by(|a, b| a.0.total_cmp(&b.0));
+        errors.into_iter().map(|(_, share)| share).collect()
+    };
+    errors.into_iter().map(|arcs| arcs.into_iter().map(sorted).collect()).collect()
+}
+
+/// Puts a flapper at a place.
+fn put(flappers: &mut Vec<Flapper>, unknown: &str, share: f64) {
     match flappers.iter_mut().find(|flapper| flapper.unknown == unknown) {
-        Some(flapper) if around => flapper.share = (flapper.share + place).clamp(-1.0, 1.0),
-        Some(flapper) => flapper.share = place,
-        None => flappers.push(Flapper { unknown: unknown.to_owned(), share: place }),
+        Some(flapper) => flapper.share = share,
+        None => flappers.push(Flapper { unknown: unknown.to_owned(), share }),
     }
 }
 
