@@ -172,8 +172,8 @@ impl Card {
             }
         }
         let gains = |cases: &mut dyn Iterator<Item = &CaseScore>| {
-            // A beating ripple is in nobody's floor: those cases have no share.
-            Spread::of(cases.filter(|case| !case.ripple_beats).filter_map(|case| case.held_out.share()))
+            // A ripple out of step is in nobody's floor: those cases have no share.
+            Spread::of(cases.filter(|case| !case.ripple_is_lost()).filter_map(|case| case.held_out.share()))
         };
         let numbers = || cases.iter().flat_map(|case| &case.numbers);
         let intervals: Vec<bool> = numbers().filter_map(|number| number.covered).collect();

@@ -78,6 +78,9 @@ pub struct CaseScore {
     pub refit_took: Option<Took>,
 }
 
+/// Effects that change how fast the pump turns.
+const MOVES_THE_PUMP: [&str; 2] = ["pump_droop", "pump_speed"];
+
 impl CaseScore {
     /// Whether the goals count it as right: at once, or undecided with the truth among the rivals and decided rightly by
     /// the proposed experiment.
@@ -88,6 +91,12 @@ impl CaseScore {
     /// Whether nothing is concealed in it.
     pub fn is_null(&self) -> bool {
         matches!(self.class, Class::Nothing | Class::ParametersMoved)
+    }
+
+    /// Whether the pump's ripple keeps no step with the rows, so that no rig file can tell where in it a row of another
+    /// recording lies: a motor that slips, or one whose concealed effect is that it turns otherwise.
+    pub fn ripple_is_lost(&self) -> bool {
+        self.ripple_beats || self.concealed.split(" + ").any(|id| MOVES_THE_PUMP.contains(&id))
     }
 
     /// Whether something was named (at the end) that is not there.
