@@ -110,7 +110,10 @@ impl Machine {
         let drive = Drive {
             relay: None,
             droops: None,
+            warms: false,
             speed: self.speed,
+            warm_share: 0.0,
+            approach_rate: 0.0,
             droop: 0.0,
             crank_radius: self.crank_radius,
             rod_length: self.rod_length,

@@ -41,6 +41,22 @@ pub(crate) struct Flows<R> {
     pub(crate) relaxation: R,
 }
 
+impl<R: Real> Flows<R> {
+    /// A share of the way to others.
+    #[inline(always)]
+    pub(crate) fn towards(self, other: &Self, share: R) -> Self {
+        let between = |here: R, there: R| share.mul_add(there - here, here);
+        Flows {
+            drawn: between(self.drawn, other.drawn),
+            delivered: between(self.delivered, other.delivered),
+            content: between(self.content, other.content),
+            drawn_response: between(self.drawn_response, other.drawn_response),
+            delivered_response: between(self.delivered_response, other.delivered_response),
+            relaxation: between(self.relaxation, other.relaxation),
+        }
+    }
+}
+
 const QUANTITIES: usize = 6;
 /// Quantities rounded up to whole registers.
 const PADDED: usize = 8;

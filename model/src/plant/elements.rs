@@ -222,16 +222,22 @@ pub(crate) struct AveragedPump<R> {
     /// Temperature of what it delivers, in K.
     pub(crate) temperature: R,
     pub(crate) table: Arc<PumpTable<R>>,
+    /// The same at the speed that it has once warm.
+    pub(crate) warm: Option<Arc<PumpTable<R>>>,
 }
 
 impl<R: Real> AveragedPump<R> {
     /// Merges twins; `None` if their structure differs.
     pub(crate) fn side_by_side(parts: &[AveragedPump<f64>]) -> Option<Self> {
         let first = parts.first()?;
-        let structure = |p: &AveragedPump<f64>| (p.inlet, p.outlet, p.content, p.drive, p.memory);
+        let structure = |p: &AveragedPump<f64>| (p.inlet, p.outlet, p.content, p.drive, p.memory, p.warm.is_some());
         if parts.iter().any(|p| structure(p) != structure(first)) {
             return None;
         }
+        let merged = |of: &dyn Fn(&AveragedPump<f64>) -> Option<Arc<PumpTable<f64>>>| {
+            let tables: Vec<_> = parts.iter().map(of).collect::<Option<_>>()?;
+            Some(Arc::new(PumpTable::side_by_side(&tables.iter().map(Arc::as_ref).collect::<Vec<_>>())?))
+        };
         Some(AveragedPump {
             inlet: first.inlet,
             outlet: first.outlet,
@@ -240,18 +246,23 @@ impl<R: Real> AveragedPump<R> {
             memory: first.memory,
             beat: first.beat,
             temperature: lanes_of(parts, |p| p.temperature),
-            table: Arc::new(PumpTable::side_by_side(&parts.iter().map(|p| p.table.as_ref()).collect::<Vec<_>>())?),
+            table: merged(&|p| Some(Arc::clone(&p.table)))?,
+            warm: if first.warm.is_some() { Some(merged(&|p| p.warm.clone())?) } else { None },
         })
     }
 
     /// Flow at the inlet and at the outlet in kg/s (each at least zero), and what the cylinders gain.
     ///
-    /// `running` is 1 or 0. A pump that stands evens out with its ports through its check valves.
+    /// `running` is 1 or 0. A pump that stands evens out with its ports through its check valves. `warmth` is how far its speed
+    /// has come from the one at the start of a run to the one in the end; between them flows are as good as straight.
     #[inline(always)]
-    pub(crate) fn flows(&self, inlet: R, outlet: R, content: R, running: R) -> [R; 3] {
+    pub(crate) fn flows(&self, inlet: R, outlet: R, content: R, running: R, warmth: R) -> [R; 3] {
         let zero = R::splat(0.0);
         let table = &self.table;
-        let mean = table.at(inlet, outlet);
+        let mut mean = table.at(inlet, outlet);
+        if let Some(warm) = &self.warm {
+            mean = mean.towards(&warm.at(inlet, outlet), warmth);
+        }
         let excess = content - mean.content;
         let turning = [
             mean.drawn_response.mul_add(excess, mean.drawn).at_least(zero),
@@ -401,9 +412,14 @@ record! {
         relay: Option<usize>,
         /// Inlet and outlet, where the speed falls with their difference (mechanism `pump_droop`).
         droops: Option<(usize, usize)>,
+        /// Whether the speed changes from the start of a run on (mechanism `pump_speed`).
+        warms: bool,
     } lanes {
-        /// Speed in rev/s when on, without load.
+        /// Speed in rev/s when on, without load, at the start of a run.
         speed,
+        /// Share of it that is added once warm, and the rate in 1/s with which it comes.
+        warm_share,
+        approach_rate,
         /// Share of the speed lost per Pa between outlet and inlet.
         droop,
         /// r in m.

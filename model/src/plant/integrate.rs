@@ -43,6 +43,15 @@ fn prepare<R: Real>(plant: &Plant<R>, state: &mut State<R>, scratch: &mut Scratc
     for (i, drive) in plant.drives.iter().enumerate() {
         let on = scale(drive.relay).map(|relay| if relay >= 0.5 { 1.0 } else { 0.0 });
         let mut speed = drive.speed * on;
+        if drive.warms {
+            // In the middle of the tick.
+            let elapsed = R::splat(-(state.ticks as f64 + 0.5) * plant.tick_s());
+            let warmth = R::splat(1.0) - (elapsed * drive.approach_rate).map(f64::exp);
+            speed = speed * drive.warm_share.mul_add(warmth, R::splat(1.0));
+            if let Some(slot) = scratch.warmth.get_mut(i) {
+                *slot = warmth;
+            }
+        }
         if let Some((inlet, outlet)) = drive.droops {
             let against = state.x[outlet % NODES] - state.x[inlet % NODES];
             speed = speed * (R::splat(1.0) - drive.droop * against).at_least(R::splat(0.0));

@@ -260,6 +260,8 @@ pub struct Scratch<R> {
     speeds: Vec<R>,
     /// Whether each drive is switched on, 1 or 0.
     running: Vec<R>,
+    /// How far each drive's speed has come from that at the start of the run to that in the end, 0 … 1.
+    warmth: Vec<R>,
     displacements: Vec<R>,
     feeds: Vec<R>,
     /// How fast volumes join, in m³/s.
@@ -274,6 +276,7 @@ impl<R: Real> Scratch<R> {
             walls: WallTable::new(plant.carried_states(), plant.drives.len(), plant.steps, &plant.isothermal),
             speeds: vec![zero; plant.drives.len()],
             running: vec![zero; plant.drives.len()],
+            warmth: vec![zero; plant.drives.len()],
             displacements: vec![zero; plant.displacements.len()],
             feeds: vec![zero; plant.feeds.len()],
             joining: vec![zero; plant.joined.len()],
@@ -293,6 +296,11 @@ impl<R: Real> Scratch<R> {
     #[inline(always)]
     fn running(&self, drive: usize) -> R {
         self.running.get(drive).copied().unwrap_or(R::splat(0.0))
+    }
+
+    #[inline(always)]
+    fn warmth(&self, drive: usize) -> R {
+        self.warmth.get(drive).copied().unwrap_or(R::splat(0.0))
     }
 
     #[inline(always)]

@@ -250,7 +250,8 @@ pub(crate) fn rates<R: Real, const STATES: usize, const NODES: usize, const EXTE
         for (pump, content) in plant.averaged.iter().zip(&mut contents) {
             let (inlet, outlet) = (pump.inlet % NODES, pump.outlet % NODES);
             let running = scratch.running(pump.drive);
-            let [drawn, delivered, gained] = pump.flows(x[inlet], x[outlet], x[pump.content % NODES], running);
+            let (held, warmth) = (x[pump.content % NODES], scratch.warmth(pump.drive));
+            let [drawn, delivered, gained] = pump.flows(x[inlet], x[outlet], held, running, warmth);
             *content = gained;
             balance.feed::<EXTENDED>(inlet, -drawn, pump.temperature, temperature);
             balance.feed::<EXTENDED>(outlet, delivered, pump.temperature, temperature);

@@ -104,7 +104,10 @@ mod tests {
         let drive = Drive {
             relay: None,
             droops: None,
+            warms: false,
             speed: 50.0,
+            warm_share: 0.0,
+            approach_rate: 0.0,
             droop: 0.0,
             crank_radius: 0.02,
             rod_length: 0.07,

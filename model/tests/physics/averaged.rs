@@ -94,6 +94,7 @@ fn free_runs_agree_whatever_the_pump_does() {
     for (id, parameters) in [
         ("pump_speed", "change_percent = -1.7"),
         ("pump_speed", "change_percent = 6.0"),
+        ("pump_speed", "change_percent = 12.0\ntime_constant_s = 15.0"),
         ("pump_droop", "speed_loss_per_bar = 0.05"),
         ("piston_blowby", "conductance_kg_per_s_pa2 = 5e-15"),
         ("check_valve_cracking", "inlet_kpa = 2.0\noutlet_kpa = 5.0"),

@@ -18,6 +18,13 @@ fn slow_pump(inlet: &str, outlet: &str, rpm: f64, mechanisms: &str) -> Rig {
         + mechanisms))
 }
 
+/// The same from the atmosphere into a large tank, which hardly pushes back.
+fn slow_pump_into(tank_l: f64, mechanisms: &str) -> Rig {
+    let mut rig = slow_pump("atmosphere", "tank", 600.0, mechanisms);
+    rig.volumes.get_mut("tank").unwrap().volume_l = tank_l;
+    rig
+}
+
 /// Where a pump stalls, in Pa.
 fn stalled(rig: &Rig) -> f64 {
     let mut simulation = simulation(rig);
@@ -118,6 +125,28 @@ fn another_speed_is_the_stated_one_scaled() {
             assert!((one.pressure_pa(chamber) - other.pressure_pa(chamber)).abs() < 1e-3);
         }
     }
+}
+
+/// What one stroke moves is known, so what has been delivered counts the revolutions:
+/// `n = ω₀ (T + s (T − τ (1 − e^(−T/τ))))`, as at a constant speed of that mean.
+#[test]
+fn a_pump_that_warms_turns_as_often_as_its_course_says() {
+    let (change, tau_s, run_s) = (0.2, 4.0, 10.0);
+    let delivered = |mechanisms: &str| {
+        let mut simulation = simulation(&slow_pump_into(100.0, mechanisms));
+        let before = simulation.pressure_pa(0);
+        (0..(run_s / TICK_S) as usize).for_each(|_| simulation.tick(&[]));
+        simulation.pressure_pa(0) - before
+    };
+    let speed = |percent: f64, more: &str| {
+        delivered(&mechanism("pump_speed", "pump", &format!("change_percent = {percent:?}\n{more}")))
+    };
+    let mean = change * (1.0 - tau_s / run_s * -(-run_s / tau_s).exp_m1());
+    let warming = speed(100.0 * change, &format!("time_constant_s = {tau_s:?}"));
+    let (as_often, stated, in_the_end) = (speed(100.0 * mean, ""), speed(0.0, ""), speed(100.0 * change, ""));
+    // A hundred strokes, of which the last may be under way.
+    assert!((warming / as_often - 1.0).abs() < 1e-2, "{warming} {as_often}");
+    assert!(stated * 1.05 < warming && warming * 1.05 < in_the_end, "{stated} {warming} {in_the_end}");
 }
 
 #[test]

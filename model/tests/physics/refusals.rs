@@ -3,7 +3,7 @@
 use model::rig::{DUAL_PRESSURE, Rig};
 
 /// Each entry, and words that the one line about it must hold.
-const WRONG: [(&str, &[&str]); 34] = [
+const WRONG: [(&str, &[&str]); 35] = [
     (
         "id = \"valve_hysteresis\"\ncomponent = \"valve_pos\"\nhalf_width_duty = 0.02\nspread_duty = 5.0",
         &["spread_duty", "0 … 0.5", "one play"],
@@ -59,6 +59,7 @@ const WRONG: [(&str, &[&str]); 34] = [
     ("id = \"check_valve_cracking\"\ncomponent = \"pump\"\ninlet_kpa = -1.0", &["inlet_kpa", "-1 kPa", "difference"]),
     ("id = \"pump_droop\"\ncomponent = \"pump\"\nspeed_loss_per_bar = -0.1", &["speed_loss_per_bar", "-0.1"]),
     ("id = \"pump_speed\"\ncomponent = \"pump\"\nchange_percent = -100.0", &["change_percent", "percent"]),
+    ("id = \"pump_speed\"\ncomponent = \"pump\"\nchange_percent = 1.0\ntime_constant_s = -1.0", &["time_constant_s"]),
     ("id = \"sensor_gain\"\ncomponent = \"sensor_pos\"\ngain = 0.0", &["gain", "reads right"]),
     ("id = \"sensor_bias\"\ncomponent = \"valve_pos\"\nbias_kpa = 1.0", &["a sensor", "sensor_pos"]),
     ("id = \"sensor_drift\"\ncomponent = \"sensor_pos\"\nrate_kpa_per_min = nan", &["rate_kpa_per_min", "NaN"]),

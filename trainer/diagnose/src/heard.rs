@@ -39,12 +39,14 @@ impl Heard {
         let error = percent.abs() / (64.0 * read.turns.max(1.0));
         let shows =
             format!("it beats at {:.2} Hz in the samples, as it does at {:.1} rev/min", read.beat_hz, read.speed_rpm);
-        Heard::speed(&read.pump, percent, error, read.log_likelihood, 1.0, shows)
+        let speed = PumpSpeed { change_percent: percent, time_constant_s: 0.0 };
+        Heard::speed(&read.pump, speed, error, read.log_likelihood, 1.0, shows)
     }
 
-    fn speed(pump: &str, percent: f64, error: f64, log_likelihood: f64, share: f64, shows: String) -> Self {
+    fn speed(pump: &str, speed: PumpSpeed, error: f64, log_likelihood: f64, share: f64, shows: String) -> Self {
+        let percent = speed.change_percent;
         Heard {
-            attached: attached(pump, Mechanism::PumpSpeed(PumpSpeed { change_percent: percent })),
+            attached: attached(pump, Mechanism::PumpSpeed(speed)),
             key: "change_percent",
             unit: "%",
             value: percent,
@@ -77,19 +79,16 @@ impl Heard {
             },
             Course::Constant { share: off } => {
                 let shows = format!("it is {:+.2} % off the stated speed", 100.0 * off);
-                Heard::speed(pump, 100.0 * off, 100.0 * error, *log_likelihood, *share, shows)
+                let speed = PumpSpeed { change_percent: 100.0 * off, time_constant_s: 0.0 };
+                Heard::speed(pump, speed, 100.0 * error, *log_likelihood, *share, shows)
             }
             Course::Warming { share: end, time_s } => {
                 let shows = format!(
-                    "the speed moves by {:+.2} % from the start of each recording on, with a time constant of {time_s:.0} s; \
-                     its mean of {:+.2} % is in the rig file",
-                    100.0 * end,
-                    100.0 * followed.mean_share
+                    "the speed moves by {:+.2} % from the start of each recording on, with a time constant of {time_s:.0} s",
+                    100.0 * end
                 );
-                // Between where it starts and where it ends.
-                let mut heard = Heard::speed(pump, 100.0 * followed.mean_share, 0.0, *log_likelihood, *share, shows);
-                heard.interval = [end.min(0.0) * 100.0, end.max(0.0) * 100.0];
-                heard
+                let speed = PumpSpeed { change_percent: 100.0 * end, time_constant_s: time_s };
+                Heard::speed(pump, speed, 100.0 * error, *log_likelihood, *share, shows)
             }
         }
     }

@@ -15,16 +15,42 @@ const AT_ONCE_PA: f64 = 1e-3;
 /// The most of a pump's range that may be dead; the rest must hold all of its flow.
 const MOST_DEAD: f64 = 0.95;
 
+/// What `pump_speed` makes of a stated speed.
+#[derive(Clone, Copy)]
+pub(super) struct Speed {
+    /// Factor at the start of a run, and in the end.
+    begun: f64,
+    ended: f64,
+    /// Rate in 1/s with which it goes from one to the other, where it does.
+    approach_rate: Option<f64>,
+}
+
+impl Speed {
+    fn of<'m>(mechanisms: impl Iterator<Item = &'m Mechanism>) -> Self {
+        let mut speed = Speed { begun: 1.0, ended: 1.0, approach_rate: None };
+        for mechanism in mechanisms {
+            if let Mechanism::PumpSpeed(m) = mechanism {
+                speed.ended *= m.factor();
+                match m.approach_rate() {
+                    Some(rate) => speed.approach_rate = Some(rate),
+                    None => speed.begun *= m.factor(),
+                }
+            }
+        }
+        speed
+    }
+}
+
 impl Assembly<'_> {
     pub(super) fn pumps(&mut self) -> Result<(), RigError> {
         for (name, pump) in &self.rig.pumps {
-            let factor = mechanisms_on(self.rig, name)
-                .fold(1.0, |factor, m| if let Mechanism::PumpSpeed(m) = m { factor * m.factor() } else { factor });
+            let speed = Speed::of(mechanisms_on(self.rig, name));
+            let factor = speed.begun;
             // Per bar to per Pa.
             let droop = mechanisms_on(self.rig, name)
                 .find_map(|m| if let Mechanism::PumpDroop(m) = m { Some(m.speed_loss_per_bar * 1e-5) } else { None });
             match pump {
-                Pump::Piston(p) => self.piston_pump(name, p, factor, droop)?,
+                Pump::Piston(p) => self.piston_pump(name, p, speed, droop)?,
                 Pump::Flow(p) => {
                     let (up, down) = (self.node(&p.inlet), self.node(&p.outlet));
                     let late = |m: &Mechanism| matches!(m, Mechanism::CommandDelay(_) | Mechanism::ValveLag(_));
@@ -58,11 +84,12 @@ impl Assembly<'_> {
         &mut self,
         name: &str,
         p: &PistonPump,
-        factor: f64,
+        speed: Speed,
         droop: Option<f64>,
     ) -> Result<(), RigError> {
         let (inlet, outlet) = (self.node(&p.inlet), self.node(&p.outlet));
-        let machine = self.machine(name, p, factor, droop.unwrap_or(0.0));
+        let machine = self.machine(name, p, speed.begun, droop.unwrap_or(0.0));
+        let warm = speed.approach_rate.map(|_| self.machine(name, p, speed.ended, droop.unwrap_or(0.0)));
         let drive = self.plant.drives.len();
         if drive == MOST_DRIVES {
             return Err(RigError::at(format!("pumps.{name}"), format!("more than {MOST_DRIVES} piston pumps")));
@@ -71,6 +98,9 @@ impl Assembly<'_> {
         self.plant.drives.push(Drive {
             relay,
             droops: droop.map(|_| (inlet, outlet)),
+            warms: speed.approach_rate.is_some(),
+            warm_share: speed.ended / speed.begun - 1.0,
+            approach_rate: speed.approach_rate.unwrap_or(0.0),
             droop: machine.droop,
             ..machine.crank().0
         });
@@ -92,6 +122,7 @@ impl Assembly<'_> {
                 beat: beat(&machine.phases),
                 temperature: p.gas_temperature_k,
                 table: tables.of(&machine),
+                warm: warm.as_ref().map(|warm| tables.of(warm)),
             });
             return Ok(());
         }

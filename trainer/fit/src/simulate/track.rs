@@ -438,7 +438,11 @@ mod tests {
     fn a_constant_speed_several_per_cent_off_is_called_constant() {
         let rig = Rig::builtin("dual_pressure").unwrap();
         for percent in [4.0, -7.0] {
-            let records = records(&rig, Some(Mechanism::PumpSpeed(PumpSpeed { change_percent: percent })), 2);
+            let records = records(
+                &rig,
+                Some(Mechanism::PumpSpeed(PumpSpeed { change_percent: percent, time_constant_s: 0.0 })),
+                2,
+            );
             let read = followed(&rig, &records).unwrap();
             let Course::Constant { share } = read.course else { panic!("{:?}", read.course) };
             // A twentieth of a turn of 100 Hz in windows of 4 s.
