@@ -295,10 +295,11 @@ impl<R: Simulated> Simulation<R> {
                     *slot = *value;
                 }
             }
+            // What comes with time stands still meanwhile, too.
+            self.state.ticks = held.ticks;
         }
         self.state.phase = held.phase;
         self.state.memory = held.memory;
-        self.state.ticks = held.ticks;
     }
 
     /// Which start suits a recording whose first readings are these.
