@@ -234,10 +234,9 @@ impl<R: Real> AveragedPump<R> {
         if parts.iter().any(|p| structure(p) != structure(first)) {
             return None;
         }
-        let merged = |of: &dyn Fn(&AveragedPump<f64>) -> Option<Arc<PumpTable<f64>>>| {
-            let tables: Vec<_> = parts.iter().map(of).collect::<Option<_>>()?;
-            Some(Arc::new(PumpTable::side_by_side(&tables.iter().map(Arc::as_ref).collect::<Vec<_>>())?))
-        };
+        let merged = |tables: Vec<&PumpTable<f64>>| Some(Arc::new(PumpTable::side_by_side(&tables)?));
+        // All are warm or none is, by their structure.
+        let warm: Vec<&PumpTable<f64>> = parts.iter().filter_map(|p| p.warm.as_deref()).collect();
         Some(AveragedPump {
             inlet: first.inlet,
             outlet: first.outlet,
@@ -246,8 +245,8 @@ impl<R: Real> AveragedPump<R> {
             memory: first.memory,
             beat: first.beat,
             temperature: lanes_of(parts, |p| p.temperature),
-            table: merged(&|p| Some(Arc::clone(&p.table)))?,
-            warm: if first.warm.is_some() { Some(merged(&|p| p.warm.clone())?) } else { None },
+            table: merged(parts.iter().map(|p| p.table.as_ref()).collect())?,
+            warm: if warm.is_empty() { None } else { Some(merged(warm)?) },
         })
     }
 
