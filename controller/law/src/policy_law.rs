@@ -34,7 +34,7 @@ use crate::integral::{IntegralAction, IntegralSettings};
 use crate::{Decision, Parts, Situation, saturated};
 
 /// E: errors in kPa up to which a correction acts in full.
-const AUTHORITY_KPA: Pair = [3.0, 2.0];
+const AUTHORITY_KPA: Pair = [0.6, 1.5];
 
 /// Everything around a policy but the policy itself.
 #[derive(Debug, Clone)]
