@@ -15,7 +15,7 @@
 
 use crate::adam::AdamStep;
 use crate::batch::{Block, Frame, NO_LANES, Panel, Smoothness, VIEWS, View, join};
-use crate::critic_step::{Passed, step_network};
+use crate::critic_step::{Passed, StepRoom, step_network};
 use crate::elementary::tanh;
 use crate::judges::judge;
 use crate::kernel::{Line, Vector, WIDTH, Work};
@@ -165,7 +165,7 @@ pub(crate) fn step_actor(
     frame: &Frame,
     blocks: &[&Block],
     smoothness: Smoothness,
-    sums: &mut [Line],
+    room: &mut StepRoom,
     actor: &mut Part,
     adam: AdamStep,
 ) {
@@ -174,5 +174,5 @@ pub(crate) fn step_actor(
         |view: View| panels().map(move |panel| (&*panel.views[view as usize].by_sample, &panel.traces[view as usize]));
     let traces: Vec<_> = VIEWS.into_iter().filter(|view| smoothness.wants(*view)).flat_map(at).collect();
     let passed = Passed { panels: &traces, whole: panels().count(), outputs: frame.shape.actions };
-    step_network(frame, passed, sums, actor, adam);
+    step_network(frame, passed, room, actor, adam);
 }

@@ -9,7 +9,7 @@
 //! thread and stays in the caches. What is kept is a bit a sample for the way back and, where weights will take a
 //! step, the outputs sample by sample. All of an update at once would not fit the second-level cache.
 
-use crate::kernel::{Backward, Cpu, Forward, Gate, Line, Lines, ToSamples, WIDTH, Weights, zeroed};
+use crate::kernel::{Backward, Cpu, Forward, Gate, Line, Lines, Rows, ToSamples, WIDTH, Weights, zeroed};
 use crate::parameters::NetView;
 
 /// What a pass leaves for the way back.
@@ -90,7 +90,8 @@ impl Trace {
         let last = net.layers.len() - 1;
         for l in (1..=last).rev() {
             let (before, after) = self.gradient.split_at_mut(l);
-            let parts = with_rows(&net.layers[l], if l == last { outputs } else { usize::MAX }, &after[0]);
+            let wanted = if l == last { outputs } else { usize::MAX };
+            let parts = rows(net, l, wanted, &after[0], self.gates.get(l));
             let (dx, gates) = (&mut *before[l - 1], Some(self.gates[l - 1].as_slice()));
             let inputs = net.layers[l][0].inputs;
             cpu.run(Backward { parts: &parts, inputs, gates, dx });
@@ -99,18 +100,27 @@ impl Trace {
 
     /// From the first layer's gradient to the first of its inputs, as many as there is room for at two lines each.
     pub(crate) fn to_inputs(&self, cpu: Cpu, net: &NetView<'_>, dx: &mut [Line]) {
-        let parts = with_rows(&net.layers[0], usize::MAX, &self.gradient[0]);
+        let parts = rows(net, 0, usize::MAX, &self.gradient[0], self.gates.first());
         cpu.run(Backward { parts: &parts, inputs: dx.len() / 2, gates: None, dx });
     }
 }
 
-/// Each part of a layer's first `rows` rows with its rows of the gradient.
-fn with_rows<'a>(parts: &[Weights<'a>], mut rows: usize, mut dy: &'a [Line]) -> Vec<(Weights<'a>, &'a [Line])> {
+/// Each part of the first `wanted` rows of layer `l` with its rows of the gradient, those live that a gate lets through.
+fn rows<'a>(
+    net: &NetView<'a>,
+    l: usize,
+    mut wanted: usize,
+    mut dy: &'a [Line],
+    gates: Option<&Vec<Gate>>,
+) -> Vec<Rows<'a>> {
+    let mut first = 0;
     let pair = |weights: &Weights<'a>| {
-        let weights = weights.first(rows);
+        let weights = weights.first(wanted);
         let (own, rest) = dy.split_at(2 * weights.rows);
-        (dy, rows) = (rest, rows - weights.rows);
-        (weights, own)
+        let open = |n: &u16| gates.is_none_or(|gates| gates[first + usize::from(*n)] != 0);
+        let live = (0..weights.rows as u16).filter(open).collect();
+        (dy, wanted, first) = (rest, wanted - weights.rows, first + weights.rows);
+        Rows { weights, dy: own, live }
     };
-    parts.iter().map(pair).collect()
+    net.layers[l].iter().map(pair).collect()
 }

@@ -13,9 +13,8 @@ use std::thread::JoinHandle;
 use crate::actor_step::{ActorPhase, step_actor};
 use crate::adam::AdamStep;
 use crate::batch::{Block, Frame, Lanes, Smoothness};
-use crate::critic_step::{CriticPhase, step_critic};
+use crate::critic_step::{CriticPhase, StepRoom, step_critic};
 use crate::elementary::exp;
-use crate::kernel::{Line, Lines, zeroed};
 use crate::parameters::{Kind, NetView, Part};
 use crate::replay::Replay;
 use crate::settings::TemperatureRule;
@@ -129,13 +128,13 @@ impl Shared {
     }
 
     /// One thread's share of a job.
-    fn work(&self, thread: usize, job: Job, sums: &mut [Line]) {
+    fn work(&self, thread: usize, job: Job, room: &mut StepRoom) {
         for time in job.first..job.first + job.times {
-            self.update(thread, job, time, sums);
+            self.update(thread, job, time, room);
         }
     }
 
-    fn update(&self, thread: usize, job: Job, time: u64, sums: &mut [Line]) {
+    fn update(&self, thread: usize, job: Job, time: u64, room: &mut StepRoom) {
         let Job { smoothness, learning_rate, .. } = job;
         let settings = &self.frame.settings;
         let adam = AdamStep::new(time + 1, learning_rate, settings.soft_update);
@@ -162,7 +161,7 @@ impl Shared {
             {
                 let blocks: Vec<_> = self.blocks.iter().map(read).collect();
                 let blocks: Vec<&Block> = blocks.iter().map(|block| &**block).collect();
-                step_critic(&self.frame, &blocks, sums, &mut write(&self.critics[thread])[c], adam);
+                step_critic(&self.frame, &blocks, room, &mut write(&self.critics[thread])[c], adam);
             }
             self.meeting.wait();
         }
@@ -184,7 +183,7 @@ impl Shared {
             if thread == 0 {
                 self.conclude(&blocks, temperature, adam);
             }
-            step_actor(&self.frame, &blocks, smoothness, sums, &mut write(&self.actor[thread]), adam);
+            step_actor(&self.frame, &blocks, smoothness, room, &mut write(&self.actor[thread]), adam);
         }
         self.meeting.wait();
     }
@@ -213,11 +212,6 @@ impl Shared {
             *state = Temperature { log, mean, square };
         }
     }
-
-    fn sums_buffer(&self) -> Lines {
-        let widths = [self.frame.actor_widths(), self.frame.critic_widths()].concat();
-        zeroed(2 * widths.into_iter().max().unwrap_or(0))
-    }
 }
 
 /// Both critics, put together from their parts.
@@ -231,7 +225,7 @@ pub(crate) struct Workers {
     shared: Arc<Shared>,
     jobs: Vec<mpsc::Sender<Job>>,
     handles: Vec<JoinHandle<()>>,
-    sums: Lines,
+    room: StepRoom,
 }
 
 impl Workers {
@@ -241,14 +235,14 @@ impl Workers {
             let (sender, receiver) = mpsc::channel::<Job>();
             let shared = Arc::clone(&shared);
             let run = move || {
-                let mut sums = shared.sums_buffer();
-                receiver.iter().for_each(|job| shared.work(thread, job, &mut sums));
+                let mut room = StepRoom::new(&shared.frame);
+                receiver.iter().for_each(|job| shared.work(thread, job, &mut room));
             };
             handles.push(std::thread::Builder::new().name(format!("learn-{thread}")).spawn(run)?);
             jobs.push(sender);
         }
-        let sums = shared.sums_buffer();
-        Ok(Self { shared, jobs, handles, sums })
+        let room = StepRoom::new(&shared.frame);
+        Ok(Self { shared, jobs, handles, room })
     }
 
     pub(crate) fn threads(&self) -> usize {
@@ -261,7 +255,7 @@ impl Workers {
         for sender in &self.jobs {
             let _ = sender.send(job);
         }
-        self.shared.work(0, job, &mut self.sums);
+        self.shared.work(0, job, &mut self.room);
     }
 }
 

@@ -22,9 +22,8 @@ const PANELS_A_ROUND: usize = 4;
 pub(crate) struct WeightStep<'a> {
     /// For each panel the layer's input, sample by sample, and these rows of `dy`, feature by feature.
     pub(crate) panels: &'a [(&'a [Line], &'a [Line])],
-    /// The first of these rows among the layer's rows, and how many they are.
-    pub(crate) first: usize,
-    pub(crate) rows: usize,
+    /// Where each of these rows lies among the layer's rows.
+    pub(crate) rows: &'a [u16],
     pub(crate) inputs: usize,
     /// [`super::row_step`] of all the layer's rows.
     pub(crate) row_step: usize,
@@ -50,11 +49,11 @@ impl Work for WeightStep<'_> {
     #[inline(always)]
     fn run<V: Vector>(mut self) {
         let blocks = lines_for(self.inputs);
-        assert!(self.scratch.len() >= 2 * self.rows, "partial sums");
+        assert!(self.scratch.len() >= 2 * self.rows.len(), "partial sums");
         assert!(self.weights.value.len() >= blocks * self.row_step, "weights of a layer");
-        assert!(self.first + self.rows <= self.row_step, "rows of a layer");
+        assert!(self.rows.iter().all(|&row| usize::from(row) < self.row_step), "rows of a layer");
         for (x, dy) in self.panels {
-            assert!(x.len() >= blocks * LANES && dy.len() >= 2 * self.rows, "panels of a layer");
+            assert!(x.len() >= blocks * LANES && dy.len() >= 2 * self.rows.len(), "panels of a layer");
         }
         let rounds = self.panels.len().div_ceil(PANELS_A_ROUND);
         let mut block = 0;
@@ -63,11 +62,11 @@ impl Work for WeightStep<'_> {
             for (round, panels) in self.panels.chunks(PANELS_A_ROUND).enumerate() {
                 let (first_round, last_round) = (round == 0, round + 1 == rounds);
                 let mut row = 0;
-                while row < self.rows {
+                while row < self.rows.len() {
                     let tile = Tile { row, block, first_round, last_round };
-                    // SAFETY: `row + R <= rows`, `block + L <= blocks`, and the lengths are checked above.
+                    // SAFETY: `row + R <= rows.len()`, `block + L <= blocks`, and the lengths are checked above.
                     row += unsafe {
-                        match (self.rows - row, wide) {
+                        match (self.rows.len() - row, wide) {
                             (12 | 20.., true) if V::ROWS >= 12 => self.tile::<V, 12, 2>(panels, tile),
                             (8.., true) if V::ROWS >= 8 => self.tile::<V, 8, 2>(panels, tile),
                             (8.., false) if V::ROWS >= 8 => self.tile::<V, 8, 1>(panels, tile),
@@ -137,7 +136,8 @@ impl WeightStep<'_> {
             for r in 0..R {
                 for l in 0..L {
                     let gradient = self.scratch[2 * (row + r) + l];
-                    self.step.line(self.weights, (block + l) * self.row_step + self.first + row + r, &gradient);
+                    let at = (block + l) * self.row_step + usize::from(self.rows[row + r]);
+                    self.step.line(self.weights, at, &gradient);
                 }
             }
         }
@@ -153,8 +153,32 @@ impl WeightStep<'_> {
         let arrays = [&self.weights.value, &self.weights.mean, &self.weights.square, &self.weights.target];
         for array in arrays.iter().skip(panel).step_by(panels) {
             for l in 0..L {
-                let first = array.as_ptr().wrapping_add((block + l) * self.row_step + self.first + row);
-                (0..R).for_each(|r| touch(first.wrapping_add(r).cast()));
+                let first = array.as_ptr().wrapping_add((block + l) * self.row_step);
+                let rows = &self.rows[row..row + R];
+                rows.iter().for_each(|&row| touch(first.wrapping_add(usize::from(row)).cast()));
+            }
+        }
+    }
+}
+
+/// One step of rows whose gradient is zero: their moments fade, and what moves on still moves.
+pub(crate) struct Coast<'a> {
+    /// Where these rows lie among the layer's rows.
+    pub(crate) rows: &'a [u16],
+    pub(crate) inputs: usize,
+    /// [`super::row_step`] of all the layer's rows.
+    pub(crate) row_step: usize,
+    pub(crate) weights: &'a mut Learned,
+    pub(crate) step: AdamStep,
+}
+
+impl Work for Coast<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        for block in 0..lines_for(self.inputs) {
+            for &row in self.rows {
+                self.step.line(self.weights, block * self.row_step + usize::from(row), &Line::ZERO);
             }
         }
     }

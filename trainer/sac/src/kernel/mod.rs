@@ -32,12 +32,12 @@ mod vector_avx2;
 #[cfg(target_arch = "x86_64")]
 mod vector_avx512;
 
-pub(crate) use gradient::{BiasStep, WeightStep};
+pub(crate) use gradient::{BiasStep, Coast, WeightStep};
 pub(crate) use line::{LANES, Line, WIDTH, lines_for, row_step};
 pub(crate) use memory::{Lines, zeroed};
 pub(crate) use prefetch::{prefer_large_pages, prefetch};
 pub(crate) use probe::chained_products;
-pub(crate) use product::{Backward, Forward, Gate, Weights};
+pub(crate) use product::{Backward, Forward, Gate, Rows, Weights};
 pub(crate) use transpose::{ToFeatures, ToSamples};
 use vector::Portable;
 pub(crate) use vector::Vector;

@@ -127,10 +127,22 @@ impl Forward<'_> {
     }
 }
 
+/// Some rows of a layer on the way back.
+pub(crate) struct Rows<'a> {
+    pub(crate) weights: Weights<'a>,
+    /// Two lines for each row.
+    pub(crate) dy: &'a [Line],
+    /// Rows whose `dy` is not zero throughout, in rising order.
+    pub(crate) live: Vec<u16>,
+}
+
 /// `dx = Wᵀ dy` for the first inputs of a layer, whose rows may lie in several parts, closed where the gate is.
+///
+/// Rows that are not live would add `w · 0`, which changes no bit of a sum that begins at +0: they are passed over. Of the
+/// actor's second layer that is up to half, once a run has gone on for a while.
 pub(crate) struct Backward<'a> {
-    /// The parts in the order of their rows, each with its rows of `dy` (two lines each).
-    pub(crate) parts: &'a [(Weights<'a>, &'a [Line])],
+    /// The parts in the order of their rows.
+    pub(crate) parts: &'a [Rows<'a>],
     /// Inputs wanted: the first so many.
     pub(crate) inputs: usize,
     /// Which samples of each of the layer's inputs passed, where these came from a rectifier.
@@ -143,9 +155,10 @@ impl Work for Backward<'_> {
     type Output = ();
     #[inline(always)]
     fn run<V: Vector>(mut self) {
-        for (weights, dy) in self.parts {
+        for Rows { weights, dy, live } in self.parts {
             weights.check();
             assert!(weights.inputs >= self.inputs && dy.len() >= 2 * weights.rows, "parts of a layer");
+            assert!(live.iter().all(|&n| usize::from(n) < weights.rows), "live rows of a layer");
         }
         assert!(self.dx.len() >= 2 * self.inputs, "panel of a layer");
         assert!(self.gates.is_none_or(|gates| gates.len() >= self.inputs), "gates of a layer");
@@ -177,18 +190,18 @@ impl Backward<'_> {
         // (input / 16) · step + n from float input % 16 on, dy lines 2 n and 2 n + 1, dx lines and gates of the inputs.
         unsafe {
             let mut sums = [[V::splat(0.0); 2]; R];
-            for (weights, dy) in self.parts {
-                let mut w = weights.lines.as_ptr().add(input / WIDTH * weights.step).cast::<f32>().add(input % WIDTH);
-                let mut dy = dy.as_ptr().cast::<f32>();
-                for _ in 0..weights.rows {
+            for Rows { weights, dy, live } in self.parts {
+                let first = weights.lines.as_ptr().wrapping_add(input / WIDTH * weights.step);
+                let (first, dy) = (first.cast::<f32>().wrapping_add(input % WIDTH), dy.as_ptr().cast::<f32>());
+                for &n in live {
+                    let n = usize::from(n);
+                    let (w, dy) = (first.add(n * WIDTH), dy.add(n * LANES));
                     let panel = [V::load(dy), V::load(dy.add(WIDTH))];
                     touch(w.wrapping_add(AHEAD * WIDTH).cast());
                     for (r, sum) in sums.iter_mut().enumerate() {
                         let w = V::splat(*w.add(r));
                         *sum = [sum[0].plus_product(w, panel[0]), sum[1].plus_product(w, panel[1])];
                     }
-                    w = w.wrapping_add(WIDTH);
-                    dy = dy.wrapping_add(LANES);
                 }
             }
             let dx = self.dx.as_mut_ptr().cast::<f32>().add(input * LANES);

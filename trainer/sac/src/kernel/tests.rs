@@ -88,7 +88,12 @@ fn backward_is_the_sum_through_open_gates() {
             let open = |k: usize| (0..LANES).fold(0, |bits, s| bits | Gate::from(gate[k * LANES + s] > 0.0) << s);
             let gates: Vec<Gate> = (0..inputs).map(open).collect();
             let (first, second) = dy.split_at(2 * cut);
-            let parts = [(part(&low, cut), first), (part(&high, rows - cut), second)];
+            let all = |weights: Weights<'_>| (0..weights.rows as u16).collect();
+            let parts = [(part(&low, cut), first), (part(&high, rows - cut), second)].map(|(weights, dy)| Rows {
+                weights,
+                dy,
+                live: all(weights),
+            });
             let mut dx = zeroed(2 * inputs);
             cpu.run(Backward { parts: &parts, inputs, gates: Some(&gates), dx: &mut dx });
             results.push(dx);
@@ -129,8 +134,7 @@ fn weight_step_is_adam_on_the_sum_over_samples() {
             let (scratch, weights_mut) = (&mut scratch, &mut weights);
             cpu.run(WeightStep {
                 panels: &pairs,
-                first: 0,
-                rows,
+                rows: &(0..rows as u16).collect::<Vec<_>>(),
                 inputs,
                 row_step: row_step(rows),
                 scratch,
@@ -156,6 +160,56 @@ fn weight_step_is_adam_on_the_sum_over_samples() {
         }
         for other in &results[1..] {
             assert!(other.value == results[0].value && other.square == results[0].square, "{rows} {inputs} {panels}");
+        }
+    }
+}
+
+/// Every third row has no gradient at all. Passed over or not, no bit differs on the way back, nor in a step from moments
+/// that are not zero.
+#[test]
+fn rows_without_a_gradient_may_be_passed_over() {
+    for (rows, inputs) in SHAPES {
+        let (w, mut dy) = (numbers(rows * inputs, 12), numbers(rows * LANES, 13));
+        let (silent, live): (Vec<u16>, Vec<u16>) = (0..rows as u16).partition(|n| n % 3 == 0);
+        silent.iter().for_each(|&n| dy[usize::from(n) * LANES..][..LANES].fill(0.0));
+        let (lines, dy) = (packed(&w, rows, inputs), panel(&dy));
+        let none = zeroed(lines_for(rows));
+        let weights = Weights { lines: &lines, bias: &none, rows, inputs, step: row_step(rows) };
+        let all: Vec<u16> = (0..rows as u16).collect();
+        let back = |cpu: Cpu, live: &[u16]| {
+            let mut dx = zeroed(2 * inputs);
+            let parts = [Rows { weights, dy: &dy, live: live.to_vec() }];
+            cpu.run(Backward { parts: &parts, inputs, gates: None, dx: &mut dx });
+            dx
+        };
+        let x = panel(&numbers(inputs.next_multiple_of(WIDTH) * LANES, 14));
+        let of_live: Vec<Line> = live.iter().flat_map(|&n| dy[2 * usize::from(n)..][..2].to_vec()).collect();
+        let stepped = |cpu: Cpu, rows_of: &[u16], dy: &[Line], coasting: &[u16]| {
+            let mut learned = Learned::zeroed(lines.len(), true);
+            learned.value.copy_from_slice(&lines);
+            learned.mean.copy_from_slice(&lines);
+            learned.square.iter_mut().zip(&*lines).for_each(|(to, w)| to.0 = w.0.map(|w| w * w));
+            let (mut scratch, step) = (zeroed(2 * rows), AdamStep::new(3, 0.01, 0.25));
+            let (weights, row_step) = (&mut learned, row_step(rows));
+            let panels = [(&x[..], dy)];
+            cpu.run(WeightStep {
+                panels: &panels,
+                rows: rows_of,
+                inputs,
+                row_step,
+                scratch: &mut scratch,
+                weights: &mut *weights,
+                step,
+            });
+            cpu.run(Coast { rows: coasting, inputs, row_step, weights, step });
+            learned
+        };
+        for cpu in Cpu::all() {
+            assert!(back(cpu, &live) == back(cpu, &all), "{cpu:?} {rows} {inputs}");
+            let (whole, apart) = (stepped(cpu, &all, &dy, &[]), stepped(cpu, &live, &of_live, &silent));
+            let same = [(&whole.value, &apart.value), (&whole.mean, &apart.mean), (&whole.square, &apart.square)];
+            assert!(same.iter().all(|(a, b)| a == b) && whole.target == apart.target, "{cpu:?} {rows} {inputs}");
+            assert!(whole.value != lines || rows == 0, "a step from moments moves weights");
         }
     }
 }
