@@ -6,6 +6,7 @@
 
 use model::plant::Input;
 use model::rig::{Pump, Rig};
+use proto::recording::PERIOD_S;
 
 /// A programme: commands by input, row by row (20 ms).
 #[derive(Debug, Clone, PartialEq)]
@@ -20,6 +21,11 @@ impl Programme {
     /// Rows.
     pub fn rows(&self) -> usize {
         self.inputs.first().map_or(0, Vec::len)
+    }
+
+    /// How long it lasts, in s.
+    pub fn seconds(&self) -> f64 {
+        self.rows() as f64 * PERIOD_S
     }
 }
 

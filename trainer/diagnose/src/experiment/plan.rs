@@ -105,28 +105,28 @@ pub fn plan(bench: &Bench<'_>, rivals: &[&Explanation]) -> Result<Option<Plan>, 
             pairs.iter().map(|(i, k)| PairSums::of(&of[*i], &of[*k])).collect()
         })
         .collect();
-    let mut chosen = choose(&programmes, &safe, &sums, &pairs, &known);
+    // Leaks pass for each other where a valve is open, and not all that do are among the rivals.
+    let leaky = rivals.iter().any(|rival| rival.fitted.rig.mechanisms.iter().any(|m| leaks(m.mechanism.id())));
+    let is_shut_in = |p: &&usize| programmes.get(**p).is_some_and(|programme| programme.name == SHUT_IN);
+    let shut_in = safe.iter().find(is_shut_in).copied().filter(|_| leaky);
+    let kept_s = shut_in.and_then(|p| programmes.get(p)).map_or(0.0, Programme::seconds);
+    let mut chosen = choose(&programmes, &safe, &sums, &pairs, &known, shut_in, LONGEST_S - kept_s);
     if chosen.is_empty() {
         return Ok(None);
     }
-    // Leaks pass for each other where a valve is open, and not all that do are among the rivals.
-    let shut_in = safe.iter().find(|p| programmes.get(**p).is_some_and(|programme| programme.name == SHUT_IN));
-    if let Some(shut_in) = shut_in.filter(|p| {
-        !chosen.contains(p)
-            && rivals.iter().any(|rival| rival.fitted.rig.mechanisms.iter().any(|m| leaks(m.mechanism.id())))
-    }) {
-        chosen.push(*shut_in);
-    }
+    chosen.extend(shut_in.filter(|p| !chosen.contains(p)));
     finish(bench, rivals, &programmes, &chosen, &sums, &pairs, &known).map(Some)
 }
 
-/// Adds programmes while the least separated pair gains from it and time is left.
+/// Adds programmes while the least separated pair gains from it and time is left; `kept` has time of its own.
 fn choose(
     programmes: &[Programme],
     safe: &[usize],
     sums: &[Vec<PairSums>],
     pairs: &[(usize, usize)],
     known: &[DMatrix<f64>],
+    kept: Option<usize>,
+    longest_s: f64,
 ) -> Vec<usize> {
     let mut chosen: Vec<usize> = Vec::new();
     let mut total: Option<Vec<PairSums>> = None;
@@ -135,8 +135,8 @@ fn choose(
     loop {
         let mut best: Option<(f64, usize, Vec<PairSums>, f64)> = None;
         for p in safe.iter().filter(|p| !chosen.contains(p)) {
-            let length = programmes.get(*p).map_or(0, Programme::rows) as f64 * PERIOD_S;
-            if seconds + length > LONGEST_S {
+            let length = programmes.get(*p).map_or(0.0, Programme::seconds);
+            if kept != Some(*p) && seconds + length > longest_s {
                 continue;
             }
             let Some(own) = sums.get(*p) else { continue };
@@ -156,9 +156,10 @@ fn choose(
             }
         }
         // A programme that brings less than a twentieth of a unit per second is not worth anyone's time.
-        let Some((rate, p, with, value)) = best.filter(|(rate, ..)| *rate > 0.02) else { break };
-        let _ = rate;
-        seconds += programmes.get(p).map_or(0, Programme::rows) as f64 * PERIOD_S;
+        let Some((_, p, with, value)) = best.filter(|(rate, ..)| *rate > 0.02) else { break };
+        if kept != Some(p) {
+            seconds += programmes.get(p).map_or(0.0, Programme::seconds);
+        }
         chosen.push(p);
         total = Some(with);
         reached = value;
@@ -314,4 +315,30 @@ fn within(records: &Records, record: usize, trace: &[f64], [low, high]: [f64; 2]
     (0..layout.channels())
         .flat_map(|c| layout.channel(record, c))
         .all(|i| trace.get(i).is_some_and(|kpa| (low..=high).contains(kpa)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// However much there is to gain, what is chosen and the shut-in that ends it last two minutes together.
+    #[test]
+    fn the_shut_in_has_time_of_its_own() {
+        let programme = |seconds: usize| Programme { name: String::new(), inputs: vec![vec![0.5; seconds * 50]] };
+        let programmes: Vec<Programme> = [17, 22, 22, 22, 22, 22, 22].into_iter().map(programme).collect();
+        // Each programme tells a pair of its own, which none has left undecided before.
+        let nothing = Predicted { readings: vec![0.0], jacobian: vec![] };
+        let told = |by: f64| PairSums::of(&Predicted { readings: vec![by], jacobian: vec![] }, &nothing);
+        let pairs: Vec<(usize, usize)> = (1..7).map(|p| (0, p)).collect();
+        let sums = |p: usize| pairs.iter().map(|(_, k)| told(if *k == p { 9.0 } else { 0.0 })).collect();
+        let sums: Vec<Vec<PairSums>> = (0..7).map(sums).collect();
+        let (safe, known): (Vec<usize>, Vec<_>) = ((0..7).collect(), vec![DMatrix::zeros(0, 0); 7]);
+        let seconds = |kept: Option<usize>, longest_s: f64| {
+            let chosen = choose(&programmes, &safe, &sums, &pairs, &known, kept, longest_s);
+            let all: std::collections::BTreeSet<usize> = chosen.into_iter().chain(kept).collect();
+            all.into_iter().map(|p| programmes[p].seconds()).sum::<f64>()
+        };
+        assert!((seconds(None, LONGEST_S) - 110.0).abs() < 1e-9);
+        assert!((seconds(Some(0), LONGEST_S - 17.0) - 105.0).abs() < 1e-9);
+    }
 }
