@@ -17,18 +17,24 @@ const NINETY: f64 = 1.645;
 pub(crate) struct Heard {
     /// Its entry in the rig file.
     pub(crate) attached: Attached,
-    /// Key of its number.
-    pub(crate) key: &'static str,
-    pub(crate) unit: &'static str,
-    pub(crate) value: f64,
-    /// Interval that holds it with 90 %.
-    pub(crate) interval: [f64; 2],
+    pub(crate) numbers: Vec<Number>,
     /// Log-likelihood that the ripple gains by it.
     pub(crate) log_likelihood: f64,
     /// Share of what was unexplained that goes with it.
     pub(crate) share: f64,
     /// How it shows, to be read after a semicolon.
     pub(crate) shows: String,
+}
+
+/// One of its numbers.
+#[derive(Debug, Clone)]
+pub(crate) struct Number {
+    /// As in the rig file.
+    pub(crate) key: &'static str,
+    pub(crate) unit: &'static str,
+    pub(crate) value: f64,
+    /// Interval that holds it with 90 %.
+    pub(crate) interval: [f64; 2],
 }
 
 impl Heard {
@@ -47,10 +53,12 @@ impl Heard {
         let percent = speed.change_percent;
         Heard {
             attached: attached(pump, Mechanism::PumpSpeed(speed)),
-            key: "change_percent",
-            unit: "%",
-            value: percent,
-            interval: [percent - error, percent + error],
+            numbers: vec![Number {
+                key: "change_percent",
+                unit: "%",
+                value: percent,
+                interval: [percent - error, percent + error],
+            }],
             log_likelihood,
             share,
             shows,
@@ -65,10 +73,12 @@ impl Heard {
         match followed.course {
             Course::Drooping { per_bar, .. } => Heard {
                 attached: attached(pump, Mechanism::PumpDroop(PumpDroop { speed_loss_per_bar: per_bar })),
-                key: "speed_loss_per_bar",
-                unit: "1/bar",
-                value: per_bar,
-                interval: [(per_bar - error).max(0.0), per_bar + error],
+                numbers: vec![Number {
+                    key: "speed_loss_per_bar",
+                    unit: "1/bar",
+                    value: per_bar,
+                    interval: [(per_bar - error).max(0.0), per_bar + error],
+                }],
                 log_likelihood: *log_likelihood,
                 share: *share,
                 shows: format!(
@@ -88,7 +98,15 @@ impl Heard {
                     100.0 * end
                 );
                 let speed = PumpSpeed { change_percent: 100.0 * end, time_constant_s: time_s };
-                Heard::speed(pump, speed, 100.0 * error, *log_likelihood, *share, shows)
+                let mut heard = Heard::speed(pump, speed, 100.0 * error, *log_likelihood, *share, shows);
+                let error_s = (NINETY * followed.time_error_s).max(CALIBRATION * time_s);
+                heard.numbers.push(Number {
+                    key: "time_constant_s",
+                    unit: "s",
+                    value: time_s,
+                    interval: [(time_s - error_s).max(0.0), time_s + error_s],
+                });
+                heard
             }
         }
     }

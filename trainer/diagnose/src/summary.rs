@@ -4,7 +4,7 @@ use proto::diagnosis::{FoundEvidence, FoundMechanism, FoundParameter, Verdict};
 use std::collections::BTreeMap;
 
 use crate::event::Event;
-use crate::heard::Heard;
+use crate::heard::{Heard, Number};
 use crate::locate::{Suspect, Suspicion};
 use crate::place::side_of;
 use crate::run::Findings;
@@ -204,17 +204,21 @@ pub(crate) fn mechanisms(findings: &Findings<'_, '_>) -> Vec<FoundMechanism> {
 /// What the pump's ripple told.
 fn heard_off_the_ripple(findings: &Findings<'_, '_>, heard: &Heard) -> FoundMechanism {
     let id = heard.attached.mechanism.id();
-    let [low, high] = heard.interval;
     let before = findings.reidentified.total_rmse_kpa();
     let after = findings.extended.total_rmse_kpa();
-    let told = format!("{} {} ({} … {}) {}", plain(heard.key), three(heard.value), three(low), three(high), heard.unit);
-    let parameter = FoundParameter { value: heard.value, unit: heard.unit.to_owned(), low, high };
+    let (mut parameters, mut told) = (BTreeMap::new(), Vec::new());
+    for Number { key, unit, value, interval: [low, high] } in &heard.numbers {
+        told.push(format!("{} {} ({} … {}) {unit}", plain(key), three(*value), three(*low), three(*high)));
+        let parameter = FoundParameter { value: *value, unit: (*unit).to_owned(), low: *low, high: *high };
+        parameters.insert((*key).to_owned(), parameter);
+    }
+    let told = told.join(", ");
     FoundMechanism {
         id: id.to_owned(),
         side: side_of(findings.bench.rig, &heard.attached.component),
         component: heard.attached.component.clone(),
         summary: format!("The pump {} ({told}); this was read off its ripple: {}.", does(id), heard.shows),
-        parameters: BTreeMap::from([(heard.key.to_owned(), parameter)]),
+        parameters,
         evidence: FoundEvidence {
             delta_log_likelihood: heard.log_likelihood,
             held_out_rmse_gain: 1.0 - after / before.max(1e-9),

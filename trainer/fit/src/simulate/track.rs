@@ -35,6 +35,8 @@ pub struct Track {
     pub course: Course,
     /// Standard error of the course's leading number (`per_bar`, or `share`), from the scatter between recordings.
     pub error: f64,
+    /// Standard error of a warming course's time constant in s, found likewise; zero for other courses.
+    pub time_error_s: f64,
     /// Share by which the speed was off on average.
     pub mean_share: f64,
     /// Height of the ripple over the predicted one.
@@ -101,6 +103,7 @@ pub fn track(records: &Records, rig: &Rig, ripple: &Ripple, weights: &[f64]) -> 
         share,
         pump: ripple.pump.clone(),
         error: laid.scatter(course),
+        time_error_s: laid.scatter_of_time(course),
         mean_share,
         course,
         height,
@@ -225,22 +228,23 @@ impl Laid {
         (best.map_or(Course::Constant { share: 0.0 }, |(_, course)| course), chance.collect())
     }
 
-    /// Climbs from a course, windows growing as its steps shrink.
+    /// Climbs from a course over all recordings, windows growing as its steps shrink.
     fn refined(&self, course: Course) -> Course {
-        let mut here = course;
-        for (rows, sizes) in WINDOWS.into_iter().zip([[0.5, 0.25, 0.12], [0.12, 0.06, 0.03], [0.03, 0.015, 0.007]]) {
-            let mut gain = self.gain(here, rows);
-            for size in sizes {
-                for _ in 0..6 {
-                    let tried = here.neighbours(size).into_iter().map(|course| (self.gain(course, rows), course));
-                    match tried.max_by(|a, b| a.0.total_cmp(&b.0)) {
-                        Some((better, course)) if better > gain => (gain, here) = (better, course),
-                        _ => break,
-                    }
-                }
+        let steps = WINDOWS.into_iter().zip([[0.5, 0.25, 0.12], [0.12, 0.06, 0.03], [0.03, 0.015, 0.007]]);
+        climb(course, steps, |course, rows| self.gain(course, rows))
+    }
+
+    /// Standard error of a warming course's time constant, from what each recording by itself says of both numbers.
+    fn scatter_of_time(&self, course: Course) -> f64 {
+        let Course::Warming { time_s, .. } = course else { return 0.0 };
+        let own = |piece: &Piece| {
+            let steps = [(WINDOWS[1], [0.25, 0.06, 0.015]), (WINDOWS[2], [0.06, 0.015, 0.004])];
+            match climb(course, steps, |course, rows| self.matched(piece, course, rows).gain) {
+                Course::Warming { time_s, .. } => time_s,
+                Course::Constant { .. } | Course::Drooping { .. } => time_s,
             }
-        }
-        here
+        };
+        standard_error(&self.pieces.iter().map(own).collect::<Vec<_>>()).unwrap_or(ALONE * time_s)
     }
 
     /// Standard error of the leading number, from what each recording by itself says it is.
@@ -262,11 +266,7 @@ impl Laid {
                 value
             })
             .collect();
-        let n = own.len() as f64;
-        let mean = own.iter().sum::<f64>() / n.max(1.0);
-        let variance = own.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-        // A single recording has nothing to be compared with.
-        if own.len() < 2 { 0.02 * course.leading().abs() } else { (variance / n).sqrt() }
+        standard_error(&own).unwrap_or(ALONE * course.leading().abs())
     }
 
     /// The ripple on each reading: the angle from windows of a second every half, height and lag of each channel and
@@ -378,6 +378,39 @@ impl Laid {
     }
 }
 
+/// Share of a number that a single recording is taken to be off by: it has nothing to be compared with.
+const ALONE: f64 = 0.02;
+
+/// Standard error of the mean of some numbers; `None` of fewer than two.
+fn standard_error(numbers: &[f64]) -> Option<f64> {
+    let n = numbers.len() as f64;
+    let mean = numbers.iter().sum::<f64>() / n.max(1.0);
+    let variance = numbers.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    (numbers.len() > 1).then(|| (variance / n).sqrt())
+}
+
+/// Climbs from a course by steps of these sizes, each with windows of so many rows.
+fn climb(
+    course: Course,
+    steps: impl IntoIterator<Item = (usize, [f64; 3])>,
+    gain_of: impl Fn(Course, usize) -> f64,
+) -> Course {
+    let mut here = course;
+    for (rows, sizes) in steps {
+        let mut gain = gain_of(here, rows);
+        for size in sizes {
+            for _ in 0..6 {
+                let tried = here.neighbours(size).into_iter().map(|course| (gain_of(course, rows), course));
+                match tried.max_by(|a, b| a.0.total_cmp(&b.0)) {
+                    Some((better, course)) if better > gain => (gain, here) = (better, course),
+                    _ => break,
+                }
+            }
+        }
+    }
+    here
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::simulator::{Fidelity, Simulator};
@@ -448,6 +481,19 @@ mod tests {
             // A twentieth of a turn of 100 Hz in windows of 4 s.
             assert!((share - 0.01 * percent).abs() < 2e-4, "{percent} {share}");
         }
+    }
+
+    /// What a speed moves towards, and how fast, each with an error that holds the truth.
+    #[test]
+    fn a_pump_that_warms_tells_its_time_constant() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let warming = PumpSpeed { change_percent: -6.0, time_constant_s: 11.0 };
+        let read = followed(&rig, &records(&rig, Some(Mechanism::PumpSpeed(warming)), 4)).unwrap();
+        let Course::Warming { share, time_s } = read.course else { panic!("{:?}", read.course) };
+        // Four standard errors, and what a step of the climb and a ripple that is not quite the model's leave.
+        assert!((share + 0.06).abs() < 4.0 * read.error + 3e-4, "{share} ± {}", read.error);
+        assert!((time_s - 11.0).abs() < 4.0 * read.time_error_s + 0.05, "{time_s} ± {}", read.time_error_s);
+        assert!(read.time_error_s < 0.5, "{}", read.time_error_s);
     }
 
     #[test]
