@@ -109,13 +109,12 @@ impl Course {
         constant.chain(drooping).chain(warming).collect()
     }
 
-    /// The share by which the speed is off at each row, given times in s and loads in bar.
+    /// The share by which the speed is off at each row, given times in s since the recording began and loads in bar.
     pub(super) fn shares(self, time_s: &[f64], load_bar: &[f64]) -> Vec<f64> {
         match self {
             Course::Constant { share } => vec![share; time_s.len()],
             Course::Warming { share, time_s: constant_s } => {
-                let first_s = time_s.first().copied().unwrap_or(0.0);
-                time_s.iter().map(|t| -share * f64::exp_m1(-(t - first_s) / constant_s)).collect()
+                time_s.iter().map(|t| -share * f64::exp_m1(-t / constant_s)).collect()
             }
             Course::Drooping { share, per_bar, lag_s } => {
                 let keep = (-PERIOD_S / lag_s).exp();

@@ -90,8 +90,12 @@ pub fn tachometer(records: &Records, ripple: &Ripple, weights: &[f64]) -> Vec<Ta
         let matched = matches(slip);
         let sum = |of: fn(&Match) -> f64| matched.iter().map(of).sum::<f64>();
         let height = sum(|m| m.product) / sum(|m| m.energy);
-        // Each recording must show it, or a drift in one of them would do.
-        let everywhere = matched.iter().all(|m| m.product > 0.5 * m.energy);
+        // Each recording must show it, or a drift in one of them would do; not one in which the pump stands, nor a piece too
+        // short to say.
+        let long = |record: &[Swing]| record.iter().flat_map(|swing| swing.points.last()).any(|p| p.time_s > LONG_S);
+        let any_long = swings.iter().any(|record| long(record));
+        let asked = swings.iter().zip(&matched).filter(|(record, m)| m.energy > SILENT && (!any_long || long(record)));
+        let everywhere = asked.map(|(_, m)| m).all(|m| m.product > 0.5 * m.energy);
         let swing_turns = slip.abs() * turns * longest_s;
         if !everywhere || swing_turns < LEAST_BEATS || !(HEIGHT[0]..=HEIGHT[1]).contains(&height) {
             return None;
@@ -116,6 +120,12 @@ pub fn tachometer(records: &Records, ripple: &Ripple, weights: &[f64]) -> Vec<Ta
     let mirror = if close { read(mirrored) } else { None };
     std::iter::once(read_first).chain(mirror).collect()
 }
+
+/// Seconds from which on a recording must show a ripple by itself.
+pub(super) const LONG_S: f64 = 10.0;
+
+/// Squared ripple that is none: what rounding leaves where a pump stands.
+pub(super) const SILENT: f64 = 1e-9;
 
 /// The slip that gains most.
 fn best(slips: impl Iterator<Item = f64>, gained: impl Fn(f64) -> f64) -> f64 {
@@ -279,23 +289,26 @@ pub(super) mod tests {
     }
 
     /// Some rows of holds on the detailed rig.
-    pub(crate) fn recorded_on(mut rig: Rig, crank_rev: f64, rows: usize) -> Recording {
+    pub(crate) fn recorded_on(rig: Rig, crank_rev: f64, rows: usize) -> Recording {
+        recorded_with(rig, crank_rev, rows, 1.0)
+    }
+
+    /// The same with the pump's relay commanded so throughout.
+    pub(crate) fn recorded_with(mut rig: Rig, crank_rev: f64, rows: usize, relay: f64) -> Recording {
         rig.integrator.step_ms = 0.2;
         let plant = Arc::new(Plant::<f64>::new(&rig).unwrap());
         let mut simulation = Simulation::new(plant);
-        let duty = |k: usize| [0.70 + 0.02 * ((k / 150) % 3) as f64, 0.78 + 0.02 * ((k / 110) % 4) as f64, 1.0];
+        let duty = |k: usize| [0.70 + 0.02 * ((k / 150) % 3) as f64, 0.78 + 0.02 * ((k / 110) % 4) as f64, relay];
         simulation.start_at(&[90.0, -65.0], &duty(0), FreeRunStart::Running, crank_rev, 0.0);
-        let mut columns: [Vec<f64>; 4] = std::array::from_fn(|_| Vec::with_capacity(rows));
+        let mut columns: [Vec<f64>; 5] = std::array::from_fn(|_| Vec::with_capacity(rows));
         for k in 0..rows {
-            for (column, value) in
-                columns.iter_mut().zip([duty(k)[0], duty(k)[1]].into_iter().chain(simulation.readings_kpa()))
-            {
+            for (column, value) in columns.iter_mut().zip(duty(k).into_iter().chain(simulation.readings_kpa())) {
                 column.push(value);
             }
             simulation.tick(&duty(k));
         }
         let time_s: Vec<f64> = (0..rows).map(|k| 0.02 * k as f64).collect();
-        let named = ["u_pos", "u_neg", "p_pos_kpa", "p_neg_kpa"].into_iter().zip(columns);
+        let named = ["u_pos", "u_neg", "pump_on", "p_pos_kpa", "p_neg_kpa"].into_iter().zip(columns);
         let columns = named.map(|(name, c)| Column { name: name.to_owned(), data: ColumnData::Numbers(c) }).collect();
         Recording::new("made", time_s, columns).unwrap()
     }
@@ -323,5 +336,17 @@ pub(super) mod tests {
         let simulator = Simulator::new(&records, Fidelity::Averaged);
         let ripple = Ripple::of(&simulator, &rig).unwrap().unwrap();
         assert_eq!(tachometer(&records, &ripple, &vec![1.0; records.layout().len()]), vec![]);
+    }
+
+    /// An experiment in which the pump stands says nothing of how it turns, and must not keep the others from saying it.
+    #[test]
+    fn a_pump_that_stands_in_one_recording_is_read_off_the_others() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let recordings = [recorded(2985.0, 0.2), recorded_with(rig.clone(), 0.0, 1000, 0.0)];
+        let records = Records::new(&rig, &recordings).unwrap();
+        let simulator = Simulator::new(&records, Fidelity::Averaged);
+        let ripple = Ripple::of(&simulator, &rig).unwrap().unwrap();
+        let read = tachometer(&records, &ripple, &vec![1.0; records.layout().len()]);
+        assert!(read.first().is_some_and(|read| (read.speed_rpm - 2985.0).abs() < 0.03), "{read:?}");
     }
 }

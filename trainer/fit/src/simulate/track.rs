@@ -22,6 +22,7 @@ use std::ops::Range;
 
 use super::course::{Course, SHARE_STEP};
 use super::ripple::{HARMONICS, Ripple};
+use super::tachometer::{LONG_S, SILENT};
 use super::windows::{Channel, Match, Piece, Products, Sums};
 use crate::data::Records;
 use model::rig::{ATMOSPHERE, Rig};
@@ -82,8 +83,12 @@ pub fn track(records: &Records, rig: &Rig, ripple: &Ripple, weights: &[f64]) -> 
     let matched = laid.matches(course, WINDOWS[0]);
     // What is found by chance adds to what is there as noise does to a length.
     let own = |(m, chance): (&Match, &f64)| (m.product * m.product - chance * chance).max(0.0).sqrt();
-    let everywhere =
-        matched.iter().zip(&chance).all(|(m, c)| own((m, c)) > 0.5 * m.energy && m.product > STANDS_OUT * c);
+    let (long, any_long) = (|piece: &Piece| piece.lasts_s() > LONG_S, laid.pieces.iter().any(|p| p.lasts_s() > LONG_S));
+    let asked = || {
+        let all = laid.pieces.iter().zip(matched.iter().zip(&chance));
+        all.filter(|(piece, _)| !any_long || long(piece)).map(|(_, of)| of)
+    };
+    let everywhere = asked().all(|(m, c)| own((m, c)) > 0.5 * m.energy && m.product > STANDS_OUT * c);
     let all = matched.iter().fold(Match::default(), |sum, m| sum.plus(*m));
     let product: f64 = matched.iter().zip(&chance).map(own).sum();
     let quick = all.energy > QUICK * all.whole;
@@ -91,7 +96,7 @@ pub fn track(records: &Records, rig: &Rig, ripple: &Ripple, weights: &[f64]) -> 
     let mean_share = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
     // The valves let through what they did, so a slower pump moves more in each stroke.
     let height = product / all.energy * (1.0 + mean_share);
-    let followed = matched.iter().zip(&chance).all(|(m, c)| m.product > UNMISTAKABLE * c);
+    let followed = asked().all(|(m, c)| m.product > UNMISTAKABLE * c);
     let [low, high] = if followed && matches!(course, Course::Drooping { .. }) { HEIGHT_FOLLOWED } else { HEIGHT };
     if !everywhere || !quick || !(low..=high).contains(&height) {
         return None;
@@ -129,7 +134,7 @@ impl Laid {
             };
             let rows = record.time_s.len();
             pieces.push(Piece {
-                time_s: record.time_s.clone(),
+                time_s: (0..rows).map(|row| record.elapsed_s(row)).collect(),
                 load_bar: (0..rows).map(|row| 0.01 * (kpa(outlet, row) - kpa(inlet, row))).collect(),
                 segments: record.segments.clone(),
                 channels: (0..layout.channels())
@@ -139,8 +144,11 @@ impl Laid {
         }
         let mut laid = Laid { pieces, speed: ripple.speed_rpm / 60.0, main: ripple.main() };
         laid.weigh();
-        let counted =
-            |piece: &Piece| piece.channels.iter().any(|c| c.weight > 0.0 && c.off.iter().any(|o| !o.is_nan()));
+        // Where the pump stands there is no ripple.
+        let pulses = |c: &Channel| c.ripple.iter().flatten().any(|pair| pair.energy() > SILENT);
+        let counted = |piece: &Piece| {
+            piece.channels.iter().any(|c| c.weight > 0.0 && c.off.iter().any(|o| !o.is_nan()) && pulses(c))
+        };
         laid.pieces.retain(counted);
         (!laid.pieces.is_empty()).then_some(laid)
     }

@@ -17,6 +17,7 @@ use crate::data::Records;
 
 /// One recording, ready for courses to be laid over it.
 pub(super) struct Piece {
+    /// Since the recording began.
     pub(super) time_s: Vec<f64>,
     /// Pressure between outlet and inlet in bar.
     pub(super) load_bar: Vec<f64>,
@@ -35,6 +36,11 @@ pub(super) struct Channel {
 }
 
 impl Piece {
+    /// How long it lasts.
+    pub(super) fn lasts_s(&self) -> f64 {
+        self.time_s.first().zip(self.time_s.last()).map_or(0.0, |(first, last)| last - first)
+    }
+
     /// The share by which the speed is off at each row.
     pub(super) fn shares(&self, course: Course) -> Vec<f64> {
         course.shares(&self.time_s, &self.load_bar)
