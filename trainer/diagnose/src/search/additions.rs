@@ -63,7 +63,12 @@ pub(super) fn additions(
     let single = glances
         .iter()
         .filter(|tried| tried.alone().is_some() && tried.gain >= first - 20.0 - NOT_CONVERGED * first.abs());
-    let mut chosen: Vec<&Tried<'_>> = double.into_iter().chain(single.take(settings.polished)).collect();
+    let close: Vec<&Tried<'_>> = single.collect();
+    let mut chosen: Vec<&Tried<'_>> = double.into_iter().chain(close.iter().copied().take(settings.polished)).collect();
+    // What the screen put first is fitted in any case: its glance may have led into a wrong valley.
+    let screened_first = screening.single.first().map(|screened| &screened.terms);
+    let left_behind = close.iter().skip(settings.polished).find(|tried| Some(&tried.screened.terms) == screened_first);
+    chosen.extend(left_behind);
     let wanted = chosen.len();
     let left_out = glances.iter().filter(|tried| chosen.iter().all(|known| known.terms != tried.terms));
     chosen.extend(left_out.collect::<Vec<_>>());
