@@ -15,10 +15,10 @@
 
 use crate::adam::AdamStep;
 use crate::batch::{Block, Frame, NO_LANES, Panel, Smoothness, VIEWS, View, join};
-use crate::critic_step::{Passed, StepRoom, step_network};
 use crate::elementary::tanh;
 use crate::judges::judge;
 use crate::kernel::{Line, Vector, WIDTH, Work};
+use crate::network_step::{Passed, StepRoom, step_network};
 use crate::parameters::{NetView, Part};
 use crate::policy_sample::Sample;
 use crate::trace::Trace;

@@ -25,6 +25,7 @@ mod kernel;
 mod learner;
 mod measure;
 mod network;
+mod network_step;
 mod parameters;
 mod policy_sample;
 mod random;
