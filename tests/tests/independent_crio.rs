@@ -133,8 +133,11 @@ fn flies_a_stranger() {
     );
     // After the approach of 3 s the stranger's plant, which the model does not know, is where the paper's reference
     // is in its first seconds (80 … 88 kPa, -70 … -67 kPa); 8 kPa is for the difference between the plants.
+    // A frame that a busy machine brought too late has no reading, and one is flown through: a test of its own.
     let steered: Vec<_> = content.ticks.iter().filter(|t| t.state == 1).collect();
-    let tail = steered.iter().rev().take(50);
+    let read: Vec<_> = steered.iter().filter(|t| !t.p_pos_kpa.is_nan()).collect();
+    assert!(10 * read.len() > 9 * steered.len(), "{} of {} ticks have a reading", read.len(), steered.len());
+    let tail = read.iter().rev().take(50);
     for tick in tail {
         assert!((tick.p_pos_kpa - tick.ref_pos_kpa).abs() < 8.0, "{} {}", tick.p_pos_kpa, tick.ref_pos_kpa);
         assert!((tick.p_neg_kpa - tick.ref_neg_kpa).abs() < 8.0, "{} {}", tick.p_neg_kpa, tick.ref_neg_kpa);
