@@ -143,6 +143,9 @@ impl Real for f64 {
 /// `N` independent numbers that travel together.
 ///
 /// Aligned to a cache line so that eight of them are one AVX-512 register or two AVX2 registers.
+///
+/// Lanes are counted in plain `while` loops: an iterator's `next` is a function, which in a tick as long as ours the compiler at
+/// some places does not inline but calls lane by lane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(align(64))]
 pub struct Lanes<const N: usize>(pub [f64; N]);
@@ -153,8 +156,10 @@ macro_rules! lanewise {
             type Output = Self;
             #[inline(always)]
             fn $method(mut self, other: Self) -> Self {
-                for (a, b) in self.0.iter_mut().zip(other.0) {
-                    *a $assign b;
+                let mut lane = 0;
+                while lane < N {
+                    self.0[lane] $assign other.0[lane];
+                    lane += 1;
                 }
                 self
             }
@@ -184,16 +189,20 @@ impl<const N: usize> AddAssign for Lanes<N> {
 impl<const N: usize> Lanes<N> {
     #[inline(always)]
     fn each(mut self, f: impl Fn(f64) -> f64) -> Self {
-        for a in &mut self.0 {
-            *a = f(*a);
+        let mut lane = 0;
+        while lane < N {
+            self.0[lane] = f(self.0[lane]);
+            lane += 1;
         }
         self
     }
 
     #[inline(always)]
     fn with(mut self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
-        for (a, b) in self.0.iter_mut().zip(other.0) {
-            *a = f(*a, b);
+        let mut lane = 0;
+        while lane < N {
+            self.0[lane] = f(self.0[lane], other.0[lane]);
+            lane += 1;
         }
         self
     }
@@ -209,10 +218,12 @@ impl<const N: usize> Real for Lanes<N> {
 
     #[inline(always)]
     fn from_lanes(mut value: impl FnMut(usize) -> f64) -> Self {
-        // A loop: `array::from_fn` is compiled by itself, and calls `value` lane by lane.
+        // `array::from_fn` is compiled by itself, and calls `value` lane by lane.
         let mut lanes = [0.0; N];
-        for (lane, slot) in lanes.iter_mut().enumerate() {
-            *slot = value(lane);
+        let mut lane = 0;
+        while lane < N {
+            lanes[lane] = value(lane);
+            lane += 1;
         }
         Lanes(lanes)
     }
@@ -224,16 +235,20 @@ impl<const N: usize> Real for Lanes<N> {
 
     #[inline(always)]
     fn map(mut self, mut f: impl FnMut(f64) -> f64) -> Self {
-        for a in &mut self.0 {
-            *a = f(*a);
+        let mut lane = 0;
+        while lane < N {
+            self.0[lane] = f(self.0[lane]);
+            lane += 1;
         }
         self
     }
 
     #[inline(always)]
     fn mul_add(mut self, factor: Self, addend: Self) -> Self {
-        for ((a, b), c) in self.0.iter_mut().zip(factor.0).zip(addend.0) {
-            *a = a.mul_add(b, c);
+        let mut lane = 0;
+        while lane < N {
+            self.0[lane] = self.0[lane].mul_add(factor.0[lane], addend.0[lane]);
+            lane += 1;
         }
         self
     }
@@ -256,8 +271,10 @@ impl<const N: usize> Real for Lanes<N> {
     #[inline(always)]
     fn any_above(self, other: Self) -> bool {
         let mut any = false;
-        for (a, b) in self.0.iter().zip(other.0) {
-            any |= *a > b;
+        let mut lane = 0;
+        while lane < N {
+            any |= self.0[lane] > other.0[lane];
+            lane += 1;
         }
         any
     }
@@ -265,8 +282,10 @@ impl<const N: usize> Real for Lanes<N> {
     #[inline(always)]
     fn all_at_least(self, other: Self) -> bool {
         let mut all = true;
-        for (a, b) in self.0.iter().zip(other.0) {
-            all &= *a >= b;
+        let mut lane = 0;
+        while lane < N {
+            all &= self.0[lane] >= other.0[lane];
+            lane += 1;
         }
         all
     }
@@ -274,14 +293,22 @@ impl<const N: usize> Real for Lanes<N> {
     #[inline(always)]
     fn any_across_zero(self, other: Self) -> bool {
         let mut any = false;
-        for (a, b) in self.0.iter().zip(other.0) {
-            any |= (*a > 0.0) != (b > 0.0);
+        let mut lane = 0;
+        while lane < N {
+            any |= (self.0[lane] > 0.0) != (other.0[lane] > 0.0);
+            lane += 1;
         }
         any
     }
 
     #[inline(always)]
     fn is_finite(self) -> bool {
-        self.0.iter().all(|a| a.is_finite())
+        let mut all = true;
+        let mut lane = 0;
+        while lane < N {
+            all &= self.0[lane].is_finite();
+            lane += 1;
+        }
+        all
     }
 }

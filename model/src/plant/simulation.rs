@@ -8,6 +8,7 @@ use super::sensor::Filter;
 use super::unknown::{Slot, Unknown};
 use super::{MEMORY, MOST_DRIVES, NODES, Plant, Scratch, State};
 use crate::mechanism::Heat;
+use crate::real::Real;
 
 mod warmth;
 
@@ -33,6 +34,15 @@ pub enum FreeRunStart {
     AtRest,
     /// The pump was running: cylinders as they are once periodic.
     Running,
+}
+
+impl FreeRunStart {
+    /// Which start suits a recording whose first readings (gauge kPa) are these.
+    pub fn for_readings<R: Real>(readings_kpa: &[R]) -> Self {
+        let close = R::splat(AT_REST_PA * 1e-3);
+        let off = readings_kpa.iter().any(|p| p.any_above(close) || (-*p).any_above(close));
+        if off { FreeRunStart::Running } else { FreeRunStart::AtRest }
+    }
 }
 
 /// A rig all of whose chambers are this close to the atmosphere has been standing still, in Pa. Far above
@@ -304,9 +314,7 @@ impl<R: Simulated> Simulation<R> {
 
     /// Which start suits a recording whose first readings are these.
     pub fn start_for(&self, readings_kpa: &[R]) -> FreeRunStart {
-        let close = R::splat(AT_REST_PA * 1e-3);
-        let off = readings_kpa.iter().any(|p| p.any_above(close) || (-*p).any_above(close));
-        if off { FreeRunStart::Running } else { FreeRunStart::AtRest }
+        FreeRunStart::for_readings(readings_kpa)
     }
 
     /// For a held rig: what each of `chambers` gains in kg/s while they are at `pressures` (absolute, in Pa).

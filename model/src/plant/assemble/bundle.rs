@@ -20,7 +20,7 @@ impl<R: Real> Plant<R> {
     /// # Errors
     /// If there are none, more than lanes, or if they differ in more than numbers.
     pub fn side_by_side(rigs: &[Rig]) -> Result<Self, RigError> {
-        Self::together(rigs.iter().map(Plant::new).collect::<Result<Vec<_>, _>>()?)
+        Self::together(&rigs.iter().map(Plant::new).collect::<Result<Vec<_>, _>>()?)
     }
 
     /// [`Plant::averaged`] for rigs of one structure, one per lane; lanes beyond the last repeat it.
@@ -29,14 +29,18 @@ impl<R: Real> Plant<R> {
     /// As [`Plant::averaged`] and [`Plant::side_by_side`].
     pub fn averaged_side_by_side(rigs: &[Rig], step_ms: f64, tables: &PumpTables) -> Result<Self, RigError> {
         let parts = rigs.iter().map(|rig| Plant::averaged(rig, step_ms, tables)).collect::<Result<Vec<_>, _>>()?;
-        Self::together(parts)
+        Self::together(&parts)
     }
 
-    fn together(parts: Vec<Plant<f64>>) -> Result<Self, RigError> {
+    /// The same for rigs that are compiled already.
+    ///
+    /// # Errors
+    /// As [`Plant::side_by_side`].
+    pub fn together(parts: &[Plant<f64>]) -> Result<Self, RigError> {
         if parts.is_empty() || parts.len() > R::LANES {
             return Err(RigError::at("", format!("{} rigs for {} lanes", parts.len(), R::LANES)));
         }
-        Self::merge(&parts).ok_or_else(|| {
+        Self::merge(parts).ok_or_else(|| {
             RigError::at(
                 "",
                 "the rigs differ in structure (components, joins or mechanisms); only numbers may differ between lanes",
@@ -56,7 +60,7 @@ impl<R: Real> Plant<R> {
         // Long enough for rounding not to matter, short enough for the pressures not to.
         assembly.plant.step_s = 1e-3;
         let one = assembly.finish()?;
-        Self::together(vec![one])
+        Self::together(&[one])
     }
 
     fn merge(parts: &[Plant<f64>]) -> Option<Self> {

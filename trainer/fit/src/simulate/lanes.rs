@@ -1,61 +1,104 @@
-//! One bundle of rigs through one recording.
+//! One bundle of rigs, each through a chain of arcs of its own.
 
+use std::ops::Range;
 use std::sync::Arc as Shared;
 
 use model::plant::{Plant, Simulated, Simulation, Unknown};
 
-use super::arcs::Arc;
-use crate::data::Record;
+use super::arcs::{Flapper, share_of};
+use super::chains::Chain;
 
-/// Runs a bundle through the arcs of one recording.
+/// What runs in one lane.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Lane<'a> {
+    /// The stretch that it runs through.
+    pub(super) chain: &'a Chain<'a>,
+    /// Added to the start of every arc, in kPa, by channel; empty for nothing.
+    pub(super) shift_kpa: &'a [f64],
+    /// Revolutions by which cranks stand past their zeros at the start.
+    pub(super) crank_rev: f64,
+    /// Where flappers lie, by the arc's number, where that is not what the arc says; empty for nothing.
+    pub(super) flappers: &'a [Vec<Flapper>],
+}
+
+impl Lane<'_> {
+    /// A command, counted from the chain's first row; the last one where it has ended.
+    fn command(&self, input: usize, row: usize) -> f64 {
+        let rows = self.chain.rows();
+        let row = (rows.start + row).min(rows.end.saturating_sub(1));
+        self.chain.columns.inputs.get(input).and_then(|column| column.get(row)).copied().unwrap_or(0.0)
+    }
+
+    /// The reading that one of its arcs starts from, in kPa; any where it has ended.
+    fn start_kpa(&self, arc: usize, channel: usize) -> f64 {
+        let arcs = self.chain.arcs();
+        arcs.get(arc).or(arcs.last()).and_then(|(_, arc)| arc.start_kpa.get(channel)).copied().unwrap_or(f64::NAN)
+    }
+
+    /// What an unknown is at its start, if it or its arc says so.
+    fn share(&self, unknown: &Unknown) -> Option<f64> {
+        let (number, arc) = self.chain.arcs().first()?;
+        let own = self.flappers.get(*number).and_then(|flappers| share_of(flappers, &unknown.name));
+        own.or_else(|| share_of(&arc.flappers, &unknown.name))
+    }
+}
+
+/// The rows of a bundle's longest chain, which its other lanes are the beginnings of.
+pub(super) fn span(lanes: &[Lane<'_>]) -> usize {
+    lanes.iter().map(|lane| lane.chain.rows().len()).max().unwrap_or(0)
+}
+
+/// Runs a bundle, one lane per rig and chain; lanes beyond the last repeat it. All chains are of one kind
+/// ([`super::chains::kinds`]).
 ///
-/// `shift_kpa` is added to the start of every arc, by channel; cranks start `crank_rev` revolutions on; `smooth` leaves
-/// the ripple of averaged pumps off; `share` tells where flappers lie at the start of an arc. `out` is `[channel][row]`, flattened; rows in no arc are left as they are.
-#[expect(clippy::too_many_arguments, reason = "a bundle, a recording, and how it starts")]
-pub(super) fn sweep<'a, R: Simulated>(
+/// `smooth` leaves the ripple of averaged pumps off. What is read comes out as `[channel][row]`, flattened, rows counted from the
+/// chains' first; rows in no arc are not written.
+pub(super) fn sweep<R: Simulated>(
     plant: &Shared<Plant<R>>,
     smooth: bool,
     ticks_per_row: u32,
-    record: &Record,
-    arcs: impl Iterator<Item = (usize, &'a Arc)>,
-    shift_kpa: &[R],
-    crank_rev: R,
-    share: &dyn Fn(usize, &Arc, &Unknown) -> Option<R>,
-    out: &mut [R],
-) {
-    let rows = record.time_s.len();
-    let sensors: Vec<usize> = (0..plant.sensor_columns().len()).collect();
+    lanes: &[Lane<'_>],
+) -> Vec<R> {
+    let channels = plant.sensor_columns().len();
+    let rows = span(lanes);
+    let mut out = vec![R::splat(f64::NAN); channels * rows];
+    let Some(longest) = lanes.iter().max_by_key(|lane| lane.chain.rows().len()) else { return out };
+    let each = |number: &dyn Fn(&Lane<'_>) -> f64| {
+        R::from_lanes(|lane| lanes.get(lane).or(lanes.last()).map_or(f64::NAN, number))
+    };
+    let sensors: Vec<usize> = (0..channels).collect();
     let mut simulation = Simulation::new(Shared::clone(plant));
     if smooth {
         simulation = simulation.smooth();
     }
     let unknowns: Vec<Unknown> = simulation.unknowns().cloned().collect();
-    let mut commands = vec![R::splat(0.0); record.inputs.len()];
-    let mut start = vec![R::splat(0.0); sensors.len()];
+    let mut commands = vec![R::splat(0.0); plant.inputs().len()];
     let read = |row: usize, commands: &mut [R]| {
-        for (slot, column) in commands.iter_mut().zip(&record.inputs) {
-            *slot = R::splat(column.get(row).copied().unwrap_or(0.0));
+        for (input, slot) in commands.iter_mut().enumerate() {
+            *slot = each(&|lane| lane.command(input, row));
         }
     };
-    for (number, arc) in arcs {
-        for ((slot, kpa), shift) in start.iter_mut().zip(&arc.start_kpa).zip(shift_kpa) {
-            *slot = R::splat(*kpa) + *shift;
-        }
-        read(arc.rows.start, &mut commands);
+    let first = longest.chain.rows().start;
+    for (index, (_, arc)) in longest.chain.arcs().iter().enumerate() {
+        let relative: Range<usize> = arc.rows.start - first..arc.rows.end - first;
+        let recorded: Vec<R> = (0..channels).map(|c| each(&|lane| lane.start_kpa(index, c))).collect();
+        let shift = |c: usize| each(&|lane| lane.shift_kpa.get(c).copied().unwrap_or(0.0));
+        let start: Vec<R> = recorded.iter().enumerate().map(|(c, kpa)| *kpa + shift(c)).collect();
+        read(relative.start, &mut commands);
         if arc.fresh {
             // Asked of the recorded pressures, not of the shifted ones: all runs must start alike.
-            let recorded: Vec<R> = arc.start_kpa.iter().map(|kpa| R::splat(*kpa)).collect();
             let how = simulation.start_for(&recorded);
-            simulation.start_at(&start, &commands, how, crank_rev, record.elapsed_s(arc.rows.start));
-            for (index, unknown) in unknowns.iter().enumerate() {
-                if let Some(share) = share(number, arc, unknown) {
-                    simulation.set_unknown(index, share);
+            let crank_rev = each(&|lane| lane.crank_rev);
+            simulation.start_at(&start, &commands, how, crank_rev, longest.chain.elapsed_s());
+            for (slot, unknown) in unknowns.iter().enumerate() {
+                if lanes.iter().any(|lane| lane.share(unknown).is_some()) {
+                    simulation.set_unknown(slot, each(&|lane| lane.share(unknown).unwrap_or(unknown.usual)));
                 }
             }
         } else {
             simulation.correct(&sensors, &start);
         }
-        for row in arc.rows.clone() {
+        for row in relative {
             for (channel, reading) in simulation.readings_kpa().enumerate() {
                 if let Some(slot) = out.get_mut(channel * rows + row) {
                     *slot = reading;
@@ -67,4 +110,5 @@ pub(super) fn sweep<'a, R: Simulated>(
             }
         }
     }
+    out
 }

@@ -3,7 +3,8 @@
 //! | file | subject |
 //! | --- | --- |
 //! | `arcs` | where simulations start: once per recording, or anew in every window |
-//! | `lanes` | eight rigs of one structure through one recording |
+//! | `chains` | stretches of recordings that can lie side by side |
+//! | `lanes` | eight rigs of one structure, each through a stretch of its own |
 //! | `simulator` | many rigs through all recordings, on all cores |
 //! | `start` | starts that noise does not spoil |
 //! | `ripple` | a piston pump's ripple at every reading, from runs whose cranks start at many angles |
@@ -15,10 +16,11 @@
 //! | `horizon` | how far off a rig is after 1 s, 10 s, or for ever |
 //!
 //! A fit runs the same recordings hundreds of times with parameters a little off. Eight such rigs lie side by side in
-//! the lanes of the model, groups of eight and recordings are shared out among the cores, and nothing is
-//! allocated per row.
+//! the lanes of the model, be it eight rigs on one recording or three on three of them; groups of eight are shared out among
+//! the cores, and nothing is allocated per row.
 
 mod arcs;
+mod chains;
 mod course;
 mod flappers;
 mod horizon;

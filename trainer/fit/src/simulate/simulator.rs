@@ -5,19 +5,20 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc as Shared, Mutex, PoisonError};
 
 use model::averaged::PumpTables;
-use model::plant::{Plant, Simulated, Unknown};
-use model::real::{Lanes, Real};
+use model::plant::{Plant, Simulated};
+use model::real::Lanes;
 use model::rig::{Rig, RigError};
 use proto::recording::PERIOD_S;
 
-use super::arcs::{Arc, Arcs, Flapper, share_of};
-use super::lanes::sweep;
+use super::arcs::{Arcs, Flapper};
+use super::chains::{Chain, kinds};
+use super::lanes::{Lane, span, sweep};
 use crate::FitError;
 use crate::data::Records;
 
-/// Rigs that run side by side.
+/// What runs side by side.
 const SIDE_BY_SIDE: usize = 8;
-/// Fewer rigs are run one by one: a bundle takes as long as three of them, however many of its lanes are wanted.
+/// Less is run one by one: a bundle takes as long as three of them, however many of its lanes are wanted.
 const WORTH_A_BUNDLE: usize = 3;
 
 /// How closely the pump is simulated.
@@ -39,8 +40,6 @@ pub enum Fidelity {
 const COARSE_STEP_MS: f64 = 0.4;
 /// The step at which pumps are turned for their tables, in ms: twice that of the paper's rig, for half the time.
 const TABLE_STEP_MS: f64 = 0.2;
-/// Rigs whose pumps' tables are all remembered at once; more are a grid over something else than the pump.
-const FEW: usize = 64;
 /// The step of averaged plants in ms. With 20 ms a diagnosis takes a fifth less time, and a delay that ends within a tick takes
 /// the chamber's compliance along: 1.24 mL/kPa for 1.3, and 40.6 ms for 40.
 const AVERAGED_STEP_MS: f64 = 10.0;
@@ -85,18 +84,22 @@ enum Bundle {
     Several(Shared<Plant<Lanes<SIDE_BY_SIDE>>>),
 }
 
-/// A compiled bundle and the runs that are in it, by index.
+/// One run through one chain of arcs, by their indices.
+type Flight = (usize, usize);
+
+/// A compiled bundle and what runs in its lanes.
 struct Group {
     bundle: Bundle,
     ticks_per_row: u32,
-    runs: Vec<usize>,
+    flights: Vec<Flight>,
 }
 
-/// What became of a bundle: groups that can be run, and runs whose rigs cannot be simulated.
-#[derive(Default)]
-struct Compiled {
-    groups: Vec<Group>,
-    unsound: Vec<(usize, RigError)>,
+/// What all runs of one call share.
+struct Task<'t> {
+    runs: &'t [Run],
+    /// The runs' rigs, compiled; `None` for those that cannot be.
+    plants: &'t [Option<Plant<f64>>],
+    chains: &'t [Chain<'t>],
 }
 
 impl<'r> Simulator<'r> {
@@ -134,18 +137,24 @@ impl<'r> Simulator<'r> {
     /// # Errors
     /// By run: a rig that fails its checks, or has other inputs or sensors than the recordings.
     pub fn run(&self, runs: &[Run], arcs: &Arcs) -> Vec<Result<Vec<f64>, RigError>> {
-        let mut outcomes: Vec<Outcome> = runs.iter().map(|_| Ok(self.records.readings_kpa().to_vec())).collect();
-        let groups = self.groups(runs, &mut outcomes);
-        let records = self.records.records().len();
-        let items: Vec<(usize, usize)> =
-            (0..groups.len()).flat_map(|g| (0..records).map(move |record| (g, record))).collect();
+        let (plants, outcomes): (Vec<_>, Vec<Outcome>) = self
+            .compiled(runs)
+            .into_iter()
+            .map(|compiled| match compiled {
+                Ok(plant) => (Some(plant), Ok(self.records.readings_kpa().to_vec())),
+                Err(problem) => (None, Err(problem)),
+            })
+            .unzip();
+        let chains = Chain::all(self.records, arcs);
+        let task = Task { runs, plants: &plants, chains: &chains };
+        let bundles = self.bundles(&task);
         let outcomes = Mutex::new(outcomes);
-        self.shared_out(items.len(), |item| {
-            let Some((group, record)) = items.get(item) else { return };
-            let Some(group) = groups.get(*group) else { return };
-            match &group.bundle {
-                Bundle::One(plant) => self.through(plant, group, runs, *record, arcs, &outcomes),
-                Bundle::Several(plant) => self.through(plant, group, runs, *record, arcs, &outcomes),
+        self.shared_out(bundles.len(), |item| {
+            for group in bundles.get(item).into_iter().flat_map(|flights| task.groups(flights)) {
+                match &group.bundle {
+                    Bundle::One(plant) => self.through(plant, &group, &task, &outcomes),
+                    Bundle::Several(plant) => self.through(plant, &group, &task, &outcomes),
+                }
             }
         });
         outcomes.into_inner().unwrap_or_else(PoisonError::into_inner)
@@ -194,140 +203,79 @@ impl<'r> Simulator<'r> {
         }
     }
 
-    /// One group through one recording.
+    /// One group through its chains.
     fn through<R: Simulated>(
         &self,
         plant: &Shared<Plant<R>>,
         group: &Group,
-        runs: &[Run],
-        record: usize,
-        arcs: &Arcs,
+        task: &Task<'_>,
         outcomes: &Mutex<Vec<Outcome>>,
     ) {
-        let Some(columns) = self.records.records().get(record) else { return };
+        let lanes: Vec<Lane<'_>> = group.flights.iter().filter_map(|flight| task.lane(*flight)).collect();
+        let out = sweep(plant, self.fidelity == Fidelity::Smooth, group.ticks_per_row, &lanes);
+        let rows = span(&lanes);
         let layout = self.records.layout();
-        let place = layout.channel(record, 0).start..layout.channel(record, layout.channels().saturating_sub(1)).end;
-        let recorded = self.records.readings_kpa().get(place.clone()).unwrap_or_default();
-        let mut out: Vec<R> = recorded.iter().map(|kpa| R::splat(*kpa)).collect();
-        let run_of = |lane: usize| group.runs.get(lane).or(group.runs.last()).and_then(|run| runs.get(*run));
-        let shift: Vec<R> = (0..layout.channels())
-            .map(|channel| {
-                R::from_lanes(|lane| run_of(lane).and_then(|run| run.shift_kpa.get(channel)).copied().unwrap_or(0.0))
-            })
-            .collect();
-        let crank = R::from_lanes(|lane| columns.crank_rev + run_of(lane).map_or(0.0, |run| run.crank_rev));
-        sweep(
-            plant,
-            self.fidelity == Fidelity::Smooth,
-            group.ticks_per_row,
-            columns,
-            arcs.numbered(record),
-            &shift,
-            crank,
-            &|number, arc, unknown| share(&run_of, number, arc, unknown),
-            &mut out,
-        );
         let mut outcomes = outcomes.lock().unwrap_or_else(PoisonError::into_inner);
-        for (lane, run) in group.runs.iter().enumerate() {
-            if let Some(Ok(trace)) = outcomes.get_mut(*run)
-                && let Some(part) = trace.get_mut(place.clone())
-            {
-                for (slot, value) in part.iter_mut().zip(&out) {
-                    *slot = value.lane(lane);
+        for (index, ((run, _), lane)) in group.flights.iter().zip(&lanes).enumerate() {
+            let Some(Ok(trace)) = outcomes.get_mut(*run) else { continue };
+            let first = lane.chain.rows().start;
+            for (_, arc) in lane.chain.arcs() {
+                for channel in 0..layout.channels() {
+                    let place = layout.stretch(lane.chain.record, channel, arc.rows.clone());
+                    let from = channel * rows + arc.rows.start - first;
+                    let read = out.get(from..from + arc.rows.len()).unwrap_or_default();
+                    for (slot, value) in trace.get_mut(place).unwrap_or_default().iter_mut().zip(read) {
+                        *slot = value.lane(index);
+                    }
                 }
             }
         }
     }
 
-    /// Compiles the runs in bundles of one structure; what cannot be compiled becomes an error.
-    fn groups(&self, runs: &[Run], outcomes: &mut [Outcome]) -> Vec<Group> {
-        let mut kinds: Vec<(String, Vec<usize>)> = Vec::new();
-        for (index, run) in runs.iter().enumerate() {
-            let kind = structure(&run.rig);
-            match kinds.iter_mut().find(|(known, _)| *known == kind) {
-                Some((_, members)) => members.push(index),
-                None => kinds.push((kind, vec![index])),
-            }
-        }
-        let bundles: Vec<Vec<usize>> = kinds
-            .iter()
-            .flat_map(|(_, members)| members.chunks(SIDE_BY_SIDE))
-            .flat_map(|members| members.chunks(if members.len() < WORTH_A_BUNDLE { 1 } else { SIDE_BY_SIDE }))
-            .map(<[usize]>::to_vec)
-            .collect();
-        // Compiled on all cores: tables of pumps take as long as a run. Rig by rig before bundle by bundle, for the rigs that
-        // differ in the pump often lie in the same bundle.
-        let averaged = matches!(self.fidelity, Fidelity::Averaged | Fidelity::Smooth);
-        if averaged && (2..=FEW).contains(&runs.len()) {
-            self.shared_out(runs.len(), |item| {
-                if let Some(run) = runs.get(item) {
-                    // What is wrong with it shows below; the table is kept.
-                    let _ = self.plant(&self.prepared(&run.rig));
-                }
-            });
-        }
-        let compiled: Vec<Mutex<Compiled>> = bundles.iter().map(|_| Mutex::default()).collect();
-        self.shared_out(bundles.len(), |item| {
-            if let (Some(members), Some(slot)) = (bundles.get(item), compiled.get(item)) {
-                let compiled = self.compile(runs, members);
-                *slot.lock().unwrap_or_else(PoisonError::into_inner) = compiled;
+    /// The rigs of runs, compiled one by one on all cores: tables of pumps take as long as a run.
+    fn compiled(&self, runs: &[Run]) -> Vec<Result<Plant<f64>, RigError>> {
+        let slots: Vec<Mutex<Option<Result<Plant<f64>, RigError>>>> = runs.iter().map(|_| Mutex::default()).collect();
+        self.shared_out(runs.len(), |item| {
+            if let (Some(run), Some(slot)) = (runs.get(item), slots.get(item)) {
+                let plant = self.plant(&self.prepared(&run.rig)).and_then(|plant| self.fitting(plant));
+                *slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(plant);
             }
         });
-        let mut groups = Vec::new();
-        for compiled in compiled {
-            let compiled = compiled.into_inner().unwrap_or_else(PoisonError::into_inner);
-            groups.extend(compiled.groups);
-            for (run, problem) in compiled.unsound {
-                if let Some(outcome) = outcomes.get_mut(run) {
-                    *outcome = Err(problem);
+        let compiled = slots.into_iter().map(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner));
+        compiled.map(|plant| plant.unwrap_or_else(|| Err(RigError::at("", "was not compiled")))).collect()
+    }
+
+    /// Runs and chains in bundles of one structure.
+    fn bundles(&self, task: &Task<'_>) -> Vec<Vec<Flight>> {
+        let mut structures: Vec<(String, Vec<usize>)> = Vec::new();
+        for (index, run) in task.runs.iter().enumerate().filter(|(index, _)| task.plant(*index).is_some()) {
+            let structure = structure(&run.rig);
+            match structures.iter_mut().find(|(known, _)| *known == structure) {
+                Some((_, members)) => members.push(index),
+                None => structures.push((structure, vec![index])),
+            }
+        }
+        // One for each core comes before several in one.
+        let enough = task.runs.len() * task.chains.len() >= WORTH_A_BUNDLE * self.threads;
+        let kinds = kinds(task.chains);
+        let mut bundles = Vec::new();
+        for (_, members) in &structures {
+            for kind in &kinds {
+                let flights: Vec<Flight> =
+                    kind.iter().flat_map(|chain| members.iter().map(|run| (*run, *chain))).collect();
+                for bundle in flights.chunks(SIDE_BY_SIDE) {
+                    let alone = !enough || bundle.len() < WORTH_A_BUNDLE;
+                    bundles.extend(bundle.chunks(if alone { 1 } else { SIDE_BY_SIDE }).map(<[Flight]>::to_vec));
                 }
             }
         }
-        groups
-    }
-
-    fn compile(&self, runs: &[Run], members: &[usize]) -> Compiled {
-        let rigs: Vec<Rig> = members.iter().filter_map(|m| runs.get(*m)).map(|run| self.prepared(&run.rig)).collect();
-        let bundle = match rigs.as_slice() {
-            [rig] => self.plant(rig).and_then(|plant| {
-                let ticks = self.fits(&plant)?;
-                Ok((Bundle::One(Shared::new(plant)), ticks))
-            }),
-            several => self.side_by_side(several).and_then(|plant| {
-                let ticks = self.fits(&plant)?;
-                Ok((Bundle::Several(Shared::new(plant)), ticks))
-            }),
-        };
-        match bundle {
-            Ok((bundle, ticks_per_row)) => {
-                Compiled { groups: vec![Group { bundle, ticks_per_row, runs: members.to_vec() }], unsound: Vec::new() }
-            }
-            // One of them is unsound, or numbers (a compliance of zero) changed the structure after all.
-            Err(_) if members.len() > 1 => {
-                let (front, back) = members.split_at(members.len() / 2);
-                let (mut compiled, mut rest) = (self.compile(runs, front), self.compile(runs, back));
-                compiled.groups.append(&mut rest.groups);
-                compiled.unsound.append(&mut rest.unsound);
-                compiled
-            }
-            Err(problem) => Compiled {
-                groups: Vec::new(),
-                unsound: members.first().map(|run| (*run, problem)).into_iter().collect(),
-            },
-        }
+        bundles
     }
 
     fn plant(&self, rig: &Rig) -> Result<Plant<f64>, RigError> {
         match self.fidelity {
             Fidelity::Averaged | Fidelity::Smooth => Plant::averaged(rig, AVERAGED_STEP_MS, &TABLES),
             Fidelity::Detailed | Fidelity::Coarse => Plant::new(rig),
-        }
-    }
-
-    fn side_by_side(&self, rigs: &[Rig]) -> Result<Plant<Lanes<SIDE_BY_SIDE>>, RigError> {
-        match self.fidelity {
-            Fidelity::Averaged | Fidelity::Smooth => Plant::averaged_side_by_side(rigs, AVERAGED_STEP_MS, &TABLES),
-            Fidelity::Detailed | Fidelity::Coarse => Plant::side_by_side(rigs),
         }
     }
 
@@ -345,8 +293,8 @@ impl<'r> Simulator<'r> {
         rig
     }
 
-    /// Ticks from row to row, if the plant has the inputs and sensors of the recordings.
-    fn fits<R: Real>(&self, plant: &Plant<R>) -> Result<u32, RigError> {
+    /// The plant, if it has the inputs and sensors of the recordings and its ticks fit into their rows.
+    fn fitting(&self, plant: Plant<f64>) -> Result<Plant<f64>, RigError> {
         if plant.inputs() != self.records.inputs() || plant.sensor_columns() != self.records.sensors() {
             let problem = "the rig has other inputs or sensors than the one that the recordings were read for";
             return Err(RigError::at("", problem));
@@ -362,24 +310,46 @@ impl<'r> Simulator<'r> {
             );
             return Err(RigError::at("integrator.tick_ms", problem));
         }
-        // Between 1 and 20: a rig's tick is at least 1 ms.
-        Ok(ticks.round() as u32)
+        Ok(plant)
     }
 }
 
-/// Where an unknown stands at the start of an arc, lane by lane; `None` where no lane says so.
-fn share<'a, R: Real>(
-    run_of: &dyn Fn(usize) -> Option<&'a Run>,
-    number: usize,
-    arc: &Arc,
-    unknown: &Unknown,
-) -> Option<R> {
-    let own = |lane: usize| run_of(lane).and_then(|run| share_of(run.flappers.get(number)?, &unknown.name));
-    let arcs = share_of(&arc.flappers, &unknown.name);
-    if arcs.is_none() && (0..R::LANES).all(|lane| own(lane).is_none()) {
-        return None;
+impl<'t> Task<'t> {
+    /// A run's rig, compiled.
+    fn plant(&self, run: usize) -> Option<&'t Plant<f64>> {
+        self.plants.get(run)?.as_ref()
     }
-    Some(R::from_lanes(|lane| own(lane).or(arcs).unwrap_or(unknown.usual)))
+
+    /// What a flight is to the lane that it runs in.
+    fn lane(&self, (run, chain): Flight) -> Option<Lane<'t>> {
+        let (run, chain) = (self.runs.get(run)?, self.chains.get(chain)?);
+        Some(Lane {
+            chain,
+            shift_kpa: &run.shift_kpa,
+            crank_rev: chain.columns.crank_rev + run.crank_rev,
+            flappers: &run.flappers,
+        })
+    }
+
+    /// Flights as a bundle; as several where numbers (a compliance of zero) changed the structure after all.
+    fn groups(&self, flights: &[Flight]) -> Vec<Group> {
+        let plants: Vec<&Plant<f64>> = flights.iter().filter_map(|(run, _)| self.plant(*run)).collect();
+        let bundle = match plants.as_slice() {
+            [] => return Vec::new(),
+            [plant] => Bundle::One(Shared::new((*plant).clone())),
+            several => {
+                let several: Vec<Plant<f64>> = several.iter().map(|plant| (*plant).clone()).collect();
+                let Ok(plant) = Plant::together(&several) else {
+                    let (front, back) = flights.split_at(flights.len() / 2);
+                    return [front, back].into_iter().flat_map(|half| self.groups(half)).collect();
+                };
+                Bundle::Several(Shared::new(plant))
+            }
+        };
+        // Between 1 and 20: a rig's tick is at least 1 ms.
+        let ticks_per_row = plants.first().map_or(1, |plant| (PERIOD_S / plant.tick_s()).round() as u32);
+        vec![Group { bundle, ticks_per_row, flights: flights.to_vec() }]
+    }
 }
 
 /// What must be equal for rigs to lie side by side, as far as it shows without compiling them.
