@@ -49,6 +49,8 @@ pub struct CandidateParameter {
     pub usual: Option<[f64; 2]>,
     /// The effect grows with this power of it.
     pub power: f64,
+    /// Whether what fits best at its lowest value is something faster.
+    pub slow: bool,
 }
 
 impl Candidate {
@@ -98,6 +100,7 @@ impl Form {
                 signed: number.is_signed(),
                 usual: number.usual,
                 power: number.power,
+                slow: number.slow,
             })
         };
         let parameters = fitted.iter().filter_map(parameter).collect();

@@ -14,7 +14,8 @@
 //! Copper gains 0.39 % of resistance per kelvin (IEC 60028), and the heat put in goes with the square of the duty; `θ`
 //! is the temperature rise as a share of that at full duty for ever, so `k` is the resistance gained there: 4 … 16 %
 //! for rises of 10 … 40 K. A driver that sets voltage loses as much current (one that sets current loses nothing). `τ` is
-//! minutes: grams of copper in still air. Since the paper's area is straight in `u`, this is `Ĉ_u / (1 + k θ)`. Writing
+//! minutes: grams of copper in still air. Even a winding alone, 20 g of copper (8 J/K) that its bobbin parts from the iron by
+//! 2 K/W or more, takes 15 s; what is quicker is something else that follows the duty (moisture in a throat, say). Since the paper's area is straight in `u`, this is `Ĉ_u / (1 + k θ)`. Writing
 //! `1 − k θ` instead leaves a tenth of the effect where `k` is a tenth, which then looks like other physics.
 //! It tells itself by being slow and one-sided: it follows the past duty, never the pressure.
 //!
@@ -52,7 +53,7 @@ numbers!(CoilHeating {
         .plausible(0.0, 0.4)
         .starts(&[0.02, 0.05, 0.1, 0.2])
         .hint("a share of the cold resistance"),
-    time_constant_s: Number::new("s", 0.1, 1e5).plausible(5.0, 900.0).starts(&[90.0, 30.0, 300.0]),
+    time_constant_s: Number::new("s", 0.1, 1e5).plausible(15.0, 900.0).slow().starts(&[90.0, 30.0, 300.0]),
     initial_heat: Number::new("", 0.0, 1.0).starts(&[0.0]).hint("a share: 0 is cold").optional(),
     winding_share: Number::new("", 0.0, 1.0).plausible(0.02, 0.8).starts(&[0.3]).hint("a share of the rise").optional(),
     winding_time_constant_s: Number::new("s", 0.0, 1e5).plausible(1.0, 120.0).starts(&[10.0]).optional(),

@@ -33,6 +33,8 @@ pub struct Number {
     pub optional: bool,
     /// For a magnitude of a mechanism: the effect grows with this power of it. Negative where a large value is no effect.
     pub power: f64,
+    /// Whether its kind is told by being slow: what fits best at its least plausible value is something faster.
+    pub slow: bool,
 }
 
 impl Number {
@@ -50,12 +52,18 @@ impl Number {
             usual: None,
             optional: false,
             power: 1.0,
+            slow: false,
         }
     }
 
     /// The same with a narrower plausible range.
     pub const fn plausible(self, low: f64, high: f64) -> Self {
         Number { plausible: [low, high], ..self }
+    }
+
+    /// The same, a time constant whose kind is told by being no faster than is plausible.
+    pub const fn slow(self) -> Self {
+        Number { slow: true, ..self }
     }
 
     /// The same, known to another share of its value.

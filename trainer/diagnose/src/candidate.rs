@@ -19,6 +19,9 @@ const LEAKS: [&str; 3] = ["chamber_leak", "cross_leak", "piston_blowby"];
 /// Key of the time at which something begins.
 const ONSET: &str = "begins_s";
 
+/// A number within a hundredth of an end of its range is at it.
+const AT_ITS_END: f64 = 1.01;
+
 /// Whether a mechanism lets air pass where the paper's rig has none.
 pub(crate) fn leaks(id: &str) -> bool {
     LEAKS.contains(&id)
@@ -95,6 +98,13 @@ impl Candidate {
     /// Whether it is the same mechanism there in a plainer shape: the first few of the other's parameters, and no others.
     pub fn is_plainer_than(&self, other: &Candidate) -> bool {
         self.excludes(other) && self.len() < other.len() && self.keys().zip(other.keys()).all(|(own, its)| own == its)
+    }
+
+    /// The parameter by which its kind is told from something faster, and the least that is plausible for it, if one of these
+    /// `values` is no more than that.
+    pub fn too_fast(&self, values: &[f64]) -> Option<(&'static str, f64)> {
+        let parameters = self.offered.parameters.iter().zip(values);
+        parameters.filter(|(p, value)| p.slow && **value <= AT_ITS_END * p.low).map(|(p, _)| (p.key, p.low)).next()
     }
 
     /// Keys of its free parameters, in their order.
@@ -271,6 +281,16 @@ mod tests {
         for side in ["positive", "negative", "both"] {
             assert!(sides.contains(&side));
         }
+    }
+
+    /// A coil as quick as its range goes is none, and only its own time constant says so.
+    #[test]
+    fn a_kind_that_is_slow_is_told_by_it() {
+        let all = candidates(&Rig::builtin("dual_pressure").unwrap());
+        let of = |id: &str| all.iter().find(|c| c.id == id && c.component == "valve_pos").unwrap();
+        assert_eq!(of("coil_heating").too_fast(&[0.1, 15.0]), Some(("time_constant_s", 15.0)));
+        assert_eq!(of("coil_heating").too_fast(&[0.1, 16.0]), None);
+        assert_eq!(of("valve_lag").too_fast(&[0.5, 1.0]), None);
     }
 
     /// A throat of twice the effect is narrower by the root of two, an overlap of twice the effect twice as wide.

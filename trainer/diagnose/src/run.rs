@@ -22,7 +22,7 @@ use crate::glance::settled;
 use crate::heard::Heard;
 use crate::judge::{Judgement, UNKNOWN_KPA, judge_without};
 use crate::locate::Missing;
-use crate::search::{Found, SearchSettings};
+use crate::search::{Found, SearchSettings, position_of};
 use crate::switched;
 use crate::turning::answered;
 use crate::unknown::{UnknownTerm, fit_unknown, formula_for_reading};
@@ -184,6 +184,9 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
             fitted.total_rmse_kpa()
         ));
         judgement = judgement.of_no_name();
+    } else if let Some(note) = too_fast(&searched, &asked.candidates, &found.best).filter(|_| named) {
+        notes.push(note);
+        judgement = judgement.of_no_name();
     } else if named
         && (removed_kpa < UNKNOWN_KPA || reach_kpa < switched::REACH_KPA)
         && removed(&fitted, &extended) < KEPT_BACK_KPA
@@ -278,6 +281,20 @@ const KEPT_BACK_KPA: f64 = 0.02;
 /// Root of the drop in mean squared error, in kPa; negative if it rose.
 fn removed(without: &Figures, with: &Figures) -> f64 {
     root_of_drop(without.total_rmse_kpa().powi(2) - with.total_rmse_kpa().powi(2))
+}
+
+/// What to say of a term that fits best as fast as its kind is told by not being.
+fn too_fast(bench: &Bench<'_>, candidates: &[Candidate], best: &Explanation) -> Option<String> {
+    best.terms.iter().find_map(|term| {
+        let candidate = candidates.get(*term)?;
+        let at = position_of(bench, candidates, best, *term)?;
+        let estimates = best.fitted.estimates.iter().skip(at).take(candidate.len());
+        let (key, least) = candidate.too_fast(&estimates.map(|estimate| estimate.value).collect::<Vec<_>>())?;
+        Some(format!(
+            "{} fits best with the least {key} that is plausible for it, {least}: something like it, but faster, not it",
+            candidate.name()
+        ))
+    })
 }
 
 /// Names of terms, for notes.
