@@ -2,7 +2,7 @@
 
 use std::num::NonZero;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc as Shared, Mutex, PoisonError};
+use std::sync::{Arc as Shared, Mutex, OnceLock, PoisonError};
 
 use model::averaged::PumpTables;
 use model::plant::{Plant, Simulated};
@@ -234,15 +234,14 @@ impl<'r> Simulator<'r> {
 
     /// The rigs of runs, compiled one by one on all cores: tables of pumps take as long as a run.
     fn compiled(&self, runs: &[Run]) -> Vec<Result<Plant<f64>, RigError>> {
-        let slots: Vec<Mutex<Option<Result<Plant<f64>, RigError>>>> = runs.iter().map(|_| Mutex::default()).collect();
+        let slots: Vec<OnceLock<Result<Plant<f64>, RigError>>> = runs.iter().map(|_| OnceLock::new()).collect();
         self.shared_out(runs.len(), |item| {
             if let (Some(run), Some(slot)) = (runs.get(item), slots.get(item)) {
-                let plant = self.plant(&self.prepared(&run.rig)).and_then(|plant| self.fitting(plant));
-                *slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(plant);
+                slot.get_or_init(|| self.plant(&self.prepared(&run.rig)).and_then(|plant| self.fitting(plant)));
             }
         });
-        let compiled = slots.into_iter().map(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner));
-        compiled.map(|plant| plant.unwrap_or_else(|| Err(RigError::at("", "was not compiled")))).collect()
+        let not_there = || Err(RigError::at("", "was not compiled"));
+        slots.into_iter().map(|slot| slot.into_inner().unwrap_or_else(not_there)).collect()
     }
 
     /// Runs and chains in bundles of one structure.
