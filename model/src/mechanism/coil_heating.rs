@@ -14,9 +14,10 @@
 //! Copper gains 0.39 % of resistance per kelvin (IEC 60028), and the heat put in goes with the square of the duty; `θ`
 //! is the temperature rise as a share of that at full duty for ever, so `k` is the resistance gained there: 4 … 16 %
 //! for rises of 10 … 40 K. A driver that sets voltage loses as much current (one that sets current loses nothing). `τ` is
-//! minutes: grams of copper in still air. Even a winding alone, 20 g of copper (8 J/K) that its bobbin parts from the iron by
-//! 2 K/W or more, takes 15 s; what is quicker is something else that follows the duty (moisture in a throat, say). Since the paper's area is straight in `u`, this is `Ĉ_u / (1 + k θ)`. Writing
-//! `1 − k θ` instead leaves a tenth of the effect where `k` is a tenth, which then looks like other physics.
+//! minutes: grams of copper in still air. Even a winding alone, 20 g of copper (8 J/K) that its bobbin parts from the iron
+//! by 2 K/W or more, takes 15 s; what is quicker is something else that follows the duty (moisture in a throat, say). Since
+//! the paper's area is straight in `u`, this is `Ĉ_u / (1 + k θ)`. Writing `1 − k θ` instead leaves a tenth of the effect
+//! where `k` is a tenth, which then looks like other physics.
 //! It tells itself by being slow and one-sided: it follows the past duty, never the pressure.
 //!
 //! A run starts with `θ` = `initial_heat` (0: cold), whatever was commanded before; where recordings start

@@ -184,7 +184,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
             fitted.total_rmse_kpa()
         ));
         judgement = judgement.of_no_name();
-    } else if let Some(note) = too_fast(&searched, &asked.candidates, &found.best).filter(|_| named) {
+    } else if named && let Some(note) = too_fast(&searched, &asked.candidates, &found.best) {
         notes.push(note);
         judgement = judgement.of_no_name();
     } else if named
