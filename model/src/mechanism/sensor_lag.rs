@@ -1,27 +1,36 @@
-//! `sensor_lag`: the reading follows the pressure with a first-order lag.
+//! `sensor_lag`: the reading follows the pressure with a lag of the first order, or with two in series.
 //!
 //! ```text
-//! τ ẏ = P − y
+//! τ ẋ = P − x,        τ₂ ẏ = x − y        (y = x where there is no τ₂)
 //! ```
 //!
-//! The sensor's own filter, or a thin hose to it. It changes what is read and nothing else: the other
-//! chamber never hears of it, which tells it from a lag of the valve.
+//! The sensor's own filter, or a thin hose to it; with a snubber in the hose the small room behind it fills as well, and an
+//! electronic filter has its time on top. It changes what is read and nothing else: the other chamber never hears of it, which
+//! tells it from a lag of the valve.
 
 use serde::{Deserialize, Serialize};
 
 use super::{Form, Mechanism, Physics, Place};
 use crate::rig::{Number, Rig, numbers};
 
-/// A first-order lag of a reading behind the pressure.
+/// A lag of a reading behind the pressure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SensorLag {
     /// Time constant τ in ms.
     pub time_constant_ms: f64,
+    /// Time constant τ₂ of a second lag behind it, in ms; absent is none. Which is first makes no difference.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub second_time_constant_ms: f64,
+}
+
+fn is_none(time_constant_ms: &f64) -> bool {
+    *time_constant_ms == 0.0
 }
 
 numbers!(SensorLag {
     time_constant_ms: Number::new("ms", 0.01, 10_000.0).plausible(1.0, 500.0).starts(&[8.0, 25.0, 80.0, 250.0]),
+    second_time_constant_ms: Number::new("ms", 0.0, 10_000.0).plausible(1.0, 500.0).starts(&[8.0, 25.0]).optional(),
 });
 
 impl Physics for SensorLag {
@@ -30,13 +39,16 @@ impl Physics for SensorLag {
     const SETTLED: bool = false;
 
     fn forms(_rig: &Rig, _component: &str) -> Vec<Form> {
-        vec![Form::of("", Mechanism::SensorLag(SensorLag { time_constant_ms: 0.01 }), &[0])]
+        let lag = Mechanism::SensorLag(SensorLag { time_constant_ms: 0.01, second_time_constant_ms: 0.0 });
+        vec![Form::of("", lag.clone(), &[0]), Form::of("two", lag, &[0, 1]).refinement()]
     }
 }
 
 impl SensorLag {
-    /// Share of the distance that the reading covers in one integration step, 1 − e^(−h/τ).
-    pub(crate) fn approach(&self, step_s: f64) -> f64 {
-        -(-step_s / (self.time_constant_ms * 1e-3)).exp_m1()
+    /// Share of the distance that each lag covers in one integration step, 1 − e^(−h/τ); no second share where there is one lag.
+    pub(crate) fn approaches(&self, step_s: f64) -> (f64, Option<f64>) {
+        let share = |time_constant_ms: f64| -(-step_s / (time_constant_ms * 1e-3)).exp_m1();
+        let second = (self.second_time_constant_ms > 0.0).then(|| share(self.second_time_constant_ms));
+        (share(self.time_constant_ms), second)
     }
 }

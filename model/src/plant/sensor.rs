@@ -8,11 +8,15 @@ record! {
     SensorPath { node: usize,
         /// Where in the memory its lagged reading lives, if it lags.
         memory: Option<usize>,
+        /// Where what a second lag behind that has come to lives, if there is one.
+        second: Option<usize>,
         /// Where what it answers to that lives, with its speed over ω behind it (mechanism `residual_response`).
         response: Option<usize>,
     } lanes {
         /// Share of the distance to the pressure covered in one step (0 … 1).
         approach,
+        /// And by the second lag of the distance to the first.
+        second_approach,
         /// ω of its answer in rad/s.
         natural,
         /// ζ.
@@ -41,6 +45,8 @@ record! {
 pub struct Filter<R> {
     /// Time constant of a first-order lag in s; 0 for none.
     pub(crate) lag_s: R,
+    /// The same of a second one behind it.
+    pub(crate) second_lag_s: R,
     /// 1/ω of a second-order answer in s; 0 for none.
     pub(crate) period_s: R,
     /// Its damping ratio.
@@ -51,7 +57,7 @@ impl<R: Real> Filter<R> {
     /// Nothing.
     pub(crate) fn none() -> Self {
         let zero = R::splat(0.0);
-        Filter { lag_s: zero, period_s: zero, damping: zero }
+        Filter { lag_s: zero, second_lag_s: zero, period_s: zero, damping: zero }
     }
 
     /// Gain at an angular frequency in rad/s, and by what angle it comes late; `None` where all comes through as it is.
@@ -66,6 +72,10 @@ impl<R: Real> Filter<R> {
         if lags {
             let behind = (frequency * self.lag_s).map(f64::atan);
             (gain, late) = (behind.map(f64::cos), behind);
+        }
+        if self.second_lag_s.any_above(zero) {
+            let behind = (frequency * self.second_lag_s).map(f64::atan);
+            (gain, late) = (gain * behind.map(f64::cos), late + behind);
         }
         if rings {
             let ratio = frequency * self.period_s;
@@ -83,8 +93,10 @@ impl SensorPath<f64> {
         SensorPath {
             node,
             memory: None,
+            second: None,
             response: None,
             approach: 1.0,
+            second_approach: 1.0,
             natural: f64::INFINITY,
             damping: 1.0,
             keeps: 0.0,
@@ -115,10 +127,19 @@ impl<R: Real> SensorPath<R> {
         self.gain.mul_add(gauge_kpa, self.offset(time_s))
     }
 
+    /// Where what it has come to lives, if it lags.
+    pub(crate) fn lagged(&self) -> Option<usize> {
+        self.second.or(self.memory)
+    }
+
     /// What its lag lets through of a ripple, for steps of `step_s`.
     pub(crate) fn lag(&self, step_s: f64) -> Filter<R> {
-        let lag_s = self.memory.map(|_| self.approach.map(|approach| -step_s / (-approach).ln_1p()));
-        Filter { lag_s: lag_s.unwrap_or(R::splat(0.0)), ..Filter::none() }
+        let of = |place: Option<usize>, approach: R| match place {
+            Some(_) => approach.map(|approach| -step_s / (-approach).ln_1p()),
+            None => R::splat(0.0),
+        };
+        let (lag_s, second_lag_s) = (of(self.memory, self.approach), of(self.second, self.second_approach));
+        Filter { lag_s, second_lag_s, ..Filter::none() }
     }
 
     /// And what its answer does to that.
@@ -131,8 +152,14 @@ impl<R: Real> SensorPath<R> {
     pub(crate) fn follow(&self, mean: R, memory: &mut [R]) {
         let mut seen = mean;
         if let Some(reading) = self.memory.and_then(|m| memory.get_mut(m)) {
-            *reading = self.approach.mul_add(mean - *reading, *reading);
+            let was = *reading;
+            *reading = self.approach.mul_add(mean - was, was);
             seen = *reading;
+            if let Some(second) = self.second.and_then(|m| memory.get_mut(m)) {
+                let mean = R::splat(0.5) * (was + seen);
+                *second = self.second_approach.mul_add(mean - *second, *second);
+                seen = *second;
+            }
         }
         if let Some([reading, speed]) = self.response.and_then(|m| memory.get_mut(m..m + 2)) {
             let (off, was) = (*reading - seen, *speed);
@@ -143,8 +170,10 @@ impl<R: Real> SensorPath<R> {
 
     /// Has it read `pressure` for ever.
     pub(crate) fn settle(&self, pressure: R, memory: &mut [R]) {
-        if let Some(reading) = self.memory.and_then(|m| memory.get_mut(m)) {
-            *reading = pressure;
+        for place in [self.memory, self.second].into_iter().flatten() {
+            if let Some(reading) = memory.get_mut(place) {
+                *reading = pressure;
+            }
         }
         if let Some([reading, speed]) = self.response.and_then(|m| memory.get_mut(m..m + 2)) {
             (*reading, *speed) = (pressure, R::splat(0.0));

@@ -175,7 +175,7 @@ impl<R: Simulated> Simulation<R> {
         let Some(sensor) = self.plant.sensors.get(index) else { return R::splat(f64::NAN) };
         let remembered = |place: Option<usize>| place.and_then(|m| self.state.memory.get(m)).copied();
         let step_s = self.plant.step_s;
-        let mut pressure = match remembered(sensor.memory) {
+        let mut pressure = match remembered(sensor.lagged()) {
             Some(lagged) => lagged + self.ripple_pa(sensor.node, &sensor.lag(step_s)),
             None => self.pressure_pa(sensor.node),
         };

@@ -116,6 +116,8 @@ fn free_runs_agree_with_chambers_that_are_not_plain() {
         + &mechanism("line_resistance", "valve_pos", "area_mm2 = 2.0")
         + &mechanism("command_delay", "valve_neg", "delay_ms = 27.0");
     agrees("thermal, compliant, lagging", &paper_with(&parts), ASKED_KPA);
+    let parts = mechanism("sensor_lag", "sensor_neg", "time_constant_ms = 30.0\nsecond_time_constant_ms = 4.0");
+    agrees("a reading with two lags", &paper_with(&parts), ASKED_KPA);
     // Far below the strokes' frequency, and near it, where it lets more of the ripple through than there is.
     for hz in [4.0, 40.0] {
         let parts = mechanism(

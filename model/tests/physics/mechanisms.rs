@@ -382,6 +382,27 @@ fn a_lagging_sensor_reads_exponentially_and_changes_no_pressure() {
 }
 
 #[test]
+fn a_sensor_with_two_lags_answers_a_step_as_both_in_series_do() {
+    for (first, second) in [(0.08, 0.008), (0.008, 0.08), (0.03, 0.0299)] {
+        let lag = mechanism(
+            "sensor_lag",
+            "sensor_tank",
+            &format!("time_constant_ms = {}\nsecond_time_constant_ms = {}", first * 1e3, second * 1e3),
+        );
+        let mut still = simulation(&rig(&(chamber("tank", 1.0) + &lag)));
+        still.set_pressure_pa(0, ATMOSPHERE + 50_000.0);
+        for tick in 1..=20 {
+            still.tick(&[]);
+            let time = f64::from(tick) * TICK_S;
+            let left = (first * (-time / first).exp() - second * (-time / second).exp()) / (first - second);
+            let exact = 50.0 * (1.0 - left);
+            // The second lag takes the mean of the first in each step of a millisecond: (h/τ)²/12 of what is under way.
+            assert!((still.reading_kpa(0) - exact).abs() < 0.05, "tick {tick}: {} for {exact}", still.reading_kpa(0));
+        }
+    }
+}
+
+#[test]
 fn only_a_leak_lets_a_shut_chamber_go() {
     let hold = |mechanisms: &str| {
         let mut simulation = simulation(&paper_with(mechanisms));

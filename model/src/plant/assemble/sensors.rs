@@ -13,9 +13,15 @@ impl Assembly<'_> {
             for mechanism in mechanisms_on(self.rig, name) {
                 match mechanism {
                     Mechanism::SensorLag(m) => {
+                        let (approach, second) = m.approaches(self.plant.step_s);
                         path.memory = Some(self.memory);
-                        path.approach = m.approach(self.plant.step_s);
+                        path.approach = approach;
                         self.memory += 1;
+                        if let Some(approach) = second {
+                            path.second = Some(self.memory);
+                            path.second_approach = approach;
+                            self.memory += 1;
+                        }
                     }
                     Mechanism::ResidualResponse(m) => {
                         path.response = Some(self.memory);
