@@ -13,7 +13,7 @@
 //! time; arrival times carry the network's jitter). Ticks without a sound reading leave no row.
 //!
 //! Known columns are `u_pos`, `u_neg` (duty, in [0, 1]), `p_pos_kpa`, `p_neg_kpa`, `ref_pos_kpa`,
-//! `ref_neg_kpa` (gauge kPa, above −101.325) and `pump_on` (0 or 1). All others are kept by name:
+//! `ref_neg_kpa` (gauge kPa, above −101.325; what a sensor reads, above −200) and `pump_on` (0 or 1). All others are kept by name:
 //! numbers as numbers, texts as text (see [`csv`](super::csv)).
 
 use std::ops::Range;
@@ -30,12 +30,16 @@ pub const PERIOD_S: f64 = 0.02;
 /// The longest step within a segment (s); beyond it is a gap.
 pub const MAX_STEP_S: f64 = 0.03;
 
+/// The least that a reading of a gauge pressure may be (kPa): no pressure is below vacuum, but a line that rings, or a zero that is
+/// off, is read there. Beyond it lie the usual vacuums in mbar, hPa, mmHg and Pa.
+const LEAST_READING_KPA: f64 = -200.0;
+
 /// Columns whose meaning is fixed: must be numbers, within (least, largest).
 const KNOWN: [(&str, f64, f64); 7] = [
     ("u_pos", 0.0, 1.0),
     ("u_neg", 0.0, 1.0),
-    ("p_pos_kpa", -101.325, f64::MAX),
-    ("p_neg_kpa", -101.325, f64::MAX),
+    ("p_pos_kpa", LEAST_READING_KPA, f64::MAX),
+    ("p_neg_kpa", LEAST_READING_KPA, f64::MAX),
     ("ref_pos_kpa", -101.325, f64::MAX),
     ("ref_neg_kpa", -101.325, f64::MAX),
     ("pump_on", 0.0, 1.0),
@@ -416,7 +420,7 @@ fn check_range(file: &str, table: &Table, name: &str, low: f64, high: f64) -> Re
                     // A vacuum of some tens of kPa, in units that are smaller.
                     _ if *number < -2_000.0 => "; pressures are gauge kPa, and this seems to be Pa",
                     _ if *number < -200.0 => "; pressures are gauge kPa, and this seems to be mbar, hPa or mmHg",
-                    _ => "; pressures are gauge kPa, and nothing is below vacuum",
+                    _ => "; pressures are gauge kPa, and nothing is so far below vacuum",
                 },
             });
         }

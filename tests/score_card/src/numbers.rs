@@ -55,8 +55,8 @@ impl Like {
     }
 }
 
-/// The number of an effect that a rig file would state, if it has one.
-fn like(effect: &Effect, place: Place, build: &BuildSheet) -> Option<Like> {
+/// The number of an effect that a rig file would state, if it has one, in the shape that was `named`.
+fn like(effect: &Effect, place: Place, build: &BuildSheet, named: &Named) -> Option<Like> {
     let like = match effect {
         // Relays of many widths against one play or five.
         Effect::ValveHysteresis(h) => Like::close("width", h.half_width_duty, "duty"),
@@ -88,7 +88,10 @@ fn like(effect: &Effect, place: Place, build: &BuildSheet) -> Option<Like> {
         Effect::PumpSpeed(speed) if speed.warming_time_s.is_none() => {
             Like::same("percent", 100.0 * speed.sign * speed.relative, "%")
         }
-        // A snubber and a cavity a tenth as slow behind it.
+        // A snubber and a cavity a tenth as slow behind it, or both in one.
+        Effect::SensorLag(lag) if named.parameters.iter().any(|(name, _)| name.contains("second_time_constant")) => {
+            Like::same("time_constant", 1e3 * lag.time_constant_s, "ms")
+        }
         Effect::SensorLag(lag) => Like::close("time_constant", 1.1e3 * lag.time_constant_s, "ms"),
         Effect::SensorBias(bias) => Like::same("bias", bias.sign * bias.size_kpa, "kPa"),
         Effect::SensorGain(gain) => {
@@ -112,8 +115,10 @@ fn to_unit(stated: &str, unit: &str) -> f64 {
 
 /// Compares what a named mechanism states with the planted effect that it stands for.
 pub fn compare(named: &Named, planted: &Planted, truth: &Truth) -> Option<Compared> {
-    let like = like(&planted.effect, planted.place, &truth.build)?;
-    let (name, found) = named.parameters.iter().find(|(name, _)| name.contains(like.name))?;
+    let like = like(&planted.effect, planted.place, &truth.build, named)?;
+    let parameters = &named.parameters;
+    let begins = parameters.iter().find(|(name, _)| name.starts_with(like.name));
+    let (name, found) = begins.or_else(|| parameters.iter().find(|(name, _)| name.contains(like.name)))?;
     let factor = to_unit(&found.unit, like.unit);
     // `half_width` is what a truth states; a whole width is twice that.
     let whole = if like.name == "width" && !name.contains("half") { 0.5 } else { 1.0 };

@@ -136,6 +136,14 @@ impl<'r> Bench<'r> {
         }
     }
 
+    /// The same with other recordings of the rig, `usable` as in [`Bench::new`].
+    pub fn over<'p>(&self, records: &'p Records, usable: &[f64]) -> Bench<'p>
+    where
+        'r: 'p,
+    {
+        Bench::new(self.rig, records, usable, self.simulator.fidelity(), Some(self.simulator.threads()))
+    }
+
     /// The recordings as they would be had the rig's pump no strokes: less what the detailed simulation of `rig` (the
     /// bench's, with its parameters fitted) differs by from the averaged one.
     ///

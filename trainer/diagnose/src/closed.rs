@@ -5,13 +5,9 @@
 //! piece from its own first pressures. Rigs whose volumes are joined to the open air or to a given pressure forget, and are
 //! run from end to end.
 
-use std::ops::Range;
-
 use fit::data::Records;
 use model::rig::{ATMOSPHERE, Line, Pump, Rig, Source};
 
-/// Rows of a piece, at least: 4 s.
-const PIECE_ROWS: usize = 200;
 /// Rows at the start of a piece that do not count: what no sensor shows is there only as far as the first reading tells.
 const UNSETTLED_ROWS: usize = 3;
 
@@ -38,19 +34,6 @@ pub fn accumulates(rig: &Rig) -> Option<&str> {
         }
         reached.iter().all(|place| !given(place)).then_some(name.as_str())
     })
-}
-
-/// The recordings in pieces of `PIECE_ROWS` rows or a little more, and which reading each of theirs was.
-pub fn pieces(records: &Records) -> (Records, Vec<usize>) {
-    let mut parts: Vec<(usize, Range<usize>)> = Vec::new();
-    for (record, r) in records.records().iter().enumerate() {
-        for segment in &r.segments {
-            let count = (segment.len() / PIECE_ROWS).max(1);
-            let at = |k: usize| segment.start + segment.len() * k / count;
-            parts.extend((0..count).map(|k| (record, at(k)..at(k + 1))));
-        }
-    }
-    records.parts(&parts)
 }
 
 /// Takes the first rows of every recording out of what counts.

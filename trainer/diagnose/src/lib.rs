@@ -14,6 +14,7 @@
 //! | how the pump turned, and the answer that goes with it | `turning`, `crank`, `heard`, `answer` |
 //! | a verdict and its rivals | [`judge`] |
 //! | a term without a name | [`unknown`] |
+//! | recordings in pieces of a few seconds | [`pieces`] |
 //! | recorded flows into closed volumes | [`closed`] |
 //! | pumps that were switched | [`switched`] |
 //! | a time span in which the rig was another one | [`event`] |
@@ -38,6 +39,7 @@ mod heard;
 pub mod judge;
 pub mod locate;
 mod page;
+pub mod pieces;
 pub mod place;
 mod run;
 pub mod screen;

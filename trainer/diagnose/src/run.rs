@@ -22,6 +22,7 @@ use crate::glance::settled;
 use crate::heard::Heard;
 use crate::judge::{Judgement, UNKNOWN_KPA, judge_without};
 use crate::locate::Missing;
+use crate::pieces::{pieces, taken};
 use crate::search::{Found, SearchSettings, position_of};
 use crate::switched;
 use crate::turning::answered;
@@ -95,7 +96,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
             notes.push(format!(
                 "{source} fills a closed volume, in which an error of its meter adds up: free runs start anew every 4 s"
             ));
-            let (pieces, places) = closed::pieces(&records);
+            let (pieces, places) = pieces(&records);
             let mut usable = taken(&quality.usable, &places);
             closed::without_starts(&pieces, &mut usable);
             (pieces, usable)
@@ -300,11 +301,6 @@ fn too_fast(bench: &Bench<'_>, candidates: &[Candidate], best: &Explanation) -> 
 /// Names of terms, for notes.
 fn names_of(candidates: &[Candidate], terms: &[usize]) -> String {
     terms.iter().filter_map(|t| candidates.get(*t)).map(Candidate::name).collect::<Vec<_>>().join(" with ")
-}
-
-/// Weights of the readings at some places.
-fn taken(weights: &[f64], places: &[usize]) -> Vec<f64> {
-    places.iter().map(|place| weights.get(*place).copied().unwrap_or(0.0)).collect()
 }
 
 /// The diagnosis in the form of its file.

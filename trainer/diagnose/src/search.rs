@@ -7,6 +7,7 @@
 //! | `exchange` | terms in exchange for others |
 //! | `refine` | fits that least squares from where things stand would miss |
 //! | `stepped` | what moves in steps, or begins at a moment |
+//! | `slips` | what sticks and slips, found in pieces that forget a slip that came late |
 //! | `terms` | which terms may stand beside which, and where their parameters lie |
 
 use crate::bench::{Bench, Effort, Explanation};
@@ -18,6 +19,7 @@ use crate::judge::{UNKNOWN_KPA, excess, explains_most, left};
 mod additions;
 mod exchange;
 mod refine;
+mod slips;
 mod stepped;
 mod terms;
 mod worth;
@@ -26,6 +28,7 @@ use additions::additions;
 pub use exchange::twins;
 use exchange::{deletions, pairs, swaps};
 use refine::{from_priors, plainer, refined, richer};
+use slips::in_pieces;
 use stepped::{scanned, sharpened};
 pub use terms::{position_of, starts, with, without};
 use worth::{earns_its_place, leaves_room};
@@ -138,6 +141,11 @@ pub fn search(
             let left = left(bench, &best);
             let unexplained = !explains_most(&excess(bench, &nominal.trace), &left);
             let unexplained = unexplained && left.iter().any(|kpa| *kpa > UNKNOWN_KPA);
+            let passed = |again: &Explanation| {
+                earns_its_place(bench, candidates, settings, &evidence(bench, again, &best), [again, &best, &nominal])
+            };
+            let slips = if unexplained { in_pieces(bench, candidates, &best, settings, &tried, tell)? } else { None };
+            let unexplained = unexplained && slips.is_none();
             // Each of two may be lost in what the other does.
             let ahead = if unexplained && best.terms.len() + 2 <= settings.most_terms {
                 let (_, further) = additions(bench, candidates, &top, &settings.looking_ahead(), tell)?;
@@ -153,14 +161,11 @@ pub fn search(
             };
             // What is far from any known physics may be near one from where the parameters were before they gave way.
             let again = match ahead {
-                Some(pair) => Some(pair),
+                Some(found) => Some(found),
                 None if unexplained => from_priors(bench, candidates, &best, &missed, &mut tried, tell)?,
                 None => None,
             };
-            let passed = |again: &Explanation| {
-                earns_its_place(bench, candidates, settings, &evidence(bench, again, &best), [again, &best, &nominal])
-            };
-            match again.filter(passed) {
+            match slips.or(again.filter(passed)) {
                 Some(again) => {
                     round.shows(&again, evidence(bench, &again, &best));
                     round.taken = true;
@@ -189,6 +194,8 @@ pub const GLANCE_ROUNDS: usize = 6;
 const PAIR_ROUNDS: usize = 12;
 /// Drop in cost (half chi-square) that pays for a term, and for a reading of the pump's speed.
 pub const PRICE: f64 = 20.0;
+/// And for each of its parameters: a mechanism is not worth a richer shape for less.
+pub const PRICE_OF_A_PARAMETER: f64 = 5.0;
 
 /// Cost of an explanation: half chi-square (robust) and prior.
 pub fn cost(bench: &Bench<'_>, explanation: &Explanation) -> f64 {

@@ -24,7 +24,7 @@ use crate::error::DiagnoseError;
 use crate::figures::{Figures, figures};
 use crate::heard::Heard;
 use crate::judge::{FLOOR_KPA, Judgement};
-use crate::search::PRICE;
+use crate::search::{PRICE, PRICE_OF_A_PARAMETER};
 
 mod raw;
 use raw::{Beside, Raw};
@@ -33,6 +33,8 @@ use raw::{Beside, Raw};
 const CERTAIN_TURNS: f64 = 1.5;
 /// Turns in the longest recording by which two readings are told apart.
 const APART_TURNS: f64 = 0.25;
+/// Revolutions within which pumps stood alike: of three recordings chance brings that in one of 25.
+const ALIKE_REV: f64 = 0.1;
 /// Change of the ripple at which an answer is worked out again, in kPa: what a term must set right to be named.
 const REDONE_KPA: f64 = 0.03;
 /// Share of the stated speed from which on another one is missing physics; less is how such motors scatter.
@@ -222,6 +224,7 @@ pub(crate) fn answered(
     let ambiguous = readings.first().is_none_or(|read| read.turns < CERTAIN_TURNS);
     let followed =
         ripple.filter(|_| ambiguous).and_then(|ripple| track(&records, &fitted.rig, &ripple, bench.counted()));
+    let begins_alike = readings.first().is_some_and(|read| begin_alike(&read.crank_rev));
     let mut turnings = Vec::new();
     if let Some(followed) = &followed {
         let raw = Raw::of(&bench, &fitted.rig, asked.threads)?;
@@ -237,7 +240,9 @@ pub(crate) fn answered(
     }
     let mut answers: Vec<Answered> = Vec::new();
     for turning in turnings {
-        if !answers.iter().any(|(_, answer)| is_whole(answer)) {
+        // A slow swing that begins alike in all recordings may be what begins anew in each of them: a sensor that drifts.
+        let doubted = begins_alike && turning.read.is_none();
+        if doubted || !answers.iter().any(|(_, answer)| is_whole(answer)) {
             let answer = turning.answer(asked, usable, progress)?;
             answers.push((turning, answer));
         }
@@ -273,6 +278,13 @@ pub(crate) fn answered(
     answers.into_iter().nth(plainest).ok_or_else(|| fit::FitError::NoRecordings.into())
 }
 
+/// Whether a pump stood at much the same angle when each of several recordings began, which chance hardly does.
+fn begin_alike(crank_rev: &[f64]) -> bool {
+    let apart = |one: f64, other: f64| ((one - other).rem_euclid(1.0)).min((other - one).rem_euclid(1.0));
+    let all = |first: &f64| crank_rev.iter().all(|rev| apart(*first, *rev) < ALIKE_REV);
+    crank_rev.len() > 1 && crank_rev.first().is_some_and(all)
+}
+
 /// Whether nothing is left to be explained, and nothing had to be added for it.
 fn is_whole(answer: &Answer) -> bool {
     answer.found.best.terms.is_empty() && answer.judgement.excess_kpa[1].iter().all(|kpa| *kpa < FLOOR_KPA)
@@ -291,11 +303,14 @@ fn same(one: Option<&Tachometer>, other: Option<&Tachometer>) -> bool {
     }
 }
 
-/// Which answer explains most for what it asks to be believed: terms, and a speed and an angle for each recording.
+/// Which answer explains most for what it asks to be believed: terms with their parameters, and a speed with an angle for each
+/// recording.
 fn plainest(answers: &[Answered]) -> usize {
     let price = |(turning, answer): &Answered| {
-        let believed = answer.found.best.terms.len() + usize::from(turning.read.is_some());
-        answer.cost + PRICE * believed as f64
+        let read = turning.tachometer().map_or(0, |read| 1 + read.crank_rev.len());
+        let parameters = answer.found.best.set.len().saturating_sub(answer.found.nominal.set.len()) + read;
+        let believed = answer.found.best.terms.len() + usize::from(read > 0);
+        answer.cost + PRICE * believed as f64 + PRICE_OF_A_PARAMETER * parameters as f64
     };
     let priced = answers.iter().map(price).enumerate();
     priced.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index)

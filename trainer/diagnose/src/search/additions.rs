@@ -1,8 +1,14 @@
 //! A further term: every candidate tried on top of what is found, the best ones fitted to the end.
 
+use std::cmp::Ordering;
+
 use super::terms::{is_open, position_in, starts, starts_at, with};
 use super::worth::any_could_earn;
-use super::{GLANCE_ROUNDS, PAIR_ROUNDS, PRICE, Ranked, SearchSettings, cost, has_given_way, scanned, sharpened};
+use super::{
+    GLANCE_ROUNDS, PAIR_ROUNDS, PRICE, PRICE_OF_A_PARAMETER, Ranked, SearchSettings, cost, has_given_way, scanned,
+    sharpened,
+};
+use crate::alone::by_themselves;
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
@@ -12,9 +18,6 @@ use crate::screen::{Screened, screen};
 
 /// Share of the first one's gain at a glance within which others are fitted as well.
 const NOT_CONVERGED: f64 = 0.7;
-/// And for each of its parameters: a mechanism is not worth a richer shape for less.
-const PRICE_OF_A_PARAMETER: f64 = 5.0;
-
 /// Ends of fits of what moves in steps that are looked at closely.
 const SHARPENED: usize = 2;
 
@@ -107,12 +110,24 @@ pub(super) fn additions(
         let sharp = sharp.collect::<Result<Vec<Explanation>, _>>()?;
         polished.extend(sharp.into_iter().min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b))));
     }
+    // Parameters that are far off beside the best of them are not believed: something else may need no such shift.
+    if base.terms.is_empty()
+        && polished.iter().min_by(|a, b| cheaper(bench, a, b)).is_some_and(|e| has_given_way(bench, e))
+    {
+        tell("trying mechanisms by themselves", 0.9);
+        polished.extend(by_themselves(bench, candidates, base, settings.polished)?.fitted);
+    }
+    polished.sort_by(|a, b| cheaper(bench, a, b));
+    Ok((ranked, polished))
+}
+
+/// Which of two explanations costs less, terms and parameters paid for.
+fn cheaper(bench: &Bench<'_>, one: &Explanation, other: &Explanation) -> Ordering {
     let priced = |explanation: &Explanation| {
         let (terms, parameters) = (explanation.terms.len(), explanation.set.len());
         cost(bench, explanation) + PRICE * terms as f64 + PRICE_OF_A_PARAMETER * parameters as f64
     };
-    polished.sort_by(|a, b| priced(a).total_cmp(&priced(b)));
-    Ok((ranked, polished))
+    priced(one).total_cmp(&priced(other))
 }
 
 /// Terms after a glance.
