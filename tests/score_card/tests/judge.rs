@@ -132,6 +132,20 @@ fn numbers_are_compared_in_one_unit() {
     let s = found(0.042, "s", 0.041, 0.045);
     assert!((s.relative_error - 0.05).abs() < 1e-9 && s.covered == Some(false), "{s:?}");
 
+    // A snubber with the cavity behind it: one lag for both, or each of them.
+    let truth = concealing(Class::Single, &[(Kind::SensorLag, Place::Positive)]);
+    let Effect::SensorLag(lag) = &truth.truth[0].effect else { panic!("a lag") };
+    let ms = 1e3 * lag.time_constant_s;
+    let of = |value: f64| serde_json::json!({"value": value, "unit": "ms", "low": 0.99 * value, "high": 1.01 * value});
+    for (parameters, covered) in [
+        (serde_json::json!({"time_constant_ms": of(1.1 * ms)}), None),
+        (serde_json::json!({"time_constant_ms": of(ms), "second_time_constant_ms": of(0.1 * ms)}), Some(true)),
+    ] {
+        let json = serde_json::json!({"id": "sensor_lag", "where": "positive", "parameters": parameters});
+        let compared = compare(&serde_json::from_value(json).unwrap(), &truth.truth[0], &truth).unwrap();
+        assert!(compared.relative_error < 1e-9 && compared.covered == covered, "{compared:?}");
+    }
+
     // A play's whole width is twice its half width; relays are no play, so its interval is not judged.
     let truth = concealing(Class::Single, &[(Kind::ValveHysteresis, Place::Positive)]);
     let Effect::ValveHysteresis(field) = &truth.truth[0].effect else { panic!("relays") };

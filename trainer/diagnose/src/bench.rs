@@ -308,25 +308,10 @@ impl<'r> Bench<'r> {
     /// Mean square of what a trace is off by channel on the rows that are fitted or choose, in kPa²; `in_the_middle`, that of the
     /// middle one of all stretches of 2 s.
     pub fn squares_by_channel(&self, trace: &[f64], in_the_middle: bool) -> Vec<f64> {
-        let layout = self.records.layout();
-        let known = self.split.stretches().iter().filter(|stretch| stretch.role != Role::HeldOut);
-        let pieces: Vec<(usize, Range<usize>)> = known
-            .flat_map(|s| {
-                s.rows.clone().step_by(SHORT_ROWS).map(|from| (s.record, from..s.rows.end.min(from + SHORT_ROWS)))
-            })
-            .collect();
         let of_channel = |channel: usize| {
-            let squares = |(record, rows): &(usize, Range<usize>)| -> (f64, f64) {
-                let readings = layout.stretch(*record, channel, rows.clone());
-                let of = |values: &[f64], i: usize| values.get(i).copied().unwrap_or(0.0);
-                let counted = readings.filter(|i| of(&self.counted, *i) != 0.0);
-                let off = counted.map(|i| of(trace, i) - of(self.records.readings_kpa(), i));
-                off.fold((0.0, 0.0), |(sum, rows), off| (sum + off * off, rows + 1.0))
-            };
-            let all: Vec<(f64, f64)> = pieces.iter().map(squares).collect();
+            let all = self.squares_of_stretches(trace, channel);
             if in_the_middle {
-                let counted = all.iter().filter(|(_, rows)| *rows > 0.0);
-                let mut means: Vec<f64> = counted.map(|(sum, rows)| sum / rows).collect();
+                let mut means: Vec<f64> = all.iter().map(|(sum, rows)| sum / rows).collect();
                 means.sort_by(f64::total_cmp);
                 means.get(means.len() / 2).copied().unwrap_or(0.0)
             } else {
@@ -334,7 +319,24 @@ impl<'r> Bench<'r> {
                 sum / f64::max(rows, 1.0)
             }
         };
-        (0..layout.channels()).map(of_channel).collect()
+        (0..self.records.layout().channels()).map(of_channel).collect()
+    }
+
+    /// Sum of squares of what a trace is off in a channel, and readings that count, for every stretch of 2 s of the rows that are
+    /// fitted or choose.
+    fn squares_of_stretches(&self, trace: &[f64], channel: usize) -> Vec<(f64, f64)> {
+        let layout = self.records.layout();
+        let known = self.split.stretches().iter().filter(|stretch| stretch.role != Role::HeldOut);
+        let pieces = known.flat_map(|s| {
+            s.rows.clone().step_by(SHORT_ROWS).map(|from| (s.record, from..s.rows.end.min(from + SHORT_ROWS)))
+        });
+        let squares = |(record, rows): (usize, Range<usize>)| -> (f64, f64) {
+            let of = |values: &[f64], i: usize| values.get(i).copied().unwrap_or(0.0);
+            let counted = layout.stretch(record, channel, rows).filter(|i| of(&self.counted, *i) != 0.0);
+            let off = counted.map(|i| of(trace, i) - of(self.records.readings_kpa(), i));
+            off.fold((0.0, 0.0), |(sum, rows), off| (sum + off * off, rows + 1.0))
+        };
+        pieces.map(squares).filter(|(_, rows)| *rows > 0.0).collect()
     }
 
     /// Log-likelihood of a trace on the blocks of a role, some errors allowed for.

@@ -16,6 +16,11 @@ pub(crate) fn turn_to(pump: &mut PistonPump, crank_rev: &[f64]) {
     }
 }
 
+/// Whether a pump stood at one place when each of several recordings began, which chance seldom does.
+pub(crate) fn stood_alike(pump: &PistonPump, crank_rev: &[f64]) -> bool {
+    crank_rev.len() > 1 && common_angle(crank_rev, period_rev(&pump.phases_deg)).is_some()
+}
+
 /// After what part of a revolution strokes repeat themselves.
 fn period_rev(phases_deg: &[f64]) -> f64 {
     let mut sorted: Vec<f64> = phases_deg.iter().map(|phase| phase.rem_euclid(360.0)).collect();

@@ -24,3 +24,27 @@ pub fn pieces(records: &Records) -> (Records, Vec<usize>) {
 pub(crate) fn taken(weights: &[f64], places: &[usize]) -> Vec<f64> {
     places.iter().map(|place| weights.get(*place).copied().unwrap_or(0.0)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use model::rig::Rig;
+    use proto::recording::Recording;
+
+    use super::*;
+
+    #[test]
+    fn pieces_hold_every_reading_once_and_none_is_short() {
+        let rows: String = (0..1_499).map(|k| format!("{:.2},0.8,0.8,{k},-60\n", 0.02 * f64::from(k))).collect();
+        let text = format!("time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa\n{rows}");
+        let recording = Recording::parse_csv("run.csv", text.as_bytes()).unwrap();
+        let records = Records::new(&Rig::builtin("dual_pressure").unwrap(), &[recording]).unwrap();
+        let (parts, places) = pieces(&records);
+        assert_eq!(parts.records().len(), 7);
+        assert!(parts.records().iter().all(|part| part.segments.iter().all(|rows| rows.len() >= PIECE_ROWS)));
+        let readings = records.readings_kpa();
+        assert_eq!(taken(readings, &places), parts.readings_kpa());
+        let mut sorted = places;
+        sorted.sort_unstable();
+        assert_eq!(sorted, (0..readings.len()).collect::<Vec<_>>());
+    }
+}

@@ -33,8 +33,6 @@ use raw::{Beside, Raw};
 const CERTAIN_TURNS: f64 = 1.5;
 /// Turns in the longest recording by which two readings are told apart.
 const APART_TURNS: f64 = 0.25;
-/// Revolutions within which pumps stood alike: of three recordings chance brings that in one of 25.
-const ALIKE_REV: f64 = 0.1;
 /// Change of the ripple at which an answer is worked out again, in kPa: what a term must set right to be named.
 const REDONE_KPA: f64 = 0.03;
 /// Share of the stated speed from which on another one is missing physics; less is how such motors scatter.
@@ -224,7 +222,10 @@ pub(crate) fn answered(
     let ambiguous = readings.first().is_none_or(|read| read.turns < CERTAIN_TURNS);
     let followed =
         ripple.filter(|_| ambiguous).and_then(|ripple| track(&records, &fitted.rig, &ripple, bench.counted()));
-    let begins_alike = readings.first().is_some_and(|read| begin_alike(&read.crank_rev));
+    let begins_alike = readings.first().is_some_and(|read| match rig.pumps.get(&read.pump) {
+        Some(Pump::Piston(pump)) => crank::stood_alike(pump, &read.crank_rev),
+        _ => false,
+    });
     let mut turnings = Vec::new();
     if let Some(followed) = &followed {
         let raw = Raw::of(&bench, &fitted.rig, asked.threads)?;
@@ -276,13 +277,6 @@ pub(crate) fn answered(
     }
     let plainest = plainest(&answers);
     answers.into_iter().nth(plainest).ok_or_else(|| fit::FitError::NoRecordings.into())
-}
-
-/// Whether a pump stood at much the same angle when each of several recordings began, which chance hardly does.
-fn begin_alike(crank_rev: &[f64]) -> bool {
-    let apart = |one: f64, other: f64| ((one - other).rem_euclid(1.0)).min((other - one).rem_euclid(1.0));
-    let all = |first: &f64| crank_rev.iter().all(|rev| apart(*first, *rev) < ALIKE_REV);
-    crank_rev.len() > 1 && crank_rev.first().is_some_and(all)
 }
 
 /// Whether nothing is left to be explained, and nothing had to be added for it.
