@@ -16,13 +16,14 @@
 
 use fit::data::Role;
 use fit::simulate::{Arcs, Run, refined_starts};
+use model::rig::Rig;
 
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::glance::{Footing, Glanced};
 use crate::screen::AMPLITUDE;
-use crate::search::{has_given_way, starts};
+use crate::search::{has_given_way, is_open, starts, with};
 
 /// Share of the given rig's mismatch that some mechanism must explain alone before moved parameters are doubted.
 const ALL_BUT: f64 = 0.97;
@@ -42,17 +43,20 @@ pub struct Alone {
     pub start: Vec<f64>,
 }
 
-/// Every candidate's share, largest first.
+/// The share of each candidate in `open`, largest first, of what `rig` is off by.
 ///
 /// # Errors
-/// The rig as given cannot be simulated.
-pub fn alone(bench: &Bench<'_>, candidates: &[Candidate]) -> Result<Vec<Alone>, DiagnoseError> {
-    let rig = bench.rig;
+/// The rig cannot be simulated.
+pub fn alone(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    rig: &Rig,
+    open: &[usize],
+) -> Result<Vec<Alone>, DiagnoseError> {
     let arcs = refined_starts(&bench.fast, rig, &Arcs::free(bench.records))?;
     let mut runs = vec![Run::from(rig.clone())];
     let mut tries: Vec<(usize, &Vec<f64>)> = Vec::new();
-    let plain = |(_, candidate): &(usize, &Candidate)| candidate.is_apt(rig, &[]) && !candidate.is_refinement();
-    for (k, candidate) in candidates.iter().enumerate().filter(plain) {
+    for (k, candidate) in open.iter().filter_map(|k| Some((*k, candidates.get(*k)?))) {
         for start in &candidate.starts {
             let mut with = rig.clone();
             with.mechanisms.push(candidate.attached(start));
@@ -106,28 +110,31 @@ pub(crate) struct ByThemselves {
     pub(crate) nearly_all: bool,
 }
 
-/// Mechanisms that explain most of the given rig's mismatch by themselves, at most `most`, fitted from the rig as it was given:
-/// what explains its mismatch alone need move none of its numbers far. None where none explains all but a little and the
-/// `nominal` parameters have not given way either.
+/// Mechanisms that explain most of the given rig's mismatch by themselves, or beside the terms of `base`, at most `most`, fitted from
+/// the rig as it was given with those terms: what explains its mismatch alone need move none of its numbers far. None where none
+/// explains all but a little and the parameters of `base` have not given way either.
 ///
 /// # Errors
-/// The rig as given cannot be simulated.
+/// The rig as given, with those terms, cannot be simulated.
 pub(crate) fn by_themselves(
     bench: &Bench<'_>,
     candidates: &[Candidate],
-    nominal: &Explanation,
+    base: &Explanation,
     most: usize,
 ) -> Result<ByThemselves, DiagnoseError> {
-    let lone = alone(bench, candidates)?;
+    let open: Vec<usize> = (0..candidates.len()).filter(|k| is_open(bench, candidates, &base.terms, *k)).collect();
+    let given = base.set.rig_at(&base.as_given(bench)).map_err(DiagnoseError::rig(base.set.rig()))?;
+    let lone = alone(bench, candidates, &given, &open)?;
     let nearly_all = lone.iter().any(|lone| lone.share > ALL_BUT);
-    if !nearly_all && !has_given_way(bench, nominal) {
+    if !nearly_all && !has_given_way(bench, base) {
         return Ok(ByThemselves::default());
     }
-    let footing = Footing::of_given(bench, nominal)?;
+    let footing = Footing::of_given(bench, base)?;
     let mut close: Vec<(String, usize, Glanced)> = Vec::new();
     for Alone { candidate: k, start, .. } in lone.into_iter().filter(|lone| lone.share > MOST_OF_IT) {
-        let set = bench.set_of(candidates, &[k])?;
-        let from: Vec<_> = starts(bench, candidates, nominal, &[k], &[(k, start)], true).into_iter().skip(1).collect();
+        let terms = with(&base.terms, k);
+        let set = bench.set_of(candidates, &terms)?;
+        let from: Vec<_> = starts(bench, candidates, base, &terms, &[(k, start)], true).into_iter().skip(1).collect();
         let glanced = footing.contender(bench, &set, &from, ROUNDS);
         let (Some(glanced), Some(candidate)) = (glanced, candidates.get(k)) else { continue };
         let name = candidate.name();
@@ -139,7 +146,7 @@ pub(crate) fn by_themselves(
     }
     close.truncate(most);
     let fitted = close.into_iter().filter_map(|(_, term, glanced)| {
-        bench.fit(candidates, &[term], std::slice::from_ref(&glanced.point), Effort::Polish).ok()
+        bench.fit(candidates, &with(&base.terms, term), std::slice::from_ref(&glanced.point), Effort::Polish).ok()
     });
     Ok(ByThemselves { fitted: fitted.collect(), nearly_all })
 }

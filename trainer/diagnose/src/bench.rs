@@ -84,6 +84,12 @@ impl Explanation {
         moved.map(|((z, by), [low, high])| (z + by).clamp(low, high)).collect()
     }
 
+    /// Its point with the rig's own parameters as they were given.
+    pub fn as_given(&self, bench: &Bench<'_>) -> Vec<f64> {
+        let own = bench.nominal.len();
+        self.fitted.point.iter().enumerate().map(|(i, z)| if i < own { 0.0 } else { *z }).collect()
+    }
+
     /// [`Bench::drift_of`] its trace, on the bench that it was fitted on.
     pub fn errors(&self, bench: &Bench<'_>) -> &Allowed {
         self.errors.get_or_init(|| bench.drift_of(&self.trace))

@@ -71,17 +71,17 @@ impl Footing {
         })
     }
 
-    /// What glances from the rig as it was given stand on, beside the fitted `nominal` parameters, whose cost it has: parameters
-    /// that have given way have slopes of their own.
+    /// What glances from the rig as it was given stand on, with the terms of a fitted `base`, whose cost it has: parameters that have
+    /// given way have slopes of their own.
     ///
     /// # Errors
     /// The rig cannot be simulated.
-    pub fn of_given(bench: &Bench<'_>, nominal: &Explanation) -> Result<Footing, DiagnoseError> {
-        let mut footing = Footing { slopes: Vec::new(), ..Footing::of(bench, nominal)? };
+    pub fn of_given(bench: &Bench<'_>, base: &Explanation) -> Result<Footing, DiagnoseError> {
+        let mut footing = Footing { slopes: Vec::new(), ..Footing::of(bench, base)? };
         let arcs = footing.arcs.clone();
-        let mut problem = Chord { simulator: bench.fast, set: &nominal.set, footing: &footing, arcs };
-        let given = problem.linearise(&vec![0.0; nominal.set.len()])?;
-        footing.slopes = given.jacobian;
+        let mut problem = Chord { simulator: bench.fast, set: &base.set, footing: &footing, arcs };
+        let given = problem.linearise(&base.as_given(bench))?;
+        footing.slopes = given.jacobian.into_iter().take(bench.nominal.len()).collect();
         Ok(footing)
     }
 

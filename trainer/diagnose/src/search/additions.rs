@@ -111,9 +111,8 @@ pub(super) fn additions(
         polished.extend(sharp.into_iter().min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b))));
     }
     // Parameters that are far off beside the best of them are not believed: something else may need no such shift.
-    if base.terms.is_empty()
-        && polished.iter().min_by(|a, b| cheaper(bench, a, b)).is_some_and(|e| has_given_way(bench, e))
-    {
+    let best = polished.iter().min_by(|a, b| cheaper(bench, a, b));
+    if best.is_some_and(|best| has_given_way(bench, best)) {
         tell("trying mechanisms by themselves", 0.9);
         polished.extend(by_themselves(bench, candidates, base, settings.polished)?.fitted);
     }

@@ -4,7 +4,7 @@ use crate::bench::{Bench, Explanation};
 use crate::candidate::Candidate;
 
 /// Whether candidate `k` can and may be put beside `terms`.
-pub(super) fn is_open(bench: &Bench<'_>, candidates: &[Candidate], terms: &[usize], k: usize) -> bool {
+pub fn is_open(bench: &Bench<'_>, candidates: &[Candidate], terms: &[usize], k: usize) -> bool {
     let beside: Vec<&Candidate> = terms.iter().map(|t| &candidates[*t]).collect();
     !terms.contains(&k)
         && !candidates[k].is_refinement()
