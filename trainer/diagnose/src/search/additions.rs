@@ -121,7 +121,7 @@ pub(super) fn additions(
 }
 
 /// Which of two explanations costs less, terms and parameters paid for.
-fn cheaper(bench: &Bench<'_>, one: &Explanation, other: &Explanation) -> Ordering {
+pub(super) fn cheaper(bench: &Bench<'_>, one: &Explanation, other: &Explanation) -> Ordering {
     let priced = |explanation: &Explanation| {
         let (terms, parameters) = (explanation.terms.len(), explanation.set.len());
         cost(bench, explanation) + PRICE * terms as f64 + PRICE_OF_A_PARAMETER * parameters as f64
