@@ -328,11 +328,32 @@ impl<'r> Bench<'r> {
         (0..self.records.layout().channels()).map(of_channel).collect()
     }
 
+    /// Mean square of what a trace is off by, all channels added up, in kPa², on the rows that are fitted or choose: of each recording by
+    /// itself, pieces of one together.
+    pub fn squares_by_recording(&self, trace: &[f64]) -> Vec<f64> {
+        let records = self.records.records();
+        let mut sources: Vec<&str> = records.iter().map(|record| record.source.as_str()).collect();
+        sources.dedup();
+        let of = |source: &str, channel: usize| {
+            let of_it = |record: usize| records.get(record).is_some_and(|record| record.source == source);
+            let all = self.squares_of_those(trace, channel, of_it);
+            let (sum, rows) = all.iter().fold((0.0, 0.0), |(sum, rows), (s, r)| (sum + s, rows + r));
+            sum / f64::max(rows, 1.0)
+        };
+        let channels = self.records.layout().channels();
+        sources.into_iter().map(|source| (0..channels).map(|channel| of(source, channel)).sum()).collect()
+    }
+
     /// Sum of squares of what a trace is off in a channel, and readings that count, for every stretch of 2 s of the rows that are
     /// fitted or choose.
     fn squares_of_stretches(&self, trace: &[f64], channel: usize) -> Vec<(f64, f64)> {
+        self.squares_of_those(trace, channel, |_| true)
+    }
+
+    /// The same of some recordings alone.
+    fn squares_of_those(&self, trace: &[f64], channel: usize, asked: impl Fn(usize) -> bool) -> Vec<(f64, f64)> {
         let layout = self.records.layout();
-        let known = self.split.stretches().iter().filter(|stretch| stretch.role != Role::HeldOut);
+        let known = self.split.stretches().iter().filter(|s| s.role != Role::HeldOut && asked(s.record));
         let pieces = known.flat_map(|s| {
             s.rows.clone().step_by(SHORT_ROWS).map(|from| (s.record, from..s.rows.end.min(from + SHORT_ROWS)))
         });

@@ -27,6 +27,14 @@ pub(crate) fn leaks(id: &str) -> bool {
     LEAKS.contains(&id)
 }
 
+/// Mechanisms by which a reading is off where the pressure is known: at rest, open to the air.
+const READINGS: [&str; 3] = ["sensor_bias", "sensor_drift", "sensor_gain"];
+
+/// Whether a mechanism makes a reading wrong where the pressure is known.
+pub(crate) fn reads_wrong(id: &str) -> bool {
+    READINGS.contains(&id)
+}
+
 /// A mechanism at a component.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {

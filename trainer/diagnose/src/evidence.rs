@@ -23,6 +23,9 @@ pub struct Evidence {
     /// (negative if it became worse); where a flapper's jumps throw one of them off, in the middle one of all
     /// stretches of 2 s.
     pub removed_kpa: f64,
+    /// The same of the recording in which it became better by most, all its rows: what an experiment is made to show is a
+    /// small part of all that was recorded.
+    pub removed_somewhere_kpa: f64,
     /// Share of the worse one's mean squared error beyond the noise that this is, all channels together.
     pub share: f64,
     /// Gain of prior and likelihood together on the fitted rows.
@@ -35,6 +38,29 @@ const THROWN_OFF: f64 = 4.0;
 
 /// Share of the error from which on a term sets right nearly all that is wrong.
 pub const NEARLY_ALL: f64 = 0.75;
+
+impl Evidence {
+    /// Whether something is there beyond doubt, whatever its size.
+    pub fn is_certain(&self) -> bool {
+        let [fitted_se, chosen_se] = CERTAIN_SE;
+        self.fitted + self.chosen > CERTAIN
+            && self.fitted > fitted_se * self.fitted_se
+            && self.chosen > chosen_se * self.chosen_se
+    }
+
+    /// Whether it is there beyond doubt and shows in some recording, be it in that one alone.
+    pub fn shows_somewhere(&self) -> bool {
+        self.is_certain() && self.removed_somewhere_kpa > SHOWS_KPA
+    }
+}
+
+/// Log-likelihood, fitted and kept rows together, at which something is there however little it does.
+const CERTAIN: f64 = 50.0;
+/// Standard errors by which fitted rows must show it, and those that choose.
+const CERTAIN_SE: [f64; 2] = [2.0, 1.0];
+/// What must be set right in a recording for something to show there, in kPa: several times what the formulas of a sound rig
+/// are off by.
+const SHOWS_KPA: f64 = 0.06;
 
 /// Evidence for `better` against `worse`; slow errors of the size that `better` has count little.
 pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) -> Evidence {
@@ -53,6 +79,8 @@ pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) ->
     let [after, before] = if (better.jumps || worse.jumps) && thrown_off { middle } else { all };
     let drop = before - after;
     let noise: f64 = bench.noise.iter().map(|noise| noise.floor_kpa().powi(2)).sum();
+    let [of_better, of_worse] = [better, worse].map(|e| bench.squares_by_recording(&e.trace));
+    let drops = of_better.iter().zip(&of_worse).map(|(after, before)| before - after);
     Evidence {
         fitted,
         fitted_se,
@@ -60,6 +88,7 @@ pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) ->
         chosen_se,
         throughout: throughout(&bench.score_finely(&better.trace, errors), &bench.score_finely(&worse.trace, errors)),
         removed_kpa: root_of_drop(drop),
+        removed_somewhere_kpa: drops.map(root_of_drop).fold(f64::NEG_INFINITY, f64::max),
         share: drop / (before - noise).max(1e-12),
         posterior: fitted + worse.prior_cost - better.prior_cost,
     }
@@ -88,6 +117,9 @@ fn throughout(better: &Score, worse: &Score) -> f64 {
     // All blocks alike (all at the limit) must not divide by nothing.
     mean / (variance / n.max(1.0) + 1e-4).sqrt()
 }
+
+/// Least gain on the rows that choose, in standard errors, of what shows in one recording.
+const IN_ONE_RECORDING: f64 = 1.0;
 
 /// What a term must show before it is named.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -120,10 +152,10 @@ impl Bar {
     /// Whether evidence for `parameters` more parameters, chosen among `candidates`, passes.
     pub fn passed(&self, evidence: &Evidence, parameters: usize, candidates: usize, blocks: usize) -> bool {
         let penalty = (candidates.max(1) as f64).ln() + 0.5 * parameters as f64 * (blocks.max(1) as f64).ln();
+        let least = if evidence.share > NEARLY_ALL { self.standard_errors_of_all } else { self.standard_errors };
         evidence.fitted - penalty > self.fitted
-            && evidence.throughout
-                > if evidence.share > NEARLY_ALL { self.standard_errors_of_all } else { self.standard_errors }
             && evidence.chosen > 3.0
-            && evidence.removed_kpa > self.removed_kpa
+            && (evidence.throughout > least && evidence.removed_kpa > self.removed_kpa
+                || evidence.throughout > IN_ONE_RECORDING && evidence.shows_somewhere())
     }
 }

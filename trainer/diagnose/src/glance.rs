@@ -7,7 +7,7 @@
 
 use fit::FitError;
 use fit::least_squares::{Linearised, Problem, Settings, minimise};
-use fit::objective::difference_step;
+use fit::objective::{Projection, difference_step};
 use fit::parameters::ParameterSet;
 use fit::simulate::{Arcs, Run, Simulator, with_flappers};
 use model::rig::RigError;
@@ -31,6 +31,8 @@ pub struct Footing {
     pub correction_kpa: Vec<f64>,
     /// Slopes of the rig's own parameters, weighted.
     slopes: Vec<Vec<f64>>,
+    /// What the starts could explain: out of the slopes, and of every residual and slope beside them.
+    starts: Projection,
     /// Cost of the base.
     pub cost: f64,
 }
@@ -59,7 +61,9 @@ impl Footing {
             close.iter().zip(&fast).map(|(c, f)| c - f).collect()
         };
         let weights = bench.weighted(&base.fitted.scale_kpa);
-        let residuals = weighted(bench.records.readings_kpa(), &close, &[], &weights);
+        let starts = base.fitted.starts.clone();
+        let mut residuals = weighted(bench.records.readings_kpa(), &close, &[], &weights);
+        starts.apply(&mut residuals);
         let prior: f64 = base.set.prior().iter().zip(&base.fitted.point).map(|(p, z)| 0.5 * p * z * z).sum();
         let slopes = base.fitted.linearised.jacobian.iter().take(bench.nominal.len()).cloned().collect();
         Ok(Footing {
@@ -68,6 +72,7 @@ impl Footing {
             weights,
             correction_kpa,
             slopes,
+            starts,
         })
     }
 
@@ -147,6 +152,7 @@ pub fn settled(bench: &Bench<'_>, explanation: &Explanation) -> Result<Explanati
             weights: bench.weighted(&fitted.scale_kpa),
             correction_kpa: close.iter().zip(&fast).map(|(c, f)| c - f).collect(),
             slopes: fitted.linearised.jacobian.clone(),
+            starts: fitted.starts.clone(),
             cost: fitted.cost,
         };
         let Some(glanced) = footing.glance(bench, set, std::slice::from_ref(&fitted.point), 4, f64::INFINITY) else {
@@ -188,7 +194,9 @@ struct Chord<'c> {
 impl Chord<'_> {
     fn residuals_of(&self, trace: &[f64]) -> Vec<f64> {
         let recorded = self.simulator.records().readings_kpa();
-        weighted(recorded, trace, &self.footing.correction_kpa, &self.footing.weights)
+        let mut residuals = weighted(recorded, trace, &self.footing.correction_kpa, &self.footing.weights);
+        self.footing.starts.apply(&mut residuals);
+        residuals
     }
 
     fn run_at(&self, point: &[f64]) -> Result<Run, FitError> {
@@ -221,7 +229,10 @@ impl Problem for Chord<'_> {
             return Err(FitError::NotFinite { rig: self.set.rig().name.clone() });
         }
         let own = traces.zip(steps).map(|(trace, step)| -> Vec<f64> {
-            trace.iter().zip(&base).zip(&self.footing.weights).map(|((t, b), w)| w * (t - b) / step).collect()
+            let slope = trace.iter().zip(&base).zip(&self.footing.weights).map(|((t, b), w)| w * (t - b) / step);
+            let mut slope: Vec<f64> = slope.collect();
+            self.footing.starts.apply(&mut slope);
+            slope
         });
         let jacobian = self.footing.slopes.iter().cloned().chain(own).collect();
         Ok(Linearised { residuals: self.residuals_of(&base), jacobian })

@@ -15,6 +15,7 @@
 //! as much as that, and would hide it.
 
 use fit::least_squares::Linearised;
+use fit::objective::{Fitted, Projection};
 use fit::simulate::{Run, flappers_of};
 use model::rig::Rig;
 use nalgebra::{DMatrix, DVector};
@@ -59,7 +60,7 @@ const TAKEN_UP: f64 = 0.3;
 pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, open: &[usize]) -> Screening {
     let prior = base.set.prior();
     let fitted = &base.fitted;
-    let Some(projector) = Projector::new(&fitted.linearised, &prior, &fitted.point) else {
+    let Some(projector) = Projector::of(fitted, &prior) else {
         return Screening::default();
     };
     let weights = bench.weighted(&fitted.scale_kpa);
@@ -187,6 +188,8 @@ impl Effect {
 /// A linearised fit, ready to judge effects.
 pub struct Projector<'a> {
     at: &'a Linearised,
+    /// What the starts could explain: no fit would leave it.
+    starts: &'a Projection,
     weights: Vec<f64>,
     factor: nalgebra::Cholesky<f64, nalgebra::Dyn>,
     /// JᵀW r + P z: zero at a minimum.
@@ -194,8 +197,13 @@ pub struct Projector<'a> {
 }
 
 impl<'a> Projector<'a> {
-    /// From a fit's residuals and slopes, its priors and its point; `None` if the slopes are not those of a fit.
-    pub fn new(at: &'a Linearised, prior: &[f64], point: &[f64]) -> Option<Self> {
+    /// Of a fit and its priors; `None` if it has no slopes.
+    pub fn of(fitted: &'a Fitted, prior: &[f64]) -> Option<Self> {
+        Projector::new(&fitted.linearised, &fitted.starts, prior, &fitted.point)
+    }
+
+    /// From a fit's residuals and slopes, its starts, its priors and its point; `None` if the slopes are not those of a fit.
+    fn new(at: &'a Linearised, starts: &'a Projection, prior: &[f64], point: &[f64]) -> Option<Self> {
         let weights: Vec<f64> = at.residuals.iter().map(|r| LOSS.weight(*r)).collect();
         let n = at.jacobian.len();
         let mut normal = DMatrix::zeros(n, n);
@@ -215,7 +223,7 @@ impl<'a> Projector<'a> {
                 .zip(prior.iter().zip(point))
                 .map(|(column, (p, z))| dot(column, &at.residuals, &weights) + p * z),
         );
-        Some(Projector { at, weights, factor, gradient })
+        Some(Projector { at, starts, weights, factor, gradient })
     }
 
     /// What an effect gains as it is by the loss of the fits, or would once the free parameters have given way, whichever is
@@ -224,6 +232,7 @@ impl<'a> Projector<'a> {
         let still: f64 = self.at.residuals.iter().map(|r| LOSS.cost(*r)).sum();
         let lost = |residuals: &[f64]| residuals.iter().map(|r| LOSS.cost(*r)).sum::<f64>() - still;
         let mut with: Vec<f64> = self.at.residuals.iter().zip(effect).map(|(r, e)| r + e).collect();
+        self.starts.apply(&mut with);
         let as_it_is = lost(&with);
         let shift: Vec<f64> = self.seen(effect.to_vec()).shift.iter().copied().collect();
         for (column, by) in self.at.jacobian.iter().zip(&shift) {
@@ -231,6 +240,11 @@ impl<'a> Projector<'a> {
         }
         let given_way = lost(&with);
         if given_way < as_it_is { (-given_way, shift) } else { (-as_it_is, vec![0.0; shift.len()]) }
+    }
+
+    /// To what standard error, in multiples of itself, the size of an effect is known; `None` where nothing tells it.
+    pub fn known_to(&self, effect: Vec<f64>) -> Option<f64> {
+        Some(self.seen(effect).size).filter(|size| *size > 0.0).map(|size| 1.0 / size.sqrt())
     }
 
     /// The most that an effect gains at any size, the free parameters having given way.
@@ -248,7 +262,8 @@ impl<'a> Projector<'a> {
         effect
     }
 
-    fn seen(&self, of: Vec<f64>) -> Effect {
+    fn seen(&self, mut of: Vec<f64>) -> Effect {
+        self.starts.apply(&mut of);
         let n = self.at.jacobian.len();
         let on_slopes = DVector::from_iterator(n, self.at.jacobian.iter().map(|c| dot(c, &of, &self.weights)));
         let shift = -self.factor.solve(&on_slopes);
@@ -299,8 +314,8 @@ mod tests {
         let effect: Vec<f64> = (0..n).map(|k| 0.01 * f64::from(k * k % 17)).collect();
         // Small residuals, so that Student's weights are all 6/5.
         let residuals: Vec<f64> = column.iter().zip(&effect).map(|(c, e)| 1e-3 * (0.7 * c - e)).collect();
-        let at = Linearised { residuals, jacobian: vec![column] };
-        let projector = Projector::new(&at, &[0.0], &[0.0]).unwrap();
+        let (at, starts) = (Linearised { residuals, jacobian: vec![column] }, Projection::default());
+        let projector = Projector::new(&at, &starts, &[0.0], &[0.0]).unwrap();
         let scaled: Vec<f64> = effect.iter().map(|e| 1e-3 * e).collect();
         let r = |x: f64, a: f64| -> f64 {
             at.residuals.iter().zip(&at.jacobian[0]).zip(&scaled).map(|((r, c), e)| (r + x * c + a * e).powi(2)).sum()
@@ -322,15 +337,15 @@ mod tests {
             |f: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..n).map(|k| 1e-3 * f(f64::from(k) / f64::from(n))).collect() };
         let (one, other) = (of(&|t| t), of(&|t| t + 0.3 * t * t));
         let residuals: Vec<f64> = one.iter().zip(&other).map(|(a, b)| -(0.4 * a + 0.7 * b)).collect();
-        let at = Linearised { residuals, jacobian: vec![vec![1e-3; n as usize]] };
-        let projector = Projector::new(&at, &[0.0], &[0.0]).unwrap();
+        let (at, starts) = (Linearised { residuals, jacobian: vec![vec![1e-3; n as usize]] }, Projection::default());
+        let projector = Projector::new(&at, &starts, &[0.0], &[0.0]).unwrap();
         let (one, other) = (projector.seen(one), projector.seen(other));
         let (gain, [a, b]) = projector.most_of_both(&one, &other);
         assert!((a - 0.4).abs() < 1e-3 && (b - 0.7).abs() < 1e-3, "{a} {b}");
         assert!(gain > one.most().0 && gain > other.most().0);
         // Beyond the limits each stays within them, and the gain is what it is there.
         let far = Linearised { residuals: one.of.iter().map(|a| -9.0 * a).collect(), jacobian: at.jacobian.clone() };
-        let projector = Projector::new(&far, &[0.0], &[0.0]).unwrap();
+        let projector = Projector::new(&far, &starts, &[0.0], &[0.0]).unwrap();
         let (one, other) = (projector.seen(one.of), projector.seen(other.of));
         let (_, [a, b]) = projector.most_of_both(&one, &other);
         assert!((AMPLITUDE[0]..=AMPLITUDE[1]).contains(&a) && (AMPLITUDE[0]..=AMPLITUDE[1]).contains(&b), "{a} {b}");

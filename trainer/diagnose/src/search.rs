@@ -127,10 +127,17 @@ pub fn search(
         }
         stood.push(best.terms.clone());
         let (ranked, polished) = additions(bench, candidates, &best, settings, tell)?;
-        let Some(top) = polished.first().cloned() else { break };
-        let top = plainer(bench, candidates, top, settings.bar.removed_kpa)?;
+        let Some(first) = polished.first().cloned() else { break };
+        let mut top = plainer(bench, candidates, first, settings.bar.removed_kpa)?;
+        let earns = |with: &Explanation| {
+            earns_its_place(bench, candidates, settings, &evidence(bench, with, &best), [with, &best, &nominal])
+        };
+        let mut taken = earns(&top);
+        // Where little is left, what costs least may do so by slow errors of the formulas, which no name stands for.
+        if !taken && let Some(other) = polished.iter().skip(1).find(|other| earns(other)) {
+            (top, taken) = (other.clone(), true);
+        }
         let found = evidence(bench, &top, &best);
-        let taken = earns_its_place(bench, candidates, settings, &found, [&top, &best, &nominal]);
         let missed: Vec<usize> = ranked.iter().map(|r| r.candidate).collect();
         let mut round = Round { base: best.terms.clone(), ranked, best: Vec::new(), evidence: None, taken };
         round.shows(&top, found);

@@ -6,123 +6,21 @@
 
 #![allow(clippy::unwrap_used)] // What fails here fails the test.
 
+mod made;
+
 use diagnose::bench::Bench;
 use diagnose::candidate::{Candidate, candidates};
-use diagnose::evidence::Bar;
-use diagnose::experiment::plan;
-use diagnose::judge::{Judgement, MOVED, judge};
-use diagnose::search::{Found, SearchSettings, search};
 use diagnose::{Request, Verdict, run};
 use fit::data::Records;
-use fit::parameters::set_value;
-use fit::simulate::{Fidelity, Simulator};
+use fit::simulate::Fidelity;
+use made::{SIGMA_KPA, STEP_KPA, bench, judged, made, made_after, moved, recording};
 use model::mechanism::{Mechanism, ResidualResponse};
 use model::rig::{Attached, Rig};
-use proto::recording::Recording;
-use proto::recording::csv::{Column, ColumnData};
-use rand::{RngExt as _, SeedableRng};
-use rand_distr::{Distribution, StandardNormal};
-use rand_pcg::Pcg64Mcg;
-
-const SIGMA_KPA: f64 = 0.08;
-const STEP_KPA: f64 = 0.03;
-
-fn column(name: &str, numbers: Vec<f64>) -> Column {
-    Column { name: name.to_owned(), data: ColumnData::Numbers(numbers) }
-}
-
-fn recording(source: &str, duty: &[Vec<f64>; 2], pressures: [Vec<f64>; 2]) -> Recording {
-    let time_s = (0..duty[0].len()).map(|k| k as f64 * 0.02).collect();
-    let [pos, neg] = pressures;
-    let columns = vec![
-        column("u_pos", duty[0].clone()),
-        column("u_neg", duty[1].clone()),
-        column("p_pos_kpa", pos),
-        column("p_neg_kpa", neg),
-    ];
-    Recording::new(source, time_s, columns).unwrap()
-}
-
-/// Random holds, some with ramps to them, and a slow triangle in the last third.
-fn duties(rows: usize, random: &mut Pcg64Mcg) -> [Vec<f64>; 2] {
-    [0, 1].map(|valve| {
-        let mut duty: Vec<f64> = Vec::new();
-        let mut level = 0.8;
-        while duty.len() < rows * 2 / 3 {
-            let next = 0.66 + 0.3 * random.random::<f64>();
-            let hold = random.random_range(20..110);
-            let ramp = if random.random::<f64>() < 0.4 { hold } else { 1 };
-            duty.extend((0..hold).map(|k| level + ((k + 1) as f64 / f64::from(ramp)).min(1.0) * (next - level)));
-            level = next;
-        }
-        while duty.len() < rows {
-            let phase = duty.len() as f64 / (300.0 + 130.0 * f64::from(valve));
-            duty.push(0.8 + 0.14 * (2.0 * (phase - phase.floor()) - 1.0).abs());
-        }
-        duty.truncate(rows);
-        duty.iter().map(|u| (u * 1e5).round() * 1e-5).collect()
-    })
-}
-
-/// Recordings of a rig, 30 s each, the first 4 s before them not recorded.
-fn made(rig: &Rig, count: usize, seed: u64) -> Vec<Recording> {
-    made_after(200, 1500, rig, count, seed)
-}
-
-/// The same with so many rows, after others that were not recorded.
-fn made_after(before: usize, recorded: usize, rig: &Rig, count: usize, seed: u64) -> Vec<Recording> {
-    let mut random = Pcg64Mcg::seed_from_u64(seed);
-    (0..count)
-        .map(|number| {
-            let rows = recorded + before;
-            let duty = duties(rows, &mut random);
-            let blank = recording("blank", &duty, [vec![0.0; rows], vec![0.0; rows]]);
-            let records = Records::new(rig, &[blank]).unwrap();
-            let simulator = Simulator::new(&records, Fidelity::Coarse);
-            let trace = simulator.free(std::slice::from_ref(rig)).pop().unwrap().unwrap();
-            let mut read = |channel: usize| -> Vec<f64> {
-                trace[records.layout().channel(0, channel)][before..]
-                    .iter()
-                    .map(|p| {
-                        let white: f64 = StandardNormal.sample(&mut random);
-                        ((p + SIGMA_KPA * white) / STEP_KPA).round() * STEP_KPA
-                    })
-                    .collect()
-            };
-            let pressures = [read(0), read(1)];
-            recording(&format!("run{number}.csv"), &duty.map(|d| d[before..].to_vec()), pressures)
-        })
-        .collect()
-}
-
-/// The paper's rig, and one whose parameters are off by these factors.
-fn moved(factors: &[(&str, f64)]) -> (Rig, Rig) {
-    let rig = Rig::builtin("dual_pressure").unwrap();
-    let mut other = rig.clone();
-    for (path, factor) in factors {
-        let value = fit::parameters::value(&rig, path).unwrap();
-        set_value(&mut other, path, value * factor).unwrap();
-    }
-    (rig, other)
-}
 
 /// What is looked through: enough to be wrong in many ways, and few enough to be quick.
 fn some(rig: &Rig) -> Vec<Candidate> {
     let ids = ["valve_hysteresis", "valve_lag", "chamber_thermal", "chamber_leak", "sensor_lag", "volume_compliance"];
     candidates(rig).into_iter().filter(|c| ids.contains(&c.id.as_str()) && c.form.is_empty()).collect()
-}
-
-fn bench<'r>(rig: &'r Rig, records: &'r Records) -> Bench<'r> {
-    let all = vec![1.0; records.layout().len()];
-    Bench::new(rig, records, &all, Fidelity::Averaged, None)
-}
-
-fn judged(bench: &Bench<'_>, candidates: &[Candidate]) -> (Found, Judgement) {
-    let settings = SearchSettings { most_terms: 2, polished: 1, glanced: 4, from_prior: false, bar: Bar::default() };
-    let given = bench.free_run(bench.rig).unwrap();
-    let found = search(bench, candidates, &vec![0.0; bench.nominal.len()], &settings, &mut |_, _| ()).unwrap();
-    let judgement = judge(bench, candidates, &found, &given, &mut |_, _| ()).unwrap();
-    (found, judgement)
 }
 
 #[test]
@@ -352,33 +250,6 @@ fn a_winding_that_warms_before_its_body_is_found_as_a_richer_shape() {
     // A tenth: the averaged pump errs a little where the valve moves, which the parameters take up.
     assert!((share.value - 0.5).abs() < 0.05, "{share:?}");
     assert!((winding_s.value / 2.0).ln().abs() < 0.1, "{winding_s:?}");
-}
-
-/// A leak past an open valve refits to the noise: it must not be named, and not be denied either.
-#[test]
-fn a_leak_on_ordinary_recordings_is_left_open_and_an_experiment_is_proposed() {
-    let (rig, mut truth) = moved(&[]);
-    let all = some(&rig);
-    let leak = all.iter().find(|c| c.name() == "chamber_leak:positive").unwrap();
-    truth.mechanisms.push(leak.attached(&[2e-15]));
-    let recordings = made(&truth, 2, 3);
-    let records = Records::new(&rig, &recordings).unwrap();
-    let bench = bench(&rig, &records);
-    let (_, judgement) = judged(&bench, &all);
-    assert_eq!(judgement.verdict, Verdict::Undecided);
-    assert!(judgement.named.is_empty());
-    let group = &judgement.groups[0];
-    assert!(
-        group.iter().any(|name| name == MOVED) && group.iter().any(|name| name == "chamber_leak:positive"),
-        "{group:?}"
-    );
-    let plan = plan(&bench, &judgement.rivals.iter().collect::<Vec<_>>()).unwrap().unwrap();
-    // With the pump off and a valve shut a leak is the only way out.
-    assert!(plan.decides(), "{:?}", plan.separation);
-    assert!(plan.time_s().len() <= 6000 && plan.columns == ["u_pos", "u_neg", "pump_on"], "{:?}", plan.columns);
-    for trace in &plan.predicted_kpa {
-        assert!(trace.iter().all(|kpa| (-95.0..=160.0).contains(kpa)));
-    }
 }
 
 /// A pump that slows under load swings the readings at 15 Hz in the samples; nothing else need be wrong for it to be named.

@@ -15,6 +15,8 @@ pub struct Programme {
     pub name: String,
     /// Commands, `[input][row]`.
     pub inputs: Vec<Vec<f64>>,
+    /// Whether it stops a pump.
+    pub stops_a_pump: bool,
 }
 
 impl Programme {
@@ -90,7 +92,9 @@ impl<'a> Sheet<'a> {
     }
 
     fn named(self, name: impl Into<String>) -> Programme {
-        Programme { name: name.into(), inputs: self.inputs }
+        let relays = self.roles.iter().zip(&self.inputs).filter(|(role, _)| **role == Role::Relay);
+        let stops_a_pump = relays.flat_map(|(_, on)| on).any(|on| *on < 0.5);
+        Programme { name: name.into(), inputs: self.inputs, stops_a_pump }
     }
 }
 
@@ -178,17 +182,50 @@ pub fn menu(rig: &Rig, inputs: &[Input], usage: &Usage) -> Vec<Programme> {
         }
     }
     if !valves.is_empty() {
-        all.push(
-            sheet()
-                .part(12.0, |t, now| {
-                    for (k, valve) in valves.iter().enumerate() {
-                        let bit = register_bit((t / 0.2) as u32, 7 + 5 * k as u32);
-                        let of = if bit { &usage.high } else { &usage.low };
-                        set(now, &[*valve], of.get(*valve).copied().unwrap_or(0.5));
-                    }
-                })
-                .named("random steps of all valves every 0.2 s"),
-        );
+        // Half as far again as the recordings went down, and all the way up: what acts on both valves at once, or bends where they
+        // were seldom, shows there several times as large.
+        let wide = |valve: usize, share: f64| {
+            let at = |of: &[f64], otherwise: f64| of.get(valve).copied().unwrap_or(otherwise);
+            let (low, high) = (at(&usage.low, 0.3), at(&usage.high, 0.9));
+            let least = (low - 0.5 * (high - low)).max(0.0);
+            least + share * (1.0 - least)
+        };
+        for (seconds, period, name) in [(12.0, 0.2, "0.2 s"), (20.0, 1.0, "1 s")] {
+            all.push(
+                sheet()
+                    .part(seconds, |t, now| {
+                        for (k, valve) in valves.iter().enumerate() {
+                            let bit = register_bit((t / period) as u32, 7 + 5 * k as u32);
+                            let of = if bit { &usage.high } else { &usage.low };
+                            set(now, &[*valve], of.get(*valve).copied().unwrap_or(0.5));
+                        }
+                    })
+                    .named(format!("random steps of all valves every {name}")),
+            );
+            all.push(
+                sheet()
+                    .part(seconds, |t, now| {
+                        for (k, valve) in valves.iter().enumerate() {
+                            let step = (t / period) as u32;
+                            let bits = [0, 31, 62].map(|offset| register_bit(step, offset + 7 + 5 * k as u32));
+                            let level = bits.iter().fold(0.0, |level, bit| 2.0 * level + f64::from(u8::from(*bit)));
+                            set(now, &[*valve], wide(*valve, level / 7.0));
+                        }
+                    })
+                    .named(format!("random steps of all valves over their whole range every {name}")),
+            );
+        }
+        for valve in valves.iter().filter(|_| valves.len() > 1) {
+            let name = inputs.get(*valve).map_or("", |input| input.column.as_str());
+            all.push(
+                sheet()
+                    .part(16.0, |t, now| {
+                        let level = [1.0, 0.35, 0.7, 0.15].get((t / 2.0) as usize % 4).copied().unwrap_or(1.0);
+                        set(now, &[*valve], wide(*valve, level));
+                    })
+                    .named(format!("{name} over its whole range, the other valves still")),
+            );
+        }
         all.push(
             sheet()
                 .part(50.0, |t, now| {
@@ -201,6 +238,12 @@ pub fn menu(rig: &Rig, inputs: &[Input], usage: &Usage) -> Vec<Programme> {
         );
     }
     all
+}
+
+/// Whether a rig's pump can be stopped and its valves shut.
+pub fn can_be_shut_in(rig: &Rig, inputs: &[Input]) -> bool {
+    let has = |wanted: Role| inputs.iter().any(|input| role(rig, &input.column) == wanted);
+    has(Role::Relay) && has(Role::Valve)
 }
 
 fn role(rig: &Rig, column: &str) -> Role {

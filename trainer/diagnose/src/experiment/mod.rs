@@ -10,6 +10,6 @@ mod menu;
 mod plan;
 mod separation;
 
-pub use menu::{Programme, Usage, menu};
+pub use menu::{Programme, Usage, can_be_shut_in, menu};
 pub use plan::{Plan, plan};
 pub use separation::{PairSums, Predicted};

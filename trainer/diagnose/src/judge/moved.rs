@@ -3,7 +3,8 @@
 //! Parameters that were fitted to recordings of a rig with a leak take the leak up. What then speaks for the leak is not the
 //! likelihood: it is that parameters need not be believed to be far off. So mechanisms are asked for that save the priors much,
 //! on top of the fitted parameters and, by themselves, on top of the rig as it was given; and what no more than equals the
-//! shift is asked for as well where it explains nearly all of the mismatch with one number ([`crate::alone`]).
+//! shift is asked for as well where it explains nearly all of the mismatch with one number ([`crate::alone`]), unless a pump stood in
+//! some recording: that shows what leaks, and nothing is left to prudence.
 
 use proto::diagnosis::Verdict;
 
@@ -12,9 +13,9 @@ use crate::alone::{ByThemselves, by_themselves};
 use crate::bench::{Bench, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
-use crate::evidence::{Bar, Evidence, evidence};
+use crate::evidence::{Bar, evidence};
 use crate::search::Found;
-use crate::switched::{REACH_KPA, reach_kpa};
+use crate::switched::{REACH_KPA, reach_kpa, stands_somewhere};
 
 /// Gain of prior and likelihood, beyond what the best of all candidates has by chance, at which a mechanism that does
 /// not pass the bar is a rival of moved parameters.
@@ -23,19 +24,6 @@ const HINT: f64 = 5.0;
 const SHIFTED_KPA: f64 = 0.5;
 /// The most rivals of moved parameters.
 const MOST_RIVALS: usize = 5;
-/// Log-likelihood, fitted and kept rows together, at which something is there however little it does.
-const CERTAIN: f64 = 50.0;
-/// Standard errors by which fitted rows must show it, and those that choose.
-const CERTAIN_SE: [f64; 2] = [2.0, 1.0];
-
-/// Whether something is there beyond doubt, whatever its size.
-fn is_certain(found: &Evidence) -> bool {
-    let [fitted_se, chosen_se] = CERTAIN_SE;
-    found.fitted + found.chosen > CERTAIN
-        && found.fitted > fitted_se * found.fitted_se
-        && found.chosen > chosen_se * found.chosen_se
-}
-
 /// No candidate passed the bar, or what did was withdrawn.
 pub(super) fn nothing_named(
     bench: &Bench<'_>,
@@ -60,6 +48,8 @@ pub(super) fn nothing_named(
         if shifted { by_themselves(bench, candidates, &found.nominal, MOST_RIVALS)? } else { ByThemselves::default() };
     let known = found.tried.iter().filter(|e| e.terms.len() == 1 && e.terms != withdrawn);
     let singles: Vec<&Explanation> = known.chain(&lone.fitted).collect();
+    // What next to nothing would change without is no rival: no experiment is worth flying for it.
+    let reaches = |e: &Explanation| reach_kpa(bench, e).is_ok_and(|kpa| kpa > REACH_KPA);
     // Mechanisms that the recordings, or the priors, would rather have than a mere shift. The best of many candidates gains
     // the logarithm of their number by chance.
     let looked_at = (candidates.len().max(1) as f64).ln();
@@ -69,12 +59,11 @@ pub(super) fn nothing_named(
             let found_for = evidence(bench, e, &found.nominal);
             // What hardly shows in the free run is an everyday imperfection; what saves the priors much is not, nor what is
             // beyond all doubt, small as it may be.
-            let shows = found_for.removed_kpa > Bar::default().removed_kpa || is_certain(&found_for);
+            let shows = found_for.removed_kpa > Bar::default().removed_kpa || found_for.is_certain();
             let gain = if shows { found_for.posterior } else { found_for.posterior - found_for.fitted.max(0.0) };
             (gain > HINT + looked_at).then_some((gain, *e))
         })
-        // Nor is what next to nothing would change without: no experiment is worth flying for it.
-        .filter(|(_, e)| reach_kpa(bench, e).is_ok_and(|kpa| kpa > REACH_KPA))
+        .filter(|(_, e)| reaches(e))
         .collect();
     hints.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut close: Vec<&Explanation> = Vec::new();
@@ -85,9 +74,10 @@ pub(super) fn nothing_named(
         let posterior = |e: &Explanation| evidence(bench, e, &found.nominal).posterior;
         let least = posterior(first) - TIE;
         let others = singles.iter().copied().filter(|e| posterior(e) > least && is_rival(bench, first, e));
-        close.extend(others.filter(|e| reach_kpa(bench, e).is_ok_and(|kpa| kpa > REACH_KPA)));
-    } else if lone.nearly_all {
-        close.extend(lone.fitted.iter().filter(|e| evidence(bench, e, &found.nominal).fitted > -TIE));
+        close.extend(others.filter(|e| reaches(e)));
+    } else if lone.nearly_all && !stands_somewhere(bench) {
+        let as_likely = lone.fitted.iter().filter(|e| evidence(bench, e, &found.nominal).fitted > -TIE);
+        close.extend(as_likely.filter(|e| reaches(e)));
     }
     let mut group = vec![MOVED.to_owned()];
     let mut rivals = vec![found.nominal.clone()];

@@ -32,7 +32,7 @@ pub(super) fn scanned(
 ) -> Vec<Vec<f64>> {
     let (fitted, candidate) = (&base.fitted, &candidates[k]);
     let parameters = candidate.parameters(0);
-    let Some(projector) = Projector::new(&fitted.linearised, &base.set.prior(), &fitted.point) else {
+    let Some(projector) = Projector::of(fitted, &base.set.prior()) else {
         return Vec::new();
     };
     let (reach, steps) = SCAN;
@@ -196,9 +196,7 @@ pub(super) fn sharpened(
         let run = |point: &Vec<f64>| set.rig_at(point).map(|rig| Run { flappers: lying(point), ..Run::from(rig) });
         let rigs: Result<Vec<Run>, _> = points.iter().map(run).collect();
         let mut traces = bench.fast.run(&rigs.map_err(DiagnoseError::rig(set.rig()))?, &fitted.arcs).into_iter();
-        let (Some(Ok(still)), Some(projector)) =
-            (traces.next(), Projector::new(&fitted.linearised, &set.prior(), &fitted.point))
-        else {
+        let (Some(Ok(still)), Some(projector)) = (traces.next(), Projector::of(fitted, &set.prior())) else {
             continue;
         };
         let weights = bench.weighted(&fitted.scale_kpa);

@@ -2,6 +2,7 @@
 
 use model::rig::Rig;
 
+use super::Projection;
 use crate::data::{Records, Stretch};
 use crate::least_squares::{Information, Linearised, Loss};
 use crate::parameters::{Parameter, ParameterSet};
@@ -55,6 +56,8 @@ pub struct Fitted {
     pub information: Option<Information>,
     /// Residuals and Jacobian at the minimum, for screening further terms.
     pub linearised: Linearised,
+    /// What the starts could explain: out of the residuals and the Jacobian.
+    pub starts: Projection,
     /// Arcs with refined starts.
     pub arcs: Arcs,
 }

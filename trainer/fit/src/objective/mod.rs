@@ -17,4 +17,5 @@ mod stages;
 pub use fitted::{Estimate, Fitted};
 pub use likelihood::{BlockScore, Likelihood, NoiseModel, Score, blocks_of, score};
 pub use problem::{RigProblem, Sides, difference_step};
+pub use projection::Projection;
 pub use stages::{FitSettings, Shooting, fit, fit_from};

@@ -103,9 +103,9 @@ impl<'p> RigProblem<'p> {
         RigProblem { slopes, kept: true, ..self }
     }
 
-    /// The slopes that the last linearisation used.
-    pub(super) fn into_slopes(self) -> Option<Slopes> {
-        self.slopes
+    /// The slopes that the last linearisation used, and the starts that it took out.
+    pub(super) fn into_slopes(self) -> Option<(Slopes, Projection)> {
+        Some((self.slopes?, self.projection))
     }
 
     /// The same with a correction of every trace.

@@ -16,13 +16,13 @@ use crate::simulate::{Arc, Arcs};
 /// Rows after which a chamber has forgotten its start: 5 s.
 const REMEMBERED_ROWS: usize = 250;
 
-/// Orthonormal effects of the starts of all arcs.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Projection {
+/// Orthonormal effects of the starts of all arcs; by default of none.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Projection {
     arcs: Vec<ArcEffects>,
 }
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 struct ArcEffects {
     /// Places in the vector, in the order of the columns' numbers.
     places: Vec<std::ops::Range<usize>>,
@@ -35,8 +35,8 @@ impl Projection {
         Projection { arcs: arcs.arcs().iter().map(|arc| ArcEffects::new(records, arc, effects)).collect() }
     }
 
-    /// Takes out of `vector` what the starts could explain.
-    pub(crate) fn apply(&self, vector: &mut [f64]) {
+    /// Takes out of `vector`, weighted readings in the recordings' layout, what the starts could explain.
+    pub fn apply(&self, vector: &mut [f64]) {
         for arc in &self.arcs {
             for column in &arc.columns {
                 let along: f64 = arc.zip(vector, column).map(|(v, c)| *v * c).sum();

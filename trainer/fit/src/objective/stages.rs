@@ -261,7 +261,7 @@ impl Task<'_> {
                 rounds += outcome.rounds;
             } else {
                 gained = outcome.gained;
-                known = problem.into_slopes().map(|slopes| (slopes, at));
+                known = problem.into_slopes().map(|(slopes, _)| (slopes, at));
             }
             last = Some((outcome, setting));
         }
@@ -308,7 +308,7 @@ impl Task<'_> {
         let linearised = problem.linearise(&point)?;
         let information = Information::of(&linearised, self.settings.loss, &self.set.prior(), &blocks);
         let sd = information.as_ref().map_or_else(|| vec![f64::INFINITY; self.set.len()], Information::cautious_sd);
-        let slopes = problem.into_slopes().ok_or(FitError::NoRecordings)?;
+        let (slopes, starts) = problem.into_slopes().ok_or(FitError::NoRecordings)?;
         let Setting { arcs, scale_kpa, .. } = setting;
         let fitted = Fitted {
             estimates: estimates(self.set, &point, &sd),
@@ -323,6 +323,7 @@ impl Task<'_> {
             linearised,
             scale_kpa,
             arcs,
+            starts,
         };
         Ok((fitted, slopes))
     }

@@ -1,0 +1,98 @@
+//! Experiments: what is proposed, flown on the rig whose recordings asked for it, and what can be told then.
+
+#![allow(clippy::unwrap_used)] // What fails here fails the test.
+
+mod made;
+
+use diagnose::Verdict;
+use diagnose::candidate::{Candidate, candidates};
+use diagnose::experiment::plan;
+use diagnose::hidden::hidden_leak;
+use diagnose::judge::MOVED;
+use fit::data::Records;
+use made::{bench, flown, judged, made, moved};
+use model::rig::Rig;
+use proto::recording::Recording;
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+
+fn among(rig: &Rig, ids: &[&str]) -> Vec<Candidate> {
+    candidates(rig).into_iter().filter(|c| ids.contains(&c.id.as_str()) && c.form.is_empty()).collect()
+}
+
+/// A leak past an open valve refits to the noise: it must not be named, and not be denied either.
+#[test]
+fn a_leak_on_ordinary_recordings_is_left_open_and_an_experiment_is_proposed() {
+    let (rig, mut truth) = moved(&[]);
+    let all = among(&rig, &["chamber_leak", "valve_hysteresis", "valve_lag", "chamber_thermal", "volume_compliance"]);
+    let leak = all.iter().find(|c| c.name() == "chamber_leak:positive").unwrap();
+    truth.mechanisms.push(leak.attached(&[2e-15]));
+    let recordings = made(&truth, 2, 3);
+    let records = Records::new(&rig, &recordings).unwrap();
+    let bench = bench(&rig, &records);
+    let (_, judgement) = judged(&bench, &all);
+    assert_eq!(judgement.verdict, Verdict::Undecided);
+    assert!(judgement.named.is_empty());
+    let group = &judgement.groups[0];
+    assert!(
+        group.iter().any(|name| name == MOVED) && group.iter().any(|name| name == "chamber_leak:positive"),
+        "{group:?}"
+    );
+    let plan = plan(&bench, &judgement.rivals.iter().collect::<Vec<_>>()).unwrap().unwrap();
+    // With the pump off and a valve shut a leak is the only way out.
+    assert!(plan.decides(), "{:?}", plan.separation);
+    assert!(plan.time_s().len() <= 6000 && plan.columns == ["u_pos", "u_neg", "pump_on"], "{:?}", plan.columns);
+    for trace in &plan.predicted_kpa {
+        assert!(trace.iter().all(|kpa| (-95.0..=160.0).contains(kpa)));
+    }
+}
+
+/// A hose a little narrower than the valve: ordinary recordings leave 0.01 kPa of it, less than is worth a name. The proposed
+/// experiment keeps the pump running, for no leak is in question, goes over the valves' whole range, and shows the hose.
+#[test]
+fn a_hose_that_hardly_shows_is_named_by_the_experiment_that_it_asks_for() {
+    let (rig, mut truth) = moved(&[("volumes.negative.volume_l", 1.02), ("valves.valve_pos.input_area_mm2", 0.98)]);
+    let all = among(&rig, &["line_resistance", "supply_sag", "valve_lag", "chamber_thermal", "critical_ratio"]);
+    let at = all.iter().position(|c| c.name() == "line_resistance:positive").unwrap();
+    truth.mechanisms.push(all[at].attached(&[16.0]));
+    let mut recordings = made(&truth, 2, 21);
+    let records = Records::new(&rig, &recordings).unwrap();
+    let first = bench(&rig, &records);
+    let (_, judgement) = judged(&first, &all);
+    assert_eq!(judgement.verdict, Verdict::Undecided, "{:?}", judgement.groups);
+    assert!(judgement.groups[0].contains(&all[at].name()), "{:?}", judgement.groups);
+    let plan = plan(&first, &judgement.rivals.iter().collect::<Vec<_>>()).unwrap().unwrap();
+    let relay = plan.columns.iter().position(|column| column == "pump_on").unwrap();
+    assert!(plan.inputs[relay].iter().all(|on| *on == 1.0), "{:?}", plan.programmes);
+    let duty = ["u_pos", "u_neg"].map(|name| plan.inputs[plan.columns.iter().position(|c| c == name).unwrap()].clone());
+    recordings.push(flown("experiment.csv", 0, &truth, &duty, None, &mut Pcg64Mcg::seed_from_u64(22)));
+    let records = Records::new(&rig, &recordings).unwrap();
+    let (found, judgement) = judged(&bench(&rig, &records), &all);
+    assert_eq!(judgement.verdict, Verdict::MissingPhysics, "{:?}", judgement.groups);
+    assert_eq!(judgement.named, [at]);
+    let area = found.best.fitted.estimates.last().unwrap();
+    assert!((area.value - 16.0).abs() < 4.0 * area.sd && area.sd < 1.6, "{area:?}");
+}
+
+/// How large a leak the valves' parameters would take up: several kPa where the valves are open all the time, next to nothing once
+/// they have been shut. A leak of that size, put into the rig, is taken up indeed.
+#[test]
+fn a_leak_that_would_not_show_is_told_with_its_size() {
+    let (rig, truth) = moved(&[("valves.valve_pos.input_area_mm2", 1.01)]);
+    let all = among(&rig, &["chamber_leak"]);
+    let open = made(&truth, 2, 31);
+    let mut shut = open.clone();
+    // Filled with both valves shut, then left alone.
+    let pump_on: Vec<f64> = (0..700).map(|row| f64::from(u8::from(row < 100))).collect();
+    let duty = [0, 1].map(|_| (0..700).map(|row| if row < 60 { 0.8 } else { 0.0 }).collect::<Vec<f64>>());
+    shut.push(flown("shut.csv", 0, &truth, &duty, Some(&pump_on), &mut Pcg64Mcg::seed_from_u64(32)));
+    let hidden = |recordings: &[Recording]| {
+        let records = Records::new(&rig, recordings).unwrap();
+        let bench = bench(&rig, &records);
+        let (found, _) = judged(&bench, &[]);
+        hidden_leak(&bench, &all, &found.nominal).unwrap()
+    };
+    let (ordinary, with_a_hold) = (hidden(&open), hidden(&shut));
+    assert!(ordinary.moves_kpa > 1.0, "{ordinary:?}");
+    assert!(with_a_hold.moves_kpa < 0.1 * ordinary.moves_kpa, "{with_a_hold:?} {ordinary:?}");
+}
