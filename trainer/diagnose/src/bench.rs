@@ -328,6 +328,20 @@ impl<'r> Bench<'r> {
         (0..self.records.layout().channels()).map(of_channel).collect()
     }
 
+    /// Mean square of what a trace is off by, all channels added up, in kPa², on the rows that are fitted or choose, of the recordings
+    /// and pieces in which all pumps run; of all of them where there are none.
+    pub fn squares_at_work(&self, trace: &[f64]) -> f64 {
+        let runs = |record: usize| self.records.relays(self.rig, record).iter().flatten().all(|on| *on);
+        let runs: Vec<bool> = (0..self.records.records().len()).map(runs).collect();
+        let none = runs.iter().all(|runs| !runs);
+        let mean = |channel: usize| {
+            let all = self.squares_of_those(trace, channel, |record| none || runs.get(record) == Some(&true));
+            let (sum, rows) = all.iter().fold((0.0, 0.0), |(sum, rows), (s, r)| (sum + s, rows + r));
+            sum / f64::max(rows, 1.0)
+        };
+        (0..self.records.layout().channels()).map(mean).sum()
+    }
+
     /// Mean square of what a trace is off by, all channels added up, in kPa², on the rows that are fitted or choose: of each recording by
     /// itself, pieces of one together.
     pub fn squares_by_recording(&self, trace: &[f64]) -> Vec<f64> {

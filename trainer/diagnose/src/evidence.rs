@@ -23,6 +23,8 @@ pub struct Evidence {
     /// (negative if it became worse); where a flapper's jumps throw one of them off, in the middle one of all
     /// stretches of 2 s.
     pub removed_kpa: f64,
+    /// The same of recordings, and pieces of them, in which all pumps run, all their rows.
+    pub removed_at_work_kpa: f64,
     /// The same of the recording in which it became better by most, all its rows: what an experiment is made to show is a
     /// small part of all that was recorded.
     pub removed_somewhere_kpa: f64,
@@ -88,6 +90,7 @@ pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) ->
         chosen_se,
         throughout: throughout(&bench.score_finely(&better.trace, errors), &bench.score_finely(&worse.trace, errors)),
         removed_kpa: root_of_drop(drop),
+        removed_at_work_kpa: root_of_drop(bench.squares_at_work(&worse.trace) - bench.squares_at_work(&better.trace)),
         removed_somewhere_kpa: drops.map(root_of_drop).fold(f64::NEG_INFINITY, f64::max),
         share: drop / (before - noise).max(1e-12),
         posterior: fitted + worse.prior_cost - better.prior_cost,

@@ -8,11 +8,12 @@ use fit::data::Role;
 use proto::diagnosis::Verdict;
 
 use crate::bench::{Bench, Effort, Explanation};
-use crate::candidate::Candidate;
+use crate::candidate::{Candidate, leaks};
 use crate::error::DiagnoseError;
 use crate::evidence::evidence;
 use crate::glance::Footing;
 use crate::search::{Found, GLANCE_ROUNDS, cost, starts, twins, with, without};
+use crate::switched::{REACH_KPA, reaches_kpa, stands_somewhere};
 
 mod moved;
 use moved::nothing_named;
@@ -135,7 +136,8 @@ fn something_named(
     let mut rivals = vec![best.clone()];
     let mut groups = Vec::new();
     let footing = Footing::of(bench, best)?;
-    for (done, term) in best.terms.iter().enumerate() {
+    let small = small_leaks(bench, candidates, best)?;
+    for (done, term) in best.terms.iter().enumerate().filter(|(_, term)| !small.contains(term)) {
         tell("looking for rivals", done as f64 / best.terms.len() as f64);
         let rest = without(&best.terms, *term);
         let gain = lost_without(bench, candidates, &footing, best, &rest, found)?;
@@ -195,6 +197,18 @@ fn something_named(
     let verdict = if groups.is_empty() { Verdict::MissingPhysics } else { Verdict::Undecided };
     let named = contested.iter().filter(|c| c.rivals.is_empty()).map(|c| c.term).collect();
     Ok(Judgement { verdict, named, contested, rivals, groups, excess_kpa })
+}
+
+/// Leaks among the terms that a pump at rest shows and nothing else would: they are in the rig, and not worth a name beside what is.
+fn small_leaks(bench: &Bench<'_>, candidates: &[Candidate], best: &Explanation) -> Result<Vec<usize>, DiagnoseError> {
+    let is_leak = |term: &usize| candidates.get(*term).is_some_and(|candidate| leaks(&candidate.id));
+    if best.terms.len() < 2 || !best.terms.iter().any(is_leak) || !stands_somewhere(bench) {
+        return Ok(Vec::new());
+    }
+    let reaches = reaches_kpa(bench, best)?;
+    let small = best.terms.iter().zip(&reaches).filter(|(term, reach)| is_leak(term) && **reach < REACH_KPA);
+    let small: Vec<usize> = small.map(|(term, _)| *term).collect();
+    Ok(if small.len() < best.terms.len() { small } else { Vec::new() })
 }
 
 /// Log-likelihood that `best` has more than what is left of it with the terms `rest`, fitted again.

@@ -206,6 +206,17 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         best = nominal.clone();
         extended = fitted.clone();
     }
+    if judgement.verdict == Verdict::MissingPhysics {
+        let contested = |term: &&usize| judgement.contested.iter().all(|contest| contest.term != **term);
+        let beside: Vec<usize> = best.terms.iter().filter(contested).copied().collect();
+        if !beside.is_empty() {
+            notes.push(format!(
+                "{} is in the rig file as well: it shows while the pump stands, and moves no pressure by {} kPa elsewhere",
+                names_of(&asked.candidates, &beside),
+                switched::REACH_KPA
+            ));
+        }
+    }
     (found.nominal, found.best) = (nominal, best);
     turning.judged(&mut judgement);
     if found.best.jumps && judgement.verdict == Verdict::MissingPhysics {

@@ -56,8 +56,16 @@ pub(crate) fn stands_somewhere(bench: &Bench<'_>) -> bool {
 /// less is below a thousandth of the 175 kPa that the pump spans.
 pub(crate) const REACH_KPA: f64 = 0.15;
 
-/// By how much readings would be off without the term that matters most to them, all else as it is: root mean square in kPa of
-/// the pressure that it moves most, in the middle one of the recordings in which no pump was switched. Infinite where there are none.
+/// By how much readings would be off without the term that matters most to them: the largest of [`reaches_kpa`], 0 without terms.
+///
+/// # Errors
+/// The rig cannot be simulated without a term.
+pub(crate) fn reach_kpa(bench: &Bench<'_>, explanation: &Explanation) -> Result<f64, DiagnoseError> {
+    Ok(reaches_kpa(bench, explanation)?.into_iter().fold(0.0, f64::max))
+}
+
+/// By how much readings would be off without each of the terms, all else as it is: root mean square in kPa of the pressure that
+/// it moves most, in the middle one of the recordings in which no pump was switched. Infinite where there are none.
 ///
 /// A shut chamber at the end of what the pump can do shows a leak of a thousandth of the vent's flow, and takes any other
 /// error of the pump for one; commands over the whole range of a valve show what it does where nobody uses it. What moves
@@ -65,28 +73,30 @@ pub(crate) const REACH_KPA: f64 = 0.15;
 ///
 /// # Errors
 /// The rig cannot be simulated without it.
-pub(crate) fn reach_kpa(bench: &Bench<'_>, explanation: &Explanation) -> Result<f64, DiagnoseError> {
+pub(crate) fn reaches_kpa(bench: &Bench<'_>, explanation: &Explanation) -> Result<Vec<f64>, DiagnoseError> {
     let (records, layout) = (bench.records.records(), bench.records.layout());
     let whole = |record: &usize| records.iter().filter(|r| r.source == records[*record].source).count() == 1;
     let ordinary: Vec<usize> = (0..records.len()).filter(whole).collect();
     let given = bench.rig.mechanisms.len();
-    let mut most: Vec<f64> = vec![0.0; ordinary.len()];
-    for term in 0..explanation.terms.len() {
+    let reach = |term: usize| {
         let mut rig = explanation.fitted.rig.clone();
         rig.mechanisms.remove(given + term);
         let without = bench.free_run(&rig)?;
-        for (record, most) in ordinary.iter().zip(&mut most) {
-            for channel in 0..layout.channels() {
+        let off = |i: usize| explanation.trace.get(i).zip(without.get(i)).map_or(0.0, |(a, b)| (a - b).powi(2));
+        let moved = |record: &usize| {
+            let of = |channel: usize| {
                 let rows = layout.channel(*record, channel);
-                let off = |i: usize| explanation.trace.get(i).zip(without.get(i)).map_or(0.0, |(a, b)| (a - b).powi(2));
                 let count = rows.len().max(1) as f64;
-                *most = most.max((rows.map(off).sum::<f64>() / count).sqrt());
-            }
-        }
-    }
-    most.sort_by(f64::total_cmp);
-    // Of an even number the lower one: one of four is an experiment.
-    Ok(most.get(most.len().saturating_sub(1) / 2).copied().unwrap_or(f64::INFINITY))
+                (rows.map(off).sum::<f64>() / count).sqrt()
+            };
+            (0..layout.channels()).map(of).fold(0.0, f64::max)
+        };
+        let mut moved: Vec<f64> = ordinary.iter().map(moved).collect();
+        moved.sort_by(f64::total_cmp);
+        // Of an even number the lower one: one of four is an experiment.
+        Ok(moved.get(moved.len().saturating_sub(1) / 2).copied().unwrap_or(f64::INFINITY))
+    };
+    (0..explanation.terms.len()).map(reach).collect()
 }
 
 /// Log-likelihood that a term must gain where the pumps run.

@@ -116,7 +116,8 @@ pub fn plan(bench: &Bench<'_>, rivals: &[&Explanation]) -> Result<Option<Plan>, 
             pairs.iter().map(|(i, k)| PairSums::of(&of[*i], &of[*k])).collect()
         })
         .collect();
-    // Leaks pass for each other where a valve is open, and not all that do are among the rivals.
+    // Leaks pass for each other, and for other parameters, where a valve is open, and not all that do are among the rivals.
+    let leaky = leaky || rivals.iter().any(|rival| rival.terms.is_empty());
     let is_shut_in = |p: &&usize| programmes.get(**p).is_some_and(|programme| programme.name == SHUT_IN);
     let shut_in = within_limits.iter().find(is_shut_in).copied().filter(|_| leaky);
     let kept_s = shut_in.and_then(|p| programmes.get(p)).map_or(0.0, Programme::seconds);
