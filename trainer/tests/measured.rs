@@ -156,6 +156,14 @@ fn respiraworks_the_resistance_is_not_linear_and_the_compliance_stays() {
     assert!(rmse(&said, "extended") < 0.85 * rmse(&said, "reidentified"), "{said:#}");
     // Knob 50 mL/cmH2O, 510 mL/kPa with its litre of gas; a straight fit of the source gives 46.
     compliance_within(&folder, 480.0, 0.1);
+    // The same resistor in front of a stiffer lung, asked by itself, is as wide.
+    let Some(files) = measured("respiraworks_ventilator", &["rfr2_oxy_pc4.csv"]) else { return };
+    let folder = Folder::new("respiraworks-stiff");
+    let stiff = diagnosed(&folder, &rig("ventilator_c20_r20.toml"), &files);
+    assert_eq!(ids(&stiff), ["line_resistance"], "{stiff:#}");
+    let [[low, _, high], [stiff_low, _, stiff_high]] =
+        [&said, &stiff].map(|said| parameter(said, "line_resistance", "area_mm2"));
+    assert!(low < stiff_high && stiff_low < high, "{low} … {high} and {stiff_low} … {stiff_high} mm²");
 }
 
 #[test]
