@@ -315,31 +315,29 @@ impl<'r> Bench<'r> {
     /// middle one of all stretches of 2 s.
     pub fn squares_by_channel(&self, trace: &[f64], in_the_middle: bool) -> Vec<f64> {
         let of_channel = |channel: usize| {
-            let all = self.squares_of_stretches(trace, channel);
+            let all = self.squares_of_those(trace, channel, |_| true);
             if in_the_middle {
                 let mut means: Vec<f64> = all.iter().map(|(sum, rows)| sum / rows).collect();
                 means.sort_by(f64::total_cmp);
                 means.get(means.len() / 2).copied().unwrap_or(0.0)
             } else {
-                let (sum, rows) = all.iter().fold((0.0, 0.0), |(sum, rows), (s, r)| (sum + s, rows + r));
-                sum / f64::max(rows, 1.0)
+                mean_of(&all)
             }
         };
         (0..self.records.layout().channels()).map(of_channel).collect()
     }
 
+    /// Whether all pumps run throughout a recording, or a piece of one.
+    pub fn pumps_run(&self, record: usize) -> bool {
+        self.records.relays(self.rig, record).iter().flatten().all(|on| *on)
+    }
+
     /// Mean square of what a trace is off by, all channels added up, in kPa², on the rows that are fitted or choose, of the recordings
     /// and pieces in which all pumps run; of all of them where there are none.
     pub fn squares_at_work(&self, trace: &[f64]) -> f64 {
-        let runs = |record: usize| self.records.relays(self.rig, record).iter().flatten().all(|on| *on);
-        let runs: Vec<bool> = (0..self.records.records().len()).map(runs).collect();
+        let runs: Vec<bool> = (0..self.records.records().len()).map(|record| self.pumps_run(record)).collect();
         let none = runs.iter().all(|runs| !runs);
-        let mean = |channel: usize| {
-            let all = self.squares_of_those(trace, channel, |record| none || runs.get(record) == Some(&true));
-            let (sum, rows) = all.iter().fold((0.0, 0.0), |(sum, rows), (s, r)| (sum + s, rows + r));
-            sum / f64::max(rows, 1.0)
-        };
-        (0..self.records.layout().channels()).map(mean).sum()
+        self.mean_squares_of(trace, |record| none || runs.get(record) == Some(&true))
     }
 
     /// Mean square of what a trace is off by, all channels added up, in kPa², on the rows that are fitted or choose: of each recording by
@@ -348,23 +346,18 @@ impl<'r> Bench<'r> {
         let records = self.records.records();
         let mut sources: Vec<&str> = records.iter().map(|record| record.source.as_str()).collect();
         sources.dedup();
-        let of = |source: &str, channel: usize| {
-            let of_it = |record: usize| records.get(record).is_some_and(|record| record.source == source);
-            let all = self.squares_of_those(trace, channel, of_it);
-            let (sum, rows) = all.iter().fold((0.0, 0.0), |(sum, rows), (s, r)| (sum + s, rows + r));
-            sum / f64::max(rows, 1.0)
-        };
-        let channels = self.records.layout().channels();
-        sources.into_iter().map(|source| (0..channels).map(|channel| of(source, channel)).sum()).collect()
+        let is_of = |source: &str, record: usize| records.get(record).is_some_and(|record| record.source == source);
+        sources.into_iter().map(|source| self.mean_squares_of(trace, |record| is_of(source, record))).collect()
     }
 
-    /// Sum of squares of what a trace is off in a channel, and readings that count, for every stretch of 2 s of the rows that are
-    /// fitted or choose.
-    fn squares_of_stretches(&self, trace: &[f64], channel: usize) -> Vec<(f64, f64)> {
-        self.squares_of_those(trace, channel, |_| true)
+    /// Mean square of what a trace is off by in some recordings, all channels added up.
+    fn mean_squares_of(&self, trace: &[f64], asked: impl Fn(usize) -> bool) -> f64 {
+        let channels = 0..self.records.layout().channels();
+        channels.map(|channel| mean_of(&self.squares_of_those(trace, channel, &asked))).sum()
     }
 
-    /// The same of some recordings alone.
+    /// Sum of squares of what a trace is off in a channel, and readings that count, for every stretch of 2 s of the rows of some
+    /// recordings that are fitted or choose.
     fn squares_of_those(&self, trace: &[f64], channel: usize, asked: impl Fn(usize) -> bool) -> Vec<(f64, f64)> {
         let layout = self.records.layout();
         let known = self.split.stretches().iter().filter(|s| s.role != Role::HeldOut && asked(s.record));
@@ -438,6 +431,12 @@ impl<'r> Bench<'r> {
     pub fn blocks(&self, role: Role) -> Vec<Stretch> {
         blocks_of(&self.split, role)
     }
+}
+
+/// Mean of squares that are told as sums and their rows.
+fn mean_of(stretches: &[(f64, f64)]) -> f64 {
+    let (sum, rows) = stretches.iter().fold((0.0, 0.0), |(sum, rows), (s, r)| (sum + s, rows + r));
+    sum / f64::max(rows, 1.0)
 }
 
 /// What searches run on where the recordings are simulated at a fidelity.

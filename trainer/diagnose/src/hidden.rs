@@ -1,8 +1,8 @@
-//! What could be there and would not show: a leak that the parameters would take up.
+//! What could be there and would not show: what the parameters would take up.
 //!
 //! Where nothing is missing by what was recorded, a leak past an open valve may still be there, for to such recordings it is a
-//! slightly larger valve. How large it may be is not a matter of opinion: with `s` the effect of a leak on the readings and `s⊥`
-//! what the free parameters cannot do instead ([`crate::screen`]), its size is known to
+//! slightly larger valve; and so may a sensor whose zero is off. How large they may be is not a matter of opinion: with `s` the
+//! effect of one on the readings and `s⊥` what the free parameters cannot do instead ([`crate::screen`]), its size is known to
 //!
 //! ```text
 //! a ± 1/√(s⊥·W s⊥),      up to 1.645 times that would show no more than noise does (one side of a 90 % interval)
@@ -13,14 +13,14 @@
 use fit::simulate::Run;
 
 use crate::bench::{Bench, Explanation};
-use crate::candidate::{Candidate, leaks};
+use crate::candidate::Candidate;
 use crate::glance::weighted;
 use crate::screen::Projector;
 
 /// z of a two-sided interval of 90 %.
 const NINETY: f64 = 1.645;
 
-/// A leak that would not show.
+/// What would not show.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hidden {
     /// The candidate.
@@ -29,20 +29,26 @@ pub struct Hidden {
     pub moves_kpa: f64,
 }
 
-/// What a leak moves a pressure by where its effect is taken, in kPa: small, for what parameters do not take up of it is a
+/// What something moves a pressure by where its effect is taken, in kPa: small, for what parameters do not take up of it is a
 /// hundredth, and what is out of proportion must be less.
 const SMALL_KPA: f64 = 0.3;
 
-/// The leak of which most could be there beside the `nominal` rig without showing; `None` where none can be asked.
-pub fn hidden_leak(bench: &Bench<'_>, candidates: &[Candidate], nominal: &Explanation) -> Option<Hidden> {
+/// The mechanism, among those whose id is `of_kind`, of which most could be there beside the `nominal` rig without showing; `None`
+/// where none can be asked.
+pub fn most_hidden(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    nominal: &Explanation,
+    of_kind: impl Fn(&str) -> bool,
+) -> Option<Hidden> {
     let fitted = &nominal.fitted;
     let prior = nominal.set.prior();
     let projector = Projector::of(fitted, &prior)?;
     let weights = bench.weighted(&fitted.scale_kpa);
-    let leaks: Vec<(usize, &Candidate, &Vec<f64>)> = candidates
+    let asked: Vec<(usize, &Candidate, &Vec<f64>)> = candidates
         .iter()
         .enumerate()
-        .filter_map(|(k, candidate)| Some((k, candidate, candidate.starts.first().filter(|_| leaks(&candidate.id))?)))
+        .filter_map(|(k, candidate)| Some((k, candidate, candidate.starts.first().filter(|_| of_kind(&candidate.id))?)))
         .collect();
     let with = |candidate: &Candidate, values: &[f64]| {
         let mut rig = fitted.rig.clone();
@@ -50,11 +56,11 @@ pub fn hidden_leak(bench: &Bench<'_>, candidates: &[Candidate], nominal: &Explan
         Run::from(rig)
     };
     let mut runs = vec![Run::from(fitted.rig.clone())];
-    runs.extend(leaks.iter().map(|(_, candidate, start)| with(candidate, start)));
+    runs.extend(asked.iter().map(|(_, candidate, start)| with(candidate, start)));
     let mut traces = bench.fast.run(&runs, &fitted.arcs).into_iter();
     let still = traces.next()?.ok()?;
     let moved = traces.map(|trace| trace.map_or(f64::NAN, |trace| moved_most(bench, &trace, &still)));
-    let small: Vec<_> = leaks
+    let small: Vec<_> = asked
         .iter()
         .zip(moved)
         .filter(|(_, moved)| *moved > 0.0)

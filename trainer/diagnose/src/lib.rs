@@ -14,7 +14,7 @@
 //! | how the pump turned, and the answer that goes with it | `turning`, `crank`, `heard`, `answer` |
 //! | a verdict and its rivals | [`judge`] |
 //! | a term without a name | [`unknown`] |
-//! | a leak that could be there and would not show | [`hidden`] |
+//! | what could be there and would not show | [`hidden`] |
 //! | recordings in pieces of a few seconds | [`pieces`] |
 //! | recorded flows into closed volumes | [`closed`] |
 //! | pumps that were switched | [`switched`] |

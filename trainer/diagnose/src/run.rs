@@ -11,7 +11,7 @@ use proto::recording::Recording;
 
 use crate::answer::{Answer, Asked};
 use crate::bench::{Bench, Explanation};
-use crate::candidate::{Candidate, candidates};
+use crate::candidate::{Candidate, candidates, leaks};
 use crate::closed;
 use crate::error::DiagnoseError;
 use crate::event::{self, Event};
@@ -20,7 +20,7 @@ use crate::experiment::{Plan, can_be_shut_in, plan};
 use crate::figures::{Figures, figures};
 use crate::glance::settled;
 use crate::heard::Heard;
-use crate::hidden::hidden_leak;
+use crate::hidden::most_hidden;
 use crate::judge::{Judgement, UNKNOWN_KPA, judge_without};
 use crate::locate::Missing;
 use crate::pieces::{pieces, taken};
@@ -256,15 +256,24 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     }
     if matches!(judgement.verdict, Verdict::Adequate | Verdict::ParametersMoved)
         && can_be_shut_in(rig, bench.records.inputs())
-        && let Some(hidden) = hidden_leak(&searched, &asked.candidates, &found.nominal)
-        && hidden.moves_kpa > WORTH_A_SHUT_IN_KPA
     {
-        notes.push(format!(
-            "a leak would not show in these recordings ({}: up to one that moves a pressure by {:.1} kPa): with the valves open it \
-             passes for another valve. To rule it out, add a recording of 15 s with the pump off and all valves shut",
-            names_of(&asked.candidates, &[hidden.candidate]),
-            hidden.moves_kpa
-        ));
+        let hidden = |of_kind: fn(&str) -> bool| {
+            most_hidden(&searched, &asked.candidates, &found.nominal, of_kind)
+                .filter(|hidden| hidden.moves_kpa > WORTH_A_RECORDING_KPA)
+                .map(|hidden| (names_of(&asked.candidates, &[hidden.candidate]), hidden.moves_kpa))
+        };
+        notes.extend(hidden(leaks).map(|(name, kpa)| {
+            format!(
+                "a leak would not show in these recordings ({name}: up to one that moves a pressure by {kpa:.1} kPa): with the valves \
+                 open it passes for another valve. To rule it out, add a recording of 15 s with the pump off and all valves shut"
+            )
+        }));
+        notes.extend(hidden(|id| id == "sensor_bias").map(|(name, kpa)| {
+            format!(
+                "a zero error would not show either ({name}: up to {kpa:.1} kPa). To rule it out, add 10 s with the pump off and all \
+                 valves fully open"
+            )
+        }));
     }
     progress("planning", 0.0);
     let plan = if judgement.verdict == Verdict::Undecided {
@@ -304,8 +313,8 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
 /// root of a drop in mean squared error to a hundredth of a kPa or so.
 const KEPT_BACK_KPA: f64 = 0.02;
 
-/// What a leak that does not show must move a pressure by, in kPa, to be spoken of.
-const WORTH_A_SHUT_IN_KPA: f64 = 0.3;
+/// What something that does not show must move a pressure by, in kPa, to be spoken of.
+const WORTH_A_RECORDING_KPA: f64 = 0.3;
 
 /// Root of the drop in mean squared error, in kPa; negative if it rose.
 fn removed(without: &Figures, with: &Figures) -> f64 {

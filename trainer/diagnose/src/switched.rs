@@ -48,8 +48,7 @@ pub fn pieces(rig: &Rig, records: &Records) -> Option<(Records, Vec<usize>)> {
 
 /// Whether a pump stands in some recording, or some piece of one.
 pub(crate) fn stands_somewhere(bench: &Bench<'_>) -> bool {
-    let stands = |record| bench.records.relays(bench.rig, record).iter().flatten().any(|on| !on);
-    (0..bench.records.records().len()).any(stands)
+    (0..bench.records.records().len()).any(|record| !bench.pumps_run(record))
 }
 
 /// What a mechanism must do where the rig works, in kPa, with all else as it is, to be what is missing, or worth an experiment:
@@ -118,8 +117,8 @@ pub(crate) fn at_work(
     threads: Option<usize>,
 ) -> Result<Explanation, DiagnoseError> {
     let records = bench.records;
-    let runs = |record: &usize| records.relays(bench.rig, *record).iter().flatten().all(|on| *on);
-    let (at_work, at_rest): (Vec<usize>, Vec<usize>) = (0..records.records().len()).partition(runs);
+    let (at_work, at_rest): (Vec<usize>, Vec<usize>) =
+        (0..records.records().len()).partition(|record| bench.pumps_run(*record));
     let asked = best.terms.iter().copied().filter(|term| candidates.get(*term).is_some_and(|c| !leaks(&c.id)));
     let asked: Vec<usize> = asked.collect();
     if at_work.is_empty() || at_rest.is_empty() || asked.is_empty() {
