@@ -88,7 +88,15 @@ fn what_would_not_show_is_told_with_its_size() {
     let mut shut = open.clone();
     // Open to the air, filled with both valves shut, then left alone; the last fifth is kept back.
     let pump_on: Vec<f64> = (0..900).map(|row| f64::from(u8::from((300..400).contains(&row)))).collect();
-    let duty = |row: usize| if row < 300 { 1.0 } else if row < 360 { 0.8 } else { 0.0 };
+    let duty = |row: usize| {
+        if row < 300 {
+            1.0
+        } else if row < 360 {
+            0.8
+        } else {
+            0.0
+        }
+    };
     let duty = [0, 1].map(|_| (0..900).map(duty).collect::<Vec<f64>>());
     shut.push(flown("shut.csv", 0, &truth, &duty, Some(&pump_on), &mut Pcg64Mcg::seed_from_u64(32)));
     let hidden = |recordings: &[Recording]| {
