@@ -12,6 +12,9 @@ use crate::locate::{Missing, reconstruct};
 use crate::search::{Found, SearchSettings, cost, search};
 use crate::switched;
 
+/// Standard deviations of its prior up to which a fitted parameter is believed before anything is found.
+const BELIEVED: f64 = 3.0;
+
 /// What a search is asked.
 pub(crate) struct Asked<'a> {
     /// The rig as it was given.
@@ -50,7 +53,9 @@ impl Answer {
     ) -> Result<Self, DiagnoseError> {
         // At its own step: a coarser one's error is not the rig's.
         let given = figures(recorded, asked.given, recorded.close.fidelity(), !asked.quick)?;
-        let fitted = recorded.set(&[])?.rig_at(start).map_err(DiagnoseError::rig(recorded.rig))?;
+        // Strokes of a rig whose parameters have given way to something are not the rig's.
+        let believed: Vec<f64> = start.iter().map(|z| z.clamp(-BELIEVED, BELIEVED)).collect();
+        let fitted = recorded.set(&[])?.rig_at(&believed).map_err(DiagnoseError::rig(recorded.rig))?;
         // Everything is searched with averaged pumps, on readings that lack the strokes; what was found ends on the recordings.
         let reduced = recorded.without_strokes(&fitted)?;
         let bench = Bench::new(recorded.rig, &reduced, recorded.counted(), recorded.fast.fidelity(), asked.threads);
