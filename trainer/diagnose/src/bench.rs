@@ -327,6 +327,17 @@ impl<'r> Bench<'r> {
         (0..self.records.layout().channels()).map(of_channel).collect()
     }
 
+    /// Root mean square difference of two traces over some recordings, in the pressure where it is largest, in kPa.
+    pub fn most_moved_kpa(&self, one: &[f64], other: &[f64], recordings: Range<usize>) -> f64 {
+        let layout = self.records.layout();
+        let off = |i: usize| one.get(i).zip(other.get(i)).map_or(0.0, |(a, b)| (a - b).powi(2));
+        let of = |channel: usize| {
+            let rows = || recordings.clone().flat_map(|record| layout.channel(record, channel));
+            (rows().map(off).sum::<f64>() / rows().count().max(1) as f64).sqrt()
+        };
+        (0..layout.channels()).map(of).fold(0.0, f64::max)
+    }
+
     /// Whether all pumps run throughout a recording, or a piece of one.
     pub fn pumps_run(&self, record: usize) -> bool {
         self.records.relays(self.rig, record).iter().flatten().all(|on| *on)

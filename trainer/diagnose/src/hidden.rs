@@ -59,7 +59,8 @@ pub fn most_hidden(
     runs.extend(asked.iter().map(|(_, candidate, start)| with(candidate, start)));
     let mut traces = bench.fast.run(&runs, &fitted.arcs).into_iter();
     let still = traces.next()?.ok()?;
-    let moved = traces.map(|trace| trace.map_or(f64::NAN, |trace| moved_most(bench, &trace, &still)));
+    let all = 0..bench.records.records().len();
+    let moved = traces.map(|trace| trace.map_or(f64::NAN, |trace| bench.most_moved_kpa(&trace, &still, all.clone())));
     let small: Vec<_> = asked
         .iter()
         .zip(moved)
@@ -76,22 +77,8 @@ pub fn most_hidden(
         let at_once: Vec<f64> =
             still.iter().zip(once.iter().zip(twice)).map(|(s, (a, b))| s + 0.5 * (4.0 * a - b - 3.0 * s)).collect();
         let known_to = projector.known_to(weighted(&still, &at_once, &[], &weights))?;
-        let moves_kpa = NINETY * known_to * moved_most(bench, &at_once, &still);
+        let moves_kpa = NINETY * known_to * bench.most_moved_kpa(&at_once, &still, all.clone());
         moves_kpa.is_finite().then_some(Hidden { candidate: *candidate, moves_kpa })
     });
     hidden.max_by(|a, b| a.moves_kpa.total_cmp(&b.moves_kpa))
-}
-
-/// Root mean square difference of two traces in the pressure where it is largest, in kPa.
-fn moved_most(bench: &Bench<'_>, one: &[f64], other: &[f64]) -> f64 {
-    let layout = bench.records.layout();
-    let mut sums = vec![(0.0, 0.0); layout.channels()];
-    for (_, channel, range) in layout.all() {
-        let (squares, rows) = &mut sums[channel];
-        for (a, b) in one.get(range.clone()).unwrap_or_default().iter().zip(other.get(range).unwrap_or_default()) {
-            *squares += (a - b).powi(2);
-            *rows += 1.0;
-        }
-    }
-    sums.into_iter().map(|(squares, rows)| (squares / f64::max(rows, 1.0)).sqrt()).fold(0.0, f64::max)
 }

@@ -130,14 +130,17 @@ pub fn search(
         let Some(first) = polished.first().cloned() else { break };
         let mut top = plainer(bench, candidates, first, settings.bar.removed_kpa)?;
         let earns = |with: &Explanation| {
-            earns_its_place(bench, candidates, settings, &evidence(bench, with, &best), [with, &best, &nominal])
+            let found = evidence(bench, with, &best);
+            (earns_its_place(bench, candidates, settings, &found, [with, &best, &nominal]), found)
         };
-        let mut taken = earns(&top);
+        let (mut taken, mut found) = earns(&top);
         // Where little is left, what costs least may do so by slow errors of the formulas, which no name stands for.
-        if !taken && let Some(other) = polished.iter().skip(1).find(|other| earns(other)) {
-            (top, taken) = (other.clone(), true);
+        if !taken {
+            let earned = polished.iter().skip(1).map(|other| (other, earns(other))).find(|(_, (earned, _))| *earned);
+            if let Some((other, its)) = earned {
+                (top, (taken, found)) = (other.clone(), its);
+            }
         }
-        let found = evidence(bench, &top, &best);
         let missed: Vec<usize> = ranked.iter().map(|r| r.candidate).collect();
         let mut round = Round { base: best.terms.clone(), ranked, best: Vec::new(), evidence: None, taken };
         round.shows(&top, found);

@@ -24,6 +24,7 @@ const HINT: f64 = 5.0;
 const SHIFTED_KPA: f64 = 0.5;
 /// The most rivals of moved parameters.
 const MOST_RIVALS: usize = 5;
+
 /// No candidate passed the bar, or what did was withdrawn.
 pub(super) fn nothing_named(
     bench: &Bench<'_>,

@@ -51,13 +51,15 @@ pub(super) fn earns_its_place(
 ) -> bool {
     let parameters = with.set.len().saturating_sub(without.set.len());
     let blocks = bench.blocks(Role::Fit).len();
+    if !settings.bar.passed(found, parameters, candidates.len(), blocks) {
+        return false;
+    }
     let others = evidence(bench, without, nominal);
-    settings.bar.passed(found, parameters, candidates.len(), blocks)
-        && (found.removed_kpa > BESIDE * others.removed_kpa
-            // A leak that a shut-in shows by a kPa is no measure of what is wrong while the pump runs.
-            || found.removed_at_work_kpa > BESIDE * others.removed_at_work_kpa && found.shows_somewhere()
-            || found.removed_kpa > FLOOR_KPA && found.share > MOST_OF_THE_REST
-            || found.share > MORE_THAN_A_THIRD && is_beyond_doubt(found))
+    found.removed_kpa > BESIDE * others.removed_kpa
+        // A leak that a shut-in shows by a kPa is no measure of what is wrong while the pump runs.
+        || found.removed_at_work_kpa > BESIDE * others.removed_at_work_kpa && found.shows_somewhere()
+        || found.removed_kpa > FLOOR_KPA && found.share > MOST_OF_THE_REST
+        || found.share > MORE_THAN_A_THIRD && is_beyond_doubt(found)
 }
 
 /// Whether a gain is there in every part of the recordings, and as large in those that nothing was fitted to.
