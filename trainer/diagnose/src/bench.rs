@@ -6,7 +6,9 @@ use std::sync::OnceLock;
 use fit::FitError;
 use fit::data::{Noise, Records, Role, Split, Stretch, noise};
 use fit::least_squares::Loss;
-use fit::objective::{BlockScore, FitSettings, Fitted, NoiseModel, Score, Shooting, blocks_of, fit_from, score};
+use fit::objective::{
+    BlockScore, FitSettings, Fitted, NoiseModel, Score, Shooting, blocks_of, by_state, by_time, fit_from, score,
+};
 use fit::parameters::{Parameter, ParameterSet, Scatter, nominal};
 use fit::simulate::{Arcs, Fidelity, Simulator, refined_starts};
 use model::rig::Rig;
@@ -382,6 +384,11 @@ impl<'r> Bench<'r> {
             off.fold((0.0, 0.0), |(sum, rows), off| (sum + off * off, rows + 1.0))
         };
         pieces.map(squares).filter(|(_, rows)| *rows > 0.0).collect()
+    }
+
+    /// Groups of readings whose residuals may belong together: blocks of time that are fitted, and states of the plant.
+    pub fn groupings(&self) -> [Vec<usize>; 2] {
+        [by_time(self.records, &self.split.blocks(Role::Fit, BLOCK_ROWS)), by_state(self.records)]
     }
 
     /// Log-likelihood of a trace on the blocks of a role, some errors allowed for.

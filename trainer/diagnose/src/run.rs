@@ -20,7 +20,7 @@ use crate::experiment::{Plan, can_be_shut_in, plan};
 use crate::figures::{Figures, figures};
 use crate::glance::settled;
 use crate::heard::Heard;
-use crate::hidden::most_hidden;
+use crate::hidden::{most_hidden, variance_by_the_unnamed};
 use crate::judge::{Judgement, UNKNOWN_KPA, judge_without};
 use crate::locate::Missing;
 use crate::pieces::{pieces, taken};
@@ -281,6 +281,10 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     } else {
         None
     };
+    if judgement.verdict == Verdict::MissingPhysics {
+        let by_the_unnamed = variance_by_the_unnamed(&searched, &asked.candidates, &found.best);
+        found.best.fitted.widen(&by_the_unnamed);
+    }
     if let Some(event) = &mut event {
         event.change = event::what_changed(&whole, &found.best.fitted.rig, event)?;
     }

@@ -242,9 +242,32 @@ impl<'a> Projector<'a> {
         if given_way < as_it_is { (-given_way, shift) } else { (-as_it_is, vec![0.0; shift.len()]) }
     }
 
-    /// To what standard error, in multiples of itself, the size of an effect is known; `None` where nothing tells it.
-    pub fn known_to(&self, effect: Vec<f64>) -> Option<f64> {
-        Some(self.seen(effect).size).filter(|size| *size > 0.0).map(|size| 1.0 / size.sqrt())
+    /// What the coordinates give way by to an effect, and the information on its size in multiples of itself: no more than its scores
+    /// over groups of readings allow, whose residuals belong together, in any of these `groupings` (the group of each reading, or
+    /// `usize::MAX`).
+    pub fn gives_way(&self, effect: Vec<f64>, groupings: &[Vec<usize>]) -> (Vec<f64>, f64) {
+        let seen = self.seen(effect);
+        let shift: Vec<f64> = seen.shift.iter().copied().collect();
+        let mut left = seen.of;
+        for (column, by) in self.at.jacobian.iter().zip(&shift) {
+            for (l, slope) in left.iter_mut().zip(column) {
+                *l += slope * by;
+            }
+        }
+        let scores: Vec<f64> =
+            left.iter().zip(&self.at.residuals).zip(&self.weights).map(|((l, r), w)| l * r * w).collect();
+        let mut spread = seen.size;
+        for groups in groupings {
+            let count = groups.iter().filter(|group| **group != usize::MAX).max().map_or(0, |group| group + 1);
+            let mut sums = vec![0.0; count];
+            for (score, group) in scores.iter().zip(groups) {
+                if let Some(sum) = sums.get_mut(*group) {
+                    *sum += score;
+                }
+            }
+            spread = spread.max(sums.iter().map(|sum| sum * sum).sum());
+        }
+        (shift, if seen.size > 0.0 { seen.size * (seen.size / spread) } else { seen.size })
     }
 
     /// The most that an effect gains at any size, the free parameters having given way.

@@ -5,11 +5,12 @@
 //!
 //! ```text
 //! model      cov = (F + P)⁻¹                                 right if residuals are independent
-//! blocks     cov = (F + P)⁻¹ (Σ_b g_b g_bᵀ + P) (F + P)⁻¹     g_b = J_bᵀ W r_b over blocks of time
+//! groups     cov = (F + P)⁻¹ (Σ_b g_b g_bᵀ + P) (F + P)⁻¹     g_b = J_bᵀ W r_b over groups of readings
 //! ```
 //!
-//! The second (White 1982; Newey & West's idea with whole blocks) stays right when residuals of neighbouring rows
-//! belong together, as they do wherever the model is a little wrong. An eigenvector of `F` with eigenvalue below one is
+//! The second (White 1982; Newey & West's idea with whole groups) stays right when residuals of a group
+//! belong together, as they do wherever the model is a little wrong: of neighbouring rows, and of rows where the plant was in
+//! the same state, for what a formula is off by comes back with it. An eigenvector of `F` with eigenvalue below one is
 //! a combination of parameters on which the data say less than the prior did.
 
 use nalgebra::{DMatrix, SymmetricEigen};
@@ -33,41 +34,35 @@ pub struct Information {
     data: DMatrix<f64>,
     /// `(F + P)⁻¹`.
     covariance: DMatrix<f64>,
-    /// The covariance that allows for residuals that belong together.
-    by_blocks: DMatrix<f64>,
+    /// Covariances that allow for residuals that belong together, by grouping.
+    by_groups: Vec<DMatrix<f64>>,
 }
 
 impl Information {
-    /// Works it out from residuals and Jacobian at the minimum; `blocks` holds the block of each residual (rows in
-    /// no block: `usize::MAX`).
+    /// Works it out from residuals and Jacobian at the minimum; each of `groupings` holds the group of each residual (rows in
+    /// none: `usize::MAX`).
     ///
     /// `None` if some combination is determined neither by the data nor by a prior.
-    pub fn of(at: &Linearised, loss: Loss, prior: &[f64], blocks: &[usize]) -> Option<Self> {
+    pub fn of(at: &Linearised, loss: Loss, prior: &[f64], groupings: &[Vec<usize>]) -> Option<Self> {
         let n = at.jacobian.len();
         let weights: Vec<f64> = at.residuals.iter().map(|r| loss.weight(*r)).collect();
+        let weighted: Vec<Vec<f64>> =
+            at.jacobian.iter().map(|column| column.iter().zip(&weights).map(|(j, w)| j * w).collect()).collect();
         let mut data = DMatrix::zeros(n, n);
-        let count = blocks.iter().filter(|b| **b != usize::MAX).max().map_or(0, |b| b + 1);
-        let mut scores = DMatrix::<f64>::zeros(count, n);
-        for (i, column) in at.jacobian.iter().enumerate() {
-            let weighted: Vec<f64> = column.iter().zip(&weights).map(|(j, w)| j * w).collect();
+        for (i, weighted) in weighted.iter().enumerate() {
             for (k, other) in at.jacobian.iter().enumerate().take(i + 1) {
-                let sum = dot(&weighted, other);
+                let sum = dot(weighted, other);
                 data[(i, k)] = sum;
                 data[(k, i)] = sum;
-            }
-            for ((j, r), block) in weighted.iter().zip(&at.residuals).zip(blocks) {
-                if *block < count {
-                    scores[(*block, i)] += j * r;
-                }
             }
         }
         let penalty = DMatrix::from_fn(n, n, |i, k| if i == k { prior.get(i).copied().unwrap_or(0.0) } else { 0.0 });
         let covariance = (&data + &penalty).cholesky()?.inverse();
-        // With few blocks the sum is short of the freedom that the fit used up.
-        let correction = if count > n + 1 { count as f64 / (count - n) as f64 } else { 1.0 };
-        let middle = (scores.transpose() * &scores) * correction + penalty;
-        let by_blocks = &covariance * middle * &covariance;
-        Some(Information { data, covariance, by_blocks })
+        let by_groups = groupings
+            .iter()
+            .map(|groups| &covariance * (spread(&weighted, &at.residuals, groups) + &penalty) * &covariance)
+            .collect();
+        Some(Information { data, covariance, by_groups })
     }
 
     /// Standard errors if residuals are independent, in units of the prior's.
@@ -75,21 +70,21 @@ impl Information {
         self.covariance.diagonal().iter().map(|v| v.max(0.0).sqrt()).collect()
     }
 
-    /// Standard errors that allow for residuals that belong together: the larger of both estimates, for few blocks
+    /// Standard errors that allow for residuals that belong together: the largest of all estimates, for few groups
     /// may chance to agree.
     pub fn cautious_sd(&self) -> Vec<f64> {
-        let blocks = self.by_blocks.diagonal();
-        self.sd().iter().zip(blocks.iter()).map(|(sd, v)| sd.max(v.max(0.0).sqrt())).collect()
+        let mut largest = self.sd();
+        for covariance in &self.by_groups {
+            for (sd, v) in largest.iter_mut().zip(covariance.diagonal().iter()) {
+                *sd = sd.max(v.max(0.0).sqrt());
+            }
+        }
+        largest
     }
 
     /// `(F + P)⁻¹`.
     pub fn covariance(&self) -> &DMatrix<f64> {
         &self.covariance
-    }
-
-    /// The covariance by blocks.
-    pub fn covariance_by_blocks(&self) -> &DMatrix<f64> {
-        &self.by_blocks
     }
 
     /// Information of the data alone.
@@ -112,6 +107,23 @@ impl Information {
         directions.sort_by(|a, b| a.information.total_cmp(&b.information));
         directions
     }
+}
+
+/// `Σ_b g_b g_bᵀ` over groups of residuals.
+fn spread(weighted: &[Vec<f64>], residuals: &[f64], groups: &[usize]) -> DMatrix<f64> {
+    let n = weighted.len();
+    let count = groups.iter().filter(|group| **group != usize::MAX).max().map_or(0, |group| group + 1);
+    let mut scores = DMatrix::<f64>::zeros(count, n);
+    for (i, column) in weighted.iter().enumerate() {
+        for ((j, r), group) in column.iter().zip(residuals).zip(groups) {
+            if *group < count {
+                scores[(*group, i)] += j * r;
+            }
+        }
+    }
+    // With few groups the sum is short of the freedom that the fit used up.
+    let correction = if count > n + 1 { count as f64 / (count - n) as f64 } else { 1.0 };
+    scores.transpose() * &scores * correction
 }
 
 #[cfg(test)]
@@ -158,7 +170,7 @@ mod tests {
             .collect();
         let blocks: Vec<usize> = (0..groups * size).map(|k| k / size).collect();
         let at = Linearised { residuals, jacobian: vec![vec![1.0; groups * size]] };
-        let information = Information::of(&at, Loss::Gaussian, &[0.0], &blocks).unwrap();
+        let information = Information::of(&at, Loss::Gaussian, &[0.0], &[blocks]).unwrap();
         let (naive, cautious) = (information.sd()[0], information.cautious_sd()[0]);
         assert!((naive - 1.0 / f64::sqrt(4000.0)).abs() < 1e-12);
         // √10 times as much; the standard error of a standard deviation from 400 groups is 3.5 %; three of them.

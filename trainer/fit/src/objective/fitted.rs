@@ -3,7 +3,7 @@
 use model::rig::Rig;
 
 use super::Projection;
-use crate::data::{Records, Stretch};
+use crate::data::Records;
 use crate::least_squares::{Information, Linearised, Loss};
 use crate::parameters::{Parameter, ParameterSet};
 use crate::simulate::Arcs;
@@ -24,6 +24,18 @@ pub struct Estimate {
 }
 
 impl Estimate {
+    /// Of a coordinate and its standard error.
+    fn of(parameter: &Parameter, z: f64, sd: f64) -> Self {
+        let [low, high] = [parameter.value(z - sd), parameter.value(z + sd)];
+        Estimate {
+            parameter: parameter.clone(),
+            value: parameter.value(z),
+            sd: 0.5 * (high - low),
+            shift: z,
+            undetermined: sd,
+        }
+    }
+
     /// Interval that holds the value with 90 %.
     pub fn interval(&self) -> [f64; 2] {
         let z = self.parameter.coordinate(self.value);
@@ -63,6 +75,14 @@ pub struct Fitted {
 }
 
 impl Fitted {
+    /// Adds variances, by coordinate in units of the prior's, to those of the estimates.
+    pub fn widen(&mut self, variances: &[f64]) {
+        for (estimate, variance) in self.estimates.iter_mut().zip(variances) {
+            let wider = estimate.undetermined.hypot(variance.max(0.0).sqrt());
+            *estimate = Estimate::of(&estimate.parameter, estimate.shift, wider);
+        }
+    }
+
     /// Negative log-likelihood with the scale of each channel at its own best, and the prior: comparable between fits of
     /// the same readings, whatever scale each was weighted by.
     pub fn comparable_cost(&self, records: &Records, weights: &[f64]) -> f64 {
@@ -119,30 +139,7 @@ pub(super) fn rmse(records: &Records, residuals: &[f64], weights: &[f64], scale_
         .collect()
 }
 
-/// The block of each reading; `usize::MAX` for none.
-pub(super) fn block_numbers(records: &Records, blocks: &[Stretch]) -> Vec<usize> {
-    let layout = records.layout();
-    let mut numbers = vec![usize::MAX; layout.len()];
-    for (number, block) in blocks.iter().enumerate() {
-        for channel in 0..layout.channels() {
-            if let Some(part) = numbers.get_mut(layout.stretch(block.record, channel, block.rows.clone())) {
-                part.fill(number);
-            }
-        }
-    }
-    numbers
-}
-
 /// What the minimum and its standard errors (both as coordinates) are in the parameters' units.
 pub(super) fn estimates(set: &ParameterSet, point: &[f64], sd: &[f64]) -> Vec<Estimate> {
-    set.parameters()
-        .iter()
-        .zip(point)
-        .zip(sd)
-        .map(|((parameter, z), sd)| {
-            let value = parameter.value(*z);
-            let [low, high] = [parameter.value(z - sd), parameter.value(z + sd)];
-            Estimate { parameter: parameter.clone(), value, sd: 0.5 * (high - low), shift: *z, undetermined: *sd }
-        })
-        .collect()
+    set.parameters().iter().zip(point).zip(sd).map(|((parameter, z), sd)| Estimate::of(parameter, *z, *sd)).collect()
 }

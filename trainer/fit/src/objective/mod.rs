@@ -6,15 +6,18 @@
 //! | `projection` | what of a residual an unknown start could explain, taken out |
 //! | `stages` | a fit: stages of least squares, from several starts |
 //! | `fitted` | its result: values, scale, uncertainty |
+//! | `groups` | readings whose residuals may belong together |
 //! | `likelihood` | chi-square, log-likelihoods and errors, whole and block by block |
 
 mod fitted;
+mod groups;
 mod likelihood;
 mod problem;
 mod projection;
 mod stages;
 
 pub use fitted::{Estimate, Fitted};
+pub use groups::{by_state, by_time};
 pub use likelihood::{BlockScore, Likelihood, NoiseModel, Score, blocks_of, score};
 pub use problem::{RigProblem, Sides, difference_step};
 pub use projection::Projection;

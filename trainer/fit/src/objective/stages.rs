@@ -16,7 +16,8 @@
 //! pump has. As slopes it looks like knowledge of combinations that hardly show (measured: information of 140 along one
 //! that has 60, and errors of twice the stated ones). Averaged pumps have none of it.
 
-use super::fitted::{Fitted, block_numbers, estimates, rmse};
+use super::fitted::{Fitted, estimates, rmse};
+use super::groups::{by_state, by_time};
 use super::problem::{RigProblem, Sides, Slopes};
 use crate::FitError;
 use crate::data::{Records, Stretch};
@@ -303,10 +304,10 @@ impl Task<'_> {
         slopes: Option<Slopes>,
     ) -> Result<(Fitted, Slopes), FitError> {
         let records = self.simulator.records();
-        let blocks = block_numbers(records, self.blocks);
+        let groupings = [by_time(records, self.blocks), by_state(records)];
         let mut problem = self.problem(&setting).keeping(slopes);
         let linearised = problem.linearise(&point)?;
-        let information = Information::of(&linearised, self.settings.loss, &self.set.prior(), &blocks);
+        let information = Information::of(&linearised, self.settings.loss, &self.set.prior(), &groupings);
         let sd = information.as_ref().map_or_else(|| vec![f64::INFINITY; self.set.len()], Information::cautious_sd);
         let (slopes, starts) = problem.into_slopes().ok_or(FitError::NoRecordings)?;
         let Setting { arcs, scale_kpa, .. } = setting;
