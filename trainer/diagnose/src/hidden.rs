@@ -1,4 +1,4 @@
-//! What could be there and would not show: what the parameters would take up, and what they are off by because of it.
+//! What could be there and would not show: what the parameters would take up.
 //!
 //! Where nothing is missing by what was recorded, a leak past an open valve may still be there, for to such recordings it is a
 //! slightly larger valve; and so may a sensor whose zero is off. How large they may be is not a matter of opinion: with `s` the
@@ -9,28 +9,16 @@
 //! ```
 //!
 //! to first order. What that much would move the pressures by, all else as it is, tells whether it matters.
-//!
-//! It matters to numbers as well. A mechanism that moves no pressure by [`REACH_KPA`] is not named, so one may be in any rig beside
-//! those that are; a parameter `i` that gives way to it by `h_i` times its size is then known to
-//!
-//! ```text
-//! var_i = cov_ii + Σ h_i² / (1/α² + κ⁻¹ s⊥·W s⊥),      α: as much as moves a pressure by REACH_KPA, one side of a 90 % interval
-//! ```
-//!
-//! over all such mechanisms, each by itself: what a fit with one as well, held near nothing, would state. `κ` is by how much the
-//! scores of `s⊥`, added up over groups of readings whose residuals belong together, scatter more than noise does.
 
 use fit::simulate::Run;
 
 use crate::bench::{Bench, Explanation};
-use crate::candidate::Candidate;
+use crate::candidate::{Candidate, leaks};
 use crate::glance::weighted;
 use crate::screen::Projector;
-use crate::search::is_open;
-use crate::switched::REACH_KPA;
 
 /// z of a two-sided interval of 90 %.
-const NINETY: f64 = 1.645;
+pub(crate) const NINETY: f64 = 1.645;
 
 /// What would not show.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,52 +33,70 @@ pub struct Hidden {
 /// hundredth, and what is out of proportion must be less.
 const SMALL_KPA: f64 = 0.3;
 
-/// The mechanism, among those whose id is `of_kind`, of which most could be there beside the `nominal` rig without showing; `None`
-/// where none can be asked.
-pub fn most_hidden(
+/// Mechanisms, among those whose id is `of_kind`, that could be there beside the `nominal` rig without showing, the one of which there
+/// could be most first.
+pub fn hidden(
     bench: &Bench<'_>,
     candidates: &[Candidate],
     nominal: &Explanation,
     of_kind: impl Fn(&str) -> bool,
-) -> Option<Hidden> {
-    let projector = Projector::of(&nominal.fitted, &nominal.set.prior())?;
-    let hidden =
-        small_effects(bench, candidates, nominal, |k| of_kind(&candidates[k].id)).into_iter().filter_map(|small| {
-            let (_, information) = projector.gives_way(small.effect, &[]);
-            let moves_kpa = NINETY * small.moves_kpa / information.max(0.0).sqrt();
-            moves_kpa.is_finite().then_some(Hidden { candidate: small.candidate, moves_kpa })
-        });
-    hidden.max_by(|a, b| a.moves_kpa.total_cmp(&b.moves_kpa))
+) -> Vec<Hidden> {
+    let Some(projector) = Projector::of(&nominal.fitted, &nominal.set.prior()) else { return Vec::new() };
+    let small = small_effects(bench, candidates, nominal, |k| of_kind(&candidates[k].id)).into_iter();
+    let of = |small: Small| {
+        let moves_kpa = NINETY * small.moves_kpa / projector.sized(small.effect, &[]).information.sqrt();
+        moves_kpa.is_finite().then_some(Hidden { candidate: small.candidate, moves_kpa })
+    };
+    let mut hidden: Vec<Hidden> = small.filter_map(of).collect();
+    hidden.sort_by(|a, b| b.moves_kpa.total_cmp(&a.moves_kpa));
+    hidden
 }
 
-/// Variance of each coordinate of an explanation, in units of its prior's, by mechanisms that are too small for a name and may be
-/// there beside it.
-pub fn variance_by_the_unnamed(bench: &Bench<'_>, candidates: &[Candidate], explanation: &Explanation) -> Vec<f64> {
-    let mut variance = vec![0.0; explanation.fitted.point.len()];
-    let Some(projector) = Projector::of(&explanation.fitted, &explanation.set.prior()) else { return variance };
-    let groupings = bench.groupings();
-    for small in small_effects(bench, candidates, explanation, |k| is_open(bench, candidates, &explanation.terms, k)) {
-        let (shift, information) = projector.gives_way(small.effect, &groupings);
-        let most = REACH_KPA / NINETY / small.moves_kpa;
-        let of_it = 1.0 / (1.0 / (most * most) + information.max(0.0));
-        for (variance, h) in variance.iter_mut().zip(shift) {
-            *variance += h * h * of_it;
-        }
-    }
-    variance
+/// What something that does not show must move a pressure by, in kPa, to be spoken of.
+const WORTH_A_RECORDING_KPA: f64 = 0.3;
+
+/// Names of leaks that recordings of open valves do not tell from other parameters, of which there could be much.
+pub fn leaks_behind(bench: &Bench<'_>, candidates: &[Candidate], nominal: &Explanation) -> Vec<String> {
+    let much = |hidden: &Hidden| hidden.moves_kpa > WORTH_A_RECORDING_KPA;
+    hidden(bench, candidates, nominal, leaks)
+        .iter()
+        .filter(|h| much(h))
+        .map(|h| candidates[h.candidate].name())
+        .collect()
+}
+
+/// What to say of a leak and of a zero error that would not have shown, and of the recordings that rule them out.
+pub fn in_words(bench: &Bench<'_>, candidates: &[Candidate], nominal: &Explanation) -> Vec<String> {
+    let most = |of_kind: fn(&str) -> bool| {
+        let most = hidden(bench, candidates, nominal, of_kind).into_iter().next();
+        most.filter(|h| h.moves_kpa > WORTH_A_RECORDING_KPA).map(|h| (candidates[h.candidate].name(), h.moves_kpa))
+    };
+    let leak = most(leaks).map(|(name, kpa)| {
+        format!(
+            "a leak would not show in these recordings ({name}: up to one that moves a pressure by {kpa:.1} kPa): with the valves \
+             open it passes for another valve. To rule it out, add a recording of 15 s with the pump off and all valves shut"
+        )
+    });
+    let zero = most(|id| id == "sensor_bias").map(|(name, kpa)| {
+        format!(
+            "a zero error would not show either ({name}: up to {kpa:.1} kPa). To rule it out, add 10 s with the pump off and all \
+             valves fully open"
+        )
+    });
+    leak.into_iter().chain(zero).collect()
 }
 
 /// A candidate's effect on the readings where it is small.
-struct Small {
-    candidate: usize,
+pub(crate) struct Small {
+    pub(crate) candidate: usize,
     /// On the readings, weighted.
-    effect: Vec<f64>,
+    pub(crate) effect: Vec<f64>,
     /// By what it moves the pressure that it moves most, all else as it is: root mean square in kPa.
-    moves_kpa: f64,
+    pub(crate) moves_kpa: f64,
 }
 
 /// Effects of those candidates that are `asked` for on top of an explanation, as far as the rig can be run with them.
-fn small_effects(
+pub(crate) fn small_effects(
     bench: &Bench<'_>,
     candidates: &[Candidate],
     explanation: &Explanation,
@@ -132,11 +138,8 @@ fn small_effects(
             still.iter().zip(once.iter().zip(twice)).map(|(s, (a, b))| s + 0.5 * (4.0 * a - b - 3.0 * s)).collect();
         let moves_kpa = bench.most_moved_kpa(&at_once, &still, all.clone());
         let effect = weighted(&still, &at_once, &[], &weights);
-        (moves_kpa > 0.0 && effect.iter().all(|e| e.is_finite())).then_some(Small {
-            candidate: *candidate,
-            effect,
-            moves_kpa,
-        })
+        let known = moves_kpa > 0.0 && effect.iter().all(|e| e.is_finite());
+        known.then_some(Small { candidate: *candidate, effect, moves_kpa })
     };
     small.iter().zip(traces.chunks_exact(2)).filter_map(of).collect()
 }

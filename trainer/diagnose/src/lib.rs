@@ -14,7 +14,7 @@
 //! | how the pump turned, and the answer that goes with it | `turning`, `crank`, `heard`, `answer` |
 //! | a verdict and its rivals | [`judge`] |
 //! | a term without a name | [`unknown`] |
-//! | what could be there and would not show | [`hidden`] |
+//! | what could be there and would not show; what numbers are off by because of it | [`hidden`], [`unnamed`] |
 //! | recordings in pieces of a few seconds | [`pieces`] |
 //! | recorded flows into closed volumes | [`closed`] |
 //! | pumps that were switched | [`switched`] |
@@ -50,6 +50,7 @@ mod summary;
 pub mod switched;
 mod turning;
 pub mod unknown;
+pub mod unnamed;
 mod whereabouts;
 mod words;
 

@@ -11,7 +11,7 @@ use proto::recording::Recording;
 
 use crate::answer::{Answer, Asked};
 use crate::bench::{Bench, Explanation};
-use crate::candidate::{Candidate, candidates, leaks};
+use crate::candidate::{Candidate, candidates};
 use crate::closed;
 use crate::error::DiagnoseError;
 use crate::event::{self, Event};
@@ -20,14 +20,15 @@ use crate::experiment::{Plan, can_be_shut_in, plan};
 use crate::figures::{Figures, figures};
 use crate::glance::settled;
 use crate::heard::Heard;
-use crate::hidden::{most_hidden, variance_by_the_unnamed};
-use crate::judge::{Judgement, UNKNOWN_KPA, judge_without};
+use crate::hidden;
+use crate::judge::{Judgement, MOVED, UNKNOWN_KPA, judge_without};
 use crate::locate::Missing;
 use crate::pieces::{pieces, taken};
 use crate::search::{Found, SearchSettings, position_of};
 use crate::switched;
 use crate::turning::answered;
 use crate::unknown::{UnknownTerm, fit_unknown, formula_for_reading};
+use crate::unnamed::variance_by_the_unnamed;
 use crate::{page, summary, whereabouts};
 
 /// What is asked for.
@@ -257,23 +258,14 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     if matches!(judgement.verdict, Verdict::Adequate | Verdict::ParametersMoved)
         && can_be_shut_in(rig, bench.records.inputs())
     {
-        let hidden = |of_kind: fn(&str) -> bool| {
-            most_hidden(&searched, &asked.candidates, &found.nominal, of_kind)
-                .filter(|hidden| hidden.moves_kpa > WORTH_A_RECORDING_KPA)
-                .map(|hidden| (names_of(&asked.candidates, &[hidden.candidate]), hidden.moves_kpa))
-        };
-        notes.extend(hidden(leaks).map(|(name, kpa)| {
-            format!(
-                "a leak would not show in these recordings ({name}: up to one that moves a pressure by {kpa:.1} kPa): with the valves \
-                 open it passes for another valve. To rule it out, add a recording of 15 s with the pump off and all valves shut"
-            )
-        }));
-        notes.extend(hidden(|id| id == "sensor_bias").map(|(name, kpa)| {
-            format!(
-                "a zero error would not show either ({name}: up to {kpa:.1} kPa). To rule it out, add 10 s with the pump off and all \
-                 valves fully open"
-            )
-        }));
+        notes.extend(hidden::in_words(&searched, &asked.candidates, &found.nominal));
+    }
+    if let Some(group) = judgement.groups.iter_mut().find(|group| group.iter().any(|name| name == MOVED))
+        && can_be_shut_in(rig, bench.records.inputs())
+    {
+        // The experiment ends with a shut-in in any case, and tells.
+        let hide = hidden::leaks_behind(&searched, &asked.candidates, &found.nominal);
+        group.extend(hide.into_iter().filter(|name| !group.contains(name)).collect::<Vec<_>>());
     }
     progress("planning", 0.0);
     let plan = if judgement.verdict == Verdict::Undecided {
@@ -316,9 +308,6 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
 /// What must be set right on the rows kept back, in kPa, where little is set right elsewhere. A minute of rows tells the
 /// root of a drop in mean squared error to a hundredth of a kPa or so.
 const KEPT_BACK_KPA: f64 = 0.02;
-
-/// What something that does not show must move a pressure by, in kPa, to be spoken of.
-const WORTH_A_RECORDING_KPA: f64 = 0.3;
 
 /// Root of the drop in mean squared error, in kPa; negative if it rose.
 fn removed(without: &Figures, with: &Figures) -> f64 {

@@ -242,10 +242,9 @@ impl<'a> Projector<'a> {
         if given_way < as_it_is { (-given_way, shift) } else { (-as_it_is, vec![0.0; shift.len()]) }
     }
 
-    /// What the coordinates give way by to an effect, and the information on its size in multiples of itself: no more than its scores
-    /// over groups of readings allow, whose residuals belong together, in any of these `groupings` (the group of each reading, or
-    /// `usize::MAX`).
-    pub fn gives_way(&self, effect: Vec<f64>, groupings: &[Vec<usize>]) -> (Vec<f64>, f64) {
+    /// How well the size of an effect is known: no better than its scores over groups of readings allow, whose residuals belong
+    /// together, in any of these `groupings` (the group of each reading, or `usize::MAX`).
+    pub fn sized(&self, effect: Vec<f64>, groupings: &[Vec<usize>]) -> Size {
         let seen = self.seen(effect);
         let shift: Vec<f64> = seen.shift.iter().copied().collect();
         let mut left = seen.of;
@@ -256,18 +255,10 @@ impl<'a> Projector<'a> {
         }
         let scores: Vec<f64> =
             left.iter().zip(&self.at.residuals).zip(&self.weights).map(|((l, r), w)| l * r * w).collect();
-        let mut spread = seen.size;
-        for groups in groupings {
-            let count = groups.iter().filter(|group| **group != usize::MAX).max().map_or(0, |group| group + 1);
-            let mut sums = vec![0.0; count];
-            for (score, group) in scores.iter().zip(groups) {
-                if let Some(sum) = sums.get_mut(*group) {
-                    *sum += score;
-                }
-            }
-            spread = spread.max(sums.iter().map(|sum| sum * sum).sum());
-        }
-        (shift, if seen.size > 0.0 { seen.size * (seen.size / spread) } else { seen.size })
+        let information = seen.size.max(0.0);
+        let spread = groupings.iter().map(|groups| spread(&scores, groups)).fold(information, f64::max);
+        let cautious = if information > 0.0 { information * (information / spread) } else { 0.0 };
+        Size { shift, information, cautious }
     }
 
     /// The most that an effect gains at any size, the free parameters having given way.
@@ -319,6 +310,29 @@ impl<'a> Projector<'a> {
         let gains = at.into_iter().map(|at| (gain(at), at));
         gains.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, [1.0; 2]))
     }
+}
+
+/// What is known of the size of an effect, in multiples of itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Size {
+    /// What the coordinates give way by to the whole effect.
+    pub shift: Vec<f64>,
+    /// Information on its size if residuals are independent: `s⊥·W s⊥`.
+    pub information: f64,
+    /// The same, as residuals are.
+    pub cautious: f64,
+}
+
+/// Sum of the squares of scores added up over groups.
+fn spread(scores: &[f64], groups: &[usize]) -> f64 {
+    let count = groups.iter().filter(|group| **group != usize::MAX).max().map_or(0, |group| group + 1);
+    let mut sums = vec![0.0; count];
+    for (score, group) in scores.iter().zip(groups) {
+        if let Some(sum) = sums.get_mut(*group) {
+            *sum += score;
+        }
+    }
+    sums.iter().map(|sum| sum * sum).sum()
 }
 
 fn dot(a: &[f64], b: &[f64], weights: &[f64]) -> f64 {

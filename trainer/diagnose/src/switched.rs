@@ -53,7 +53,7 @@ pub(crate) fn stands_somewhere(bench: &Bench<'_>) -> bool {
 
 /// What a mechanism must do where the rig works, in kPa, with all else as it is, to be what is missing, or worth an experiment:
 /// less is below a thousandth of the 175 kPa that the pump spans.
-pub(crate) const REACH_KPA: f64 = 0.15;
+pub(crate) const REACH_KPA: f64 = 0.175;
 
 /// By how much readings would be off without the term that matters most to them: the largest of [`reaches_kpa`], 0 without terms.
 ///

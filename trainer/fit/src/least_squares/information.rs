@@ -177,6 +177,24 @@ mod tests {
         assert!((cautious / naive / 10.0_f64.sqrt() - 1.0).abs() < 0.11, "{}", cautious / naive);
     }
 
+    /// A slope fitted to what is curved: the same error in every period, so that none of the periods tells; states do.
+    #[test]
+    fn states_see_an_error_that_comes_back() {
+        let (periods, size) = (50, 40);
+        let x = |k: usize| (k % size) as f64 / size as f64 - 0.5 + 0.5 / size as f64;
+        // The cubic less its own slope, ∫x⁴/∫x² = 3/20.
+        let residuals: Vec<f64> = (0..periods * size).map(|k| 10.0 * (x(k).powi(3) - 0.15 * x(k))).collect();
+        let at = Linearised { residuals, jacobian: vec![(0..periods * size).map(x).collect()] };
+        let by_period = (0..periods * size).map(|k| k / size).collect::<Vec<_>>();
+        let by_state = (0..periods * size).map(|k| k % size / 10).collect::<Vec<_>>();
+        let sd = |groupings: &[Vec<usize>]| {
+            Information::of(&at, Loss::Gaussian, &[0.0], groupings).unwrap().cautious_sd()[0]
+        };
+        let naive = sd(&[]);
+        assert!(sd(std::slice::from_ref(&by_period)) < 1.01 * naive);
+        assert!(sd(&[by_period, by_state]) > 2.0 * naive);
+    }
+
     #[test]
     fn the_least_determined_combination_comes_first() {
         // Only the sum of both parameters is seen, 100 times.

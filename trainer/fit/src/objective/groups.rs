@@ -48,3 +48,43 @@ pub fn by_state(records: &Records) -> Vec<usize> {
     }
     numbers
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::rig::Rig;
+    use proto::recording::Recording;
+    use proto::recording::csv::{Column, ColumnData};
+
+    /// A pressure that goes up and down: a quarter of it in each level, and as much of that rising as falling.
+    #[test]
+    fn a_state_is_a_level_and_a_direction() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let rows = 1600;
+        let column = |name: &str, of: &dyn Fn(f64) -> f64| Column {
+            name: name.to_owned(),
+            data: ColumnData::Numbers((0..rows).map(|k| of(0.02 * f64::from(k))).collect()),
+        };
+        // Up for 8 s, down for 8 s.
+        let wave = |t: f64| 90.0 + (1.0 - (t / 8.0 % 2.0 - 1.0).abs());
+        let columns = vec![
+            column("u_pos", &|_| 0.8),
+            column("u_neg", &|_| 0.8),
+            column("p_pos_kpa", &wave),
+            column("p_neg_kpa", &|t| -wave(t)),
+        ];
+        let time_s = (0..rows).map(|k| 0.02 * f64::from(k)).collect();
+        let records = Records::new(&rig, &[Recording::new("made", time_s, columns).unwrap()]).unwrap();
+        let numbers = by_state(&records);
+        assert_eq!(numbers.len(), 2 * rows as usize);
+        for number in 0..16 {
+            let count = numbers.iter().filter(|n| **n == number).count();
+            // 200 each, but that the half second after a turn still counts for the way before it.
+            assert!((170..=230).contains(&count), "{number}: {count}");
+        }
+        let at = |t: f64| numbers[(t / 0.02) as usize];
+        assert_eq!([at(1.0), at(7.0), at(9.0), at(15.0)], [1, 7, 6, 0]);
+        // The other channel: falls where the first one rises.
+        assert_eq!(numbers[rows as usize + 50], 8 + 6);
+    }
+}

@@ -55,16 +55,16 @@ impl Course {
         }
     }
 
-    pub(super) fn with_leading(self, value: f64) -> Self {
-        match self {
-            Course::Constant { .. } => Course::Constant { share: value },
-            Course::Warming { time_s, .. } => Course::Warming { share: value, time_s },
-            Course::Drooping { share, lag_s, .. } => Course::Drooping { share, per_bar: value, lag_s },
+    /// The time that it takes to get there, in s; 0 where it is there at once.
+    pub fn time_s(&self) -> f64 {
+        match *self {
+            Course::Warming { time_s, .. } => time_s,
+            Course::Constant { .. } | Course::Drooping { .. } => 0.0,
         }
     }
 
-    /// The same with each of its numbers a step further or nearer; `size` shrinks the steps.
-    pub(super) fn neighbours(self, size: f64) -> Vec<Self> {
+    /// The same with each of its numbers a step further or nearer; `size` shrinks the steps, `load_bar` is the mean load.
+    pub(super) fn neighbours(self, size: f64, load_bar: f64) -> Vec<Self> {
         let ends = [-size, size];
         match self {
             Course::Constant { share } => ends.map(|s| Course::Constant { share: share + s * SHARE_STEP }).to_vec(),
@@ -86,8 +86,12 @@ impl Course {
                     [
                         Course::Drooping { share, per_bar: slower, lag_s },
                         Course::Drooping { share: share + s * SHARE_STEP, per_bar, lag_s },
-                        // A faster pump that droops more is nearly the same course.
-                        Course::Drooping { share: share + 1.6 * s * SHARE_STEP, per_bar: slower, lag_s },
+                        // A faster pump that droops more turns as fast under the mean load.
+                        Course::Drooping {
+                            share: share + (1.0 + share) * s * SHARE_STEP * load_bar,
+                            per_bar: slower,
+                            lag_s,
+                        },
                         Course::Drooping { share, per_bar, lag_s: (lag_s * (1.0 + 0.5 * s)).clamp(0.005, 1.0) },
                     ]
                 })

@@ -20,7 +20,7 @@
 use std::f64::consts::TAU;
 use std::ops::Range;
 
-use super::course::{Course, SHARE_STEP};
+use super::course::Course;
 use super::ripple::{HARMONICS, Ripple};
 use super::tachometer::{LONG_S, SILENT};
 use super::windows::{Channel, Match, Piece, Products, Sums};
@@ -103,12 +103,13 @@ pub fn track(records: &Records, rig: &Rig, ripple: &Ripple, weights: &[f64]) -> 
     }
     let ripple_kpa = laid.followed(course, weights.len());
     let (log_likelihood, share) = laid.gained(&ripple_kpa);
+    let by_recording = laid.by_recording(course);
     Some(Track {
         log_likelihood,
         share,
         pump: ripple.pump.clone(),
-        error: laid.scatter(course),
-        time_error_s: laid.scatter_of_time(course),
+        error: scatter(&by_recording, Course::leading).unwrap_or(ALONE * course.leading().abs()),
+        time_error_s: scatter(&by_recording, Course::time_s).unwrap_or(ALONE * course.time_s()),
         mean_share,
         course,
         height,
@@ -239,42 +240,17 @@ impl Laid {
     /// Climbs from a course over all recordings, windows growing as its steps shrink.
     fn refined(&self, course: Course) -> Course {
         let steps = WINDOWS.into_iter().zip([[0.5, 0.25, 0.12], [0.12, 0.06, 0.03], [0.03, 0.015, 0.007]]);
-        climb(course, steps, |course, rows| self.gain(course, rows))
+        climb(course, mean_load_bar(&self.pieces), steps, |course, rows| self.gain(course, rows))
     }
 
-    /// Standard error of a warming course's time constant, from what each recording by itself says of both numbers.
-    fn scatter_of_time(&self, course: Course) -> f64 {
-        let Course::Warming { time_s, .. } = course else { return 0.0 };
+    /// What each recording by itself says of a course, all its numbers: a faster pump that droops more is nearly the same.
+    fn by_recording(&self, course: Course) -> Vec<Course> {
+        let steps = [(WINDOWS[1], [0.25, 0.06, 0.015]), (WINDOWS[2], [0.06, 0.015, 0.004])];
         let own = |piece: &Piece| {
-            let steps = [(WINDOWS[1], [0.25, 0.06, 0.015]), (WINDOWS[2], [0.06, 0.015, 0.004])];
-            match climb(course, steps, |course, rows| self.matched(piece, course, rows).gain) {
-                Course::Warming { time_s, .. } => time_s,
-                Course::Constant { .. } | Course::Drooping { .. } => time_s,
-            }
+            let load_bar = mean_load_bar(std::slice::from_ref(piece));
+            climb(course, load_bar, steps, |course, rows| self.matched(piece, course, rows).gain)
         };
-        standard_error(&self.pieces.iter().map(own).collect::<Vec<_>>()).unwrap_or(ALONE * time_s)
-    }
-
-    /// Standard error of the leading number, from what each recording by itself says it is.
-    fn scatter(&self, course: Course) -> f64 {
-        let rows = WINDOWS[1];
-        let own: Vec<f64> = self
-            .pieces
-            .iter()
-            .map(|piece| {
-                let gain = |value: f64| self.matched(piece, course.with_leading(value), rows).gain;
-                let mut value = course.leading();
-                for size in [0.25, 0.12, 0.06, 0.03, 0.015, 0.007, 0.004] {
-                    let step = size * SHARE_STEP;
-                    let [down, here, up] = [value - step, value, value + step].map(gain);
-                    if down > here || up > here {
-                        value += if up > down { step } else { -step };
-                    }
-                }
-                value
-            })
-            .collect();
-        standard_error(&own).unwrap_or(ALONE * course.leading().abs())
+        self.pieces.iter().map(own).collect()
     }
 
     /// The ripple on each reading: the angle from windows of a second every half, height and lag of each channel and
@@ -389,17 +365,27 @@ impl Laid {
 /// Share of a number that a single recording is taken to be off by: it has nothing to be compared with.
 const ALONE: f64 = 0.02;
 
-/// Standard error of the mean of some numbers; `None` of fewer than two.
-fn standard_error(numbers: &[f64]) -> Option<f64> {
-    let n = numbers.len() as f64;
-    let mean = numbers.iter().sum::<f64>() / n.max(1.0);
-    let variance = numbers.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-    (numbers.len() > 1).then(|| (variance / n).sqrt())
+/// Standard error of the mean of a number of some courses; `None` of fewer than two.
+fn scatter(courses: &[Course], number: impl Fn(&Course) -> f64) -> Option<f64> {
+    let n = courses.len() as f64;
+    let mean = courses.iter().map(&number).sum::<f64>() / n.max(1.0);
+    let variance = courses.iter().map(|course| (number(course) - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    (courses.len() > 1).then(|| (variance / n).sqrt())
 }
+
+/// Load averaged over some recordings, in bar.
+fn mean_load_bar(pieces: &[Piece]) -> f64 {
+    let loads = || pieces.iter().flat_map(|piece| &piece.load_bar);
+    loads().sum::<f64>() / loads().count().max(1) as f64
+}
+
+/// Steps of one size at most: along a valley as many as a few steps of the size before.
+const STEPS: usize = 12;
 
 /// Climbs from a course by steps of these sizes, each with windows of so many rows.
 fn climb(
     course: Course,
+    load_bar: f64,
     steps: impl IntoIterator<Item = (usize, [f64; 3])>,
     gain_of: impl Fn(Course, usize) -> f64,
 ) -> Course {
@@ -407,8 +393,8 @@ fn climb(
     for (rows, sizes) in steps {
         let mut gain = gain_of(here, rows);
         for size in sizes {
-            for _ in 0..6 {
-                let tried = here.neighbours(size).into_iter().map(|course| (gain_of(course, rows), course));
+            for _ in 0..STEPS {
+                let tried = here.neighbours(size, load_bar).into_iter().map(|course| (gain_of(course, rows), course));
                 match tried.max_by(|a, b| a.0.total_cmp(&b.0)) {
                     Some((better, course)) if better > gain => (gain, here) = (better, course),
                     _ => break,
