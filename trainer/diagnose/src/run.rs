@@ -255,10 +255,11 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     if let Some(channel) = unknown.as_ref().and_then(|term| term.reading) {
         missing.settle_on_reading(channel);
     }
-    if matches!(judgement.verdict, Verdict::Adequate | Verdict::ParametersMoved)
+    if matches!(judgement.verdict, Verdict::Adequate | Verdict::ParametersMoved | Verdict::MissingPhysics)
         && can_be_shut_in(rig, bench.records.inputs())
     {
-        notes.extend(hidden::in_words(&searched, &asked.candidates, &found.nominal));
+        let base = if judgement.verdict == Verdict::MissingPhysics { &found.best } else { &found.nominal };
+        notes.extend(hidden::in_words(&searched, &asked.candidates, base));
     }
     if let Some(group) = judgement.groups.iter_mut().find(|group| group.iter().any(|name| name == MOVED))
         && can_be_shut_in(rig, bench.records.inputs())

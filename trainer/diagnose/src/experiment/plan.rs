@@ -95,11 +95,11 @@ pub fn plan(bench: &Bench<'_>, rivals: &[&Explanation]) -> Result<Option<Plan>, 
     let simulator = Simulator::new(&records, PLANNING);
     let predicted = rivals.iter().map(|rival| predict(&simulator, rival)).collect::<Result<Vec<_>, _>>()?;
     let known: Vec<DMatrix<f64>> = rivals.iter().map(|rival| information(rival)).collect();
-    let leaky = has_mechanism(rivals, leaks);
+    let leaky = is_in_question(bench, rivals, leaks);
     // A pump that stands is what models are worst at, and brings out leaks too small to matter. What passes the rings shows while it
     // turns.
     let shows_at_rest = |id: &str| reads_wrong(id) || leaks(id) && id != "piston_blowby";
-    let may_stand = has_mechanism(rivals, shows_at_rest);
+    let may_stand = is_in_question(bench, rivals, shows_at_rest);
     let within_limits: Vec<usize> = (0..programmes.len())
         .filter(|p| predicted.iter().all(|(base, _)| within(&records, *p, base, SAFE_KPA)))
         .collect();
@@ -233,9 +233,13 @@ fn finish(
     }
 }
 
-/// Whether a mechanism of some kind is in any rival.
-fn has_mechanism(rivals: &[&Explanation], of_kind: impl Fn(&str) -> bool) -> bool {
-    rivals.iter().any(|rival| rival.fitted.rig.mechanisms.iter().any(|m| of_kind(m.mechanism.id())))
+/// Whether a mechanism of some kind is in question: in one of the rivals, and not in all of them.
+fn is_in_question(bench: &Bench<'_>, rivals: &[&Explanation], of_kind: impl Fn(&str) -> bool) -> bool {
+    let in_all = |term: &usize| rivals.iter().all(|other| other.terms.contains(term));
+    rivals.iter().any(|rival| {
+        let added = rival.fitted.rig.mechanisms.iter().skip(bench.rig.mechanisms.len());
+        rival.terms.iter().zip(added).any(|(term, m)| !in_all(term) && of_kind(m.mechanism.id()))
+    })
 }
 
 /// How the inputs were used in the recordings.
