@@ -65,7 +65,7 @@ pub fn leaks_behind(bench: &Bench<'_>, candidates: &[Candidate], nominal: &Expla
         .collect()
 }
 
-/// What to say of a leak and of a zero error that would not have shown, and of the recordings that rule them out.
+/// What to say of a leak, a zero error and a wrong gain that would not have shown, and of what rules them out.
 pub fn in_words(bench: &Bench<'_>, candidates: &[Candidate], nominal: &Explanation) -> Vec<String> {
     let most = |of_kind: fn(&str) -> bool| {
         let most = hidden(bench, candidates, nominal, of_kind).into_iter().next();
@@ -83,7 +83,13 @@ pub fn in_words(bench: &Bench<'_>, candidates: &[Candidate], nominal: &Explanati
              valves fully open"
         )
     });
-    leak.into_iter().chain(zero).collect()
+    let gain = most(|id| id == "sensor_gain").map(|(name, kpa)| {
+        format!(
+            "nor would a wrong gain ({name}: up to {kpa:.1} kPa): other parameters take it up. To rule it out, compare the sensor with \
+             a gauge near its highest pressure"
+        )
+    });
+    leak.into_iter().chain(zero).chain(gain).collect()
 }
 
 /// A candidate's effect on the readings where it is small.
