@@ -1,4 +1,4 @@
-//! Swapped columns and wrong units, told by what the rig would do.
+//! Swapped pressures and wrong units, told by what the rig would do.
 //!
 //! The rig's own model runs from rest under the recorded commands; after its chambers have filled, where it stands
 //! does not depend on any reading. No rig is so far from its file that it stands at a tenth or at ten times of it, or
@@ -6,6 +6,7 @@
 
 use model::rig::Rig;
 
+use super::duties::duties;
 use super::meaning::{Meaning, RIGHT, Standing};
 use super::{Finding, Severity, Trouble};
 use crate::FitError;
@@ -175,86 +176,6 @@ impl Compare<'_> {
             .filter(misfits)
             .filter_map(|standing| Some(self.wrong(recorded, standing, closest(standing)?.1)))
             .collect()
-    }
-}
-
-/// Rows after a change of duty within which its own chamber answers.
-const ANSWER_ROWS: usize = 10;
-
-/// Tells by which chamber answers first whether two duties are exchanged or one is inverted.
-///
-/// The rate of pressure `Δp` over 0.2 s is regressed on the duties over that time and the pressures (a first-order
-/// plant); the sign and size of the coefficients are compared with those of the simulated rig by the caller's own
-/// valves: a valve from a chamber lowers its pressure, one into a chamber raises it.
-fn duties(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) {
-    let channels = records.sensors().len();
-    let valves: Vec<(&str, usize, f64)> = rig
-        .valves
-        .values()
-        .filter_map(|valve| {
-            let channel_of = |volume: &str| {
-                let sensor = rig.sensors.values().find(|s| s.volume == volume)?;
-                records.sensors().iter().position(|column| *column == sensor.column)
-            };
-            // A valve between a chamber with a sensor and anything else acts on that chamber with a known sign.
-            match (channel_of(&valve.from), channel_of(&valve.to)) {
-                (Some(channel), None) => Some((valve.command.as_str(), channel, -1.0)),
-                (None, Some(channel)) => Some((valve.command.as_str(), channel, 1.0)),
-                _ => None,
-            }
-        })
-        .collect();
-    let [(one, c1, s1), (other, c2, s2)] = valves.as_slice() else { return };
-    if c1 == c2 || channels != 2 {
-        return;
-    }
-    let mut rows: Vec<[f64; 5]> = Vec::new();
-    let mut answers: Vec<[f64; 2]> = Vec::new();
-    for (record, r) in records.records().iter().enumerate() {
-        let (Some(u1), Some(u2)) = (records.input(record, one), records.input(record, other)) else { continue };
-        let p = [records.channel_kpa(record, *c1), records.channel_kpa(record, *c2)];
-        for segment in &r.segments {
-            let mut row = segment.start;
-            while row + ANSWER_ROWS < segment.end {
-                let mean = |u: &[f64]| u[row..row + ANSWER_ROWS].iter().sum::<f64>() / ANSWER_ROWS as f64;
-                rows.push([1.0, mean(u1), mean(u2), p[0][row], p[1][row]]);
-                answers.push([p[0][row + ANSWER_ROWS] - p[0][row], p[1][row + ANSWER_ROWS] - p[1][row]]);
-                row += ANSWER_ROWS;
-            }
-        }
-    }
-    let columns: Vec<Vec<f64>> = (0..5).map(|k| rows.iter().map(|r| r[k]).collect()).collect();
-    let fit = |channel: usize| {
-        let b: Vec<f64> = answers.iter().map(|a| a[channel]).collect();
-        crate::least_squares::solve(&columns, &b, "duties").ok().filter(|fit| fit.condition < 1e4)
-    };
-    let (Some(first), Some(second)) = (fit(0), fit(1)) else { return };
-    // Effects of both duties on both chambers, in standard errors, signed as the rig has them.
-    let t = |fit: &crate::least_squares::LinearFit, k: usize, sign: f64| sign * fit.x[k] / fit.sd[k].max(1e-12);
-    let own = [t(&first, 1, *s1), t(&second, 2, *s2)];
-    let cross = [t(&first, 2, *s1), t(&second, 1, *s2)];
-    const SURE: f64 = 8.0;
-    if cross[0] > SURE && cross[1] > SURE && own[0].abs() < 0.5 * cross[0] && own[1].abs() < 0.5 * cross[1] {
-        findings.push(Finding {
-            source: String::new(),
-            column: format!("{one}, {other}"),
-            severity: Severity::Unusable,
-            trouble: Trouble::SwappedDuties,
-            text: format!("each chamber answers to the other's duty: {one} and {other} seem to be swapped"),
-        });
-        return;
-    }
-    for (effect, (column, ..)) in own.iter().zip(&valves) {
-        if *effect < -SURE {
-            findings.push(Finding {
-                source: String::new(),
-                column: (*column).to_owned(),
-                severity: Severity::Unusable,
-                trouble: Trouble::InvertedDuty,
-                text: "opening the valve moves the pressure the wrong way: the duty seems to be inverted (1 is open)"
-                    .to_owned(),
-            });
-        }
     }
 }
 

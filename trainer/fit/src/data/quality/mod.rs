@@ -6,7 +6,8 @@
 //! | `shape` | too short, gaps, uneven time |
 //! | `readings` | flat, stuck, clipped and wild readings |
 //! | `excitation` | commands that never move, a pump that never runs |
-//! | `against_model` | swapped columns and wrong units, told by what the rig would do |
+//! | `against_model` | swapped pressures and wrong units, told by what the rig would do |
+//! | `duties` | swapped and inverted duties, told by which chamber answers, and which way |
 //! | `meaning` | units and scales that pressures are found in |
 //!
 //! A fit to bad recordings does not fail, it names the wrong parameter. So the checks come first, and each says what a
@@ -14,6 +15,7 @@
 //! (stuck, clipped, wild) are masked; the rest of their recording is still good.
 
 mod against_model;
+mod duties;
 mod excitation;
 mod finding;
 mod meaning;
