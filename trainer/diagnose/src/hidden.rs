@@ -137,7 +137,8 @@ pub(crate) fn small_effects(
         .collect();
     let runs: Vec<Run> = small.iter().flat_map(|(_, runs)| runs.clone()).collect();
     let traces = bench.fast.run(&runs, &fitted.arcs);
-    let of = |((candidate, _), pair): (&(usize, [Run; 2]), &[Result<Vec<f64>, _>])| {
+    let pairs = small.iter().map(|(candidate, _)| *candidate).zip(traces.chunks_exact(2));
+    let of_pairs = pairs.filter_map(|(candidate, pair)| {
         // In proportion, to second order: of once and of twice as much.
         let [Ok(once), Ok(twice)] = pair else { return None };
         let at_once: Vec<f64> =
@@ -145,7 +146,7 @@ pub(crate) fn small_effects(
         let moves_kpa = bench.most_moved_kpa(&at_once, &still, all.clone());
         let effect = weighted(&still, &at_once, &[], &weights);
         let known = moves_kpa > 0.0 && effect.iter().all(|e| e.is_finite());
-        known.then_some(Small { candidate: *candidate, effect, moves_kpa })
-    };
-    small.iter().zip(traces.chunks_exact(2)).filter_map(of).collect()
+        known.then_some(Small { candidate, effect, moves_kpa })
+    });
+    of_pairs.collect()
 }
