@@ -1,6 +1,6 @@
 //! What numbers are off by because of what is too small for a name.
 //!
-//! A mechanism that moves no pressure by [`REACH_KPA`] is not named, so one may be in any rig beside those that are. With `s` its effect
+//! A mechanism that moves no pressure by 0.175 kPa (`REACH_KPA`) is not named, so one may be in any rig beside those that are. With `s` its effect
 //! on the readings, `h` what the fitted coordinates give way by to it, and `s⊥` what is left of it then ([`crate::screen`]),
 //!
 //! ```text
