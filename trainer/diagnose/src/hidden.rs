@@ -57,12 +57,8 @@ const WORTH_A_RECORDING_KPA: f64 = 0.3;
 
 /// Names of leaks that recordings of open valves do not tell from other parameters, of which there could be much.
 pub fn leaks_behind(bench: &Bench<'_>, candidates: &[Candidate], nominal: &Explanation) -> Vec<String> {
-    let much = |hidden: &Hidden| hidden.moves_kpa > WORTH_A_RECORDING_KPA;
-    hidden(bench, candidates, nominal, leaks)
-        .iter()
-        .filter(|h| much(h))
-        .map(|h| candidates[h.candidate].name())
-        .collect()
+    let much = hidden(bench, candidates, nominal, leaks).into_iter().filter(|h| h.moves_kpa > WORTH_A_RECORDING_KPA);
+    much.map(|h| candidates[h.candidate].name()).collect()
 }
 
 /// What to say of a leak, a zero error and a wrong gain that would not have shown, and of what rules them out.

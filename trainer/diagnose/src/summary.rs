@@ -11,9 +11,6 @@ use crate::run::Findings;
 use crate::search::position_of;
 use crate::words::{called, does, does_at, in_words, plain, three};
 
-/// z of a two-sided interval of 90 %.
-const NINETY: f64 = 1.645;
-
 /// The answer in one sentence, after what happened if something did.
 pub(crate) fn summary(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) -> String {
     let answer = verdict_in_words(findings, mechanisms);
@@ -248,8 +245,7 @@ fn mechanism(findings: &Findings<'_, '_>, term: usize) -> FoundMechanism {
     let mut told = Vec::new();
     if let Some(at) = position_of(findings.bench, findings.candidates, best, term) {
         for estimate in best.fitted.estimates.iter().skip(at).take(candidate.len()) {
-            let z = estimate.parameter.coordinate(estimate.value);
-            let [low, high] = estimate.parameter.interval(z, NINETY * estimate.undetermined);
+            let [low, high] = estimate.interval();
             let unit = estimate.parameter.unit();
             let key = estimate.parameter.path.rsplit('.').next().unwrap_or_default().to_owned();
             let value = format!("{} {} ({} … {}) {unit}", plain(&key), three(estimate.value), three(low), three(high));
