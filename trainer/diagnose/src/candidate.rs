@@ -130,6 +130,12 @@ impl Candidate {
         self.id == other.id && self.form == other.form
     }
 
+    /// Whether the same component elsewhere in the rig has it too, as likely as not: no leak, no zero or gain of a sensor, and
+    /// nothing that begins at a moment.
+    pub fn is_of_the_make(&self) -> bool {
+        !leaks(&self.id) && !reads_wrong(&self.id) && self.onset().is_none()
+    }
+
     /// Which of its parameters tells when it begins, if one does.
     pub fn onset(&self) -> Option<usize> {
         self.offered.parameters.iter().position(|p| p.key == ONSET)

@@ -142,7 +142,9 @@ fn something_named(
         let rest = without(&best.terms, *term);
         let gain = lost_without(bench, candidates, &footing, best, &rest, found)?;
         let mut tied = Vec::new();
-        for k in close_to(found, *term) {
+        // Of what explains as much, nothing else is there on the other side already and asks for no number of its own.
+        let close = if found.by_likeness.contains(term) { Vec::new() } else { close_to(found, *term) };
+        for k in close {
             // Another shape of the same mechanism at the same place is no other answer.
             if candidates[k].name() == candidates[*term].name() {
                 continue;

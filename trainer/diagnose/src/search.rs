@@ -8,6 +8,7 @@
 //! | `refine` | fits that least squares from where things stand would miss |
 //! | `stepped` | what moves in steps, or begins at a moment |
 //! | `slips` | what sticks and slips, found in pieces that forget a slip that came late |
+//! | `twin` | what was found on one side, on the other |
 //! | `terms` | which terms may stand beside which, and where their parameters lie |
 
 use crate::bench::{Bench, Effort, Explanation};
@@ -22,6 +23,7 @@ mod refine;
 mod slips;
 mod stepped;
 mod terms;
+mod twin;
 mod worth;
 
 use additions::additions;
@@ -31,6 +33,7 @@ use refine::{from_priors, plainer, refined, richer};
 use slips::in_pieces;
 use stepped::{scanned, sharpened};
 pub use terms::{is_open, position_of, starts, with, without};
+use twin::twinned;
 use worth::{earns_its_place, leaves_room};
 
 /// How to search.
@@ -95,6 +98,8 @@ pub struct Found {
     pub nominal: Explanation,
     /// The best explanation.
     pub best: Explanation,
+    /// Those of its terms that it has since the same is there on the other side, with the same number.
+    pub by_likeness: Vec<usize>,
     /// The strongest candidate that was not taken, on top of the best explanation.
     pub next: Option<Explanation>,
     /// Rounds in order.
@@ -195,7 +200,8 @@ pub fn search(
             best = deletions(bench, candidates, &nominal, best, settings, &mut tried)?;
         }
     }
-    Ok(Found { nominal, best, next, rounds, tried })
+    let (best, by_likeness) = twinned(bench, candidates, best, settings.most_terms, &mut tried);
+    Ok(Found { nominal, best, by_likeness, next, rounds, tried })
 }
 
 /// Rounds of least squares of a glance.

@@ -1,0 +1,63 @@
+//! What was found on one side, looked for on the other: two chambers, and two valves, are mostly of one make.
+
+use super::terms::starts;
+use super::{cost, position_of, with};
+use crate::bench::{Bench, Effort, Explanation};
+use crate::candidate::Candidate;
+use crate::evidence::evidence;
+
+/// Factor within which both sides of one make have the same number.
+const ALIKE: f64 = 2.0;
+
+/// The same with the likes of its terms on the other side, where these are there beyond doubt and of about the same size; and which
+/// terms came in so.
+///
+/// A second effect must set right several hundredths of a kPa to have a name ([`super::worth`]), since what the formulas of the
+/// first are off by looks like some small physics or other. It does not look like the same mechanism at the other side, and of
+/// the same size there.
+pub(super) fn twinned(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    mut best: Explanation,
+    most_terms: usize,
+    tried: &mut Vec<Explanation>,
+) -> (Explanation, Vec<usize>) {
+    let mut by_likeness = Vec::new();
+    for term in best.terms.clone() {
+        let found = &candidates[term];
+        let open = |k: &usize| {
+            let other = &candidates[*k];
+            other.is_like(found)
+                && other.side != found.side
+                && other.is_of_the_make()
+                && best.terms.iter().all(|t| t != k && !candidates[*t].excludes(other))
+        };
+        let Some(twin) = (0..candidates.len()).find(open) else { continue };
+        let Some(values) = values_of(bench, candidates, &best, term) else { continue };
+        if best.terms.len() >= most_terms {
+            break;
+        }
+        let terms = with(&best.terms, twin);
+        let from = starts(bench, candidates, &best, &terms, &[(twin, values)], false);
+        // What was tried with the same on both sides may have come further than a fit from here.
+        let known = tried.iter().filter(|e| e.terms == terms).cloned();
+        let both = known.chain(bench.fit(candidates, &terms, &from, Effort::Polish).ok());
+        // What cannot be run on both sides is on one.
+        let Some(both) = both.min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b))) else { continue };
+        let sizes = [term, twin].map(|t| values_of(bench, candidates, &both, t).and_then(|v| v.first().copied()));
+        let alike = matches!(sizes, [Some(a), Some(b)] if (1.0 / ALIKE..=ALIKE).contains(&(a / b)));
+        if alike && evidence(bench, &both, &best).is_certain() {
+            tried.push(std::mem::replace(&mut best, both));
+            by_likeness.push(twin);
+        } else {
+            tried.push(both);
+        }
+    }
+    (best, by_likeness)
+}
+
+/// The numbers of a term in an explanation.
+fn values_of(bench: &Bench<'_>, candidates: &[Candidate], of: &Explanation, term: usize) -> Option<Vec<f64>> {
+    let at = position_of(bench, candidates, of, term)?;
+    Some(of.set.values(&of.fitted.point).get(at..at + candidates[term].len())?.to_vec())
+}
