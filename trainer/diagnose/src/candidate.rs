@@ -165,6 +165,11 @@ impl Candidate {
     }
 }
 
+/// Names of terms, for notes.
+pub(crate) fn names_of(candidates: &[Candidate], terms: &[usize]) -> String {
+    terms.iter().filter_map(|t| candidates.get(*t)).map(Candidate::name).collect::<Vec<_>>().join(" with ")
+}
+
 /// Everything that may be missing from a rig.
 pub fn candidates(rig: &Rig) -> Vec<Candidate> {
     model::mechanism::candidates(rig)

@@ -3,14 +3,13 @@
 //! Intervals come from the scatter between recordings (90 %), and are never narrower than sensors are right: a load that is
 //! read 1 % too large makes a droop 1 % too small.
 
+use fit::objective::NINETY;
 use fit::simulate::{Course, Tachometer, Track};
 use model::mechanism::{Mechanism, PumpDroop, PumpSpeed};
 use model::rig::Attached;
 
 /// Share of a droop, or of a change of speed, that is never known better: readings of the load have gains of their own.
 const CALIBRATION: f64 = 0.01;
-/// z of a two-sided interval of 90 %.
-const NINETY: f64 = 1.645;
 
 /// A mechanism of the pump that its ripple told.
 #[derive(Debug, Clone)]

@@ -10,15 +10,13 @@
 //!
 //! to first order. What that much would move the pressures by, all else as it is, tells whether it matters.
 
+use fit::objective::NINETY;
 use fit::simulate::Run;
 
 use crate::bench::{Bench, Explanation};
 use crate::candidate::{Candidate, leaks};
 use crate::glance::weighted;
 use crate::screen::Projector;
-
-/// z of a two-sided interval of 90 %.
-pub(crate) const NINETY: f64 = 1.645;
 
 /// What would not show.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,23 +61,25 @@ pub fn leaks_behind(bench: &Bench<'_>, candidates: &[Candidate], nominal: &Expla
 
 /// What to say of a leak, a zero error and a wrong gain that would not have shown, and of what rules them out.
 pub fn in_words(bench: &Bench<'_>, candidates: &[Candidate], nominal: &Explanation) -> Vec<String> {
-    let most = |of_kind: fn(&str) -> bool| {
-        let most = hidden(bench, candidates, nominal, of_kind).into_iter().next();
+    let [a_zero, a_gain] = ["sensor_bias", "sensor_gain"];
+    let hidden = hidden(bench, candidates, nominal, |id| leaks(id) || id == a_zero || id == a_gain);
+    let most = |of_kind: &dyn Fn(&str) -> bool| {
+        let most = hidden.iter().find(|h| of_kind(&candidates[h.candidate].id));
         most.filter(|h| h.moves_kpa > WORTH_A_RECORDING_KPA).map(|h| (candidates[h.candidate].name(), h.moves_kpa))
     };
-    let leak = most(leaks).map(|(name, kpa)| {
+    let leak = most(&leaks).map(|(name, kpa)| {
         format!(
             "a leak would not show in these recordings ({name}: up to one that moves a pressure by {kpa:.1} kPa): with the valves \
              open it passes for another valve. To rule it out, add a recording of 15 s with the pump off and all valves shut"
         )
     });
-    let zero = most(|id| id == "sensor_bias").map(|(name, kpa)| {
+    let zero = most(&|id| id == a_zero).map(|(name, kpa)| {
         format!(
             "a zero error would not show either ({name}: up to {kpa:.1} kPa). To rule it out, add 10 s with the pump off and all \
              valves fully open"
         )
     });
-    let gain = most(|id| id == "sensor_gain").map(|(name, kpa)| {
+    let gain = most(&|id| id == a_gain).map(|(name, kpa)| {
         format!(
             "nor would a wrong gain ({name}: up to {kpa:.1} kPa): other parameters take it up. To rule it out, compare the sensor with \
              a gauge near its highest pressure"

@@ -5,6 +5,7 @@
 //!
 //! | step | module |
 //! | --- | --- |
+//! | recordings checked, and cut where no run goes through | `recorded` |
 //! | recordings, split, noise; fits and free runs of a rig with terms | [`mod@bench`] |
 //! | what may be missing: mechanisms at places, with priors | [`candidate`], [`place`] |
 //! | the rig's own parameters fitted; terms added, swapped, deleted | [`search`]: [`screen`], [`glance`], then fits |
@@ -12,7 +13,7 @@
 //! | what a single mechanism explains of the given rig's mismatch | [`alone`] |
 //! | where the mismatch lives; missing flows reconstructed | [`locate`] |
 //! | how the pump turned, and the answer that goes with it | `turning`, `crank`, `heard`, `answer` |
-//! | a verdict and its rivals | [`judge`] |
+//! | a verdict and its rivals; names that do not hold after all | [`judge`], `withheld` |
 //! | a term without a name | [`unknown`] |
 //! | what could be there and would not show; what numbers are off by because of it | [`hidden`], [`unnamed`] |
 //! | recordings in pieces of a few seconds | [`pieces`] |
@@ -20,7 +21,8 @@
 //! | pumps that were switched | [`switched`] |
 //! | a time span in which the rig was another one | [`event`] |
 //! | the experiment that tells rivals apart | [`experiment`] |
-//! | before and after; in words; where; `diagnosis.json`; `report.html` | [`figures`], `summary`, `whereabouts`, [`proto::diagnosis`], `page` |
+//! | before and after; in words; where | [`figures`], `summary`, `whereabouts` |
+//! | what was found; `diagnosis.json`, `report.html` | `findings`; `files`, [`proto::diagnosis`], `page` |
 //!
 //! No verdict is better than its recordings: what they do not tell is said, and never guessed.
 
@@ -35,6 +37,8 @@ pub mod event;
 pub mod evidence;
 pub mod experiment;
 pub mod figures;
+mod files;
+mod findings;
 pub mod glance;
 mod heard;
 pub mod hidden;
@@ -43,6 +47,7 @@ pub mod locate;
 mod page;
 pub mod pieces;
 pub mod place;
+mod recorded;
 mod run;
 pub mod screen;
 pub mod search;
@@ -52,8 +57,10 @@ mod turning;
 pub mod unknown;
 pub mod unnamed;
 mod whereabouts;
+mod withheld;
 mod words;
 
 pub use error::DiagnoseError;
+pub use files::NEXT_EXPERIMENT;
 pub use proto::diagnosis::{Diagnosis, Verdict};
-pub use run::{NEXT_EXPERIMENT, Request, run};
+pub use run::{Request, run};

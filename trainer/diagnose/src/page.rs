@@ -4,7 +4,7 @@ use proto::diagnosis::{Diagnosis, Verdict};
 use report::{KeyFigure, Report, Verdict as Sign};
 
 use crate::figures::Figures;
-use crate::run::Findings;
+use crate::findings::Findings;
 use crate::words::{in_words, short};
 use plots::{experiment, flows, regions, traces};
 use tables::{found_table, horizons, parameters, separation, suspects, tried};

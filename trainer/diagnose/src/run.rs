@@ -2,34 +2,30 @@
 
 use std::path::PathBuf;
 
-use fit::data::quality::Quality;
-use fit::data::{Records, noise};
 use model::rig::Rig;
-use proto::atomic_file;
-use proto::diagnosis::{Diagnosis, Fits, Verdict};
+use proto::diagnosis::{Diagnosis, Verdict};
 use proto::recording::Recording;
 
 use crate::answer::{Answer, Asked};
 use crate::bench::{Bench, Explanation};
-use crate::candidate::{Candidate, candidates};
-use crate::closed;
+use crate::candidate::{Candidate, candidates, names_of};
 use crate::error::DiagnoseError;
 use crate::event::{self, Event};
-use crate::evidence::{Bar, evidence, root_of_drop};
-use crate::experiment::{Plan, can_be_shut_in, plan};
+use crate::evidence::Bar;
+use crate::experiment::{can_be_shut_in, plan};
 use crate::figures::{Figures, figures};
+use crate::files::{summed_up, write};
+use crate::findings::Findings;
 use crate::glance::settled;
-use crate::heard::Heard;
 use crate::hidden;
 use crate::judge::{Judgement, MOVED, UNKNOWN_KPA, judge_without};
-use crate::locate::Missing;
-use crate::pieces::{pieces, taken};
-use crate::search::{Found, SearchSettings, position_of};
-use crate::switched;
+use crate::recorded::{Recorded, without};
+use crate::search::SearchSettings;
+use crate::switched::REACH_KPA;
 use crate::turning::answered;
-use crate::unknown::{UnknownTerm, fit_unknown, formula_for_reading};
+use crate::unknown::{Formula, fit_unknown, formula_for_reading};
 use crate::unnamed::variance_by_the_unnamed;
-use crate::{page, summary, whereabouts};
+use crate::withheld::objection;
 
 /// What is asked for.
 #[derive(Debug, Clone)]
@@ -46,35 +42,6 @@ pub struct Request {
     pub threads: Option<usize>,
 }
 
-/// Name of the experiment's file.
-pub const NEXT_EXPERIMENT: &str = "next_experiment.csv";
-
-/// Everything that the files are written from.
-pub(crate) struct Findings<'a, 'r> {
-    pub(crate) bench: &'a Bench<'r>,
-    pub(crate) candidates: &'a [Candidate],
-    pub(crate) found: &'a Found,
-    pub(crate) judgement: &'a Judgement,
-    pub(crate) missing: &'a Missing,
-    pub(crate) given: Figures,
-    pub(crate) reidentified: Figures,
-    pub(crate) extended: Figures,
-    pub(crate) unknown: Option<&'a UnknownTerm>,
-    pub(crate) plan: Option<Plan>,
-    /// What was read off the pump's ripple and has a name.
-    pub(crate) heard: Option<&'a Heard>,
-    /// What happened in a span that everything else leaves out.
-    pub(crate) event: Option<Event>,
-    pub(crate) notes: Vec<String>,
-}
-
-impl Findings<'_, '_> {
-    /// The explanation that the extended rig is made from.
-    pub(crate) fn extended_by(&self) -> &Explanation {
-        self.unknown.map_or(&self.found.best, |term| &term.explanation)
-    }
-}
-
 /// Diagnoses; writes `diagnosis.json`, `report.html`, `rig.toml` and, if undecided, `next_experiment.csv`.
 ///
 /// `progress` is told what is being done and the share of it that is done (0 … 1).
@@ -83,90 +50,30 @@ impl Findings<'_, '_> {
 /// Recordings that cannot be used, a rig that cannot be simulated, files that cannot be written.
 pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Diagnosis, DiagnoseError> {
     progress("reading", 0.0);
-    let rig = &request.rig;
-    let records = Records::new(rig, &request.recordings)?;
-    let quality = Quality::of(rig, &records, &noise(&records))?;
-    if let Some(refusal) = quality.refusal() {
-        return Err(fit::FitError::Unusable(refusal).into());
-    }
-    let mut notes: Vec<String> = request.recordings.iter().flat_map(|r| r.notes().to_vec()).collect();
-    notes.extend(quality.doubts().map(|finding| finding.text.clone()));
-    let mut is_experiment = false;
-    // What was checked whole is run in pieces where a meter's error would add up.
-    let (records, usable) = match closed::accumulates(rig) {
-        Some(source) => {
-            notes.push(format!(
-                "{source} fills a closed volume, in which an error of its meter adds up: free runs start anew every 4 s"
-            ));
-            let (pieces, places) = pieces(&records);
-            let mut usable = taken(&quality.usable, &places);
-            closed::without_starts(&pieces, &mut usable);
-            (pieces, usable)
-        }
-        None => match switched::pieces(rig, &records) {
-            Some((pieces, places)) => {
-                is_experiment = true;
-                notes.push(
-                    "the pump was switched: free runs start anew 0.6 s after each change, since no motor stops or starts at once"
-                        .to_owned(),
-                );
-                let usable = taken(&quality.usable, &places);
-                (pieces, usable)
-            }
-            None => (records, quality.usable),
-        },
-    };
-    let mut asked = Asked {
-        given: rig,
-        candidates: candidates(rig),
-        settings: SearchSettings {
-            most_terms: 4,
-            glanced: if request.quick { 6 } else { 14 },
-            polished: if request.quick { 3 } else { 4 },
-            from_prior: true,
-            bar: if is_experiment { Bar::of_experiments() } else { Bar::default() },
-        },
-        quick: request.quick,
-        threads: request.threads,
-    };
+    let Recorded { records, usable, switched, mut notes } = Recorded::of(&request.rig, &request.recordings)?;
+    let mut asked = asked(request, switched);
     progress("fitting the rig's own parameters", 0.0);
     let (turning, mut answer) = answered(&mut asked, records, &usable, progress)?;
     notes.extend(turning.note());
-    let (rig, records) = (&turning.rig, &turning.records);
+    let rig = &turning.rig;
     let whole = turning.bench(&usable, request.threads);
+
+    let (mut formula, mut event) = unexplained(&whole, &answer, request.threads);
     // What known physics leaves unexplained may be something that happened; then the rest is asked by itself.
-    let unexplained = answer.judgement.excess_kpa[2].iter().any(|kpa| *kpa > UNKNOWN_KPA);
-    let unnamed = answer.judgement.verdict == Verdict::UnknownMechanism;
-    let (mut formula, mut event) = (None, None);
-    if unnamed {
-        let searched = Bench::new(rig, &answer.reduced, &usable, whole.fast.fidelity(), request.threads);
-        formula = formula_for_reading(&searched, &answer.found.nominal);
-        if unexplained && !formula.as_ref().is_some_and(|formula| formula.suffices) {
-            event = event::find(&searched, &answer.found.best.trace);
-        }
+    let rest = event.as_ref().map(|event| without(event, rig, &turning.records, &usable));
+    let rest = rest
+        .as_ref()
+        .map(|(records, usable)| Bench::new(rig, records, usable, whole.simulator.fidelity(), request.threads));
+    if let Some(rest) = &rest {
+        progress("looking at the rest", 0.0);
+        answer = Answer::of(rest, &asked, &turning.point, progress)?;
     }
-    let (rest, rest_bench);
-    let bench = match &event {
-        Some(event) => {
-            progress("looking at the rest", 0.0);
-            let (records, places) = event::without(records, event);
-            let mut usable = taken(&usable, &places);
-            if closed::accumulates(rig).is_some() {
-                closed::without_starts(&records, &mut usable);
-            }
-            rest = records;
-            rest_bench = Bench::new(rig, &rest, &usable, whole.simulator.fidelity(), request.threads);
-            answer = Answer::of(&rest_bench, &asked, &turning.point, progress)?;
-            &rest_bench
-        }
-        None => &whole,
-    };
-    let of = |rig: &Rig| figures(bench, rig, bench.close.fidelity(), !request.quick);
+    let bench = rest.as_ref().unwrap_or(&whole);
     let Answer { given, reduced, mut found, mut missing, mut judgement, .. } = answer;
     let searched = Bench::new(rig, &reduced, bench.counted(), bench.fast.fidelity(), request.threads);
+
     progress("running before and after", 0.0);
-    let found_for = evidence(&searched, &found.best, &found.nominal);
-    let removed_kpa = found_for.removed_kpa;
+    let of = |rig: &Rig| figures(bench, rig, bench.close.fidelity(), !request.quick);
     let nominal = settled(bench, &found.nominal)?;
     let fitted = of(&nominal.fitted.rig)?;
     let (mut best, mut extended) = if found.best.terms.is_empty() {
@@ -176,46 +83,17 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         let extended = of(&best.fitted.rig)?;
         (best, extended)
     };
-    let sigma_kpa = bench.sigma_kpa();
-    let named = judgement.verdict == Verdict::MissingPhysics;
-    let reach_kpa = if named { switched::reach_kpa(&searched, &found.best)? } else { 0.0 };
-    if named && !extended.holds_against(&fitted, &sigma_kpa) {
-        notes.push(format!(
-            "{} fits what was fitted, but errs more than nothing on the rows kept back ({:.2} kPa instead of {:.2}, or \
-             one pressure for the other): something like it, not it",
-            names_of(&asked.candidates, &found.best.terms),
-            extended.total_rmse_kpa(),
-            fitted.total_rmse_kpa()
-        ));
-        judgement = judgement.of_no_name();
-    } else if named && let Some(note) = too_fast(&searched, &asked.candidates, &found.best) {
-        notes.push(note);
-        judgement = judgement.of_no_name();
-    } else if named
-        && (reach_kpa < switched::REACH_KPA || removed_kpa < UNKNOWN_KPA && !found_for.shows_somewhere())
-        && removed(&fitted, &extended) < KEPT_BACK_KPA
-    {
-        // Far from where the rig works (a shut-in, a pump at rest) every model is off a little.
-        notes.push(format!(
-            "{} would fit what was fitted better by {removed_kpa:.2} kPa and changes next to nothing on the rows kept back: \
-             too little to be named",
-            names_of(&asked.candidates, &found.best.terms)
-        ));
-        judgement = judge_without(&searched, &asked.candidates, &found, &searched.free_run(asked.given)?)?;
-    }
-    if named && judgement.verdict != Verdict::MissingPhysics {
-        best = nominal.clone();
-        extended = fitted.clone();
-    }
     if judgement.verdict == Verdict::MissingPhysics {
-        let contested = |term: &&usize| judgement.contested.iter().all(|contest| contest.term != **term);
-        let beside: Vec<usize> = best.terms.iter().filter(contested).copied().collect();
-        if !beside.is_empty() {
-            notes.push(format!(
-                "{} is in the rig file as well: it shows while the pump stands, and moves no pressure by {} kPa elsewhere",
-                names_of(&asked.candidates, &beside),
-                switched::REACH_KPA
-            ));
+        if let Some(objection) = objection(&searched, &asked.candidates, &found, [&fitted, &extended])? {
+            notes.push(objection.note);
+            judgement = if objection.missing {
+                judgement.of_no_name()
+            } else {
+                judge_without(&searched, &asked.candidates, &found, &searched.free_run(asked.given)?)?
+            };
+            (best, extended) = (nominal.clone(), fitted.clone());
+        } else {
+            notes.extend(beside_what_is_named(&asked.candidates, &judgement, &best));
         }
     }
     (found.nominal, found.best) = (nominal, best);
@@ -227,52 +105,38 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
                 .to_owned(),
         );
     }
-    let mut unknown = if judgement.verdict == Verdict::UnknownMechanism {
+
+    let mut unknown = None;
+    if judgement.verdict == Verdict::UnknownMechanism {
         progress("shaping a term for what has no name", 0.0);
         if event.is_some() {
             // That one was fitted to what happened as well.
             formula = formula_for_reading(&searched, &found.nominal);
         }
-        fit_unknown(&searched, &found.nominal, &missing, if request.quick { 2 } else { 4 }, formula)?
-    } else {
-        None
-    };
-    if let Some(term) = &mut unknown {
+        unknown = fit_unknown(&searched, &found.nominal, &missing, if request.quick { 2 } else { 4 }, formula)?;
+    }
+    if let Some(mut term) = unknown.take() {
         term.explanation = settled(bench, &term.explanation)?;
         let with_it = of(&term.explanation.fitted.rig)?;
-        if with_it.holds_against(&fitted, &sigma_kpa) {
+        if with_it.holds_against(&fitted, &bench.sigma_kpa()) {
             extended = with_it;
+            if let Some(channel) = term.reading {
+                missing.settle_on_reading(channel);
+            }
+            unknown = Some(term);
         } else {
-            notes.push(format!(
-                "{} was tried and does not hold on the rows kept back ({:.2} kPa instead of {:.2}): it is not in the rig file",
-                term.depends_on,
-                with_it.total_rmse_kpa(),
-                fitted.total_rmse_kpa()
-            ));
-            unknown = None;
+            notes.push(does_not_hold(&term.depends_on, [&fitted, &with_it]));
         }
     }
-    if let Some(channel) = unknown.as_ref().and_then(|term| term.reading) {
-        missing.settle_on_reading(channel);
-    }
-    if matches!(judgement.verdict, Verdict::Adequate | Verdict::ParametersMoved | Verdict::MissingPhysics)
-        && can_be_shut_in(rig, bench.records.inputs())
-    {
+
+    if can_be_shut_in(rig, bench.records.inputs()) {
         let base = if judgement.verdict == Verdict::MissingPhysics { &found.best } else { &found.nominal };
-        notes.extend(hidden::in_words(&searched, &asked.candidates, base));
-    }
-    if let Some(group) = judgement.groups.iter_mut().find(|group| group.iter().any(|name| name == MOVED))
-        && can_be_shut_in(rig, bench.records.inputs())
-    {
-        // The experiment ends with a shut-in in any case, and tells.
-        let hide = hidden::leaks_behind(&searched, &asked.candidates, &found.nominal);
-        group.extend(hide.into_iter().filter(|name| !group.contains(name)).collect::<Vec<_>>());
+        tell_what_could_hide(&searched, &asked.candidates, base, &mut judgement, &mut notes);
     }
     progress("planning", 0.0);
-    let plan = if judgement.verdict == Verdict::Undecided {
-        plan(bench, &judgement.rivals.iter().collect::<Vec<_>>())?
-    } else {
-        None
+    let plan = match judgement.verdict {
+        Verdict::Undecided => plan(bench, &judgement.rivals.iter().collect::<Vec<_>>())?,
+        _ => None,
     };
     if judgement.verdict == Verdict::MissingPhysics {
         let by_the_unnamed = variance_by_the_unnamed(&searched, &asked.candidates, &found.best);
@@ -281,6 +145,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     if let Some(event) = &mut event {
         event.change = event::what_changed(&whole, &found.best.fitted.rig, event)?;
     }
+
     let findings = Findings {
         given,
         reidentified: turning.reidentified(bench, fitted, !request.quick)?,
@@ -297,83 +162,79 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         notes,
     };
     let diagnosis = summed_up(&findings);
-    let rig = if diagnosis.verdict == Verdict::Adequate {
-        request.rig.clone()
-    } else {
-        turning.as_begun(&findings.extended_by().fitted.rig)
+    let rig = match diagnosis.verdict {
+        Verdict::Adequate => request.rig.clone(),
+        _ => turning.as_begun(&findings.extended_by().fitted.rig),
     };
-    write(request, &findings, &diagnosis, &rig)?;
+    write(&request.out_dir, &findings, &diagnosis, &rig)?;
     Ok(diagnosis)
 }
 
-/// What must be set right on the rows kept back, in kPa, where little is set right elsewhere. A minute of rows tells the
-/// root of a drop in mean squared error to a hundredth of a kPa or so.
-const KEPT_BACK_KPA: f64 = 0.02;
-
-/// Root of the drop in mean squared error, in kPa; negative if it rose.
-fn removed(without: &Figures, with: &Figures) -> f64 {
-    root_of_drop(without.total_rmse_kpa().powi(2) - with.total_rmse_kpa().powi(2))
+/// What a search over the recordings of a request is asked; `switched`, whether a pump was.
+fn asked(request: &Request, switched: bool) -> Asked<'_> {
+    Asked {
+        given: &request.rig,
+        candidates: candidates(&request.rig),
+        settings: SearchSettings {
+            most_terms: 4,
+            glanced: if request.quick { 6 } else { 14 },
+            polished: if request.quick { 3 } else { 4 },
+            from_prior: true,
+            bar: if switched { Bar::of_experiments() } else { Bar::default() },
+        },
+        quick: request.quick,
+        threads: request.threads,
+    }
 }
 
-/// What to say of a term that fits best as fast as its kind is told by not being.
-fn too_fast(bench: &Bench<'_>, candidates: &[Candidate], best: &Explanation) -> Option<String> {
-    best.terms.iter().find_map(|term| {
-        let candidate = candidates.get(*term)?;
-        let at = position_of(bench, candidates, best, *term)?;
-        let estimates = best.fitted.estimates.iter().skip(at).take(candidate.len());
-        let (key, least) = candidate.too_fast(&estimates.map(|estimate| estimate.value).collect::<Vec<_>>())?;
-        Some(format!(
-            "{} fits best with the least {key} that is plausible for it, {least}: something like it, but faster, not it",
-            candidate.name()
-        ))
+/// What may be there where no known physics explains the recordings: a formula for a reading, or something that happened.
+fn unexplained(whole: &Bench<'_>, answer: &Answer, threads: Option<usize>) -> (Option<Formula>, Option<Event>) {
+    if answer.judgement.verdict != Verdict::UnknownMechanism {
+        return (None, None);
+    }
+    let searched = Bench::new(whole.rig, &answer.reduced, whole.counted(), whole.fast.fidelity(), threads);
+    let formula = formula_for_reading(&searched, &answer.found.nominal);
+    let left = answer.judgement.excess_kpa[2].iter().any(|kpa| *kpa > UNKNOWN_KPA);
+    let asked = left && !formula.as_ref().is_some_and(|formula| formula.suffices);
+    let event = if asked { event::find(&searched, &answer.found.best.trace) } else { None };
+    (formula, event)
+}
+
+/// What to say of terms that are in the rig and have no name.
+fn beside_what_is_named(candidates: &[Candidate], judgement: &Judgement, best: &Explanation) -> Option<String> {
+    let contested = |term: &&usize| judgement.contested.iter().all(|contest| contest.term != **term);
+    let beside: Vec<usize> = best.terms.iter().filter(contested).copied().collect();
+    (!beside.is_empty()).then(|| {
+        format!(
+            "{} is in the rig file as well: it shows while the pump stands, and moves no pressure by {REACH_KPA} kPa elsewhere",
+            names_of(candidates, &beside)
+        )
     })
 }
 
-/// Names of terms, for notes.
-fn names_of(candidates: &[Candidate], terms: &[usize]) -> String {
-    terms.iter().filter_map(|t| candidates.get(*t)).map(Candidate::name).collect::<Vec<_>>().join(" with ")
+/// What to say of a term without a name that makes rows worse that nothing was fitted to.
+fn does_not_hold(depends_on: &str, [fitted, with_it]: [&Figures; 2]) -> String {
+    format!(
+        "{depends_on} was tried and does not hold on the rows kept back ({:.2} kPa instead of {:.2}): it is not in the rig file",
+        with_it.total_rmse_kpa(),
+        fitted.total_rmse_kpa()
+    )
 }
 
-/// The diagnosis in the form of its file.
-fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {
-    let judgement = findings.judgement;
-    let mechanisms = summary::mechanisms(findings);
-    let extended = if judgement.verdict == Verdict::Adequate { &findings.given } else { &findings.extended };
-    Diagnosis {
-        verdict: judgement.verdict,
-        summary: summary::summary(findings, &mechanisms),
-        location: whereabouts::locations(findings),
-        mechanisms,
-        fit: Fits {
-            nominal: findings.given.to_fit(),
-            reidentified: findings.reidentified.to_fit(),
-            extended: extended.to_fit(),
-        },
-        rivals: judgement.groups.clone(),
-        next_experiment: findings.plan.as_ref().map(|_| NEXT_EXPERIMENT.to_owned()),
-        notes: findings.notes.clone(),
+/// Notes what could be there beside an answer without showing; leaks that could stand behind moved parameters are their rivals: the
+/// experiment ends with a shut-in in any case, and tells.
+fn tell_what_could_hide(
+    searched: &Bench<'_>,
+    candidates: &[Candidate],
+    base: &Explanation,
+    judgement: &mut Judgement,
+    notes: &mut Vec<String>,
+) {
+    if matches!(judgement.verdict, Verdict::Adequate | Verdict::ParametersMoved | Verdict::MissingPhysics) {
+        notes.extend(hidden::in_words(searched, candidates, base));
     }
-}
-
-fn write(
-    request: &Request,
-    findings: &Findings<'_, '_>,
-    diagnosis: &Diagnosis,
-    rig: &Rig,
-) -> Result<(), DiagnoseError> {
-    let directory = &request.out_dir;
-    std::fs::create_dir_all(directory)
-        .map_err(|source| DiagnoseError::Directory { directory: directory.display().to_string(), source })?;
-    let put = |name: &str, text: &str| atomic_file::write(&directory.join(name), text.as_bytes());
-    let json = diagnosis
-        .to_json()
-        .map_err(|e| DiagnoseError::Format { file: "diagnosis.json".to_owned(), problem: e.to_string() })?;
-    let toml = rig.to_toml().map_err(DiagnoseError::rig(rig))?;
-    put("rig.toml", &toml)?;
-    if let Some(plan) = &findings.plan {
-        put(NEXT_EXPERIMENT, &plan.to_csv())?;
+    if let Some(group) = judgement.groups.iter_mut().find(|group| group.iter().any(|name| name == MOVED)) {
+        let hide = hidden::leaks_behind(searched, candidates, base);
+        group.extend(hide.into_iter().filter(|name| !group.contains(name)).collect::<Vec<_>>());
     }
-    put("report.html", &page::page(findings, diagnosis, &toml))?;
-    put("diagnosis.json", &json)?;
-    Ok(())
 }

@@ -4,10 +4,10 @@ use proto::diagnosis::{FoundEvidence, FoundMechanism, FoundParameter, Verdict};
 use std::collections::BTreeMap;
 
 use crate::event::Event;
+use crate::findings::Findings;
 use crate::heard::{Heard, Number};
 use crate::locate::{Suspect, Suspicion};
 use crate::place::side_of;
-use crate::run::Findings;
 use crate::search::position_of;
 use crate::words::{called, does, does_at, in_words, plain, three};
 

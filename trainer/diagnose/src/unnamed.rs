@@ -10,9 +10,11 @@
 //! over all such mechanisms, each by itself: what a fit with one as well, held near nothing, would state. `κ` is by how much the
 //! scores of `s⊥`, added up over groups of readings whose residuals belong together, scatter more than noise does.
 
+use fit::objective::NINETY;
+
 use crate::bench::{Bench, Explanation};
 use crate::candidate::Candidate;
-use crate::hidden::{NINETY, small_effects};
+use crate::hidden::small_effects;
 use crate::screen::Projector;
 use crate::search::is_open;
 use crate::switched::REACH_KPA;

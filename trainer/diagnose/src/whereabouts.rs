@@ -3,10 +3,10 @@
 use proto::diagnosis::{Location, Verdict};
 
 use crate::event::Event;
+use crate::findings::Findings;
 use crate::locate::Suspect;
 use crate::locate::region::{Stretch, region};
 use crate::place::{channel_of, side_of, volumes_at};
-use crate::run::Findings;
 
 /// Where the mismatch lives: first the span of an event, then what is off all along.
 pub(crate) fn locations(findings: &Findings<'_, '_>) -> Vec<Location> {

@@ -1,7 +1,7 @@
 //! What things are called in plain words: mechanisms, components, keys, numbers.
 
 use crate::candidate::Candidate;
-use crate::run::Findings;
+use crate::findings::Findings;
 
 /// What a mechanism does, to be read after the name of the component.
 pub(crate) fn does(id: &str) -> &'static str {

@@ -6,7 +6,7 @@ use report::{Band, Color, Line, Panel, Plot, Scatter};
 
 use super::{rival_name, shows_extended};
 use crate::figures::held_out;
-use crate::run::Findings;
+use crate::findings::Findings;
 use crate::whereabouts::command_of;
 
 /// The 30 held-out seconds on which the re-identified rig is worst.

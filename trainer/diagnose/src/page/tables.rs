@@ -3,8 +3,8 @@
 use report::Table;
 
 use super::{rival_name, shows_extended};
+use crate::findings::Findings;
 use crate::locate::Suspect;
-use crate::run::Findings;
 use crate::words::{short, three};
 use proto::diagnosis::Diagnosis;
 

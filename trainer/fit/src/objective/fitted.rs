@@ -8,6 +8,9 @@ use crate::least_squares::{Information, Linearised, Loss};
 use crate::parameters::{Parameter, ParameterSet};
 use crate::simulate::Arcs;
 
+/// z of a two-sided interval of 90 %.
+pub const NINETY: f64 = 1.645;
+
 /// A fitted parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Estimate {
@@ -39,7 +42,7 @@ impl Estimate {
     /// Interval that holds the value with 90 %.
     pub fn interval(&self) -> [f64; 2] {
         let z = self.parameter.coordinate(self.value);
-        self.parameter.interval(z, 1.645 * self.undetermined)
+        self.parameter.interval(z, NINETY * self.undetermined)
     }
 }
 
