@@ -101,143 +101,157 @@ impl<'a> Sheet<'a> {
 /// All programmes for a rig that was used like this.
 pub fn menu(rig: &Rig, inputs: &[Input], usage: &Usage) -> Vec<Programme> {
     let roles: Vec<Role> = inputs.iter().map(|input| role(rig, &input.column)).collect();
-    let valves: Vec<usize> = (0..roles.len()).filter(|i| roles[*i] == Role::Valve).collect();
-    let relays: Vec<usize> = (0..roles.len()).filter(|i| roles[*i] == Role::Relay).collect();
-    let sheet = || Sheet::new(&roles, usage).hold(SETTLE_S);
-    let set = |now: &mut [f64], which: &[usize], value: f64| {
-        for i in which {
-            if let Some(slot) = now.get_mut(*i) {
-                *slot = value;
-            }
-        }
-    };
-    let mut all = Vec::new();
-    if !relays.is_empty() && !valves.is_empty() {
-        all.push(
-            sheet()
-                .part(14.0, |_, now| {
-                    set(now, &relays, 0.0);
-                    set(now, &valves, 0.0);
-                })
-                .named(SHUT_IN),
-        );
-        all.push(
-            sheet()
-                .part(10.0, |t, now| {
-                    set(now, &relays, 0.0);
-                    set(now, &valves, if t < 6.0 { 1.0 } else { 0.0 });
-                })
-                .named("pump off, everything open to the air (6 s), then shut (4 s)"),
-        );
-        all.push(sheet().part(8.0, |_, now| set(now, &relays, 0.0)).named("pump off, valves half open (8 s)"));
-        for valve in &valves {
-            let name = inputs.get(*valve).map_or("", |input| input.column.as_str());
-            all.push(
-                sheet()
-                    .part(10.0, |_, now| {
-                        set(now, &relays, 0.0);
-                        set(now, &valves, 0.0);
-                        set(now, &[*valve], *usage.high.get(*valve).unwrap_or(&1.0));
-                    })
-                    .named(format!("pump off, only {name} open (10 s)")),
-            );
-        }
-        all.push(
-            sheet()
-                .part(12.0, |t, now| set(now, &relays, if ((t / 2.0) as usize).is_multiple_of(2) { 0.0 } else { 1.0 }))
-                .named("pump off and on every 2 s"),
-        );
+    let of_role = |wanted: Role| (0..roles.len()).filter(|i| roles[*i] == wanted).collect();
+    let bench = Levers { inputs, usage, valves: of_role(Role::Valve), relays: of_role(Role::Relay), roles: &roles };
+    if bench.valves.is_empty() {
+        return Vec::new();
     }
-    for valve in &valves {
-        let name = inputs.get(*valve).map_or("", |input| input.column.as_str());
-        let at = |of: &[f64], otherwise: f64| of.get(*valve).copied().unwrap_or(otherwise);
-        let (low, high) = (at(&usage.low, 0.3), at(&usage.high, 0.9));
+    let mut all = if bench.relays.is_empty() { Vec::new() } else { bench.with_the_pump_off() };
+    all.extend(bench.valves.iter().flat_map(|valve| bench.with_one_valve(*valve)));
+    all.extend(bench.with_all_valves());
+    all
+}
+
+/// What can be commanded, and how far it was.
+struct Levers<'a> {
+    inputs: &'a [Input],
+    usage: &'a Usage,
+    roles: &'a [Role],
+    valves: Vec<usize>,
+    relays: Vec<usize>,
+}
+
+/// Sets some of the commands.
+fn set(now: &mut [f64], which: &[usize], value: f64) {
+    for i in which {
+        if let Some(slot) = now.get_mut(*i) {
+            *slot = value;
+        }
+    }
+}
+
+/// Whether a time falls into every second span of so many seconds.
+fn in_second_half(t: f64, seconds: f64) -> bool {
+    !((t / seconds) as usize).is_multiple_of(2)
+}
+
+impl<'a> Levers<'a> {
+    /// A sheet that has settled.
+    fn sheet(&self) -> Sheet<'a> {
+        Sheet::new(self.roles, self.usage).hold(SETTLE_S)
+    }
+
+    fn name(&self, valve: usize) -> &'a str {
+        self.inputs.get(valve).map_or("", |input| input.column.as_str())
+    }
+
+    /// Ends of what a valve was commanded to.
+    fn ends(&self, valve: usize) -> [f64; 2] {
+        let at = |of: &[f64], otherwise: f64| of.get(valve).copied().unwrap_or(otherwise);
+        [at(&self.usage.low, 0.3), at(&self.usage.high, 0.9)]
+    }
+
+    /// A command of a valve between half as far again as the recordings went down, and all the way up: what acts on both valves at
+    /// once, or bends where they were seldom, shows there several times as large.
+    fn wide(&self, valve: usize, share: f64) -> f64 {
+        let [low, high] = self.ends(valve);
+        let least = (low - 0.5 * (high - low)).max(0.0);
+        least + share * (1.0 - least)
+    }
+
+    fn with_the_pump_off(&self) -> Vec<Programme> {
+        let stopped = |seconds: f64, valves: &dyn Fn(f64, &mut [f64])| {
+            self.sheet().part(seconds, |t, now| {
+                set(now, &self.relays, 0.0);
+                valves(t, now);
+            })
+        };
+        let mut all = vec![
+            stopped(14.0, &|_, now| set(now, &self.valves, 0.0)).named(SHUT_IN),
+            stopped(10.0, &|t, now| set(now, &self.valves, if t < 6.0 { 1.0 } else { 0.0 }))
+                .named("pump off, everything open to the air (6 s), then shut (4 s)"),
+            stopped(8.0, &|_, _| ()).named("pump off, valves half open (8 s)"),
+        ];
+        all.extend(self.valves.iter().map(|valve| {
+            let [_, high] = self.ends(*valve);
+            let alone = |_: f64, now: &mut [f64]| {
+                set(now, &self.valves, 0.0);
+                set(now, &[*valve], high);
+            };
+            stopped(10.0, &alone).named(format!("pump off, only {} open (10 s)", self.name(*valve)))
+        }));
+        let switched = |t: f64, now: &mut [f64]| set(now, &self.relays, f64::from(in_second_half(t, 2.0)));
+        all.push(self.sheet().part(12.0, switched).named("pump off and on every 2 s"));
+        all
+    }
+
+    fn with_one_valve(&self, valve: usize) -> Vec<Programme> {
+        let name = self.name(valve);
+        let [low, high] = self.ends(valve);
         let triangle = |t: f64, period: f64| {
             let phase = (t / period).fract();
             low + (high - low) * if phase < 0.5 { 2.0 * phase } else { 2.0 - 2.0 * phase }
         };
-        all.push(
-            sheet()
-                .part(16.0, |t, now| set(now, &[*valve], triangle(t, 16.0)))
-                .part(6.0, |t, now| set(now, &[*valve], triangle(t, 2.0)))
+        let mut all = vec![
+            self.sheet()
+                .part(16.0, |t, now| set(now, &[valve], triangle(t, 16.0)))
+                .part(6.0, |t, now| set(now, &[valve], triangle(t, 2.0)))
                 .named(format!("triangles of {name}: one of 16 s, three of 2 s")),
-        );
-        all.push(
-            sheet()
-                .part(12.0, |t, now| {
-                    set(now, &[*valve], if ((t / 1.5) as usize).is_multiple_of(2) { low } else { high })
-                })
+            self.sheet()
+                .part(12.0, |t, now| set(now, &[valve], if in_second_half(t, 1.5) { high } else { low }))
                 .named(format!("steps of {name} every 1.5 s")),
-        );
-        if valves.len() > 1 {
-            all.push(
-                sheet()
-                    .part(8.0, |t, now| {
-                        let others: Vec<usize> = valves.iter().copied().filter(|v| v != valve).collect();
-                        set(now, &others, 1.0);
-                        set(now, &[*valve], if t % 4.0 < 1.2 { 0.0 } else { high });
-                    })
-                    .named(format!("{name} shut for 1.2 s at a time, pump on")),
-            );
+        ];
+        if self.valves.len() > 1 {
+            let shut = |t: f64, now: &mut [f64]| {
+                set(now, &self.valves, 1.0);
+                set(now, &[valve], if t % 4.0 < 1.2 { 0.0 } else { high });
+            };
+            all.push(self.sheet().part(8.0, shut).named(format!("{name} shut for 1.2 s at a time, pump on")));
         }
+        all
     }
-    if !valves.is_empty() {
-        // Half as far again as the recordings went down, and all the way up: what acts on both valves at once, or bends where they
-        // were seldom, shows there several times as large.
-        let wide = |valve: usize, share: f64| {
-            let at = |of: &[f64], otherwise: f64| of.get(valve).copied().unwrap_or(otherwise);
-            let (low, high) = (at(&usage.low, 0.3), at(&usage.high, 0.9));
-            let least = (low - 0.5 * (high - low)).max(0.0);
-            least + share * (1.0 - least)
+
+    fn with_all_valves(&self) -> Vec<Programme> {
+        let each = |now: &mut [f64], level: &dyn Fn(u32, usize) -> f64| {
+            for (k, valve) in (0..).zip(&self.valves) {
+                set(now, &[*valve], level(k, *valve));
+            }
         };
+        let mut all = Vec::new();
         for (seconds, period, name) in [(12.0, 0.2, "0.2 s"), (20.0, 1.0, "1 s")] {
-            all.push(
-                sheet()
-                    .part(seconds, |t, now| {
-                        for (k, valve) in valves.iter().enumerate() {
-                            let bit = register_bit((t / period) as u32, 7 + 5 * k as u32);
-                            let of = if bit { &usage.high } else { &usage.low };
-                            set(now, &[*valve], of.get(*valve).copied().unwrap_or(0.5));
-                        }
-                    })
-                    .named(format!("random steps of all valves every {name}")),
-            );
-            all.push(
-                sheet()
-                    .part(seconds, |t, now| {
-                        for (k, valve) in valves.iter().enumerate() {
-                            let step = (t / period) as u32;
-                            let bits = [0, 31, 62].map(|offset| register_bit(step, offset + 7 + 5 * k as u32));
-                            let level = bits.iter().fold(0.0, |level, bit| 2.0 * level + f64::from(u8::from(*bit)));
-                            set(now, &[*valve], wide(*valve, level / 7.0));
-                        }
-                    })
-                    .named(format!("random steps of all valves over their whole range every {name}")),
-            );
+            let one_of_two = |t: f64, now: &mut [f64]| {
+                each(now, &|k, valve| {
+                    let [low, high] = self.ends(valve);
+                    if register_bit((t / period) as u32, 7 + 5 * k) { high } else { low }
+                });
+            };
+            let one_of_eight = |t: f64, now: &mut [f64]| {
+                each(now, &|k, valve| {
+                    let bits = [0, 31, 62].map(|offset| register_bit((t / period) as u32, offset + 7 + 5 * k));
+                    let level = bits.iter().fold(0.0, |level, bit| 2.0 * level + f64::from(u8::from(*bit)));
+                    self.wide(valve, level / 7.0)
+                });
+            };
+            let named = |over: &str| format!("random steps of all valves{over} every {name}");
+            all.push(self.sheet().part(seconds, one_of_two).named(named("")));
+            all.push(self.sheet().part(seconds, one_of_eight).named(named(" over their whole range")));
         }
-        for valve in valves.iter().filter(|_| valves.len() > 1) {
-            let name = inputs.get(*valve).map_or("", |input| input.column.as_str());
-            all.push(
-                sheet()
-                    .part(16.0, |t, now| {
-                        let level = [1.0, 0.35, 0.7, 0.15].get((t / 2.0) as usize % 4).copied().unwrap_or(1.0);
-                        set(now, &[*valve], wide(*valve, level));
-                    })
-                    .named(format!("{name} over its whole range, the other valves still")),
-            );
+        for valve in self.valves.iter().filter(|_| self.valves.len() > 1) {
+            let steps = |t: f64, now: &mut [f64]| {
+                let level = [1.0, 0.35, 0.7, 0.15].get((t / 2.0) as usize % 4).copied().unwrap_or(1.0);
+                set(now, &[*valve], self.wide(*valve, level));
+            };
+            let name = format!("{} over its whole range, the other valves still", self.name(*valve));
+            all.push(self.sheet().part(16.0, steps).named(name));
         }
-        all.push(
-            sheet()
-                .part(50.0, |t, now| {
-                    for valve in &valves {
-                        let of = if t < 40.0 { &usage.high } else { &usage.middle };
-                        set(now, &[*valve], of.get(*valve).copied().unwrap_or(0.5));
-                    }
-                })
-                .named("soak: valves far open for 40 s, then the middle"),
-        );
+        let soak = |t: f64, now: &mut [f64]| {
+            if t < 40.0 {
+                each(now, &|_, valve| self.ends(valve)[1]);
+            }
+        };
+        all.push(self.sheet().part(50.0, soak).named("soak: valves far open for 40 s, then the middle"));
+        all
     }
-    all
 }
 
 /// Whether a rig's pump can be stopped and its valves shut.
