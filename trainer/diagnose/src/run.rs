@@ -23,7 +23,7 @@ use crate::recorded::{Recorded, without};
 use crate::search::SearchSettings;
 use crate::switched::REACH_KPA;
 use crate::turning::answered;
-use crate::unknown::{Formula, fit_unknown, formula_for_reading};
+use crate::unknown::{self, Formula, fit_unknown};
 use crate::unnamed::variance_by_the_unnamed;
 use crate::withheld::objection;
 
@@ -86,6 +86,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     if judgement.verdict == Verdict::MissingPhysics {
         if let Some(objection) = objection(&searched, &asked.candidates, &found, [&fitted, &extended])? {
             notes.push(objection.note);
+            formula = objection.formula;
             judgement = if objection.missing {
                 judgement.of_no_name()
             } else {
@@ -111,7 +112,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         progress("shaping a term for what has no name", 0.0);
         if event.is_some() {
             // That one was fitted to what happened as well.
-            formula = formula_for_reading(&searched, &found.nominal);
+            formula = unknown::formula(&searched, &found.nominal);
         }
         unknown = fit_unknown(&searched, &found.nominal, &missing, if request.quick { 2 } else { 4 }, formula)?;
     }
@@ -193,7 +194,7 @@ fn unexplained(whole: &Bench<'_>, answer: &Answer, threads: Option<usize>) -> (O
         return (None, None);
     }
     let searched = Bench::new(whole.rig, &answer.reduced, whole.counted(), whole.fast.fidelity(), threads);
-    let formula = formula_for_reading(&searched, &answer.found.nominal);
+    let formula = unknown::formula(&searched, &answer.found.nominal);
     let left = answer.judgement.excess_kpa[2].iter().any(|kpa| *kpa > UNKNOWN_KPA);
     let asked = left && !formula.as_ref().is_some_and(|formula| formula.suffices);
     let event = if asked { event::find(&searched, &answer.found.best.trace) } else { None };

@@ -4,7 +4,8 @@
 //! variables, with and without memory; the variables that explain most of it, block by block on rows that were left
 //! out, make the axes. The table is then fitted in free runs like any other mechanism (`residual_flow`), so that the
 //! rig file simulates with it everywhere. It says where, how much, and on what it depends; it does not say what it is.
-//! Where a reading is off while its chamber behaves, a formula is tried first: an answer of second order (`unknown/response.rs`).
+//! Formulas are tried first: an answer of second order, where a reading is off while its chamber behaves (`unknown/response.rs`), and
+//! a dead end of a chamber (`unknown/dead_end.rs`).
 
 use fit::data::Role;
 use fit::parameters::{Knowledge, Parameter, ParameterSet, Transform};
@@ -18,7 +19,9 @@ use crate::error::DiagnoseError;
 use crate::evidence::evidence;
 use crate::locate::Missing;
 use crate::place::volumes_at;
+use crate::words::three;
 
+mod dead_end;
 mod response;
 
 /// Knots of the only axis, and of each of two.
@@ -46,21 +49,40 @@ pub struct UnknownTerm {
     pub reading: Option<usize>,
 }
 
-/// A formula for a reading, and what it is worth.
+/// A formula for a reading or a chamber, and what it is worth.
 #[derive(Debug, Clone)]
 pub struct Formula {
-    term: UnknownTerm,
+    pub(crate) term: UnknownTerm,
     gain: f64,
     /// Whether it takes more away than it leaves.
     pub suffices: bool,
 }
 
-/// Fits a formula for the reading that gains most by one; `None` if that makes the rig no better on rows that choose.
-pub fn formula_for_reading(bench: &Bench<'_>, base: &Explanation) -> Option<Formula> {
-    let term = response::fit_response(bench, base)?;
-    let noise = bench.sigma_kpa().iter().map(|s| s * s).sum::<f64>() / bench.noise.len().max(1) as f64;
-    let left = bench.squares(&term.explanation.trace, Role::Select) - noise;
-    gain(bench, base, &term).map(|gain| Formula { term, gain, suffices: left < gain })
+/// Fits the formulas; the one that gains most, `None` if none makes the rig better on rows that choose.
+pub fn formula(bench: &Bench<'_>, base: &Explanation) -> Option<Formula> {
+    let response = response::fit_response(bench, base).and_then(|term| Formula::of(bench, base, term));
+    [response, dead_end(bench, base)].into_iter().flatten().max_by(|a, b| a.gain.total_cmp(&b.gain))
+}
+
+/// Fits a dead end of the chamber that gains most by one; `None` if that makes the rig no better on rows that choose.
+pub fn dead_end(bench: &Bench<'_>, base: &Explanation) -> Option<Formula> {
+    dead_end::fit_dead_end(bench, base).and_then(|term| Formula::of(bench, base, term))
+}
+
+impl Formula {
+    fn of(bench: &Bench<'_>, base: &Explanation, term: UnknownTerm) -> Option<Self> {
+        let noise = bench.sigma_kpa().iter().map(|s| s * s).sum::<f64>() / bench.noise.len().max(1) as f64;
+        let left = bench.squares(&term.explanation.trace, Role::Select) - noise;
+        gain(bench, base, &term).map(|gain| Formula { term, gain, suffices: left < gain })
+    }
+}
+
+/// A fitted number with its interval, for words.
+fn told(explanation: &Explanation, index: usize) -> String {
+    explanation.fitted.estimates.get(index).map_or_else(String::new, |estimate| {
+        let [low, high] = estimate.interval();
+        format!("{} ({} … {})", three(estimate.value), three(low), three(high))
+    })
 }
 
 /// By how much a term lowers the mean squared error (kPa²) on rows that choose, if it does so and is likely as well:

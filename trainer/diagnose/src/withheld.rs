@@ -1,14 +1,17 @@
 //! Names that do not hold: what fits the rows that were fitted, and is spoken against by those kept back, by its own time
-//! constant, or by how little it does where the rig works.
+//! constant, by a formula without a name that explains what it leaves, or by how little it does where the rig works.
+
+use fit::data::Role;
 
 use crate::bench::{Bench, Explanation};
 use crate::candidate::{Candidate, names_of};
 use crate::error::DiagnoseError;
-use crate::evidence::{evidence, root_of_drop};
+use crate::evidence::{Bar, Evidence, evidence, root_of_drop};
 use crate::figures::Figures;
-use crate::judge::UNKNOWN_KPA;
+use crate::judge::{FLOOR_KPA, UNKNOWN_KPA, explains_most, left};
 use crate::search::{Found, position_of};
 use crate::switched::{REACH_KPA, reach_kpa};
+use crate::unknown::{Formula, dead_end};
 
 /// Why what was found has no name.
 pub(crate) struct Objection {
@@ -16,6 +19,8 @@ pub(crate) struct Objection {
     pub(crate) note: String,
     /// Whether something is missing all the same.
     pub(crate) missing: bool,
+    /// A formula without a name that explains it.
+    pub(crate) formula: Option<Formula>,
 }
 
 /// What must be set right on the rows kept back, in kPa, where little is set right elsewhere. A minute of rows tells the
@@ -42,10 +47,13 @@ pub(crate) fn objection(
             extended.total_rmse_kpa(),
             fitted.total_rmse_kpa()
         );
-        return Ok(Some(Objection { note, missing: true }));
+        return Ok(Some(Objection { note, missing: true, formula: None }));
     }
     if let Some(note) = too_fast(searched, candidates, &found.best) {
-        return Ok(Some(Objection { note, missing: true }));
+        return Ok(Some(Objection { note, missing: true, formula: None }));
+    }
+    if let Some((formula, note)) = only_resembles(searched, found, &names()) {
+        return Ok(Some(Objection { note, missing: true, formula: Some(formula) }));
     }
     let found_for = evidence(searched, &found.best, &found.nominal);
     let little = found_for.removed_kpa < UNKNOWN_KPA && !found_for.shows_somewhere()
@@ -59,12 +67,35 @@ pub(crate) fn objection(
             found_for.removed_kpa
         ),
         missing: false,
+        formula: None,
     }))
 }
 
 /// Root of the drop in mean squared error, in kPa; negative if it rose.
 fn removed_kpa(without: &Figures, with: &Figures) -> f64 {
     root_of_drop(without.total_rmse_kpa().powi(2) - with.total_rmse_kpa().powi(2))
+}
+
+/// A dead end of a chamber, and what to say of it, where that explains most of what known physics leaves and would pass as a
+/// further term of it: gas that warms comes near to it.
+fn only_resembles(searched: &Bench<'_>, found: &Found, names: &str) -> Option<(Formula, String)> {
+    let left_kpa = left(searched, &found.best);
+    if left_kpa.iter().all(|kpa| *kpa < FLOOR_KPA) {
+        return None;
+    }
+    let formula = dead_end(searched, &found.nominal)?;
+    let with_it = &formula.term.explanation;
+    let left_with_it_kpa = left(searched, with_it);
+    let parameters = with_it.set.len().saturating_sub(found.best.set.len()).max(1);
+    let passes = |e: &Evidence| Bar::default().passed(e, parameters, 1, searched.blocks(Role::Fit).len());
+    let explains = explains_most(&left_kpa, &left_with_it_kpa) && passes(&evidence(searched, with_it, &found.best));
+    let most = |kpa: &[f64]| kpa.iter().copied().fold(0.0, f64::max);
+    let note = format!(
+        "{names} leaves {:.2} kPa beside the noise where a dead end leaves {:.2}: something like it, not it",
+        most(&left_kpa),
+        most(&left_with_it_kpa)
+    );
+    explains.then_some((formula, note))
 }
 
 /// What to say of a term that fits best as fast as its kind is told by not being.

@@ -13,9 +13,8 @@ use diagnose::candidate::{Candidate, candidates};
 use diagnose::{Request, Verdict, run};
 use fit::data::Records;
 use fit::simulate::Fidelity;
-use made::{SIGMA_KPA, STEP_KPA, bench, judged, made, made_after, moved, recording};
-use model::mechanism::{Mechanism, ResidualResponse};
-use model::rig::{Attached, Rig};
+use made::{bench, judged, made, made_after, moved, recording};
+use model::rig::Rig;
 
 /// What is looked through: enough to be wrong in many ways, and few enough to be quick.
 fn some(rig: &Rig) -> Vec<Candidate> {
@@ -288,40 +287,6 @@ fn a_ripple_that_passes_slowly_is_no_drift() {
     assert_eq!(found.verdict, Verdict::Adequate, "{}", found.summary);
     assert!(found.mechanisms.is_empty(), "{}", found.summary);
     assert!(found.notes.iter().any(|note| note.contains("rev/min")), "{:?}", found.notes);
-}
-
-/// Half of a reading rings as no mechanism does: it gets no name, its place is told, and the rig file answers as it does.
-#[test]
-fn a_reading_that_rings_has_no_name_and_the_rig_file_its_formula() {
-    let (rig, mut truth) = moved(&[("volumes.negative.volume_l", 1.03)]);
-    let rings = ResidualResponse { natural_frequency_hz: 2.5, damping_ratio: 0.07, share: 0.5 };
-    let mechanism = Mechanism::ResidualResponse(rings.clone());
-    truth.mechanisms.push(Attached { component: "sensor_pos".to_owned(), enabled: true, mechanism });
-    let out_dir = std::env::temp_dir().join(format!("diagnose-rings-{}", std::process::id()));
-    let recordings = made(&truth, 2, 6);
-    let request = Request { rig, recordings, out_dir: out_dir.clone(), quick: true, threads: None };
-    let found = run(&request, &mut |_, _| ()).unwrap();
-    let written = Rig::from_toml(&std::fs::read_to_string(out_dir.join("rig.toml")).unwrap()).unwrap();
-    std::fs::remove_dir_all(&out_dir).unwrap();
-    assert_eq!(found.verdict, Verdict::UnknownMechanism, "{}", found.summary);
-    let place = (found.location[0].side.as_str(), found.location[0].enters.as_str());
-    assert_eq!(place, ("positive", "reading"), "{} {:?}", found.summary, found.location);
-    let [Attached { component, mechanism: Mechanism::ResidualResponse(fitted), .. }] = &written.mechanisms[..] else {
-        panic!("{:?}", written.mechanisms)
-    };
-    assert_eq!(component, "sensor_pos");
-    // A minute of recordings tells each to some percent; a formula of another kind would be far off in one of them.
-    for (value, true_value) in [
-        (fitted.natural_frequency_hz, rings.natural_frequency_hz),
-        (fitted.damping_ratio, rings.damping_ratio),
-        (fitted.share, rings.share),
-    ] {
-        assert!((value / true_value - 1.0).abs() < 0.05, "{fitted:?}");
-    }
-    // Noise and converter steps are all that is left.
-    assert!(found.fit.extended.pos_rmse_kpa < 1.1 * SIGMA_KPA.hypot(STEP_KPA / 12.0_f64.sqrt()), "{:?}", found.fit);
-    // Much of what is kept back are slow triangles, under which little rings.
-    assert!(found.fit.reidentified.pos_rmse_kpa > 1.2 * found.fit.extended.pos_rmse_kpa, "{:?}", found.fit);
 }
 
 #[test]

@@ -10,9 +10,8 @@ use model::mechanism::{Mechanism, ResidualResponse};
 use model::rig::Attached;
 use proto::recording::PERIOD_S;
 
-use super::UnknownTerm;
+use super::{UnknownTerm, told};
 use crate::bench::{Bench, Effort, Explanation};
-use crate::words::three;
 
 /// Frequencies that are looked at, in Hz: each 1.25 times the one before. Beyond the last the rows, 20 ms apart, show
 /// no swing.
@@ -64,20 +63,14 @@ pub(super) fn fit_response(bench: &Bench<'_>, base: &Explanation) -> Option<Unkn
     let mut start = base.fitted.point.clone();
     start.resize(set.len(), 0.0);
     let explanation = bench.fit_set(&base.terms, set, &[start], Effort::Polish).ok()?;
-    let told = |index: usize| {
-        explanation.fitted.estimates.get(known + index).map_or_else(String::new, |estimate| {
-            let [low, high] = estimate.interval();
-            format!("{} ({} … {})", three(estimate.value), three(low), three(high))
-        })
-    };
     let rings = explanation.fitted.estimates.get(known + 1).is_some_and(|damping| damping.value < 1.0);
     let depends_on = format!(
         "a reading of {} that {}: natural frequency {} Hz, damping ratio {}, share of the reading {}",
         best.sensor,
         if rings { "rings as a mass on a spring would" } else { "comes late by two lags" },
-        told(0),
-        told(1),
-        told(2)
+        told(&explanation, known),
+        told(&explanation, known + 1),
+        told(&explanation, known + 2)
     );
     Some(UnknownTerm { explanation, depends_on, reading: Some(best.channel) })
 }
