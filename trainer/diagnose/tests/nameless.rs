@@ -7,6 +7,7 @@ mod made;
 use diagnose::{Diagnosis, Request, Verdict, run};
 use made::{SIGMA_KPA, STEP_KPA, made, moved};
 use model::mechanism::{Mechanism, ResidualResponse};
+use model::predict::DualPressureRig;
 use model::rig::{Attached, Line, Rig, Volume};
 
 /// Noise and converter steps: what is left where nothing is missing.
@@ -75,4 +76,10 @@ fn a_dead_end_is_no_warm_gas_and_the_rig_file_has_its_room() {
     assert!((room / volume_l - 1.0).abs() < 0.2, "{room} L");
     assert!((room * passage / (volume_l * resistance_kpa_s_per_l) - 1.0).abs() < 0.2, "{room} L, {passage} kPa s/L");
     assert!(found.fit.extended.pos_rmse_kpa < 0.5 * found.fit.reidentified.pos_rmse_kpa, "{:?}", found.fit);
+    // And the controller predicts with it: filled, gas goes on into the room.
+    let mut predicted = DualPressureRig::new(&written).unwrap();
+    predicted.start_from([90.0, -60.0], [0.8, 0.8]);
+    (0..50).for_each(|_| predicted.tick([0.0, 0.8], true));
+    let [pos_kpa, _] = predicted.readings_kpa();
+    assert!(pos_kpa.is_finite() && pos_kpa > 90.0, "{pos_kpa} kPa");
 }
