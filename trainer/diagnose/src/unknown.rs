@@ -327,11 +327,24 @@ fn fit_design(
         knowledge: Knowledge::Prior { sd: 2.0 * scale },
         bounds: [-50.0 * scale, 50.0 * scale],
     });
-    let free = base.set.parameters().iter().cloned().chain(table).collect();
-    let set = ParameterSet::new(&rig, free).map_err(DiagnoseError::rig(&rig))?;
-    let mut start = base.fitted.point.clone();
-    start.resize(set.len(), 0.0);
-    bench.fit_set(&base.terms, set, &[start], Effort::Polish)
+    let start = base.fitted.point.clone();
+    fit_further(bench, base, &rig, table, [start])
+}
+
+/// Fits `rig`, which has something that `base` has not, with the parameters of that beside the base's; from these points of the
+/// base, and the means of what is new.
+fn fit_further(
+    bench: &Bench<'_>,
+    base: &Explanation,
+    rig: &Rig,
+    further: impl IntoIterator<Item = Parameter>,
+    starts: impl IntoIterator<Item = Vec<f64>>,
+) -> Result<Explanation, DiagnoseError> {
+    let free = base.set.parameters().iter().cloned().chain(further).collect();
+    let set = ParameterSet::new(rig, free).map_err(DiagnoseError::rig(rig))?;
+    let mut starts: Vec<Vec<f64>> = starts.into_iter().collect();
+    starts.iter_mut().for_each(|start| start.resize(set.len(), 0.0));
+    bench.fit_set(&base.terms, set, &starts, Effort::Polish)
 }
 
 fn words(design: &Design) -> String {

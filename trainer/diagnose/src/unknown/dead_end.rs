@@ -8,12 +8,12 @@
 //! Gas that comes and goes by a passage of a second is warm gas, or a leak that ends, to whoever knows no dead ends. Sizes are
 //! first looked up with all other parameters giving way to first order; only the best is fitted in free runs.
 
-use fit::parameters::{Knowledge, Parameter, ParameterSet, Transform};
+use fit::parameters::{Knowledge, Parameter, Transform};
 use fit::simulate::Run;
 use model::rig::{Line, Rig, Volume};
 
-use super::{UnknownTerm, told};
-use crate::bench::{Bench, Effort, Explanation};
+use super::{UnknownTerm, fit_further, told};
+use crate::bench::{Bench, Explanation};
 use crate::glance::weighted;
 use crate::screen::Projector;
 
@@ -75,13 +75,7 @@ pub(super) fn fit_dead_end(bench: &Bench<'_>, base: &Explanation) -> Option<Unkn
         knowledge: Knowledge::Prior { sd: KNOWN },
         bounds: [1e-3 * mean, 1e3 * mean],
     });
-    let free = base.set.parameters().iter().cloned().chain(own).collect();
-    let set = ParameterSet::new(&rig, free).ok()?;
-    let starts = [base.moved(&shift), base.fitted.point.clone()].map(|mut start| {
-        start.resize(set.len(), 0.0);
-        start
-    });
-    let explanation = bench.fit_set(&base.terms, set, &starts, Effort::Polish).ok()?;
+    let explanation = fit_further(bench, base, &rig, own, [base.moved(&shift), base.fitted.point.clone()]).ok()?;
     let depends_on = format!(
         "a dead end of the {} chamber, a room of {} L behind a passage of {} kPa s/L, by which gas comes and goes",
         dead_end.chamber,

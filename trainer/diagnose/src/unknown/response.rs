@@ -5,13 +5,13 @@
 //! best place is then fitted in free runs.
 
 use fit::data::Role;
-use fit::parameters::{Knowledge, Parameter, ParameterSet, Transform};
+use fit::parameters::{Knowledge, Parameter, Transform};
 use model::mechanism::{Mechanism, ResidualResponse};
 use model::rig::Attached;
 use proto::recording::PERIOD_S;
 
-use super::{UnknownTerm, told};
-use crate::bench::{Bench, Effort, Explanation};
+use super::{UnknownTerm, fit_further, told};
+use crate::bench::{Bench, Explanation};
 
 /// Frequencies that are looked at, in Hz: each 1.25 times the one before. Beyond the last the rows, 20 ms apart, show
 /// no swing.
@@ -58,11 +58,7 @@ pub(super) fn fit_response(bench: &Bench<'_>, base: &Explanation) -> Option<Unkn
         knowledge: Knowledge::Prior { sd: KNOWN },
         bounds,
     });
-    let free = base.set.parameters().iter().cloned().chain(own).collect();
-    let set = ParameterSet::new(&rig, free).ok()?;
-    let mut start = base.fitted.point.clone();
-    start.resize(set.len(), 0.0);
-    let explanation = bench.fit_set(&base.terms, set, &[start], Effort::Polish).ok()?;
+    let explanation = fit_further(bench, base, &rig, own, [base.fitted.point.clone()]).ok()?;
     let rings = explanation.fitted.estimates.get(known + 1).is_some_and(|damping| damping.value < 1.0);
     let depends_on = format!(
         "a reading of {} that {}: natural frequency {} Hz, damping ratio {}, share of the reading {}",
