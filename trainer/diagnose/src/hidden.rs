@@ -5,10 +5,12 @@
 //! effect of one on the readings and `s⊥` what the free parameters cannot do instead ([`crate::screen`]), its size is known to
 //!
 //! ```text
-//! a ± 1/√(s⊥·W s⊥),      up to 1.645 times that would show no more than noise does (one side of a 90 % interval)
+//! a ± √(κ / s⊥·W s⊥),      a = −s⊥·W r / s⊥·W s⊥
 //! ```
 //!
-//! to first order. What that much would move the pressures by, all else as it is, tells whether it matters.
+//! to first order, so that `a`, or nothing where that is negative, and 1.645 times the rest would show no more than noise does
+//! (one side of a 90 % interval). `κ` is by how much the scores scatter more than noise does, as in [`crate::unnamed`]. What that
+//! much would move the pressures by, all else as it is, tells whether it matters.
 
 use fit::objective::NINETY;
 use fit::simulate::Run;
@@ -17,6 +19,7 @@ use crate::bench::{Bench, Explanation};
 use crate::candidate::{Candidate, leaks};
 use crate::glance::weighted;
 use crate::screen::Projector;
+use crate::switched::REACH_KPA;
 
 /// What would not show.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,9 +43,11 @@ pub fn hidden(
     of_kind: impl Fn(&str) -> bool,
 ) -> Vec<Hidden> {
     let Some(projector) = Projector::of(&nominal.fitted, &nominal.set.prior()) else { return Vec::new() };
+    let groupings = bench.groupings();
     let small = small_effects(bench, candidates, nominal, |k| of_kind(&candidates[k].id)).into_iter();
     let of = |small: Small| {
-        let moves_kpa = NINETY * small.moves_kpa / projector.sized(small.effect, &[]).information.sqrt();
+        let size = projector.sized(small.effect, &groupings);
+        let moves_kpa = small.moves_kpa * (size.best.max(0.0) + NINETY / size.information.sqrt());
         moves_kpa.is_finite().then_some(Hidden { candidate: small.candidate, moves_kpa })
     };
     let mut hidden: Vec<Hidden> = small.filter_map(of).collect();
@@ -50,12 +55,10 @@ pub fn hidden(
     hidden
 }
 
-/// What something that does not show must move a pressure by, in kPa, to be spoken of.
-const WORTH_A_RECORDING_KPA: f64 = 0.3;
-
-/// Names of leaks that recordings of open valves do not tell from other parameters, of which there could be much.
+/// Names of leaks that recordings of open valves do not tell from other parameters, of which there could be as much as is worth
+/// a name.
 pub fn leaks_behind(bench: &Bench<'_>, candidates: &[Candidate], nominal: &Explanation) -> Vec<String> {
-    let much = hidden(bench, candidates, nominal, leaks).into_iter().filter(|h| h.moves_kpa > WORTH_A_RECORDING_KPA);
+    let much = hidden(bench, candidates, nominal, leaks).into_iter().filter(|h| h.moves_kpa > REACH_KPA);
     much.map(|h| candidates[h.candidate].name()).collect()
 }
 
@@ -65,7 +68,7 @@ pub fn in_words(bench: &Bench<'_>, candidates: &[Candidate], nominal: &Explanati
     let hidden = hidden(bench, candidates, nominal, |id| leaks(id) || id == a_zero || id == a_gain);
     let most = |of_kind: &dyn Fn(&str) -> bool| {
         let most = hidden.iter().find(|h| of_kind(&candidates[h.candidate].id));
-        most.filter(|h| h.moves_kpa > WORTH_A_RECORDING_KPA).map(|h| (candidates[h.candidate].name(), h.moves_kpa))
+        most.filter(|h| h.moves_kpa > REACH_KPA).map(|h| (candidates[h.candidate].name(), h.moves_kpa))
     };
     let leak = most(&leaks).map(|(name, kpa)| {
         format!(

@@ -246,6 +246,7 @@ impl<'a> Projector<'a> {
     /// together, in any of these `groupings` (the group of each reading, or `usize::MAX`).
     pub fn sized(&self, effect: Vec<f64>, groupings: &[Vec<usize>]) -> Size {
         let seen = self.seen(effect);
+        let best = if seen.size > 0.0 { -seen.along / seen.size } else { 0.0 };
         let shift: Vec<f64> = seen.shift.iter().copied().collect();
         let mut left = seen.of;
         for (column, by) in self.at.jacobian.iter().zip(&shift) {
@@ -255,10 +256,10 @@ impl<'a> Projector<'a> {
         }
         let scores: Vec<f64> =
             left.iter().zip(&self.at.residuals).zip(&self.weights).map(|((l, r), w)| l * r * w).collect();
-        let information = seen.size.max(0.0);
-        let spread = groupings.iter().map(|groups| spread(&scores, groups)).fold(information, f64::max);
-        let cautious = if information > 0.0 { information * (information / spread) } else { 0.0 };
-        Size { shift, information, cautious }
+        let of_noise = seen.size.max(0.0);
+        let spread = groupings.iter().map(|groups| spread(&scores, groups)).fold(of_noise, f64::max);
+        let information = if of_noise > 0.0 { of_noise * (of_noise / spread) } else { 0.0 };
+        Size { shift, best, information }
     }
 
     /// The most that an effect gains at any size, the free parameters having given way.
@@ -317,10 +318,10 @@ impl<'a> Projector<'a> {
 pub struct Size {
     /// What the coordinates give way by to the whole effect.
     pub shift: Vec<f64>,
-    /// Information on its size if residuals are independent: `s⊥·W s⊥`.
+    /// Where it fits best, of either sign: `-(s·r − s·J h) / s⊥·s`.
+    pub best: f64,
+    /// Information on its size as residuals are: `s⊥·W s⊥` if they are independent, less if they are not.
     pub information: f64,
-    /// The same, as residuals are.
-    pub cautious: f64,
 }
 
 /// Sum of the squares of scores added up over groups.

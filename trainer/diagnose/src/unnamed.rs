@@ -29,7 +29,7 @@ pub fn variance_by_the_unnamed(bench: &Bench<'_>, candidates: &[Candidate], expl
         let sized = projector.sized(small.effect, &groupings);
         let unnamed = (small.moves_kpa * NINETY / REACH_KPA).powi(2);
         for (variance, h) in variance.iter_mut().zip(&sized.shift) {
-            *variance += h * h / (unnamed + sized.cautious);
+            *variance += h * h / (unnamed + sized.information);
         }
     }
     variance
