@@ -45,10 +45,8 @@ impl Physics for SensorLag {
 }
 
 impl SensorLag {
-    /// Share of the distance that each lag covers in one integration step, 1 − e^(−h/τ); no second share where there is one lag.
-    pub(crate) fn approaches(&self, step_s: f64) -> (f64, Option<f64>) {
-        let share = |time_constant_ms: f64| -(-step_s / (time_constant_ms * 1e-3)).exp_m1();
-        let second = (self.second_time_constant_ms > 0.0).then(|| share(self.second_time_constant_ms));
-        (share(self.time_constant_ms), second)
+    /// Time constants of both lags in s; 0 where there is no second one.
+    pub(crate) fn time_constants_s(&self) -> [f64; 2] {
+        [1e-3 * self.time_constant_ms, 1e-3 * self.second_time_constant_ms]
     }
 }

@@ -5,6 +5,7 @@
 
 use super::command::Samples;
 use super::elements::{AveragedPump, SpringCheck};
+use super::lag;
 use super::rates::{Gas, rates};
 use super::{INSTANTS_PER_STEP, MEMORY, MOST_STATES, NODES, Plant, Scratch, State};
 use crate::real::Real;
@@ -203,8 +204,7 @@ fn steps<R: Real, const STATES: usize, const NODES: usize, const EXTENDED: bool>
         }
         if lagging {
             for sensor in &plant.sensors {
-                let mean = R::splat(0.5) * (start[sensor.node % NODES] + x[sensor.node % NODES]);
-                sensor.follow(mean, &mut state.memory);
+                sensor.follow([start[sensor.node % NODES], x[sensor.node % NODES]], &mut state.memory);
             }
         }
         if EXTENDED {
@@ -212,7 +212,7 @@ fn steps<R: Real, const STATES: usize, const NODES: usize, const EXTENDED: bool>
                 let Some(lagged) = probe.memory.and_then(|m| state.memory.get_mut(m)) else { continue };
                 let before = probe.variable.at(scratch, plant.atmosphere_pa, &start, first);
                 let after = probe.variable.at(scratch, plant.atmosphere_pa, &x, first + INSTANTS_PER_STEP);
-                *lagged = probe.approach.mul_add(R::splat(0.5) * (before + after) - *lagged, *lagged);
+                *lagged = lag::follow(*lagged, [before, after], probe.approach, probe.ahead);
             }
         }
     }

@@ -7,6 +7,7 @@
 //! | `command` | command path of a valve, tick by tick |
 //! | `walls` | volumes and pistons, tick by tick |
 //! | `rates` | mass and energy balances |
+//! | `lag` | first-order lags over a step |
 //! | `residual` | tabled flows and areas |
 //! | `integrate` | RK4 over a tick |
 //! | `ripple` | what averaged pumps add to the mean pressures |
@@ -23,6 +24,7 @@ mod command;
 mod dispatch;
 mod elements;
 mod integrate;
+mod lag;
 mod rates;
 mod residual;
 mod ripple;

@@ -26,6 +26,8 @@ pub(crate) struct Probe<R> {
     pub(crate) departure: bool,
     /// Share of the distance covered in one step.
     pub(crate) approach: R,
+    /// Part of the variable's way in a step that it goes for.
+    pub(crate) ahead: R,
 }
 
 /// Where a tabled flow goes.
@@ -67,6 +69,7 @@ impl<R: Real> Residual<R> {
             memory: probe.memory,
             departure: probe.departure,
             approach: lanes_of(parts, |p| p.probes.get(i).map_or(f64::NAN, |probe| probe.approach)),
+            ahead: lanes_of(parts, |p| p.probes.get(i).map_or(f64::NAN, |probe| probe.ahead)),
         };
         Some(Residual {
             target: first.target,

@@ -1,6 +1,7 @@
 //! From a chamber to a reading: lag, answer, gain, bias and drift, and what of a pump's ripple comes through.
 
 use super::elements::{lanes_of, record};
+use super::lag;
 use crate::real::Real;
 
 record! {
@@ -15,8 +16,11 @@ record! {
     } lanes {
         /// Share of the distance to the pressure covered in one step (0 … 1).
         approach,
-        /// And by the second lag of the distance to the first.
+        /// Part of the pressure's way in a step that it goes for.
+        ahead,
+        /// The same of the second lag, whose way is the first's.
         second_approach,
+        second_ahead,
         /// ω of its answer in rad/s.
         natural,
         /// ζ.
@@ -27,6 +31,8 @@ record! {
         turns,
         /// Of the speed, what is left.
         damps,
+        /// 1/(ω h): the speed over ω with which it follows what changes by one in a step.
+        keeps_up,
         /// Share of the reading that answers so.
         share,
         /// Reading per pressure; 1 is right.
@@ -96,12 +102,15 @@ impl SensorPath<f64> {
             second: None,
             response: None,
             approach: 1.0,
+            ahead: 1.0,
             second_approach: 1.0,
+            second_ahead: 1.0,
             natural: f64::INFINITY,
             damping: 1.0,
             keeps: 0.0,
             turns: 0.0,
             damps: 0.0,
+            keeps_up: 0.0,
             share: 0.0,
             gain: 1.0,
             bias: 0.0,
@@ -147,24 +156,28 @@ impl<R: Real> SensorPath<R> {
         Filter { period_s: self.natural.map(|natural| 1.0 / natural), damping: self.damping, ..self.lag(step_s) }
     }
 
-    /// Moves on by a step in which the pressure was `mean`.
+    /// Moves on by a step in which the pressure went `from` … `to`, exactly if in proportion to time.
     #[inline(always)]
-    pub(crate) fn follow(&self, mean: R, memory: &mut [R]) {
-        let mut seen = mean;
+    pub(crate) fn follow(&self, way: [R; 2], memory: &mut [R]) {
+        let mut seen = way;
         if let Some(reading) = self.memory.and_then(|m| memory.get_mut(m)) {
             let was = *reading;
-            *reading = self.approach.mul_add(mean - was, was);
-            seen = *reading;
+            *reading = lag::follow(was, way, self.approach, self.ahead);
+            seen = [was, *reading];
             if let Some(second) = self.second.and_then(|m| memory.get_mut(m)) {
-                let mean = R::splat(0.5) * (was + seen);
-                *second = self.second_approach.mul_add(mean - *second, *second);
-                seen = *second;
+                let was = *second;
+                *second = lag::follow(was, seen, self.second_approach, self.second_ahead);
+                seen = [was, *second];
             }
         }
         if let Some([reading, speed]) = self.response.and_then(|m| memory.get_mut(m..m + 2)) {
-            let (off, was) = (*reading - seen, *speed);
-            *reading = self.keeps.mul_add(off, self.turns.mul_add(was, seen));
-            *speed = self.damps.mul_add(was, -(self.turns * off));
+            // Less what answers a ramp when all else has died down: late by 2ζ/ω, and as fast as the ramp.
+            let [from, to] = seen;
+            let ramp = self.keeps_up * (to - from);
+            let late = R::splat(2.0) * self.damping * ramp;
+            let (off, was) = (*reading - from + late, *speed - ramp);
+            *reading = self.keeps.mul_add(off, self.turns.mul_add(was, to - late));
+            *speed = self.damps.mul_add(was, ramp - self.turns * off);
         }
     }
 

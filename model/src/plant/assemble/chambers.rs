@@ -4,6 +4,7 @@ use super::{Assembly, KPA, LITRE, MM2, MS, mechanisms_on};
 use crate::mechanism::{self, Mechanism};
 use crate::plant::MOST_RESIDUALS;
 use crate::plant::elements::{Capillary, Compliant, Isothermal, Joined, Muscle, Thermal};
+use crate::plant::lag::Share;
 use crate::plant::residual::{Probe, Residual, Target, Variable};
 use crate::rig::{Rig, RigError, Volume};
 
@@ -150,8 +151,9 @@ impl Assembly<'_> {
         };
         let memory = axis.time_constant_ms.map(|_| self.memory);
         self.memory += usize::from(memory.is_some());
-        let approach = axis.time_constant_ms.map_or(1.0, |lag| -(-self.plant.step_s / (lag * MS)).exp_m1());
-        Probe { variable, memory, departure: axis.departure, approach }
+        let Share { approach, ahead } =
+            axis.time_constant_ms.map_or(Share::whole(), |lag| Share::of(lag * MS, self.plant.step_s));
+        Probe { variable, memory, departure: axis.departure, approach, ahead }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::{Assembly, mechanisms_on};
 use crate::mechanism::{Mechanism, Swing};
+use crate::plant::lag::Share;
 use crate::plant::sensor::SensorPath;
 use crate::rig::{Line, RigError};
 
@@ -13,13 +14,14 @@ impl Assembly<'_> {
             for mechanism in mechanisms_on(self.rig, name) {
                 match mechanism {
                     Mechanism::SensorLag(m) => {
-                        let (approach, second) = m.approaches(self.plant.step_s);
+                        let [first, second] = m.time_constants_s();
                         path.memory = Some(self.memory);
-                        path.approach = approach;
+                        Share { approach: path.approach, ahead: path.ahead } = Share::of(first, self.plant.step_s);
                         self.memory += 1;
-                        if let Some(approach) = second {
+                        if second > 0.0 {
                             path.second = Some(self.memory);
-                            path.second_approach = approach;
+                            Share { approach: path.second_approach, ahead: path.second_ahead } =
+                                Share::of(second, self.plant.step_s);
                             self.memory += 1;
                         }
                     }
@@ -28,6 +30,7 @@ impl Assembly<'_> {
                         (path.natural, path.damping, path.share) = (m.natural_rad_s(), m.damping_ratio, m.share);
                         let Swing { keeps, turns, damps } = m.swing(self.plant.step_s);
                         (path.keeps, path.turns, path.damps) = (keeps, turns, damps);
+                        path.keeps_up = 1.0 / (path.natural * self.plant.step_s);
                         self.memory += 2;
                     }
                     Mechanism::SensorGain(m) => path.gain = m.gain,
