@@ -26,6 +26,7 @@ use crate::heard::Heard;
 use crate::judge::{FLOOR_KPA, Judgement};
 use crate::search::{PRICE, PRICE_OF_A_PARAMETER};
 
+mod late;
 mod raw;
 use raw::{Beside, Raw};
 
@@ -248,21 +249,21 @@ pub(crate) fn answered(
             answers.push((turning, answer));
         }
     }
-    // With what was found in the rig the ripple may tell another speed, or be another one: a sensor that lags shows none.
+    // With what was found in the rig the ripple may tell another speed, or be another one: a sensor that lags shows little, and what
+    // was found late in a valve may have been such a sensor.
     if let Some((first, answer)) = answers.get(plainest(&answers))
         && followed.is_none()
         && !answer.found.best.terms.is_empty()
     {
         let found = Beside::of(answer, asked);
-        let ripple = Ripple::of(&bench.fast, &found.without_ripple(rig))?;
-        let readings = ripple.as_ref().map_or(Vec::new(), |ripple| tachometer(&records, ripple, bench.counted()));
-        let again = match ripple {
-            Some(ripple) if !readings.is_empty() => {
-                let raw = Raw::of(&bench, &fitted.rig, asked.threads)?;
-                raw.read_beside(readings, &ripple, &first.point, &found)?
-            }
-            _ => None,
-        };
+        let raw = Raw::of(&bench, &fitted.rig, asked.threads)?;
+        let mut again = raw.read_again(&first.point, &found)?;
+        if again.is_none()
+            && first.tachometer().is_none()
+            && let Some(in_sensors) = late::in_sensors(&found)
+        {
+            again = raw.read_again(&first.point, &in_sensors)?;
+        }
         let read = again.as_ref().and_then(Turning::tachometer);
         let known = answers.iter().any(|(turning, _)| same(turning.tachometer(), read));
         let turning = match again {

@@ -1,6 +1,6 @@
 //! Fits that least squares from where things stand would miss: of other shapes, and from the priors.
 
-use super::{cost, position_of, sharpened, starts, with, without};
+use super::{cost, sharpened, starts, with, without};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
@@ -66,12 +66,11 @@ fn in_shape(
     term: usize,
     shape: usize,
 ) -> Option<Explanation> {
-    let at = position_of(bench, candidates, explanation, term)?;
-    let known = explanation.set.values(&explanation.fitted.point);
+    let known = explanation.values_of(candidates, term)?;
     let (found, wanted) = (&candidates[term], &candidates[shape]);
     let mut values = wanted.starts.first()?.clone();
     for (key, value) in wanted.keys().zip(values.iter_mut()) {
-        if let Some(known) = found.keys().position(|k| k == key).and_then(|i| known.get(at + i)) {
+        if let Some(known) = found.keys().position(|k| k == key).and_then(|i| known.get(i)) {
             *value = *known;
         }
     }

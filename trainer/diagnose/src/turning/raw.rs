@@ -69,24 +69,20 @@ impl<'a> Raw<'a> {
         Ok(best.map(|(_, turning)| turning))
     }
 
-    /// Which of two opposite readings of `ripple`, that of the rig with what was found in it, is meant: the one with which that
+    /// A reading of the ripple that the rig has with what was found in it; of two opposite ones that with which what was found
     /// explains more. `point` is near the parameters' best.
-    pub(super) fn read_beside(
-        &self,
-        readings: Vec<Tachometer>,
-        ripple: &Ripple,
-        point: &[f64],
-        found: &Beside<'_>,
-    ) -> Result<Option<Turning>, DiagnoseError> {
+    pub(super) fn read_again(&self, point: &[f64], found: &Beside<'_>) -> Result<Option<Turning>, DiagnoseError> {
+        let Some(ripple) = self.ripple_beside(found)? else { return Ok(None) };
+        let readings = tachometer(self.bench.records, &ripple, self.bench.counted());
         let one = readings.len() == 1;
         let mut best: Option<(f64, Turning)> = None;
         for read in readings {
-            let turning = Turning::in_step(self, ripple, point, read)?;
+            let turning = Turning::in_step(self, &ripple, point, read)?;
             if one {
                 return Ok(Some(turning));
             }
             let bench = turning.bench(self.bench.counted(), self.threads);
-            let starts = starts(&bench, found.candidates, found.best, &found.terms, &[], false);
+            let starts = starts(&bench, found.candidates, found.best, &found.terms, &found.values, false);
             let fitted = bench.fit(found.candidates, &found.terms, &starts, Effort::Polish)?;
             let cost = cost(&bench, &fitted);
             if best.as_ref().is_none_or(|(least, _)| cost < *least) {
@@ -94,6 +90,20 @@ impl<'a> Raw<'a> {
             }
         }
         Ok(best.map(|(_, turning)| turning))
+    }
+
+    /// The ripple of a rig with what was found in it, as fast as stated. What is put in place of something that was found is
+    /// fitted first, as if the pump had neither strokes nor ripple.
+    fn ripple_beside(&self, found: &Beside<'_>) -> Result<Option<Ripple>, DiagnoseError> {
+        let bench = self.bench;
+        if found.values.is_empty() {
+            return Ok(Ripple::of(&bench.fast, &found.without_ripple(bench.rig))?);
+        }
+        let records = self.freed(&vec![0.0; bench.records.layout().len()])?;
+        let smooth = Bench::new(bench.rig, &records, bench.counted(), Fidelity::Smooth, self.threads);
+        let starts = starts(&smooth, found.candidates, found.best, &found.terms, &found.values, false);
+        let fitted = smooth.fit(found.candidates, &found.terms, &starts, Effort::Polish)?.fitted;
+        Ok(Ripple::of(&bench.fast, &at_stated_speed(&fitted.rig, bench.rig))?)
     }
 
     /// A reading, asked again of the rig as fitted with it: before, its parameters made up for some of the ripple. With it
@@ -128,12 +138,16 @@ impl<'a> Raw<'a> {
     }
 }
 
-/// What was found, to read the ripple beside it.
+/// What was found, or might have been, to read the ripple beside it.
 pub(super) struct Beside<'a> {
-    candidates: &'a [Candidate],
-    best: &'a Explanation,
-    /// Its terms but for drifting sensors: what a slow ripple may have been taken for must not hide it.
-    terms: Vec<usize>,
+    pub(super) candidates: &'a [Candidate],
+    /// What was found.
+    pub(super) best: &'a Explanation,
+    /// Its terms but for drifting sensors, which a slow ripple may have been taken for and must not hide it; or what might stand
+    /// in their place.
+    pub(super) terms: Vec<usize>,
+    /// Where those begin that were not found.
+    pub(super) values: Vec<(usize, Vec<f64>)>,
 }
 
 impl<'a> Beside<'a> {
@@ -141,11 +155,16 @@ impl<'a> Beside<'a> {
         let best = &answer.found.best;
         let drifts = |term: &usize| asked.candidates.get(*term).is_some_and(|candidate| candidate.id == DRIFT);
         let terms = best.terms.iter().copied().filter(|term| !drifts(term)).collect();
-        Beside { candidates: &asked.candidates, best, terms }
+        Beside { candidates: &asked.candidates, best, terms, values: Vec::new() }
+    }
+
+    /// Numbers of a term that was found.
+    pub(super) fn values_of(&self, term: usize) -> Option<Vec<f64>> {
+        self.best.values_of(self.candidates, term)
     }
 
     /// The rig with it, its pumps as fast as `stated`.
-    pub(super) fn without_ripple(&self, stated: &Rig) -> Rig {
+    fn without_ripple(&self, stated: &Rig) -> Rig {
         let mut rig = at_stated_speed(&self.best.fitted.rig, stated);
         rig.mechanisms.retain(|attached| !["pump_speed", DRIFT].contains(&attached.mechanism.id()));
         rig

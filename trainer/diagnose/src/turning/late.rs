@@ -1,0 +1,43 @@
+//! What comes late through a valve, late through its sensor instead.
+//!
+//! Both make readings late, and of some ten milliseconds the two look much alike. A pump's ripple knows which it is: through a
+//! valve that is late it comes whole, of 50 Hz through a sensor that lags by 14 ms a fifth is left. But which ripple is looked for
+//! follows from what was found, and where that is a valve the sensor's is not heard.
+
+use super::raw::Beside;
+
+/// Mechanisms by which a valve is late; their first number says by how much, in ms.
+const LATE_VALVES: [&str; 2] = ["valve_lag", "command_delay"];
+/// The one by which a sensor is.
+const LATE_SENSOR: &str = "sensor_lag";
+
+/// The same with sensors that lag where valves are late, from as much on; `None` where no valve is, or none with a sensor.
+pub(super) fn in_sensors<'a>(found: &Beside<'a>) -> Option<Beside<'a>> {
+    let (candidates, rig) = (found.candidates, &found.best.fitted.rig);
+    let is_late_valve = |id: &str, component: &str| LATE_VALVES.contains(&id) && rig.valves.contains_key(component);
+    let (late, mut terms): (Vec<usize>, Vec<usize>) = found.terms.iter().partition(|term| {
+        candidates.get(**term).is_some_and(|candidate| is_late_valve(&candidate.id, &candidate.component))
+    });
+    let mut values: Vec<(usize, Vec<f64>)> = Vec::new();
+    for term in late {
+        let valve = rig.valves.get(&candidates.get(term)?.component)?;
+        let by_ms = *found.values_of(term)?.first()?;
+        let lags = candidates.iter().enumerate().filter(|(_, candidate)| {
+            let sensor = rig.sensors.get(&candidate.component);
+            candidate.id == LATE_SENSOR
+                && !candidate.is_refinement()
+                && sensor.is_some_and(|sensor| sensor.volume == valve.from || sensor.volume == valve.to)
+        });
+        for (lag, _) in lags {
+            match values.iter_mut().find(|(known, _)| *known == lag) {
+                Some((_, known)) => known.iter_mut().take(1).for_each(|ms| *ms += by_ms),
+                None => values.push((lag, vec![by_ms])),
+            }
+        }
+    }
+    let there = |lag: usize| terms.iter().any(|term| *term == lag || candidates[*term].excludes(&candidates[lag]));
+    let new: Vec<usize> = values.iter().map(|(lag, _)| *lag).filter(|lag| !there(*lag)).collect();
+    terms.extend(&new);
+    terms.sort_unstable();
+    (!new.is_empty()).then_some(Beside { terms, values, ..*found })
+}
