@@ -41,7 +41,8 @@ pub(crate) struct Answer {
 }
 
 impl Answer {
-    /// Searches from the rig's own parameters at `start`, which are near their best.
+    /// Searches from the rig's own parameters at `start`, which are near their best. Strokes are those of the rig so fitted, or
+    /// `strokes_of` another one.
     ///
     /// # Errors
     /// A fit failed.
@@ -49,6 +50,7 @@ impl Answer {
         recorded: &Bench<'_>,
         asked: &Asked<'_>,
         start: &[f64],
+        strokes_of: Option<&Rig>,
         progress: &mut dyn FnMut(&str, f64),
     ) -> Result<Self, DiagnoseError> {
         // At its own step: a coarser one's error is not the rig's.
@@ -57,7 +59,7 @@ impl Answer {
         let believed: Vec<f64> = start.iter().map(|z| z.clamp(-BELIEVED, BELIEVED)).collect();
         let fitted = recorded.set(&[])?.rig_at(&believed).map_err(DiagnoseError::rig(recorded.rig))?;
         // Everything is searched with averaged pumps, on readings that lack the strokes; what was found ends on the recordings.
-        let reduced = recorded.without_strokes(&fitted)?;
+        let reduced = recorded.without_strokes(strokes_of.unwrap_or(&fitted))?;
         let bench = Bench::new(recorded.rig, &reduced, recorded.counted(), recorded.fast.fidelity(), asked.threads);
         let mut found = search(&bench, &asked.candidates, start, &asked.settings, progress)?;
         found.best = switched::at_work(&bench, &asked.candidates, found.best, asked.threads)?;

@@ -189,8 +189,12 @@ fn something_named(
             let both_exchanged = candidates[a].id != candidates[one].id && with(&with(&rest, a), b) == rival.terms;
             if both_exchanged && is_rival(bench, best, rival) {
                 for (term, k) in [(one, a), (other, b)] {
-                    groups.push(vec![candidates[term].name(), candidates[k].name()]);
-                    contested.iter_mut().filter(|c| c.term == term).for_each(|c| c.rivals.push(k));
+                    // Each may be its rival by itself as well.
+                    let new = contested.iter_mut().filter(|c| c.term == term && !c.rivals.contains(&k));
+                    let by_itself = new.map(|contest| contest.rivals.push(k)).count() == 0;
+                    if !by_itself {
+                        groups.push(vec![candidates[term].name(), candidates[k].name()]);
+                    }
                 }
                 rivals.push(rival.clone());
             }

@@ -66,7 +66,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         .map(|(records, usable)| Bench::new(rig, records, usable, whole.simulator.fidelity(), request.threads));
     if let Some(rest) = &rest {
         progress("looking at the rest", 0.0);
-        answer = Answer::of(rest, &asked, &turning.point, progress)?;
+        answer = Answer::of(rest, &asked, &turning.point, turning.strokes_of.as_ref(), progress)?;
     }
     let bench = rest.as_ref().unwrap_or(&whole);
     let Answer { given, reduced, mut found, mut missing, mut judgement, .. } = answer;

@@ -53,6 +53,8 @@ pub(crate) struct Turning {
     read: Option<(Tachometer, f64)>,
     /// The ripple that was taken out of the readings, in kPa; empty for none.
     ripple_kpa: Vec<f64>,
+    /// The rig whose strokes the pump makes, if not the one that is fitted: sensors that lag see little of them.
+    pub(crate) strokes_of: Option<Rig>,
     /// Where the ripple was taken out: the rig fitted without what was heard, and the recordings as they came.
     without: Option<(Rig, Records)>,
 }
@@ -68,6 +70,7 @@ impl Turning {
             fidelity: Fidelity::Detailed,
             read: None,
             ripple_kpa: Vec::new(),
+            strokes_of: None,
             without: None,
         }
     }
@@ -150,7 +153,7 @@ impl Turning {
         usable: &[f64],
         progress: &mut dyn FnMut(&str, f64),
     ) -> Result<Answer, DiagnoseError> {
-        Answer::of(&self.bench(usable, asked.threads), asked, &self.point, progress)
+        Answer::of(&self.bench(usable, asked.threads), asked, &self.point, self.strokes_of.as_ref(), progress)
     }
 
     /// Figures of the re-identified rig without what was heard, the ripple still on the readings; `fitted`, those of the one
@@ -251,33 +254,54 @@ pub(crate) fn answered(
     }
     // With what was found in the rig the ripple may tell another speed, or be another one: a sensor that lags shows little, and what
     // was found late in a valve may have been such a sensor.
-    if let Some((first, answer)) = answers.get(plainest(&answers))
+    let first_at = plainest(&answers);
+    let mut either = None;
+    if let Some((first, answer)) = answers.get(first_at)
         && followed.is_none()
         && !answer.found.best.terms.is_empty()
     {
         let found = Beside::of(answer, asked);
         let raw = Raw::of(&bench, &fitted.rig, asked.threads)?;
         let mut again = raw.read_again(&first.point, &found)?;
+        let (mut in_place, mut lagging) = (false, None);
         if again.is_none()
             && first.tachometer().is_none()
             && let Some(in_sensors) = late::in_sensors(&found)
         {
+            in_place = true;
             again = raw.read_again(&first.point, &in_sensors)?;
+            if again.is_none() {
+                lagging = raw.lagging(&in_sensors, answer.cost)?;
+            }
         }
         let read = again.as_ref().and_then(Turning::tachometer);
         let known = answers.iter().any(|(turning, _)| same(turning.tachometer(), read));
         let turning = match again {
             Some(again) => (!known || again.ripple_off_kpa(first) > REDONE_KPA).then_some(again),
-            None if known => None,
+            None if known => lagging.map(|lagging| Turning {
+                strokes_of: Some(lagging),
+                ..Turning::as_stated(rig, &records, &fitted.point)
+            }),
             None => Some(Turning::as_stated(rig, &records, &fitted.point)),
         };
         if let Some(turning) = turning {
             let answer = turning.answer(asked, usable, progress)?;
+            either = in_place.then_some([first_at, answers.len()]);
             answers.push((turning, answer));
         }
     }
     let plainest = plainest(&answers);
-    answers.into_iter().nth(plainest).ok_or_else(|| fit::FitError::NoRecordings.into())
+    let rival = either.filter(|either| either.contains(&plainest)).and_then(|either| {
+        let [one, other] = either.map(|at| answers.get(at));
+        let close = (price(one?) - price(other?)).abs() < PRICE;
+        let rival = if either[0] == plainest { other } else { one };
+        rival.filter(|_| close).map(|(_, answer)| answer.found.best.clone())
+    });
+    let mut chosen = answers.into_iter().nth(plainest).ok_or(fit::FitError::NoRecordings)?;
+    if let Some(rival) = rival {
+        late::contest(&mut chosen.1, rival, &asked.candidates);
+    }
+    Ok(chosen)
 }
 
 /// Whether nothing is left to be explained, and nothing had to be added for it.
@@ -298,15 +322,16 @@ fn same(one: Option<&Tachometer>, other: Option<&Tachometer>) -> bool {
     }
 }
 
-/// Which answer explains most for what it asks to be believed: terms with their parameters, and a speed with an angle for each
-/// recording.
+/// Which answer explains most for what it asks to be believed.
 fn plainest(answers: &[Answered]) -> usize {
-    let price = |(turning, answer): &Answered| {
-        let read = turning.tachometer().map_or(0, |read| 1 + read.crank_rev.len());
-        let parameters = answer.found.best.set.len().saturating_sub(answer.found.nominal.set.len()) + read;
-        let believed = answer.found.best.terms.len() + usize::from(read > 0);
-        answer.cost + PRICE * believed as f64 + PRICE_OF_A_PARAMETER * parameters as f64
-    };
     let priced = answers.iter().map(price).enumerate();
     priced.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index)
+}
+
+/// What an answer leaves and asks to be believed: terms with their parameters, and a speed with an angle for each recording.
+fn price((turning, answer): &Answered) -> f64 {
+    let read = turning.tachometer().map_or(0, |read| 1 + read.crank_rev.len());
+    let parameters = answer.found.best.set.len().saturating_sub(answer.found.nominal.set.len()) + read;
+    let believed = answer.found.best.terms.len() + usize::from(read > 0);
+    answer.cost + PRICE * believed as f64 + PRICE_OF_A_PARAMETER * parameters as f64
 }

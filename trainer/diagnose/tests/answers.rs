@@ -251,44 +251,6 @@ fn a_winding_that_warms_before_its_body_is_found_as_a_richer_shape() {
     assert!((winding_s.value / 2.0).ln().abs() < 0.1, "{winding_s:?}");
 }
 
-/// A pump that slows under load swings the readings at 15 Hz in the samples; nothing else need be wrong for it to be named.
-#[test]
-fn a_pump_that_slows_under_load_is_named_off_its_ripple() {
-    let (rig, mut truth) = moved(&[("volumes.positive.volume_l", 0.97)]);
-    let droop = candidates(&rig).into_iter().find(|c| c.id == "pump_droop").unwrap();
-    truth.mechanisms.push(droop.attached(&[0.1]));
-    let out_dir = std::env::temp_dir().join(format!("diagnose-droop-{}", std::process::id()));
-    let recordings = made(&truth, 2, 4);
-    let request = Request { rig: rig.clone(), recordings, out_dir: out_dir.clone(), quick: true, threads: None };
-    let found = run(&request, &mut |_, _| ()).unwrap();
-    let written = Rig::from_toml(&std::fs::read_to_string(out_dir.join("rig.toml")).unwrap()).unwrap();
-    std::fs::remove_dir_all(&out_dir).unwrap();
-    assert_eq!(found.verdict, Verdict::MissingPhysics, "{}", found.summary);
-    let named: Vec<&str> = found.mechanisms.iter().map(|m| m.id.as_str()).collect();
-    assert_eq!(named, ["pump_droop"], "{}", found.summary);
-    let loss = &found.mechanisms[0].parameters["speed_loss_per_bar"];
-    // The interval is of 90 %; the sensors here are right, so three per cent are far out.
-    assert!(loss.low < loss.value && loss.value < loss.high && (loss.value - 0.1).abs() < 0.003, "{loss:?}");
-    assert!(written.mechanisms.iter().any(|m| m.mechanism.id() == "pump_droop"));
-    // The ripple is most of what the re-identified rig leaves, and gone with the name.
-    assert!(found.fit.extended.pos_rmse_kpa < 0.6 * found.fit.reidentified.pos_rmse_kpa, "{:?}", found.fit);
-}
-
-/// A speed that is a hair off swings the readings like a drifting sensor; nothing may be named for it.
-#[test]
-fn a_ripple_that_passes_slowly_is_no_drift() {
-    // 0.04 turns a second of the ripple: 1.2 turns in a recording, less than is certain by itself.
-    let (rig, truth) = moved(&[("pumps.pump.speed_rpm", 1.0 - 4e-4)]);
-    let out_dir = std::env::temp_dir().join(format!("diagnose-slow-{}", std::process::id()));
-    let recordings = made(&truth, 2, 5);
-    let request = Request { rig, recordings, out_dir: out_dir.clone(), quick: true, threads: None };
-    let found = run(&request, &mut |_, _| ()).unwrap();
-    std::fs::remove_dir_all(&out_dir).unwrap();
-    assert_eq!(found.verdict, Verdict::Adequate, "{}", found.summary);
-    assert!(found.mechanisms.is_empty(), "{}", found.summary);
-    assert!(found.notes.iter().any(|note| note.contains("rev/min")), "{:?}", found.notes);
-}
-
 #[test]
 fn recordings_without_excitation_are_refused_in_words() {
     let rig = Rig::builtin("dual_pressure").unwrap();

@@ -4,7 +4,12 @@
 //! valve that is late it comes whole, of 50 Hz through a sensor that lags by 14 ms a fifth is left. But which ripple is looked for
 //! follows from what was found, and where that is a valve the sensor's is not heard.
 
+use proto::diagnosis::Verdict;
+
 use super::raw::Beside;
+use crate::answer::Answer;
+use crate::bench::Explanation;
+use crate::candidate::Candidate;
 
 /// Mechanisms by which a valve is late; their first number says by how much, in ms.
 const LATE_VALVES: [&str; 2] = ["valve_lag", "command_delay"];
@@ -40,4 +45,29 @@ pub(super) fn in_sensors<'a>(found: &Beside<'a>) -> Option<Beside<'a>> {
     terms.extend(&new);
     terms.sort_unstable();
     (!new.is_empty()).then_some(Beside { terms, values, ..*found })
+}
+
+/// Makes what an answer names and a `rival` has something else for rivals of each other, side by side: neither explains so much
+/// more that the other is ruled out.
+pub(super) fn contest(answer: &mut Answer, rival: Explanation, candidates: &[Candidate]) {
+    let judgement = &mut answer.judgement;
+    let only_in = |one: &[usize], other: &[usize]| -> Vec<usize> {
+        one.iter().copied().filter(|term| !other.contains(term)).collect()
+    };
+    let others = only_in(&rival.terms, &answer.found.best.terms);
+    for term in only_in(&answer.found.best.terms, &rival.terms) {
+        let there = |other: &&usize| candidates[**other].side == candidates[term].side;
+        let Some(other) = others.iter().find(there) else { continue };
+        let new =
+            judgement.contested.iter_mut().find(|contest| contest.term == term && !contest.rivals.contains(other));
+        if let Some(contest) = new {
+            contest.rivals.push(*other);
+            judgement.groups.push(vec![candidates[term].name(), candidates[*other].name()]);
+            judgement.named.retain(|named| *named != term);
+            judgement.verdict = Verdict::Undecided;
+        }
+    }
+    if judgement.verdict == Verdict::Undecided {
+        judgement.rivals.push(rival);
+    }
 }

@@ -1,7 +1,7 @@
 //! The recordings as they came, and the pump's speed read off them.
 
 use fit::data::Records;
-use fit::simulate::{Arcs, Fidelity, Ripple, Run, Tachometer, refined_starts, tachometer};
+use fit::simulate::{Arcs, Fidelity, Ripple, Run, Tachometer, refined_starts, supposed, tachometer};
 use model::rig::{Pump, Rig};
 
 use super::Turning;
@@ -73,7 +73,8 @@ impl<'a> Raw<'a> {
     /// explains more. `point` is near the parameters' best.
     pub(super) fn read_again(&self, point: &[f64], found: &Beside<'_>) -> Result<Option<Turning>, DiagnoseError> {
         let Some(ripple) = self.ripple_beside(found)? else { return Ok(None) };
-        let readings = tachometer(self.bench.records, &ripple, self.bench.counted());
+        let read = if found.values.is_empty() { tachometer } else { supposed };
+        let readings = read(self.bench.records, &ripple, self.bench.counted());
         let one = readings.len() == 1;
         let mut best: Option<(f64, Turning)> = None;
         for read in readings {
@@ -104,6 +105,19 @@ impl<'a> Raw<'a> {
         let starts = starts(&smooth, found.candidates, found.best, &found.terms, &found.values, false);
         let fitted = smooth.fit(found.candidates, &found.terms, &starts, Effort::Polish)?.fitted;
         Ok(Ripple::of(&bench.fast, &at_stated_speed(&fitted.rig, bench.rig))?)
+    }
+
+    /// The rig with what might have been found instead, if that explains more than the `cost` of what was: readings less its own
+    /// strokes, not those of sensors that show them whole.
+    pub(super) fn lagging(&self, instead: &Beside<'_>, cost_of_found: f64) -> Result<Option<Rig>, DiagnoseError> {
+        let (bench, candidates) = (self.bench, instead.candidates);
+        let starts = starts(bench, candidates, instead.best, &instead.terms, &instead.values, false);
+        let Some(start) = starts.first() else { return Ok(None) };
+        let set = bench.set_of(candidates, &instead.terms)?;
+        let records = bench.without_strokes(&set.rig_at(start).map_err(DiagnoseError::rig(bench.rig))?)?;
+        let searched = Bench::new(bench.rig, &records, bench.counted(), bench.fast.fidelity(), self.threads);
+        let fitted = searched.fit(candidates, &instead.terms, &starts, Effort::Polish)?;
+        Ok((cost(&searched, &fitted) < cost_of_found).then_some(fitted.fitted.rig))
     }
 
     /// A reading, asked again of the rig as fitted with it: before, its parameters made up for some of the ripple. With it

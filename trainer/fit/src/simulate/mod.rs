@@ -42,5 +42,5 @@ pub use ripple::Ripple;
 pub use simulator::{Fidelity, Run, Simulator};
 pub(crate) use start::NUDGE_KPA;
 pub use start::{refined_starts, smoothed_kpa, with_flappers};
-pub use tachometer::{Tachometer, tachometer};
+pub use tachometer::{Tachometer, supposed, tachometer};
 pub use track::{Track, track};

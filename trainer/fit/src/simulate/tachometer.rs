@@ -27,6 +27,8 @@ const LEAST_BEATS: f64 = 0.2;
 /// What is found must be the pump's own ripple: its height over the one that a rig predicts whose parameters are not yet right
 /// (1.14 and 1.30 for one pump, without and with an experiment among the recordings).
 const HEIGHT: [f64; 2] = [0.7, 1.4];
+/// The least of one that is only supposed: a fit takes up half of what turns once in a recording.
+const SUPPOSED: f64 = 0.4;
 /// Share of the best speed's gain from which on the opposite slip may be meant.
 const AS_GOOD: f64 = 0.8;
 /// Steps of the grid per turn of the ripple in the longest recording.
@@ -67,6 +69,16 @@ struct Point {
 /// A ripple that passes backwards looks much the same. Where that gains nearly as much it comes second: a fit with each
 /// tells.
 pub fn tachometer(records: &Records, ripple: &Ripple, weights: &[f64]) -> Vec<Tachometer> {
+    read_between(HEIGHT, records, ripple, weights)
+}
+
+/// The same of a ripple that is only supposed, and may have been taken up in part by the fit of the rig that it is of. What it
+/// explains must tell whether to believe it.
+pub fn supposed(records: &Records, ripple: &Ripple, weights: &[f64]) -> Vec<Tachometer> {
+    read_between([SUPPOSED, HEIGHT[1]], records, ripple, weights)
+}
+
+fn read_between(heights: [f64; 2], records: &Records, ripple: &Ripple, weights: &[f64]) -> Vec<Tachometer> {
     let (pump, speed_rpm) = (&ripple.pump, ripple.speed_rpm);
     let speed = speed_rpm / 60.0;
     let swings = swings(records, ripple, weights);
@@ -99,7 +111,7 @@ pub fn tachometer(records: &Records, ripple: &Ripple, weights: &[f64]) -> Vec<Ta
         let asked = swings.iter().zip(&matched).filter(|(record, m)| m.energy > SILENT && (!any_long || long(record)));
         let everywhere = asked.map(|(_, m)| m).all(|m| m.product > 0.5 * m.energy);
         let swing_turns = slip.abs() * turns * longest_s;
-        if !everywhere || swing_turns < LEAST_BEATS || !(HEIGHT[0]..=HEIGHT[1]).contains(&height) {
+        if !everywhere || swing_turns < LEAST_BEATS || !(heights[0]..=heights[1]).contains(&height) {
             return None;
         }
         // Channels are scaled to unit variance; only some rows were looked at.
