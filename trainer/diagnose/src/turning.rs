@@ -232,12 +232,12 @@ pub(crate) fn answered(
     });
     let mut turnings = Vec::new();
     if let Some(followed) = &followed {
-        let raw = Raw::of(&bench, &fitted.rig, asked.threads)?;
+        let raw = Raw::of(&bench, &fitted.rig, asked.threads);
         turnings.push(Turning::followed(&raw, &fitted.point, followed)?);
         // What the pump's speed does is known.
         asked.candidates.retain(|candidate| !["pump_droop", "pump_speed"].contains(&candidate.id.as_str()));
     } else if !readings.is_empty() {
-        let raw = Raw::of(&bench, &fitted.rig, asked.threads)?;
+        let raw = Raw::of(&bench, &fitted.rig, asked.threads);
         turnings.extend(raw.forwards(readings, &fitted.point)?);
     }
     if followed.is_none() && ambiguous {
@@ -261,7 +261,7 @@ pub(crate) fn answered(
         && !answer.found.best.terms.is_empty()
     {
         let found = Beside::of(answer, asked);
-        let raw = Raw::of(&bench, &fitted.rig, asked.threads)?;
+        let raw = Raw::of(&bench, &fitted.rig, asked.threads);
         let mut again = raw.read_again(&first.point, &found)?;
         let (mut in_place, mut lagging) = (false, None);
         if again.is_none()

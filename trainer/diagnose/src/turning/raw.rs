@@ -1,5 +1,7 @@
 //! The recordings as they came, and the pump's speed read off them.
 
+use std::cell::OnceCell;
+
 use fit::data::Records;
 use fit::simulate::{Arcs, Fidelity, Ripple, Run, Tachometer, refined_starts, supposed, tachometer};
 use model::rig::{Pump, Rig};
@@ -21,13 +23,21 @@ pub(super) struct Raw<'a> {
     pub(super) bench: &'a Bench<'a>,
     /// The rig as fitted to them, its pump as fast as stated.
     pub(super) fitted: &'a Rig,
-    /// What the detailed simulation differs by from the averaged one, wherever the crank starts, in kPa.
-    strokes_kpa: Vec<f64>,
+    /// What the detailed simulation differs by from the averaged one, wherever the crank starts, in kPa; worked out when asked for.
+    strokes_kpa: OnceCell<Vec<f64>>,
     pub(super) threads: Option<usize>,
 }
 
 impl<'a> Raw<'a> {
-    pub(super) fn of(bench: &'a Bench<'a>, fitted: &'a Rig, threads: Option<usize>) -> Result<Self, DiagnoseError> {
+    pub(super) fn of(bench: &'a Bench<'a>, fitted: &'a Rig, threads: Option<usize>) -> Self {
+        Raw { bench, fitted, strokes_kpa: OnceCell::new(), threads }
+    }
+
+    fn strokes_kpa(&self) -> Result<&[f64], DiagnoseError> {
+        if let Some(known) = self.strokes_kpa.get() {
+            return Ok(known);
+        }
+        let (bench, fitted) = (self.bench, self.fitted);
         let arcs = refined_starts(&bench.fast, fitted, &Arcs::free(bench.records))?;
         // Half a turn of a pair of pistons is all there is to see.
         let runs: Vec<Run> = (0..ANGLES)
@@ -42,12 +52,12 @@ impl<'a> Raw<'a> {
                 }
             }
         }
-        Ok(Raw { bench, fitted, strokes_kpa, threads })
+        Ok(self.strokes_kpa.get_or_init(|| strokes_kpa))
     }
 
     /// The recordings without a ripple, and as if the pump had no strokes.
     pub(super) fn freed(&self, ripple_kpa: &[f64]) -> Result<Records, DiagnoseError> {
-        let readings = self.bench.records.readings_kpa().iter().zip(ripple_kpa).zip(&self.strokes_kpa);
+        let readings = self.bench.records.readings_kpa().iter().zip(ripple_kpa).zip(self.strokes_kpa()?);
         Ok(self.bench.records.with_readings(readings.map(|((r, ripple), stroke)| r - ripple - stroke).collect())?)
     }
 
@@ -103,8 +113,9 @@ impl<'a> Raw<'a> {
         let records = self.freed(&vec![0.0; bench.records.layout().len()])?;
         let smooth = Bench::new(bench.rig, &records, bench.counted(), Fidelity::Smooth, self.threads);
         let starts = starts(&smooth, found.candidates, found.best, &found.terms, &found.values, false);
-        let fitted = smooth.fit(found.candidates, &found.terms, &starts, Effort::Polish)?.fitted;
-        Ok(Ripple::of(&bench.fast, &at_stated_speed(&fitted.rig, bench.rig))?)
+        // What cannot be run is not what is there.
+        let Ok(instead) = smooth.fit(found.candidates, &found.terms, &starts, Effort::Polish) else { return Ok(None) };
+        Ok(Ripple::of(&bench.fast, &at_stated_speed(&instead.fitted.rig, bench.rig))?)
     }
 
     /// The rig with what might have been found instead, if that explains more than the `cost` of what was: readings less its own
@@ -116,7 +127,7 @@ impl<'a> Raw<'a> {
         let set = bench.set_of(candidates, &instead.terms)?;
         let records = bench.without_strokes(&set.rig_at(start).map_err(DiagnoseError::rig(bench.rig))?)?;
         let searched = Bench::new(bench.rig, &records, bench.counted(), bench.fast.fidelity(), self.threads);
-        let fitted = searched.fit(candidates, &instead.terms, &starts, Effort::Polish)?;
+        let Ok(fitted) = searched.fit(candidates, &instead.terms, &starts, Effort::Polish) else { return Ok(None) };
         Ok((cost(&searched, &fitted) < cost_of_found).then_some(fitted.fitted.rig))
     }
 
