@@ -96,14 +96,15 @@ impl Figures {
     /// Real physics of one chamber does not spoil the other: the pump ties the two together, so a formula that is not the
     /// right one but fits shows there first.
     pub fn holds_against(&self, before: &Figures, sigma_kpa: &[f64]) -> bool {
-        let beyond = |error: &ChannelError, sigma: &f64| (error.rmse_kpa.powi(2) - sigma.powi(2)).max(0.0).sqrt();
-        let spoilt = self
-            .free
-            .iter()
-            .zip(&before.free)
-            .zip(sigma_kpa)
-            .any(|((after, before), sigma)| beyond(after, sigma) > SPOILT * beyond(before, sigma) + SPOILT_KPA);
+        let [before_kpa, after_kpa] = [before, self].map(|figures| figures.beyond_noise_kpa(sigma_kpa));
+        let spoilt = after_kpa.iter().zip(&before_kpa).any(|(after, before)| *after > SPOILT * before + SPOILT_KPA);
         !spoilt && self.total_rmse_kpa() < CHANCE * before.total_rmse_kpa()
+    }
+
+    /// Free-run error beyond each channel's noise, by channel in kPa.
+    pub fn beyond_noise_kpa(&self, sigma_kpa: &[f64]) -> Vec<f64> {
+        let errors = self.free.iter().zip(sigma_kpa);
+        errors.map(|(error, sigma)| (error.rmse_kpa.powi(2) - sigma.powi(2)).max(0.0).sqrt()).collect()
     }
 
     /// Root of the mean squared free-run error of all channels, in kPa.

@@ -177,7 +177,12 @@ fn something_named(
         }
         if !tied.is_empty() {
             let mut group: Vec<String> = vec![candidates[*term].name()];
-            group.extend(tied.iter().map(|k| candidates[*k].name()));
+            // Two shapes of one mechanism there are one answer.
+            for name in tied.iter().map(|k| candidates[*k].name()) {
+                if !group.contains(&name) {
+                    group.push(name);
+                }
+            }
             groups.push(group);
         }
         contested.push(Contest { term: *term, rivals: tied, gain });

@@ -1,4 +1,5 @@
-//! Names that do not hold: what fits the rows that were fitted, and is spoken against by those kept back, by its own time
+//! Names that do not hold: what fits the rows that were fitted, and is spoken against by those kept back (it makes them worse, or
+//! leaves more of what was wrong there than a name may), by its own time
 //! constant, by a formula without a name that explains what it leaves, or by how little it does where the rig works.
 
 use fit::data::Role;
@@ -43,6 +44,18 @@ pub(crate) fn objection(
         let note = format!(
             "{} fits what was fitted, but errs more than nothing on the rows kept back ({:.2} kPa instead of {:.2}, or \
              one pressure for the other): something like it, not it",
+            names(),
+            extended.total_rmse_kpa(),
+            fitted.total_rmse_kpa()
+        );
+        return Ok(Some(Objection { note, missing: true, formula: None }));
+    }
+    let [before_kpa, left_kpa] = [fitted, extended].map(|figures| figures.beyond_noise_kpa(&searched.sigma_kpa()));
+    // One jump that comes late throws a free run off, right as its cause may be.
+    if !found.best.jumps && left_kpa.iter().any(|kpa| *kpa > UNKNOWN_KPA) && !explains_most(&before_kpa, &left_kpa) {
+        let note = format!(
+            "{} fits what was fitted, but leaves more than a name may on the rows kept back ({:.2} kPa of {:.2}): something like it, \
+             not it",
             names(),
             extended.total_rmse_kpa(),
             fitted.total_rmse_kpa()
