@@ -92,15 +92,6 @@ impl Explanation {
         self.fitted.point.iter().enumerate().map(|(i, z)| if i < own { 0.0 } else { *z }).collect()
     }
 
-    /// The numbers of one of its terms, in the rig file's units; `None` of any other.
-    pub fn values_of(&self, candidates: &[Candidate], term: usize) -> Option<Vec<f64>> {
-        let len = |term: &usize| candidates.get(*term).map_or(0, Candidate::len);
-        let at = self.terms.iter().position(|known| *known == term)?;
-        let from_here = self.terms.iter().skip(at).map(len).sum::<usize>();
-        let first = self.set.len().checked_sub(from_here)?;
-        Some(self.set.values(&self.fitted.point).get(first..first + len(&term))?.to_vec())
-    }
-
     /// [`Bench::drift_of`] its trace, on the bench that it was fitted on.
     pub fn errors(&self, bench: &Bench<'_>) -> &Allowed {
         self.errors.get_or_init(|| bench.drift_of(&self.trace))

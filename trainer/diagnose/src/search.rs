@@ -32,7 +32,7 @@ use exchange::{deletions, pairs, swaps};
 use refine::{from_priors, plainer, refined, richer};
 use slips::in_pieces;
 use stepped::{scanned, sharpened};
-pub use terms::{is_open, position_of, starts, with, without};
+pub use terms::{is_open, position_of, starts, values_of, with, without};
 use twin::twinned;
 use worth::{earns_its_place, leaves_room};
 

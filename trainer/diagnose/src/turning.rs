@@ -266,7 +266,7 @@ pub(crate) fn answered(
         let (mut in_place, mut lagging) = (false, None);
         if again.is_none()
             && first.tachometer().is_none()
-            && let Some(in_sensors) = late::in_sensors(&found)
+            && let Some(in_sensors) = late::in_sensors(&bench, &found)
         {
             in_place = true;
             again = raw.read_again(&first.point, &in_sensors)?;

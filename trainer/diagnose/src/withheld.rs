@@ -1,6 +1,6 @@
 //! Names that do not hold: what fits the rows that were fitted, and is spoken against by those kept back (it makes them worse, or
-//! leaves more of what was wrong there than a name may), by its own time
-//! constant, by a formula without a name that explains what it leaves, or by how little it does where the rig works.
+//! leaves more of what was wrong there than a name may), by its own time constant, by a formula without a name that explains
+//! what it leaves, or by how little it does where the rig works.
 
 use fit::data::Role;
 
@@ -10,7 +10,7 @@ use crate::error::DiagnoseError;
 use crate::evidence::{Bar, Evidence, evidence, root_of_drop};
 use crate::figures::Figures;
 use crate::judge::{FLOOR_KPA, UNKNOWN_KPA, explains_most, left};
-use crate::search::{Found, position_of};
+use crate::search::{Found, values_of};
 use crate::switched::{REACH_KPA, reach_kpa};
 use crate::unknown::{Formula, dead_end};
 
@@ -115,9 +115,7 @@ fn only_resembles(searched: &Bench<'_>, found: &Found, names: &str) -> Option<(F
 fn too_fast(bench: &Bench<'_>, candidates: &[Candidate], best: &Explanation) -> Option<String> {
     best.terms.iter().find_map(|term| {
         let candidate = candidates.get(*term)?;
-        let at = position_of(bench, candidates, best, *term)?;
-        let estimates = best.fitted.estimates.iter().skip(at).take(candidate.len());
-        let (key, least) = candidate.too_fast(&estimates.map(|estimate| estimate.value).collect::<Vec<_>>())?;
+        let (key, least) = candidate.too_fast(&values_of(bench, candidates, best, *term)?)?;
         Some(format!(
             "{} fits best with the least {key} that is plausible for it, {least}: something like it, but faster, not it",
             candidate.name()

@@ -6,7 +6,7 @@ use super::additions::cheaper;
 use super::terms::is_open;
 use super::{
     GLANCE_ROUNDS, PAIR_ROUNDS, Round, SearchSettings, cost, earns_its_place, plainer, refined, richer, sharpened,
-    starts, with, without,
+    starts, values_of, with, without,
 };
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
@@ -40,7 +40,7 @@ pub(super) fn swaps(
             }
             tell("swapping mechanisms", 0.5);
             let terms = with(&rest, k);
-            let values: Vec<_> = in_place_of(candidates, &best, k, term).into_iter().collect();
+            let values: Vec<_> = in_place_of(bench, candidates, &best, k, term).into_iter().collect();
             let starts = starts(bench, candidates, &best, &terms, &values, false);
             // A swap that is far behind after a glance does not overtake.
             let set = bench.set_of(candidates, &terms)?;
@@ -96,7 +96,7 @@ pub(super) fn pairs(
         let terms = with(&with(&rest, a), b);
         let values: Vec<(usize, Vec<f64>)> = [(a, one), (b, other)]
             .into_iter()
-            .filter_map(|(k, term)| in_place_of(candidates, &best, k, term))
+            .filter_map(|(k, term)| in_place_of(bench, candidates, &best, k, term))
             .collect();
         let starts = starts(bench, candidates, &best, &terms, &values, false);
         let set = bench.set_of(candidates, &terms)?;
@@ -121,8 +121,14 @@ pub(super) fn pairs(
 }
 
 /// Where candidate `k` starts in place of `term`: at the same number, where it is of the same unit (a lag for a lag).
-fn in_place_of(candidates: &[Candidate], best: &Explanation, k: usize, term: usize) -> Option<(usize, Vec<f64>)> {
-    let value = *best.values_of(candidates, term)?.first()?;
+fn in_place_of(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    best: &Explanation,
+    k: usize,
+    term: usize,
+) -> Option<(usize, Vec<f64>)> {
+    let value = *values_of(bench, candidates, best, term)?.first()?;
     let mut values = candidates[k].starts.first()?.clone();
     let [low, high] = candidates[k].parameters(0).first()?.bounds;
     let (one, other) = (&candidates[k], &candidates[term]);

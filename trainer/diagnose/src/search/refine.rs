@@ -1,6 +1,6 @@
 //! Fits that least squares from where things stand would miss: of other shapes, and from the priors.
 
-use super::{cost, sharpened, starts, with, without};
+use super::{cost, sharpened, starts, values_of, with, without};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
@@ -66,7 +66,7 @@ fn in_shape(
     term: usize,
     shape: usize,
 ) -> Option<Explanation> {
-    let known = explanation.values_of(candidates, term)?;
+    let known = values_of(bench, candidates, explanation, term)?;
     let (found, wanted) = (&candidates[term], &candidates[shape]);
     let mut values = wanted.starts.first()?.clone();
     for (key, value) in wanted.keys().zip(values.iter_mut()) {

@@ -61,6 +61,17 @@ pub fn position_of(
     position_in(bench, candidates, &explanation.terms, term)
 }
 
+/// The numbers of a term in an explanation; `None` of one that it has not.
+pub fn values_of(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    explanation: &Explanation,
+    term: usize,
+) -> Option<Vec<f64>> {
+    let at = position_of(bench, candidates, explanation, term)?;
+    Some(explanation.set.values(&explanation.fitted.point).get(at..at + candidates.get(term)?.len())?.to_vec())
+}
+
 /// Where the parameters of a term begin in a point of some terms.
 pub(super) fn position_in(bench: &Bench<'_>, candidates: &[Candidate], terms: &[usize], term: usize) -> Option<usize> {
     let before = terms.iter().take(terms.iter().position(|known| *known == term)?);

@@ -1,7 +1,7 @@
 //! What was found on one side, looked for on the other: two chambers, and two valves, are mostly of one make.
 
 use super::terms::starts;
-use super::{cost, with};
+use super::{cost, values_of, with};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::evidence::evidence;
@@ -33,7 +33,7 @@ pub(super) fn twinned(
                 && best.terms.iter().all(|t| t != k && !candidates[*t].excludes(other))
         };
         let Some(twin) = (0..candidates.len()).find(open) else { continue };
-        let Some(values) = best.values_of(candidates, term) else { continue };
+        let Some(values) = values_of(bench, candidates, &best, term) else { continue };
         if best.terms.len() >= most_terms {
             break;
         }
@@ -44,7 +44,7 @@ pub(super) fn twinned(
         let both = known.chain(bench.fit(candidates, &terms, &from, Effort::Polish).ok());
         // What cannot be run on both sides is on one.
         let Some(both) = both.min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b))) else { continue };
-        let sizes = [term, twin].map(|t| both.values_of(candidates, t).and_then(|v| v.first().copied()));
+        let sizes = [term, twin].map(|t| values_of(bench, candidates, &both, t).and_then(|v| v.first().copied()));
         let alike = matches!(sizes, [Some(a), Some(b)] if (1.0 / ALIKE..=ALIKE).contains(&(a / b)));
         if alike && evidence(bench, &both, &best).is_certain() {
             tried.push(std::mem::replace(&mut best, both));

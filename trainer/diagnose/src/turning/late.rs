@@ -8,8 +8,9 @@ use proto::diagnosis::Verdict;
 
 use super::raw::Beside;
 use crate::answer::Answer;
-use crate::bench::Explanation;
+use crate::bench::{Bench, Explanation};
 use crate::candidate::Candidate;
+use crate::search::values_of;
 
 /// Mechanisms by which a valve is late; their first number says by how much, in ms.
 const LATE_VALVES: [&str; 2] = ["valve_lag", "command_delay"];
@@ -17,7 +18,7 @@ const LATE_VALVES: [&str; 2] = ["valve_lag", "command_delay"];
 const LATE_SENSOR: &str = "sensor_lag";
 
 /// The same with sensors that lag where valves are late, from as much on; `None` where no valve is, or none with a sensor.
-pub(super) fn in_sensors<'a>(found: &Beside<'a>) -> Option<Beside<'a>> {
+pub(super) fn in_sensors<'a>(bench: &Bench<'_>, found: &Beside<'a>) -> Option<Beside<'a>> {
     let (candidates, rig) = (found.candidates, &found.best.fitted.rig);
     let is_late_valve = |id: &str, component: &str| LATE_VALVES.contains(&id) && rig.valves.contains_key(component);
     let (late, mut terms): (Vec<usize>, Vec<usize>) = found.terms.iter().partition(|term| {
@@ -26,7 +27,7 @@ pub(super) fn in_sensors<'a>(found: &Beside<'a>) -> Option<Beside<'a>> {
     let mut values: Vec<(usize, Vec<f64>)> = Vec::new();
     for term in late {
         let valve = rig.valves.get(&candidates.get(term)?.component)?;
-        let by_ms = *found.values_of(term)?.first()?;
+        let by_ms = *values_of(bench, candidates, found.best, term)?.first()?;
         let lags = candidates.iter().enumerate().filter(|(_, candidate)| {
             let sensor = rig.sensors.get(&candidate.component);
             candidate.id == LATE_SENSOR

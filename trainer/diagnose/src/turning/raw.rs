@@ -183,11 +183,6 @@ impl<'a> Beside<'a> {
         Beside { candidates: &asked.candidates, best, terms, values: Vec::new() }
     }
 
-    /// Numbers of a term that was found.
-    pub(super) fn values_of(&self, term: usize) -> Option<Vec<f64>> {
-        self.best.values_of(self.candidates, term)
-    }
-
     /// The rig with it, its pumps as fast as `stated`.
     fn without_ripple(&self, stated: &Rig) -> Rig {
         let mut rig = at_stated_speed(&self.best.fitted.rig, stated);
