@@ -16,7 +16,7 @@ use crate::search::{Found, GLANCE_ROUNDS, cost, starts, twins, with, without};
 use crate::switched::{REACH_KPA, reaches_kpa, stands_somewhere};
 
 mod moved;
-use moved::nothing_named;
+use moved::{instead_of_moved, nothing_named};
 
 /// Error beyond the noise, in kPa, below which a model is as good as the recordings can tell.
 pub(crate) const FLOOR_KPA: f64 = 0.06;
@@ -204,6 +204,10 @@ fn something_named(
                 rivals.push(rival.clone());
             }
         }
+    }
+    if let Some((group, instead)) = instead_of_moved(bench, candidates, found) {
+        groups.push(group);
+        rivals.extend(instead);
     }
     let verdict = if groups.is_empty() { Verdict::MissingPhysics } else { Verdict::Undecided };
     let named = contested.iter().filter(|c| c.rivals.is_empty()).map(|c| c.term).collect();

@@ -131,7 +131,9 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     }
 
     if can_be_shut_in(rig, bench.records.inputs()) {
-        let base = if judgement.verdict == Verdict::MissingPhysics { &found.best } else { &found.nominal };
+        let beside_moved = judgement.groups.iter().flatten().any(|name| name == MOVED);
+        let named = judgement.verdict == Verdict::MissingPhysics || beside_moved;
+        let base = if named { &found.best } else { &found.nominal };
         tell_what_could_hide(&searched, &asked.candidates, base, &mut judgement, &mut notes);
     }
     progress("planning", 0.0);

@@ -3,6 +3,7 @@
 //! | file | subject |
 //! | --- | --- |
 //! | `additions` | a further term: every candidate tried on top of what is found |
+//! | `believed` | a further term that parameters have given way to |
 //! | `worth` | what a further term must show to be taken |
 //! | `exchange` | terms in exchange for others |
 //! | `refine` | fits that least squares from where things stand would miss |
@@ -18,6 +19,7 @@ use crate::evidence::{Bar, Evidence, evidence};
 use crate::judge::{UNKNOWN_KPA, excess, explains_most, left};
 
 mod additions;
+mod believed;
 mod exchange;
 mod refine;
 mod slips;
@@ -27,6 +29,8 @@ mod twin;
 mod worth;
 
 use additions::additions;
+use believed::believed;
+pub(crate) use believed::brings_back;
 pub use exchange::twins;
 use exchange::{deletions, pairs, swaps};
 use refine::{from_priors, plainer, refined, richer};
@@ -124,6 +128,7 @@ pub fn search(
     let mut rounds = Vec::new();
     let mut tried = Vec::new();
     let mut next = None;
+    let mut by_likeness = Vec::new();
     let mut stood: Vec<Vec<usize>> = Vec::new();
     // What is added and then deleted again would be added once more, and so on.
     while best.terms.len() < settings.most_terms && !stood.contains(&best.terms) {
@@ -150,12 +155,19 @@ pub fn search(
         let mut round = Round { base: best.terms.clone(), ranked, best: Vec::new(), evidence: None, taken };
         round.shows(&top, found);
         tried.extend(polished);
+        // What sticks and slips passes for itself with a wrong band: then the rest of it is still there.
+        let sticks = top.terms.iter().any(|term| !best.terms.contains(term) && candidates[*term].stepped());
+        if taken && sticks && is_unexplained(bench, &nominal, &top) {
+            let slips = in_pieces(bench, candidates, &best, settings, &tried, tell)?;
+            if let Some(slips) = slips.filter(|slips| cost(bench, slips) < cost(bench, &top)) {
+                tried.push(std::mem::replace(&mut top, slips));
+                round.shows(&top, evidence(bench, &top, &best));
+            }
+        }
         if taken {
             best = refined(bench, candidates, top, settings.bar.removed_kpa)?;
         } else {
-            let left = left(bench, &best);
-            let unexplained = !explains_most(&excess(bench, &nominal.trace), &left);
-            let unexplained = unexplained && left.iter().any(|kpa| *kpa > UNKNOWN_KPA);
+            let unexplained = is_unexplained(bench, &nominal, &best);
             let passed = |again: &Explanation| {
                 earns_its_place(bench, candidates, settings, &evidence(bench, again, &best), [again, &best, &nominal])
             };
@@ -194,13 +206,20 @@ pub fn search(
             }
         }
         rounds.push(round);
+        // Before anything else stands for what the same does on the other side.
+        best = twinned(bench, candidates, best, settings.most_terms, &mut tried, &mut by_likeness);
         if best.terms.len() > 1 {
             best = swaps(bench, candidates, best, &rounds, settings, &mut tried, tell)?;
             best = pairs(bench, candidates, best, &rounds, &mut tried, tell)?;
-            best = deletions(bench, candidates, &nominal, best, settings, &mut tried)?;
+            best = deletions(bench, candidates, &nominal, best, settings, &by_likeness, &mut tried)?;
         }
     }
-    let (best, by_likeness) = twinned(bench, candidates, best, settings.most_terms, &mut tried);
+    best = twinned(bench, candidates, best, settings.most_terms, &mut tried, &mut by_likeness);
+    // What a fit does not need may still be there, where its parameters are not believed.
+    if !best.terms.is_empty() && best.terms.len() < settings.most_terms && has_given_way(bench, &best) {
+        tried.extend(believed(bench, candidates, &best, settings, tell));
+    }
+    by_likeness.retain(|term| best.terms.contains(term));
     Ok(Found { nominal, best, by_likeness, next, rounds, tried })
 }
 
@@ -216,6 +235,12 @@ pub const PRICE_OF_A_PARAMETER: f64 = 5.0;
 /// Cost of an explanation: half chi-square (robust) and prior.
 pub fn cost(bench: &Bench<'_>, explanation: &Explanation) -> f64 {
     explanation.fitted.comparable_cost(bench.records, bench.fit_weights())
+}
+
+/// Whether an explanation leaves more than a name may of what the `nominal` rig misses.
+fn is_unexplained(bench: &Bench<'_>, nominal: &Explanation, explanation: &Explanation) -> bool {
+    let left = left(bench, explanation);
+    left.iter().any(|kpa| *kpa > UNKNOWN_KPA) && !explains_most(&excess(bench, &nominal.trace), &left)
 }
 
 /// Standard deviations of its prior beyond which a parameter has given way to something that it is not.

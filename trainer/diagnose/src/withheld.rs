@@ -27,6 +27,8 @@ pub(crate) struct Objection {
 /// What must be set right on the rows kept back, in kPa, where little is set right elsewhere. A minute of rows tells the
 /// root of a drop in mean squared error to a hundredth of a kPa or so.
 const KEPT_BACK_KPA: f64 = 0.02;
+/// The same of what is beyond doubt on the rows that were fitted.
+const KEPT_BACK_BEYOND_DOUBT_KPA: f64 = 0.01;
 
 /// What speaks against naming what was `found`; `None` if it holds. `searched` is what it was found on, `fitted` and `extended` are
 /// the figures without and with it.
@@ -71,8 +73,9 @@ pub(crate) fn objection(
     let found_for = evidence(searched, &found.best, &found.nominal);
     let little = found_for.removed_kpa < UNKNOWN_KPA && !found_for.shows_somewhere()
         || reach_kpa(searched, &found.best)? < REACH_KPA;
+    let least_kpa = if found_for.is_beyond_doubt() { KEPT_BACK_BEYOND_DOUBT_KPA } else { KEPT_BACK_KPA };
     // Far from where the rig works (a shut-in, a pump at rest) every model is off a little.
-    Ok((little && removed_kpa(fitted, extended) < KEPT_BACK_KPA).then(|| Objection {
+    Ok((little && removed_kpa(fitted, extended) < least_kpa).then(|| Objection {
         note: format!(
             "{} would fit what was fitted better by {:.2} kPa and changes next to nothing on the rows kept back: \
              too little to be named",

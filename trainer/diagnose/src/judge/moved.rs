@@ -14,7 +14,7 @@ use crate::bench::{Bench, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::evidence::{Bar, evidence};
-use crate::search::Found;
+use crate::search::{Found, brings_back, has_given_way};
 use crate::switched::{REACH_KPA, reach_kpa, stands_somewhere};
 
 /// Gain of prior and likelihood, beyond what the best of all candidates has by chance, at which a mechanism that does
@@ -49,51 +49,98 @@ pub(super) fn nothing_named(
         if shifted { by_themselves(bench, candidates, &found.nominal, MOST_RIVALS)? } else { ByThemselves::default() };
     let known = found.tried.iter().filter(|e| e.terms.len() == 1 && e.terms != withdrawn);
     let singles: Vec<&Explanation> = known.chain(&lone.fitted).collect();
-    // What next to nothing would change without is no rival: no experiment is worth flying for it.
-    let reaches = |e: &Explanation| reach_kpa(bench, e).is_ok_and(|kpa| kpa > REACH_KPA);
-    // Mechanisms that the recordings, or the priors, would rather have than a mere shift. The best of many candidates gains
-    // the logarithm of their number by chance.
-    let looked_at = (candidates.len().max(1) as f64).ln();
-    let mut hints: Vec<(f64, &Explanation)> = singles
-        .iter()
-        .filter_map(|e| {
-            let found_for = evidence(bench, e, &found.nominal);
-            // What hardly shows in the free run is an everyday imperfection; what saves the priors much is not, nor what is
-            // beyond all doubt, small as it may be.
-            let shows = found_for.removed_kpa > Bar::default().removed_kpa || found_for.is_certain();
-            let gain = if shows { found_for.posterior } else { found_for.posterior - found_for.fitted.max(0.0) };
-            (gain > HINT + looked_at).then_some((gain, *e))
-        })
-        .filter(|(_, e)| reaches(e))
-        .collect();
-    hints.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut close: Vec<&Explanation> = Vec::new();
-    if let Some((top, first)) = hints.first().copied() {
-        let near = hints.iter().filter(|(gain, e)| *gain > top - TIE || is_rival(bench, first, e));
-        close.extend(near.map(|(_, e)| *e));
-        // What is no hint by itself can still stand in the first one's place.
-        let posterior = |e: &Explanation| evidence(bench, e, &found.nominal).posterior;
-        let least = posterior(first) - TIE;
-        let others = singles.iter().copied().filter(|e| posterior(e) > least && is_rival(bench, first, e));
-        close.extend(others.filter(|e| reaches(e)));
-    } else if lone.nearly_all && !stands_somewhere(bench) {
+    let may_be_alone = lone.nearly_all && !stands_somewhere(bench);
+    let close = hints(bench, candidates, &found.nominal, &singles);
+    let close = if close.is_empty() && may_be_alone {
         let as_likely = lone.fitted.iter().filter(|e| evidence(bench, e, &found.nominal).fitted > -TIE);
-        close.extend(as_likely.filter(|e| reaches(e)));
-    }
-    let mut group = vec![MOVED.to_owned()];
-    let mut rivals = vec![found.nominal.clone()];
-    for rival in close {
-        let Some(name) = rival.terms.first().and_then(|t| candidates.get(*t)).map(Candidate::name) else { continue };
-        // Two shapes of one mechanism there are one answer.
-        if !group.contains(&name) && rivals.len() <= MOST_RIVALS {
-            group.push(name);
-            rivals.push(rival.clone());
-        }
-    }
+        as_likely.filter(|e| reaches(bench, e)).collect()
+    } else {
+        close
+    };
+    let (group, rivals) = group_of(candidates, &found.nominal, close);
     if rivals.len() > 1 {
         return Ok(undecided(rivals, group));
     }
     let same = as_given.iter().zip(&excess_kpa[1]).all(|(g, n)| *g < FLOOR_KPA || *g < 1.2 * n);
     let verdict = if same { Verdict::Adequate } else { Verdict::ParametersMoved };
     Ok(Judgement::unnamed(verdict, excess_kpa))
+}
+
+/// What moved parameters beside the terms of `found.best` may be instead, with the rivals that are no more than that: where they have
+/// given way so far that nobody would believe them, and one more mechanism brings them back. `None` where none does.
+pub(super) fn instead_of_moved(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    found: &Found,
+) -> Option<(Vec<String>, Vec<Explanation>)> {
+    let best = &found.best;
+    if !has_given_way(bench, best) {
+        return None;
+    }
+    let beside = |e: &&Explanation| {
+        let more = e.terms.iter().filter(|term| !best.terms.contains(term)).count();
+        more == 1 && e.terms.len() == best.terms.len() + 1 && brings_back(best, e)
+    };
+    let (group, mut rivals) = group_of(
+        candidates,
+        best,
+        hints(bench, candidates, best, &found.tried.iter().filter(beside).collect::<Vec<_>>()),
+    );
+    rivals.remove(0);
+    (!rivals.is_empty()).then_some((group, rivals))
+}
+
+/// Whether something would change without it: for what next to nothing would, no experiment is worth flying.
+fn reaches(bench: &Bench<'_>, explanation: &Explanation) -> bool {
+    reach_kpa(bench, explanation).is_ok_and(|kpa| kpa > REACH_KPA)
+}
+
+/// Of explanations with one term more than `base` those that the recordings, or the priors, would rather have than a mere shift of its
+/// parameters, and what can stand in the place of the first; the best first.
+fn hints<'e>(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    base: &Explanation,
+    singles: &[&'e Explanation],
+) -> Vec<&'e Explanation> {
+    // The best of many candidates gains the logarithm of their number by chance.
+    let looked_at = (candidates.len().max(1) as f64).ln();
+    let mut hints: Vec<(f64, &Explanation)> = singles
+        .iter()
+        .filter_map(|e| {
+            let found_for = evidence(bench, e, base);
+            // What hardly shows in the free run is an everyday imperfection; what saves the priors much is not, nor what is
+            // beyond all doubt, small as it may be.
+            let shows = found_for.removed_kpa > Bar::default().removed_kpa || found_for.is_certain();
+            let gain = if shows { found_for.posterior } else { found_for.posterior - found_for.fitted.max(0.0) };
+            (gain > HINT + looked_at).then_some((gain, *e))
+        })
+        .filter(|(_, e)| reaches(bench, e))
+        .collect();
+    hints.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let Some((top, first)) = hints.first().copied() else { return Vec::new() };
+    let near = hints.iter().filter(|(gain, e)| *gain > top - TIE || is_rival(bench, first, e));
+    let mut close: Vec<&Explanation> = near.map(|(_, e)| *e).collect();
+    // What is no hint by itself can still stand in the first one's place.
+    let posterior = |e: &Explanation| evidence(bench, e, base).posterior;
+    let least = posterior(first) - TIE;
+    let others = singles.iter().copied().filter(|e| posterior(e) > least && is_rival(bench, first, e));
+    close.extend(others.filter(|e| reaches(bench, e)));
+    close
+}
+
+/// Moved parameters of `base` and what may stand behind them: names, and explanations.
+fn group_of(candidates: &[Candidate], base: &Explanation, close: Vec<&Explanation>) -> (Vec<String>, Vec<Explanation>) {
+    let mut group = vec![MOVED.to_owned()];
+    let mut rivals = vec![base.clone()];
+    for rival in close {
+        let more = rival.terms.iter().find(|term| !base.terms.contains(term));
+        let Some(name) = more.and_then(|t| candidates.get(*t)).map(Candidate::name) else { continue };
+        // Two shapes of one mechanism there are one answer.
+        if !group.contains(&name) && rivals.len() <= MOST_RIVALS {
+            group.push(name);
+            rivals.push(rival.clone());
+        }
+    }
+    (group, rivals)
 }

@@ -32,7 +32,7 @@ pub(super) fn additions(
     let open: Vec<usize> = (0..candidates.len()).filter(|k| is_open(bench, candidates, &base.terms, *k)).collect();
     tell("screening mechanisms", 0.0);
     let screening = screen(bench, candidates, base, &open);
-    if !base.terms.is_empty() && !any_could_earn(bench, base, &screening, settings.bar.removed_kpa) {
+    if !base.terms.is_empty() && !any_could_earn(bench, base, &screening, settings.bar.removed_beyond_doubt_kpa) {
         return Ok((Vec::new(), Vec::new()));
     }
     let footing = Footing::of(bench, base)?;

@@ -145,13 +145,15 @@ pub fn twins(candidates: &[Candidate], terms: &[usize]) -> Option<(usize, usize)
     terms.iter().enumerate().find_map(|(n, a)| terms.iter().skip(n + 1).find(|b| alike(*a, **b)).map(|b| (*a, *b)))
 }
 
-/// Removes terms that the others, in a richer shape where one is offered, have made needless.
+/// Removes terms that the others, in a richer shape where one is offered, have made needless; of those that are there
+/// `by_likeness` what is there beyond doubt stays.
 pub(super) fn deletions(
     bench: &Bench<'_>,
     candidates: &[Candidate],
     nominal: &Explanation,
     mut best: Explanation,
     settings: &SearchSettings,
+    by_likeness: &[usize],
     tried: &mut Vec<Explanation>,
 ) -> Result<Explanation, DiagnoseError> {
     for term in best.terms.clone() {
@@ -173,7 +175,8 @@ pub(super) fn deletions(
         let reduced = sharpened(bench, candidates, reduced, &[])?;
         let reduced = if may_be_richer { refined(bench, candidates, reduced, 0.0)? } else { reduced };
         let found = evidence(bench, &best, &reduced);
-        if earns_its_place(bench, candidates, settings, &found, [&best, &reduced, nominal]) {
+        let stays = by_likeness.contains(&term) && found.is_certain();
+        if stays || earns_its_place(bench, candidates, settings, &found, [&best, &reduced, nominal]) {
             tried.push(reduced);
         } else {
             best = plainer(bench, candidates, reduced, settings.bar.removed_kpa)?;

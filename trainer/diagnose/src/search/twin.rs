@@ -9,8 +9,8 @@ use crate::evidence::evidence;
 /// Factor within which both sides of one make have the same number.
 const ALIKE: f64 = 2.0;
 
-/// The same with the likes of its terms on the other side, where these are there beyond doubt and of about the same size; and which
-/// terms came in so.
+/// The same with the likes of its terms on the other side, where these are there beyond doubt and of about the same size; what
+/// comes in so is noted in `by_likeness`.
 ///
 /// A second effect must set right several hundredths of a kPa to have a name ([`super::worth`]), since what the formulas of the
 /// first are off by looks like some small physics or other. It does not look like the same mechanism at the other side, and of
@@ -21,8 +21,8 @@ pub(super) fn twinned(
     mut best: Explanation,
     most_terms: usize,
     tried: &mut Vec<Explanation>,
-) -> (Explanation, Vec<usize>) {
-    let mut by_likeness = Vec::new();
+    by_likeness: &mut Vec<usize>,
+) -> Explanation {
     for term in best.terms.clone() {
         let found = &candidates[term];
         let open = |k: &usize| {
@@ -53,5 +53,5 @@ pub(super) fn twinned(
             tried.push(both);
         }
     }
-    (best, by_likeness)
+    best
 }

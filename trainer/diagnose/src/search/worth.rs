@@ -12,9 +12,6 @@ use crate::screen::Screening;
 /// What a further term must set right beside what is found already, as a share of its error: nobody's formula for the main
 /// effect is exact, and what a tenth of it leaves behind looks like some small effect of another kind.
 const BESIDE: f64 = 0.15;
-/// Log-likelihood that nothing small which is not there gains, and standard errors of it.
-const DOUBT: f64 = 100.0;
-const DOUBT_SE: f64 = 4.0;
 /// Share of the mean squared error that is left.
 const MOST_OF_THE_REST: f64 = 0.5;
 /// The same of what is beyond doubt. Noise that wanders is not known to be noise and counts as left: of what any term could set
@@ -27,7 +24,7 @@ const NOISE_DOUBT: f64 = 0.2;
 /// Whether a further term could still earn its place beside those of `best`: none sets right more than all that is left beyond
 /// the noise.
 pub(super) fn leaves_room(bench: &Bench<'_>, settings: &SearchSettings, best: &Explanation) -> bool {
-    reach_beyond_noise(bench, best) > settings.bar.removed_kpa
+    reach_beyond_noise(bench, best) > settings.bar.removed_beyond_doubt_kpa
 }
 
 /// What the free run would gain if nothing but the noise were left, and that less than it was taken for: as
@@ -57,14 +54,10 @@ pub(super) fn earns_its_place(
     let others = evidence(bench, without, nominal);
     found.removed_kpa > BESIDE * others.removed_kpa
         // A leak that a shut-in shows by a kPa is no measure of what is wrong while the pump runs.
-        || found.removed_at_work_kpa > BESIDE * others.removed_at_work_kpa && found.shows_somewhere()
+        || found.removed_at_work_kpa > BESIDE * others.removed_at_work_kpa
+            && (found.shows_somewhere() || found.is_beyond_doubt())
         || found.removed_kpa > FLOOR_KPA && found.share > MOST_OF_THE_REST
-        || found.share > MORE_THAN_A_THIRD && is_beyond_doubt(found)
-}
-
-/// Whether a gain is there in every part of the recordings, and as large in those that nothing was fitted to.
-fn is_beyond_doubt(found: &Evidence) -> bool {
-    found.fitted > DOUBT && found.fitted > DOUBT_SE * found.fitted_se && found.throughout > DOUBT_SE
+        || found.share > MORE_THAN_A_THIRD && found.is_beyond_doubt()
 }
 
 /// How much more than the screen sees, to first order, a term may come to gain where the rest is explained.

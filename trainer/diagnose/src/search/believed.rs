@@ -1,0 +1,56 @@
+//! Parameters that have given way to something that was not looked for where it would have been seen.
+//!
+//! A leak past open valves is taken up by the parameters, be it ever so large, and the fit is as good without it. What speaks
+//! for it is where they end: a clearance seventeen standard deviations from what was measured is not believed. The screen sees
+//! that, for the priors are in its slopes; a glance does not get there, since over such a way slopes change. So what the screen
+//! puts first is fitted, glance or not.
+
+use super::terms::{is_open, starts_at, with};
+use super::{PRICE, SearchSettings, cost};
+use crate::bench::{Bench, Effort, Explanation};
+use crate::candidate::Candidate;
+use crate::screen::{Screened, screen};
+
+/// What the screen must see in a term, in log-likelihood and prior, for it to be fitted.
+const LEAST: f64 = 10.0;
+/// Share of the priors' cost that it must save by what the screen sees.
+const LEAST_SAVED: f64 = 0.25;
+/// Share of it that is left where parameters are believed again.
+const MOST_LEFT: f64 = 0.5;
+
+/// Whether the parameters of `best` are believed again with what is `with` it: most of what they cost the priors is gone.
+pub(crate) fn brings_back(best: &Explanation, with: &Explanation) -> bool {
+    with.prior_cost < MOST_LEFT * best.prior_cost
+}
+
+/// The terms of `best`, whose parameters have given way, and one more, with which they need not: those that cost less, the best
+/// first.
+pub(super) fn believed(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    best: &Explanation,
+    settings: &SearchSettings,
+    tell: &mut dyn FnMut(&str, f64),
+) -> Vec<Explanation> {
+    let open: Vec<usize> = (0..candidates.len()).filter(|k| is_open(bench, candidates, &best.terms, *k)).collect();
+    let screening = screen(bench, candidates, best, &open);
+    let prior = best.set.prior();
+    let of = |point: &[f64]| -> f64 { prior.iter().zip(point).map(|(p, z)| 0.5 * p * z * z).sum() };
+    let saves = |screened: &Screened| of(&best.fitted.point) - of(&best.moved(&screened.shift));
+    let gains = screening.single.iter().filter(|screened| screened.gain > LEAST);
+    let mut first: Vec<(f64, &Screened)> = gains.map(|screened| (saves(screened), screened)).collect();
+    first.retain(|(saved, _)| *saved > LEAST_SAVED * best.prior_cost);
+    first.sort_by(|(a, _), (b, _)| b.total_cmp(a));
+    first.truncate(settings.polished);
+    let needed = cost(bench, best) - PRICE;
+    let mut believed: Vec<Explanation> = Vec::new();
+    for (done, (_, screened)) in first.iter().enumerate() {
+        tell("asking what parameters have given way to", done as f64 / first.len() as f64);
+        let terms = screened.terms.iter().fold(best.terms.clone(), |terms, (k, _)| with(&terms, *k));
+        let from = starts_at(bench, candidates, (best, &best.moved(&screened.shift)), &terms, &screened.terms, false);
+        let fitted = bench.fit(candidates, &terms, &from, Effort::Polish);
+        believed.extend(fitted.ok().filter(|e| cost(bench, e) < needed && brings_back(best, e)));
+    }
+    believed.sort_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b)));
+    believed
+}
