@@ -53,6 +53,12 @@ pub struct Judgement {
 }
 
 impl Judgement {
+    /// Whether every term that was found has its name, be it beside parameters that something else may stand behind.
+    pub fn is_of_names(&self) -> bool {
+        let of_moved = |group: &Vec<String>| group.iter().any(|name| name == MOVED);
+        self.verdict == Verdict::MissingPhysics || !self.named.is_empty() && self.groups.iter().all(of_moved)
+    }
+
     /// The same without a name: what was to be named did not hold.
     #[must_use]
     pub fn of_no_name(self) -> Self {

@@ -83,7 +83,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         let extended = of(&best.fitted.rig)?;
         (best, extended)
     };
-    if judgement.verdict == Verdict::MissingPhysics {
+    if judgement.is_of_names() {
         if let Some(objection) = objection(&searched, &asked.candidates, &found, [&fitted, &extended])? {
             notes.push(objection.note);
             formula = objection.formula;
@@ -93,7 +93,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
                 judge_without(&searched, &asked.candidates, &found, &searched.free_run(asked.given)?)?
             };
             (best, extended) = (nominal.clone(), fitted.clone());
-        } else {
+        } else if judgement.verdict == Verdict::MissingPhysics {
             notes.extend(beside_what_is_named(&asked.candidates, &judgement, &best));
         }
     }
@@ -131,9 +131,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     }
 
     if can_be_shut_in(rig, bench.records.inputs()) {
-        let beside_moved = judgement.groups.iter().flatten().any(|name| name == MOVED);
-        let named = judgement.verdict == Verdict::MissingPhysics || beside_moved;
-        let base = if named { &found.best } else { &found.nominal };
+        let base = if judgement.is_of_names() { &found.best } else { &found.nominal };
         tell_what_could_hide(&searched, &asked.candidates, base, &mut judgement, &mut notes);
     }
     progress("planning", 0.0);
