@@ -11,7 +11,7 @@ use proto::diagnosis::Verdict;
 use super::{FLOOR_KPA, Judgement, MOVED, TIE, UNKNOWN_KPA, excess, is_rival};
 use crate::alone::{ByThemselves, by_themselves};
 use crate::bench::{Bench, Explanation};
-use crate::candidate::Candidate;
+use crate::candidate::{Candidate, leaks};
 use crate::error::DiagnoseError;
 use crate::evidence::{Bar, evidence};
 use crate::search::{Found, brings_back, has_given_way};
@@ -78,8 +78,10 @@ pub(super) fn instead_of_moved(
         return None;
     }
     let beside = |e: &&Explanation| {
-        let more = e.terms.iter().filter(|term| !best.terms.contains(term)).count();
-        more == 1 && e.terms.len() == best.terms.len() + 1 && brings_back(best, e)
+        let mut more = e.terms.iter().filter(|term| !best.terms.contains(term));
+        // Open valves hide leaks alone so well; a sensor's zero takes up what a formula is off by.
+        let leak = more.next().and_then(|term| candidates.get(*term)).is_some_and(|candidate| leaks(&candidate.id));
+        leak && more.next().is_none() && e.terms.len() == best.terms.len() + 1 && brings_back(best, e)
     };
     let (group, mut rivals) = group_of(
         candidates,
