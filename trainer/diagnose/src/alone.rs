@@ -23,7 +23,7 @@ use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::glance::{Footing, Glanced};
 use crate::screen::AMPLITUDE;
-use crate::search::{has_given_way, is_open, starts, with};
+use crate::search::{has_given_way, open_beside, starts, with};
 
 /// Share of the given rig's mismatch that some mechanism must explain alone before moved parameters are doubted.
 const ALL_BUT: f64 = 0.97;
@@ -122,7 +122,7 @@ pub(crate) fn by_themselves(
     base: &Explanation,
     most: usize,
 ) -> Result<ByThemselves, DiagnoseError> {
-    let open: Vec<usize> = (0..candidates.len()).filter(|k| is_open(bench, candidates, &base.terms, *k)).collect();
+    let open = open_beside(bench, candidates, &base.terms);
     let given = base.set.rig_at(&base.as_given(bench)).map_err(DiagnoseError::rig(base.set.rig()))?;
     let lone = alone(bench, candidates, &given, &open)?;
     let nearly_all = lone.iter().any(|lone| lone.share > ALL_BUT);

@@ -27,6 +27,11 @@ pub(crate) fn leaks(id: &str) -> bool {
     LEAKS.contains(&id)
 }
 
+/// Whether one of some candidates [`leaks`].
+pub(crate) fn is_leak(candidates: &[Candidate], term: usize) -> bool {
+    candidates.get(term).is_some_and(|candidate| leaks(&candidate.id))
+}
+
 /// Mechanisms by which a reading is off where the pressure is known: at rest, open to the air.
 const READINGS: [&str; 3] = ["sensor_bias", "sensor_drift", "sensor_gain"];
 

@@ -64,10 +64,9 @@ impl Footing {
         let starts = base.fitted.starts.clone();
         let mut residuals = weighted(bench.records.readings_kpa(), &close, &[], &weights);
         starts.apply(&mut residuals);
-        let prior: f64 = base.set.prior().iter().zip(&base.fitted.point).map(|(p, z)| 0.5 * p * z * z).sum();
         let slopes = base.fitted.linearised.jacobian.iter().take(bench.nominal.len()).cloned().collect();
         Ok(Footing {
-            cost: residuals.iter().map(|r| LOSS.cost(*r)).sum::<f64>() + prior,
+            cost: residuals.iter().map(|r| LOSS.cost(*r)).sum::<f64>() + base.set.prior_cost(&base.fitted.point),
             arcs,
             weights,
             correction_kpa,

@@ -8,7 +8,7 @@ use fit::data::Role;
 use proto::diagnosis::Verdict;
 
 use crate::bench::{Bench, Effort, Explanation};
-use crate::candidate::{Candidate, leaks};
+use crate::candidate::{Candidate, is_leak};
 use crate::error::DiagnoseError;
 use crate::evidence::evidence;
 use crate::glance::Footing;
@@ -222,12 +222,12 @@ fn something_named(
 
 /// Leaks among the terms that a pump at rest shows and nothing else would: they are in the rig, and not worth a name beside what is.
 fn small_leaks(bench: &Bench<'_>, candidates: &[Candidate], best: &Explanation) -> Result<Vec<usize>, DiagnoseError> {
-    let is_leak = |term: &usize| candidates.get(*term).is_some_and(|candidate| leaks(&candidate.id));
-    if best.terms.len() < 2 || !best.terms.iter().any(is_leak) || !stands_somewhere(bench) {
+    let leaks = |term: &usize| is_leak(candidates, *term);
+    if best.terms.len() < 2 || !best.terms.iter().any(leaks) || !stands_somewhere(bench) {
         return Ok(Vec::new());
     }
     let reaches = reaches_kpa(bench, best)?;
-    let small = best.terms.iter().zip(&reaches).filter(|(term, reach)| is_leak(term) && **reach < REACH_KPA);
+    let small = best.terms.iter().zip(&reaches).filter(|(term, reach)| leaks(term) && **reach < REACH_KPA);
     let small: Vec<usize> = small.map(|(term, _)| *term).collect();
     Ok(if small.len() < best.terms.len() { small } else { Vec::new() })
 }

@@ -36,8 +36,8 @@ use exchange::{deletions, pairs, swaps};
 use refine::{from_priors, plainer, refined, richer};
 use slips::in_pieces;
 use stepped::{scanned, sharpened};
-pub use terms::{is_open, position_of, starts, values_of, with, without};
-use twin::twinned;
+pub use terms::{is_open, open_beside, position_of, starts, values_of, with, without};
+use twin::{Likes, twinned};
 use worth::{earns_its_place, leaves_room};
 
 /// How to search.
@@ -128,7 +128,7 @@ pub fn search(
     let mut rounds = Vec::new();
     let mut tried = Vec::new();
     let mut next = None;
-    let mut by_likeness = Vec::new();
+    let mut likes = Likes::default();
     let mut stood: Vec<Vec<usize>> = Vec::new();
     // What is added and then deleted again would be added once more, and so on.
     while best.terms.len() < settings.most_terms && !stood.contains(&best.terms) {
@@ -207,19 +207,19 @@ pub fn search(
         }
         rounds.push(round);
         // Before anything else stands for what the same does on the other side.
-        best = twinned(bench, candidates, best, settings.most_terms, &mut tried, &mut by_likeness);
+        best = twinned(bench, candidates, best, settings.most_terms, &mut tried, &mut likes);
         if best.terms.len() > 1 {
             best = swaps(bench, candidates, best, &rounds, settings, &mut tried, tell)?;
             best = pairs(bench, candidates, best, &rounds, &mut tried, tell)?;
-            best = deletions(bench, candidates, &nominal, best, settings, &by_likeness, &mut tried)?;
+            best = deletions(bench, candidates, &nominal, best, settings, &likes.found, &mut tried)?;
         }
     }
-    best = twinned(bench, candidates, best, settings.most_terms, &mut tried, &mut by_likeness);
+    best = twinned(bench, candidates, best, settings.most_terms, &mut tried, &mut likes);
     // What a fit does not need may still be there, where its parameters are not believed.
     if !best.terms.is_empty() && best.terms.len() < settings.most_terms && has_given_way(bench, &best) {
         tried.extend(believed(bench, candidates, &best, settings, tell));
     }
-    by_likeness.retain(|term| best.terms.contains(term));
+    let by_likeness = likes.found.into_iter().filter(|term| best.terms.contains(term)).collect();
     Ok(Found { nominal, best, by_likeness, next, rounds, tried })
 }
 

@@ -12,7 +12,7 @@ use fit::data::Records;
 use model::rig::Rig;
 
 use crate::bench::{Bench, Effort, Explanation};
-use crate::candidate::{Candidate, leaks};
+use crate::candidate::{Candidate, is_leak};
 use crate::error::DiagnoseError;
 use crate::evidence::evidence;
 use crate::search::{starts, without};
@@ -111,7 +111,7 @@ pub(crate) fn at_work(
     let records = bench.records;
     let (at_work, at_rest): (Vec<usize>, Vec<usize>) =
         (0..records.records().len()).partition(|record| bench.pumps_run(*record));
-    let asked = best.terms.iter().copied().filter(|term| candidates.get(*term).is_some_and(|c| !leaks(&c.id)));
+    let asked = best.terms.iter().copied().filter(|term| !is_leak(candidates, *term));
     let asked: Vec<usize> = asked.collect();
     if at_work.is_empty() || at_rest.is_empty() || asked.is_empty() {
         return Ok(best);

@@ -11,10 +11,10 @@ use proto::diagnosis::Verdict;
 use super::{FLOOR_KPA, Judgement, MOVED, TIE, UNKNOWN_KPA, excess, is_rival};
 use crate::alone::{ByThemselves, by_themselves};
 use crate::bench::{Bench, Explanation};
-use crate::candidate::{Candidate, leaks};
+use crate::candidate::{Candidate, is_leak};
 use crate::error::DiagnoseError;
 use crate::evidence::{Bar, evidence};
-use crate::search::{Found, brings_back, has_given_way};
+use crate::search::{Found, brings_back, has_given_way, with};
 use crate::switched::{REACH_KPA, reach_kpa, stands_somewhere};
 
 /// Gain of prior and likelihood, beyond what the best of all candidates has by chance, at which a mechanism that does
@@ -57,8 +57,9 @@ pub(super) fn nothing_named(
     } else {
         close
     };
-    let (group, rivals) = group_of(candidates, &found.nominal, close);
-    if rivals.len() > 1 {
+    let (group, mut rivals) = group_of(candidates, &found.nominal, &close);
+    if !rivals.is_empty() {
+        rivals.insert(0, found.nominal.clone());
         return Ok(undecided(rivals, group));
     }
     let same = as_given.iter().zip(&excess_kpa[1]).all(|(g, n)| *g < FLOOR_KPA || *g < 1.2 * n);
@@ -67,7 +68,7 @@ pub(super) fn nothing_named(
 }
 
 /// What moved parameters beside the terms of `found.best` may be instead, with the rivals that are no more than that: where they have
-/// given way so far that nobody would believe them, and one more mechanism brings them back. `None` where none does.
+/// given way so far that nobody would believe them, and a leak brings them back. `None` where none does.
 pub(super) fn instead_of_moved(
     bench: &Bench<'_>,
     candidates: &[Candidate],
@@ -78,17 +79,11 @@ pub(super) fn instead_of_moved(
         return None;
     }
     let beside = |e: &&Explanation| {
-        let mut more = e.terms.iter().filter(|term| !best.terms.contains(term));
-        // Open valves hide leaks alone so well; a sensor's zero takes up what a formula is off by.
-        let leak = more.next().and_then(|term| candidates.get(*term)).is_some_and(|candidate| leaks(&candidate.id));
-        leak && more.next().is_none() && e.terms.len() == best.terms.len() + 1 && brings_back(best, e)
+        let leak = |term| is_leak(candidates, term) && e.terms == with(&best.terms, term);
+        added(best, e).is_some_and(leak) && brings_back(best, e)
     };
-    let (group, mut rivals) = group_of(
-        candidates,
-        best,
-        hints(bench, candidates, best, &found.tried.iter().filter(beside).collect::<Vec<_>>()),
-    );
-    rivals.remove(0);
+    let beside: Vec<&Explanation> = found.tried.iter().filter(beside).collect();
+    let (group, rivals) = group_of(candidates, best, &hints(bench, candidates, best, &beside));
     (!rivals.is_empty()).then_some((group, rivals))
 }
 
@@ -131,17 +126,21 @@ fn hints<'e>(
     close
 }
 
-/// Moved parameters of `base` and what may stand behind them: names, and explanations.
-fn group_of(candidates: &[Candidate], base: &Explanation, close: Vec<&Explanation>) -> (Vec<String>, Vec<Explanation>) {
+/// The first term that an explanation has and `base` has not.
+fn added(base: &Explanation, explanation: &Explanation) -> Option<usize> {
+    explanation.terms.iter().copied().find(|term| !base.terms.contains(term))
+}
+
+/// Names of moved parameters of `base` and of what may stand behind them; and the explanations that do.
+fn group_of(candidates: &[Candidate], base: &Explanation, close: &[&Explanation]) -> (Vec<String>, Vec<Explanation>) {
     let mut group = vec![MOVED.to_owned()];
-    let mut rivals = vec![base.clone()];
+    let mut rivals = Vec::new();
     for rival in close {
-        let more = rival.terms.iter().find(|term| !base.terms.contains(term));
-        let Some(name) = more.and_then(|t| candidates.get(*t)).map(Candidate::name) else { continue };
+        let Some(name) = added(base, rival).and_then(|t| candidates.get(t)).map(Candidate::name) else { continue };
         // Two shapes of one mechanism there are one answer.
-        if !group.contains(&name) && rivals.len() <= MOST_RIVALS {
+        if !group.contains(&name) && rivals.len() < MOST_RIVALS {
             group.push(name);
-            rivals.push(rival.clone());
+            rivals.push((*rival).clone());
         }
     }
     (group, rivals)

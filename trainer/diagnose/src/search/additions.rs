@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use super::terms::{is_open, position_in, starts, starts_at, with};
+use super::terms::{open_beside, position_in, starts, starts_at, with};
 use super::worth::any_could_earn;
 use super::{
     GLANCE_ROUNDS, PAIR_ROUNDS, PRICE, PRICE_OF_A_PARAMETER, Ranked, SearchSettings, cost, has_given_way, scanned,
@@ -29,7 +29,7 @@ pub(super) fn additions(
     settings: &SearchSettings,
     tell: &mut dyn FnMut(&str, f64),
 ) -> Result<(Vec<Ranked>, Vec<Explanation>), DiagnoseError> {
-    let open: Vec<usize> = (0..candidates.len()).filter(|k| is_open(bench, candidates, &base.terms, *k)).collect();
+    let open = open_beside(bench, candidates, &base.terms);
     tell("screening mechanisms", 0.0);
     let screening = screen(bench, candidates, base, &open);
     if !base.terms.is_empty() && !any_could_earn(bench, base, &screening, settings.bar.removed_beyond_doubt_kpa) {

@@ -3,12 +3,13 @@
 //! A leak past open valves is taken up by the parameters, be it ever so large, and the fit is as good without it. What speaks
 //! for it is where they end: a clearance seventeen standard deviations from what was measured is not believed. The screen sees
 //! that, for the priors are in its slopes; a glance does not get there, since over such a way slopes change. So what the screen
-//! puts first is fitted, glance or not.
+//! puts first is fitted, glance or not, where it is a leak: open valves hide leaks alone so well, and a sensor's zero takes up what
+//! a formula is off by (play found as another formula was off by enough for one).
 
-use super::terms::{is_open, starts_at, with};
+use super::terms::{open_beside, starts_at, with};
 use super::{PRICE, SearchSettings, cost};
 use crate::bench::{Bench, Effort, Explanation};
-use crate::candidate::Candidate;
+use crate::candidate::{Candidate, is_leak};
 use crate::screen::{Screened, screen};
 
 /// What the screen must see in a term, in log-likelihood and prior, for it to be fitted.
@@ -23,7 +24,7 @@ pub(crate) fn brings_back(best: &Explanation, with: &Explanation) -> bool {
     with.prior_cost < MOST_LEFT * best.prior_cost
 }
 
-/// The terms of `best`, whose parameters have given way, and one more, with which they need not: those that cost less, the best
+/// The terms of `best`, whose parameters have given way, and a leak, with which they need not: those that cost less, the best
 /// first.
 pub(super) fn believed(
     bench: &Bench<'_>,
@@ -32,16 +33,16 @@ pub(super) fn believed(
     settings: &SearchSettings,
     tell: &mut dyn FnMut(&str, f64),
 ) -> Vec<Explanation> {
-    let open: Vec<usize> = (0..candidates.len()).filter(|k| is_open(bench, candidates, &best.terms, *k)).collect();
+    let open = open_beside(bench, candidates, &best.terms);
     let screening = screen(bench, candidates, best, &open);
-    let prior = best.set.prior();
-    let of = |point: &[f64]| -> f64 { prior.iter().zip(point).map(|(p, z)| 0.5 * p * z * z).sum() };
-    let saves = |screened: &Screened| of(&best.fitted.point) - of(&best.moved(&screened.shift));
+    let cost_as_it_is = best.set.prior_cost(&best.fitted.point);
+    let saves = |screened: &Screened| cost_as_it_is - best.set.prior_cost(&best.moved(&screened.shift));
     let gains = screening.single.iter().filter(|screened| screened.gain > LEAST);
     let mut first: Vec<(f64, &Screened)> = gains.map(|screened| (saves(screened), screened)).collect();
     first.retain(|(saved, _)| *saved > LEAST_SAVED * best.prior_cost);
     first.sort_by(|(a, _), (b, _)| b.total_cmp(a));
     first.truncate(settings.polished);
+    first.retain(|(_, screened)| screened.terms.iter().all(|(k, _)| is_leak(candidates, *k)));
     let needed = cost(bench, best) - PRICE;
     let mut believed: Vec<Explanation> = Vec::new();
     for (done, (_, screened)) in first.iter().enumerate() {

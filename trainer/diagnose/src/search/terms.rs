@@ -12,6 +12,11 @@ pub fn is_open(bench: &Bench<'_>, candidates: &[Candidate], terms: &[usize], k: 
         && candidates[k].is_apt(bench.rig, &beside)
 }
 
+/// The candidates that can and may be put beside `terms`.
+pub fn open_beside(bench: &Bench<'_>, candidates: &[Candidate], terms: &[usize]) -> Vec<usize> {
+    (0..candidates.len()).filter(|k| is_open(bench, candidates, terms, *k)).collect()
+}
+
 /// Starts for `terms`: the base's point, and the priors' means of the rig's own parameters. What the base does not have
 /// starts from `values`, or from its prior's mean.
 pub fn starts(

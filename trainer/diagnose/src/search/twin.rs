@@ -9,8 +9,42 @@ use crate::evidence::evidence;
 /// Factor within which both sides of one make have the same number.
 const ALIKE: f64 = 2.0;
 
+/// What a search knows of likes on the other side.
+#[derive(Default)]
+pub(super) struct Likes {
+    /// Terms that came in as such.
+    pub(super) found: Vec<usize>,
+    /// What was fitted: a round that changes nothing asks the same again.
+    fits: Vec<Fit>,
+}
+
+/// Terms that were fitted, from where, and what that came to.
+struct Fit {
+    terms: Vec<usize>,
+    from: Vec<Vec<f64>>,
+    end: Option<Explanation>,
+}
+
+impl Likes {
+    /// A fit of some terms, once.
+    fn fit(
+        &mut self,
+        bench: &Bench<'_>,
+        candidates: &[Candidate],
+        terms: &[usize],
+        from: Vec<Vec<f64>>,
+    ) -> Option<Explanation> {
+        if let Some(known) = self.fits.iter().find(|fit| fit.terms == terms && fit.from == from) {
+            return known.end.clone();
+        }
+        let end = bench.fit(candidates, terms, &from, Effort::Polish).ok();
+        self.fits.push(Fit { terms: terms.to_vec(), from, end: end.clone() });
+        end
+    }
+}
+
 /// The same with the likes of its terms on the other side, where these are there beyond doubt and of about the same size; what
-/// comes in so is noted in `by_likeness`.
+/// comes in so is noted in `likes`.
 ///
 /// A second effect must set right several hundredths of a kPa to have a name ([`super::worth`]), since what the formulas of the
 /// first are off by looks like some small physics or other. It does not look like the same mechanism at the other side, and of
@@ -21,7 +55,7 @@ pub(super) fn twinned(
     mut best: Explanation,
     most_terms: usize,
     tried: &mut Vec<Explanation>,
-    by_likeness: &mut Vec<usize>,
+    likes: &mut Likes,
 ) -> Explanation {
     for term in best.terms.clone() {
         let found = &candidates[term];
@@ -41,14 +75,14 @@ pub(super) fn twinned(
         let from = starts(bench, candidates, &best, &terms, &[(twin, values)], false);
         // What was tried with the same on both sides may have come further than a fit from here.
         let known = tried.iter().filter(|e| e.terms == terms).cloned();
-        let both = known.chain(bench.fit(candidates, &terms, &from, Effort::Polish).ok());
+        let both = known.chain(likes.fit(bench, candidates, &terms, from));
         // What cannot be run on both sides is on one.
         let Some(both) = both.min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b))) else { continue };
         let sizes = [term, twin].map(|t| values_of(bench, candidates, &both, t).and_then(|v| v.first().copied()));
         let alike = matches!(sizes, [Some(a), Some(b)] if (1.0 / ALIKE..=ALIKE).contains(&(a / b)));
         if alike && evidence(bench, &both, &best).is_certain() {
             tried.push(std::mem::replace(&mut best, both));
-            by_likeness.push(twin);
+            likes.found.push(twin);
         } else {
             tried.push(both);
         }

@@ -100,6 +100,11 @@ impl ParameterSet {
         self.parameters.iter().map(Parameter::prior_weight).collect()
     }
 
+    /// What the priors cost at a point: `½ Σ p z²` over its coordinates `z`, with the weights `p` of [`ParameterSet::prior`].
+    pub fn prior_cost(&self, point: &[f64]) -> f64 {
+        self.prior().iter().zip(point).map(|(p, z)| 0.5 * p * z * z).sum()
+    }
+
     /// Bounds as coordinates, for [`crate::least_squares::Settings::bounds`].
     pub fn bounds(&self) -> Vec<[f64; 2]> {
         self.parameters.iter().map(Parameter::coordinate_bounds).collect()
