@@ -48,7 +48,7 @@ pub(crate) fn run(args: &DiagnoseArgs) -> Result<(), Failure> {
     } else {
         rig.sensors.keys().take(2).cloned().collect()
     };
-    let request = Request { rig, recordings, out_dir: args.out.clone(), quick: args.quick, threads: None };
+    let request = Request { rig, recordings, out_dir: args.out.clone(), quick: args.quick };
     let diagnosis = {
         let mut shown = Shown::new();
         diagnose::run(&request, &mut |what, share| shown.show(what, share))?

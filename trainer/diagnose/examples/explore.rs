@@ -24,7 +24,7 @@ fn main() {
     let rig = Rig::builtin("dual_pressure").unwrap();
     let recordings: Vec<Recording> = files.iter().map(|f| Recording::read(f.as_ref()).unwrap()).collect();
     let records = Records::new(&rig, &recordings).unwrap();
-    let bench = Bench::new(&rig, &records, &vec![1.0; records.layout().len()], Fidelity::Coarse, None);
+    let bench = Bench::new(&rig, &records, &vec![1.0; records.layout().len()], Fidelity::Coarse);
     println!("noise {:?}", bench.noise);
     let all = candidates(&rig);
     let quick = std::env::var("QUICK").is_ok();

@@ -14,6 +14,7 @@
 //! share = 1 − min over a of |r + a s|² / |r|²      r: given rig less recorded; s: effect at a first magnitude
 //! ```
 
+use fit::cores::side_by_side;
 use fit::data::Role;
 use fit::simulate::{Arcs, Run, refined_starts};
 use model::rig::Rig;
@@ -131,11 +132,15 @@ pub(crate) fn by_themselves(
     }
     let footing = Footing::of_given(bench, base)?;
     let mut close: Vec<(String, usize, Glanced)> = Vec::new();
-    for Alone { candidate: k, start, .. } in lone.into_iter().filter(|lone| lone.share > MOST_OF_IT) {
-        let terms = with(&base.terms, k);
+    let most_of_it: Vec<Alone> = lone.into_iter().filter(|lone| lone.share > MOST_OF_IT).collect();
+    let glance = |Alone { candidate: k, start, .. }: &Alone| -> Result<Option<Glanced>, DiagnoseError> {
+        let terms = with(&base.terms, *k);
         let set = bench.set_of(candidates, &terms)?;
-        let from: Vec<_> = starts(bench, candidates, base, &terms, &[(k, start)], true).into_iter().skip(1).collect();
-        let glanced = footing.contender(bench, &set, &from, ROUNDS);
+        let from = starts(bench, candidates, base, &terms, &[(*k, start.clone())], true);
+        Ok(footing.contender(bench, &set, &from.into_iter().skip(1).collect::<Vec<_>>(), ROUNDS))
+    };
+    let glances = side_by_side(&most_of_it, glance).into_iter().collect::<Result<Vec<_>, _>>()?;
+    for (Alone { candidate: k, .. }, glanced) in most_of_it.into_iter().zip(glances) {
         let (Some(glanced), Some(candidate)) = (glanced, candidates.get(k)) else { continue };
         let name = candidate.name();
         match close.iter_mut().find(|(known, ..)| *known == name) {
@@ -145,8 +150,8 @@ pub(crate) fn by_themselves(
         }
     }
     close.truncate(most);
-    let fitted = close.into_iter().filter_map(|(_, term, glanced)| {
-        bench.fit(candidates, &with(&base.terms, term), std::slice::from_ref(&glanced.point), Effort::Polish).ok()
+    let fitted = side_by_side(&close, |(_, term, glanced)| {
+        bench.fit(candidates, &with(&base.terms, *term), std::slice::from_ref(&glanced.point), Effort::Polish).ok()
     });
-    Ok(ByThemselves { fitted: fitted.collect(), nearly_all })
+    Ok(ByThemselves { fitted: fitted.into_iter().flatten().collect(), nearly_all })
 }

@@ -24,8 +24,6 @@ pub(crate) struct Asked<'a> {
     pub(crate) settings: SearchSettings,
     /// A shorter search.
     pub(crate) quick: bool,
-    /// Cores; `None` for all.
-    pub(crate) threads: Option<usize>,
 }
 
 /// What a search over some recordings came to.
@@ -60,9 +58,9 @@ impl Answer {
         let fitted = recorded.set(&[])?.rig_at(&believed).map_err(DiagnoseError::rig(recorded.rig))?;
         // Everything is searched with averaged pumps, on readings that lack the strokes; what was found ends on the recordings.
         let reduced = recorded.without_strokes(strokes_of.unwrap_or(&fitted))?;
-        let bench = Bench::new(recorded.rig, &reduced, recorded.counted(), recorded.fast.fidelity(), asked.threads);
+        let bench = Bench::new(recorded.rig, &reduced, recorded.counted(), recorded.fast.fidelity());
         let mut found = search(&bench, &asked.candidates, start, &asked.settings, progress)?;
-        found.best = switched::at_work(&bench, &asked.candidates, found.best, asked.threads)?;
+        found.best = switched::at_work(&bench, &asked.candidates, found.best)?;
         progress("reconstructing what is missing", 0.0);
         let missing = reconstruct(&bench, &found.nominal.fitted.rig, &found.nominal.trace, !asked.quick)?;
         let judgement = judge(&bench, &asked.candidates, &found, &bench.free_run(asked.given)?, progress)?;

@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::sync::OnceLock;
 
 use fit::FitError;
+use fit::cores::side_by_side;
 use fit::data::{Noise, Records, Role, Split, Stretch, noise};
 use fit::least_squares::Loss;
 use fit::objective::{
@@ -125,9 +126,8 @@ impl Effort {
 
 impl<'r> Bench<'r> {
     /// Lays out recordings; `usable` is 1 at readings that may be trusted, 0 elsewhere.
-    pub fn new(rig: &'r Rig, records: &'r Records, usable: &[f64], fidelity: Fidelity, threads: Option<usize>) -> Self {
+    pub fn new(rig: &'r Rig, records: &'r Records, usable: &[f64], fidelity: Fidelity) -> Self {
         let simulator = Simulator::new(records, fidelity);
-        let simulator = threads.map_or(simulator, |threads| simulator.on(threads));
         let split = Split::of(records);
         let noise = noise(records);
         Bench {
@@ -149,7 +149,7 @@ impl<'r> Bench<'r> {
     where
         'r: 'p,
     {
-        Bench::new(self.rig, records, usable, self.simulator.fidelity(), Some(self.simulator.threads()))
+        Bench::new(self.rig, records, usable, self.simulator.fidelity())
     }
 
     /// The recordings as they would be had the rig's pump no strokes: less what the detailed simulation of `rig` (the
@@ -277,8 +277,11 @@ impl<'r> Bench<'r> {
         let settings = effort.settings(self.fast.fidelity());
         let mut best: Option<(f64, Fitted)> = None;
         let mut failed = None;
-        for start in starts {
-            match fit_from(self.simulator, &set, start, &self.fit_weights, &self.sigma_kpa(), &blocks, &settings) {
+        let from = |start: &Vec<f64>| {
+            fit_from(self.simulator, &set, start, &self.fit_weights, &self.sigma_kpa(), &blocks, &settings)
+        };
+        for fitted in side_by_side(starts, from) {
+            match fitted {
                 Ok(fitted) => {
                     let cost = fitted.comparable_cost(self.records, &self.fit_weights);
                     if best.as_ref().is_none_or(|(least, _)| cost < *least) {
@@ -412,14 +415,11 @@ impl<'r> Bench<'r> {
     /// explain away what is to be found; so they are asked of the better of two explanations alone.
     pub fn drift_of(&self, trace: &[f64]) -> Allowed {
         let [slow, fast] = DRIFT_S;
-        let mut likeliest = self.errors_of(trace, slow, false);
-        for (time_s, heavy) in [(fast, false), (slow, true), (fast, true)] {
-            let other = self.errors_of(trace, time_s, heavy);
-            if other.0 > likeliest.0 {
-                likeliest = other;
-            }
-        }
-        likeliest.1
+        let kinds = [(slow, false), (fast, false), (slow, true), (fast, true)];
+        let all = side_by_side(&kinds, |(time_s, heavy)| self.errors_of(trace, *time_s, *heavy));
+        // The first of equals.
+        let likeliest = all.into_iter().reduce(|best, other| if other.0 > best.0 { other } else { best });
+        likeliest.map_or_else(|| self.errors_of(trace, slow, false).1, |(_, allowed)| allowed)
     }
 
     /// The likeliest sizes of errors of a given correlation time, with their log-likelihood.

@@ -38,8 +38,6 @@ pub struct Request {
     pub out_dir: PathBuf,
     /// A shorter search.
     pub quick: bool,
-    /// Cores; `None` for all.
-    pub threads: Option<usize>,
 }
 
 /// Diagnoses; writes `diagnosis.json`, `report.html`, `rig.toml` and, if undecided, `next_experiment.csv`.
@@ -56,21 +54,21 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     let (turning, mut answer) = answered(&mut asked, records, &usable, progress)?;
     notes.extend(turning.note());
     let rig = &turning.rig;
-    let whole = turning.bench(&usable, request.threads);
+    let whole = turning.bench(&usable);
 
-    let (mut formula, mut event) = unexplained(&whole, &answer, request.threads);
+    let (mut formula, mut event) = unexplained(&whole, &answer);
     // What known physics leaves unexplained may be something that happened; then the rest is asked by itself.
     let rest = event.as_ref().map(|event| without(event, rig, &turning.records, &usable));
     let rest = rest
         .as_ref()
-        .map(|(records, usable)| Bench::new(rig, records, usable, whole.simulator.fidelity(), request.threads));
+        .map(|(records, usable)| Bench::new(rig, records, usable, whole.simulator.fidelity()));
     if let Some(rest) = &rest {
         progress("looking at the rest", 0.0);
         answer = Answer::of(rest, &asked, &turning.point, turning.strokes_of.as_ref(), progress)?;
     }
     let bench = rest.as_ref().unwrap_or(&whole);
     let Answer { given, reduced, mut found, mut missing, mut judgement, .. } = answer;
-    let searched = Bench::new(rig, &reduced, bench.counted(), bench.fast.fidelity(), request.threads);
+    let searched = Bench::new(rig, &reduced, bench.counted(), bench.fast.fidelity());
 
     progress("running before and after", 0.0);
     let of = |rig: &Rig| figures(bench, rig, bench.close.fidelity(), !request.quick);
@@ -184,16 +182,15 @@ fn asked(request: &Request, switched: bool) -> Asked<'_> {
             bar: if switched { Bar::of_experiments() } else { Bar::default() },
         },
         quick: request.quick,
-        threads: request.threads,
     }
 }
 
 /// What may be there where no known physics explains the recordings: a formula for a reading, or something that happened.
-fn unexplained(whole: &Bench<'_>, answer: &Answer, threads: Option<usize>) -> (Option<Formula>, Option<Event>) {
+fn unexplained(whole: &Bench<'_>, answer: &Answer) -> (Option<Formula>, Option<Event>) {
     if answer.judgement.verdict != Verdict::UnknownMechanism {
         return (None, None);
     }
-    let searched = Bench::new(whole.rig, &answer.reduced, whole.counted(), whole.fast.fidelity(), threads);
+    let searched = Bench::new(whole.rig, &answer.reduced, whole.counted(), whole.fast.fidelity());
     let formula = unknown::formula(&searched, &answer.found.nominal);
     let left = answer.judgement.excess_kpa[2].iter().any(|kpa| *kpa > UNKNOWN_KPA);
     let asked = left && !formula.as_ref().is_some_and(|formula| formula.suffices);

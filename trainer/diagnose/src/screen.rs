@@ -14,6 +14,7 @@
 //! that blow by shift a pressure by 3 kPa of which other parameters take up all but 0.03; what they do not do in proportion is
 //! as much as that, and would hide it.
 
+use fit::cores::side_by_side;
 use fit::least_squares::Linearised;
 use fit::objective::{Fitted, Projection};
 use fit::simulate::{Run, flappers_of};
@@ -80,17 +81,15 @@ pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, o
     for (run, flappers) in runs.iter_mut().zip(&lying) {
         run.flappers.clone_from(flappers);
     }
-    let mut traces = bench.fast.run(&runs, &fitted.arcs).into_iter();
-    let Some(Ok(still)) = traces.next() else { return Screening::default() };
+    let traces = bench.fast.run(&runs, &fitted.arcs);
+    let Some((Ok(still), traces)) = traces.split_first() else { return Screening::default() };
     let of = |trace: &[f64]| -> Option<Vec<f64>> {
-        let effect = weighted(&still, trace, &[], &weights);
+        let effect = weighted(still, trace, &[], &weights);
         effect.iter().all(|e| e.is_finite()).then_some(effect)
     };
-    let seen =
-        tries.into_iter().zip(traces).zip(lying.into_iter().skip(1)).filter_map(|(((k, start), trace), lying)| {
-            let effect = of(&trace.ok()?)?;
-            Some(((k, start, projector.seen(effect)), lying))
-        });
+    let seen = side_by_side(traces, |trace| Some(projector.seen(of(trace.as_ref().ok()?)?)));
+    let seen = tries.into_iter().zip(seen).zip(lying.into_iter().skip(1));
+    let seen = seen.filter_map(|(((k, start), effect), lying)| Some(((k, start, effect?), lying)));
     let (mut effects, lying): (Vec<Try<'_>>, Vec<_>) = seen.unzip();
     // Once more where the parameters have given way to it.
     let mut shifts: Vec<(usize, Vec<f64>)> = Vec::new();
@@ -105,9 +104,13 @@ pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, o
         shifts.push((at, point.iter().zip(&fitted.point).map(|(to, from)| to - from).collect()));
         runs.push(Run { flappers: lying, ..Run::from(rig) });
     }
-    for ((at, shift), trace) in shifts.iter().zip(bench.fast.run(&runs, &fitted.arcs)) {
-        let Some(effect) = trace.ok().and_then(|trace| of(&trace)) else { continue };
-        let again = projector.seen(projector.without_shift(effect, shift));
+    let traces: Vec<_> = shifts.iter().zip(bench.fast.run(&runs, &fitted.arcs)).collect();
+    let again = side_by_side(&traces, |((_, shift), trace)| {
+        let effect = of(trace.as_ref().ok()?)?;
+        Some(projector.seen(projector.without_shift(effect, shift)))
+    });
+    for ((at, _), again) in shifts.iter().zip(again) {
+        let Some(again) = again else { continue };
         if let Some(known) = effects.get_mut(*at)
             && again.most().0 > known.2.most().0
         {

@@ -106,7 +106,6 @@ pub(crate) fn at_work(
     bench: &Bench<'_>,
     candidates: &[Candidate],
     mut best: Explanation,
-    threads: Option<usize>,
 ) -> Result<Explanation, DiagnoseError> {
     let records = bench.records;
     let (at_work, at_rest): (Vec<usize>, Vec<usize>) =
@@ -119,7 +118,7 @@ pub(crate) fn at_work(
     let whole = |record: &usize| records.records().get(*record).map(|r| (*record, 0..r.time_s.len()));
     let (records, places) = records.parts(&at_work.iter().filter_map(whole).collect::<Vec<_>>());
     let counted: Vec<f64> = places.iter().map(|place| bench.counted().get(*place).copied().unwrap_or(0.0)).collect();
-    let at_work = Bench::new(bench.rig, &records, &counted, bench.simulator.fidelity(), threads);
+    let at_work = Bench::new(bench.rig, &records, &counted, bench.simulator.fidelity());
     for term in asked {
         let rest = without(&best.terms, term);
         // What was made up for the term may lead astray: from the priors' means as well.
@@ -233,7 +232,7 @@ mod tests {
         let of = |recordings: &[Recording]| {
             let (cut, _) = pieces(&rig, &Records::new(&rig, recordings).unwrap()).unwrap();
             let usable = vec![1.0; cut.layout().len()];
-            let bench = Bench::new(&rig, &cut, &usable, Fidelity::Averaged, None);
+            let bench = Bench::new(&rig, &cut, &usable, Fidelity::Averaged);
             let set = bench.set_of(&all, &[leak]).unwrap();
             let mut start = vec![0.0; set.len()];
             *start.last_mut().unwrap() = all[leak].parameters(0)[0].coordinate(4e-17);
@@ -266,7 +265,7 @@ mod tests {
             let recordings = [made("ordinary.csv", duty(), &|_| 1.0, [at_work, at_work]), shut_in([at_work, &both])];
             let (cut, _) = pieces(&rig, &Records::new(&rig, &recordings).unwrap()).unwrap();
             let usable = vec![1.0; cut.layout().len()];
-            let bench = Bench::new(&rig, &cut, &usable, Fidelity::Averaged, None);
+            let bench = Bench::new(&rig, &cut, &usable, Fidelity::Averaged);
             let set = bench.set_of(&all, &terms).unwrap();
             let mut start = vec![0.0; bench.nominal.len()];
             for term in &terms {
@@ -275,7 +274,7 @@ mod tests {
             }
             assert_eq!(start.len(), set.len());
             let best = bench.fit(&all, &terms, &[start], Effort::Polish).unwrap();
-            super::at_work(&bench, &all, best, None).unwrap().terms
+            super::at_work(&bench, &all, best).unwrap().terms
         };
         assert_eq!(left(&leaky), [leak]);
         assert_eq!(left(&both), terms);

@@ -102,7 +102,7 @@ impl Turning {
         let bench = raw.bench;
         let mut rig = bench.rig.clone();
         let records = raw.freed(&followed.ripple_kpa)?;
-        let plain = Bench::new(bench.rig, &records, bench.counted(), Fidelity::Smooth, raw.threads);
+        let plain = Bench::new(bench.rig, &records, bench.counted(), Fidelity::Smooth);
         let without = plain.fit(&[], &[], &[point.to_vec()], Effort::Polish)?.fitted.rig;
         if let (Course::Drooping { share, .. }, Some(Pump::Piston(pump))) =
             (followed.course, rig.pumps.get_mut(&followed.pump))
@@ -143,8 +143,8 @@ impl Turning {
     }
 
     /// The recordings laid out for fits.
-    pub(crate) fn bench<'t>(&'t self, usable: &[f64], threads: Option<usize>) -> Bench<'t> {
-        Bench::new(&self.rig, &self.records, usable, self.fidelity, threads)
+    pub(crate) fn bench<'t>(&'t self, usable: &[f64]) -> Bench<'t> {
+        Bench::new(&self.rig, &self.records, usable, self.fidelity)
     }
 
     fn answer(
@@ -153,7 +153,7 @@ impl Turning {
         usable: &[f64],
         progress: &mut dyn FnMut(&str, f64),
     ) -> Result<Answer, DiagnoseError> {
-        Answer::of(&self.bench(usable, asked.threads), asked, &self.point, self.strokes_of.as_ref(), progress)
+        Answer::of(&self.bench(usable), asked, &self.point, self.strokes_of.as_ref(), progress)
     }
 
     /// Figures of the re-identified rig without what was heard, the ripple still on the readings; `fitted`, those of the one
@@ -166,7 +166,7 @@ impl Turning {
     ) -> Result<Figures, DiagnoseError> {
         Ok(match &self.without {
             Some((without, records)) if records.rows() == bench.records.rows() => {
-                let raw = Bench::new(without, records, bench.counted(), Fidelity::Detailed, None);
+                let raw = Bench::new(without, records, bench.counted(), Fidelity::Detailed);
                 figures(&raw, without, Fidelity::Detailed, short)?
             }
             _ => fitted,
@@ -218,7 +218,7 @@ pub(crate) fn answered(
     progress: &mut dyn FnMut(&str, f64),
 ) -> Result<Answered, DiagnoseError> {
     let rig = asked.given;
-    let bench = Bench::new(rig, &records, usable, Fidelity::Detailed, asked.threads);
+    let bench = Bench::new(rig, &records, usable, Fidelity::Detailed);
     let origin = vec![0.0; bench.nominal.len()];
     let fitted = bench.fit(&[], &[], &[origin], Effort::Full)?.fitted;
     let ripple = Ripple::of(&bench.fast, &fitted.rig)?;
@@ -232,12 +232,12 @@ pub(crate) fn answered(
     });
     let mut turnings = Vec::new();
     if let Some(followed) = &followed {
-        let raw = Raw::of(&bench, &fitted.rig, asked.threads);
+        let raw = Raw::of(&bench, &fitted.rig);
         turnings.push(Turning::followed(&raw, &fitted.point, followed)?);
         // What the pump's speed does is known.
         asked.candidates.retain(|candidate| !["pump_droop", "pump_speed"].contains(&candidate.id.as_str()));
     } else if !readings.is_empty() {
-        let raw = Raw::of(&bench, &fitted.rig, asked.threads);
+        let raw = Raw::of(&bench, &fitted.rig);
         turnings.extend(raw.forwards(readings, &fitted.point)?);
     }
     if followed.is_none() && ambiguous {
@@ -261,7 +261,7 @@ pub(crate) fn answered(
         && !answer.found.best.terms.is_empty()
     {
         let found = Beside::of(answer, asked);
-        let raw = Raw::of(&bench, &fitted.rig, asked.threads);
+        let raw = Raw::of(&bench, &fitted.rig);
         let mut again = raw.read_again(&first.point, &found)?;
         let (mut in_place, mut lagging) = (false, None);
         if again.is_none()

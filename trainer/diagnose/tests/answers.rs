@@ -69,7 +69,7 @@ fn the_middle_of_errors_forgives_a_late_jump() {
     trace[first.start + 100..first.start + 200].iter_mut().for_each(|kpa| *kpa += 4.9);
     trace[first.start] = 1e6;
     usable[first.start] = 0.0;
-    let bench = Bench::new(&rig, &records, &usable, Fidelity::Averaged, None);
+    let bench = Bench::new(&rig, &records, &usable, Fidelity::Averaged);
     let held = bench.split.weights(layout, fit::data::Role::HeldOut);
     let rows = held[first].iter().filter(|held| **held == 0.0).count() as f64 - 1.0;
     let mean = bench.squares_by_channel(&trace, false);
@@ -257,7 +257,7 @@ fn recordings_without_excitation_are_refused_in_words() {
     let still = [vec![0.8; 200], vec![0.8; 200]];
     let short = recording("short.csv", &still, [vec![90.0; 200], vec![-70.0; 200]]);
     let out_dir = std::env::temp_dir().join(format!("diagnose-short-{}", std::process::id()));
-    let request = Request { rig, recordings: vec![short], out_dir: out_dir.clone(), quick: true, threads: None };
+    let request = Request { rig, recordings: vec![short], out_dir: out_dir.clone(), quick: true };
     let error = run(&request, &mut |_, _| ()).unwrap_err().to_string();
     assert!(error.len() > 20 && error.lines().count() == 1, "{error}");
     assert!(!out_dir.exists());

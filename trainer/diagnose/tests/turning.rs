@@ -17,7 +17,7 @@ fn a_pump_that_slows_under_load_is_named_off_its_ripple() {
     truth.mechanisms.push(droop.attached(&[0.1]));
     let out_dir = std::env::temp_dir().join(format!("diagnose-droop-{}", std::process::id()));
     let recordings = made(&truth, 2, 4);
-    let request = Request { rig: rig.clone(), recordings, out_dir: out_dir.clone(), quick: true, threads: None };
+    let request = Request { rig: rig.clone(), recordings, out_dir: out_dir.clone(), quick: true };
     let found = run(&request, &mut |_, _| ()).unwrap();
     let written = Rig::from_toml(&std::fs::read_to_string(out_dir.join("rig.toml")).unwrap()).unwrap();
     std::fs::remove_dir_all(&out_dir).unwrap();
@@ -39,7 +39,7 @@ fn a_ripple_that_passes_slowly_is_no_drift() {
     let (rig, truth) = moved(&[("pumps.pump.speed_rpm", 1.0 - 4e-4)]);
     let out_dir = std::env::temp_dir().join(format!("diagnose-slow-{}", std::process::id()));
     let recordings = made(&truth, 2, 5);
-    let request = Request { rig, recordings, out_dir: out_dir.clone(), quick: true, threads: None };
+    let request = Request { rig, recordings, out_dir: out_dir.clone(), quick: true };
     let found = run(&request, &mut |_, _| ()).unwrap();
     std::fs::remove_dir_all(&out_dir).unwrap();
     assert_eq!(found.verdict, Verdict::Adequate, "{}", found.summary);
@@ -60,7 +60,7 @@ fn sensors_that_lag_are_not_taken_for_valves_where_the_ripple_swings() {
     truth.mechanisms.extend(lags.map(|lag| lag.attached(&[25.0])));
     let out_dir = std::env::temp_dir().join(format!("diagnose-late-{}", std::process::id()));
     let recordings = made_after(200, 4000, &truth, 2, 14);
-    let request = Request { rig, recordings, out_dir: out_dir.clone(), quick: true, threads: None };
+    let request = Request { rig, recordings, out_dir: out_dir.clone(), quick: true };
     let found = run(&request, &mut |_, _| ()).unwrap();
     std::fs::remove_dir_all(&out_dir).unwrap();
     assert_ne!(found.verdict, Verdict::UnknownMechanism, "{}", found.summary);

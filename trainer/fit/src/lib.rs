@@ -2,6 +2,7 @@
 //!
 //! | module | subject |
 //! | --- | --- |
+//! | [`cores`] | work side by side on the cores that are free |
 //! | [`data`] | recordings as numbers; what is wrong with them; which rows are fitted and which are kept back; noise |
 //! | [`parameters`] | which numbers of a rig are free, how they are scaled, what is known of them |
 //! | [`identify`] | the paper's procedure and the joint refinement, with uncertainties and plain words |
@@ -12,6 +13,7 @@
 //! Pressures of recordings and simulated readings are gauge kPa throughout (`_kpa`), parameters are in the
 //! units of the rig file's keys.
 
+pub mod cores;
 pub mod data;
 mod error;
 pub mod identify;

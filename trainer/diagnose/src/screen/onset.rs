@@ -7,6 +7,7 @@
 //! Where other physics is missing too, parameters have given way and slopes lead astray; but what joins in an instant is
 //! heard then, and at the same time in every recording. Such a time, if there is one, is tried as well.
 
+use fit::cores::side_by_side;
 use fit::simulate::Run;
 
 use super::Projector;
@@ -60,16 +61,15 @@ pub(super) fn starts(
         return Vec::new();
     }
     let elapsed_s = elapsed_s(bench);
-    let mut traces = bench.fast.run(&runs, &fitted.arcs).into_iter();
-    let Some(Ok(still)) = traces.next() else { return Vec::new() };
+    let traces = bench.fast.run(&runs, &fitted.arcs);
+    let Some((Ok(still), traces)) = traces.split_first() else { return Vec::new() };
+    let begun = side_by_side(traces, |trace| {
+        let effect = weighted(still, trace.as_ref().ok()?, &[], weights);
+        if effect.iter().all(|e| e.is_finite()) { most(projector, &effect, &elapsed_s) } else { None }
+    });
     let mut best: Vec<(usize, f64, Vec<f64>)> = Vec::new();
-    for ((k, mut values, at), trace) in tries.into_iter().zip(traces) {
-        let Ok(trace) = trace else { continue };
-        let effect = weighted(&still, &trace, &[], weights);
-        if effect.iter().any(|e| !e.is_finite()) {
-            continue;
-        }
-        let Some((gain, onset_s)) = most(projector, &effect, &elapsed_s) else { continue };
+    for ((k, mut values, at), begun) in tries.into_iter().zip(begun) {
+        let Some((gain, onset_s)) = begun else { continue };
         if let Some(slot) = values.get_mut(at) {
             *slot = onset_s;
         }

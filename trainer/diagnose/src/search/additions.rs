@@ -2,6 +2,8 @@
 
 use std::cmp::Ordering;
 
+use fit::cores::{side_by_side, side_by_side_telling};
+
 use super::terms::{open_beside, position_in, starts, starts_at, with};
 use super::worth::any_could_earn;
 use super::{
@@ -38,24 +40,17 @@ pub(super) fn additions(
     let footing = Footing::of(bench, base)?;
     // Parameters that have given way too far lead a fit into a valley of their own.
     let far_off = has_given_way(bench, base);
-    let mut glances = Vec::new();
     let singles = screening.single.iter().take(settings.glanced);
     let pair_fits = base.terms.len() + 2 <= settings.most_terms;
     let doubles = screening.double.iter().take(if pair_fits { settings.polished } else { 0 });
-    let count = singles.len() + doubles.len();
-    for (done, screened) in singles.chain(doubles).enumerate() {
-        tell("trying mechanisms", done as f64 / count.max(1) as f64);
-        let terms = screened.terms.iter().fold(base.terms.clone(), |terms, (k, _)| with(&terms, *k));
-        let from = base.moved(&screened.shift);
-        let starts =
-            starts_at(bench, candidates, (base, &from), &terms, &screened.terms, settings.from_prior && far_off);
-        let rounds = if screened.terms.len() > 1 { PAIR_ROUNDS } else { GLANCE_ROUNDS };
-        if let Some(Glanced { cost, point }) =
-            footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, rounds, f64::INFINITY)
-        {
-            glances.push(Tried { screened, gain: footing.cost - cost, terms, point });
-        }
-    }
+    let asked: Vec<&Screened> = singles.chain(doubles).collect();
+    let tried = side_by_side_telling(
+        &asked,
+        |screened| glanced(bench, candidates, base, &footing, screened, settings.from_prior && far_off),
+        &mut |share| tell("trying mechanisms", share),
+    );
+    let tried: Vec<Option<Tried<'_>>> = tried.into_iter().collect::<Result<_, _>>()?;
+    let mut glances: Vec<Tried<'_>> = tried.into_iter().flatten().collect();
     glances.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let ranked: Vec<Ranked> = glances.iter().filter_map(|tried| tried.ranked(bench, candidates)).collect();
     let best = ranked.first().map_or(0.0, |first| first.gain);
@@ -75,40 +70,19 @@ pub(super) fn additions(
     let wanted = chosen.len();
     let left_out = glances.iter().filter(|tried| chosen.iter().all(|known| known.terms != tried.terms));
     chosen.extend(left_out.collect::<Vec<_>>());
+    let fitted = |tried: &&Tried<'_>| near_a_glance(bench, candidates, base, tried, far_off);
+    let (first, behind) = chosen.split_at(wanted.min(chosen.len()));
+    let ends = side_by_side_telling(first, fitted, &mut |share| tell("fitting the best", share));
     let mut polished = Vec::new();
-    for (done, tried) in chosen.into_iter().enumerate() {
-        // Those behind have their turn where none of the first can be fitted.
-        if done >= wanted && !polished.is_empty() {
+    for (tried, ends) in first.iter().zip(ends) {
+        polished.extend(placed(bench, candidates, base, tried, ends, &polished)?);
+    }
+    // Those behind have their turn where none of the first can be fitted.
+    for tried in behind {
+        if !polished.is_empty() {
             break;
         }
-        tell("fitting the best", polished.len() as f64 / settings.polished as f64);
-        let warm = bench.fit(candidates, &tried.terms, std::slice::from_ref(&tried.point), Effort::Polish);
-        // Where much is left, the priors' means may lead to a better end than parameters that have given way.
-        let leaves_much = |e: &Explanation| left(bench, e).iter().any(|kpa| *kpa > UNKNOWN_KPA);
-        let cold = if far_off && warm.as_ref().map_or(true, leaves_much) {
-            let values = &tried.screened.terms;
-            let from: Vec<_> =
-                starts(bench, candidates, base, &tried.terms, values, true).into_iter().skip(1).collect();
-            bench.fit(candidates, &tried.terms, &from, Effort::Polish).ok()
-        } else {
-            None
-        };
-        // Its many fits are spared where something smooth that a glance put first does explain it.
-        let explained = polished.iter().any(|e: &Explanation| explains_most(&left(bench, base), &left(bench, e)));
-        let stepped = tried.alone().filter(|k| candidates[*k].stepped() && !explained);
-        let found = stepped.and_then(|_| tried.screened.terms.first());
-        let places = found.map_or_else(Vec::new, |(k, values)| scanned(bench, candidates, base, *k, values));
-        let fits = places.iter().map(std::slice::from_ref);
-        let elsewhere = fits.filter_map(|place| bench.fit(candidates, &tried.terms, place, Effort::Polish).ok());
-        // What cannot be run in full where a glance has left it (a wall that gives way by more than its chamber holds) is
-        // no explanation.
-        let mut ends: Vec<Explanation> = warm.into_iter().chain(cold).chain(elsewhere).collect();
-        ends.sort_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b)));
-        // Before steps come at their moments the right place may be second to a wrong one.
-        ends.truncate(if stepped.is_some() { SHARPENED } else { 1 });
-        let sharp = ends.into_iter().map(|end| sharpened(bench, candidates, end, &base.terms));
-        let sharp = sharp.collect::<Result<Vec<Explanation>, _>>()?;
-        polished.extend(sharp.into_iter().min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b))));
+        polished.extend(placed(bench, candidates, base, tried, fitted(tried), &polished)?);
     }
     // Parameters that are far off beside the best of them are not believed: something else may need no such shift.
     let best = polished.iter().min_by(|a, b| cheaper(bench, a, b));
@@ -118,6 +92,70 @@ pub(super) fn additions(
     }
     polished.sort_by(|a, b| cheaper(bench, a, b));
     Ok((ranked, polished))
+}
+
+/// A glance at what the screen offers on top of `base`; `None` where it cannot be run.
+fn glanced<'s>(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    base: &Explanation,
+    footing: &Footing,
+    screened: &'s Screened,
+    from_prior: bool,
+) -> Result<Option<Tried<'s>>, DiagnoseError> {
+    let terms = screened.terms.iter().fold(base.terms.clone(), |terms, (k, _)| with(&terms, *k));
+    let from = base.moved(&screened.shift);
+    let starts = starts_at(bench, candidates, (base, &from), &terms, &screened.terms, from_prior);
+    let rounds = if screened.terms.len() > 1 { PAIR_ROUNDS } else { GLANCE_ROUNDS };
+    let end = footing.glance(bench, &bench.set_of(candidates, &terms)?, &starts, rounds, f64::INFINITY);
+    Ok(end.map(|Glanced { cost, point }| Tried { screened, gain: footing.cost - cost, terms, point }))
+}
+
+/// Fits to the end from where a glance has left them, and where parameters that are `far_off` leave much, from the priors' means.
+fn near_a_glance(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    base: &Explanation,
+    tried: &Tried<'_>,
+    far_off: bool,
+) -> Vec<Explanation> {
+    // What cannot be run in full where a glance has left it (a wall that gives way by more than its chamber holds) is no
+    // explanation.
+    let warm = bench.fit(candidates, &tried.terms, std::slice::from_ref(&tried.point), Effort::Polish);
+    // Where much is left, the priors' means may lead to a better end than parameters that have given way.
+    let leaves_much = |e: &Explanation| left(bench, e).iter().any(|kpa| *kpa > UNKNOWN_KPA);
+    let cold = if far_off && warm.as_ref().map_or(true, leaves_much) {
+        let values = &tried.screened.terms;
+        let from: Vec<_> = starts(bench, candidates, base, &tried.terms, values, true).into_iter().skip(1).collect();
+        bench.fit(candidates, &tried.terms, &from, Effort::Polish).ok()
+    } else {
+        None
+    };
+    warm.into_iter().chain(cold).collect()
+}
+
+/// The best of some ends of fits; of what moves in steps, of the places too where it may belong, its steps at their moments.
+fn placed(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    base: &Explanation,
+    tried: &Tried<'_>,
+    mut ends: Vec<Explanation>,
+    polished: &[Explanation],
+) -> Result<Option<Explanation>, DiagnoseError> {
+    // Its many fits are spared where something smooth that a glance put first does explain it.
+    let explained = polished.iter().any(|e| explains_most(&left(bench, base), &left(bench, e)));
+    let stepped = tried.alone().filter(|k| candidates[*k].stepped() && !explained);
+    let found = stepped.and_then(|_| tried.screened.terms.first());
+    let places = found.map_or_else(Vec::new, |(k, values)| scanned(bench, candidates, base, *k, values));
+    let fit = |place: &Vec<f64>| bench.fit(candidates, &tried.terms, std::slice::from_ref(place), Effort::Polish).ok();
+    ends.extend(side_by_side(&places, fit).into_iter().flatten());
+    ends.sort_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b)));
+    // Before steps come at their moments the right place may be second to a wrong one.
+    ends.truncate(if stepped.is_some() { SHARPENED } else { 1 });
+    let sharp = side_by_side(&ends, |end| sharpened(bench, candidates, end.clone(), &base.terms));
+    let sharp = sharp.into_iter().collect::<Result<Vec<Explanation>, _>>()?;
+    Ok(sharp.into_iter().min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b))))
 }
 
 /// Which of two explanations costs less, terms and parameters paid for.

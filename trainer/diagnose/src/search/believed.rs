@@ -6,6 +6,8 @@
 //! puts first is fitted, glance or not, where it is a leak: open valves hide leaks alone so well, and a sensor's zero takes up what
 //! a formula is off by (play found as another formula was off by enough for one).
 
+use fit::cores::side_by_side_telling;
+
 use super::terms::{open_beside, starts_at, with};
 use super::{PRICE, SearchSettings, cost};
 use crate::bench::{Bench, Effort, Explanation};
@@ -44,14 +46,14 @@ pub(super) fn believed(
     first.truncate(settings.polished);
     first.retain(|(_, screened)| screened.terms.iter().all(|(k, _)| is_leak(candidates, *k)));
     let needed = cost(bench, best) - PRICE;
-    let mut believed: Vec<Explanation> = Vec::new();
-    for (done, (_, screened)) in first.iter().enumerate() {
-        tell("asking what parameters have given way to", done as f64 / first.len() as f64);
+    let with_it = |(_, screened): &(f64, &Screened)| {
         let terms = screened.terms.iter().fold(best.terms.clone(), |terms, (k, _)| with(&terms, *k));
         let from = starts_at(bench, candidates, (best, &best.moved(&screened.shift)), &terms, &screened.terms, false);
         let fitted = bench.fit(candidates, &terms, &from, Effort::Polish);
-        believed.extend(fitted.ok().filter(|e| cost(bench, e) < needed && brings_back(best, e)));
-    }
+        fitted.ok().filter(|e| cost(bench, e) < needed && brings_back(best, e))
+    };
+    let told = &mut |share| tell("asking what parameters have given way to", share);
+    let mut believed: Vec<Explanation> = side_by_side_telling(&first, with_it, told).into_iter().flatten().collect();
     believed.sort_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b)));
     believed
 }

@@ -2,6 +2,8 @@
 
 use std::cmp::Ordering;
 
+use fit::cores::side_by_side_telling;
+
 use super::additions::cheaper;
 use super::terms::is_open;
 use super::{
@@ -12,7 +14,7 @@ use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::evidence::evidence;
-use crate::glance::Footing;
+use crate::glance::{Footing, Glanced};
 
 /// Replaces terms one by one by what stood next to them in earlier rounds, while that lowers the cost.
 pub(super) fn swaps(
@@ -34,26 +36,25 @@ pub(super) fn swaps(
         let rest = without(&best.terms, term);
         // And its own other shape, where that is another only since something stands beside it.
         let shapes = (0..candidates.len()).filter(|k| candidates[*k].differs_beside(&candidates[term]));
-        for k in shapes.chain(close.iter().copied()) {
-            if best.terms.contains(&k) || !is_open(bench, candidates, &rest, k) {
-                continue;
-            }
-            tell("swapping mechanisms", 0.5);
-            let terms = with(&rest, k);
-            let values: Vec<_> = in_place_of(bench, candidates, &best, k, term).into_iter().collect();
+        let mut offered: Vec<usize> = shapes.chain(close.iter().copied()).collect();
+        offered.retain(|k| !best.terms.contains(k) && is_open(bench, candidates, &rest, *k));
+        let swapped = |k: &usize| -> Result<Option<Explanation>, DiagnoseError> {
+            let terms = with(&rest, *k);
+            let values: Vec<_> = in_place_of(bench, candidates, &best, *k, term).into_iter().collect();
             let starts = starts(bench, candidates, &best, &terms, &values, false);
             // A swap that is far behind after a glance does not overtake.
             let set = bench.set_of(candidates, &terms)?;
-            let Some(close) = footing.contender(bench, &set, &starts, GLANCE_ROUNDS) else { continue };
-            let Ok(swapped) = bench.fit(candidates, &terms, &[close.point], Effort::Polish) else { continue };
-            if cost(bench, &swapped) < cost(bench, &best) - 1.0 {
-                tried.push(best);
-                best = swapped;
-                footing = Footing::of(bench, &best)?;
-                break;
-            }
-            tried.push(swapped);
+            let close = footing.contender(bench, &set, &starts, GLANCE_ROUNDS);
+            Ok(close.and_then(|close| bench.fit(candidates, &terms, &[close.point], Effort::Polish).ok()))
+        };
+        let swaps = side_by_side_telling(&offered, swapped, &mut |share| tell("swapping mechanisms", share));
+        let mut swaps: Vec<Explanation> = swaps.into_iter().filter_map(Result::transpose).collect::<Result<_, _>>()?;
+        swaps.sort_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b)));
+        if swaps.first().is_some_and(|first| cost(bench, first) < cost(bench, &best) - 1.0) {
+            std::mem::swap(&mut best, &mut swaps[0]);
+            footing = Footing::of(bench, &best)?;
         }
+        tried.extend(swaps);
     }
     Ok(best)
 }
@@ -91,10 +92,9 @@ pub(super) fn pairs(
         }
     }
     let footing = Footing::of(bench, &best)?;
-    for (a, b) in pairs {
-        tell("swapping mechanisms", 0.8);
-        let terms = with(&with(&rest, a), b);
-        let values: Vec<(usize, Vec<f64>)> = [(a, one), (b, other)]
+    let swapped = |(a, b): &(usize, usize)| -> Result<Option<[Explanation; 2]>, DiagnoseError> {
+        let terms = with(&with(&rest, *a), *b);
+        let values: Vec<(usize, Vec<f64>)> = [(*a, one), (*b, other)]
             .into_iter()
             .filter_map(|(k, term)| in_place_of(bench, candidates, &best, k, term))
             .collect();
@@ -102,16 +102,20 @@ pub(super) fn pairs(
         let set = bench.set_of(candidates, &terms)?;
         // Two terms at once are far from where they will end: a glance may leave them 700 of log-likelihood short.
         let within = footing.cost + PAIR_BEHIND;
-        let Some(close) = footing.glance(bench, &set, &starts, PAIR_ROUNDS, within).filter(|g| g.cost < within) else {
-            continue;
-        };
-        let Ok(swapped) = bench.fit(candidates, &terms, &[close.point], Effort::Polish) else { continue };
+        let close = footing.glance(bench, &set, &starts, PAIR_ROUNDS, within).filter(|g| g.cost < within);
+        let fit = |close: Glanced| bench.fit(candidates, &terms, &[close.point], Effort::Polish).ok();
         // Neither pair's plain formula need be the right one: a valve that falls 4 % more slowly than it rises is 150 behind two
         // sensors as a plain lag, and 140 ahead of them with its own.
-        let shaped = refined(bench, candidates, swapped.clone(), 0.0)?;
-        let own = refined(bench, candidates, best.clone(), 0.0)?;
-        tried.push(swapped);
-        if cheaper(bench, &shaped, &own) == Ordering::Less {
+        let Some(plain) = close.and_then(fit) else { return Ok(None) };
+        Ok(Some([refined(bench, candidates, plain.clone(), 0.0)?, plain]))
+    };
+    let swaps = side_by_side_telling(&pairs, swapped, &mut |share| tell("swapping mechanisms", share));
+    let swaps: Vec<[Explanation; 2]> = swaps.into_iter().filter_map(Result::transpose).collect::<Result<_, _>>()?;
+    let mut own = if swaps.is_empty() { None } else { Some(refined(bench, candidates, best.clone(), 0.0)?) };
+    for [shaped, plain] in swaps {
+        tried.push(plain);
+        if own.as_ref().is_some_and(|own| cheaper(bench, &shaped, own) == Ordering::Less) {
+            own = Some(shaped.clone());
             tried.push(std::mem::replace(&mut best, shaped));
         } else {
             tried.push(shaped);

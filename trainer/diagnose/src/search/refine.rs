@@ -1,5 +1,7 @@
 //! Fits that least squares from where things stand would miss: of other shapes, and from the priors.
 
+use fit::cores::side_by_side_telling;
+
 use super::{cost, sharpened, starts, values_of, with, without};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
@@ -96,13 +98,15 @@ pub(super) fn from_priors(
     tell: &mut dyn FnMut(&str, f64),
 ) -> Result<Option<Explanation>, DiagnoseError> {
     let mut best: Option<Explanation> = None;
-    for (done, k) in among.iter().enumerate() {
-        tell("trying again from the priors", done as f64 / among.len() as f64);
+    let from_afar = |k: &usize| {
         let terms = with(&base.terms, *k);
         let middle = candidates[*k].starts.get(candidates[*k].starts.len() / 2).cloned().unwrap_or_default();
         let cold = starts(bench, candidates, base, &terms, &[(*k, middle)], true).into_iter().skip(1);
         // From so far away some cannot be run at all.
-        let Ok(fitted) = bench.fit(candidates, &terms, &cold.collect::<Vec<_>>(), Effort::Polish) else { continue };
+        bench.fit(candidates, &terms, &cold.collect::<Vec<_>>(), Effort::Polish).ok()
+    };
+    let told = &mut |share| tell("trying again from the priors", share);
+    for fitted in side_by_side_telling(among, from_afar, told).into_iter().flatten() {
         if best.as_ref().is_none_or(|best| cost(bench, &fitted) < cost(bench, best)) {
             tried.extend(best.replace(fitted));
         } else {

@@ -6,6 +6,8 @@
 //! 2.1 to 3.1 without friction. In pieces of four seconds, each from its own first pressures and with the flapper lying where it
 //! fits best, the right band leaves 0.1 kPa and wrong ones 1.1 to 1.5; and there it is judged.
 
+use fit::cores::side_by_side;
+
 use super::terms::is_open;
 use super::worth::earns_its_place;
 use super::{SearchSettings, cost, scanned, with};
@@ -49,8 +51,9 @@ pub(super) fn in_pieces(
         tell("looking for what sticks", done as f64 / sticking.len() as f64);
         let middle = candidates[*k].starts.get(candidates[*k].starts.len() / 2).cloned().unwrap_or_default();
         let terms = with(&base.terms, *k);
-        for place in scanned(&short, candidates, &before, *k, &middle) {
-            let Ok(fitted) = short.fit(candidates, &terms, &[place], Effort::Polish) else { continue };
+        let places = scanned(&short, candidates, &before, *k, &middle);
+        let fit = |place: &Vec<f64>| short.fit(candidates, &terms, std::slice::from_ref(place), Effort::Polish).ok();
+        for fitted in side_by_side(&places, fit).into_iter().flatten() {
             if best.as_ref().is_none_or(|best| cost(&short, &fitted) < cost(&short, best)) {
                 best = Some(fitted);
             }

@@ -1,5 +1,6 @@
 //! What moves in steps, or begins at a moment: least squares leaves such parameters where they start, so they are looked for.
 
+use fit::cores::side_by_side;
 use fit::data::Role;
 use fit::simulate::{Flapper, Run, flappers_of};
 
@@ -65,13 +66,15 @@ pub(super) fn scanned(
     }
     let Ok(still) = bench.fast.one(&fitted.rig, &fitted.arcs) else { return Vec::new() };
     let weights = bench.weighted(&fitted.scale_kpa);
-    let seen = |trace: Vec<f64>| projector.as_is(&weighted(&still, &trace, &[], &weights));
-    let traces = bench.fast.run(&runs, &fitted.arcs).into_iter();
+    let traces = bench.fast.run(&runs, &fitted.arcs);
+    let seen = side_by_side(&traces, |trace| {
+        trace.as_ref().ok().map(|trace| projector.as_is(&weighted(&still, trace, &[], &weights)))
+    });
     let mut ranked: Vec<(Vec<f64>, f64, Vec<f64>)> = tries
         .into_iter()
-        .zip(traces)
-        .filter_map(|(values, trace)| {
-            let (gain, shift) = seen(trace.ok()?);
+        .zip(seen)
+        .filter_map(|(values, seen)| {
+            let (gain, shift) = seen?;
             gain.is_finite().then_some((values, gain, shift))
         })
         .collect();
@@ -200,8 +203,9 @@ pub(super) fn sharpened(
             continue;
         };
         let weights = bench.weighted(&fitted.scale_kpa);
-        let gain = |trace: Vec<f64>| projector.as_is(&weighted(&still, &trace, &[], &weights)).0;
-        let gains: Vec<f64> = traces.map(|trace| trace.map_or(f64::NEG_INFINITY, gain)).collect();
+        let traces: Vec<_> = traces.collect();
+        let gain = |trace: &Vec<f64>| projector.as_is(&weighted(&still, trace, &[], &weights)).0;
+        let gains = side_by_side(&traces, |trace| trace.as_ref().map_or(f64::NEG_INFINITY, gain));
         let sound = points.iter().skip(1).zip(gains).filter(|(_, gain)| gain.is_finite());
         let best = sound.max_by(|a, b| a.1.total_cmp(&b.1));
         let Some((point, _)) = best else { continue };

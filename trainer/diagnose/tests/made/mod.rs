@@ -121,7 +121,7 @@ pub fn moved(factors: &[(&str, f64)]) -> (Rig, Rig) {
 
 pub fn bench<'r>(rig: &'r Rig, records: &'r Records) -> Bench<'r> {
     let all = vec![1.0; records.layout().len()];
-    Bench::new(rig, records, &all, Fidelity::Averaged, None)
+    Bench::new(rig, records, &all, Fidelity::Averaged)
 }
 
 pub fn judged(bench: &Bench<'_>, candidates: &[Candidate]) -> (Found, Judgement) {

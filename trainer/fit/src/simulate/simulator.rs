@@ -1,7 +1,5 @@
 //! Many rigs through all recordings, on all cores.
 
-use std::num::NonZero;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc as Shared, Mutex, OnceLock, PoisonError};
 
 use model::averaged::PumpTables;
@@ -14,6 +12,7 @@ use super::arcs::{Arcs, Flapper};
 use super::chains::{Chain, kinds};
 use super::lanes::{Lane, span, sweep};
 use crate::FitError;
+use crate::cores::{all_cores, share_out};
 use crate::data::Records;
 
 /// What runs side by side.
@@ -105,8 +104,7 @@ struct Task<'t> {
 impl<'r> Simulator<'r> {
     /// Runs rigs over `records` on all cores.
     pub fn new(records: &'r Records, fidelity: Fidelity) -> Self {
-        let threads = std::thread::available_parallelism().map_or(1, NonZero::get);
-        Simulator { records, fidelity, threads }
+        Simulator { records, fidelity, threads: all_cores() }
     }
 
     /// The same on a given number of cores.
@@ -165,24 +163,9 @@ impl<'r> Simulator<'r> {
         outcomes.into_inner().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Does `count` pieces of work on all cores.
+    /// Does `count` pieces of work on the cores that are free.
     fn shared_out(&self, count: usize, work: impl Fn(usize) + Sync) {
-        let next = AtomicUsize::new(0);
-        let all = || {
-            loop {
-                let item = next.fetch_add(1, Ordering::Relaxed);
-                if item >= count {
-                    break;
-                }
-                work(item);
-            }
-        };
-        std::thread::scope(|scope| {
-            for _ in 1..self.threads.min(count) {
-                scope.spawn(all);
-            }
-            all();
-        });
+        share_out(count, self.threads, work, &mut |_| ());
     }
 
     /// Free runs of rigs, from the first readings.
