@@ -10,7 +10,8 @@
 //!
 //! (a change of variance at two points: Inclán & Tiao, *J. Am. Stat. Assoc.* 89, 1994). The span that gains most is an
 //! event if it stands out (`LOUDER`), if no span of its length outside is nearly as bad (`UNIQUE`; what comes back with
-//! every breath is no event), and if the commands outside cover what they did inside, so that the model was asked the same.
+//! every breath is no event), and if the commands outside cover what they did inside and moved as far at once, so that the model
+//! was asked the same.
 //!
 //! Where it happened is asked of the span alone: each number of the rig is changed by itself, from a hundredth to a hundred
 //! times, and what then remains of the error tells which change is likest.
@@ -140,9 +141,11 @@ fn find_in(bench: &Bench<'_>, trace: &[f64], source: &str) -> Option<(f64, Event
         let of = rows.iter().filter_map(move |(record, row)| trace.get(layout.channel(*record, channel).start + row));
         of.copied().collect::<Vec<f64>>()
     };
-    let asked: Vec<Vec<f64>> =
-        (0..bench.records.inputs().len()).map(input).chain((0..layout.channels()).map(simulated)).collect();
-    if inside < LEAST_KPA || !asked_outside(&asked, &within) {
+    let inputs: Vec<Vec<f64>> = (0..bench.records.inputs().len()).map(input).collect();
+    let simulated: Vec<Vec<f64>> = (0..layout.channels()).map(simulated).collect();
+    let asked =
+        asked_outside(&inputs, &within) && asked_outside(&simulated, &within) && moved_outside(&inputs, &within);
+    if inside < LEAST_KPA || !asked {
         return None;
     }
     let event =
@@ -203,6 +206,20 @@ fn asked_outside(inputs: &[Vec<f64>], rows: &Range<usize>) -> bool {
         let at = |share: f64| inside.get((share * (inside.len() - 1) as f64) as usize).copied().unwrap_or(0.0);
         let slack = BEYOND * (high - low);
         !inside.is_empty() && at(0.05) >= low - slack && at(0.95) <= high + slack
+    })
+}
+
+/// Whether no input moves further at once inside, over half a second, than it does outside: what answers slowly is worst after the
+/// largest of all steps, and nothing happened to it.
+fn moved_outside(inputs: &[Vec<f64>], rows: &Range<usize>) -> bool {
+    inputs.iter().all(|input| {
+        let moves = |of: &dyn Fn(usize) -> bool| {
+            let pairs = input.iter().zip(input.iter().skip(BLOCK)).enumerate().filter(|(row, _)| of(row + BLOCK));
+            pairs.map(|(_, (before, after))| (after - before).abs()).fold(0.0, f64::max)
+        };
+        let span = |end: fn(f64, f64) -> f64, from: f64| input.iter().copied().fold(from, end);
+        let range = span(f64::max, f64::NEG_INFINITY) - span(f64::min, f64::INFINITY);
+        moves(&|row| rows.contains(&row)) <= moves(&|row| !rows.contains(&row)) + BEYOND * range
     })
 }
 
@@ -329,5 +346,16 @@ mod tests {
         assert!(!asked_outside(&[ramp], &(70..100)));
         let wave: Vec<f64> = (0..100).map(|k| (0.5 * f64::from(k)).sin()).collect();
         assert!(asked_outside(&[wave], &(70..100)));
+    }
+
+    /// Holds of 100 rows between two levels, one of them reached in one step from the lowest level to the highest.
+    #[test]
+    fn a_step_beyond_all_others_is_no_event() {
+        let levels = [0.8, 0.9, 0.8, 0.7, 0.8, 0.9, 0.7, 0.8, 0.9, 0.8];
+        let held = |levels: &[f64]| -> Vec<f64> { levels.iter().flat_map(|level| [*level; 100]).collect() };
+        assert!(!moved_outside(&[held(&levels)], &(550..700)));
+        // Among steps of that size it is one of many, and so is any of the smaller ones.
+        assert!(moved_outside(&[held(&[levels, levels].concat())], &(550..700)));
+        assert!(moved_outside(&[held(&levels)], &(150..350)));
     }
 }

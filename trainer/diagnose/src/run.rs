@@ -59,9 +59,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     let (mut formula, mut event) = unexplained(&whole, &answer);
     // What known physics leaves unexplained may be something that happened; then the rest is asked by itself.
     let rest = event.as_ref().map(|event| without(event, rig, &turning.records, &usable));
-    let rest = rest
-        .as_ref()
-        .map(|(records, usable)| Bench::new(rig, records, usable, whole.simulator.fidelity()));
+    let rest = rest.as_ref().map(|(records, usable)| Bench::new(rig, records, usable, whole.simulator.fidelity()));
     if let Some(rest) = &rest {
         progress("looking at the rest", 0.0);
         answer = Answer::of(rest, &asked, &turning.point, turning.strokes_of.as_ref(), progress)?;

@@ -35,7 +35,7 @@ pub use exchange::twins;
 use exchange::{deletions, pairs, swaps};
 use refine::{from_priors, plainer, refined, richer};
 use slips::in_pieces;
-use stepped::{scanned, sharpened};
+use stepped::{STEPS, STEPS_IN_PIECES, scanned, sharpened};
 pub use terms::{is_open, open_beside, position_of, starts, values_of, with, without};
 use twin::{Likes, twinned};
 use worth::{earns_its_place, leaves_room};
@@ -157,12 +157,13 @@ pub fn search(
         tried.extend(polished);
         // What sticks and slips passes for itself with a wrong band: then the rest of it is still there.
         let sticks = top.terms.iter().any(|term| !best.terms.contains(term) && candidates[*term].stepped());
-        if taken && sticks && is_unexplained(bench, &nominal, &top) {
-            let slips = in_pieces(bench, candidates, &best, settings, &tried, tell)?;
-            if let Some(slips) = slips.filter(|slips| cost(bench, slips) < cost(bench, &top)) {
-                tried.push(std::mem::replace(&mut top, slips));
-                round.shows(&top, evidence(bench, &top, &best));
-            }
+        if taken
+            && sticks
+            && left(bench, &top).iter().any(|kpa| *kpa > UNKNOWN_KPA)
+            && let Some(slips) = in_pieces(bench, candidates, &best, settings, &tried, Some(&top), tell)?
+        {
+            tried.push(std::mem::replace(&mut top, slips));
+            round.shows(&top, evidence(bench, &top, &best));
         }
         if taken {
             best = refined(bench, candidates, top, settings.bar.removed_kpa)?;
@@ -171,7 +172,8 @@ pub fn search(
             let passed = |again: &Explanation| {
                 earns_its_place(bench, candidates, settings, &evidence(bench, again, &best), [again, &best, &nominal])
             };
-            let slips = if unexplained { in_pieces(bench, candidates, &best, settings, &tried, tell)? } else { None };
+            let slips =
+                if unexplained { in_pieces(bench, candidates, &best, settings, &tried, None, tell)? } else { None };
             let unexplained = unexplained && slips.is_none();
             // Each of two may be lost in what the other does.
             let ahead = if unexplained && best.terms.len() + 2 <= settings.most_terms {

@@ -36,6 +36,9 @@ const CERTAIN_TURNS: f64 = 1.5;
 const APART_TURNS: f64 = 0.25;
 /// Change of the ripple at which an answer is worked out again, in kPa: what a term must set right to be named.
 const REDONE_KPA: f64 = 0.03;
+/// How many times what the ripples of two readings differ by an answer must leave for the other reading not to be tried: it would
+/// change a sixteenth of the mean square.
+const NO_MATTER: f64 = 4.0;
 /// Share of the stated speed from which on another one is missing physics; less is how such motors scatter.
 const NAMED: f64 = 0.002;
 
@@ -120,10 +123,18 @@ impl Turning {
         })
     }
 
-    /// By how much another one's ripple differs, root mean square in kPa.
+    /// By how much another one's ripple differs, root mean square in kPa; one that takes none out has a ripple of zero.
     fn ripple_off_kpa(&self, other: &Turning) -> f64 {
-        let squares = self.ripple_kpa.iter().zip(&other.ripple_kpa).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
-        (squares / self.ripple_kpa.len().max(1) as f64).sqrt()
+        let readings = self.ripple_kpa.len().max(other.ripple_kpa.len());
+        let of = |turning: &Turning, i: usize| turning.ripple_kpa.get(i).copied().unwrap_or(0.0);
+        let squares = (0..readings).map(|i| (of(self, i) - of(other, i)).powi(2)).sum::<f64>();
+        (squares / readings.max(1) as f64).sqrt()
+    }
+
+    /// Whether an answer leaves so much that another reading of the ripple is nothing beside it.
+    fn is_no_matter(&self, (other, answer): &Answered) -> bool {
+        let left = answer.judgement.excess_kpa[2].iter().copied().fold(0.0, f64::max);
+        left > NO_MATTER * self.ripple_off_kpa(other)
     }
 
     /// A rig with its pistons where they stood when the recordings began, where that was the same place in all of them: a run
@@ -247,7 +258,8 @@ pub(crate) fn answered(
     for turning in turnings {
         // A slow swing that begins alike in all recordings may be what begins anew in each of them: a sensor that drifts.
         let doubted = begins_alike && turning.read.is_none();
-        if doubted || !answers.iter().any(|(_, answer)| is_whole(answer)) {
+        let settled = |known: &Answered| is_whole(&known.1) || turning.is_no_matter(known);
+        if doubted || !answers.iter().any(settled) {
             let answer = turning.answer(asked, usable, progress)?;
             answers.push((turning, answer));
         }
@@ -256,7 +268,7 @@ pub(crate) fn answered(
     // was found late in a valve may have been such a sensor.
     let first_at = plainest(&answers);
     let mut either = None;
-    if let Some((first, answer)) = answers.get(first_at)
+    if let Some(first_answer @ (first, answer)) = answers.get(first_at)
         && followed.is_none()
         && !answer.found.best.terms.is_empty()
     {
@@ -277,7 +289,10 @@ pub(crate) fn answered(
         let read = again.as_ref().and_then(Turning::tachometer);
         let known = answers.iter().any(|(turning, _)| same(turning.tachometer(), read));
         let turning = match again {
-            Some(again) => (!known || again.ripple_off_kpa(first) > REDONE_KPA).then_some(again),
+            Some(again) => {
+                let another = first.tachometer().is_some() && again.ripple_off_kpa(first) > REDONE_KPA;
+                ((!known || another) && !again.is_no_matter(first_answer)).then_some(again)
+            }
             None if known => lagging.map(|lagging| Turning {
                 strokes_of: Some(lagging),
                 ..Turning::as_stated(rig, &records, &fitted.point)

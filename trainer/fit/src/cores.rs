@@ -100,7 +100,8 @@ mod tests {
             })
         });
         assert_eq!(done.load(Ordering::Relaxed), 35);
-        let expected: Vec<Vec<usize>> = rows.iter().map(|row| (0..5).map(|column| row * 10 + column).collect()).collect();
+        let expected: Vec<Vec<usize>> =
+            rows.iter().map(|row| (0..5).map(|column| row * 10 + column).collect()).collect();
         assert_eq!(squares, expected);
         // Other tests of this process may hold some at this moment; none is lost for good.
         let all = isize::try_from(all_cores() - 1).unwrap();

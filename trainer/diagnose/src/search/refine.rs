@@ -1,12 +1,13 @@
 //! Fits that least squares from where things stand would miss: of other shapes, and from the priors.
 
-use fit::cores::side_by_side_telling;
+use fit::cores::{side_by_side, side_by_side_telling};
 
-use super::{cost, sharpened, starts, values_of, with, without};
+use super::{GLANCE_ROUNDS, PRICE_OF_A_PARAMETER, cost, sharpened, starts, values_of, with, without};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::evidence::evidence;
+use crate::glance::Footing;
 
 /// The same with plainer shapes of its terms, where the richer ones set right less than is worth a name: a number more takes
 /// up what the formula is off by, and with it the numbers that were right.
@@ -20,7 +21,8 @@ pub(super) fn plainer(
         let Some(plain) = (0..candidates.len()).find(|k| candidates[*k].is_plainer_than(&candidates[term])) else {
             continue;
         };
-        let Some(fitted) = in_shape(bench, candidates, &explanation, term, plain) else { continue };
+        let Some((terms, from)) = in_shape(bench, candidates, &explanation, term, plain) else { continue };
+        let Ok(fitted) = bench.fit(candidates, &terms, &from, Effort::Polish) else { continue };
         if evidence(bench, &explanation, &fitted).removed_kpa < least_kpa {
             explanation = fitted;
         }
@@ -45,8 +47,21 @@ pub(super) fn refined(
     least_kpa: f64,
 ) -> Result<Explanation, DiagnoseError> {
     for term in explanation.terms.clone() {
-        for rich in richer(candidates, term) {
-            let Some(fitted) = in_shape(bench, candidates, &explanation, term, rich) else { continue };
+        let rich: Vec<usize> = richer(candidates, term).collect();
+        if rich.is_empty() {
+            continue;
+        }
+        let footing = Footing::of(bench, &explanation)?;
+        let fits = side_by_side(&rich, |rich| -> Result<Option<Explanation>, DiagnoseError> {
+            let Some((terms, from)) = in_shape(bench, candidates, &explanation, term, *rich) else { return Ok(None) };
+            let set = bench.set_of(candidates, &terms)?;
+            // A shape that pays for its numbers shows it at a glance.
+            let needed = footing.cost - PRICE_OF_A_PARAMETER * set.len().saturating_sub(explanation.set.len()) as f64;
+            let glanced = footing.glance(bench, &set, &from, GLANCE_ROUNDS, needed).filter(|end| end.cost < needed);
+            Ok(glanced.and_then(|end| bench.fit(candidates, &terms, &[end.point], Effort::Polish).ok()))
+        });
+        for fitted in fits.into_iter().filter_map(Result::transpose) {
+            let fitted = fitted?;
             if evidence(bench, &fitted, &explanation).removed_kpa >= least_kpa {
                 explanation = fitted;
                 break;
@@ -56,8 +71,8 @@ pub(super) fn refined(
     Ok(explanation)
 }
 
-/// The same fitted again with `shape` in place of `term`: the numbers that both have start where they are, the others where
-/// the shape's own start; `None` if it cannot be run.
+/// The terms with `shape` in place of `term`, and starts for a fit of them: the numbers that both have start where they are, the
+/// others where the shape's own start.
 ///
 /// A shape with more numbers also starts with all of its own: of two time constants a plain shape has found one, and not
 /// always the one that it is named for.
@@ -67,7 +82,7 @@ fn in_shape(
     explanation: &Explanation,
     term: usize,
     shape: usize,
-) -> Option<Explanation> {
+) -> Option<(Vec<usize>, Vec<Vec<f64>>)> {
     let known = values_of(bench, candidates, explanation, term)?;
     let (found, wanted) = (&candidates[term], &candidates[shape]);
     let mut values = wanted.starts.first()?.clone();
@@ -82,7 +97,7 @@ fn in_shape(
         let own = wanted.starts.first()?.clone();
         from.extend(starts(bench, candidates, explanation, &terms, &[(shape, own)], false));
     }
-    bench.fit(candidates, &terms, &from, Effort::Polish).ok()
+    Some((terms, from))
 }
 
 /// Fits each of some candidates on top of `base` anew from the priors' means; the best.

@@ -10,7 +10,7 @@ use fit::cores::side_by_side;
 
 use super::terms::is_open;
 use super::worth::earns_its_place;
-use super::{SearchSettings, cost, scanned, with};
+use super::{STEPS_IN_PIECES, SearchSettings, cost, scanned, sharpened, with};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
@@ -21,17 +21,20 @@ use crate::pieces::{pieces, taken};
 /// The most mechanisms that are looked for.
 const LOOKED_FOR: usize = 2;
 
-/// Looks for what moves in steps on top of `base`, in pieces of the recordings: for those of `tried` that fitted best. Fitted to
-/// the whole recordings from where it was found; `None` where nothing of the kind explains most of what the pieces show.
+/// Looks for what moves in steps on top of `base`, in pieces of the recordings: for those of `tried` that fitted best, or for that
+/// of `top`, which the whole recordings put there. Fitted to these from where it was found; `None` where nothing of the kind
+/// explains most of what the pieces show, or `top` does so better.
 pub(super) fn in_pieces(
     bench: &Bench<'_>,
     candidates: &[Candidate],
     base: &Explanation,
     settings: &SearchSettings,
     tried: &[Explanation],
+    top: Option<&Explanation>,
     tell: &mut dyn FnMut(&str, f64),
 ) -> Result<Option<Explanation>, DiagnoseError> {
-    let open = |k: &usize| candidates[*k].stepped() && is_open(bench, candidates, &base.terms, *k);
+    let asked = |k: &usize| top.is_none_or(|top| top.terms == with(&base.terms, *k));
+    let open = |k: &usize| candidates[*k].stepped() && asked(k) && is_open(bench, candidates, &base.terms, *k);
     let best_of = |k: usize| {
         let of_it = tried.iter().filter(|e| e.terms == with(&base.terms, k));
         of_it.map(|e| cost(bench, e)).min_by(f64::total_cmp)
@@ -51,7 +54,7 @@ pub(super) fn in_pieces(
         tell("looking for what sticks", done as f64 / sticking.len() as f64);
         let middle = candidates[*k].starts.get(candidates[*k].starts.len() / 2).cloned().unwrap_or_default();
         let terms = with(&base.terms, *k);
-        let places = scanned(&short, candidates, &before, *k, &middle);
+        let places = scanned(&short, candidates, &before, (*k, &middle), STEPS_IN_PIECES);
         let fit = |place: &Vec<f64>| short.fit(candidates, &terms, std::slice::from_ref(place), Effort::Polish).ok();
         for fitted in side_by_side(&places, fit).into_iter().flatten() {
             if best.as_ref().is_none_or(|best| cost(&short, &fitted) < cost(&short, best)) {
@@ -65,6 +68,13 @@ pub(super) fn in_pieces(
         earns_its_place(&short, candidates, settings, &evidence(&short, &found, &before), [&found, &before, &before])
     };
     if !explained || !earned() {
+        return Ok(None);
+    }
+    let found = sharpened(&short, candidates, found, &base.terms)?;
+    // The pieces judge: over whole recordings a wrong band may be ahead of the right one.
+    let as_it_is =
+        top.map(|top| short.fit(candidates, &top.terms, std::slice::from_ref(&top.fitted.point), Effort::Polish));
+    if as_it_is.is_some_and(|top| top.is_ok_and(|top| cost(&short, &top) <= cost(&short, &found))) {
         return Ok(None);
     }
     let whole = bench.fit(candidates, &found.terms, std::slice::from_ref(&found.fitted.point), Effort::Polish)?;

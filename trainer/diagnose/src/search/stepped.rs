@@ -12,8 +12,11 @@ use crate::error::DiagnoseError;
 use crate::glance::weighted;
 use crate::screen::Projector;
 
-/// Factors within which [`scanned`] looks, either way and in so many steps, and what a second parameter is set to.
-const SCAN: (f64, i32) = (4.0, 36);
+/// Factor within which [`scanned`] looks, either way, in so many steps, and what a second parameter is set to.
+const SCAN: f64 = 4.0;
+pub(super) const STEPS: i32 = 36;
+/// Steps where one slip that comes late does not put off all that follow: the right place shows from further away.
+pub(super) const STEPS_IN_PIECES: i32 = 18;
 const SCANNED: [f64; 4] = [0.0, 0.1, 0.2, 0.3];
 /// Places that are fitted, and by how much they differ.
 const SCANNED_FITS: usize = 3;
@@ -28,15 +31,14 @@ pub(super) fn scanned(
     bench: &Bench<'_>,
     candidates: &[Candidate],
     base: &Explanation,
-    k: usize,
-    around: &[f64],
+    (k, around): (usize, &[f64]),
+    steps: i32,
 ) -> Vec<Vec<f64>> {
     let (fitted, candidate) = (&base.fitted, &candidates[k]);
     let parameters = candidate.parameters(0);
     let Some(projector) = Projector::of(fitted, &base.set.prior()) else {
         return Vec::new();
     };
-    let (reach, steps) = SCAN;
     let seconds = if parameters.len() > 1 { SCANNED.as_slice() } else { &[0.0] };
     let mut tries: Vec<Vec<f64>> = Vec::new();
     for (step, second) in (-steps..=steps).flat_map(|step| seconds.iter().map(move |second| (step, second))) {
@@ -44,7 +46,7 @@ pub(super) fn scanned(
         for ((which, value), parameter) in values.iter_mut().enumerate().zip(&parameters) {
             let [low, high] = parameter.bounds;
             let to = match which {
-                0 => *value * reach.powf(f64::from(step) / f64::from(steps)),
+                0 => *value * SCAN.powf(f64::from(step) / f64::from(steps)),
                 1 => *second,
                 _ => *value,
             };
@@ -154,9 +156,21 @@ fn timed(
 /// it when the steps come. A stepped parameter's starts are 1.4 apart, but where one slip that comes too late puts off all that
 /// follow, values near the right ones are better than others within a tenth of them alone (measured: 1.5 kPa at 0.09 of duty, 2.2
 /// at 0.08, 2.4 at 0.044, where the search had ended): so it first looks all around.
-const SHARPENING: [(f64, f64); 4] = [(3.0, 0.3), (1.5, 0.3), (1.12, 0.1), (1.02, 0.02)];
-/// Values that are tried on either side, of each.
-const SHARPENED: [i32; 2] = [15, 6];
+/// After that a step of the round before to either side is enough, a quarter to a sixth as far apart.
+const SHARPENING: [Around; 3] = [
+    Around { factor: 3.0, added: 0.3, tried: [15, 6] },
+    Around { factor: 1.1, added: 0.06, tried: [7, 2] },
+    Around { factor: 1.02, added: 0.02, tried: [7, 2] },
+];
+
+/// Values around those that a fit has ended at.
+struct Around {
+    /// How far the first parameter goes either way, and the second.
+    factor: f64,
+    added: f64,
+    /// Values that are tried on either side, of each.
+    tried: [i32; 2],
+}
 
 /// Looks for better values of stepped parameters and of onsets, which least squares leaves where they start, and fits the rest
 /// anew. Stepped parameters of `known` terms were looked at when those came in.
@@ -169,11 +183,11 @@ pub(super) fn sharpened(
     let mut explanation = timed(bench, candidates, explanation)?;
     let stepped = explanation.terms.iter().copied().filter(|t| candidates[*t].stepped() && !known.contains(t));
     let stepped: Vec<usize> = stepped.collect();
-    for (reach, term) in SHARPENING.iter().flat_map(|reach| stepped.iter().map(move |term| (*reach, *term))) {
+    for (around, term) in SHARPENING.iter().flat_map(|around| stepped.iter().map(move |term| (around, *term))) {
         let (fitted, set) = (&explanation.fitted, &explanation.set);
         let Some(at) = position_of(bench, candidates, &explanation, term) else { continue };
         let parameters = candidates[term].parameters(0);
-        let (factor, added) = reach;
+        let Around { factor, added, tried: [firsts, seconds] } = *around;
         let moved = |point: &mut [f64], which: usize, by: &dyn Fn(f64) -> f64| {
             if let (Some(parameter), Some(slot)) = (parameters.get(which), point.get_mut(at + which)) {
                 let [low, high] = parameter.bounds;
@@ -181,11 +195,11 @@ pub(super) fn sharpened(
             }
         };
         let mut points = vec![fitted.point.clone()];
-        let seconds = if parameters.len() > 1 { SHARPENED[1] } else { 0 };
-        for (k, m) in (-SHARPENED[0]..=SHARPENED[0]).flat_map(|k| (-seconds..=seconds).map(move |m| (k, m))) {
+        let seconds = if parameters.len() > 1 { seconds } else { 0 };
+        for (k, m) in (-firsts..=firsts).flat_map(|k| (-seconds..=seconds).map(move |m| (k, m))) {
             let mut point = fitted.point.clone();
-            moved(&mut point, 0, &|v| v * factor.powf(f64::from(k) / f64::from(SHARPENED[0])));
-            moved(&mut point, 1, &|v| v + added * f64::from(m) / f64::from(SHARPENED[1]));
+            moved(&mut point, 0, &|v| v * factor.powf(f64::from(k) / f64::from(firsts)));
+            moved(&mut point, 1, &|v| v + added * f64::from(m) / f64::from(seconds.max(1)));
             points.push(point);
         }
         // Flappers stay where they lay: of a wider band that is a smaller share.
