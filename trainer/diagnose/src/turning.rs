@@ -131,10 +131,11 @@ impl Turning {
         (squares / readings.max(1) as f64).sqrt()
     }
 
-    /// Whether an answer leaves so much that another reading of the ripple is nothing beside it.
+    /// Whether an answer has no name and leaves so much that another reading of the ripple is nothing beside it. Of an answer that
+    /// has one, a ripple may say that it is another: sensors that lag leave little of it.
     fn is_no_matter(&self, (other, answer): &Answered) -> bool {
         let left = answer.judgement.excess_kpa[2].iter().copied().fold(0.0, f64::max);
-        left > NO_MATTER * self.ripple_off_kpa(other)
+        answer.judgement.verdict == Verdict::UnknownMechanism && left > NO_MATTER * self.ripple_off_kpa(other)
     }
 
     /// A rig with its pistons where they stood when the recordings began, where that was the same place in all of them: a run

@@ -2,12 +2,11 @@
 
 use fit::cores::{side_by_side, side_by_side_telling};
 
-use super::{GLANCE_ROUNDS, PRICE_OF_A_PARAMETER, cost, sharpened, starts, values_of, with, without};
+use super::{cost, sharpened, starts, values_of, with, without};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::evidence::evidence;
-use crate::glance::Footing;
 
 /// The same with plainer shapes of its terms, where the richer ones set right less than is worth a name: a number more takes
 /// up what the formula is off by, and with it the numbers that were right.
@@ -48,20 +47,11 @@ pub(super) fn refined(
 ) -> Result<Explanation, DiagnoseError> {
     for term in explanation.terms.clone() {
         let rich: Vec<usize> = richer(candidates, term).collect();
-        if rich.is_empty() {
-            continue;
-        }
-        let footing = Footing::of(bench, &explanation)?;
-        let fits = side_by_side(&rich, |rich| -> Result<Option<Explanation>, DiagnoseError> {
-            let Some((terms, from)) = in_shape(bench, candidates, &explanation, term, *rich) else { return Ok(None) };
-            let set = bench.set_of(candidates, &terms)?;
-            // A shape that pays for its numbers shows it at a glance.
-            let needed = footing.cost - PRICE_OF_A_PARAMETER * set.len().saturating_sub(explanation.set.len()) as f64;
-            let glanced = footing.glance(bench, &set, &from, GLANCE_ROUNDS, needed).filter(|end| end.cost < needed);
-            Ok(glanced.and_then(|end| bench.fit(candidates, &terms, &[end.point], Effort::Polish).ok()))
+        let fits = side_by_side(&rich, |rich| {
+            let (terms, from) = in_shape(bench, candidates, &explanation, term, *rich)?;
+            bench.fit(candidates, &terms, &from, Effort::Polish).ok()
         });
-        for fitted in fits.into_iter().filter_map(Result::transpose) {
-            let fitted = fitted?;
+        for fitted in fits.into_iter().flatten() {
             if evidence(bench, &fitted, &explanation).removed_kpa >= least_kpa {
                 explanation = fitted;
                 break;

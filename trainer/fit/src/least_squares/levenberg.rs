@@ -133,9 +133,9 @@ pub fn minimise(problem: &mut impl Problem, start: &[f64], settings: &Settings) 
         let (normal, gradient) = normal_equations(&linearised, &point, settings);
         let mut best: Option<(f64, Vec<f64>, f64)> = None;
         while best.is_none() && damping < MOST_DAMPING {
-            let trial = |k: usize| damping * DAMPING_RATIO.powi(k as i32 - settings.trials as i32 / 2);
-            let mut dampings: Vec<f64> = (0..settings.trials.max(1)).map(|k| trial(k).max(LEAST_DAMPING)).collect();
-            dampings.dedup();
+            let dampings: Vec<f64> = (0..settings.trials.max(1))
+                .map(|k| damping * DAMPING_RATIO.powi(k as i32 - settings.trials as i32 / 2))
+                .collect();
             let candidates: Vec<Vec<f64>> =
                 dampings.iter().filter_map(|d| candidate(&normal, &gradient, &point, *d, settings)).collect();
             let evaluated = problem.residuals(&candidates);
