@@ -49,9 +49,12 @@ pub(super) fn swaps(
         };
         let swaps = side_by_side_telling(&offered, swapped, &mut |share| tell("swapping mechanisms", share));
         let mut swaps: Vec<Explanation> = swaps.into_iter().filter_map(Result::transpose).collect::<Result<_, _>>()?;
-        swaps.sort_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b)));
-        if swaps.first().is_some_and(|first| cost(bench, first) < cost(bench, &best) - 1.0) {
-            std::mem::swap(&mut best, &mut swaps[0]);
+        // The first that costs less, as they were ranked: its own other shape comes before other names.
+        if let Some(at) = swaps.iter().position(|swap| cost(bench, swap) < cost(bench, &best) - 1.0) {
+            swaps.truncate(at + 1);
+            if let Some(swap) = swaps.last_mut() {
+                std::mem::swap(&mut best, swap);
+            }
             footing = Footing::of(bench, &best)?;
         }
         tried.extend(swaps);
