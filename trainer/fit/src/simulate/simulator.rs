@@ -113,11 +113,6 @@ impl<'r> Simulator<'r> {
         Simulator { threads: threads.max(1), ..self }
     }
 
-    /// How many cores it uses.
-    pub fn threads(&self) -> usize {
-        self.threads
-    }
-
     /// The same at another fidelity.
     #[must_use]
     pub fn at(self, fidelity: Fidelity) -> Self {
