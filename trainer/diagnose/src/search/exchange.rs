@@ -114,11 +114,14 @@ pub(super) fn pairs(
     };
     let swaps = side_by_side_telling(&pairs, swapped, &mut |share| tell("swapping mechanisms", share));
     let swaps: Vec<[Explanation; 2]> = swaps.into_iter().filter_map(Result::transpose).collect::<Result<_, _>>()?;
-    let mut own = if swaps.is_empty() { None } else { Some(refined(bench, candidates, best.clone(), 0.0)?) };
+    if swaps.is_empty() {
+        return Ok(best);
+    }
+    let mut own = refined(bench, candidates, best.clone(), 0.0)?;
     for [shaped, plain] in swaps {
         tried.push(plain);
-        if own.as_ref().is_some_and(|own| cheaper(bench, &shaped, own) == Ordering::Less) {
-            own = Some(shaped.clone());
+        if cheaper(bench, &shaped, &own) == Ordering::Less {
+            own = shaped.clone();
             tried.push(std::mem::replace(&mut best, shaped));
         } else {
             tried.push(shaped);

@@ -20,8 +20,7 @@ pub(super) fn plainer(
         let Some(plain) = (0..candidates.len()).find(|k| candidates[*k].is_plainer_than(&candidates[term])) else {
             continue;
         };
-        let Some((terms, from)) = in_shape(bench, candidates, &explanation, term, plain) else { continue };
-        let Ok(fitted) = bench.fit(candidates, &terms, &from, Effort::Polish) else { continue };
+        let Some(fitted) = in_shape(bench, candidates, &explanation, term, plain) else { continue };
         if evidence(bench, &explanation, &fitted).removed_kpa < least_kpa {
             explanation = fitted;
         }
@@ -47,10 +46,7 @@ pub(super) fn refined(
 ) -> Result<Explanation, DiagnoseError> {
     for term in explanation.terms.clone() {
         let rich: Vec<usize> = richer(candidates, term).collect();
-        let fits = side_by_side(&rich, |rich| {
-            let (terms, from) = in_shape(bench, candidates, &explanation, term, *rich)?;
-            bench.fit(candidates, &terms, &from, Effort::Polish).ok()
-        });
+        let fits = side_by_side(&rich, |rich| in_shape(bench, candidates, &explanation, term, *rich));
         for fitted in fits.into_iter().flatten() {
             if evidence(bench, &fitted, &explanation).removed_kpa >= least_kpa {
                 explanation = fitted;
@@ -61,8 +57,8 @@ pub(super) fn refined(
     Ok(explanation)
 }
 
-/// The terms with `shape` in place of `term`, and starts for a fit of them: the numbers that both have start where they are, the
-/// others where the shape's own start.
+/// The same fitted again with `shape` in place of `term`: the numbers that both have start where they are, the others where
+/// the shape's own start; `None` if it cannot be run.
 ///
 /// A shape with more numbers also starts with all of its own: of two time constants a plain shape has found one, and not
 /// always the one that it is named for.
@@ -72,7 +68,7 @@ fn in_shape(
     explanation: &Explanation,
     term: usize,
     shape: usize,
-) -> Option<(Vec<usize>, Vec<Vec<f64>>)> {
+) -> Option<Explanation> {
     let known = values_of(bench, candidates, explanation, term)?;
     let (found, wanted) = (&candidates[term], &candidates[shape]);
     let mut values = wanted.starts.first()?.clone();
@@ -87,7 +83,7 @@ fn in_shape(
         let own = wanted.starts.first()?.clone();
         from.extend(starts(bench, candidates, explanation, &terms, &[(shape, own)], false));
     }
-    Some((terms, from))
+    bench.fit(candidates, &terms, &from, Effort::Polish).ok()
 }
 
 /// Fits each of some candidates on top of `base` anew from the priors' means; the best.
