@@ -56,6 +56,7 @@ pub mod switched;
 mod turning;
 pub mod unknown;
 pub mod unnamed;
+pub mod unsettled;
 mod whereabouts;
 mod withheld;
 mod words;

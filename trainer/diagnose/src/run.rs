@@ -24,7 +24,8 @@ use crate::search::SearchSettings;
 use crate::switched::REACH_KPA;
 use crate::turning::answered;
 use crate::unknown::{self, Formula, fit_unknown};
-use crate::unnamed::variance_by_the_unnamed;
+use crate::unnamed::variance_beyond_noise;
+use crate::unsettled::variance_of_steps;
 use crate::withheld::objection;
 
 /// What is asked for.
@@ -136,8 +137,10 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         _ => None,
     };
     if judgement.verdict == Verdict::MissingPhysics {
-        let by_the_unnamed = variance_by_the_unnamed(&searched, &asked.candidates, &found.best);
-        found.best.fitted.widen(&by_the_unnamed);
+        let beyond_noise = variance_beyond_noise(&searched, &asked.candidates, &found.best);
+        found.best.fitted.widen(&beyond_noise);
+        let of_steps = variance_of_steps(&searched, &asked.candidates, &found.best);
+        found.best.fitted.widen(&of_steps);
     }
     if let Some(event) = &mut event {
         event.change = event::what_changed(&whole, &found.best.fitted.rig, event)?;

@@ -2,6 +2,7 @@
 
 use fit::cores::side_by_side;
 use fit::data::Role;
+use fit::objective::Fitted;
 use fit::simulate::{Flapper, Run, flappers_of};
 
 use super::terms::starts_at;
@@ -172,6 +173,14 @@ struct Around {
     tried: [i32; 2],
 }
 
+/// Where the flappers of a component lie at the starts of a fit's runs once its band is `wider` by a factor: where they lay, which is a
+/// smaller share of it.
+pub(crate) fn lying_where(fitted: &Fitted, component: &str, wider: f64) -> Vec<Vec<Flapper>> {
+    let its_own = |flapper: &&Flapper| flapper.unknown.ends_with(&format!(":{component}"));
+    let of = |flapper: &Flapper| Flapper { share: (flapper.share / wider).clamp(-1.0, 1.0), ..flapper.clone() };
+    fitted.arcs.arcs().iter().map(|arc| arc.flappers.iter().filter(its_own).map(of).collect()).collect()
+}
+
 /// Looks for better values of stepped parameters and of onsets, which least squares leaves where they start, and fits the rest
 /// anew. Stepped parameters of `known` terms were looked at when those came in.
 pub(super) fn sharpened(
@@ -202,14 +211,8 @@ pub(super) fn sharpened(
             moved(&mut point, 1, &|v| v + added * f64::from(m) / f64::from(seconds.max(1)));
             points.push(point);
         }
-        // Flappers stay where they lay: of a wider band that is a smaller share.
         let band = |point: &[f64]| parameters.first().zip(point.get(at)).map_or(1.0, |(p, z)| p.value(*z));
-        let its_own = |flapper: &&Flapper| flapper.unknown.ends_with(&format!(":{}", candidates[term].component));
-        let lying = |point: &[f64]| -> Vec<Vec<Flapper>> {
-            let share = |was: f64| (was * band(&fitted.point) / band(point)).clamp(-1.0, 1.0);
-            let of = |flapper: &Flapper| Flapper { share: share(flapper.share), ..flapper.clone() };
-            fitted.arcs.arcs().iter().map(|arc| arc.flappers.iter().filter(its_own).map(of).collect()).collect()
-        };
+        let lying = |point: &[f64]| lying_where(fitted, &candidates[term].component, band(point) / band(&fitted.point));
         let run = |point: &Vec<f64>| set.rig_at(point).map(|rig| Run { flappers: lying(point), ..Run::from(rig) });
         let rigs: Result<Vec<Run>, _> = points.iter().map(run).collect();
         let mut traces = bench.fast.run(&rigs.map_err(DiagnoseError::rig(set.rig()))?, &fitted.arcs).into_iter();
