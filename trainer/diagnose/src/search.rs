@@ -28,7 +28,7 @@ mod terms;
 mod twin;
 mod worth;
 
-use additions::additions;
+use additions::{additions, cheaper};
 use believed::believed;
 pub(crate) use believed::brings_back;
 pub use exchange::twins;
@@ -137,7 +137,13 @@ pub fn search(
             break;
         }
         stood.push(best.terms.clone());
-        let (ranked, polished) = additions(bench, candidates, &best, settings, tell)?;
+        let (ranked, mut polished) = additions(bench, candidates, &best, settings, tell)?;
+        if polished.is_empty() {
+            break;
+        }
+        polished.extend(tried_beside(&best, &mut tried, &polished));
+        polished.sort_by(|a, b| cheaper(bench, a, b));
+        before_what_steps(bench, candidates, &best, &mut polished);
         let Some(first) = polished.first().cloned() else { break };
         let mut top = plainer(bench, candidates, first, settings.bar.removed_kpa)?;
         let earns = |with: &Explanation| {
@@ -224,6 +230,34 @@ pub fn search(
     }
     let by_likeness = likes.found.into_iter().filter(|term| best.terms.contains(term)).collect();
     Ok(Found { nominal, best, by_likeness, next, rounds, tried })
+}
+
+/// Takes out of `tried` what has one term more than `best` and is not among those `polished`: the same as a term of it at the other side,
+/// of another size there.
+fn tried_beside(best: &Explanation, tried: &mut Vec<Explanation>, polished: &[Explanation]) -> Vec<Explanation> {
+    let one_more = |e: &mut Explanation| {
+        e.terms.len() == best.terms.len() + 1
+            && best.terms.iter().all(|term| e.terms.contains(term))
+            && polished.iter().all(|known| known.terms != e.terms)
+    };
+    tried.extract_if(.., one_more).collect()
+}
+
+/// How many times as much of the squared error something else must set right for what moves in steps to wait.
+const MORE_THAN_STEPS: f64 = 2.0;
+
+/// Puts something else before what moves in steps, where that is the first of `polished`: what has a moment for every stretch fits a
+/// little of whatever is wrong. What sets right several times as much, and is likelier with slow errors allowed for, comes first.
+fn before_what_steps(bench: &Bench<'_>, candidates: &[Candidate], best: &Explanation, polished: &mut [Explanation]) {
+    let steps = |e: &Explanation| e.terms.iter().any(|term| !best.terms.contains(term) && candidates[*term].stepped());
+    let Some(first) = polished.first().filter(|first| steps(first)) else { return };
+    let its = evidence(bench, first, best);
+    let least_kpa = MORE_THAN_STEPS.sqrt() * its.removed_kpa.max(0.0);
+    let others = polished.iter().enumerate().filter(|(_, e)| !steps(e)).map(|(at, e)| (at, evidence(bench, e, best)));
+    let more = others.filter(|(_, found)| found.fitted > its.fitted && found.removed_kpa > least_kpa);
+    if let Some((at, _)) = more.max_by(|a, b| a.1.fitted.total_cmp(&b.1.fitted)) {
+        polished[..=at].rotate_right(1);
+    }
 }
 
 /// Rounds of least squares of a glance.
