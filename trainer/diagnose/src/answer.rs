@@ -26,6 +26,22 @@ pub(crate) struct Asked<'a> {
     pub(crate) quick: bool,
 }
 
+impl Asked<'_> {
+    /// Has candidates begin at these numbers too, where the search that brought them out had more in its way.
+    pub(crate) fn begin_also_at(&mut self, known: Vec<(usize, Vec<f64>)>) {
+        for (term, values) in known {
+            if let Some(candidate) = self.candidates.get_mut(term) {
+                candidate.starts.push(values);
+            }
+        }
+    }
+
+    /// Asks no more what the pump's speed does: its ripple has told.
+    pub(crate) fn knows_the_speed(&mut self) {
+        self.candidates.retain(|candidate| !["pump_droop", "pump_speed"].contains(&candidate.id.as_str()));
+    }
+}
+
 /// What a search over some recordings came to.
 pub(crate) struct Answer {
     pub(crate) given: Figures,

@@ -246,8 +246,7 @@ pub(crate) fn answered(
     if let Some(followed) = &followed {
         let raw = Raw::of(&bench, &fitted.rig);
         turnings.push(Turning::followed(&raw, &fitted.point, followed)?);
-        // What the pump's speed does is known.
-        asked.candidates.retain(|candidate| !["pump_droop", "pump_speed"].contains(&candidate.id.as_str()));
+        asked.knows_the_speed();
     } else if !readings.is_empty() {
         let raw = Raw::of(&bench, &fitted.rig);
         turnings.extend(raw.forwards(readings, &fitted.point)?);
@@ -276,6 +275,15 @@ pub(crate) fn answered(
         let found = Beside::of(answer, asked);
         let raw = Raw::of(&bench, &fitted.rig);
         let mut again = raw.read_again(&first.point, &found)?;
+        if again.is_none()
+            && let Some(turning) = raw.followed_beside(&first.point, &found)?
+        {
+            let known = found.values(&bench);
+            asked.begin_also_at(known);
+            asked.knows_the_speed();
+            let answer = turning.answer(asked, usable, progress)?;
+            return Ok((turning, answer));
+        }
         let (mut in_place, mut lagging) = (false, None);
         if again.is_none()
             && first.tachometer().is_none()

@@ -68,14 +68,16 @@ pub(super) fn nothing_named(
 }
 
 /// What moved parameters beside the terms of `found.best` may be instead, with the rivals that are no more than that: where they have
-/// given way so far that nobody would believe them, and a leak brings them back. `None` where none does.
+/// given way so far that nobody would believe them, and a leak brings them back. `None` where none does, or a pump stood in some
+/// recording.
 pub(super) fn instead_of_moved(
     bench: &Bench<'_>,
     candidates: &[Candidate],
     found: &Found,
 ) -> Option<(Vec<String>, Vec<Explanation>)> {
     let best = &found.best;
-    if !has_given_way(bench, best) {
+    // A pump that stood has shown what leaks.
+    if !has_given_way(bench, best) || stands_somewhere(bench) {
         return None;
     }
     let beside = |e: &&Explanation| {

@@ -3,7 +3,7 @@
 use std::cell::OnceCell;
 
 use fit::data::Records;
-use fit::simulate::{Arcs, Fidelity, Ripple, Run, Tachometer, refined_starts, supposed, tachometer};
+use fit::simulate::{Arcs, Fidelity, Ripple, Run, Tachometer, refined_starts, supposed, tachometer, track};
 use model::rig::{Pump, Rig};
 
 use super::Turning;
@@ -11,7 +11,7 @@ use crate::answer::{Answer, Asked};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
-use crate::search::{cost, starts};
+use crate::search::{cost, starts, values_of};
 
 /// What a ripple that turns once or less in a recording passes for.
 const DRIFT: &str = "sensor_drift";
@@ -102,6 +102,15 @@ impl<'a> Raw<'a> {
         Ok(best.map(|(_, turning)| turning))
     }
 
+    /// A ripple that keeps no step, followed beside what was found: it is small beside a valve that sticks, and may not have been heard
+    /// before that was known. `point` is near the parameters' best.
+    pub(super) fn followed_beside(&self, point: &[f64], found: &Beside<'_>) -> Result<Option<Turning>, DiagnoseError> {
+        let rig = found.without_ripple(self.bench.rig);
+        let Some(ripple) = Ripple::of(&self.bench.fast, &rig)? else { return Ok(None) };
+        let followed = track(self.bench.records, &rig, &ripple, self.bench.counted());
+        followed.map(|followed| Turning::followed(self, point, &followed)).transpose()
+    }
+
     /// The ripple of a rig with what was found in it, as fast as stated. What is put in place of something that was found is
     /// fitted first, as if the pump had neither strokes nor ripple.
     fn ripple_beside(&self, found: &Beside<'_>) -> Result<Option<Ripple>, DiagnoseError> {
@@ -180,6 +189,12 @@ impl<'a> Beside<'a> {
         let drifts = |term: &usize| asked.candidates.get(*term).is_some_and(|candidate| candidate.id == DRIFT);
         let terms = best.terms.iter().copied().filter(|term| !drifts(term)).collect();
         Beside { candidates: &asked.candidates, best, terms, values: Vec::new() }
+    }
+
+    /// The numbers of what was found, by term.
+    pub(super) fn values(&self, bench: &Bench<'_>) -> Vec<(usize, Vec<f64>)> {
+        let of = |term: &usize| Some((*term, values_of(bench, self.candidates, self.best, *term)?));
+        self.terms.iter().filter_map(of).collect()
     }
 
     /// The rig with it, its pumps as fast as `stated`.
