@@ -71,3 +71,25 @@ fn sensors_that_lag_are_not_taken_for_valves_where_the_ripple_swings() {
     }
     assert!(found.mechanisms.iter().all(|m| m.id == "sensor_lag"), "{}", found.summary);
 }
+
+/// A valve that sticks hides the ripple of a pump that slows under load as well as its own cause hides in that; once it is found, the ripple
+/// is listened for again.
+#[test]
+fn a_pump_that_slows_is_heard_beside_a_valve_that_sticks() {
+    let (rig, mut truth) = moved(&[("volumes.positive.volume_l", 0.97)]);
+    let all = candidates(&rig);
+    let droop = all.iter().find(|c| c.id == "pump_droop").unwrap();
+    let sticks = all.iter().find(|c| c.name() == "valve_stiction:negative" && c.form.is_empty()).unwrap();
+    truth.mechanisms.extend([droop.attached(&[0.1]), sticks.attached(&[0.036, 0.25])]);
+    let out_dir = std::env::temp_dir().join(format!("diagnose-hidden-droop-{}", std::process::id()));
+    let recordings = made_after(200, 3000, &truth, 2, 6);
+    let request = Request { rig, recordings, out_dir: out_dir.clone(), quick: true };
+    let found = run(&request, &mut |_, _| ()).unwrap();
+    std::fs::remove_dir_all(&out_dir).unwrap();
+    let mut named: Vec<&str> = found.mechanisms.iter().map(|m| m.id.as_str()).collect();
+    named.sort_unstable();
+    assert_eq!(named, ["pump_droop", "valve_stiction"], "{}", found.summary);
+    let droop = found.mechanisms.iter().find(|m| m.id == "pump_droop").unwrap();
+    let loss = droop.parameters["speed_loss_per_bar"].value;
+    assert!((loss - 0.1).abs() < 0.003, "{loss}");
+}
