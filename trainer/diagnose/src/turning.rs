@@ -274,12 +274,13 @@ pub(crate) fn answered(
     {
         let found = Beside::of(answer, asked);
         let raw = Raw::of(&bench, &fitted.rig);
-        let mut again = raw.read_again(&first.point, &found)?;
+        let ripple = raw.ripple_beside(&found)?;
+        let mut again = raw.read_again(&first.point, &found, ripple.as_ref())?;
         if again.is_none()
-            && let Some(turning) = raw.followed_beside(&first.point, &found)?
+            && let Some(turning) = raw.followed_beside(&first.point, ripple.as_ref())?
         {
-            let known = found.values(&bench);
-            asked.begin_also_at(known);
+            let numbers = found.numbers(&bench);
+            asked.begin_also_at(numbers);
             asked.knows_the_speed();
             let answer = turning.answer(asked, usable, progress)?;
             return Ok((turning, answer));
@@ -290,7 +291,7 @@ pub(crate) fn answered(
             && let Some(in_sensors) = late::in_sensors(&bench, &found)
         {
             in_place = true;
-            again = raw.read_again(&first.point, &in_sensors)?;
+            again = raw.read_again(&first.point, &in_sensors, raw.ripple_beside(&in_sensors)?.as_ref())?;
             if again.is_none() {
                 lagging = raw.lagging(&in_sensors, answer.cost)?;
             }

@@ -1,4 +1,4 @@
-//! What numbers are off by because of what is too small for a name.
+//! What numbers are off by beyond noise: because of what is too small for a name, and because formulas stand for something else.
 //!
 //! A mechanism that moves no pressure by 0.175 kPa (`REACH_KPA`) is not named, so one may be in any rig beside those that are. With `s` its effect
 //! on the readings, `h` what the fitted coordinates give way by to it, and `s⊥` what is left of it then ([`crate::screen`]),
@@ -12,7 +12,7 @@
 //!
 //! What is left is that formulas stand for something else: five plays for relays, one temperature for the air in a chamber, a pump whose
 //! air leaves as warm as it is in the middle. No residual tells, for the numbers have taken it up. So errors were compared
-//! with truths, in recordings of rigs of other physics, and are stated as many times as large as that showed ([`FORMULAS`]).
+//! with truths, in recordings of rigs of other physics, and are stated [`FORMULAS`] times as large, which is what that showed.
 
 use fit::objective::NINETY;
 

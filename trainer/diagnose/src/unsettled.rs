@@ -16,6 +16,7 @@ use fit::simulate::Run;
 
 use crate::bench::{Bench, Explanation};
 use crate::candidate::Candidate;
+use crate::judge::excess;
 use crate::search::{lying_where, position_of};
 
 /// How far from the best band others are looked at, as shares of it, either way.
@@ -48,7 +49,7 @@ pub fn variance_of_steps(bench: &Bench<'_>, candidates: &[Candidate], explanatio
         let Some(runs) = coordinates.iter().map(run).collect::<Option<Vec<Run>>>() else { continue };
         let mut traces = bench.fast.run(&runs, &fitted.arcs).into_iter();
         let Some(Ok(still)) = traces.next() else { continue };
-        let doubtful_kpa = TAKEN_UP * left_kpa(bench, &still);
+        let doubtful_kpa = TAKEN_UP * excess(bench, &still).into_iter().fold(0.0, f64::max);
         let all = 0..bench.records.records().len();
         let changes: Vec<f64> = traces
             .map(|trace| trace.map_or(f64::INFINITY, |t| bench.most_moved_kpa(&t, &still, all.clone())))
@@ -63,10 +64,4 @@ pub fn variance_of_steps(bench: &Bench<'_>, candidates: &[Candidate], explanatio
         }
     }
     variance
-}
-
-/// What a free run is off by beyond the noise, in the pressure where that is most, in kPa.
-fn left_kpa(bench: &Bench<'_>, trace: &[f64]) -> f64 {
-    let squares = bench.squares_by_channel(trace, false).into_iter().zip(bench.sigma_kpa());
-    squares.map(|(square, sigma)| (square - sigma * sigma).max(0.0).sqrt()).fold(0.0, f64::max)
 }

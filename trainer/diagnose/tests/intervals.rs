@@ -6,7 +6,7 @@ mod made;
 
 use diagnose::bench::Effort;
 use diagnose::candidate::candidates;
-use diagnose::unnamed::variance_beyond_noise;
+use diagnose::unnamed::{FORMULAS, variance_beyond_noise};
 use diagnose::unsettled::variance_of_steps;
 use fit::data::Records;
 use made::{bench, made, moved};
@@ -34,7 +34,7 @@ fn an_interval_holds_the_truth_beside_what_is_too_small_for_a_name() {
     assert!(!(by_noise[0]..=by_noise[1]).contains(&80.0), "{by_noise:?}");
     assert!((low..=high).contains(&80.0), "{low} … {high}, by noise {by_noise:?}");
     // And it still says something: what it allows for is no more than some milliseconds either way, of a minute of recordings.
-    assert!(high - low < 0.2 * widened.value, "{low} … {high}");
+    assert!(high - low < 0.1 * FORMULAS * widened.value, "{low} … {high}");
 }
 
 /// A valve that sticks over 0.03 of duty, fitted from that band and from one that is 4 % wide: slopes know both to a hundredth, what is

@@ -78,16 +78,21 @@ impl<'a> Raw<'a> {
         Ok(best.map(|(_, turning)| turning))
     }
 
-    /// A reading of the ripple that the rig has with what was found in it; of two opposite ones that with which what was found
+    /// A reading of the `ripple` that the rig has with what was found in it; of two opposite ones that with which what was found
     /// explains more. `point` is near the parameters' best.
-    pub(super) fn read_again(&self, point: &[f64], found: &Beside<'_>) -> Result<Option<Turning>, DiagnoseError> {
-        let Some(ripple) = self.ripple_beside(found)? else { return Ok(None) };
+    pub(super) fn read_again(
+        &self,
+        point: &[f64],
+        found: &Beside<'_>,
+        ripple: Option<&Ripple>,
+    ) -> Result<Option<Turning>, DiagnoseError> {
+        let Some(ripple) = ripple else { return Ok(None) };
         let read = if found.values.is_empty() { tachometer } else { supposed };
-        let readings = read(self.bench.records, &ripple, self.bench.counted());
+        let readings = read(self.bench.records, ripple, self.bench.counted());
         let one = readings.len() == 1;
         let mut best: Option<(f64, Turning)> = None;
         for read in readings {
-            let turning = Turning::in_step(self, &ripple, point, read)?;
+            let turning = Turning::in_step(self, ripple, point, read)?;
             if one {
                 return Ok(Some(turning));
             }
@@ -102,18 +107,21 @@ impl<'a> Raw<'a> {
         Ok(best.map(|(_, turning)| turning))
     }
 
-    /// A ripple that keeps no step, followed beside what was found: it is small beside a valve that sticks, and may not have been heard
+    /// The `ripple` beside what was found where it keeps no step, followed: it is small beside a valve that sticks, and may not have been heard
     /// before that was known. `point` is near the parameters' best.
-    pub(super) fn followed_beside(&self, point: &[f64], found: &Beside<'_>) -> Result<Option<Turning>, DiagnoseError> {
-        let rig = found.without_ripple(self.bench.rig);
-        let Some(ripple) = Ripple::of(&self.bench.fast, &rig)? else { return Ok(None) };
-        let followed = track(self.bench.records, &rig, &ripple, self.bench.counted());
+    pub(super) fn followed_beside(
+        &self,
+        point: &[f64],
+        ripple: Option<&Ripple>,
+    ) -> Result<Option<Turning>, DiagnoseError> {
+        let Some(ripple) = ripple else { return Ok(None) };
+        let followed = track(self.bench.records, self.bench.rig, ripple, self.bench.counted());
         followed.map(|followed| Turning::followed(self, point, &followed)).transpose()
     }
 
     /// The ripple of a rig with what was found in it, as fast as stated. What is put in place of something that was found is
     /// fitted first, as if the pump had neither strokes nor ripple.
-    fn ripple_beside(&self, found: &Beside<'_>) -> Result<Option<Ripple>, DiagnoseError> {
+    pub(super) fn ripple_beside(&self, found: &Beside<'_>) -> Result<Option<Ripple>, DiagnoseError> {
         let bench = self.bench;
         if found.values.is_empty() {
             return Ok(Ripple::of(&bench.fast, &found.without_ripple(bench.rig))?);
@@ -192,7 +200,7 @@ impl<'a> Beside<'a> {
     }
 
     /// The numbers of what was found, by term.
-    pub(super) fn values(&self, bench: &Bench<'_>) -> Vec<(usize, Vec<f64>)> {
+    pub(super) fn numbers(&self, bench: &Bench<'_>) -> Vec<(usize, Vec<f64>)> {
         let of = |term: &usize| Some((*term, values_of(bench, self.candidates, self.best, *term)?));
         self.terms.iter().filter_map(of).collect()
     }
