@@ -1,26 +1,42 @@
-//! What the pump's ripple told, as a mechanism that is named.
+//! What the pump's ripple told, as mechanisms that are named.
 //!
 //! Intervals come from the scatter between recordings (90 %), and are never narrower than sensors are right: a load that is
 //! read 1 % too large makes a droop 1 % too small.
 
 use fit::objective::NINETY;
-use fit::simulate::{Course, Tachometer, Track};
+use fit::simulate::{Droop, Tachometer, Track, Warming};
 use model::mechanism::{Mechanism, PumpDroop, PumpSpeed};
 use model::rig::Attached;
 
 /// Share of a droop, or of a change of speed, that is never known better: readings of the load have gains of their own.
 const CALIBRATION: f64 = 0.01;
 
-/// A mechanism of the pump that its ripple told.
+/// Share from which on a speed that is off besides a droop has a name: less is how such motors scatter under load.
+const BESIDES: f64 = 0.01;
+/// The same as a share of the mean droop: loads are read with gains and zeros of their own.
+const OF_THE_DROOP: f64 = 0.1;
+/// And in standard errors.
+const CERTAIN: f64 = 3.0;
+
+/// What the pump's ripple told.
 #[derive(Debug, Clone)]
 pub(crate) struct Heard {
-    /// Its entry in the rig file.
-    pub(crate) attached: Attached,
-    pub(crate) numbers: Vec<Number>,
+    /// Mechanisms of the pump.
+    pub(crate) told: Vec<Told>,
+    /// Share by which the pump is off the stated speed besides, which has no name.
+    pub(crate) unnamed_share: f64,
     /// Log-likelihood that the ripple gains by it.
     pub(crate) log_likelihood: f64,
     /// Share of what was unexplained that goes with it.
     pub(crate) share: f64,
+}
+
+/// A mechanism that it told.
+#[derive(Debug, Clone)]
+pub(crate) struct Told {
+    /// Its entry in the rig file.
+    pub(crate) attached: Attached,
+    pub(crate) numbers: Vec<Number>,
     /// How it shows, to be read after a semicolon.
     pub(crate) shows: String,
 }
@@ -36,6 +52,18 @@ pub(crate) struct Number {
     pub(crate) interval: [f64; 2],
 }
 
+impl Number {
+    fn within(key: &'static str, unit: &'static str, value: f64, error: f64) -> Self {
+        Number { key, unit, value, interval: [value - error, value + error] }
+    }
+
+    /// The same of what is never negative.
+    fn positive(self) -> Self {
+        let [low, high] = self.interval;
+        Number { interval: [low.max(0.0), high], ..self }
+    }
+}
+
 impl Heard {
     /// A speed that keeps step.
     pub(crate) fn steady(read: &Tachometer) -> Self {
@@ -44,69 +72,78 @@ impl Heard {
         let error = percent.abs() / (64.0 * read.turns.max(1.0));
         let shows =
             format!("it beats at {:.2} Hz in the samples, as it does at {:.1} rev/min", read.beat_hz, read.speed_rpm);
-        let speed = PumpSpeed { change_percent: percent, time_constant_s: 0.0 };
-        Heard::speed(&read.pump, speed, error, read.log_likelihood, 1.0, shows)
-    }
-
-    fn speed(pump: &str, speed: PumpSpeed, error: f64, log_likelihood: f64, share: f64, shows: String) -> Self {
-        let percent = speed.change_percent;
-        Heard {
-            attached: attached(pump, Mechanism::PumpSpeed(speed)),
-            numbers: vec![Number {
-                key: "change_percent",
-                unit: "%",
-                value: percent,
-                interval: [percent - error, percent + error],
-            }],
-            log_likelihood,
-            share,
-            shows,
-        }
+        let told = vec![Told::steady(&read.pump, percent, error, shows)];
+        Heard { told, unnamed_share: 0.0, log_likelihood: read.log_likelihood, share: 1.0 }
     }
 
     /// What a course of the speed is called.
     pub(crate) fn of(followed: &Track) -> Self {
-        let Track { pump, log_likelihood, share, .. } = followed;
-        let leading = followed.course.leading();
-        let error = (NINETY * followed.error).max(CALIBRATION * leading.abs());
-        match followed.course {
-            Course::Drooping { per_bar, .. } => Heard {
+        let Track { pump, course, errors, .. } = followed;
+        let error_of = |error: f64, value: f64| (NINETY * error).max(CALIBRATION * value.abs());
+        let mean_droop = course.droop.map_or(0.0, |_| (course.share - followed.mean_share) / (1.0 + course.share));
+        let mut told = Vec::new();
+        if let (Some(Droop { per_bar, .. }), Some(error)) = (course.droop, errors.droop) {
+            let loss = Number::within("speed_loss_per_bar", "1/bar", per_bar, error_of(error.per_bar, per_bar));
+            told.push(Told {
                 attached: attached(pump, Mechanism::PumpDroop(PumpDroop { speed_loss_per_bar: per_bar })),
-                numbers: vec![Number {
-                    key: "speed_loss_per_bar",
-                    unit: "1/bar",
-                    value: per_bar,
-                    interval: [(per_bar - error).max(0.0), per_bar + error],
-                }],
-                log_likelihood: *log_likelihood,
-                share: *share,
+                numbers: vec![loss.positive()],
                 shows: format!(
                     "it slows by {:.1} % per bar between the pump's ports, {:.1} % on average",
                     100.0 * per_bar,
-                    -100.0 * followed.mean_share
+                    100.0 * mean_droop
                 ),
-            },
-            Course::Constant { share: off } => {
-                let shows = format!("it is {:+.2} % off the stated speed", 100.0 * off);
-                let speed = PumpSpeed { change_percent: 100.0 * off, time_constant_s: 0.0 };
-                Heard::speed(pump, speed, 100.0 * error, *log_likelihood, *share, shows)
-            }
-            Course::Warming { share: end, time_s } => {
-                let shows = format!(
+            });
+        }
+        if let (Some(Warming { share: end, time_s }), Some(error)) = (course.warming, errors.warming) {
+            let percent = Number::within("change_percent", "%", 100.0 * end, 100.0 * error_of(error.share, end));
+            let time = Number::within("time_constant_s", "s", time_s, error_of(error.time_s, time_s));
+            let speed = PumpSpeed { change_percent: 100.0 * end, time_constant_s: time_s };
+            told.push(Told {
+                attached: attached(pump, Mechanism::PumpSpeed(speed)),
+                numbers: vec![percent, time.positive()],
+                shows: format!(
                     "the speed moves by {:+.2} % from the start of each recording on, with a time constant of {time_s:.0} s",
                     100.0 * end
-                );
-                let speed = PumpSpeed { change_percent: 100.0 * end, time_constant_s: time_s };
-                let mut heard = Heard::speed(pump, speed, 100.0 * error, *log_likelihood, *share, shows);
-                let error_s = (NINETY * followed.time_error_s).max(CALIBRATION * time_s);
-                heard.numbers.push(Number {
-                    key: "time_constant_s",
-                    unit: "s",
-                    value: time_s,
-                    interval: [(time_s - error_s).max(0.0), time_s + error_s],
-                });
-                heard
-            }
+                ),
+            });
+        }
+        let off = course.share;
+        let by_load = OF_THE_DROOP * mean_droop.abs();
+        let stands_out = course.warming.is_none() && off.abs() > BESIDES.max(by_load).max(CERTAIN * errors.share);
+        let steady = course.droop.is_none() && course.warming.is_none();
+        if steady || stands_out {
+            let error = error_of(errors.share, off).max(CALIBRATION * mean_droop.abs());
+            let besides = if steady { "" } else { " without load" };
+            let shows = format!("it is {:+.2} % off the stated speed{besides}", 100.0 * off);
+            told.push(Told::steady(pump, 100.0 * off, 100.0 * error, shows));
+        }
+        Heard {
+            told,
+            unnamed_share: if steady || stands_out { 0.0 } else { off },
+            log_likelihood: followed.log_likelihood,
+            share: followed.share,
+        }
+    }
+
+    /// Entries of the rig file.
+    pub(crate) fn attached(&self) -> impl Iterator<Item = Attached> + '_ {
+        self.told.iter().map(|told| told.attached.clone())
+    }
+
+    /// How it shows.
+    pub(crate) fn shows(&self) -> String {
+        self.told.iter().map(|told| told.shows.as_str()).collect::<Vec<_>>().join(", and ")
+    }
+}
+
+impl Told {
+    /// Another speed all the time.
+    fn steady(pump: &str, percent: f64, error: f64, shows: String) -> Self {
+        let speed = PumpSpeed { change_percent: percent, time_constant_s: 0.0 };
+        Told {
+            attached: attached(pump, Mechanism::PumpSpeed(speed)),
+            numbers: vec![Number::within("change_percent", "%", percent, error)],
+            shows,
         }
     }
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use crate::event::Event;
 use crate::findings::Findings;
-use crate::heard::{Heard, Number};
+use crate::heard::{Heard, Number, Told};
 use crate::locate::{Suspect, Suspicion};
 use crate::place::side_of;
 use crate::search::position_of;
@@ -193,28 +193,30 @@ pub(crate) fn mechanisms(findings: &Findings<'_, '_>) -> Vec<FoundMechanism> {
             None => all.push(found),
         }
     }
-    all.extend(findings.heard.map(|heard| heard_off_the_ripple(findings, heard)));
+    if let Some(heard) = findings.heard {
+        all.extend(heard.told.iter().map(|told| heard_off_the_ripple(findings, heard, told)));
+    }
     all.sort_by(|a, b| b.evidence.delta_log_likelihood.total_cmp(&a.evidence.delta_log_likelihood));
     all
 }
 
 /// What the pump's ripple told.
-fn heard_off_the_ripple(findings: &Findings<'_, '_>, heard: &Heard) -> FoundMechanism {
-    let id = heard.attached.mechanism.id();
+fn heard_off_the_ripple(findings: &Findings<'_, '_>, heard: &Heard, told: &Told) -> FoundMechanism {
+    let id = told.attached.mechanism.id();
     let before = findings.reidentified.total_rmse_kpa();
     let after = findings.extended.total_rmse_kpa();
-    let (mut parameters, mut told) = (BTreeMap::new(), Vec::new());
-    for Number { key, unit, value, interval: [low, high] } in &heard.numbers {
-        told.push(format!("{} {} ({} … {}) {unit}", plain(key), three(*value), three(*low), three(*high)));
+    let (mut parameters, mut numbers) = (BTreeMap::new(), Vec::new());
+    for Number { key, unit, value, interval: [low, high] } in &told.numbers {
+        numbers.push(format!("{} {} ({} … {}) {unit}", plain(key), three(*value), three(*low), three(*high)));
         let parameter = FoundParameter { value: *value, unit: (*unit).to_owned(), low: *low, high: *high };
         parameters.insert((*key).to_owned(), parameter);
     }
-    let told = told.join(", ");
+    let numbers = numbers.join(", ");
     FoundMechanism {
         id: id.to_owned(),
-        side: side_of(findings.bench.rig, &heard.attached.component),
-        component: heard.attached.component.clone(),
-        summary: format!("The pump {} ({told}); this was read off its ripple: {}.", does(id), heard.shows),
+        side: side_of(findings.bench.rig, &told.attached.component),
+        component: told.attached.component.clone(),
+        summary: format!("The pump {} ({numbers}); this was read off its ripple: {}.", does(id), told.shows),
         parameters,
         evidence: FoundEvidence {
             delta_log_likelihood: heard.log_likelihood,

@@ -13,7 +13,7 @@
 //! one is meant with which what was found explains more: before it was found, either may have looked the better.
 
 use fit::data::Records;
-use fit::simulate::{Course, Fidelity, Ripple, Tachometer, Track, ripple_in_step, tachometer, track};
+use fit::simulate::{Fidelity, Ripple, Tachometer, Track, ripple_in_step, tachometer, track};
 use model::rig::{Pump, Rig};
 use proto::diagnosis::Verdict;
 
@@ -91,7 +91,7 @@ impl Turning {
                 pump.speed_rpm = read.speed_rpm;
             } else {
                 let heard = Heard::steady(&read);
-                turning.rig.mechanisms.push(heard.attached.clone());
+                turning.rig.mechanisms.extend(heard.attached());
                 turning.heard = Some(heard);
                 turning.without = Some((raw.fitted.clone(), bench.records.clone()));
             }
@@ -107,13 +107,11 @@ impl Turning {
         let records = raw.freed(&followed.ripple_kpa)?;
         let plain = Bench::new(bench.rig, &records, bench.counted(), Fidelity::Smooth);
         let without = plain.fit(&[], &[], &[point.to_vec()], Effort::Polish)?.fitted.rig;
-        if let (Course::Drooping { share, .. }, Some(Pump::Piston(pump))) =
-            (followed.course, rig.pumps.get_mut(&followed.pump))
-        {
-            pump.speed_rpm *= 1.0 + share;
-        }
         let heard = Heard::of(followed);
-        rig.mechanisms.push(heard.attached.clone());
+        if let Some(Pump::Piston(pump)) = rig.pumps.get_mut(&followed.pump) {
+            pump.speed_rpm *= 1.0 + heard.unnamed_share;
+        }
+        rig.mechanisms.extend(heard.attached());
         Ok(Turning {
             heard: Some(heard),
             fidelity: Fidelity::Smooth,
@@ -203,7 +201,7 @@ impl Turning {
         if let Some(heard) = &self.heard {
             return Some(format!(
                 "the pump's ripple tells how it turned: {}; errors and plots are of readings that it was taken out of",
-                heard.shows
+                heard.shows()
             ));
         }
         self.read.as_ref().map(|(read, stated_rpm)| {

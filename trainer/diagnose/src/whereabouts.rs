@@ -37,9 +37,10 @@ fn lasting(findings: &Findings<'_, '_>) -> Vec<Location> {
         return Vec::new();
     }
     // The ripple of a pump that was heard is in all readings, all the time.
-    let heard = findings.heard.map(|heard| Location {
-        side: side_of(findings.bench.rig, &heard.attached.component),
-        component: heard.attached.component.clone(),
+    let told = findings.heard.and_then(|heard| Some((heard, heard.told.first()?)));
+    let heard = told.map(|(heard, told)| Location {
+        side: side_of(findings.bench.rig, &told.attached.component),
+        component: told.attached.component.clone(),
         share_of_residual: heard.share.clamp(0.0, 1.0),
         region: "everywhere".to_owned(),
         time_s: whole(findings),

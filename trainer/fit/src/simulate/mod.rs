@@ -34,7 +34,7 @@ mod track;
 mod windows;
 
 pub use arcs::{Arc, Arcs, Flapper};
-pub use course::Course;
+pub use course::{Course, Droop, Warming};
 pub use flappers::{Room, flappers_of, rooms};
 pub use horizon::{ChannelError, Horizon, errors, errors_at, trace_at, traces_at};
 pub use in_step::ripple_in_step;
