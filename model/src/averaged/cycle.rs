@@ -42,8 +42,8 @@ pub(crate) struct Cells {
 
 /// A pump ready to be turned: what all cells share.
 #[derive(Debug)]
-pub(crate) struct Bench<'m> {
-    machine: &'m Machine,
+pub(crate) struct Bench {
+    machine: Machine,
     law: FlowFunction<Eight>,
     walls: WallTable<f64>,
     steps: usize,
@@ -77,8 +77,8 @@ const EMPTIER: f64 = 0.75;
 /// A stalled cylinder keeps what it has for ever; the relaxation is cut off there.
 const LONGEST_MEMORY: f64 = 0.98;
 
-impl<'m> Bench<'m> {
-    pub(crate) fn new(machine: &'m Machine, smooth: bool) -> Self {
+impl Bench {
+    pub(crate) fn new(machine: &Machine, smooth: bool) -> Self {
         // The step of the detailed pump or half of it, and a whole number of steps between two tabled phases.
         let (finer, laminar) = if smooth { (2.0, LAMINAR) } else { (1.0, 0.0) };
         let per_phase =
@@ -90,12 +90,17 @@ impl<'m> Bench<'m> {
         walls.turn(0, &drive, &cylinders, 0.0, 1.0, 0.25 / steps as f64);
         let offset = |phase: &f64| ((phase + 0.5).rem_euclid(1.0) * steps as f64).round() as usize % steps;
         let offsets = machine.phases.iter().map(offset).collect();
-        Bench { machine, law: FlowFunction::from_lanes(&[machine.law]), walls, steps, offsets, laminar }
+        Bench { machine: machine.clone(), law: FlowFunction::from_lanes(&[machine.law]), walls, steps, offsets, laminar }
+    }
+
+    /// The pump that is turned.
+    pub(crate) fn machine(&self) -> &Machine {
+        &self.machine
     }
 
     /// Works out eight cells at port pressures in Pa.
     pub(crate) fn cells(&self, inlet: Eight, outlet: Eight) -> Cells {
-        let machine = self.machine;
+        let machine = &self.machine;
         let one = Eight::splat(1.0);
         let speed = machine.speed_at(inlet, outlet);
         let still = vec![Eight::splat(0.0); self.steps];
@@ -201,7 +206,7 @@ impl<'m> Bench<'m> {
     fn turn(&self, ports: &Ports, speed: Eight, pressure: Eight, trace: &mut Trace) -> Eight {
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = "avx2,fma")]
-        fn avx2(bench: &Bench<'_>, ports: &Ports, speed: Eight, pressure: Eight, trace: &mut Trace) -> Eight {
+        fn avx2(bench: &Bench, ports: &Ports, speed: Eight, pressure: Eight, trace: &mut Trace) -> Eight {
             revolution(bench, ports, speed, pressure, trace)
         }
         match InstructionSet::detect() {
@@ -283,8 +288,8 @@ fn orifice(
 
 /// RK4 over one revolution.
 #[inline(always)]
-fn revolution(bench: &Bench<'_>, ports: &Ports, speed: Eight, pressure: Eight, trace: &mut Trace) -> Eight {
-    let machine = bench.machine;
+fn revolution(bench: &Bench, ports: &Ports, speed: Eight, pressure: Eight, trace: &mut Trace) -> Eight {
+    let machine = &bench.machine;
     let splat = Eight::splat;
     let zero = splat(0.0);
     // By √(R T) of what flows through.

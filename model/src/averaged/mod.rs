@@ -30,6 +30,7 @@
 //! [`cycle`]: self
 
 mod cycle;
+mod grid;
 mod machine;
 mod table;
 

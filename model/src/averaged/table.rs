@@ -9,22 +9,11 @@
 
 use std::sync::Arc;
 
-use super::cycle::{Bench, Cells, Eight, PHASES};
+use super::cycle::PHASES;
+use super::grid::{CELLS, Grid, NODES, PADDED, QUANTITIES};
 use super::machine::Machine;
 use crate::plant::lanes_of;
 use crate::real::Real;
-
-/// Nodes along `s`.
-const NODES: usize = 48;
-/// Cells between them.
-const CELLS: usize = NODES - 1;
-/// Rows over the outlet pressure, where absolute pressure matters.
-const ROWS: usize = 7;
-/// Outlet pressures of the first and the last row, by the atmosphere's.
-const ROWS_FROM: f64 = 0.5;
-const ROWS_TO: f64 = 10.0;
-/// The highest `s`: an inlet at twice the pressure of the outlet.
-const HIGHEST: f64 = 1.41;
 
 /// What the table holds, each per outlet pressure (beyond its spring) or in 1/s.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,42 +46,6 @@ impl<R: Real> Flows<R> {
     }
 }
 
-const QUANTITIES: usize = 6;
-/// Quantities rounded up to whole registers.
-const PADDED: usize = 8;
-
-/// Cubics of all quantities in the place within a cell, `[power][quantity]`, lowest power first: one quantity after the
-/// other, so that all of them are worked out at once whatever lane they are for.
-#[derive(Debug, Clone, Copy)]
-#[repr(align(64))]
-struct Cubics([[f64; PADDED]; 4]);
-
-impl Cubics {
-    /// All quantities at `t` of the cell.
-    #[inline(always)]
-    fn at(&self, t: f64) -> [f64; PADDED] {
-        let [y0, y1, y2, y3] = &self.0;
-        let mut value = *y3;
-        for power in [y2, y1, y0] {
-            for (value, addend) in value.iter_mut().zip(power) {
-                *value = value.mul_add(t, *addend);
-            }
-        }
-        value
-    }
-}
-
-/// What one pump does at all nodes.
-#[derive(Debug)]
-struct Grid {
-    /// `[row][cell]`, flattened.
-    cells: Vec<Cubics>,
-    /// Gas drawn and delivered beyond the mean per outlet pressure, in kg/Pa: `[row][node][phase]`, flattened.
-    ripple: Vec<[f64; 2]>,
-    /// The least and the most of it over a revolution, `[row][node]`, flattened.
-    swing: Vec<[[f64; 2]; 2]>,
-}
-
 /// The table of one pump, or of one pump in each lane.
 #[derive(Debug, Clone)]
 pub(crate) struct PumpTable<R> {
@@ -112,37 +65,12 @@ pub(crate) struct PumpTable<R> {
 }
 
 impl PumpTable<f64> {
-    /// Works out the table of a pump: some milliseconds, or a few times that where absolute pressure matters.
+    /// The table of a pump; `smooth` ones are worked out where they are asked for, others at once: some milliseconds, or a few times
+    /// that where absolute pressure matters.
     pub(crate) fn new(machine: &Machine, smooth: bool) -> Self {
-        let bench = Bench::new(machine, smooth);
-        let lowest = 0.8 / machine.compression_ratio().sqrt();
-        let step = (HIGHEST - lowest) / CELLS as f64;
-        let rows = if machine.scales() { 1 } else { ROWS };
-        let springs = machine.springs.map(|spring| spring.cracking_pa);
-        let [ln_from, ln_to] = [ROWS_FROM, ROWS_TO].map(|row| (row * machine.atmosphere_pa + springs[1]).ln());
-        let ln_step = (ln_to - ln_from) / (ROWS - 1) as f64;
-        // Pressures at the ports, and the one that the row stands for.
-        let place = |index: usize| {
-            let (row, node) = (index / NODES, index % NODES);
-            // A pump that scales may be worked out anywhere.
-            let beyond = if rows == 1 { 2.0 * machine.atmosphere_pa } else { (ln_from + ln_step * row as f64).exp() };
-            let s = lowest + step * node as f64;
-            [s * s * beyond + springs[0], beyond - springs[1], beyond]
-        };
-        let all: Vec<usize> = (0..rows * NODES).collect();
-        let mut nodes: Vec<[f64; QUANTITIES]> = Vec::with_capacity(all.len());
-        let mut ripple = Vec::with_capacity(all.len() * PHASES);
-        for eight in all.chunks(Eight::LANES) {
-            let at = |lane: usize| place(eight.get(lane).or(eight.last()).copied().unwrap_or(0));
-            let [inlet, outlet, beyond] = [0, 1, 2].map(|which: usize| Eight::from_lanes(|lane| at(lane)[which]));
-            let cells = bench.cells(inlet, outlet);
-            for lane in 0..eight.len() {
-                let beyond = beyond.lane(lane);
-                nodes.push(quantities(machine, &cells, lane, beyond));
-                let pairs = cells.drawn_ripple.iter().zip(&cells.delivered_ripple);
-                ripple
-                    .extend(pairs.map(|(drawn, delivered)| [drawn.lane(lane) / beyond, delivered.lane(lane) / beyond]));
-            }
+        let grid = Grid::new(machine, smooth);
+        if !smooth {
+            grid.fill();
         }
         let content_per_pa = machine.content_per_pa();
         // Half open on average, the check valve of either side against all cylinders; choked flow's slope.
@@ -154,63 +82,19 @@ impl PumpTable<f64> {
                     rate.min(150.0)
                 },
             );
+        let places = grid.places();
         PumpTable {
-            lowest,
-            inverse_step: 1.0 / step,
-            rows,
-            lowest_ln_outlet: ln_from,
-            inverse_ln_step: 1.0 / ln_step,
-            springs,
-            grids: vec![Arc::new(Grid {
-                cells: nodes.chunks(NODES).flat_map(cubics).collect(),
-                swing: ripple.chunks(PHASES).map(swing).collect(),
-                ripple,
-            })],
+            lowest: places.lowest,
+            inverse_step: 1.0 / places.step,
+            rows: places.rows,
+            lowest_ln_outlet: places.lowest_ln_outlet,
+            inverse_ln_step: 1.0 / places.ln_step,
+            springs: places.springs,
+            grids: vec![Arc::new(grid)],
             content_per_pa,
             standing,
         }
     }
-}
-
-/// The least and the most of a node's ripple, of what is drawn and of what is delivered.
-fn swing(phases: &[[f64; 2]]) -> [[f64; 2]; 2] {
-    [0, 1].map(|port| {
-        let of = |end: fn(f64, f64) -> f64| phases.iter().map(|phase| phase[port]).fold(0.0, end);
-        [of(f64::min), of(f64::max)]
-    })
-}
-
-/// One node's numbers, per outlet pressure.
-fn quantities(machine: &Machine, cells: &Cells, lane: usize, outlet: f64) -> [f64; QUANTITIES] {
-    let [drawn, delivered] = [cells.drawn, cells.delivered].map(|flow| flow.lane(lane) / outlet);
-    let [a, b] = [cells.drawn_response, cells.delivered_response].map(|response| response.lane(lane));
-    // Where nothing but the ports lets gas in or out, what is drawn is delivered, to the last bit.
-    let (delivered, relaxation) =
-        if machine.blowby == 0.0 { (drawn, b - a) } else { (delivered, cells.relaxation.lane(lane)) };
-    [drawn, delivered, cells.content.lane(lane) / outlet, a, b, relaxation]
-}
-
-/// The cubics between the nodes of a row.
-fn cubics(nodes: &[[f64; QUANTITIES]]) -> Vec<Cubics> {
-    let last = nodes.len() - 1;
-    let slope = |i: usize, q: usize| {
-        let (before, after) = (i.saturating_sub(1), (i + 1).min(last));
-        (nodes[after][q] - nodes[before][q]) / (after - before) as f64
-    };
-    let cubic = |cell: usize, q: usize| {
-        let (y0, y1, d0, d1) = (nodes[cell][q], nodes[cell + 1][q], slope(cell, q), slope(cell + 1, q));
-        [y0, d0, 3.0 * (y1 - y0) - 2.0 * d0 - d1, 2.0 * (y0 - y1) + d0 + d1]
-    };
-    let all = |cell: usize| {
-        let mut powers = [[0.0; PADDED]; 4];
-        for q in 0..QUANTITIES {
-            for (power, value) in powers.iter_mut().zip(cubic(cell, q)) {
-                power[q] = value;
-            }
-        }
-        Cubics(powers)
-    };
-    (0..last).map(all).collect()
 }
 
 impl<R: Real> PumpTable<R> {
@@ -273,7 +157,7 @@ impl<R: Real> PumpTable<R> {
     fn row(&self, row: usize, cell: &[usize; MOST_LANES], t: R) -> [R; QUANTITIES] {
         let mut values = [[0.0; PADDED]; MOST_LANES];
         for lane in 0..R::LANES {
-            values[lane] = self.grids[lane].cells[row * CELLS + cell[lane]].at(t.lane(lane));
+            values[lane] = self.grids[lane].cell(row * CELLS + cell[lane]).at(t.lane(lane));
         }
         let mut row = [R::splat(0.0); QUANTITIES];
         for (q, slot) in row.iter_mut().enumerate() {
@@ -374,7 +258,7 @@ struct AtPhase {
 impl Held<2> for AtPhase {
     #[inline(always)]
     fn at(&self, grid: &Grid, node: usize) -> [f64; 2] {
-        let [a, b] = [self.first, self.first + 1].map(|phase| grid.ripple[node * PHASES + phase % PHASES]);
+        let [a, b] = [self.first, self.first + 1].map(|phase| grid.ripple(node, phase % PHASES));
         line(a, b, self.share)
     }
 }
@@ -386,7 +270,7 @@ struct Swing;
 impl Held<4> for Swing {
     #[inline(always)]
     fn at(&self, grid: &Grid, node: usize) -> [f64; 4] {
-        let [drawn, delivered] = grid.swing[node];
+        let [drawn, delivered] = grid.swing(node);
         [drawn[0], drawn[1], delivered[0], delivered[1]]
     }
 }
