@@ -5,10 +5,11 @@
 //! and no fit has to find its way from a wrong one: a volume that joins ten seconds off moves no reading near the right time.
 //!
 //! Where other physics is missing too, parameters have given way and slopes lead astray; but what joins in an instant is
-//! heard then, and at the same time in every recording. Such a time, if there is one, is tried as well.
+//! heard then, and at the same time in every recording that lasts so long. Such a time, if there is one, is tried as well.
 
 use fit::cores::side_by_side;
 use fit::simulate::Run;
+use proto::recording::PERIOD_S;
 
 use super::Projector;
 use crate::bench::{Bench, Explanation};
@@ -97,37 +98,55 @@ pub(super) fn starts(
     starts
 }
 
-/// The time at which every recording has an error that is far above its usual one.
+/// The time since a file began at which every recording that lasts so long, two at least if there are several, has an error that is
+/// far above its usual one.
 fn common_transient(bench: &Bench<'_>, trace: &[f64]) -> Option<f64> {
-    let layout = bench.records.layout();
-    let recorded = bench.records.readings_kpa();
-    // By recording: what of its usual error each block has, in the channel where that is most.
-    let mut all: Vec<Vec<f64>> = Vec::new();
-    for record in 0..bench.records.records().len() {
-        let mut most: Vec<f64> = Vec::new();
-        for channel in 0..layout.channels() {
-            let errors = layout.channel(record, channel).map(|i| {
-                let counts = bench.counted().get(i).is_some_and(|weight| *weight != 0.0);
-                let off = trace.get(i).zip(recorded.get(i)).map_or(0.0, |(t, r)| t - r);
-                if counts { off * off } else { 0.0 }
-            });
-            let squares: Vec<f64> = errors.collect::<Vec<_>>().chunks(BLOCK).map(|block| block.iter().sum()).collect();
-            let mut ordered = squares.clone();
-            ordered.sort_by(f64::total_cmp);
-            let usual = ordered.get(ordered.len() / 2).copied().unwrap_or(0.0).max(1e-12);
-            most.resize(squares.len(), 0.0);
-            for (slot, square) in most.iter_mut().zip(squares) {
-                *slot = f64::max(*slot, square / usual);
-            }
+    let records = bench.records.records();
+    let mut files: Vec<(&str, Vec<Option<f64>>)> = Vec::new();
+    for (index, record) in records.iter().enumerate() {
+        let loudness = loudness(bench, trace, index);
+        let first = (record.elapsed_s(0) / PERIOD_S).round().max(0.0) as usize / BLOCK;
+        let at = files.iter().position(|(source, _)| *source == record.source).unwrap_or_else(|| {
+            files.push((&record.source, Vec::new()));
+            files.len() - 1
+        });
+        let Some((_, blocks)) = files.get_mut(at) else { continue };
+        blocks.resize(blocks.len().max(first + loudness.len()), None);
+        // The very first rows err where a start is guessed.
+        for (slot, loud) in blocks.iter_mut().skip(first).zip(loudness).skip(2) {
+            *slot = Some(loud);
         }
-        all.push(most);
     }
-    let shortest = all.iter().map(Vec::len).min()?;
-    let common = |block: usize| all.iter().filter_map(|most| most.get(block)).copied().fold(f64::INFINITY, f64::min);
-    // The very first rows err where a start is guessed.
-    let loudest = (2..shortest).map(|block| (common(block), block)).max_by(|a, b| a.0.total_cmp(&b.0))?;
-    let row = loudest.1 * BLOCK;
-    (loudest.0 > STANDS_OUT).then(|| bench.records.records().first().map_or(0.0, |record| record.elapsed_s(row)))
+    let longest = files.iter().map(|(_, blocks)| blocks.len()).max()?;
+    let common = |block: usize| {
+        let heard: Vec<f64> = files.iter().filter_map(|(_, blocks)| *blocks.get(block)?).collect();
+        (heard.len() >= files.len().min(2)).then(|| heard.into_iter().fold(f64::INFINITY, f64::min))
+    };
+    let all = (0..longest).filter_map(|block| Some((common(block)?, block)));
+    let (loudest, block) = all.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    (loudest > STANDS_OUT).then(|| (block * BLOCK) as f64 * PERIOD_S)
+}
+
+/// What of its usual squared error each block of a recording has, in the channel where that is most.
+fn loudness(bench: &Bench<'_>, trace: &[f64], record: usize) -> Vec<f64> {
+    let (layout, recorded) = (bench.records.layout(), bench.records.readings_kpa());
+    let mut most: Vec<f64> = Vec::new();
+    for channel in 0..layout.channels() {
+        let errors = layout.channel(record, channel).map(|i| {
+            let counts = bench.counted().get(i).is_some_and(|weight| *weight != 0.0);
+            let off = trace.get(i).zip(recorded.get(i)).map_or(0.0, |(t, r)| t - r);
+            if counts { off * off } else { 0.0 }
+        });
+        let squares: Vec<f64> = errors.collect::<Vec<_>>().chunks(BLOCK).map(|block| block.iter().sum()).collect();
+        let mut ordered = squares.clone();
+        ordered.sort_by(f64::total_cmp);
+        let usual = ordered.get(ordered.len() / 2).copied().unwrap_or(0.0).max(1e-12);
+        most.resize(squares.len(), 0.0);
+        for (slot, square) in most.iter_mut().zip(squares) {
+            *slot = f64::max(*slot, square / usual);
+        }
+    }
+    most
 }
 
 /// Seconds since its file began, of every reading.
