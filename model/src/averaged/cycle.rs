@@ -90,7 +90,14 @@ impl Bench {
         walls.turn(0, &drive, &cylinders, 0.0, 1.0, 0.25 / steps as f64);
         let offset = |phase: &f64| ((phase + 0.5).rem_euclid(1.0) * steps as f64).round() as usize % steps;
         let offsets = machine.phases.iter().map(offset).collect();
-        Bench { machine: machine.clone(), law: FlowFunction::from_lanes(&[machine.law]), walls, steps, offsets, laminar }
+        Bench {
+            machine: machine.clone(),
+            law: FlowFunction::from_lanes(&[machine.law]),
+            walls,
+            steps,
+            offsets,
+            laminar,
+        }
     }
 
     /// The pump that is turned.

@@ -177,7 +177,8 @@ impl Grid {
             for lane in 0..Eight::LANES {
                 let beyond = beyond.lane(lane);
                 let pairs = cells.drawn_ripple.iter().zip(&cells.delivered_ripple);
-                ripple.extend(pairs.map(|(drawn, delivered)| [drawn.lane(lane) / beyond, delivered.lane(lane) / beyond]));
+                ripple
+                    .extend(pairs.map(|(drawn, delivered)| [drawn.lane(lane) / beyond, delivered.lane(lane) / beyond]));
             }
             EightNodes {
                 quantities: std::array::from_fn(|lane| {

@@ -4,6 +4,7 @@ use fit::data::Role;
 use fit::objective::Score;
 
 use crate::bench::{Bench, Explanation};
+use crate::judge::FLOOR_KPA;
 
 /// What speaks for one explanation against another.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,6 +31,9 @@ pub struct Evidence {
     pub removed_somewhere_kpa: f64,
     /// Share of the worse one's mean squared error beyond the noise that this is, all channels together.
     pub share: f64,
+    /// The same share of one channel, where it is most of those that became better by what shows ([`FLOOR_KPA`]): what another term's
+    /// formula leaves in the other channel is no measure of what this one does.
+    pub share_of_a_channel: f64,
     /// Gain of prior and likelihood together on the fitted rows.
     pub posterior: f64,
 }
@@ -81,14 +85,18 @@ pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) ->
     let (fitted, fitted_se) = fit[0].gain_over(&fit[1]);
     let (chosen, chosen_se) = select[0].gain_over(&select[1]);
     // A jump that comes an instant late is no evidence against what drives it, nor one set right by chance for anything.
-    let squares = |in_the_middle: bool| {
-        [better, worse].map(|e| bench.squares_by_channel(&e.trace, in_the_middle).iter().sum::<f64>())
-    };
+    let squares = |in_the_middle: bool| [better, worse].map(|e| bench.squares_by_channel(&e.trace, in_the_middle));
     let (all, middle) = (squares(false), squares(true));
-    let thrown_off = all.iter().zip(&middle).any(|(all, middle)| *all > THROWN_OFF * middle);
+    let sum = |squares: &[f64]| squares.iter().sum::<f64>();
+    let thrown_off = all.iter().zip(&middle).any(|(all, middle)| sum(all) > THROWN_OFF * sum(middle));
     let [after, before] = if (better.jumps || worse.jumps) && thrown_off { middle } else { all };
-    let drop = before - after;
-    let noise: f64 = bench.noise.iter().map(|noise| noise.floor_kpa().powi(2)).sum();
+    let floors: Vec<f64> = bench.noise.iter().map(|noise| noise.floor_kpa().powi(2)).collect();
+    let shares = before.iter().zip(&after).zip(&floors).filter_map(|((before, after), floor)| {
+        (root_of_drop(before - after) > FLOOR_KPA).then(|| (before - after) / (before - floor).max(1e-12))
+    });
+    let share_of_a_channel = shares.fold(0.0, f64::max);
+    let [before, drop] = [sum(&before), sum(&before) - sum(&after)];
+    let noise = sum(&floors);
     let [of_better, of_worse] = [better, worse].map(|e| bench.squares_by_recording(&e.trace));
     let drops = of_better.iter().zip(&of_worse).map(|(after, before)| before - after);
     Evidence {
@@ -101,6 +109,7 @@ pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) ->
         removed_at_work_kpa: root_of_drop(bench.squares_at_work(&worse.trace) - bench.squares_at_work(&better.trace)),
         removed_somewhere_kpa: drops.map(root_of_drop).fold(f64::NEG_INFINITY, f64::max),
         share: drop / (before - noise).max(1e-12),
+        share_of_a_channel,
         posterior: fitted + worse.prior_cost - better.prior_cost,
     }
 }

@@ -58,6 +58,7 @@ pub(super) fn earns_its_place(
             && (found.shows_somewhere() || found.is_beyond_doubt())
         || found.removed_kpa > FLOOR_KPA && found.share > MOST_OF_THE_REST
         || found.share > MORE_THAN_A_THIRD && found.is_beyond_doubt()
+        || found.share_of_a_channel > MORE_THAN_A_THIRD && found.is_certain()
 }
 
 /// How much more than the screen sees, to first order, a term may come to gain where the rest is explained.

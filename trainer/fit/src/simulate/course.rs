@@ -96,7 +96,10 @@ impl Course {
                     near.push(towards(share * (1.0 + 0.2 * s), later_s));
                     if self.droop.is_some() {
                         // So is one that begins faster and gains less.
-                        near.push(Course { share: self.share - s * SHARE_STEP, ..towards(share + s * SHARE_STEP, time_s) });
+                        near.push(Course {
+                            share: self.share - s * SHARE_STEP,
+                            ..towards(share + s * SHARE_STEP, time_s)
+                        });
                     }
                 }
                 if near.is_empty() {

@@ -76,7 +76,8 @@ impl Laid {
         });
         let best = tried.into_iter().flatten().max_by(|a, b| a.0.total_cmp(&b.0));
         let load_bar = mean_load_bar(&self.pieces);
-        let near = |course| climb(course, load_bar, [(SHORT, [1.0, 0.5, 0.25])], |course, rows| self.gain(course, rows));
+        let near =
+            |course| climb(course, load_bar, [(SHORT, [1.0, 0.5, 0.25])], |course, rows| self.gain(course, rows));
         best.map(|(_, course)| self.refined(near(course)))
     }
 
@@ -105,9 +106,7 @@ impl Laid {
         Course {
             share: error(&|course| course.share),
             droop: course.droop.map(|_| Droop { per_bar: droop(|d| d.per_bar), lag_s: droop(|d| d.lag_s) }),
-            warming: course
-                .warming
-                .map(|_| Warming { share: warming(|w| w.share), time_s: warming(|w| w.time_s) }),
+            warming: course.warming.map(|_| Warming { share: warming(|w| w.share), time_s: warming(|w| w.time_s) }),
         }
     }
 }

@@ -83,7 +83,10 @@ impl Laid {
 
     pub(super) fn matched(&self, piece: &Piece, course: Course, rows: usize) -> Match {
         let turned = self.turned(piece, course, self.main);
-        piece.windows(rows, rows).map(|window| self.in_window(piece, &window, &turned)).fold(Match::default(), Match::plus)
+        piece
+            .windows(rows, rows)
+            .map(|window| self.in_window(piece, &window, &turned))
+            .fold(Match::default(), Match::plus)
     }
 
     fn in_window(&self, piece: &Piece, window: &Range<usize>, turned: &[(f64, f64)]) -> Match {
