@@ -43,6 +43,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 ///
 /// A table depends on the pump, on what hangs on it, and a little on the size of the chambers at its ports; while a fit
 /// moves other numbers it is found here.
+///
+/// # Real-time
+/// Making a plant works out tables and is not for the tick. Those of [`PumpTables::new`] are whole then, and a tick only reads them;
+/// of [`PumpTables::smooth`] ones a run works out the parts that it comes near first, so no tick has them.
 #[derive(Debug, Default)]
 pub struct PumpTables {
     /// Newest last.

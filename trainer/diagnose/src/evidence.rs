@@ -91,10 +91,7 @@ pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) ->
     let thrown_off = all.iter().zip(&middle).any(|(all, middle)| sum(all) > THROWN_OFF * sum(middle));
     let [after, before] = if (better.jumps || worse.jumps) && thrown_off { middle } else { all };
     let floors: Vec<f64> = bench.noise.iter().map(|noise| noise.floor_kpa().powi(2)).collect();
-    let shares = before.iter().zip(&after).zip(&floors).filter_map(|((before, after), floor)| {
-        (root_of_drop(before - after) > FLOOR_KPA).then(|| (before - after) / (before - floor).max(1e-12))
-    });
-    let share_of_a_channel = shares.fold(0.0, f64::max);
+    let share_of_a_channel = share_of_a_channel(&before, &after, &floors);
     let [before, drop] = [sum(&before), sum(&before) - sum(&after)];
     let noise = sum(&floors);
     let [of_better, of_worse] = [better, worse].map(|e| bench.squares_by_recording(&e.trace));
@@ -112,6 +109,13 @@ pub fn evidence(bench: &Bench<'_>, better: &Explanation, worse: &Explanation) ->
         share_of_a_channel,
         posterior: fitted + worse.prior_cost - better.prior_cost,
     }
+}
+
+/// [`Evidence::share_of_a_channel`] of mean squares in kPa², by channel: before, after, and of the noise.
+fn share_of_a_channel(before: &[f64], after: &[f64], noise: &[f64]) -> f64 {
+    let all = before.iter().zip(after).zip(noise);
+    let that_show = all.filter(|((before, after), _)| root_of_drop(*before - *after) > FLOOR_KPA);
+    that_show.map(|((before, after), noise)| (before - after) / (before - noise).max(1e-12)).fold(0.0, f64::max)
 }
 
 /// Signed root of a drop in mean squared error: negative if it rose.
@@ -186,5 +190,23 @@ impl Bar {
             && evidence.chosen > 3.0
             && (evidence.throughout > least && evidence.removed_kpa > worth
                 || evidence.throughout > IN_ONE_RECORDING && evidence.shows_somewhere())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A valve that is throttled takes its channel from 0.12 to 0.07 kPa; what walls have left of 0.1 kPa in the other stays.
+    #[test]
+    fn what_is_set_right_is_measured_in_the_channel_where_it_shows() {
+        let squares = |kpa: [f64; 2]| kpa.map(|kpa| kpa * kpa);
+        let noise = squares([0.05, 0.05]);
+        let share = |before, after| share_of_a_channel(&squares(before), &squares(after), &noise);
+        let throttled = share([0.12, 0.1], [0.07, 0.1]);
+        assert!((throttled - (0.0144 - 0.0049) / (0.0144 - 0.0025)).abs() < 1e-12, "{throttled}");
+        // Nine tenths of next to nothing are nothing.
+        assert_eq!(share([0.06, 0.1], [0.05, 0.1]), 0.0);
+        assert_eq!(share([0.05, 0.1], [0.3, 0.1]), 0.0);
     }
 }

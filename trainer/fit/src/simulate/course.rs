@@ -82,7 +82,8 @@ impl Course {
                     near.push(Course { droop: slower, ..self });
                     near.push(off(s));
                     // A faster pump that droops more turns as fast under the mean load.
-                    let faster = self.share + (1.0 + self.share) * s * SHARE_STEP * load_bar;
+                    let left = 1.0 - droop.per_bar * load_bar;
+                    let faster = self.share + (1.0 + self.share) * s * SHARE_STEP * load_bar / left.max(0.1);
                     near.push(Course { share: faster, droop: slower, ..self });
                     let lag_s = (droop.lag_s * (1.0 + 0.5 * s)).clamp(0.005, 1.0);
                     near.push(Course { droop: Some(Droop { lag_s, ..droop }), ..self });

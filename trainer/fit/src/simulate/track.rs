@@ -122,10 +122,10 @@ mod tests {
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// Two recordings of 30 s on the detailed rig with a mechanism of its pump, and noise of 0.06 kPa.
-    fn records(rig: &Rig, mechanism: Option<Mechanism>, seed: u64) -> Records {
+    /// Two recordings of 30 s on the detailed rig with mechanisms of its pump, and noise of 0.06 kPa.
+    fn records(rig: &Rig, mechanisms: impl IntoIterator<Item = Mechanism>, seed: u64) -> Records {
         let mut with = rig.clone();
-        with.mechanisms.extend(mechanism.map(|mechanism| Attached {
+        with.mechanisms.extend(mechanisms.into_iter().map(|mechanism| Attached {
             component: "pump".to_owned(),
             enabled: true,
             mechanism,
@@ -200,6 +200,38 @@ mod tests {
         assert!((share + 0.06).abs() < 4.0 * error.share + 3e-4, "{share} ± {error:?}");
         assert!((time_s - 11.0).abs() < 4.0 * error.time_s + 0.05, "{time_s} ± {error:?}");
         assert!(error.time_s < 0.5, "{error:?}");
+    }
+
+    /// Neither course alone is anywhere near: the load moves the speed by 15 %, and so does the warming.
+    #[test]
+    fn a_pump_that_droops_and_warms_tells_both() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let both = [
+            Mechanism::PumpDroop(PumpDroop { speed_loss_per_bar: 0.15 }),
+            Mechanism::PumpSpeed(PumpSpeed { change_percent: 10.0, time_constant_s: 25.0 }),
+        ];
+        let read = followed(&rig, &records(&rig, both, 5)).unwrap();
+        let Course { droop: Some(droop), warming: Some(warming), .. } = read.course else {
+            panic!("{:?}", read.course)
+        };
+        assert!((droop.per_bar / 0.15 - 1.0).abs() < 0.03, "{droop:?} {:?}", read.errors);
+        // A recording of 30 s ends before the speed has settled: end and time constant are known by their quotient best.
+        assert!((warming.share / 0.1 - 1.0).abs() < 0.05, "{warming:?} {:?}", read.errors);
+        assert!((warming.time_s / 25.0 - 1.0).abs() < 0.08, "{warming:?} {:?}", read.errors);
+        assert!(read.share > 0.8, "{}", read.share);
+    }
+
+    #[test]
+    fn a_pump_that_droops_and_is_slow_tells_both() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let both = [
+            Mechanism::PumpDroop(PumpDroop { speed_loss_per_bar: 0.06 }),
+            Mechanism::PumpSpeed(PumpSpeed { change_percent: -8.0, time_constant_s: 0.0 }),
+        ];
+        let read = followed(&rig, &records(&rig, both, 6)).unwrap();
+        let Course { share, droop: Some(droop), warming: None } = read.course else { panic!("{:?}", read.course) };
+        assert!((droop.per_bar / 0.06 - 1.0).abs() < 0.05, "{droop:?} {:?}", read.errors);
+        assert!((share + 0.08).abs() < 0.005, "{share} {:?}", read.errors);
     }
 
     #[test]

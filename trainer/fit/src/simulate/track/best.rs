@@ -35,7 +35,7 @@ impl Laid {
         let energy: f64 = self.pieces.iter().map(|p| self.matched(p, Course::constant(0.1), WINDOWS[2]).energy).sum();
         let mut best: Option<(f64, Course)> = None;
         for (_, course) in kinds.into_iter().flatten() {
-            let refined = self.refined(course);
+            let refined = self.refined(self.slid(course));
             let gain = self.gain(refined, WINDOWS[2]);
             if best.is_none_or(|(most, _)| gain > most + WORTH * energy) {
                 best = Some((gain, refined));
@@ -46,6 +46,20 @@ impl Laid {
             of.get(of.len() / 2).copied().unwrap_or(0.0)
         });
         (best.map_or(Course::default(), |(_, course)| course), chance.collect())
+    }
+
+    /// The best of the courses that turn as fast under the mean load as one that droops from the stated speed: a pump that is slow and
+    /// droops little goes that way too, and a climb from there is long.
+    fn slid(&self, course: Course) -> Course {
+        let load_bar = mean_load_bar(&self.pieces);
+        let Some(droop) = course.droop.filter(|_| load_bar > 0.0) else { return course };
+        let under_load = 1.0 - droop.per_bar * load_bar;
+        let slides = besides().into_iter().filter_map(|share| {
+            let per_bar = (1.0 - under_load / (1.0 + share)) / load_bar;
+            (per_bar > 0.0).then_some(Course { share, droop: Some(Droop { per_bar, ..droop }), ..course })
+        });
+        let gained = std::iter::once(course).chain(slides).map(|course| (self.gain(course, WINDOWS[0]), course));
+        gained.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(course, |(_, course)| course)
     }
 
     /// The best course of a pump that droops and turns at another speed besides, be it all the time or as it warms.
