@@ -29,7 +29,7 @@ fn is_none(time_constant_ms: &f64) -> bool {
 }
 
 numbers!(SensorLag {
-    time_constant_ms: Number::new("ms", 0.01, 10_000.0).plausible(1.0, 500.0).starts(&[8.0, 25.0, 80.0, 250.0]),
+    time_constant_ms: Number::new("ms", 0.01, 10_000.0).plausible(1.0, 2000.0).starts(&[8.0, 25.0, 80.0, 250.0]),
     second_time_constant_ms: Number::new("ms", 0.0, 10_000.0).plausible(1.0, 500.0).starts(&[8.0, 25.0]).optional(),
 });
 
