@@ -37,8 +37,8 @@ fn reach_beyond_noise(bench: &Bench<'_>, best: &Explanation) -> f64 {
 
 /// Whether `with`, which has the evidence `found` against `without`, passes the bar, and is more than what the formulas of the
 /// terms in `without` may have left of what the `nominal` rig misses: more than a share of it, or, where it shows or is
-/// beyond doubt, most of what is left. What a formula leaves is not what some other physics does, and that explains a third of
-/// it at best.
+/// beyond doubt, most of what is left, be it in all channels together or in one where it shows. What a formula leaves is not what
+/// some other physics does, and that explains a third of it at best.
 pub(super) fn earns_its_place(
     bench: &Bench<'_>,
     candidates: &[Candidate],
