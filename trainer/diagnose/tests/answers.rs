@@ -13,8 +13,10 @@ use diagnose::candidate::{Candidate, candidates};
 use diagnose::{Request, Verdict, run};
 use fit::data::Records;
 use fit::simulate::Fidelity;
-use made::{bench, judged, made, made_after, moved, recording};
+use made::{bench, duties, flown, judged, made, made_after, moved, recording};
 use model::rig::Rig;
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
 
 /// What is looked through: enough to be wrong in many ways, and few enough to be quick.
 fn some(rig: &Rig) -> Vec<Candidate> {
