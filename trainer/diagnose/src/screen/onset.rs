@@ -179,3 +179,58 @@ fn most(projector: &Projector<'_>, effect: &[f64], elapsed_s: &[f64]) -> Option<
     let nearby = (-reach..=reach).map(|k| (about + fine * f64::from(k)).max(EARLIEST_S));
     nearby.map(from).max_by(|a, b| a.0.total_cmp(&b.0))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fit::data::Records;
+    use fit::simulate::Fidelity;
+    use model::rig::Rig;
+    use proto::recording::Recording;
+    use proto::recording::csv::{Column, ColumnData};
+
+    fn recording(source: &str, seconds: usize) -> Recording {
+        let rows = seconds * 50;
+        let time_s = (0..rows).map(|row| row as f64 * PERIOD_S).collect();
+        // Valves that move, and what a converter makes of pressures at rest.
+        let column = |name: &str, of: &dyn Fn(usize) -> f64| Column {
+            name: name.to_owned(),
+            data: ColumnData::Numbers((0..rows).map(of).collect()),
+        };
+        let columns = vec![
+            column("u_pos", &|row| 0.8 + 0.05 * (row / 50 % 2) as f64),
+            column("u_neg", &|row| 0.8 + 0.05 * (row / 70 % 2) as f64),
+            column("p_pos_kpa", &|row| 90.0 + 0.03 * (row * 7 % 3) as f64),
+            column("p_neg_kpa", &|row| -60.0 + 0.03 * (row * 5 % 3) as f64),
+        ];
+        Recording::new(source, time_s, columns).unwrap()
+    }
+
+    /// When a transient is heard that lies at 12.5 s in the first so many recordings of these lengths.
+    fn heard_in(first: usize, seconds: &[usize]) -> Option<f64> {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let recordings: Vec<Recording> =
+            seconds.iter().enumerate().map(|(n, s)| recording(&format!("{n}.csv"), *s)).collect();
+        let records = Records::new(&rig, &recordings).unwrap();
+        let bench = Bench::new(&rig, &records, &vec![1.0; records.layout().len()], Fidelity::Averaged);
+        let mut trace: Vec<f64> =
+            records.readings_kpa().iter().enumerate().map(|(i, kpa)| kpa + 0.05 * (1 + i % 3) as f64).collect();
+        for record in 0..first {
+            let rows = records.layout().channel(record, 0);
+            trace[rows][625..650].iter_mut().for_each(|kpa| *kpa += 1.0);
+        }
+        common_transient(&bench, &trace)
+    }
+
+    #[test]
+    fn what_joins_is_heard_in_recordings_that_last_so_long() {
+        assert_eq!(heard_in(3, &[20, 20, 20]), Some(12.5));
+        // An experiment that ends before says nothing of it.
+        assert_eq!(heard_in(2, &[20, 20, 6]), Some(12.5));
+        // One that lasts so long and has none says that it is none.
+        assert_eq!(heard_in(2, &[20, 20, 20]), None);
+        // Of a single one among others it is not known whether it is common.
+        assert_eq!(heard_in(1, &[20, 6, 6]), None);
+        assert_eq!(heard_in(1, &[20]), Some(12.5));
+    }
+}
