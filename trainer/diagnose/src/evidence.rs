@@ -31,7 +31,7 @@ pub struct Evidence {
     pub removed_somewhere_kpa: f64,
     /// Share of the worse one's mean squared error beyond the noise that this is, all channels together.
     pub share: f64,
-    /// The same share of one channel, where it is most of those that became better by what shows ([`FLOOR_KPA`]): what another term's
+    /// The same share of one channel, where it is most of those that became better by what shows (0.06 kPa): what another term's
     /// formula leaves in the other channel is no measure of what this one does.
     pub share_of_a_channel: f64,
     /// Gain of prior and likelihood together on the fitted rows.
