@@ -39,7 +39,7 @@ pub struct Warming {
 }
 
 /// Steps of the coarse grid: a quarter of a turn of a ripple of 100 Hz in a window.
-pub(super) const SHARE_STEP: f64 = 0.0025;
+const SHARE_STEP: f64 = 0.0025;
 /// The largest share by which a constant speed may be off: half the way to where the samples repeat themselves.
 const REACH: f64 = 0.24;
 /// The largest droop per bar.
@@ -57,11 +57,6 @@ impl Course {
     /// Off by a share all the time.
     pub fn constant(share: f64) -> Self {
         Course { share, ..Course::default() }
-    }
-
-    /// Slower under load, and off by a share without.
-    pub fn drooping(share: f64, per_bar: f64, lag_s: f64) -> Self {
-        Course { share, droop: Some(Droop { per_bar, lag_s }), warming: None }
     }
 
     /// As stated when a recording begins, and towards another speed from then on.
@@ -113,7 +108,7 @@ impl Course {
 
     /// Every plain course of the coarse grid, by kind: constant, drooping, warming.
     pub(super) fn grid() -> [Vec<Self>; 3] {
-        let constant = steps(REACH).map(Course::constant);
+        let constant = steps(REACH, SHARE_STEP).map(Course::constant);
         // A pump works against 1 to 2 bar, so its droop is told from its neighbour at half the step.
         let droops = droops(0.5, &LAGS_S).map(|droop| Course { droop: Some(droop), ..Course::default() });
         [constant.collect(), droops.collect(), warmings(WARMING).collect()]
@@ -121,7 +116,7 @@ impl Course {
 
     /// What a pump that droops may do besides: constant and warming.
     pub(super) fn besides() -> Vec<Self> {
-        steps(BESIDES).map(Course::constant).chain(warmings(BESIDES)).collect()
+        steps(BESIDES, SHARE_STEP).map(Course::constant).chain(warmings(BESIDES)).collect()
     }
 
     /// The share by which the speed is off at each row, given times in s since the recording began and loads in bar.
@@ -144,15 +139,15 @@ impl Course {
     }
 }
 
-/// Shares up to `reach` either way.
-fn steps(reach: f64) -> impl Iterator<Item = f64> {
-    let n = (reach / SHARE_STEP).round() as i64;
-    (-n..=n).map(|k| k as f64 * SHARE_STEP)
+/// Shares up to `reach` either way, so far apart.
+fn steps(reach: f64, step: f64) -> impl Iterator<Item = f64> {
+    let n = (reach / step).round() as i64;
+    (-n..=n).map(move |k| k as f64 * step)
 }
 
 /// Warming ones that end up to `reach` either way.
 fn warmings(reach: f64) -> impl Iterator<Item = Course> {
-    steps(reach).flat_map(|share| WARMING_S.map(|time_s| Course::warming(share, time_s)))
+    steps(reach, SHARE_STEP).flat_map(|share| WARMING_S.map(|time_s| Course::warming(share, time_s)))
 }
 
 /// Droops, by so many steps of a share, with each of some lags.
@@ -168,6 +163,5 @@ pub(super) fn coarse_droops() -> Vec<Droop> {
 
 /// Shares by which a pump that droops may be off besides at any moment, from the least on, [`BESIDES_STEP`] apart.
 pub(super) fn besides() -> Vec<f64> {
-    let n = (BESIDES / BESIDES_STEP).round() as i64;
-    (-n..=n).map(|k| k as f64 * BESIDES_STEP).collect()
+    steps(BESIDES, BESIDES_STEP).collect()
 }

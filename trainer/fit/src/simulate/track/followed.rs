@@ -88,11 +88,7 @@ impl Laid {
         let mut turns = piece.turns(course, self.speed);
         let mut known: Vec<(f64, f64)> = Vec::new();
         for window in piece.windows(rows, rows / 2) {
-            let mut products = Products::default();
-            for channel in &piece.channels {
-                let sums = Sums::of(channel, &window, self.main, &turned);
-                products.add(&sums, channel.weight_in(&sums));
-            }
+            let products = self.products(piece, &window, &turned);
             let angle = products.off_v.atan2(products.off_u) / (TAU * order);
             // The ripple repeats itself: the nearest of its angles goes on from the one before.
             let angle = known.last().map_or(angle, |(_, last)| {

@@ -85,17 +85,18 @@ impl Laid {
         let turned = self.turned(piece, course, self.main);
         piece
             .windows(rows, rows)
-            .map(|window| self.in_window(piece, &window, &turned))
+            .map(|window| self.products(piece, &window, &turned).matched())
             .fold(Match::default(), Match::plus)
     }
 
-    fn in_window(&self, piece: &Piece, window: &Range<usize>, turned: &[(f64, f64)]) -> Match {
+    /// Products of a window, all channels together.
+    pub(super) fn products(&self, piece: &Piece, window: &Range<usize>, turned: &[(f64, f64)]) -> Products {
         let mut products = Products::default();
         for channel in &piece.channels {
             let sums = Sums::of(channel, window, self.main, turned);
             products.add(&sums, channel.weight_in(&sums));
         }
-        products.matched()
+        products
     }
 
     /// Sine and cosine of a harmonic's angle by row.
@@ -111,7 +112,7 @@ impl Laid {
     /// How a course matches each window of a recording.
     pub(super) fn gains(&self, piece: &Piece, course: Course, rows: usize) -> Vec<f64> {
         let turned = self.turned(piece, course, self.main);
-        piece.windows(rows, rows).map(|window| self.in_window(piece, &window, &turned).gain).collect()
+        piece.windows(rows, rows).map(|window| self.products(piece, &window, &turned).matched().gain).collect()
     }
 
     /// Whether what scatters within windows could be the ripple: it is no less.
