@@ -1,8 +1,9 @@
 //! `command_delay`: a duty acts a fixed time after it was sent.
 //!
 //! `y(t) = u(t − d)`: latching at the cRIO's next edge, transport, driver. Any `d` up to
-//! [`LONGEST_TICKS`] ticks; a part of a tick switches at the matching instant of the table, blended linearly
-//! over one such interval so that a fit sees a smooth function of `d`.
+//! [`LONGEST_TICKS`] ticks. Where a part of a tick ends between two instants of the table, the one that is nearer holds the mean of
+//! what is there, so that the mean over a tick is that of the edge itself: a fit sees a function of `d` that has no jump where a
+//! delay becomes a whole number of ticks.
 
 use serde::{Deserialize, Serialize};
 
@@ -96,10 +97,13 @@ impl<R: Real> Delay<R> {
         let (newer, older) = (sent(0), sent(1));
         if self.part.any_above(R::splat(0.0)) {
             samples.spread();
-            let instants = samples.instants() as f64;
+            let instants = samples.instants();
+            let switch = self.part * R::splat(instants as f64);
             for (j, sample) in samples.in_time().iter_mut().enumerate() {
-                let past = R::splat(j as f64) - self.part * R::splat(instants) + R::splat(1.0);
-                let weight = past.limited(R::splat(0.0), R::splat(1.0));
+                // An instant stands for what is nearer to it than to any other: at the ends of the tick for half as much.
+                let whole = if j == 0 || j == instants { 0.5 } else { 1.0 };
+                let end = R::splat((j as f64 + 0.5).min(instants as f64));
+                let weight = ((end - switch) * R::splat(1.0 / whole)).limited(R::splat(0.0), R::splat(1.0));
                 // Not `older + weight (newer − older)`: at weight one this is the newer duty to the last bit, as
                 // in a run alone, when a neighbour's delay makes a lane without a part of a tick come here.
                 *sample = weight.mul_add(newer, (R::splat(1.0) - weight) * older);

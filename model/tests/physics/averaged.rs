@@ -320,19 +320,26 @@ fn a_rig_without_pistons_runs_as_it_is() {
 
 #[test]
 fn a_delay_moves_an_averaged_run_smoothly() {
-    // What a fit differentiates: the reading two ticks after a step, over the delay.
-    let at = |delay_ms: f64| {
+    // What a fit differentiates: a reading after a step, over the delay; where that is a whole number of ticks (of 20 ms) as well.
+    let reading = |made: fn(&Rig) -> Simulation<f64>, delay_ms: f64| {
         let delay = mechanism("command_delay", "valve_neg", &format!("delay_ms = {delay_ms:?}"));
-        let mut simulation = averaged(&paper_with(&delay));
+        let mut simulation = made(&paper_with(&delay));
         simulation.start_from(&[95.0, -70.0], &[0.8, 0.7, 1.0], FreeRunStart::Running);
-        (0..2).for_each(|_| simulation.tick(&[0.8, 0.95, 1.0]));
+        (0..4).for_each(|_| simulation.tick(&[0.8, 0.95, 1.0]));
         simulation.reading_kpa(1)
     };
-    let slopes: Vec<f64> = (20..180).map(|i| 0.1 * f64::from(i)).map(|d| (at(d + 0.1) - at(d)) / 0.1).collect();
+    let readings: Vec<f64> = (10..=500).map(|i| reading(averaged, 0.1 * f64::from(i))).collect();
+    let slopes: Vec<f64> = readings.windows(2).map(|w| (w[1] - w[0]) / 0.1).collect();
     // Without the means over steps the slope would be zero but for jumps twice per step of 5 ms.
     assert!(slopes.iter().all(|slope| *slope < 0.0), "later is less: {slopes:?}");
     let biggest = slopes.windows(2).map(|w| (w[1] / w[0] - 1.0).abs()).fold(0.0, f64::max);
-    assert!(biggest < 0.25, "the slope jumps by {biggest}");
+    assert!(biggest < 0.05, "the slope jumps by {biggest}");
+    // And by as much as the detailed plant is moved, whose duty switches where it does: what it adds between 18 and 22 ms, and 38 and 42.
+    for around in [20.0, 40.0] {
+        let moved = |made| reading(made, around + 2.0) - reading(made, around - 2.0);
+        let ratio = moved(averaged) / moved(detailed);
+        assert!((ratio - 1.0).abs() < 0.02, "around {around} ms: {ratio}");
+    }
 }
 
 /// A pump that has long stood still is a part of the chamber it draws from: its inlet valves have let in what it lacked.
