@@ -3,6 +3,7 @@
 use std::sync::{Arc as Shared, Mutex, OnceLock, PoisonError};
 
 use model::averaged::PumpTables;
+use model::mechanism::Mechanism;
 use model::plant::{Plant, Simulated};
 use model::real::Lanes;
 use model::rig::{Rig, RigError};
@@ -33,14 +34,41 @@ pub enum Fidelity {
     /// The same without the ripple: for readings that were freed from it ([`crate::simulate::Track`]), and rigs whose
     /// crank angles nobody knows.
     Smooth,
+    /// [`Fidelity::Averaged`] at one step a row, in two thirds of the time: for searches that are corrected by it.
+    AveragedByRow,
+    /// [`Fidelity::Smooth`] at one step a row.
+    SmoothByRow,
+}
+
+impl Fidelity {
+    /// Whether pumps are averaged, so that readings are smooth in the parameters.
+    pub fn is_averaged(self) -> bool {
+        !matches!(self, Fidelity::Detailed | Fidelity::Coarse)
+    }
+
+    /// Whether the ripple is left off.
+    pub fn is_smooth(self) -> bool {
+        matches!(self, Fidelity::Smooth | Fidelity::SmoothByRow)
+    }
+
+    /// The same without strokes.
+    #[must_use]
+    pub fn averaged(self) -> Self {
+        if self.is_smooth() { Fidelity::Smooth } else { Fidelity::Averaged }
+    }
+
+    /// The same as searches run it.
+    #[must_use]
+    pub fn by_row(self) -> Self {
+        if self.is_smooth() { Fidelity::SmoothByRow } else { Fidelity::AveragedByRow }
+    }
 }
 
 /// The coarse step in ms.
 const COARSE_STEP_MS: f64 = 0.4;
 /// The step at which pumps are turned for their tables, in ms: twice that of the paper's rig, for half the time.
 const TABLE_STEP_MS: f64 = 0.2;
-/// The step of averaged plants in ms. With 20 ms a diagnosis takes a fifth less time, and a delay that ends within a tick takes
-/// the chamber's compliance along: 1.24 mL/kPa for 1.3, and 40.6 ms for 40.
+/// The step of averaged plants in ms.
 const AVERAGED_STEP_MS: f64 = 10.0;
 
 /// Tables of averaged pumps, which depend on numbers of rigs alone. Rigs of one Jacobian differ in one number each, which
@@ -195,7 +223,7 @@ impl<'r> Simulator<'r> {
         outcomes: &Mutex<Vec<Outcome>>,
     ) {
         let lanes: Vec<Lane<'_>> = group.flights.iter().filter_map(|flight| task.lane(*flight)).collect();
-        let out = sweep(plant, self.fidelity == Fidelity::Smooth, group.ticks_per_row, &lanes);
+        let out = sweep(plant, self.fidelity.is_smooth(), group.ticks_per_row, &lanes);
         let rows = span(&lanes);
         let layout = self.records.layout();
         let mut outcomes = outcomes.lock().unwrap_or_else(PoisonError::into_inner);
@@ -255,10 +283,14 @@ impl<'r> Simulator<'r> {
     }
 
     fn plant(&self, rig: &Rig) -> Result<Plant<f64>, RigError> {
-        match self.fidelity {
-            Fidelity::Averaged | Fidelity::Smooth => Plant::averaged(rig, AVERAGED_STEP_MS, &TABLES),
-            Fidelity::Detailed | Fidelity::Coarse => Plant::new(rig),
+        if !self.fidelity.is_averaged() {
+            return Plant::new(rig);
         }
+        let by_row = matches!(self.fidelity, Fidelity::AveragedByRow | Fidelity::SmoothByRow);
+        // Friction is asked at every step whether it holds: a flapper would slip half a row late.
+        let sticks = || rig.mechanisms.iter().any(|m| m.enabled && matches!(m.mechanism, Mechanism::ValveStiction(_)));
+        let step_ms = if by_row && !sticks() { 1e3 * PERIOD_S } else { AVERAGED_STEP_MS };
+        Plant::averaged(rig, step_ms.min(rig.integrator.tick_ms), &TABLES)
     }
 
     fn prepared(&self, rig: &Rig) -> Rig {
@@ -266,7 +298,7 @@ impl<'r> Simulator<'r> {
         let least_ms = match self.fidelity {
             Fidelity::Detailed => 0.0,
             Fidelity::Coarse => COARSE_STEP_MS,
-            Fidelity::Averaged | Fidelity::Smooth => TABLE_STEP_MS,
+            _ => TABLE_STEP_MS,
         };
         if rig.integrator.step_ms < least_ms {
             let steps = (rig.integrator.tick_ms / least_ms).round().max(1.0);
