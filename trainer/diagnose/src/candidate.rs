@@ -113,11 +113,12 @@ impl Candidate {
         self.excludes(other) && self.len() < other.len() && self.keys().zip(other.keys()).all(|(own, its)| own == its)
     }
 
-    /// The parameter by which its kind is told from something faster, and the least that is plausible for it, if one of these
-    /// `values` is no more than that.
-    pub fn too_fast(&self, values: &[f64]) -> Option<(&'static str, f64)> {
-        let parameters = self.offered.parameters.iter().zip(values);
-        parameters.filter(|(p, value)| p.slow && **value <= AT_ITS_END * p.low).map(|(p, _)| (p.key, p.low)).next()
+    /// The parameter by which its kind is told from something faster (its place and key), and the least that is plausible for
+    /// it, if one of these `values` is no more than that.
+    pub fn too_fast(&self, values: &[f64]) -> Option<(usize, &'static str, f64)> {
+        let parameters = self.offered.parameters.iter().zip(values).enumerate();
+        let mut ends = parameters.filter(|(_, (p, value))| p.slow && **value <= AT_ITS_END * p.low);
+        ends.next().map(|(place, (p, _))| (place, p.key, p.low))
     }
 
     /// Keys of its free parameters, in their order.
@@ -312,7 +313,7 @@ mod tests {
     fn a_kind_that_is_slow_is_told_by_it() {
         let all = candidates(&Rig::builtin("dual_pressure").unwrap());
         let of = |id: &str| all.iter().find(|c| c.id == id && c.component == "valve_pos").unwrap();
-        assert_eq!(of("coil_heating").too_fast(&[0.1, 15.0]), Some(("time_constant_s", 15.0)));
+        assert_eq!(of("coil_heating").too_fast(&[0.1, 15.0]), Some((1, "time_constant_s", 15.0)));
         assert_eq!(of("coil_heating").too_fast(&[0.1, 16.0]), None);
         assert_eq!(of("valve_lag").too_fast(&[0.5, 1.0]), None);
     }

@@ -66,7 +66,7 @@ impl Evidence {
 }
 
 /// Log-likelihood, fitted and kept rows together, at which something is there however little it does.
-const CERTAIN: f64 = 50.0;
+pub const CERTAIN: f64 = 50.0;
 /// Standard errors by which fitted rows must show it, and those that choose.
 const CERTAIN_SE: [f64; 2] = [2.0, 1.0];
 /// Log-likelihood that nothing small which is not there gains, and standard errors of it.

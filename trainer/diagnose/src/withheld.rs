@@ -3,14 +3,15 @@
 //! what it leaves, or by how little it does where the rig works.
 
 use fit::data::Role;
+use fit::parameters::ParameterSet;
 
-use crate::bench::{Bench, Explanation};
+use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::{Candidate, names_of};
 use crate::error::DiagnoseError;
-use crate::evidence::{Bar, Evidence, evidence, root_of_drop};
+use crate::evidence::{Bar, CERTAIN, Evidence, evidence, root_of_drop};
 use crate::figures::Figures;
 use crate::judge::{FLOOR_KPA, UNKNOWN_KPA, explains_most, left};
-use crate::search::{Found, values_of};
+use crate::search::{Found, cost, position_of, values_of};
 use crate::switched::{REACH_KPA, reach_kpa};
 use crate::unknown::{Formula, dead_end};
 
@@ -114,14 +115,36 @@ fn only_resembles(searched: &Bench<'_>, found: &Found, names: &str) -> Option<(F
     explains.then_some((formula, note))
 }
 
+/// Times as slow as is plausible at least that a kind is tried to be which fits best as fast as that.
+const SLOWER: f64 = 2.0;
+
 /// What to say of a term that fits best as fast as its kind is told by not being.
 fn too_fast(bench: &Bench<'_>, candidates: &[Candidate], best: &Explanation) -> Option<String> {
     best.terms.iter().find_map(|term| {
         let candidate = candidates.get(*term)?;
-        let (key, least) = candidate.too_fast(&values_of(bench, candidates, best, *term)?)?;
-        Some(format!(
-            "{} fits best with the least {key} that is plausible for it, {least}: something like it, but faster, not it",
-            candidate.name()
-        ))
+        let (place, key, least) = candidate.too_fast(&values_of(bench, candidates, best, *term)?)?;
+        let at = position_of(bench, candidates, best, *term)? + place;
+        // Of a small effect no reading tells how fast it is.
+        (!fits_as_slow(bench, best, at, SLOWER * least)).then(|| {
+            format!(
+                "{} fits best with the least {key} that is plausible for it, {least}: something like it, but faster, not it",
+                candidate.name()
+            )
+        })
     })
+}
+
+/// Whether an explanation with one of its parameters at `least` or more is no further behind than what is certain is ahead.
+fn fits_as_slow(bench: &Bench<'_>, best: &Explanation, at: usize, least: f64) -> bool {
+    let refitted = |low: Option<f64>| -> Option<f64> {
+        let (mut free, mut start) = (best.set.parameters().to_vec(), best.fitted.point.clone());
+        if let Some(low) = low {
+            let parameter = free.get_mut(at)?;
+            parameter.bounds[0] = low.min(parameter.bounds[1]);
+            *start.get_mut(at)? = parameter.coordinate(low);
+        }
+        let set = ParameterSet::new(best.set.rig(), free).ok()?;
+        Some(cost(bench, &bench.fit_set(&best.terms, set, &[start], Effort::Polish).ok()?))
+    };
+    refitted(None).zip(refitted(Some(least))).is_some_and(|(free, slower)| slower - free < CERTAIN)
 }
