@@ -47,10 +47,10 @@ pub struct Bench<'r> {
     pub records: &'r Records,
     /// Runs rigs over them, stroke by stroke.
     pub simulator: Simulator<'r>,
-    /// The same at one step a row: for what a mechanism changes, to see which is worth a fit.
-    pub by_row: Simulator<'r>,
     /// Runs rigs over them with the pump averaged: for searches, corrected by what the detailed rig differs by.
     pub fast: Simulator<'r>,
+    /// The same at one step a row: for what a mechanism changes, to see which is worth a fit.
+    pub by_row: Simulator<'r>,
     /// Runs rigs over them as closely as can be: in detail, or smooth where the readings were freed from the ripple.
     pub close: Simulator<'r>,
     /// Which rows are fitted, which choose, which are kept back.

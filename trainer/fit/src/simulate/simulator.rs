@@ -34,7 +34,8 @@ pub enum Fidelity {
     /// The same without the ripple: for readings that were freed from it ([`crate::simulate::Track`]), and rigs whose
     /// crank angles nobody knows.
     Smooth,
-    /// [`Fidelity::Averaged`] at one step a row, in two thirds of the time: for searches that are corrected by it.
+    /// [`Fidelity::Averaged`] at one step a row: for what a mechanism changes, to a few percent, not for fits. Combinations of
+    /// parameters that hardly show are small differences of what a fit sees, and what this is off by goes with them.
     AveragedByRow,
     /// [`Fidelity::Smooth`] at one step a row.
     SmoothByRow,
@@ -57,7 +58,7 @@ impl Fidelity {
         if self.is_smooth() { Fidelity::Smooth } else { Fidelity::Averaged }
     }
 
-    /// The same as searches run it.
+    /// The same without strokes, at one step a row.
     #[must_use]
     pub fn by_row(self) -> Self {
         if self.is_smooth() { Fidelity::SmoothByRow } else { Fidelity::AveragedByRow }
