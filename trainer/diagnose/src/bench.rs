@@ -49,8 +49,6 @@ pub struct Bench<'r> {
     pub simulator: Simulator<'r>,
     /// Runs rigs over them with the pump averaged: for searches, corrected by what the detailed rig differs by.
     pub fast: Simulator<'r>,
-    /// The same at one step a row: for what a mechanism changes, to see which is worth a fit.
-    pub by_row: Simulator<'r>,
     /// Runs rigs over them as closely as can be: in detail, or smooth where the readings were freed from the ripple.
     pub close: Simulator<'r>,
     /// Which rows are fitted, which choose, which are kept back.
@@ -110,23 +108,19 @@ const ONSET_REACH_S: f64 = 0.1;
 /// How thorough a fit is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effort {
-    /// Free runs until nothing more is gained that would decide between explanations.
-    Polish,
     /// Free runs until they converge.
-    Finish,
+    Polish,
     /// Windows first, then free runs.
     Full,
 }
 
 impl Effort {
     fn settings(self, search: Fidelity) -> FitSettings {
-        let free = vec![Shooting::Free];
-        let (stages, rounds, least_gain, rest) = match self {
-            Effort::Polish => (free, 10, 0.3, 5.0),
-            Effort::Finish => (free, 10, 0.3, 1.0),
-            Effort::Full => (vec![Shooting::Windows { seconds: 2.0 }, Shooting::Free], 12, 0.05, 1.0),
+        let (stages, rounds, least_gain) = match self {
+            Effort::Polish => (vec![Shooting::Free], 10, 0.3),
+            Effort::Full => (vec![Shooting::Windows { seconds: 2.0 }, Shooting::Free], 12, 0.05),
         };
-        FitSettings { stages, rounds, least_gain, rest, search, ..FitSettings::default() }
+        FitSettings { stages, rounds, least_gain, search, ..FitSettings::default() }
     }
 }
 
@@ -140,9 +134,8 @@ impl<'r> Bench<'r> {
             rig,
             records,
             simulator,
-            fast: simulator.at(fidelity.averaged()),
-            by_row: simulator.at(fidelity.by_row()),
-            close: simulator.at(if fidelity.is_smooth() { fidelity.averaged() } else { Fidelity::Detailed }),
+            fast: simulator.at(searching(fidelity)),
+            close: simulator.at(if fidelity == Fidelity::Smooth { fidelity } else { Fidelity::Detailed }),
             nominal: nominal(rig, Scatter::default()),
             fit_weights: split.weights(records.layout(), Role::Fit).iter().zip(usable).map(|(w, u)| w * u).collect(),
             counted: usable.to_vec(),
@@ -170,13 +163,13 @@ impl<'r> Bench<'r> {
     /// # Errors
     /// The rig cannot be simulated.
     pub fn without_strokes(&self, rig: &Rig) -> Result<Records, DiagnoseError> {
-        if self.simulator.fidelity().is_smooth() {
+        if self.simulator.fidelity() == Fidelity::Smooth {
             return Ok(self.records.clone());
         }
         let arcs = refined_starts(&self.fast, rig, &Arcs::free(self.records))?;
         let close = self.close.one(rig, &arcs)?;
-        let averaged = self.fast.one(rig, &arcs)?;
-        let less = self.records.readings_kpa().iter().zip(close.iter().zip(&averaged)).map(|(r, (c, a))| r - (c - a));
+        let fast = self.fast.one(rig, &arcs)?;
+        let less = self.records.readings_kpa().iter().zip(close.iter().zip(&fast)).map(|(r, (c, f))| r - (c - f));
         Ok(self.records.with_readings(less.collect())?)
     }
 
@@ -462,6 +455,11 @@ impl<'r> Bench<'r> {
 fn mean_of(stretches: &[(f64, f64)]) -> f64 {
     let (sum, rows) = stretches.iter().fold((0.0, 0.0), |(sum, rows), (s, r)| (sum + s, rows + r));
     sum / f64::max(rows, 1.0)
+}
+
+/// What searches run on where the recordings are simulated at a fidelity.
+pub fn searching(fidelity: Fidelity) -> Fidelity {
+    if fidelity == Fidelity::Smooth { fidelity } else { Fidelity::Averaged }
 }
 
 /// Rows of a block: 10 s, several time constants of the slowest chamber.

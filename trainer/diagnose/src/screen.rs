@@ -77,11 +77,11 @@ pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, o
         runs.push(Run::from(rig));
     }
     // A flapper that is new to the rig lies where its first seconds fit best.
-    let lying = flappers_of(&bench.by_row, &runs, &fitted.arcs, false);
+    let lying = flappers_of(&bench.fast, &runs, &fitted.arcs, false);
     for (run, flappers) in runs.iter_mut().zip(&lying) {
         run.flappers.clone_from(flappers);
     }
-    let traces = bench.by_row.run(&runs, &fitted.arcs);
+    let traces = bench.fast.run(&runs, &fitted.arcs);
     let Some((Ok(still), traces)) = traces.split_first() else { return Screening::default() };
     let of = |trace: &[f64]| -> Option<Vec<f64>> {
         let effect = weighted(still, trace, &[], &weights);
@@ -104,7 +104,7 @@ pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, o
         shifts.push((at, point.iter().zip(&fitted.point).map(|(to, from)| to - from).collect()));
         runs.push(Run { flappers: lying, ..Run::from(rig) });
     }
-    let traces: Vec<_> = shifts.iter().zip(bench.by_row.run(&runs, &fitted.arcs)).collect();
+    let traces: Vec<_> = shifts.iter().zip(bench.fast.run(&runs, &fitted.arcs)).collect();
     let again = side_by_side(&traces, |((_, shift), trace)| {
         let effect = of(trace.as_ref().ok()?)?;
         Some(projector.seen(projector.without_shift(effect, shift)))

@@ -228,19 +228,8 @@ pub fn search(
     if !best.terms.is_empty() && best.terms.len() < settings.most_terms && has_given_way(bench, &best) {
         tried.extend(believed(bench, candidates, &best, settings, tell));
     }
-    best = finished(bench, candidates, best)?;
     let by_likeness = likes.found.into_iter().filter(|term| best.terms.contains(term)).collect();
     Ok(Found { nominal, best, by_likeness, next, rounds, tried })
-}
-
-/// What was found, at rest: a cost of five more decides nothing, and is three standard errors along a valley.
-fn finished(bench: &Bench<'_>, candidates: &[Candidate], best: Explanation) -> Result<Explanation, DiagnoseError> {
-    if best.terms.is_empty() {
-        return Ok(best);
-    }
-    let start = std::slice::from_ref(&best.fitted.point);
-    let finished = bench.fit(candidates, &best.terms, start, Effort::Finish)?;
-    Ok(if cost(bench, &finished) < cost(bench, &best) { finished } else { best })
 }
 
 /// Takes out of `tried` what has one term more than `best` and is not among those `polished`: the same as a term of it at the other side,

@@ -27,7 +27,7 @@ const OVER_ROUGHNESS: f64 = 10.0;
 /// more than a factor of five, and two tenths of that are a third), and fits ended 60 of log-likelihood early in a
 /// valley that bends.
 pub fn difference_step(parameter: &Parameter, fidelity: Fidelity) -> f64 {
-    let wide = if fidelity.is_averaged() { 1.0 } else { OVER_ROUGHNESS };
+    let wide = if matches!(fidelity, Fidelity::Averaged | Fidelity::Smooth) { 1.0 } else { OVER_ROUGHNESS };
     let [low, high] = parameter.bounds;
     let most = match (parameter.transform, parameter.knowledge) {
         (Transform::Log, _) => MOST_SHARE / parameter.scale(),

@@ -49,8 +49,6 @@ pub struct FitSettings {
     pub rounds: usize,
     /// A stage is done when a step gains less log-likelihood than this.
     pub least_gain: f64,
-    /// Log-likelihood that a pass of the last stage gains at rest.
-    pub rest: f64,
     /// What the search runs on. The minimum is that of the simulator's own fidelity all the same.
     pub search: Fidelity,
 }
@@ -63,7 +61,6 @@ impl Default for FitSettings {
             rounds: 12,
             // Kept slopes converge by about a half a round where parameters hardly show: what is left is a third of this.
             least_gain: 0.05,
-            rest: 1.0,
             search: Fidelity::Averaged,
         }
     }
@@ -191,7 +188,8 @@ impl Task<'_> {
             prior: self.set.prior(),
             bounds: self.set.bounds(),
             rounds,
-            trials: TRIALS,
+            // Where slopes are kept two at a time take a third of the time, and more rounds, and ended elsewhere in long valleys.
+            trials: 8,
             least_gain,
             needed: f64::INFINITY,
         }
@@ -240,14 +238,14 @@ impl Task<'_> {
             let setting = self.setting(&self.rig_at(&point)?)?;
             let at_rest =
                 |(old, at): &(Vec<f64>, Vec<f64>)| settled(old, &setting.scale_kpa) && near_to(at, &point, 0.1);
-            if known.is_some() && gained < self.settings.rest && before.as_ref().is_some_and(at_rest) {
+            if known.is_some() && gained < REST && before.as_ref().is_some_and(at_rest) {
                 break;
             }
             before = Some((setting.scale_kpa.clone(), point.clone()));
             // The first pass may have far to go: slopes anew in every round, on one side. The others begin near its end.
             let approaching = pass == 0 && !borrowing;
             // Where parameters can stand in for each other, slopes from a little way off lead on for a little way only.
-            let good = |at: &[f64]| gained < self.settings.rest && near_to(at, &point, SLOPES_REACH);
+            let good = |at: &[f64]| gained < REST && near_to(at, &point, SLOPES_REACH);
             let slopes = known.take().filter(|(_, at)| borrowing || good(at));
             let at = slopes.as_ref().map_or_else(|| point.clone(), |(_, at)| at.clone());
             rounds += usize::from(slopes.is_none() && !approaching);
@@ -352,8 +350,8 @@ impl Problem for Watched<'_, '_> {
 
 /// The most passes of the last stage.
 const PASSES: usize = 8;
-/// Steps tried at once. (Where slopes are kept two at a time take a third of the time, and more rounds, and ended elsewhere in long valleys.)
-const TRIALS: usize = 8;
+/// Log-likelihood that a pass gains at rest.
+const REST: f64 = 1.0;
 /// What a round must gain while slopes are taken on one side: they are off by a per cent, and along a valley a search that
 /// follows them crawls.
 const APPROACH_GAIN: f64 = 5.0;

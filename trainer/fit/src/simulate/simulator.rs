@@ -3,7 +3,6 @@
 use std::sync::{Arc as Shared, Mutex, OnceLock, PoisonError};
 
 use model::averaged::PumpTables;
-use model::mechanism::Mechanism;
 use model::plant::{Plant, Simulated};
 use model::real::Lanes;
 use model::rig::{Rig, RigError};
@@ -34,42 +33,14 @@ pub enum Fidelity {
     /// The same without the ripple: for readings that were freed from it ([`crate::simulate::Track`]), and rigs whose
     /// crank angles nobody knows.
     Smooth,
-    /// [`Fidelity::Averaged`] at one step a row: for what a mechanism changes, to a few percent, not for fits. Combinations of
-    /// parameters that hardly show are small differences of what a fit sees, and what this is off by goes with them.
-    AveragedByRow,
-    /// [`Fidelity::Smooth`] at one step a row.
-    SmoothByRow,
-}
-
-impl Fidelity {
-    /// Whether pumps are averaged, so that readings are smooth in the parameters.
-    pub fn is_averaged(self) -> bool {
-        !matches!(self, Fidelity::Detailed | Fidelity::Coarse)
-    }
-
-    /// Whether the ripple is left off.
-    pub fn is_smooth(self) -> bool {
-        matches!(self, Fidelity::Smooth | Fidelity::SmoothByRow)
-    }
-
-    /// The same without strokes.
-    #[must_use]
-    pub fn averaged(self) -> Self {
-        if self.is_smooth() { Fidelity::Smooth } else { Fidelity::Averaged }
-    }
-
-    /// The same without strokes, at one step a row.
-    #[must_use]
-    pub fn by_row(self) -> Self {
-        if self.is_smooth() { Fidelity::SmoothByRow } else { Fidelity::AveragedByRow }
-    }
 }
 
 /// The coarse step in ms.
 const COARSE_STEP_MS: f64 = 0.4;
 /// The step at which pumps are turned for their tables, in ms: twice that of the paper's rig, for half the time.
 const TABLE_STEP_MS: f64 = 0.2;
-/// The step of averaged plants in ms.
+/// The step of averaged plants in ms, or a tick where that is shorter. With 20 ms a diagnosis takes a fifth less time where its fits come to
+/// rest, which they do not where parameters stand in for each other.
 const AVERAGED_STEP_MS: f64 = 10.0;
 
 /// Tables of averaged pumps, which depend on numbers of rigs alone. Rigs of one Jacobian differ in one number each, which
@@ -224,7 +195,7 @@ impl<'r> Simulator<'r> {
         outcomes: &Mutex<Vec<Outcome>>,
     ) {
         let lanes: Vec<Lane<'_>> = group.flights.iter().filter_map(|flight| task.lane(*flight)).collect();
-        let out = sweep(plant, self.fidelity.is_smooth(), group.ticks_per_row, &lanes);
+        let out = sweep(plant, self.fidelity == Fidelity::Smooth, group.ticks_per_row, &lanes);
         let rows = span(&lanes);
         let layout = self.records.layout();
         let mut outcomes = outcomes.lock().unwrap_or_else(PoisonError::into_inner);
@@ -284,14 +255,12 @@ impl<'r> Simulator<'r> {
     }
 
     fn plant(&self, rig: &Rig) -> Result<Plant<f64>, RigError> {
-        if !self.fidelity.is_averaged() {
-            return Plant::new(rig);
+        match self.fidelity {
+            Fidelity::Averaged | Fidelity::Smooth => {
+                Plant::averaged(rig, AVERAGED_STEP_MS.min(rig.integrator.tick_ms), &TABLES)
+            }
+            Fidelity::Detailed | Fidelity::Coarse => Plant::new(rig),
         }
-        let by_row = matches!(self.fidelity, Fidelity::AveragedByRow | Fidelity::SmoothByRow);
-        // Friction is asked at every step whether it holds: a flapper would slip half a row late.
-        let sticks = || rig.mechanisms.iter().any(|m| m.enabled && matches!(m.mechanism, Mechanism::ValveStiction(_)));
-        let step_ms = if by_row && !sticks() { 1e3 * PERIOD_S } else { AVERAGED_STEP_MS };
-        Plant::averaged(rig, step_ms.min(rig.integrator.tick_ms), &TABLES)
     }
 
     fn prepared(&self, rig: &Rig) -> Rig {
@@ -299,7 +268,7 @@ impl<'r> Simulator<'r> {
         let least_ms = match self.fidelity {
             Fidelity::Detailed => 0.0,
             Fidelity::Coarse => COARSE_STEP_MS,
-            _ => TABLE_STEP_MS,
+            Fidelity::Averaged | Fidelity::Smooth => TABLE_STEP_MS,
         };
         if rig.integrator.step_ms < least_ms {
             let steps = (rig.integrator.tick_ms / least_ms).round().max(1.0);
