@@ -101,9 +101,9 @@ impl<R: Real> Delay<R> {
             let switch = self.part * R::splat(instants as f64);
             for (j, sample) in samples.in_time().iter_mut().enumerate() {
                 // An instant stands for what is nearer to it than to any other: at the ends of the tick for half as much.
-                let whole = if j == 0 || j == instants { 0.5 } else { 1.0 };
+                let per_instant = if j == 0 || j == instants { 2.0 } else { 1.0 };
                 let end = R::splat((j as f64 + 0.5).min(instants as f64));
-                let weight = ((end - switch) * R::splat(1.0 / whole)).limited(R::splat(0.0), R::splat(1.0));
+                let weight = ((end - switch) * R::splat(per_instant)).limited(R::splat(0.0), R::splat(1.0));
                 // Not `older + weight (newer − older)`: at weight one this is the newer duty to the last bit, as
                 // in a run alone, when a neighbour's delay makes a lane without a part of a tick come here.
                 *sample = weight.mul_add(newer, (R::splat(1.0) - weight) * older);
