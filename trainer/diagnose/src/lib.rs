@@ -27,6 +27,13 @@
 //! No verdict is better than its recordings: what they do not tell is said, and never guessed.
 
 pub mod alone;
+// Recordings for tests are made in one place, which names this crate as its suites do.
+#[cfg(test)]
+extern crate self as diagnose;
+#[cfg(test)]
+#[path = "../tests/made/mod.rs"]
+mod made;
+
 mod answer;
 pub mod bench;
 pub mod candidate;

@@ -152,57 +152,22 @@ fn fits_as_slow(bench: &Bench<'_>, best: &Explanation, at: usize, least: f64) ->
 #[cfg(test)]
 mod tests {
     use fit::data::Records;
-    use fit::simulate::{Fidelity, Simulator};
-    use model::rig::Rig;
-    use proto::recording::Recording;
-    use proto::recording::csv::{Column, ColumnData};
 
     use super::*;
     use crate::candidate::candidates;
-
-    const ROWS: usize = 3000;
-
-    /// Holds of 1 to 3 s, what a rig shows of them, and noise of 0.08 kPa.
-    fn made(truth: &Rig) -> Recording {
-        let mut state = 11_u64;
-        let mut random = move || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 33) as f64 / f64::from(1u32 << 31)
-        };
-        let held = |every: usize, random: &mut dyn FnMut() -> f64| {
-            let mut duty = 0.8;
-            let hold = |row: usize| {
-                duty = if row.is_multiple_of(every) { 0.7 + 0.25 * random() } else { duty };
-                duty
-            };
-            (0..ROWS).map(hold).collect::<Vec<f64>>()
-        };
-        let duties = [held(90, &mut random), held(130, &mut random)];
-        let recorded = |kpa: [Vec<f64>; 2]| {
-            let named = ["u_pos", "u_neg", "p_pos_kpa", "p_neg_kpa"].into_iter().zip(duties.iter().cloned().chain(kpa));
-            let columns =
-                named.map(|(name, values)| Column { name: name.to_owned(), data: ColumnData::Numbers(values) });
-            Recording::new("made.csv", (0..ROWS).map(|k| 0.02 * k as f64).collect(), columns.collect()).unwrap()
-        };
-        let blank = Records::new(truth, &[recorded([vec![60.0; ROWS], vec![-50.0; ROWS]])]).unwrap();
-        let trace =
-            Simulator::new(&blank, Fidelity::Averaged).free(std::slice::from_ref(truth)).pop().unwrap().unwrap();
-        // Uniform over ±√3 of its standard deviation.
-        let mut noisy = |kpa: f64| kpa + 0.08 * 3f64.sqrt() * (2.0 * random() - 1.0);
-        recorded([0, 1].map(|c| blank.layout().channel(0, c).map(|i| noisy(trace[i])).collect()))
-    }
+    use crate::made::{self, made_after, moved};
 
     /// Something as quick as 5 s is no coil where it shows plainly; where it hardly does, a slower one would do as well.
     #[test]
     fn only_what_shows_is_told_by_how_fast_it_is() {
-        let rig = Rig::builtin("dual_pressure").unwrap();
+        let (rig, _) = moved(&[]);
         let all = candidates(&rig);
         let coil = all.iter().position(|candidate| candidate.name() == "coil_heating:negative").unwrap();
         let said = |rise: f64| {
             let mut truth = rig.clone();
             truth.mechanisms.push(all[coil].attached(&[rise, 5.0]));
-            let records = Records::new(&rig, &[made(&truth)]).unwrap();
-            let bench = Bench::new(&rig, &records, &vec![1.0; records.layout().len()], Fidelity::Averaged);
+            let records = Records::new(&rig, &made_after(0, 3000, &truth, 1, 11)).unwrap();
+            let bench = made::bench(&rig, &records);
             let mut start = vec![0.0; bench.nominal.len()];
             start.extend(all[coil].parameters(0).iter().zip([rise, 15.0]).map(|(p, value)| p.coordinate(value)));
             let best = bench.fit(&all, &[coil], &[start], Effort::Polish).unwrap();

@@ -183,27 +183,17 @@ fn most(projector: &Projector<'_>, effect: &[f64], elapsed_s: &[f64]) -> Option<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::made;
     use fit::data::Records;
-    use fit::simulate::Fidelity;
     use model::rig::Rig;
     use proto::recording::Recording;
-    use proto::recording::csv::{Column, ColumnData};
 
     fn recording(source: &str, seconds: usize) -> Recording {
-        let rows = seconds * 50;
-        let time_s = (0..rows).map(|row| row as f64 * PERIOD_S).collect();
+        let column = |of: &dyn Fn(usize) -> f64| (0..seconds * 50).map(of).collect::<Vec<f64>>();
         // Valves that move, and what a converter makes of pressures at rest.
-        let column = |name: &str, of: &dyn Fn(usize) -> f64| Column {
-            name: name.to_owned(),
-            data: ColumnData::Numbers((0..rows).map(of).collect()),
-        };
-        let columns = vec![
-            column("u_pos", &|row| 0.8 + 0.05 * (row / 50 % 2) as f64),
-            column("u_neg", &|row| 0.8 + 0.05 * (row / 70 % 2) as f64),
-            column("p_pos_kpa", &|row| 90.0 + 0.03 * (row * 7 % 3) as f64),
-            column("p_neg_kpa", &|row| -60.0 + 0.03 * (row * 5 % 3) as f64),
-        ];
-        Recording::new(source, time_s, columns).unwrap()
+        let moves = |every: usize| column(&|row| 0.8 + 0.05 * (row / every % 2) as f64);
+        let rests = |kpa: f64, by: usize| column(&|row| kpa + 0.03 * (row * by % 3) as f64);
+        made::recording(source, &[moves(50), moves(70)], [rests(90.0, 7), rests(-60.0, 5)])
     }
 
     /// When a transient is heard that lies at 12.5 s in the first so many recordings of these lengths.
@@ -212,7 +202,7 @@ mod tests {
         let recordings: Vec<Recording> =
             seconds.iter().enumerate().map(|(n, s)| recording(&format!("{n}.csv"), *s)).collect();
         let records = Records::new(&rig, &recordings).unwrap();
-        let bench = Bench::new(&rig, &records, &vec![1.0; records.layout().len()], Fidelity::Averaged);
+        let bench = made::bench(&rig, &records);
         let mut trace: Vec<f64> =
             records.readings_kpa().iter().enumerate().map(|(i, kpa)| kpa + 0.05 * (1 + i % 3) as f64).collect();
         for record in 0..first {
