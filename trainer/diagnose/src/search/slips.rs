@@ -34,15 +34,18 @@ pub(super) fn in_pieces(
     tell: &mut dyn FnMut(&str, f64),
 ) -> Result<Option<Explanation>, DiagnoseError> {
     let asked = |k: &usize| top.is_none_or(|top| top.terms == with(&base.terms, *k));
-    let open = |k: &usize| candidates[*k].stepped() && asked(k) && is_open(bench, candidates, &base.terms, *k);
+    let open = |k: &usize| candidates[*k].stepped() && is_open(bench, candidates, &base.terms, *k);
     let best_of = |k: usize| {
         let of_it = tried.iter().filter(|e| e.terms == with(&base.terms, k));
         of_it.map(|e| cost(bench, e)).min_by(f64::total_cmp)
     };
     let mut sticking: Vec<(usize, f64)> =
-        (0..candidates.len()).filter(open).filter_map(|k| Some((k, best_of(k)?))).collect();
+        (0..candidates.len()).filter(open).filter(asked).filter_map(|k| Some((k, best_of(k)?))).collect();
     sticking.sort_by(|a, b| a.1.total_cmp(&b.1));
     sticking.truncate(LOOKED_FOR);
+    // Whole recordings do not tell either what it is that rubs there.
+    let shaped = |k: &usize| sticking.iter().any(|(of, _)| of == k || candidates[*of].excludes(&candidates[*k]));
+    let sticking: Vec<usize> = (0..candidates.len()).filter(open).filter(shaped).collect();
     if sticking.is_empty() {
         return Ok(None);
     }
@@ -50,7 +53,7 @@ pub(super) fn in_pieces(
     let short = bench.over(&records, &taken(bench.counted(), &places));
     let before = short.fit(candidates, &base.terms, std::slice::from_ref(&base.fitted.point), Effort::Polish)?;
     let mut best: Option<Explanation> = None;
-    for (done, (k, _)) in sticking.iter().enumerate() {
+    for (done, k) in sticking.iter().enumerate() {
         tell("looking for what sticks", done as f64 / sticking.len() as f64);
         let middle = candidates[*k].starts.get(candidates[*k].starts.len() / 2).cloned().unwrap_or_default();
         let terms = with(&base.terms, *k);
