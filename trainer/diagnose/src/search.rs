@@ -36,7 +36,7 @@ use exchange::{deletions, pairs, swaps};
 use refine::{from_priors, plainer, refined, richer};
 use slips::in_pieces;
 pub(crate) use stepped::lying_where;
-use stepped::{STEPS, STEPS_IN_PIECES, scanned, sharpened};
+use stepped::sharpened;
 pub use terms::{is_open, open_beside, position_of, starts, values_of, with, without};
 use twin::{Likes, twinned};
 use worth::{earns_its_place, leaves_room};

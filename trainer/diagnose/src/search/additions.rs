@@ -4,12 +4,10 @@ use std::cmp::Ordering;
 
 use fit::cores::{side_by_side, side_by_side_telling};
 
+use super::stepped::{STEPS, Spot, scanned, sharpened};
 use super::terms::{open_beside, position_in, starts, starts_at, with};
 use super::worth::any_could_earn;
-use super::{
-    GLANCE_ROUNDS, PAIR_ROUNDS, PRICE, PRICE_OF_A_PARAMETER, Ranked, STEPS, SearchSettings, cost, has_given_way,
-    scanned, sharpened,
-};
+use super::{GLANCE_ROUNDS, PAIR_ROUNDS, PRICE, PRICE_OF_A_PARAMETER, Ranked, SearchSettings, cost, has_given_way};
 use crate::alone::by_themselves;
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
@@ -148,7 +146,8 @@ fn placed(
     let stepped = tried.alone().filter(|k| candidates[*k].stepped() && !explained);
     let found = stepped.and_then(|_| tried.screened.terms.first());
     let places = found.map_or_else(Vec::new, |(k, values)| scanned(bench, candidates, base, (*k, values), STEPS));
-    let fit = |place: &Vec<f64>| bench.fit(candidates, &tried.terms, std::slice::from_ref(place), Effort::Polish).ok();
+    let fit =
+        |place: &Spot| bench.fit(candidates, &tried.terms, std::slice::from_ref(&place.start), Effort::Polish).ok();
     ends.extend(side_by_side(&places, fit).into_iter().flatten());
     ends.sort_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b)));
     // Before steps come at their moments the right place may be second to a wrong one.

@@ -8,9 +8,10 @@
 
 use fit::cores::side_by_side;
 
+use super::stepped::{STEPS_IN_PIECES, Spot, scanned};
 use super::terms::is_open;
 use super::worth::earns_its_place;
-use super::{STEPS_IN_PIECES, SearchSettings, cost, scanned, sharpened, with};
+use super::{SearchSettings, cost, sharpened, with};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
@@ -20,6 +21,8 @@ use crate::pieces::{pieces, taken};
 
 /// The most mechanisms that are looked for.
 const LOOKED_FOR: usize = 2;
+/// Places that are fitted, of all that were looked at.
+const FITTED: usize = 4;
 
 /// Looks for what moves in steps on top of `base`, in pieces of the recordings: for those of `tried` that fitted best, or for that
 /// of `top`, which the whole recordings put there. Fitted to these from where it was found; `None` where nothing of the kind
@@ -52,19 +55,20 @@ pub(super) fn in_pieces(
     let (records, places) = pieces(bench.records);
     let short = bench.over(&records, &taken(bench.counted(), &places));
     let before = short.fit(candidates, &base.terms, std::slice::from_ref(&base.fitted.point), Effort::Polish)?;
-    let mut best: Option<Explanation> = None;
+    let mut places = Vec::new();
     for (done, k) in sticking.iter().enumerate() {
         tell("looking for what sticks", done as f64 / sticking.len() as f64);
         let middle = candidates[*k].starts.get(candidates[*k].starts.len() / 2).cloned().unwrap_or_default();
-        let terms = with(&base.terms, *k);
-        let places = scanned(&short, candidates, &before, (*k, &middle), STEPS_IN_PIECES);
-        let fit = |place: &Vec<f64>| short.fit(candidates, &terms, std::slice::from_ref(place), Effort::Polish).ok();
-        for fitted in side_by_side(&places, fit).into_iter().flatten() {
-            if best.as_ref().is_none_or(|best| cost(&short, &fitted) < cost(&short, best)) {
-                best = Some(fitted);
-            }
-        }
+        let found = scanned(&short, candidates, &before, (*k, &middle), STEPS_IN_PIECES);
+        places.extend(found.into_iter().map(|place| (with(&base.terms, *k), place)));
     }
+    places.sort_by(|a, b| b.1.gain.total_cmp(&a.1.gain));
+    places.truncate(FITTED);
+    let fit = |(terms, place): &(Vec<usize>, Spot)| {
+        short.fit(candidates, terms, std::slice::from_ref(&place.start), Effort::Polish).ok()
+    };
+    let fitted = side_by_side(&places, fit).into_iter().flatten();
+    let best = fitted.min_by(|a, b| cost(&short, a).total_cmp(&cost(&short, b)));
     let Some(found) = best else { return Ok(None) };
     let explained = explains_most(&left(&short, &before), &left(&short, &found));
     let earned = || {

@@ -23,7 +23,15 @@ const SCANNED: [f64; 4] = [0.0, 0.1, 0.2, 0.3];
 const SCANNED_FITS: usize = 3;
 const ELSEWHERE: f64 = 1.08;
 
-/// Where a stepped candidate on top of `base` may belong: starts for fits, the best first.
+/// Where a stepped candidate may belong.
+pub(super) struct Spot {
+    /// Start for a fit.
+    pub(super) start: Vec<f64>,
+    /// What it gains before one, all other parameters giving way to first order, in log-likelihood.
+    pub(super) gain: f64,
+}
+
+/// Where a stepped candidate on top of `base` may belong, the best first.
 ///
 /// Between steps that come at the right moments and those that do not there is no slope, and parameters that were fitted beside
 /// the wrong ones make them the best there are. So places are tried before anything is fitted beside them, from where the base
@@ -34,7 +42,7 @@ pub(super) fn scanned(
     base: &Explanation,
     (k, around): (usize, &[f64]),
     steps: i32,
-) -> Vec<Vec<f64>> {
+) -> Vec<Spot> {
     let (fitted, candidate) = (&base.fitted, &candidates[k]);
     let parameters = candidate.parameters(0);
     let Some(projector) = Projector::of(fitted, &base.set.prior()) else {
@@ -83,18 +91,19 @@ pub(super) fn scanned(
         .collect();
     ranked.sort_by(|a, b| b.1.total_cmp(&a.1));
     let size = |values: &[f64]| values.first().copied().unwrap_or(0.0).abs().max(f64::MIN_POSITIVE);
-    let mut places: Vec<(Vec<f64>, Vec<f64>)> = Vec::new();
-    for (values, _, shift) in ranked {
+    let mut places: Vec<(Vec<f64>, f64, Vec<f64>)> = Vec::new();
+    for (values, gain, shift) in ranked {
         let elsewhere = |known: &[f64]| (size(&values) / size(known)).ln().abs() > ELSEWHERE.ln();
-        if places.len() < SCANNED_FITS && places.iter().all(|(known, _)| elsewhere(known)) {
-            places.push((values, shift));
+        if places.len() < SCANNED_FITS && places.iter().all(|(known, ..)| elsewhere(known)) {
+            places.push((values, gain, shift));
         }
     }
     let terms = with(&base.terms, k);
-    let start = |(values, shift): (Vec<f64>, Vec<f64>)| {
-        starts_at(bench, candidates, (base, &base.moved(&shift)), &terms, &[(k, values)], false)
+    let found = |(values, gain, shift): (Vec<f64>, f64, Vec<f64>)| {
+        let starts = starts_at(bench, candidates, (base, &base.moved(&shift)), &terms, &[(k, values)], false);
+        starts.into_iter().map(move |start| Spot { start, gain })
     };
-    places.into_iter().flat_map(start).collect()
+    places.into_iter().flat_map(found).collect()
 }
 
 /// Onsets that [`timed`] tries: steps of so many seconds, so many either way.
