@@ -13,7 +13,7 @@
 //! | what a single mechanism explains of the given rig's mismatch | [`alone`] |
 //! | where the mismatch lives; missing flows reconstructed | [`locate`] |
 //! | how the pump turned, and the answer that goes with it | `turning`, `crank`, `heard`, `answer` |
-//! | a verdict and its rivals; names that do not hold after all | [`judge`], `withheld` |
+//! | a verdict and its rivals; names that do not hold after all | [`judge`], `withheld`, `untold` |
 //! | a term without a name | [`unknown`] |
 //! | what could be there and would not show; what numbers are off by because of it | [`hidden`], [`unnamed`] |
 //! | recordings in pieces of a few seconds | [`pieces`] |
@@ -64,6 +64,7 @@ mod turning;
 pub mod unknown;
 pub mod unnamed;
 pub mod unsettled;
+mod untold;
 mod whereabouts;
 mod withheld;
 mod words;

@@ -26,6 +26,7 @@ use crate::turning::answered;
 use crate::unknown::{self, Formula, fit_unknown};
 use crate::unnamed::variance_beyond_noise;
 use crate::unsettled::variance_of_steps;
+use crate::untold::unname;
 use crate::withheld::objection;
 
 /// What is asked for.
@@ -141,6 +142,8 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         found.best.fitted.widen(&beyond_noise);
         let of_steps = variance_of_steps(&searched, &asked.candidates, &found.best);
         found.best.fitted.widen(&of_steps);
+        let untold = unname(&searched, &asked.candidates, &found.best, turning.heard.is_some(), &mut judgement);
+        notes.extend(may_be_nothing(&asked.candidates, &untold));
     }
     if let Some(event) = &mut event {
         event.change = event::what_changed(&whole, &found.best.fitted.rig, event)?;
@@ -207,6 +210,17 @@ fn beside_what_is_named(candidates: &[Candidate], judgement: &Judgement, best: &
         format!(
             "{} is in the rig file as well: it shows while the pump stands, and moves no pressure by {REACH_KPA} kPa elsewhere",
             names_of(candidates, &beside)
+        )
+    })
+}
+
+/// What to say of terms that lost their name since their number may as well be nothing.
+fn may_be_nothing(candidates: &[Candidate], untold: &[usize]) -> Option<String> {
+    (!untold.is_empty()).then(|| {
+        format!(
+            "{} is in the rig file as well, since it fits better with it, and has no name: its number may as well be nothing, by what is \
+             too small for a name in any rig",
+            names_of(candidates, untold)
         )
     })
 }
