@@ -87,3 +87,37 @@ pub(super) fn in_pieces(
     let whole = bench.fit(candidates, &found.terms, std::slice::from_ref(&found.fitted.point), Effort::Polish)?;
     Ok((cost(bench, &whole) < cost(bench, base)).then_some(whole))
 }
+
+#[cfg(test)]
+mod tests {
+    use fit::data::Records;
+
+    use super::*;
+    use crate::candidate::candidates;
+    use crate::evidence::Bar;
+    use crate::made::{self, made_after, moved};
+    use crate::search::values_of;
+
+    /// Of a flapper that sticks only the plunger was tried, over a band that is a third too small.
+    #[test]
+    fn what_rubs_is_told_in_pieces_whatever_was_tried() {
+        let (rig, mut truth) = moved(&[("valves.valve_neg.input_area_mm2", 1.02), ("volumes.negative.volume_l", 0.97)]);
+        let all = candidates(&rig);
+        let of = |form: &str| all.iter().position(|c| c.name() == "valve_stiction:negative" && c.form == form).unwrap();
+        let (plunger, flapper) = (of(""), of("flapper"));
+        truth.mechanisms.push(all[flapper].attached(&[0.045, 0.15]));
+        let records = Records::new(&rig, &made_after(150, 1500, &truth, 2, 5)).unwrap();
+        let bench = made::bench(&rig, &records);
+        let base = bench.fit(&all, &[], &[vec![0.0; bench.nominal.len()]], Effort::Polish).unwrap();
+        let mut start = base.fitted.point.clone();
+        start.extend(all[plunger].parameters(0).iter().zip([0.03, 0.0]).map(|(p, value)| p.coordinate(value)));
+        let tried = bench.fit(&all, &[plunger], &[start], Effort::Polish).unwrap();
+        let settings =
+            SearchSettings { most_terms: 2, polished: 1, glanced: 4, from_prior: false, bar: Bar::default() };
+        let found = in_pieces(&bench, &all, &base, &settings, &[tried], None, &mut |_, _| ()).unwrap().unwrap();
+        assert_eq!(found.terms, [flapper]);
+        let band = values_of(&bench, &all, &found, flapper).unwrap()[0];
+        // Slips come at the right rows within about this.
+        assert!((band / 0.045 - 1.0).abs() < 0.03, "{band}");
+    }
+}
