@@ -25,8 +25,8 @@ const LOOKED_FOR: usize = 2;
 const FITTED: usize = 4;
 
 /// Looks for what moves in steps on top of `base`, in pieces of the recordings: for those of `tried` that fitted best, or for that
-/// of `top`, which the whole recordings put there. Fitted to these from where it was found; `None` where nothing of the kind
-/// explains most of what the pieces show, or `top` does so better.
+/// of `top`, which the whole recordings put there, in any shape that it has. Fitted to these from where it was found; `None`
+/// where nothing of the kind explains most of what the pieces show, or `top` does so better.
 pub(super) fn in_pieces(
     bench: &Bench<'_>,
     candidates: &[Candidate],
@@ -52,8 +52,8 @@ pub(super) fn in_pieces(
     if sticking.is_empty() {
         return Ok(None);
     }
-    let (records, places) = pieces(bench.records);
-    let short = bench.over(&records, &taken(bench.counted(), &places));
+    let (records, readings) = pieces(bench.records);
+    let short = bench.over(&records, &taken(bench.counted(), &readings));
     let before = short.fit(candidates, &base.terms, std::slice::from_ref(&base.fitted.point), Effort::Polish)?;
     let mut places = Vec::new();
     for (done, k) in sticking.iter().enumerate() {
