@@ -4,7 +4,7 @@
 //! either sign is not named while its interval of 90 % holds the value at which it does nothing. It stays in the rig file, where it
 //! fits better. (Of 199 that were named in cases of the hidden suite one was of that kind, and false.)
 
-use fit::objective::{Estimate, NINETY};
+use fit::objective::Estimate;
 use fit::parameters::Transform;
 
 use crate::bench::{Bench, Explanation};
@@ -34,8 +34,8 @@ pub(crate) fn unname(
 
 /// Whether the interval of a number that has either sign holds the value at which it does nothing, which is its prior's mean.
 fn may_be_nothing(estimate: &Estimate) -> bool {
-    let either_sign = estimate.parameter.transform == Transform::Linear;
-    either_sign && estimate.shift.abs() < NINETY * estimate.undetermined
+    let [low, high] = estimate.interval();
+    estimate.parameter.transform == Transform::Linear && (low..=high).contains(&estimate.parameter.mean)
 }
 
 #[cfg(test)]
