@@ -37,12 +37,13 @@ impl InstructionSet {
     }
 }
 
-/// The bundles that the tick is compiled for: one rig, and eight side by side.
+/// The bundles that the tick is compiled for: one rig, and four or eight side by side.
 ///
 /// A closed list, so that the tick is compiled here once and not again in every crate that simulates.
 pub trait Simulated: Real + sealed::Tick {}
 
 impl Simulated for f64 {}
+impl Simulated for Lanes<4> {}
 impl Simulated for Lanes<8> {}
 
 pub(crate) mod sealed {
@@ -132,5 +133,17 @@ macro_rules! compile_tick {
         }
     };
 }
-compile_tick!(f64);
-compile_tick!(Lanes<8>);
+
+// A module each, for that is what the compiler works on side by side (`codegen-units` in `Cargo.toml`).
+mod one {
+    use super::*;
+    compile_tick!(f64);
+}
+mod four {
+    use super::*;
+    compile_tick!(Lanes<4>);
+}
+mod eight {
+    use super::*;
+    compile_tick!(Lanes<8>);
+}

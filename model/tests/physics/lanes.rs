@@ -9,6 +9,7 @@ use model::rig::{Attached, Numbers as _, Pump, Rig};
 use proptest::prelude::*;
 
 const LANES: usize = 8;
+const FEW: usize = 4;
 const TICKS: usize = 8;
 
 /// What the test draws: a factor for each number of each lane's rig, then duties and relay by tick and lane.
@@ -148,13 +149,18 @@ proptest! {
         for rig in rigs() {
             let rigs: Vec<Rig> = factors.iter().enumerate().map(|(lane, f)| perturb(&rig, f, lane)).collect();
             let mut many = Simulation::new(Arc::new(Plant::<Lanes<LANES>>::side_by_side(&rigs).unwrap()));
+            let mut few = Simulation::new(Arc::new(Plant::<Lanes<FEW>>::side_by_side(&rigs[..FEW]).unwrap()));
             let mut singles: Vec<_> =
                 rigs.iter().map(|rig| Simulation::new(Arc::new(Plant::<f64>::new(rig).unwrap()))).collect();
             for (tick, row) in inputs.iter().enumerate() {
                 many.tick(&[0, 1, 2].map(|i| Lanes::from_lanes(|lane| row[lane][i])));
+                few.tick(&[0, 1, 2].map(|i| Lanes::from_lanes(|lane| row[lane][i])));
                 for (lane, single) in singles.iter_mut().enumerate() {
                     single.tick(&row[lane]);
                     prop_assert_eq!(seen(&many, lane), seen(single, 0), "{}, tick {}, lane {}", rig.name, tick, lane);
+                    if lane < FEW {
+                        prop_assert_eq!(seen(&few, lane), seen(single, 0), "{}, tick {}, of four {}", rig.name, tick, lane);
+                    }
                 }
             }
         }
@@ -185,5 +191,7 @@ fn instruction_sets_give_the_same_bits() {
         assert_eq!(fast, run::<f64>(&rig, InstructionSet::Baseline), "{name}");
         assert_eq!(fast, run::<Lanes<LANES>>(&rig, InstructionSet::Avx2), "{name} in lanes");
         assert_eq!(fast, run::<Lanes<LANES>>(&rig, InstructionSet::Baseline), "{name} in lanes");
+        assert_eq!(fast, run::<Lanes<FEW>>(&rig, InstructionSet::Avx2), "{name} in few lanes");
+        assert_eq!(fast, run::<Lanes<FEW>>(&rig, InstructionSet::Baseline), "{name} in few lanes");
     }
 }

@@ -70,6 +70,7 @@ fn ticks_allocate_nothing() {
     for name in Rig::BUILTIN {
         let rig = Rig::builtin(name).unwrap();
         assert_eq!(calls_in_ticks::<f64>(&rig), 0, "{name}, one rig");
+        assert_eq!(calls_in_ticks::<Lanes<4>>(&rig), 0, "{name}, four lanes");
         assert_eq!(calls_in_ticks::<Lanes<8>>(&rig), 0, "{name}, eight lanes");
     }
 }

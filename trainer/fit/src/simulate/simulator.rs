@@ -15,10 +15,11 @@ use crate::FitError;
 use crate::cores::{all_cores, share_out};
 use crate::data::Records;
 
-/// What runs side by side.
-const SIDE_BY_SIDE: usize = 8;
-/// Less is run one by one: a bundle takes as long as three of them, however many of its lanes are wanted.
-const WORTH_A_BUNDLE: usize = 3;
+/// What runs side by side where there is much to run.
+const MANY: usize = 8;
+/// What runs side by side where there is little: the recordings of one rig, mostly. A bundle of four takes a tenth to two thirds longer
+/// than one rig, a bundle of eight up to three times as long, however many of their lanes are wanted.
+const FEW: usize = 4;
 
 /// How closely the pump is simulated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -80,7 +81,8 @@ pub(super) type Outcome = Result<Vec<f64>, RigError>;
 /// Rigs of one structure, compiled.
 enum Bundle {
     One(Shared<Plant<f64>>),
-    Several(Shared<Plant<Lanes<SIDE_BY_SIDE>>>),
+    Few(Shared<Plant<Lanes<FEW>>>),
+    Many(Shared<Plant<Lanes<MANY>>>),
 }
 
 /// One run through one chain of arcs, by their indices.
@@ -151,7 +153,8 @@ impl<'r> Simulator<'r> {
             for group in bundles.get(item).into_iter().flat_map(|flights| task.groups(flights)) {
                 match &group.bundle {
                     Bundle::One(plant) => self.through(plant, &group, &task, &outcomes),
-                    Bundle::Several(plant) => self.through(plant, &group, &task, &outcomes),
+                    Bundle::Few(plant) => self.through(plant, &group, &task, &outcomes),
+                    Bundle::Many(plant) => self.through(plant, &group, &task, &outcomes),
                 }
             }
         });
@@ -237,18 +240,19 @@ impl<'r> Simulator<'r> {
                 None => structures.push((structure, vec![index])),
             }
         }
-        // One for each core comes before several in one.
-        let enough = task.runs.len() * task.chains.len() >= WORTH_A_BUNDLE * self.threads;
+        // One for each core comes before several in one, and few on each before many on one.
+        let width = match task.runs.len() * task.chains.len() {
+            flights if flights <= self.threads => 1,
+            flights if flights <= FEW * self.threads => FEW,
+            _ => MANY,
+        };
         let kinds = kinds(task.chains);
         let mut bundles = Vec::new();
         for (_, members) in &structures {
             for kind in &kinds {
                 let flights: Vec<Flight> =
                     kind.iter().flat_map(|chain| members.iter().map(|run| (*run, *chain))).collect();
-                for bundle in flights.chunks(SIDE_BY_SIDE) {
-                    let alone = !enough || bundle.len() < WORTH_A_BUNDLE;
-                    bundles.extend(bundle.chunks(if alone { 1 } else { SIDE_BY_SIDE }).map(<[Flight]>::to_vec));
-                }
+                bundles.extend(flights.chunks(width).map(<[Flight]>::to_vec));
             }
         }
         bundles
@@ -318,17 +322,21 @@ impl<'t> Task<'t> {
     /// Flights as a bundle; as several where numbers (a compliance of zero) changed the structure after all.
     fn groups(&self, flights: &[Flight]) -> Vec<Group> {
         let plants: Vec<&Plant<f64>> = flights.iter().filter_map(|(run, _)| self.plant(*run)).collect();
-        let bundle = match plants.as_slice() {
+        let together = match plants.as_slice() {
             [] => return Vec::new(),
-            [plant] => Bundle::One(Shared::new((*plant).clone())),
+            [plant] => Ok(Bundle::One(Shared::new((*plant).clone()))),
             several => {
                 let several: Vec<Plant<f64>> = several.iter().map(|plant| (*plant).clone()).collect();
-                let Ok(plant) = Plant::together(&several) else {
-                    let (front, back) = flights.split_at(flights.len() / 2);
-                    return [front, back].into_iter().flat_map(|half| self.groups(half)).collect();
-                };
-                Bundle::Several(Shared::new(plant))
+                if several.len() <= FEW {
+                    Plant::together(&several).map(|plant| Bundle::Few(Shared::new(plant)))
+                } else {
+                    Plant::together(&several).map(|plant| Bundle::Many(Shared::new(plant)))
+                }
             }
+        };
+        let Ok(bundle) = together else {
+            let (front, back) = flights.split_at(flights.len() / 2);
+            return [front, back].into_iter().flat_map(|half| self.groups(half)).collect();
         };
         // Between 1 and 20: a rig's tick is at least 1 ms.
         let ticks_per_row = plants.first().map_or(1, |plant| (PERIOD_S / plant.tick_s()).round() as u32);

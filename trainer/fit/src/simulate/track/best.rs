@@ -19,8 +19,8 @@ impl Laid {
         let mut products: Vec<Vec<f64>> = vec![Vec::new(); self.pieces.len()];
         let mut of_kind = |courses: Vec<Course>| {
             let mut most: Option<(f64, Course)> = None;
-            for course in courses {
-                let matched = self.matches(course, WINDOWS[0]);
+            let all_matched = side_by_side(&courses, |course| self.matches(*course, WINDOWS[0]));
+            for (course, matched) in courses.into_iter().zip(all_matched) {
                 let gain = matched.iter().map(|m| m.gain).sum();
                 for (all, m) in products.iter_mut().zip(&matched) {
                     all.push(m.product);
@@ -58,8 +58,8 @@ impl Laid {
             let per_bar = (1.0 - under_load / (1.0 + share)) / load_bar;
             (per_bar > 0.0).then_some(Course { share, droop: Some(Droop { per_bar, ..droop }), ..course })
         });
-        let gained = std::iter::once(course).chain(slides).map(|course| (self.gain(course, WINDOWS[0]), course));
-        gained.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(course, |(_, course)| course)
+        let all: Vec<Course> = std::iter::once(course).chain(slides).collect();
+        best_of(&all, |course| self.gain(course, WINDOWS[0])).map_or(course, |(_, course)| course)
     }
 
     /// The best course of a pump that droops and turns at another speed besides, be it all the time or as it warms.
@@ -108,7 +108,7 @@ impl Laid {
             let load_bar = mean_load_bar(std::slice::from_ref(piece));
             climb(course, load_bar, steps, |course, rows| self.matched(piece, course, rows).gain)
         };
-        self.pieces.iter().map(own).collect()
+        side_by_side(&self.pieces, own)
     }
 
     /// Standard errors of a course's numbers, in their places, from the scatter between recordings.
@@ -142,6 +142,12 @@ fn mean_load_bar(pieces: &[Piece]) -> f64 {
     loads().sum::<f64>() / loads().count().max(1) as f64
 }
 
+/// The one of some courses that gains most, and what it gains.
+fn best_of(courses: &[Course], gain_of: impl Fn(Course) -> f64 + Sync) -> Option<(f64, Course)> {
+    let gains = side_by_side(courses, |course| gain_of(*course));
+    gains.into_iter().zip(courses.iter().copied()).max_by(|a, b| a.0.total_cmp(&b.0))
+}
+
 /// Steps of one size at most: along a valley as many as a few steps of the size before.
 const STEPS: usize = 12;
 
@@ -150,15 +156,14 @@ fn climb(
     course: Course,
     load_bar: f64,
     steps: impl IntoIterator<Item = (usize, [f64; 3])>,
-    gain_of: impl Fn(Course, usize) -> f64,
+    gain_of: impl Fn(Course, usize) -> f64 + Sync,
 ) -> Course {
     let mut here = course;
     for (rows, sizes) in steps {
         let mut gain = gain_of(here, rows);
         for size in sizes {
             for _ in 0..STEPS {
-                let tried = here.neighbours(size, load_bar).into_iter().map(|course| (gain_of(course, rows), course));
-                match tried.max_by(|a, b| a.0.total_cmp(&b.0)) {
+                match best_of(&here.neighbours(size, load_bar), |course| gain_of(course, rows)) {
                     Some((better, course)) if better > gain => (gain, here) = (better, course),
                     _ => break,
                 }
