@@ -30,7 +30,7 @@ pub(crate) struct DiagnoseArgs {
     /// Folder for the results; made if it is not there
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Shorter search: fewer candidates are followed, each less far
+    /// Shorter search, for a first look: fewer candidates are followed to the end; mostly the same answer
     #[arg(long)]
     quick: bool,
     /// Print diagnosis.json instead of a summary

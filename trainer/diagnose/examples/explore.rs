@@ -6,7 +6,6 @@ use std::time::Instant;
 
 use diagnose::bench::Bench;
 use diagnose::candidate::candidates;
-use diagnose::evidence::Bar;
 use diagnose::search::{SearchSettings, search};
 use fit::data::Records;
 use fit::simulate::Fidelity;
@@ -28,13 +27,7 @@ fn main() {
     println!("noise {:?}", bench.noise);
     let all = candidates(&rig);
     let quick = std::env::var("QUICK").is_ok();
-    let settings = SearchSettings {
-        most_terms: 4,
-        glanced: if quick { 8 } else { 16 },
-        polished: if quick { 2 } else { 3 },
-        from_prior: true,
-        bar: Bar::default(),
-    };
+    let settings = if quick { SearchSettings::short(false) } else { SearchSettings::whole(false) };
     let start = Instant::now();
     let mut last = String::new();
     let found = search(&bench, &all, &vec![0.0; bench.nominal.len()], &settings, &mut |what, _| {

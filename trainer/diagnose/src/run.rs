@@ -11,7 +11,6 @@ use crate::bench::{Bench, Explanation};
 use crate::candidate::{Candidate, candidates, names_of};
 use crate::error::DiagnoseError;
 use crate::event::{self, Event};
-use crate::evidence::Bar;
 use crate::experiment::{can_be_shut_in, plan};
 use crate::figures::{Figures, figures};
 use crate::files::{summed_up, write};
@@ -178,13 +177,7 @@ fn asked(request: &Request, switched: bool) -> Asked<'_> {
     Asked {
         given: &request.rig,
         candidates: candidates(&request.rig),
-        settings: SearchSettings {
-            most_terms: 4,
-            glanced: if request.quick { 6 } else { 14 },
-            polished: if request.quick { 3 } else { 4 },
-            from_prior: true,
-            bar: if switched { Bar::of_experiments() } else { Bar::default() },
-        },
+        settings: if request.quick { SearchSettings::short(switched) } else { SearchSettings::whole(switched) },
         quick: request.quick,
     }
 }

@@ -50,16 +50,33 @@ pub struct SearchSettings {
     pub polished: usize,
     /// How many candidates that the screen puts first are fitted at all.
     pub glanced: usize,
+    /// How many pairs that it puts first are.
+    pub paired: usize,
     /// Whether candidates are also tried from the priors' means.
     pub from_prior: bool,
+    /// Whether it is looked as well where much time seldom brings an answer to light: fits from the priors' means once nothing passes,
+    /// mechanisms by themselves from the build sheet, a grid of bands for what moves in steps and is behind beside what was found,
+    /// one term further than a pair, pairs in exchange for what was found on both sides that are far behind, or again after each term.
+    pub thorough: bool,
     /// What a term must show.
     pub bar: Bar,
 }
 
 impl SearchSettings {
+    /// The whole search, for a rig whose pump was switched in the recordings or not.
+    pub fn whole(switched: bool) -> Self {
+        let bar = if switched { Bar::of_experiments() } else { Bar::default() };
+        SearchSettings { most_terms: 4, glanced: 6, paired: 3, polished: 3, from_prior: true, thorough: true, bar }
+    }
+
+    /// A short one: the same in most cases (docs/diagnose-hidden-suite.md), in half to two thirds of the time.
+    pub fn short(switched: bool) -> Self {
+        SearchSettings { polished: 2, thorough: false, ..Self::whole(switched) }
+    }
+
     /// For a round that is only there to see whether something follows.
     fn looking_ahead(&self) -> Self {
-        SearchSettings { polished: 1, ..*self }
+        SearchSettings { polished: 1, paired: 1, ..*self }
     }
 }
 
@@ -131,6 +148,7 @@ pub fn search(
     let mut next = None;
     let mut likes = Likes::default();
     let mut stood: Vec<Vec<usize>> = Vec::new();
+    let mut exchanged = None;
     // What is added and then deleted again would be added once more, and so on.
     while best.terms.len() < settings.most_terms && !stood.contains(&best.terms) {
         if !best.terms.is_empty() && !leaves_room(bench, settings, &best) {
@@ -183,7 +201,8 @@ pub fn search(
                 if unexplained { in_pieces(bench, candidates, &best, settings, &tried, None, tell)? } else { None };
             let unexplained = unexplained && slips.is_none();
             // Each of two may be lost in what the other does.
-            let ahead = if unexplained && best.terms.len() + 2 <= settings.most_terms {
+            let far = settings.thorough || best.terms.len() < 2;
+            let ahead = if unexplained && far && best.terms.len() + 2 <= settings.most_terms {
                 let (_, further) = additions(bench, candidates, &top, &settings.looking_ahead(), tell)?;
                 further.into_iter().next().filter(|pair| {
                     let earned = |without: &Explanation| {
@@ -198,7 +217,9 @@ pub fn search(
             // What is far from any known physics may be near one from where the parameters were before they gave way.
             let again = match ahead {
                 Some(found) => Some(found),
-                None if unexplained => from_priors(bench, candidates, &best, &missed, &mut tried, tell)?,
+                None if unexplained && settings.thorough => {
+                    from_priors(bench, candidates, &best, &missed, &mut tried, tell)?
+                }
                 None => None,
             };
             match slips.or(again.filter(passed)) {
@@ -219,7 +240,10 @@ pub fn search(
         best = twinned(bench, candidates, best, settings.most_terms, &mut tried, &mut likes);
         if best.terms.len() > 1 {
             best = swaps(bench, candidates, best, &rounds, settings, &mut tried, tell)?;
-            best = pairs(bench, candidates, best, &rounds, &mut tried, tell)?;
+            if settings.thorough || twins(candidates, &best.terms) != exchanged {
+                best = pairs(bench, candidates, best, &rounds, settings, &mut tried, tell)?;
+                exchanged = twins(candidates, &best.terms);
+            }
             best = deletions(bench, candidates, &nominal, best, settings, &likes.found, &mut tried)?;
         }
     }

@@ -24,7 +24,7 @@ use crate::search::is_open;
 use crate::switched::REACH_KPA;
 
 /// By how much further than by noise and by the unnamed alone a number is off, as formulas stand for something else: measured.
-pub const FORMULAS: f64 = 1.7;
+pub const FORMULAS: f64 = 1.4;
 
 /// What is to be added to the variance of each coordinate of an explanation, in units of its prior's, for mechanisms that are too
 /// small for a name and may be there beside it, and for formulas that stand for something else.

@@ -5,7 +5,7 @@
 mod made;
 
 use diagnose::candidate::candidates;
-use diagnose::evidence::{Bar, evidence};
+use diagnose::evidence::evidence;
 use diagnose::search::{SearchSettings, search};
 use fit::data::Records;
 use made::{bench, judged, made_after, moved};
@@ -59,7 +59,7 @@ fn a_lag_that_warm_gas_hides_is_found_on_both_sides() {
     ]);
     let records = Records::new(&rig, &made_after(200, 5000, &truth, 3, 71)).unwrap();
     let bench = bench(&rig, &records);
-    let settings = SearchSettings { most_terms: 4, polished: 3, glanced: 6, from_prior: true, bar: Bar::default() };
+    let settings = SearchSettings::whole(false);
     let found = search(&bench, &all, &vec![0.0; bench.nominal.len()], &settings, &mut |_, _| ()).unwrap();
     let mut names: Vec<String> = found.best.terms.iter().map(|term| all[*term].name()).collect();
     names.sort_unstable();

@@ -40,7 +40,7 @@ pub(super) fn additions(
     let far_off = has_given_way(bench, base);
     let singles = screening.single.iter().take(settings.glanced);
     let pair_fits = base.terms.len() + 2 <= settings.most_terms;
-    let doubles = screening.double.iter().take(if pair_fits { settings.polished } else { 0 });
+    let doubles = screening.double.iter().take(if pair_fits { settings.paired } else { 0 });
     let asked: Vec<&Screened> = singles.chain(doubles).collect();
     let tried = side_by_side_telling(
         &asked,
@@ -73,18 +73,18 @@ pub(super) fn additions(
     let ends = side_by_side_telling(first, fitted, &mut |share| tell("fitting the best", share));
     let mut polished = Vec::new();
     for (tried, ends) in first.iter().zip(ends) {
-        polished.extend(placed(bench, candidates, base, tried, ends, &polished)?);
+        polished.extend(placed(bench, candidates, base, tried, ends, &polished, settings.thorough)?);
     }
     // Those behind have their turn where none of the first can be fitted.
     for tried in behind {
         if !polished.is_empty() {
             break;
         }
-        polished.extend(placed(bench, candidates, base, tried, fitted(tried), &polished)?);
+        polished.extend(placed(bench, candidates, base, tried, fitted(tried), &polished, settings.thorough)?);
     }
     // Parameters that are far off beside the best of them are not believed: something else may need no such shift.
     let best = polished.iter().min_by(|a, b| cheaper(bench, a, b));
-    if best.is_some_and(|best| has_given_way(bench, best)) {
+    if settings.thorough && best.is_some_and(|best| has_given_way(bench, best)) {
         tell("trying mechanisms by themselves", 0.9);
         polished.extend(by_themselves(bench, candidates, base, settings.polished)?.fitted);
     }
@@ -140,10 +140,14 @@ fn placed(
     tried: &Tried<'_>,
     mut ends: Vec<Explanation>,
     polished: &[Explanation],
+    thorough: bool,
 ) -> Result<Option<Explanation>, DiagnoseError> {
-    // Its many fits are spared where something smooth that a glance put first does explain it.
+    // Its many fits are spared where something smooth that a glance put first does explain it; in a short search also where that is
+    // ahead beside what was found.
     let explained = polished.iter().any(|e| explains_most(&left(bench, base), &left(bench, e)));
-    let stepped = tried.alone().filter(|k| candidates[*k].stepped() && !explained);
+    let ahead = |e: &Explanation| ends.iter().all(|end| cost(bench, e) < cost(bench, end));
+    let behind = !thorough && !base.terms.is_empty() && polished.iter().any(ahead);
+    let stepped = tried.alone().filter(|k| candidates[*k].stepped() && !explained && !behind);
     let found = stepped.and_then(|_| tried.screened.terms.first());
     let places = found.map_or_else(Vec::new, |(k, values)| scanned(bench, candidates, base, (*k, values), STEPS));
     let fit =
@@ -152,7 +156,8 @@ fn placed(
     ends.sort_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b)));
     // Before steps come at their moments the right place may be second to a wrong one.
     ends.truncate(if stepped.is_some() { SHARPENED } else { 1 });
-    let sharp = side_by_side(&ends, |end| sharpened(bench, candidates, end.clone(), &base.terms));
+    let known: Vec<usize> = if behind { tried.terms.clone() } else { base.terms.clone() };
+    let sharp = side_by_side(&ends, |end| sharpened(bench, candidates, end.clone(), &known));
     let sharp = sharp.into_iter().collect::<Result<Vec<Explanation>, _>>()?;
     Ok(sharp.into_iter().min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b))))
 }

@@ -64,6 +64,9 @@ pub(super) fn swaps(
 
 /// Cost by which a pair that is to stand in for another may be behind after a glance.
 const PAIR_BEHIND: f64 = 2000.0;
+/// The same in a short search, and after a fit, for a richer shape to be tried.
+const PAIR_BEHIND_IN_SHORT: f64 = 1000.0;
+const PAIR_BEHIND_FITTED: f64 = 500.0;
 
 /// Replaces a mechanism that was found on both sides by another one on both sides, where that lowers the cost.
 ///
@@ -74,6 +77,7 @@ pub(super) fn pairs(
     candidates: &[Candidate],
     mut best: Explanation,
     rounds: &[Round],
+    settings: &SearchSettings,
     tried: &mut Vec<Explanation>,
     tell: &mut dyn FnMut(&str, f64),
 ) -> Result<Explanation, DiagnoseError> {
@@ -95,6 +99,7 @@ pub(super) fn pairs(
         }
     }
     let footing = Footing::of(bench, &best)?;
+    let behind = if settings.thorough { PAIR_BEHIND } else { PAIR_BEHIND_IN_SHORT };
     let swapped = |(a, b): &(usize, usize)| -> Result<Option<[Explanation; 2]>, DiagnoseError> {
         let terms = with(&with(&rest, *a), *b);
         let values: Vec<(usize, Vec<f64>)> = [(*a, one), (*b, other)]
@@ -104,12 +109,15 @@ pub(super) fn pairs(
         let starts = starts(bench, candidates, &best, &terms, &values, false);
         let set = bench.set_of(candidates, &terms)?;
         // Two terms at once are far from where they will end: a glance may leave them 700 of log-likelihood short.
-        let within = footing.cost + PAIR_BEHIND;
+        let within = footing.cost + behind;
         let close = footing.glance(bench, &set, &starts, PAIR_ROUNDS, within).filter(|g| g.cost < within);
         let fit = |close: Glanced| bench.fit(candidates, &terms, &[close.point], Effort::Polish).ok();
         // Neither pair's plain formula need be the right one: a valve that falls 4 % more slowly than it rises is 150 behind two
         // sensors as a plain lag, and 140 ahead of them with its own.
         let Some(plain) = close.and_then(fit) else { return Ok(None) };
+        if !settings.thorough && cost(bench, &plain) > cost(bench, &best) + PAIR_BEHIND_FITTED {
+            return Ok(Some([plain.clone(), plain]));
+        }
         Ok(Some([refined(bench, candidates, plain.clone(), 0.0)?, plain]))
     };
     let swaps = side_by_side_telling(&pairs, swapped, &mut |share| tell("swapping mechanisms", share));

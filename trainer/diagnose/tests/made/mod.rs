@@ -4,7 +4,6 @@
 
 use diagnose::bench::Bench;
 use diagnose::candidate::Candidate;
-use diagnose::evidence::Bar;
 use diagnose::judge::{Judgement, judge};
 use diagnose::search::{Found, SearchSettings, search};
 use fit::data::Records;
@@ -125,7 +124,14 @@ pub fn bench<'r>(rig: &'r Rig, records: &'r Records) -> Bench<'r> {
 }
 
 pub fn judged(bench: &Bench<'_>, candidates: &[Candidate]) -> (Found, Judgement) {
-    let settings = SearchSettings { most_terms: 2, polished: 1, glanced: 4, from_prior: false, bar: Bar::default() };
+    let settings = SearchSettings {
+        most_terms: 2,
+        polished: 1,
+        glanced: 4,
+        paired: 1,
+        from_prior: false,
+        ..SearchSettings::whole(false)
+    };
     let given = bench.free_run(bench.rig).unwrap();
     let found = search(bench, candidates, &vec![0.0; bench.nominal.len()], &settings, &mut |_, _| ()).unwrap();
     let judgement = judge(bench, candidates, &found, &given, &mut |_, _| ()).unwrap();
