@@ -69,9 +69,9 @@ impl SearchSettings {
         SearchSettings { most_terms: 4, glanced: 6, paired: 3, polished: 3, from_prior: true, thorough: true, bar }
     }
 
-    /// A short one: the same in most cases (docs/diagnose-hidden-suite.md), in half to two thirds of the time.
+    /// A short one: the same in most cases (docs/diagnose-hidden-suite.md), in two thirds of the time.
     pub fn short(switched: bool) -> Self {
-        SearchSettings { polished: 2, thorough: false, ..Self::whole(switched) }
+        SearchSettings { thorough: false, ..Self::whole(switched) }
     }
 
     /// For a round that is only there to see whether something follows.

@@ -60,10 +60,13 @@ pub(super) fn additions(
         .iter()
         .filter(|tried| tried.alone().is_some() && tried.gain >= first - 20.0 - NOT_CONVERGED * first.abs());
     let close: Vec<&Tried<'_>> = single.collect();
-    let mut chosen: Vec<&Tried<'_>> = double.into_iter().chain(close.iter().copied().take(settings.polished)).collect();
+    // The first name decides what every later one is: only beside it a short search looks at fewer.
+    let fewer = !settings.thorough && !base.terms.is_empty();
+    let polish = if fewer { settings.polished.saturating_sub(1).max(1) } else { settings.polished };
+    let mut chosen: Vec<&Tried<'_>> = double.into_iter().chain(close.iter().copied().take(polish)).collect();
     // What the screen put first is fitted in any case: its glance may have led into a wrong valley.
     let screened_first = screening.single.first().map(|screened| &screened.terms);
-    let left_behind = close.iter().skip(settings.polished).find(|tried| Some(&tried.screened.terms) == screened_first);
+    let left_behind = close.iter().skip(polish).find(|tried| Some(&tried.screened.terms) == screened_first);
     chosen.extend(left_behind);
     let wanted = chosen.len();
     let left_out = glances.iter().filter(|tried| chosen.iter().all(|known| known.terms != tried.terms));
