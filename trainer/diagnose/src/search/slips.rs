@@ -111,14 +111,7 @@ mod tests {
         let mut start = base.fitted.point.clone();
         start.extend(all[plunger].parameters(0).iter().zip([0.03, 0.0]).map(|(p, value)| p.coordinate(value)));
         let tried = bench.fit(&all, &[plunger], &[start], Effort::Polish).unwrap();
-        let settings = SearchSettings {
-            most_terms: 2,
-            polished: 1,
-            glanced: 4,
-            paired: 1,
-            from_prior: false,
-            ..SearchSettings::whole(false)
-        };
+        let settings = made::for_what_stands_out();
         let found = in_pieces(&bench, &all, &base, &settings, &[tried], None, &mut |_, _| ()).unwrap().unwrap();
         assert_eq!(found.terms, [flapper]);
         let band = values_of(&bench, &all, &found, flapper).unwrap()[0];

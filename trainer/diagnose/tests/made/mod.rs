@@ -123,15 +123,14 @@ pub fn bench<'r>(rig: &'r Rig, records: &'r Records) -> Bench<'r> {
     Bench::new(rig, records, &all, Fidelity::Averaged)
 }
 
+/// A search for two terms at most that follows one candidate to the end: enough where what is there stands out.
+pub fn for_what_stands_out() -> SearchSettings {
+    let whole = SearchSettings::whole(false);
+    SearchSettings { most_terms: 2, polished: 1, glanced: 4, paired: 1, from_prior: false, ..whole }
+}
+
 pub fn judged(bench: &Bench<'_>, candidates: &[Candidate]) -> (Found, Judgement) {
-    let settings = SearchSettings {
-        most_terms: 2,
-        polished: 1,
-        glanced: 4,
-        paired: 1,
-        from_prior: false,
-        ..SearchSettings::whole(false)
-    };
+    let settings = for_what_stands_out();
     let given = bench.free_run(bench.rig).unwrap();
     let found = search(bench, candidates, &vec![0.0; bench.nominal.len()], &settings, &mut |_, _| ()).unwrap();
     let judgement = judge(bench, candidates, &found, &given, &mut |_, _| ()).unwrap();
