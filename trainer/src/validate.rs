@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use fit::data::Records;
-use fit::simulate::{Arcs, Fidelity, Flapper, Run, Simulator, flappers_of};
+use fit::simulate::{Arcs, Fidelity, Flapper, Look, Run, Simulator, flappers_of};
 use model::plant::Plant;
 use model::rig::Rig;
 use proto::recording::Recording;
@@ -94,7 +94,7 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
 fn began(rig: &Rig, recording: &Recording) -> Result<Began, Failure> {
     let records = Records::new(rig, std::slice::from_ref(recording))?;
     let simulator = Simulator::new(&records, Fidelity::Averaged);
-    let found = flappers_of(&simulator, &[Run::from(rig.clone())], &Arcs::free(&records), true);
+    let found = flappers_of(&simulator, &[Run::from(rig.clone())], &Arcs::free(&records), Look::Closely);
     Ok(found.into_iter().next().unwrap_or_default())
 }
 

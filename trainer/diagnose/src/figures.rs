@@ -2,7 +2,7 @@
 
 use fit::FitError;
 use fit::data::Role;
-use fit::simulate::{ChannelError, Fidelity, Horizon, Simulator, errors, trace_at};
+use fit::simulate::{ChannelError, Fidelity, Horizon, Simulator, errors, traces_at};
 use model::rig::Rig;
 use proto::diagnosis::Fit;
 
@@ -47,17 +47,17 @@ pub fn held_out(bench: &Bench<'_>) -> Vec<f64> {
 pub fn figures(bench: &Bench<'_>, rig: &Rig, fidelity: Fidelity, short: bool) -> Result<Figures, FitError> {
     let simulator: Simulator<'_> = bench.simulator.at(fidelity);
     let weights = held_out(bench);
-    let trace = trace_at(&simulator, rig, Horizon::Free)?;
-    let windows = |seconds: f64| -> Result<Vec<ChannelError>, FitError> {
-        if !short {
-            return Ok(Vec::new());
-        }
-        Ok(errors(&simulator, &trace_at(&simulator, rig, Horizon::Windows { seconds })?, &weights))
-    };
+    let mut horizons = vec![Horizon::Free];
+    if short {
+        horizons.extend([10.0, 1.0].map(|seconds| Horizon::Windows { seconds }));
+    }
+    let mut traces = traces_at(&simulator, rig, &horizons)?.into_iter();
+    let trace = traces.next().unwrap_or_default();
+    let mut windows = || traces.next().map_or_else(Vec::new, |trace| errors(&simulator, &trace, &weights));
     Ok(Figures {
         free: errors(&simulator, &trace, &weights),
-        ten_seconds: windows(10.0)?,
-        one_second: windows(1.0)?,
+        ten_seconds: windows(),
+        one_second: windows(),
         accuracy: accuracy(bench, &trace, &weights),
         trace,
     })

@@ -135,15 +135,15 @@ impl Footing {
 /// Searches and fits run at coarser steps, whose errors of some hundredths of a kPa the parameters take up. What is
 /// written into a rig file must not carry those: other programs simulate it at its own step. The detailed simulation
 /// differs from the averaged one by an error that hardly depends on the parameters, so two passes with the known slopes
-/// settle it.
+/// settle it, and one settles all but what the second changes by.
 ///
 /// # Errors
 /// The explanation's rig cannot be simulated.
-pub fn settled(bench: &Bench<'_>, explanation: &Explanation) -> Result<Explanation, DiagnoseError> {
+pub fn settled(bench: &Bench<'_>, explanation: &Explanation, passes: usize) -> Result<Explanation, DiagnoseError> {
     let set = &explanation.set;
     let mut settled = explanation.clone();
     let fitted = &mut settled.fitted;
-    for _ in 0..2 {
+    for _ in 0..passes {
         let close = bench.close.one(&fitted.rig, &fitted.arcs)?;
         let fast = bench.fast.one(&fitted.rig, &fitted.arcs)?;
         let footing = Footing {

@@ -4,6 +4,7 @@
 //! recordings as well as the best must be named as its rival; and a mechanism that only saves the priors a stretch is
 //! a reason to ask for an experiment, never to name it.
 
+use fit::cores::side_by_side_telling;
 use fit::data::Role;
 use proto::diagnosis::Verdict;
 
@@ -138,60 +139,28 @@ fn something_named(
     if left > UNKNOWN_KPA && !explains_most(&excess_kpa[1], &excess_kpa[2]) {
         return Ok(Judgement::unnamed(Verdict::UnknownMechanism, excess_kpa));
     }
+    let small = small_leaks(bench, candidates, best)?;
+    let asked: Vec<usize> = best.terms.iter().copied().filter(|term| !small.contains(term)).collect();
+    let footing = Footing::of(bench, best)?;
+    let contest = |term: &usize| contest(bench, candidates, &footing, found, *term);
+    let contests = side_by_side_telling(&asked, contest, &mut |share| tell("looking for rivals", share));
     let mut contested = Vec::new();
     let mut rivals = vec![best.clone()];
     let mut groups = Vec::new();
-    let footing = Footing::of(bench, best)?;
-    let small = small_leaks(bench, candidates, best)?;
-    for (done, term) in best.terms.iter().enumerate().filter(|(_, term)| !small.contains(term)) {
-        tell("looking for rivals", done as f64 / best.terms.len() as f64);
-        let rest = without(&best.terms, *term);
-        let gain = lost_without(bench, candidates, &footing, best, &rest, found)?;
-        let mut tied = Vec::new();
-        // Of what explains as much, nothing else is there on the other side already and asks for no number of its own.
-        let close = if found.by_likeness.contains(term) { Vec::new() } else { close_to(found, *term) };
-        for k in close {
-            // Another shape of the same mechanism at the same place is no other answer.
-            if candidates[k].name() == candidates[*term].name() {
-                continue;
-            }
-            if best.terms.contains(&k) || rest.iter().any(|t| candidates[*t].excludes(&candidates[k])) {
-                continue;
-            }
-            let terms = with(&rest, k);
-            let known = found
-                .tried
-                .iter()
-                .filter(|e| e.terms == terms)
-                .min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b)));
-            let rival = match known {
-                Some(known) => known.clone(),
-                None => {
-                    let values: Vec<_> = values_of(found, k).into_iter().collect();
-                    let starts = starts(bench, candidates, best, &terms, &values, false);
-                    // What is far behind after a glance is no rival, whatever a fit would still mend.
-                    let set = bench.set_of(candidates, &terms)?;
-                    let Some(close) = footing.contender(bench, &set, &starts, GLANCE_ROUNDS) else { continue };
-                    let Ok(fitted) = bench.fit(candidates, &terms, &[close.point], Effort::Polish) else { continue };
-                    fitted
-                }
-            };
-            if is_rival(bench, best, &rival) {
-                tied.push(k);
-                rivals.push(rival);
-            }
-        }
-        if !tied.is_empty() {
-            let mut group: Vec<String> = vec![candidates[*term].name()];
+    for contest in contests {
+        let (contest, of_it) = contest?;
+        if !contest.rivals.is_empty() {
+            let mut group: Vec<String> = vec![candidates[contest.term].name()];
             // Two shapes of one mechanism there are one answer.
-            for name in tied.iter().map(|k| candidates[*k].name()) {
+            for name in contest.rivals.iter().map(|k| candidates[*k].name()) {
                 if !group.contains(&name) {
                     group.push(name);
                 }
             }
             groups.push(group);
         }
-        contested.push(Contest { term: *term, rivals: tied, gain });
+        rivals.extend(of_it);
+        contested.push(contest);
     }
     if let Some((one, other)) = twins(candidates, &best.terms) {
         let rest = without(&without(&best.terms, one), other);
@@ -218,6 +187,52 @@ fn something_named(
     let verdict = if groups.is_empty() { Verdict::MissingPhysics } else { Verdict::Undecided };
     let named = contested.iter().filter(|c| c.rivals.is_empty()).map(|c| c.term).collect();
     Ok(Judgement { verdict, named, contested, rivals, groups, excess_kpa })
+}
+
+/// What may stand in place of a term of what was found: which candidates, and the explanations with them.
+fn contest(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    footing: &Footing,
+    found: &Found,
+    term: usize,
+) -> Result<(Contest, Vec<Explanation>), DiagnoseError> {
+    let best = &found.best;
+    let rest = without(&best.terms, term);
+    let gain = lost_without(bench, candidates, footing, best, &rest, found)?;
+    let mut tied = Vec::new();
+    let mut rivals = Vec::new();
+    // Of what explains as much, nothing else is there on the other side already and asks for no number of its own.
+    let close = if found.by_likeness.contains(&term) { Vec::new() } else { close_to(found, term) };
+    for k in close {
+        // Another shape of the same mechanism at the same place is no other answer.
+        if candidates[k].name() == candidates[term].name() {
+            continue;
+        }
+        if best.terms.contains(&k) || rest.iter().any(|t| candidates[*t].excludes(&candidates[k])) {
+            continue;
+        }
+        let terms = with(&rest, k);
+        let known =
+            found.tried.iter().filter(|e| e.terms == terms).min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b)));
+        let rival = match known {
+            Some(known) => known.clone(),
+            None => {
+                let values: Vec<_> = values_of(found, k).into_iter().collect();
+                let starts = starts(bench, candidates, best, &terms, &values, false);
+                // What is far behind after a glance is no rival, whatever a fit would still mend.
+                let set = bench.set_of(candidates, &terms)?;
+                let Some(close) = footing.contender(bench, &set, &starts, GLANCE_ROUNDS) else { continue };
+                let Ok(fitted) = bench.fit(candidates, &terms, &[close.point], Effort::Polish) else { continue };
+                fitted
+            }
+        };
+        if is_rival(bench, best, &rival) {
+            tied.push(k);
+            rivals.push(rival);
+        }
+    }
+    Ok((Contest { term, rivals: tied, gain }, rivals))
 }
 
 /// Leaks among the terms that a pump at rest shows and nothing else would: they are in the rig, and not worth a name beside what is.

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use fit::cores::side_by_side;
 use model::rig::Rig;
 use proto::diagnosis::{Diagnosis, Verdict};
 use proto::recording::Recording;
@@ -71,15 +72,17 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
 
     progress("running before and after", 0.0);
     let of = |rig: &Rig| figures(bench, rig, bench.close.fidelity(), !request.quick);
-    let nominal = settled(bench, &found.nominal)?;
-    let fitted = of(&nominal.fitted.rig)?;
-    let (mut best, mut extended) = if found.best.terms.is_empty() {
-        (nominal.clone(), fitted.clone())
-    } else {
-        let best = settled(bench, &found.best)?;
-        let extended = of(&best.fitted.rig)?;
-        (best, extended)
+    let passes = if request.quick { 1 } else { 2 };
+    let shown = |explanation: &&Explanation| -> Result<(Explanation, Figures), DiagnoseError> {
+        let settled = settled(bench, explanation, passes)?;
+        let figures = of(&settled.fitted.rig)?;
+        Ok((settled, figures))
     };
+    let mut both = vec![&found.nominal];
+    both.extend(Some(&found.best).filter(|best| !best.terms.is_empty()));
+    let mut both = side_by_side(&both, shown).into_iter();
+    let (nominal, fitted) = both.next().unwrap_or_else(|| shown(&&found.nominal))?;
+    let (mut best, mut extended) = both.next().unwrap_or_else(|| Ok((nominal.clone(), fitted.clone())))?;
     if judgement.is_of_names() {
         if let Some(objection) = objection(&searched, &asked.candidates, &found, [&fitted, &extended])? {
             notes.push(objection.note);
@@ -114,7 +117,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         unknown = fit_unknown(&searched, &found.nominal, &missing, if request.quick { 2 } else { 4 }, formula)?;
     }
     if let Some(mut term) = unknown.take() {
-        term.explanation = settled(bench, &term.explanation)?;
+        term.explanation = settled(bench, &term.explanation, passes)?;
         let with_it = of(&term.explanation.fitted.rig)?;
         if with_it.holds_against(&fitted, &bench.sigma_kpa()) {
             extended = with_it;

@@ -17,7 +17,7 @@
 use fit::cores::side_by_side;
 use fit::least_squares::Linearised;
 use fit::objective::{Fitted, Projection};
-use fit::simulate::{Run, flappers_of};
+use fit::simulate::{Look, Run, flappers_of};
 use model::rig::Rig;
 use nalgebra::{DMatrix, DVector};
 
@@ -57,8 +57,14 @@ const SECOND_PLACE: f64 = 20.0;
 /// proportion is a small part of what they take up.
 const TAKEN_UP: f64 = 0.3;
 
-/// Screens candidates on top of an explanation.
-pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, open: &[usize]) -> Screening {
+/// Screens candidates on top of an explanation, looking so for where flappers lay that are new to it.
+pub fn screen(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    base: &Explanation,
+    open: &[usize],
+    look: Look,
+) -> Screening {
     let prior = base.set.prior();
     let fitted = &base.fitted;
     let Some(projector) = Projector::of(fitted, &prior) else {
@@ -77,7 +83,7 @@ pub fn screen(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, o
         runs.push(Run::from(rig));
     }
     // A flapper that is new to the rig lies where its first seconds fit best.
-    let lying = flappers_of(&bench.fast, &runs, &fitted.arcs, false);
+    let lying = flappers_of(&bench.fast, &runs, &fitted.arcs, look);
     for (run, flappers) in runs.iter_mut().zip(&lying) {
         run.flappers.clone_from(flappers);
     }

@@ -12,6 +12,8 @@
 //! | `twin` | what was found on one side, on the other |
 //! | `terms` | which terms may stand beside which, and where their parameters lie |
 
+use fit::simulate::Look;
+
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
@@ -28,7 +30,7 @@ mod terms;
 mod twin;
 mod worth;
 
-use additions::{additions, cheaper};
+use additions::{Additions, additions, cheaper};
 use believed::believed;
 pub(crate) use believed::brings_back;
 pub use exchange::twins;
@@ -39,7 +41,7 @@ pub(crate) use stepped::lying_where;
 use stepped::sharpened;
 pub use terms::{is_open, open_beside, position_of, starts, values_of, with, without};
 use twin::{Likes, twinned};
-use worth::{earns_its_place, leaves_room};
+use worth::{earns_its_place, least_gain, leaves_room};
 
 /// How to search.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,6 +74,11 @@ impl SearchSettings {
     /// A short one: the same in most cases (docs/diagnose-hidden-suite.md), in two thirds of the time.
     pub fn short(switched: bool) -> Self {
         SearchSettings { thorough: false, ..Self::whole(switched) }
+    }
+
+    /// How closely the screen looks where flappers lay.
+    fn look(&self) -> Look {
+        if self.thorough { Look::Evenly } else { Look::Roughly }
     }
 
     /// For a round that is only there to see whether something follows.
@@ -149,25 +156,35 @@ pub fn search(
     let mut likes = Likes::default();
     let mut stood: Vec<Vec<usize>> = Vec::new();
     let mut exchanged = None;
+    let mut screening = None;
     // What is added and then deleted again would be added once more, and so on.
     while best.terms.len() < settings.most_terms && !stood.contains(&best.terms) {
         if !best.terms.is_empty() && !leaves_room(bench, settings, &best) {
             break;
         }
         stood.push(best.terms.clone());
-        let (ranked, mut polished) = additions(bench, candidates, &best, settings, tell)?;
+        let explained = !best.terms.is_empty() && !is_unexplained(bench, &nominal, &best);
+        let least_gain = if explained && !settings.thorough { least_gain(bench, &nominal, &best) } else { 0.0 };
+        let tried_on_top = additions(bench, candidates, &best, settings, least_gain, tell)?;
+        let Additions { ranked, mut polished, .. } = tried_on_top;
+        screening = Some((best.terms.clone(), tried_on_top.screening));
         if polished.is_empty() {
+            if !ranked.is_empty() {
+                rounds.push(Round { base: best.terms.clone(), ranked, best: Vec::new(), evidence: None, taken: false });
+            }
             break;
         }
         polished.extend(tried_beside(&best, &mut tried, &polished));
         polished.sort_by(|a, b| cheaper(bench, a, b));
         before_what_steps(bench, candidates, &best, &mut polished);
         let Some(first) = polished.first().cloned() else { break };
-        let mut top = plainer(bench, candidates, first, settings.bar.removed_kpa)?;
         let earns = |with: &Explanation| {
             let found = evidence(bench, with, &best);
             (earns_its_place(bench, candidates, settings, &found, [with, &best, &nominal]), found)
         };
+        // A plainer shape sets no more right: in a short search it is not fitted where the richer one is not taken.
+        let may_be_plainer = settings.thorough || earns(&first).0;
+        let mut top = if may_be_plainer { plainer(bench, candidates, first, settings.bar.removed_kpa)? } else { first };
         let (mut taken, mut found) = earns(&top);
         // Where little is left, what costs least may do so by slow errors of the formulas, which no name stands for.
         if !taken {
@@ -203,8 +220,8 @@ pub fn search(
             // Each of two may be lost in what the other does.
             let far = settings.thorough || best.terms.len() < 2;
             let ahead = if unexplained && far && best.terms.len() + 2 <= settings.most_terms {
-                let (_, further) = additions(bench, candidates, &top, &settings.looking_ahead(), tell)?;
-                further.into_iter().next().filter(|pair| {
+                let further = additions(bench, candidates, &top, &settings.looking_ahead(), 0.0, tell)?;
+                further.polished.into_iter().next().filter(|pair| {
                     let earned = |without: &Explanation| {
                         let found = evidence(bench, pair, without);
                         earns_its_place(bench, candidates, settings, &found, [pair, without, &nominal])
@@ -237,7 +254,7 @@ pub fn search(
         }
         rounds.push(round);
         // Before anything else stands for what the same does on the other side.
-        best = twinned(bench, candidates, best, settings.most_terms, &mut tried, &mut likes);
+        best = twinned(bench, candidates, best, settings, &mut tried, &mut likes);
         if best.terms.len() > 1 {
             best = swaps(bench, candidates, best, &rounds, settings, &mut tried, tell)?;
             if settings.thorough || twins(candidates, &best.terms) != exchanged {
@@ -247,10 +264,11 @@ pub fn search(
             best = deletions(bench, candidates, &nominal, best, settings, &likes.found, &mut tried)?;
         }
     }
-    best = twinned(bench, candidates, best, settings.most_terms, &mut tried, &mut likes);
+    best = twinned(bench, candidates, best, settings, &mut tried, &mut likes);
     // What a fit does not need may still be there, where its parameters are not believed.
     if !best.terms.is_empty() && best.terms.len() < settings.most_terms && has_given_way(bench, &best) {
-        tried.extend(believed(bench, candidates, &best, settings, tell));
+        let known = screening.filter(|(terms, _)| *terms == best.terms).map(|(_, screening)| screening);
+        tried.extend(believed(bench, candidates, &best, known, settings, tell));
     }
     let by_likeness = likes.found.into_iter().filter(|term| best.terms.contains(term)).collect();
     Ok(Found { nominal, best, by_likeness, next, rounds, tried })

@@ -17,6 +17,11 @@ pub fn all_cores() -> usize {
     std::thread::available_parallelism().map_or(1, NonZero::get)
 }
 
+/// Whether nobody works on some core at this moment.
+pub(crate) fn any_is_free() -> bool {
+    FREE.load(Ordering::Relaxed) > 0
+}
+
 /// A core that somebody works on; free again once this is dropped.
 struct Taken;
 

@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 
 use fit::cores::{side_by_side, side_by_side_telling};
 
-use super::stepped::{STEPS, Spot, scanned, sharpened};
+use super::stepped::{STEPS, STEPS_IN_SHORT, Spot, scanned, sharpened};
 use super::terms::{open_beside, position_in, starts, starts_at, with};
 use super::worth::any_could_earn;
 use super::{GLANCE_ROUNDS, PAIR_ROUNDS, PRICE, PRICE_OF_A_PARAMETER, Ranked, SearchSettings, cost, has_given_way};
@@ -14,26 +14,37 @@ use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::glance::{Footing, Glanced};
 use crate::judge::{UNKNOWN_KPA, explains_most, left};
-use crate::screen::{Screened, screen};
+use crate::screen::{Screened, Screening, screen};
 
 /// Share of the first one's gain at a glance within which others are fitted as well.
 const NOT_CONVERGED: f64 = 0.7;
 /// Ends of fits of what moves in steps that are looked at closely.
 const SHARPENED: usize = 2;
 
-/// Tries every candidate on top of `base`; the ranking, and the best ones fitted to the end.
+/// What trying every candidate came to.
+#[derive(Default)]
+pub(super) struct Additions {
+    pub(super) screening: Screening,
+    /// After a glance, best first.
+    pub(super) ranked: Vec<Ranked>,
+    /// The best ones fitted to the end, cheapest first.
+    pub(super) polished: Vec<Explanation>,
+}
+
+/// Tries every candidate on top of `base`. None is fitted to the end where none gains `least_gain` at a glance.
 pub(super) fn additions(
     bench: &Bench<'_>,
     candidates: &[Candidate],
     base: &Explanation,
     settings: &SearchSettings,
+    least_gain: f64,
     tell: &mut dyn FnMut(&str, f64),
-) -> Result<(Vec<Ranked>, Vec<Explanation>), DiagnoseError> {
+) -> Result<Additions, DiagnoseError> {
     let open = open_beside(bench, candidates, &base.terms);
     tell("screening mechanisms", 0.0);
-    let screening = screen(bench, candidates, base, &open);
+    let screening = screen(bench, candidates, base, &open, settings.look());
     if !base.terms.is_empty() && !any_could_earn(bench, base, &screening, settings.bar.removed_beyond_doubt_kpa) {
-        return Ok((Vec::new(), Vec::new()));
+        return Ok(Additions { screening, ..Additions::default() });
     }
     let footing = Footing::of(bench, base)?;
     // Parameters that have given way too far lead a fit into a valley of their own.
@@ -51,6 +62,9 @@ pub(super) fn additions(
     let mut glances: Vec<Tried<'_>> = tried.into_iter().flatten().collect();
     glances.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let ranked: Vec<Ranked> = glances.iter().filter_map(|tried| tried.ranked(bench, candidates)).collect();
+    if glances.first().is_some_and(|first| first.gain < least_gain) {
+        return Ok(Additions { screening, ranked, polished: Vec::new() });
+    }
     let best = ranked.first().map_or(0.0, |first| first.gain);
     // What is far behind after a glance is not worth a fit, nor is a second place that adds next to nothing. A glance is not
     // converged: where parameters have far to go, what gains less than half of the first at a glance may come out ahead.
@@ -71,7 +85,7 @@ pub(super) fn additions(
     let wanted = chosen.len();
     let left_out = glances.iter().filter(|tried| chosen.iter().all(|known| known.terms != tried.terms));
     chosen.extend(left_out.collect::<Vec<_>>());
-    let fitted = |tried: &&Tried<'_>| near_a_glance(bench, candidates, base, tried, far_off);
+    let fitted = |tried: &&Tried<'_>| near_a_glance(bench, candidates, base, tried, far_off && settings.thorough);
     let (first, behind) = chosen.split_at(wanted.min(chosen.len()));
     let ends = side_by_side_telling(first, fitted, &mut |share| tell("fitting the best", share));
     let mut polished = Vec::new();
@@ -92,7 +106,7 @@ pub(super) fn additions(
         polished.extend(by_themselves(bench, candidates, base, settings.polished)?.fitted);
     }
     polished.sort_by(|a, b| cheaper(bench, a, b));
-    Ok((ranked, polished))
+    Ok(Additions { screening, ranked, polished })
 }
 
 /// A glance at what the screen offers on top of `base`; `None` where it cannot be run.
@@ -152,7 +166,8 @@ fn placed(
     let behind = !thorough && !base.terms.is_empty() && polished.iter().any(ahead);
     let stepped = tried.alone().filter(|k| candidates[*k].stepped() && !explained && !behind);
     let found = stepped.and_then(|_| tried.screened.terms.first());
-    let places = found.map_or_else(Vec::new, |(k, values)| scanned(bench, candidates, base, (*k, values), STEPS));
+    let steps = if thorough { STEPS } else { STEPS_IN_SHORT };
+    let places = found.map_or_else(Vec::new, |(k, values)| scanned(bench, candidates, base, (*k, values), steps));
     let fit =
         |place: &Spot| bench.fit(candidates, &tried.terms, std::slice::from_ref(&place.start), Effort::Polish).ok();
     ends.extend(side_by_side(&places, fit).into_iter().flatten());

@@ -12,7 +12,7 @@ use super::terms::{open_beside, starts_at, with};
 use super::{PRICE, SearchSettings, cost};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::{Candidate, is_leak};
-use crate::screen::{Screened, screen};
+use crate::screen::{Screened, Screening, screen};
 
 /// What the screen must see in a term, in log-likelihood and prior, for it to be fitted.
 const LEAST: f64 = 10.0;
@@ -27,16 +27,17 @@ pub(crate) fn brings_back(best: &Explanation, with: &Explanation) -> bool {
 }
 
 /// The terms of `best`, whose parameters have given way, and a leak, with which they need not: those that cost less, the best
-/// first.
+/// first. `screening` is what the screen said on top of `best`, where it was asked already.
 pub(super) fn believed(
     bench: &Bench<'_>,
     candidates: &[Candidate],
     best: &Explanation,
+    screening: Option<Screening>,
     settings: &SearchSettings,
     tell: &mut dyn FnMut(&str, f64),
 ) -> Vec<Explanation> {
-    let open = open_beside(bench, candidates, &best.terms);
-    let screening = screen(bench, candidates, best, &open);
+    let screened = || screen(bench, candidates, best, &open_beside(bench, candidates, &best.terms), settings.look());
+    let screening = screening.unwrap_or_else(screened);
     let cost_as_it_is = best.set.prior_cost(&best.fitted.point);
     let saves = |screened: &Screened| cost_as_it_is - best.set.prior_cost(&best.moved(&screened.shift));
     let gains = screening.single.iter().filter(|screened| screened.gain > LEAST);

@@ -68,6 +68,13 @@ const PAIR_BEHIND: f64 = 2000.0;
 const PAIR_BEHIND_IN_SHORT: f64 = 1000.0;
 const PAIR_BEHIND_FITTED: f64 = 500.0;
 
+/// Another mechanism on both sides.
+struct Pair {
+    plain: Explanation,
+    /// With the richer shapes that fit; not tried where the plain one is too far behind.
+    shaped: Option<Explanation>,
+}
+
 /// Replaces a mechanism that was found on both sides by another one on both sides, where that lowers the cost.
 ///
 /// Late valves and late sensors are nearly the same to the readings; once one of each pair stands on one side, its like on
@@ -100,7 +107,7 @@ pub(super) fn pairs(
     }
     let footing = Footing::of(bench, &best)?;
     let behind = if settings.thorough { PAIR_BEHIND } else { PAIR_BEHIND_IN_SHORT };
-    let swapped = |(a, b): &(usize, usize)| -> Result<Option<[Explanation; 2]>, DiagnoseError> {
+    let swapped = |(a, b): &(usize, usize)| -> Result<Option<Pair>, DiagnoseError> {
         let terms = with(&with(&rest, *a), *b);
         let values: Vec<(usize, Vec<f64>)> = [(*a, one), (*b, other)]
             .into_iter()
@@ -116,18 +123,20 @@ pub(super) fn pairs(
         // sensors as a plain lag, and 140 ahead of them with its own.
         let Some(plain) = close.and_then(fit) else { return Ok(None) };
         if !settings.thorough && cost(bench, &plain) > cost(bench, &best) + PAIR_BEHIND_FITTED {
-            return Ok(Some([plain.clone(), plain]));
+            return Ok(Some(Pair { plain, shaped: None }));
         }
-        Ok(Some([refined(bench, candidates, plain.clone(), 0.0)?, plain]))
+        let shaped = Some(refined(bench, candidates, plain.clone(), 0.0)?);
+        Ok(Some(Pair { plain, shaped }))
     };
     let swaps = side_by_side_telling(&pairs, swapped, &mut |share| tell("swapping mechanisms", share));
-    let swaps: Vec<[Explanation; 2]> = swaps.into_iter().filter_map(Result::transpose).collect::<Result<_, _>>()?;
+    let swaps: Vec<Pair> = swaps.into_iter().filter_map(Result::transpose).collect::<Result<_, _>>()?;
     if swaps.is_empty() {
         return Ok(best);
     }
     let mut own = refined(bench, candidates, best.clone(), 0.0)?;
-    for [shaped, plain] in swaps {
+    for Pair { plain, shaped } in swaps {
         tried.push(plain);
+        let Some(shaped) = shaped else { continue };
         if cheaper(bench, &shaped, &own) == Ordering::Less {
             own = shaped.clone();
             tried.push(std::mem::replace(&mut best, shaped));

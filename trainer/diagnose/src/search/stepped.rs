@@ -3,7 +3,7 @@
 use fit::cores::side_by_side;
 use fit::data::Role;
 use fit::objective::Fitted;
-use fit::simulate::{Flapper, Run, flappers_of};
+use fit::simulate::{Flapper, Look, Run, flappers_of};
 
 use super::terms::starts_at;
 use super::{cost, position_of, with};
@@ -16,6 +16,8 @@ use crate::screen::Projector;
 /// Factor within which [`scanned`] looks, either way, in so many steps, and what a second parameter is set to.
 const SCAN: f64 = 4.0;
 pub(super) const STEPS: i32 = 36;
+/// Steps in a short search.
+pub(super) const STEPS_IN_SHORT: i32 = 18;
 /// Steps where one slip that comes late does not put off all that follow: the right place shows from further away.
 pub(super) const STEPS_IN_PIECES: i32 = 18;
 const SCANNED: [f64; 4] = [0.0, 0.1, 0.2, 0.3];
@@ -71,7 +73,7 @@ pub(super) fn scanned(
         Run::from(rig)
     };
     let mut runs: Vec<Run> = tries.iter().map(run).collect();
-    let lying = flappers_of(&bench.fast, &runs, &fitted.arcs, false);
+    let lying = flappers_of(&bench.fast, &runs, &fitted.arcs, Look::Evenly);
     for (run, flappers) in runs.iter_mut().zip(&lying) {
         run.flappers.clone_from(flappers);
     }

@@ -1,10 +1,13 @@
 //! What was found on one side, looked for on the other: two chambers, and two valves, are mostly of one make.
 
+use fit::simulate::Look;
+
 use super::terms::starts;
-use super::{cost, values_of, with};
+use super::{SearchSettings, cost, values_of, with};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
-use crate::evidence::evidence;
+use crate::evidence::{CERTAIN, evidence};
+use crate::screen::screen;
 
 /// Factor within which both sides of one make have the same number.
 const ALIKE: f64 = 2.0;
@@ -16,6 +19,15 @@ pub(super) struct Likes {
     pub(super) found: Vec<usize>,
     /// What was fitted: a round that changes nothing asks the same again.
     fits: Vec<Fit>,
+}
+
+/// How much more than the screen sees, to first order, a like may come to gain.
+const BEYOND_THE_SCREEN: f64 = 5.0;
+
+/// Whether a term on top of `base` could be there for certain, by what the screen sees in it.
+fn may_be_certain(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, term: usize) -> bool {
+    let screening = screen(bench, candidates, base, &[term], Look::Roughly);
+    screening.single.first().is_none_or(|screened| BEYOND_THE_SCREEN * screened.gain > CERTAIN)
 }
 
 /// Terms that were fitted, from where, and what that came to.
@@ -53,7 +65,7 @@ pub(super) fn twinned(
     bench: &Bench<'_>,
     candidates: &[Candidate],
     mut best: Explanation,
-    most_terms: usize,
+    settings: &SearchSettings,
     tried: &mut Vec<Explanation>,
     likes: &mut Likes,
 ) -> Explanation {
@@ -68,8 +80,11 @@ pub(super) fn twinned(
         };
         let Some(twin) = (0..candidates.len()).find(open) else { continue };
         let Some(values) = values_of(bench, candidates, &best, term) else { continue };
-        if best.terms.len() >= most_terms {
+        if best.terms.len() >= settings.most_terms {
             break;
+        }
+        if !settings.thorough && !may_be_certain(bench, candidates, &best, twin) {
+            continue;
         }
         let terms = with(&best.terms, twin);
         let from = starts(bench, candidates, &best, &terms, &[(twin, values)], false);

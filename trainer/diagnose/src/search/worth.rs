@@ -22,17 +22,17 @@ const MORE_THAN_A_THIRD: f64 = 0.4;
 const NOISE_DOUBT: f64 = 0.2;
 
 /// Whether a further term could still earn its place beside those of `best`: none sets right more than all that is left beyond
-/// the noise.
+/// the noise, and that less than it was taken for. A short search takes the noise for what it is, and asks for what is worth a name
+/// without being beyond doubt.
 pub(super) fn leaves_room(bench: &Bench<'_>, settings: &SearchSettings, best: &Explanation) -> bool {
-    reach_beyond_noise(bench, best) > settings.bar.removed_beyond_doubt_kpa
-}
-
-/// What the free run would gain if nothing but the noise were left, and that less than it was taken for: as
-/// [`Evidence::removed_kpa`].
-fn reach_beyond_noise(bench: &Bench<'_>, best: &Explanation) -> f64 {
     let noise: f64 = bench.sigma_kpa().iter().map(|sigma| sigma * sigma).sum();
     let beyond: f64 = left(bench, best).iter().map(|kpa| kpa * kpa).sum();
-    (beyond + NOISE_DOUBT * noise).sqrt()
+    let (doubt, least_kpa) = if settings.thorough {
+        (NOISE_DOUBT, settings.bar.removed_beyond_doubt_kpa)
+    } else {
+        (0.0, settings.bar.removed_kpa)
+    };
+    (beyond + doubt * noise).sqrt() > least_kpa
 }
 
 /// Whether `with`, which has the evidence `found` against `without`, passes the bar, and is more than what the formulas of the
@@ -75,12 +75,33 @@ pub(super) fn any_could_earn(bench: &Bench<'_>, base: &Explanation, screening: &
     }
     let most =
         [&screening.single, &screening.double].into_iter().filter_map(|list| list.first()).map(|first| first.gain);
+    let least = 0.5 * readings(bench, base).into_iter().fold(f64::INFINITY, f64::min) * least_kpa * least_kpa;
+    BEYOND_THE_SCREEN * most.fold(0.0, f64::max) > least
+}
+
+/// How much more a fit to the end may come to gain than a glance.
+const BEYOND_A_GLANCE: f64 = 4.0;
+
+/// What something on top of `base` must gain at a glance for a fit to the end to pass [`earns_its_place`]: a share of what the terms in
+/// `base` set right of what the `nominal` rig misses, or of what is left in one channel, as a gain ([`any_could_earn`]).
+pub(super) fn least_gain(bench: &Bench<'_>, nominal: &Explanation, base: &Explanation) -> f64 {
+    let others = evidence(bench, base, nominal);
+    let beside_kpa = BESIDE * f64::min(others.removed_kpa, others.removed_at_work_kpa).max(0.0);
+    let of_channel = |(per_kpa2, left_kpa): (f64, f64)| {
+        let third_kpa2 = f64::max(MORE_THAN_A_THIRD * left_kpa * left_kpa, FLOOR_KPA * FLOOR_KPA);
+        0.5 * per_kpa2 * f64::min(beside_kpa * beside_kpa, third_kpa2)
+    };
+    let least = readings(bench, base).into_iter().zip(left(bench, base)).map(of_channel).fold(f64::INFINITY, f64::min);
+    least / BEYOND_A_GLANCE
+}
+
+/// Fitted readings by channel over the square of its scale, in 1/kPa².
+fn readings(bench: &Bench<'_>, base: &Explanation) -> Vec<f64> {
     let weights = bench.weighted(&base.fitted.scale_kpa);
     let mut readings = vec![0.0; bench.records.layout().channels()];
     for (_, channel, range) in bench.records.layout().all() {
         let of_channel = weights.get(range).unwrap_or_default();
         readings[channel] += of_channel.iter().map(|w| w * w).sum::<f64>();
     }
-    let least = 0.5 * readings.into_iter().fold(f64::INFINITY, f64::min) * least_kpa * least_kpa;
-    BEYOND_THE_SCREEN * most.fold(0.0, f64::max) > least
+    readings
 }

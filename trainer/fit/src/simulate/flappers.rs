@@ -18,6 +18,19 @@ const DECIDING_ROWS: usize = 1000;
 const PLACES: i32 = 8;
 const NEARER: i32 = 4;
 const LOOKED_AROUND: usize = 3;
+/// Places on either side for a rough idea.
+const FEW_PLACES: i32 = 4;
+
+/// How closely it is looked where a flapper lay.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Look {
+    /// At places a quarter of its room's half apart.
+    Roughly,
+    /// At places an eighth apart.
+    Evenly,
+    /// So, and around the best of them in steps of a 64th.
+    Closely,
+}
 
 /// Even shares on either side of the middle, up to `reach`.
 fn places(each: i32, reach: f64) -> Vec<f64> {
@@ -56,9 +69,7 @@ fn lies(rig: &Rig) -> Vec<String> {
 
 /// Where the flappers of some runs lie best (least absolute error of the first 20 s) at the start of each arc, by run and
 /// arc; those that the arcs themselves tell stay where they are. Runs that cannot be simulated keep the usual places.
-///
-/// `closely` looks around the best places once more.
-pub fn flappers_of(simulator: &Simulator<'_>, runs: &[Run], arcs: &Arcs, closely: bool) -> Vec<Vec<Vec<Flapper>>> {
+pub fn flappers_of(simulator: &Simulator<'_>, runs: &[Run], arcs: &Arcs, look: Look) -> Vec<Vec<Vec<Flapper>>> {
     let count = arcs.arcs().len();
     let mut found: Vec<Vec<Vec<Flapper>>> = runs.iter().map(|_| vec![Vec::new(); count]).collect();
     let told = |unknown: &String| arcs.arcs().iter().any(|arc| share_of(&arc.flappers, unknown).is_some());
@@ -74,9 +85,10 @@ pub fn flappers_of(simulator: &Simulator<'_>, runs: &[Run], arcs: &Arcs, closely
     let first = arcs.clone().until(&ends);
     for turn in 0..most {
         let unknown_of = |at: usize| open.get(at).and_then(|open: &Vec<String>| open.get(turn));
-        let coarse: Places = vec![vec![places(PLACES, 1.0); count]; runs.len()];
+        let each = if look == Look::Roughly { FEW_PLACES } else { PLACES };
+        let coarse: Places = vec![vec![places(each, 1.0); count]; runs.len()];
         let mut best = ranked(simulator, runs, &first, &found, &unknown_of, coarse);
-        if closely {
+        if look == Look::Closely {
             let around = |shares: &mut Vec<f64>| {
                 let near = places(NEARER, 0.5 / f64::from(PLACES));
                 let at = |share: &f64| near.iter().map(|by| (share + by).clamp(-1.0, 1.0)).collect::<Vec<f64>>();
@@ -203,7 +215,7 @@ mod tests {
                 let read = [0, 1].map(|channel| trace[blank.layout().channel(0, channel)].to_vec());
                 let made = records(&rig, read);
                 let simulator = Simulator::new(&made, Fidelity::Averaged);
-                let found = flappers_of(&simulator, &[Run::from(rig.clone())], &Arcs::free(&made), true);
+                let found = flappers_of(&simulator, &[Run::from(rig.clone())], &Arcs::free(&made), Look::Closely);
                 let again = Run { flappers: found[0].clone(), ..Run::from(rig.clone()) };
                 let again = simulator.run(&[again], &Arcs::free(&made)).pop().unwrap().unwrap();
                 let off = again.iter().zip(made.readings_kpa()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
@@ -215,7 +227,7 @@ mod tests {
                 );
                 // Found once, it is not looked for again.
                 let told = super::super::with_flappers(&simulator, &rig, &Arcs::free(&made));
-                assert!(flappers_of(&simulator, &[Run::from(rig.clone())], &told, true)[0][0].is_empty());
+                assert!(flappers_of(&simulator, &[Run::from(rig.clone())], &told, Look::Closely)[0][0].is_empty());
             }
         }
     }

@@ -35,7 +35,7 @@ mod windows;
 
 pub use arcs::{Arc, Arcs, Flapper};
 pub use course::{Course, Droop, Warming};
-pub use flappers::{Room, flappers_of, rooms};
+pub use flappers::{Look, Room, flappers_of, rooms};
 pub use horizon::{ChannelError, Horizon, errors, errors_at, trace_at, traces_at};
 pub use in_step::ripple_in_step;
 pub use ripple::Ripple;

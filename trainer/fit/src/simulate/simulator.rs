@@ -12,7 +12,7 @@ use super::arcs::{Arcs, Flapper};
 use super::chains::{Chain, kinds};
 use super::lanes::{Lane, span, sweep};
 use crate::FitError;
-use crate::cores::{all_cores, share_out};
+use crate::cores::{all_cores, any_is_free, share_out};
 use crate::data::Records;
 
 /// What runs side by side where there is much to run.
@@ -254,6 +254,13 @@ impl<'r> Simulator<'r> {
                     kind.iter().flat_map(|chain| members.iter().map(|run| (*run, *chain))).collect();
                 bundles.extend(flights.chunks(width).map(<[Flight]>::to_vec));
             }
+        }
+        // Of the last one two halves take a little more than half the time each, where a core would wait for it.
+        if bundles.len() % self.threads != 0
+            && any_is_free()
+            && let Some(last) = bundles.pop_if(|last| last.len() > FEW)
+        {
+            bundles.extend(last.chunks(FEW).map(<[Flight]>::to_vec));
         }
         bundles
     }

@@ -7,8 +7,8 @@ use model::rig::Rig;
 use nalgebra::{DMatrix, DVector};
 
 use super::arcs::{Arc, Arcs};
-use super::flappers::flappers_of;
-use super::simulator::{Run, Simulator};
+use super::flappers::{Look, flappers_of};
+use super::simulator::{Fidelity, Run, Simulator};
 use crate::FitError;
 use crate::data::Records;
 
@@ -95,10 +95,14 @@ pub fn refined_starts(simulator: &Simulator<'_>, rig: &Rig, arcs: &Arcs) -> Resu
     Ok(refined)
 }
 
-/// The arcs with flappers where they lie best.
+/// The arcs with flappers where they lie best. Strokes of the pump say nothing about that, and are not simulated for it.
 pub fn with_flappers(simulator: &Simulator<'_>, rig: &Rig, arcs: &Arcs) -> Arcs {
     let mut placed = arcs.clone();
-    let found = flappers_of(simulator, &[Run::from(rig.clone())], arcs, true).pop().unwrap_or_default();
+    let simulator = match simulator.fidelity() {
+        Fidelity::Detailed | Fidelity::Coarse => simulator.at(Fidelity::Averaged),
+        Fidelity::Averaged | Fidelity::Smooth => *simulator,
+    };
+    let found = flappers_of(&simulator, &[Run::from(rig.clone())], arcs, Look::Closely).pop().unwrap_or_default();
     for (arc, flappers) in placed.arcs_mut().iter_mut().zip(found) {
         arc.flappers.extend(flappers);
     }
