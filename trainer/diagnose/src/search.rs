@@ -58,7 +58,8 @@ pub struct SearchSettings {
     pub from_prior: bool,
     /// Whether it is looked as well where much time seldom brings an answer to light: fits from the priors' means once nothing passes,
     /// mechanisms by themselves from the build sheet, a grid of bands for what moves in steps and is behind beside what was found,
-    /// one term further than a pair, pairs in exchange for what was found on both sides that are far behind, or again after each term.
+    /// one term further than a pair, pairs in exchange for what was found on both sides that are far behind, or again after each term,
+    /// what comes near the bar by a noise that is less than it was taken for. What else a short search leaves out is told where it is.
     pub thorough: bool,
     /// What a term must show.
     pub bar: Bar,
