@@ -25,7 +25,10 @@ use crate::bench::{Bench, Explanation, LOSS};
 use crate::candidate::Candidate;
 use crate::glance::weighted;
 
+mod foreseen;
 mod onset;
+
+use foreseen::Seen;
 
 /// What the screen says of a candidate, or of one at two places.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,6 +49,23 @@ pub struct Screening {
     /// Mechanisms at two places at once, where that gains more than either alone: valves of one make are warm, slow or
     /// sticky together, and what one of them does to both channels may hide what each does to its own.
     pub double: Vec<Screened>,
+    /// What each of them did.
+    seen: Seen,
+}
+
+impl Screening {
+    /// Those of `open` that a screen on top of `base` will put among its first so many, each on its own and in pairs, by what this
+    /// one saw them do.
+    pub fn likely(
+        &self,
+        bench: &Bench<'_>,
+        candidates: &[Candidate],
+        base: &Explanation,
+        open: &[usize],
+        first: [usize; 2],
+    ) -> Vec<usize> {
+        self.seen.likely(bench, candidates, base, open, first)
+    }
 }
 
 /// How much weaker or stronger than tried an effect may turn out to be before the screen stops believing in it.
@@ -123,11 +143,16 @@ pub fn screen(
             known.2 = again;
         }
     }
+    Screening { seen: Seen::of(&effects, &fitted.scale_kpa), ..ranked(candidates, &projector, &effects) }
+}
+
+/// Candidates by what their effects gain, alone and at two places.
+fn ranked(candidates: &[Candidate], projector: &Projector<'_>, effects: &[Try<'_>]) -> Screening {
     let scaled = |k: usize, start: &[f64], a: f64| {
         (k, candidates.get(k).map_or_else(|| start.to_vec(), |candidate| candidate.scaled(start, a)))
     };
     let mut single: Vec<Screened> = Vec::new();
-    for (k, start, effect) in &effects {
+    for (k, start, effect) in effects {
         let (gain, a) = effect.most();
         let shift = effect.shift.iter().map(|by| a * by).collect();
         keep_best(&mut single, Screened { terms: vec![scaled(*k, start, a)], gain, shift });
@@ -153,7 +178,7 @@ pub fn screen(
     for list in [&mut single, &mut double] {
         list.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     }
-    Screening { single, double }
+    Screening { single, double, seen: Seen::default() }
 }
 
 /// Keeps the best start of the same candidates.

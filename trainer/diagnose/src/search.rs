@@ -19,6 +19,7 @@ use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::evidence::{Bar, Evidence, evidence};
 use crate::judge::{UNKNOWN_KPA, excess, explains_most, left};
+use crate::screen::Screening;
 
 mod additions;
 mod believed;
@@ -157,7 +158,8 @@ pub fn search(
     let mut likes = Likes::default();
     let mut stood: Vec<Vec<usize>> = Vec::new();
     let mut exchanged = None;
-    let mut screening = None;
+    // The last one of every candidate: in a short search the first, which tells the later ones what to expect.
+    let mut screened: Option<(Vec<usize>, Screening)> = None;
     // What is added and then deleted again would be added once more, and so on.
     while best.terms.len() < settings.most_terms && !stood.contains(&best.terms) {
         if !best.terms.is_empty() && !leaves_room(bench, settings, &best) {
@@ -166,9 +168,13 @@ pub fn search(
         stood.push(best.terms.clone());
         let explained = !best.terms.is_empty() && !is_unexplained(bench, &nominal, &best);
         let least_gain = if explained && !settings.thorough { least_gain(bench, &nominal, &best) } else { 0.0 };
-        let tried_on_top = additions(bench, candidates, &best, settings, least_gain, tell)?;
-        let Additions { ranked, mut polished, .. } = tried_on_top;
-        screening = Some((best.terms.clone(), tried_on_top.screening));
+        let earlier = screened.as_ref().filter(|_| !settings.thorough).map(|(_, screening)| screening);
+        let of_all = earlier.is_none();
+        let Additions { screening, ranked, mut polished } =
+            additions(bench, candidates, &best, settings, (earlier, least_gain), tell)?;
+        if of_all {
+            screened = Some((best.terms.clone(), screening));
+        }
         if polished.is_empty() {
             if !ranked.is_empty() {
                 rounds.push(Round { base: best.terms.clone(), ranked, best: Vec::new(), evidence: None, taken: false });
@@ -221,7 +227,8 @@ pub fn search(
             // Each of two may be lost in what the other does.
             let far = settings.thorough || best.terms.len() < 2;
             let ahead = if unexplained && far && best.terms.len() + 2 <= settings.most_terms {
-                let further = additions(bench, candidates, &top, &settings.looking_ahead(), 0.0, tell)?;
+                let earlier = screened.as_ref().filter(|_| !settings.thorough).map(|(_, screening)| screening);
+                let further = additions(bench, candidates, &top, &settings.looking_ahead(), (earlier, 0.0), tell)?;
                 further.polished.into_iter().next().filter(|pair| {
                     let earned = |without: &Explanation| {
                         let found = evidence(bench, pair, without);
@@ -268,7 +275,7 @@ pub fn search(
     best = twinned(bench, candidates, best, settings, &mut tried, &mut likes);
     // What a fit does not need may still be there, where its parameters are not believed.
     if !best.terms.is_empty() && best.terms.len() < settings.most_terms && has_given_way(bench, &best) {
-        let known = screening.filter(|(terms, _)| *terms == best.terms).map(|(_, screening)| screening);
+        let known = screened.filter(|(terms, _)| *terms == best.terms).map(|(_, screening)| screening);
         tried.extend(believed(bench, candidates, &best, known, settings, tell));
     }
     let by_likeness = likes.found.into_iter().filter(|term| best.terms.contains(term)).collect();

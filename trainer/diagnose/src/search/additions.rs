@@ -21,6 +21,9 @@ const NOT_CONVERGED: f64 = 0.7;
 /// Ends of fits of what moves in steps that are looked at closely.
 const SHARPENED: usize = 2;
 
+/// How many times as many as are tried are screened where an earlier screen tells what to expect.
+const FORESEEN: usize = 2;
+
 /// What trying every candidate came to.
 #[derive(Default)]
 pub(super) struct Additions {
@@ -31,17 +34,21 @@ pub(super) struct Additions {
     pub(super) polished: Vec<Explanation>,
 }
 
-/// Tries every candidate on top of `base`. None is fitted to the end where none gains `least_gain` at a glance.
+/// Tries every candidate on top of `base`; of those that an `earlier` screen saw what it makes likely. None is fitted to the end where none gains `least_gain` at a glance.
 pub(super) fn additions(
     bench: &Bench<'_>,
     candidates: &[Candidate],
     base: &Explanation,
     settings: &SearchSettings,
-    least_gain: f64,
+    (earlier, least_gain): (Option<&Screening>, f64),
     tell: &mut dyn FnMut(&str, f64),
 ) -> Result<Additions, DiagnoseError> {
-    let open = open_beside(bench, candidates, &base.terms);
     tell("screening mechanisms", 0.0);
+    let mut open = open_beside(bench, candidates, &base.terms);
+    if let Some(earlier) = earlier {
+        let first = [settings.glanced, settings.paired].map(|first| FORESEEN * first);
+        open = earlier.likely(bench, candidates, base, &open, first);
+    }
     let screening = screen(bench, candidates, base, &open, settings.look());
     if !base.terms.is_empty() && !any_could_earn(bench, base, &screening, settings.bar.removed_beyond_doubt_kpa) {
         return Ok(Additions { screening, ..Additions::default() });
