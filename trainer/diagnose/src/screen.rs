@@ -53,21 +53,6 @@ pub struct Screening {
     seen: Seen,
 }
 
-impl Screening {
-    /// Those of `open` that a screen on top of `base` will put among its first so many, each on its own and in pairs, by what this
-    /// one saw them do.
-    pub fn likely(
-        &self,
-        bench: &Bench<'_>,
-        candidates: &[Candidate],
-        base: &Explanation,
-        open: &[usize],
-        first: [usize; 2],
-    ) -> Vec<usize> {
-        self.seen.likely(bench, candidates, base, open, first)
-    }
-}
-
 /// How much weaker or stronger than tried an effect may turn out to be before the screen stops believing in it.
 pub const AMPLITUDE: [f64; 2] = [0.05, 2.5];
 /// What a second place must gain in log-likelihood, to first order, to be tried.

@@ -168,11 +168,10 @@ pub fn search(
         stood.push(best.terms.clone());
         let explained = !best.terms.is_empty() && !is_unexplained(bench, &nominal, &best);
         let least_gain = if explained && !settings.thorough { least_gain(bench, &nominal, &best) } else { 0.0 };
-        let earlier = screened.as_ref().filter(|_| !settings.thorough).map(|(_, screening)| screening);
-        let of_all = earlier.is_none();
+        let earlier = screened.as_ref().map(|(_, screening)| screening);
         let Additions { screening, ranked, mut polished } =
             additions(bench, candidates, &best, settings, (earlier, least_gain), tell)?;
-        if of_all {
+        if settings.thorough || screened.is_none() {
             screened = Some((best.terms.clone(), screening));
         }
         if polished.is_empty() {
@@ -227,7 +226,7 @@ pub fn search(
             // Each of two may be lost in what the other does.
             let far = settings.thorough || best.terms.len() < 2;
             let ahead = if unexplained && far && best.terms.len() + 2 <= settings.most_terms {
-                let earlier = screened.as_ref().filter(|_| !settings.thorough).map(|(_, screening)| screening);
+                let earlier = screened.as_ref().map(|(_, screening)| screening);
                 let further = additions(bench, candidates, &top, &settings.looking_ahead(), (earlier, 0.0), tell)?;
                 further.polished.into_iter().next().filter(|pair| {
                     let earned = |without: &Explanation| {

@@ -6,7 +6,7 @@
 
 use fit::cores::side_by_side;
 
-use super::{Projector, Try, ranked};
+use super::{Projector, Screening, Try, ranked};
 use crate::bench::{Bench, Explanation};
 use crate::candidate::Candidate;
 
@@ -36,10 +36,12 @@ impl Seen {
         };
         Seen { effects: tries.iter().map(did).collect(), scale_kpa: scale_kpa.to_vec() }
     }
+}
 
-    /// Those of `open` that come out among the first `singles`, or the first `doubles` of pairs, on top of `base`, and those that were
-    /// not seen. All of them where `base` has no slopes.
-    pub(super) fn likely(
+impl Screening {
+    /// Those of `open` that a screen on top of `base` will put among its first `singles`, or the first `doubles` of pairs, by what this
+    /// one saw them do, and those that it did not see. All of them where `base` has no slopes.
+    pub fn likely(
         &self,
         bench: &Bench<'_>,
         candidates: &[Candidate],
@@ -50,11 +52,11 @@ impl Seen {
         let Some(projector) = Projector::of(&base.fitted, &base.set.prior()) else { return open.to_vec() };
         let mut over = vec![0.0; bench.records.layout().len()];
         for (_, channel, range) in bench.records.layout().all() {
-            let ratio = self.scale_kpa.get(channel).zip(base.fitted.scale_kpa.get(channel));
+            let ratio = self.seen.scale_kpa.get(channel).zip(base.fitted.scale_kpa.get(channel));
             over.get_mut(range).unwrap_or_default().fill(ratio.map_or(1.0, |(then, now)| then / now));
         }
         let of = |did: &Did| did.weighted.iter().zip(&over).map(|(e, over)| f64::from(*e) * over).collect();
-        let known: Vec<&Did> = self.effects.iter().filter(|did| open.contains(&did.candidate)).collect();
+        let known: Vec<&Did> = self.seen.effects.iter().filter(|did| open.contains(&did.candidate)).collect();
         let effects = side_by_side(&known, |did| projector.seen(of(did)));
         let tries: Vec<Try<'_>> =
             known.iter().zip(effects).map(|(did, effect)| (did.candidate, &did.start, effect)).collect();

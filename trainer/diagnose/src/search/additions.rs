@@ -34,7 +34,8 @@ pub(super) struct Additions {
     pub(super) polished: Vec<Explanation>,
 }
 
-/// Tries every candidate on top of `base`; of those that an `earlier` screen saw what it makes likely. None is fitted to the end where none gains `least_gain` at a glance.
+/// Tries every candidate on top of `base`; a short search, of those that an `earlier` screen of every candidate saw, what that makes
+/// likely. None is fitted to the end where none gains `least_gain` at a glance.
 pub(super) fn additions(
     bench: &Bench<'_>,
     candidates: &[Candidate],
@@ -45,7 +46,7 @@ pub(super) fn additions(
 ) -> Result<Additions, DiagnoseError> {
     tell("screening mechanisms", 0.0);
     let mut open = open_beside(bench, candidates, &base.terms);
-    if let Some(earlier) = earlier {
+    if let Some(earlier) = earlier.filter(|_| !settings.thorough) {
         let first = [settings.glanced, settings.paired].map(|first| FORESEEN * first);
         open = earlier.likely(bench, candidates, base, &open, first);
     }
