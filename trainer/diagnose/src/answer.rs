@@ -74,7 +74,7 @@ impl Answer {
         let fitted = recorded.set(&[])?.rig_at(&believed).map_err(DiagnoseError::rig(recorded.rig))?;
         // Everything is searched with averaged pumps, on readings that lack the strokes; what was found ends on the recordings.
         let reduced = recorded.without_strokes(strokes_of.unwrap_or(&fitted))?;
-        let bench = Bench::new(recorded.rig, &reduced, recorded.counted(), recorded.fast.fidelity());
+        let bench = recorded.reduced(&reduced);
         let mut found = search(&bench, &asked.candidates, start, &asked.settings, progress)?;
         found.best = switched::at_work(&bench, &asked.candidates, found.best)?;
         progress("reconstructing what is missing", 0.0);

@@ -57,6 +57,8 @@ pub struct Bench<'r> {
     pub noise: Vec<Noise>,
     /// The nominal parameters, with priors.
     pub nominal: Vec<Parameter>,
+    /// Whether fits are those of a short search: they come to rest sooner.
+    pub short: bool,
     fit_weights: Vec<f64>,
     counted: Vec<f64>,
 }
@@ -115,14 +117,19 @@ pub enum Effort {
 }
 
 impl Effort {
-    fn settings(self, search: Fidelity) -> FitSettings {
+    fn settings(self, search: Fidelity, short: bool) -> FitSettings {
         let (stages, rounds, least_gain) = match self {
             Effort::Polish => (vec![Shooting::Free], 10, 0.3),
             Effort::Full => (vec![Shooting::Windows { seconds: 2.0 }, Shooting::Free], 12, 0.05),
         };
-        FitSettings { stages, rounds, least_gain, search, ..FitSettings::default() }
+        let settings = FitSettings { stages, rounds, least_gain, search, ..FitSettings::default() };
+        if short { FitSettings { passes: PASSES_IN_SHORT, rest: REST_IN_SHORT, ..settings } } else { settings }
     }
 }
+
+/// The most passes of the last stage of a fit in a short search, and the log-likelihood that one gains at rest.
+const PASSES_IN_SHORT: usize = 4;
+const REST_IN_SHORT: f64 = 3.0;
 
 impl<'r> Bench<'r> {
     /// Lays out recordings; `usable` is 1 at readings that may be trusted, 0 elsewhere.
@@ -139,17 +146,32 @@ impl<'r> Bench<'r> {
             nominal: nominal(rig, Scatter::default()),
             fit_weights: split.weights(records.layout(), Role::Fit).iter().zip(usable).map(|(w, u)| w * u).collect(),
             counted: usable.to_vec(),
+            short: false,
             split,
             noise,
         }
     }
 
+    /// The same with fits of a short search, or of a whole one.
+    #[must_use]
+    pub fn shortened(self, short: bool) -> Self {
+        Bench { short, ..self }
+    }
+
     /// The same with other recordings of the rig, `usable` as in [`Bench::new`].
-    pub fn over<'p>(&self, records: &'p Records, usable: &[f64]) -> Bench<'p>
+    pub fn over<'p>(&self, records: &'p Records, usable: &[f64], fidelity: Fidelity) -> Bench<'p>
     where
         'r: 'p,
     {
-        Bench::new(self.rig, records, usable, self.simulator.fidelity())
+        Bench::new(self.rig, records, usable, fidelity).shortened(self.short)
+    }
+
+    /// The same with readings that lack the pump's strokes, on what searches run on.
+    pub fn reduced<'p>(&self, records: &'p Records) -> Bench<'p>
+    where
+        'r: 'p,
+    {
+        self.over(records, &self.counted, self.fast.fidelity())
     }
 
     /// The recordings as they would be had the rig's pump no strokes: less what the detailed simulation of `rig` (the
@@ -274,7 +296,7 @@ impl<'r> Bench<'r> {
         effort: Effort,
     ) -> Result<Explanation, DiagnoseError> {
         let blocks = self.split.blocks(Role::Fit, BLOCK_ROWS);
-        let settings = effort.settings(self.fast.fidelity());
+        let settings = effort.settings(self.fast.fidelity(), self.short);
         let mut best: Option<(f64, Fitted)> = None;
         let mut failed = None;
         let from = |start: &Vec<f64>| {

@@ -56,19 +56,19 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     let (turning, mut answer) = answered(&mut asked, records, &usable, progress)?;
     notes.extend(turning.note());
     let rig = &turning.rig;
-    let whole = turning.bench(&usable);
+    let whole = turning.bench(&usable, request.quick);
 
     let (mut formula, mut event) = unexplained(&whole, &answer);
     // What known physics leaves unexplained may be something that happened; then the rest is asked by itself.
     let rest = event.as_ref().map(|event| without(event, rig, &turning.records, &usable));
-    let rest = rest.as_ref().map(|(records, usable)| Bench::new(rig, records, usable, whole.simulator.fidelity()));
+    let rest = rest.as_ref().map(|(records, usable)| whole.over(records, usable, whole.simulator.fidelity()));
     if let Some(rest) = &rest {
         progress("looking at the rest", 0.0);
         answer = Answer::of(rest, &asked, &turning.point, turning.strokes_of.as_ref(), progress)?;
     }
     let bench = rest.as_ref().unwrap_or(&whole);
     let Answer { given, reduced, mut found, mut missing, mut judgement, .. } = answer;
-    let searched = Bench::new(rig, &reduced, bench.counted(), bench.fast.fidelity());
+    let searched = bench.reduced(&reduced);
 
     progress("running before and after", 0.0);
     let of = |rig: &Rig| figures(bench, rig, bench.close.fidelity(), !request.quick);
@@ -190,7 +190,7 @@ fn unexplained(whole: &Bench<'_>, answer: &Answer) -> (Option<Formula>, Option<E
     if answer.judgement.verdict != Verdict::UnknownMechanism {
         return (None, None);
     }
-    let searched = Bench::new(whole.rig, &answer.reduced, whole.counted(), whole.fast.fidelity());
+    let searched = whole.reduced(&answer.reduced);
     let formula = unknown::formula(&searched, &answer.found.nominal);
     let left = answer.judgement.excess_kpa[2].iter().any(|kpa| *kpa > UNKNOWN_KPA);
     let asked = left && !formula.as_ref().is_some_and(|formula| formula.suffices);

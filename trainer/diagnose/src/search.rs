@@ -312,7 +312,7 @@ fn before_what_steps(bench: &Bench<'_>, candidates: &[Candidate], best: &Explana
 /// Rounds of least squares of a glance.
 pub const GLANCE_ROUNDS: usize = 6;
 /// Rounds of a glance at a pair: two terms at a time are further from where they will end.
-const PAIR_ROUNDS: usize = 12;
+pub(crate) const PAIR_ROUNDS: usize = 12;
 /// Drop in cost (half chi-square) that pays for a term, and for a reading of the pump's speed.
 pub const PRICE: f64 = 20.0;
 /// And for each of its parameters: a mechanism is not worth a richer shape for less.

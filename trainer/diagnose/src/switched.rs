@@ -118,7 +118,7 @@ pub(crate) fn at_work(
     let whole = |record: &usize| records.records().get(*record).map(|r| (*record, 0..r.time_s.len()));
     let (records, places) = records.parts(&at_work.iter().filter_map(whole).collect::<Vec<_>>());
     let counted: Vec<f64> = places.iter().map(|place| bench.counted().get(*place).copied().unwrap_or(0.0)).collect();
-    let at_work = Bench::new(bench.rig, &records, &counted, bench.simulator.fidelity());
+    let at_work = bench.over(&records, &counted, bench.simulator.fidelity());
     for term in asked {
         let rest = without(&best.terms, term);
         // What was made up for the term may lead astray: from the priors' means as well.

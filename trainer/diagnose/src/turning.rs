@@ -105,7 +105,7 @@ impl Turning {
         let bench = raw.bench;
         let mut rig = bench.rig.clone();
         let records = raw.freed(&followed.ripple_kpa)?;
-        let plain = Bench::new(bench.rig, &records, bench.counted(), Fidelity::Smooth);
+        let plain = bench.over(&records, bench.counted(), Fidelity::Smooth);
         let without = plain.fit(&[], &[], &[point.to_vec()], Effort::Polish)?.fitted.rig;
         let heard = Heard::of(followed);
         if let Some(Pump::Piston(pump)) = rig.pumps.get_mut(&followed.pump) {
@@ -153,8 +153,8 @@ impl Turning {
     }
 
     /// The recordings laid out for fits.
-    pub(crate) fn bench<'t>(&'t self, usable: &[f64]) -> Bench<'t> {
-        Bench::new(&self.rig, &self.records, usable, self.fidelity)
+    pub(crate) fn bench<'t>(&'t self, usable: &[f64], short: bool) -> Bench<'t> {
+        Bench::new(&self.rig, &self.records, usable, self.fidelity).shortened(short)
     }
 
     fn answer(
@@ -163,7 +163,7 @@ impl Turning {
         usable: &[f64],
         progress: &mut dyn FnMut(&str, f64),
     ) -> Result<Answer, DiagnoseError> {
-        Answer::of(&self.bench(usable), asked, &self.point, self.strokes_of.as_ref(), progress)
+        Answer::of(&self.bench(usable, asked.quick), asked, &self.point, self.strokes_of.as_ref(), progress)
     }
 
     /// Figures of the re-identified rig without what was heard, the ripple still on the readings; `fitted`, those of the one
@@ -287,6 +287,7 @@ pub(crate) fn answered(
         if again.is_none()
             && first.tachometer().is_none()
             && let Some(in_sensors) = late::in_sensors(&bench, &found)
+            && !(asked.quick && late::is_far_behind(&bench.reduced(&answer.reduced), &in_sensors)?)
         {
             in_place = true;
             again = raw.read_again(&first.point, &in_sensors, raw.ripple_beside(&in_sensors)?.as_ref())?;

@@ -53,7 +53,7 @@ pub(super) fn in_pieces(
         return Ok(None);
     }
     let (records, readings) = pieces(bench.records);
-    let short = bench.over(&records, &taken(bench.counted(), &readings));
+    let short = bench.over(&records, &taken(bench.counted(), &readings), bench.simulator.fidelity());
     let before = short.fit(candidates, &base.terms, std::slice::from_ref(&base.fitted.point), Effort::Polish)?;
     let mut places = Vec::new();
     for (done, k) in sticking.iter().enumerate() {

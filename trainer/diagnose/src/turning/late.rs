@@ -10,7 +10,9 @@ use super::raw::Beside;
 use crate::answer::Answer;
 use crate::bench::{Bench, Explanation};
 use crate::candidate::Candidate;
-use crate::search::values_of;
+use crate::error::DiagnoseError;
+use crate::glance::Footing;
+use crate::search::{PAIR_ROUNDS, starts, values_of};
 
 /// Mechanisms by which a valve is late; their first number says by how much, in ms.
 const LATE_VALVES: [&str; 2] = ["valve_lag", "command_delay"];
@@ -46,6 +48,24 @@ pub(super) fn in_sensors<'a>(bench: &Bench<'_>, found: &Beside<'a>) -> Option<Be
     terms.extend(&new);
     terms.sort_unstable();
     (!new.is_empty()).then_some(Beside { terms, values, ..*found })
+}
+
+/// Log-likelihood by which lagging sensors may be behind at a glance before their ripple is asked. (Where a ripple swings that neither
+/// explains, sensors that do lag were 7 behind late valves; late valves that are, 1000 ahead.)
+const BEHIND: f64 = 500.0;
+
+/// Whether a glance shows that what stands in the place of what was `found` on these readings is out of reach of it.
+///
+/// # Errors
+/// What was found cannot be simulated.
+pub(super) fn is_far_behind(searched: &Bench<'_>, instead: &Beside<'_>) -> Result<bool, DiagnoseError> {
+    let (candidates, found) = (instead.candidates, instead.best);
+    let footing = Footing::of(searched, found)?;
+    let set = searched.set_of(candidates, &instead.terms)?;
+    let starts = starts(searched, candidates, found, &instead.terms, &instead.values, false);
+    let within = footing.cost + BEHIND;
+    let end = footing.glance(searched, &set, &starts, PAIR_ROUNDS, within);
+    Ok(end.is_none_or(|end| end.cost > within))
 }
 
 /// Makes what an answer names and a `rival` has something else for rivals of each other, side by side: neither explains so much

@@ -67,7 +67,7 @@ impl<'a> Raw<'a> {
         for first in readings {
             let Some((read, ripple, point)) = self.read_twice(first, point)? else { continue };
             let mut turning = Turning::in_step(self, &ripple, &point, read)?;
-            let bench = turning.bench(self.bench.counted());
+            let bench = turning.bench(self.bench.counted(), self.bench.short);
             let freed = bench.fit(&[], &[], &[point], Effort::Polish)?.fitted;
             let cost = freed.comparable_cost(bench.records, bench.fit_weights());
             turning.point = freed.point;
@@ -96,7 +96,7 @@ impl<'a> Raw<'a> {
             if one {
                 return Ok(Some(turning));
             }
-            let bench = turning.bench(self.bench.counted());
+            let bench = turning.bench(self.bench.counted(), self.bench.short);
             let starts = starts(&bench, found.candidates, found.best, &found.terms, &found.values, false);
             let fitted = bench.fit(found.candidates, &found.terms, &starts, Effort::Polish)?;
             let cost = cost(&bench, &fitted);
@@ -127,7 +127,7 @@ impl<'a> Raw<'a> {
             return Ok(Ripple::of(&bench.fast, &found.without_ripple(bench.rig))?);
         }
         let records = self.freed(&vec![0.0; bench.records.layout().len()])?;
-        let smooth = Bench::new(bench.rig, &records, bench.counted(), Fidelity::Smooth);
+        let smooth = bench.over(&records, bench.counted(), Fidelity::Smooth);
         let starts = starts(&smooth, found.candidates, found.best, &found.terms, &found.values, false);
         // What cannot be run is not what is there.
         let Ok(instead) = smooth.fit(found.candidates, &found.terms, &starts, Effort::Polish) else { return Ok(None) };
@@ -142,7 +142,7 @@ impl<'a> Raw<'a> {
         let Some(start) = starts.first() else { return Ok(None) };
         let set = bench.set_of(candidates, &instead.terms)?;
         let records = bench.without_strokes(&set.rig_at(start).map_err(DiagnoseError::rig(bench.rig))?)?;
-        let searched = Bench::new(bench.rig, &records, bench.counted(), bench.fast.fidelity());
+        let searched = bench.reduced(&records);
         let Ok(fitted) = searched.fit(candidates, &instead.terms, &starts, Effort::Polish) else { return Ok(None) };
         Ok((cost(&searched, &fitted) < cost_of_found).then_some(fitted.fitted.rig))
     }
@@ -172,7 +172,7 @@ impl<'a> Raw<'a> {
             pump.speed_rpm = read.speed_rpm;
         }
         let records = self.bench.records.clone().with_cranks(&read.crank_rev);
-        let averaged = Bench::new(&turned, &records, self.bench.counted(), Fidelity::Averaged);
+        let averaged = Bench::new(&turned, &records, self.bench.counted(), Fidelity::Averaged).shortened(self.bench.short);
         let fitted = averaged.fit(&[], &[], &[point.to_vec()], Effort::Polish)?.fitted;
         let ripple = Ripple::of(&self.bench.fast, &at_stated_speed(&fitted.rig, self.bench.rig))?;
         Ok(ripple.map(|ripple| (ripple, fitted.point)))

@@ -136,10 +136,16 @@ pub fn minimise(problem: &mut impl Problem, start: &[f64], settings: &Settings) 
             let dampings: Vec<f64> = (0..settings.trials.max(1))
                 .map(|k| damping * DAMPING_RATIO.powi(k as i32 - settings.trials as i32 / 2))
                 .collect();
-            let candidates: Vec<Vec<f64>> =
-                dampings.iter().filter_map(|d| candidate(&normal, &gradient, &point, *d, settings)).collect();
+            let mut steps: Vec<(f64, Vec<f64>)> = Vec::new();
+            for d in &dampings {
+                let Some(to) = candidate(&normal, &gradient, &point, *d, settings) else { continue };
+                if steps.last().is_none_or(|(_, last)| !is_alike(&normal, &point, last, &to)) {
+                    steps.push((*d, to));
+                }
+            }
+            let (dampings_tried, candidates): (Vec<f64>, Vec<Vec<f64>>) = steps.into_iter().unzip();
             let evaluated = problem.residuals(&candidates);
-            for ((candidate, residuals), d) in candidates.into_iter().zip(evaluated).zip(&dampings) {
+            for ((candidate, residuals), d) in candidates.into_iter().zip(evaluated).zip(&dampings_tried) {
                 let Some(residuals) = residuals else { continue };
                 let trial = self::cost(&residuals, &candidate, settings);
                 if trial < cost && best.as_ref().is_none_or(|(least, ..)| trial < *least) {
@@ -174,6 +180,16 @@ pub fn minimise(problem: &mut impl Problem, start: &[f64], settings: &Settings) 
         cost = self::cost(&linearised.residuals, &point, settings);
         rounds += 1;
     }
+}
+
+/// Share of a step by which two of them differ where damping does not tell them apart.
+const ALIKE: f64 = 0.02;
+
+/// Whether two steps from a point are one but for a hundredth or two, as the readings see them and in coordinates.
+fn is_alike(normal: &DMatrix<f64>, point: &[f64], one: &[f64], other: &[f64]) -> bool {
+    let between = |from: &[f64], to: &[f64]| DVector::from_iterator(from.len(), from.iter().zip(to).map(|(a, b)| b - a));
+    let size = |step: &DVector<f64>| step.dot(&(normal * step)) + step.norm_squared();
+    size(&between(one, other)) <= ALIKE * ALIKE * size(&between(point, one))
 }
 
 /// Loss and prior at a point; infinite where a residual is no number.

@@ -49,6 +49,10 @@ pub struct FitSettings {
     pub rounds: usize,
     /// A stage is done when a step gains less log-likelihood than this.
     pub least_gain: f64,
+    /// The most passes of the last stage.
+    pub passes: usize,
+    /// A pass that gains less log-likelihood than this is at rest.
+    pub rest: f64,
     /// What the search runs on. The minimum is that of the simulator's own fidelity all the same.
     pub search: Fidelity,
 }
@@ -61,6 +65,8 @@ impl Default for FitSettings {
             rounds: 12,
             // Kept slopes converge by about a half a round where parameters hardly show: what is left is a third of this.
             least_gain: 0.05,
+            passes: 8,
+            rest: 1.0,
             search: Fidelity::Averaged,
         }
     }
@@ -233,19 +239,19 @@ impl Task<'_> {
         let mut before: Option<(Vec<f64>, Vec<f64>)> = None;
         let mut last: Option<(Outcome, Setting)> = None;
         let mut gained = f64::INFINITY;
-        let passes = if borrowing { 1 } else { PASSES };
+        let passes = if borrowing { 1 } else { self.settings.passes };
         for pass in 0..passes {
             let setting = self.setting(&self.rig_at(&point)?)?;
             let at_rest =
                 |(old, at): &(Vec<f64>, Vec<f64>)| settled(old, &setting.scale_kpa) && near_to(at, &point, 0.1);
-            if known.is_some() && gained < REST && before.as_ref().is_some_and(at_rest) {
+            if known.is_some() && gained < self.settings.rest && before.as_ref().is_some_and(at_rest) {
                 break;
             }
             before = Some((setting.scale_kpa.clone(), point.clone()));
             // The first pass may have far to go: slopes anew in every round, on one side. The others begin near its end.
             let approaching = pass == 0 && !borrowing;
             // Where parameters can stand in for each other, slopes from a little way off lead on for a little way only.
-            let good = |at: &[f64]| gained < REST && near_to(at, &point, SLOPES_REACH);
+            let good = |at: &[f64]| gained < self.settings.rest && near_to(at, &point, SLOPES_REACH);
             let slopes = known.take().filter(|(_, at)| borrowing || good(at));
             let at = slopes.as_ref().map_or_else(|| point.clone(), |(_, at)| at.clone());
             rounds += usize::from(slopes.is_none() && !approaching);
@@ -348,10 +354,6 @@ impl Problem for Watched<'_, '_> {
     }
 }
 
-/// The most passes of the last stage.
-const PASSES: usize = 8;
-/// Log-likelihood that a pass gains at rest.
-const REST: f64 = 1.0;
 /// What a round must gain while slopes are taken on one side: they are off by a per cent, and along a valley a search that
 /// follows them crawls.
 const APPROACH_GAIN: f64 = 5.0;
