@@ -39,6 +39,9 @@ const REDONE_KPA: f64 = 0.03;
 /// How many times what the ripples of two readings differ by an answer must leave for the other reading not to be tried: it would
 /// change a sixteenth of the mean square.
 const NO_MATTER: f64 = 4.0;
+/// By how much sensors that lag may cost more than late valves and be as good an answer: a ripple that neither explains moves such
+/// costs by some tens.
+const AS_GOOD: f64 = 2.0 * PRICE;
 /// Share of the stated speed from which on another one is missing physics; less is how such motors scatter.
 const NAMED: f64 = 0.002;
 
@@ -228,7 +231,7 @@ pub(crate) fn answered(
     progress: &mut dyn FnMut(&str, f64),
 ) -> Result<Answered, DiagnoseError> {
     let rig = asked.given;
-    let bench = Bench::new(rig, &records, usable, Fidelity::Detailed);
+    let bench = Bench::new(rig, &records, usable, Fidelity::Detailed).shortened(asked.quick);
     let origin = vec![0.0; bench.nominal.len()];
     let fitted = bench.fit(&[], &[], &[origin], Effort::Full)?.fitted;
     let ripple = Ripple::of(&bench.fast, &fitted.rig)?;
@@ -265,7 +268,7 @@ pub(crate) fn answered(
     // With what was found in the rig the ripple may tell another speed, or be another one: a sensor that lags shows little, and what
     // was found late in a valve may have been such a sensor.
     let first_at = plainest(&answers);
-    let mut either = None;
+    let (mut either, mut lagging) = (None, None);
     if let Some(first_answer @ (first, answer)) = answers.get(first_at)
         && followed.is_none()
         && !answer.found.best.terms.is_empty()
@@ -283,7 +286,7 @@ pub(crate) fn answered(
             let answer = turning.answer(asked, usable, progress)?;
             return Ok((turning, answer));
         }
-        let (mut in_place, mut lagging) = (false, None);
+        let mut in_place = false;
         if again.is_none()
             && first.tachometer().is_none()
             && let Some(in_sensors) = late::in_sensors(&bench, &found)
@@ -291,9 +294,7 @@ pub(crate) fn answered(
         {
             in_place = true;
             again = raw.read_again(&first.point, &in_sensors, raw.ripple_beside(&in_sensors)?.as_ref())?;
-            if again.is_none() {
-                lagging = raw.lagging(&in_sensors, answer.cost)?;
-            }
+            lagging = raw.lagging(&in_sensors)?.map(|(instead, cost)| (instead, cost - answer.cost));
         }
         let read = again.as_ref().and_then(Turning::tachometer);
         let known = answers.iter().any(|(turning, _)| same(turning.tachometer(), read));
@@ -302,8 +303,8 @@ pub(crate) fn answered(
                 let another = first.tachometer().is_some() && again.ripple_off_kpa(first) > REDONE_KPA;
                 ((!known || another) && !again.is_no_matter(first_answer)).then_some(again)
             }
-            None if known => lagging.map(|lagging| Turning {
-                strokes_of: Some(lagging),
+            None if known => lagging.as_ref().filter(|(_, dearer)| *dearer < 0.0).map(|(lagging, _)| Turning {
+                strokes_of: Some(lagging.fitted.rig.clone()),
                 ..Turning::as_stated(rig, &records, &fitted.point)
             }),
             None => Some(Turning::as_stated(rig, &records, &fitted.point)),
@@ -321,6 +322,9 @@ pub(crate) fn answered(
         let rival = if either[0] == plainest { other } else { one };
         rival.filter(|_| close).map(|(_, answer)| answer.found.best.clone())
     });
+    // Whatever the ripple was read as: valves are not late where sensors that lag explain as much.
+    let as_good = lagging.filter(|(_, dearer)| plainest == first_at && *dearer < AS_GOOD).map(|(lagging, _)| lagging);
+    let rival = rival.or(as_good);
     let mut chosen = answers.into_iter().nth(plainest).ok_or(fit::FitError::NoRecordings)?;
     if let Some(rival) = rival {
         late::contest(&mut chosen.1, rival, &asked.candidates);

@@ -36,7 +36,11 @@ pub(super) fn believed(
     settings: &SearchSettings,
     tell: &mut dyn FnMut(&str, f64),
 ) -> Vec<Explanation> {
-    let screened = || screen(bench, candidates, best, &open_beside(bench, candidates, &best.terms), settings.look());
+    let screened = || {
+        let mut open = open_beside(bench, candidates, &best.terms);
+        open.retain(|k| settings.thorough || is_leak(candidates, *k));
+        screen(bench, candidates, best, &open, settings.look())
+    };
     let screening = screening.unwrap_or_else(screened);
     let cost_as_it_is = best.set.prior_cost(&best.fitted.point);
     let saves = |screened: &Screened| cost_as_it_is - best.set.prior_cost(&best.moved(&screened.shift));

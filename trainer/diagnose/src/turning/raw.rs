@@ -134,9 +134,9 @@ impl<'a> Raw<'a> {
         Ok(Ripple::of(&bench.fast, &at_stated_speed(&instead.fitted.rig, bench.rig))?)
     }
 
-    /// The rig with what might have been found instead, if that explains more than the `cost` of what was: readings less its own
-    /// strokes, not those of sensors that show them whole.
-    pub(super) fn lagging(&self, instead: &Beside<'_>, cost_of_found: f64) -> Result<Option<Rig>, DiagnoseError> {
+    /// What might have been found instead, with its cost, on readings less its own strokes, not those of sensors that show them whole;
+    /// `None` if it cannot be run.
+    pub(super) fn lagging(&self, instead: &Beside<'_>) -> Result<Option<(Explanation, f64)>, DiagnoseError> {
         let (bench, candidates) = (self.bench, instead.candidates);
         let starts = starts(bench, candidates, instead.best, &instead.terms, &instead.values, false);
         let Some(start) = starts.first() else { return Ok(None) };
@@ -144,7 +144,8 @@ impl<'a> Raw<'a> {
         let records = bench.without_strokes(&set.rig_at(start).map_err(DiagnoseError::rig(bench.rig))?)?;
         let searched = bench.reduced(&records);
         let Ok(fitted) = searched.fit(candidates, &instead.terms, &starts, Effort::Polish) else { return Ok(None) };
-        Ok((cost(&searched, &fitted) < cost_of_found).then_some(fitted.fitted.rig))
+        let cost = cost(&searched, &fitted);
+        Ok(Some((fitted, cost)))
     }
 
     /// A reading, asked again of the rig as fitted with it: before, its parameters made up for some of the ripple. With it
