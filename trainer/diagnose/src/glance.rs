@@ -17,8 +17,6 @@ use crate::error::DiagnoseError;
 
 /// Steps tried at once.
 const TRIALS: usize = 8;
-/// The same in a short search.
-const TRIALS_IN_SHORT: usize = 4;
 /// Cost by which something is behind after a glance that no fit is spent on it.
 const FAR_BEHIND: f64 = 100.0;
 
@@ -102,8 +100,7 @@ impl Footing {
         needed: f64,
     ) -> Option<Glanced> {
         let (prior, bounds) = (set.prior(), set.bounds());
-        let trials = if bench.short { TRIALS_IN_SHORT } else { TRIALS };
-        let mut settings = Settings { loss: LOSS, prior, bounds, rounds, trials, least_gain: 1.0, needed };
+        let mut settings = Settings { loss: LOSS, prior, bounds, rounds, trials: TRIALS, least_gain: 1.0, needed };
         let mut best: Option<Glanced> = None;
         for start in starts {
             // A flapper that is new to the rig lies where its first seconds fit best.
