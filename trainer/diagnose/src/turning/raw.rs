@@ -173,7 +173,8 @@ impl<'a> Raw<'a> {
             pump.speed_rpm = read.speed_rpm;
         }
         let records = self.bench.records.clone().with_cranks(&read.crank_rev);
-        let averaged = Bench::new(&turned, &records, self.bench.counted(), Fidelity::Averaged).shortened(self.bench.short);
+        let averaged =
+            Bench::new(&turned, &records, self.bench.counted(), Fidelity::Averaged).shortened(self.bench.short);
         let fitted = averaged.fit(&[], &[], &[point.to_vec()], Effort::Polish)?.fitted;
         let ripple = Ripple::of(&self.bench.fast, &at_stated_speed(&fitted.rig, self.bench.rig))?;
         Ok(ripple.map(|ripple| (ripple, fitted.point)))

@@ -187,7 +187,8 @@ const ALIKE: f64 = 0.02;
 
 /// Whether two steps from a point are one but for a hundredth or two, as the readings see them and in coordinates.
 fn is_alike(normal: &DMatrix<f64>, point: &[f64], one: &[f64], other: &[f64]) -> bool {
-    let between = |from: &[f64], to: &[f64]| DVector::from_iterator(from.len(), from.iter().zip(to).map(|(a, b)| b - a));
+    let between =
+        |from: &[f64], to: &[f64]| DVector::from_iterator(from.len(), from.iter().zip(to).map(|(a, b)| b - a));
     let size = |step: &DVector<f64>| step.dot(&(normal * step)) + step.norm_squared();
     size(&between(one, other)) <= ALIKE * ALIKE * size(&between(point, one))
 }
