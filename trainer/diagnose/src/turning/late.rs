@@ -51,7 +51,7 @@ pub(super) fn in_sensors<'a>(bench: &Bench<'_>, found: &Beside<'a>) -> Option<Be
 }
 
 /// Log-likelihood by which lagging sensors may be behind at a glance before their ripple is asked. (Where a ripple swings that neither
-/// explains, sensors that do lag were 7 behind late valves; late valves that are, 1000 ahead.)
+/// explains, sensors that do lag were 25 behind late valves at a glance; beside late valves that are, 890.)
 const BEHIND: f64 = 500.0;
 
 /// Whether a glance shows that what stands in the place of what was `found` on these readings is out of reach of it.
