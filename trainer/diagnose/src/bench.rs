@@ -16,6 +16,7 @@ use model::rig::Rig;
 
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
+use crate::much::much_kpa;
 
 /// Slow errors that a model is allowed to have when it is compared with another: no formula is exact, no build sheet
 /// complete. How large they are is estimated from the better of the two, out of these, in kPa.
@@ -61,6 +62,7 @@ pub struct Bench<'r> {
     pub short: bool,
     fit_weights: Vec<f64>,
     counted: Vec<f64>,
+    much_kpa: Vec<f64>,
 }
 
 /// An explanation, fitted.
@@ -146,6 +148,7 @@ impl<'r> Bench<'r> {
             nominal: nominal(rig, Scatter::default()),
             fit_weights: split.weights(records.layout(), Role::Fit).iter().zip(usable).map(|(w, u)| w * u).collect(),
             counted: usable.to_vec(),
+            much_kpa: much_kpa(records, usable, &noise),
             short: false,
             split,
             noise,
@@ -220,6 +223,11 @@ impl<'r> Bench<'r> {
     /// 1 at readings that count, 0 elsewhere.
     pub fn counted(&self) -> &[f64] {
         &self.counted
+    }
+
+    /// Whether errors beyond the noise by channel, in kPa, are more than a model may leave that lacks nothing ([`crate::much`]).
+    pub(crate) fn is_much(&self, excess_kpa: &[f64]) -> bool {
+        excess_kpa.iter().zip(&self.much_kpa).any(|(kpa, much)| kpa > much)
     }
 
     /// The rig with terms attached, each at its first start.

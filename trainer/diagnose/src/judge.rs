@@ -13,6 +13,7 @@ use crate::candidate::{Candidate, is_leak};
 use crate::error::DiagnoseError;
 use crate::evidence::evidence;
 use crate::glance::Footing;
+use crate::much::UNKNOWN_KPA;
 use crate::search::{Found, GLANCE_ROUNDS, cost, starts, twins, with, without};
 use crate::switched::{REACH_KPA, reaches_kpa, stands_somewhere};
 
@@ -24,8 +25,6 @@ pub(crate) const FLOOR_KPA: f64 = 0.06;
 /// Share of the mean squared error beyond the noise that what is named must take away. The same physics written in
 /// another way (relays instead of plays) leaves a sixth; what is merely similar (a lag for a resonance) leaves more.
 const EXPLAINED: f64 = 0.7;
-/// Error beyond the noise, in kPa, above which a model that lacks nothing known lacks something unknown.
-pub(crate) const UNKNOWN_KPA: f64 = 0.12;
 /// Log-likelihood within which two explanations are rivals whatever their blocks say.
 const TIE: f64 = 6.0;
 /// Standard errors within which they are.

@@ -51,6 +51,7 @@ mod heard;
 pub mod hidden;
 pub mod judge;
 pub mod locate;
+mod much;
 mod page;
 pub mod pieces;
 pub mod place;

@@ -18,7 +18,7 @@ use crate::files::{summed_up, write};
 use crate::findings::Findings;
 use crate::glance::settled;
 use crate::hidden;
-use crate::judge::{Judgement, MOVED, UNKNOWN_KPA, judge_without};
+use crate::judge::{Judgement, MOVED, judge_without};
 use crate::recorded::{Recorded, without};
 use crate::search::SearchSettings;
 use crate::switched::REACH_KPA;
@@ -192,7 +192,7 @@ fn unexplained(whole: &Bench<'_>, answer: &Answer) -> (Option<Formula>, Option<E
     }
     let searched = whole.reduced(&answer.reduced);
     let formula = unknown::formula(&searched, &answer.found.nominal);
-    let left = answer.judgement.excess_kpa[2].iter().any(|kpa| *kpa > UNKNOWN_KPA);
+    let left = whole.is_much(&answer.judgement.excess_kpa[2]);
     let asked = left && !formula.as_ref().is_some_and(|formula| formula.suffices);
     let event = if asked { event::find(&searched, &answer.found.best.trace) } else { None };
     (formula, event)

@@ -18,7 +18,7 @@ use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::evidence::{Bar, Evidence, evidence};
-use crate::judge::{UNKNOWN_KPA, excess, explains_most, left};
+use crate::judge::{excess, explains_most, left};
 use crate::screen::Screening;
 
 mod additions;
@@ -207,7 +207,7 @@ pub fn search(
         let sticks = top.terms.iter().any(|term| !best.terms.contains(term) && candidates[*term].stepped());
         if taken
             && sticks
-            && left(bench, &top).iter().any(|kpa| *kpa > UNKNOWN_KPA)
+            && bench.is_much(&left(bench, &top))
             && let Some(slips) = in_pieces(bench, candidates, &best, settings, &tried, Some(&top), tell)?
         {
             tried.push(std::mem::replace(&mut top, slips));
@@ -228,7 +228,7 @@ pub fn search(
             let ahead = if unexplained && far && best.terms.len() + 2 <= settings.most_terms {
                 let earlier = screened.as_ref().map(|(_, screening)| screening);
                 let further = additions(bench, candidates, &top, &settings.looking_ahead(), (earlier, 0.0), tell)?;
-                further.polished.into_iter().next().filter(|pair| {
+                further.polished.into_iter().find(|pair| {
                     let earned = |without: &Explanation| {
                         let found = evidence(bench, pair, without);
                         earns_its_place(bench, candidates, settings, &found, [pair, without, &nominal])
@@ -240,7 +240,7 @@ pub fn search(
             };
             // What is far from any known physics may be near one from where the parameters were before they gave way.
             let again = match ahead {
-                Some(found) => Some(found),
+                Some(pair) => Some(plainer(bench, candidates, pair, settings.bar.removed_kpa)?),
                 None if unexplained && settings.thorough => {
                     from_priors(bench, candidates, &best, &missed, &mut tried, tell)?
                 }
@@ -326,7 +326,7 @@ pub fn cost(bench: &Bench<'_>, explanation: &Explanation) -> f64 {
 /// Whether an explanation leaves more than a name may of what the `nominal` rig misses.
 fn is_unexplained(bench: &Bench<'_>, nominal: &Explanation, explanation: &Explanation) -> bool {
     let left = left(bench, explanation);
-    left.iter().any(|kpa| *kpa > UNKNOWN_KPA) && !explains_most(&excess(bench, &nominal.trace), &left)
+    bench.is_much(&left) && !explains_most(&excess(bench, &nominal.trace), &left)
 }
 
 /// Standard deviations of its prior beyond which a parameter has given way to something that it is not.

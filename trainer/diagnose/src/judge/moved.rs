@@ -8,7 +8,7 @@
 
 use proto::diagnosis::Verdict;
 
-use super::{FLOOR_KPA, Judgement, MOVED, TIE, UNKNOWN_KPA, excess, is_rival};
+use super::{FLOOR_KPA, Judgement, MOVED, TIE, excess, is_rival};
 use crate::alone::{ByThemselves, by_themselves};
 use crate::bench::{Bench, Explanation};
 use crate::candidate::{Candidate, is_leak};
@@ -40,7 +40,7 @@ pub(super) fn nothing_named(
         ..Judgement::unnamed(Verdict::Undecided, excess_kpa.clone())
     };
     // What was withdrawn says where the error is: far from where the rig works.
-    if withdrawn.is_empty() && excess_kpa[1].iter().any(|kpa| *kpa > UNKNOWN_KPA) {
+    if withdrawn.is_empty() && bench.is_much(&excess_kpa[1]) {
         return Ok(Judgement::unnamed(Verdict::UnknownMechanism, excess_kpa));
     }
     let as_given = excess(bench, given);

@@ -13,7 +13,7 @@ use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::glance::{Footing, Glanced};
-use crate::judge::{UNKNOWN_KPA, explains_most, left};
+use crate::judge::{explains_most, left};
 use crate::screen::{Screened, Screening, screen};
 
 /// Share of the first one's gain at a glance within which others are fitted as well.
@@ -85,6 +85,9 @@ pub(super) fn additions(
     // The first name decides what every later one is: only beside it a short search looks at fewer.
     let fewer = !settings.thorough && !base.terms.is_empty();
     let polish = if fewer { settings.polished.saturating_sub(1).max(1) } else { settings.polished };
+    // What moves in steps fits a little of whatever is wrong: it is never the only one.
+    let steps = |tried: &&&Tried<'_>| tried.alone().is_some_and(|k| candidates[k].stepped());
+    let polish = polish.max(1 + close.iter().take_while(steps).count());
     let mut chosen: Vec<&Tried<'_>> = double.into_iter().chain(close.iter().copied().take(polish)).collect();
     // What the screen put first is fitted in any case: its glance may have led into a wrong valley.
     let screened_first = screening.single.first().map(|screened| &screened.terms);
@@ -146,7 +149,7 @@ fn near_a_glance(
     // explanation.
     let warm = bench.fit(candidates, &tried.terms, std::slice::from_ref(&tried.point), Effort::Polish);
     // Where much is left, the priors' means may lead to a better end than parameters that have given way.
-    let leaves_much = |e: &Explanation| left(bench, e).iter().any(|kpa| *kpa > UNKNOWN_KPA);
+    let leaves_much = |e: &Explanation| bench.is_much(&left(bench, e));
     let cold = if far_off && warm.as_ref().map_or(true, leaves_much) {
         let values = &tried.screened.terms;
         let from: Vec<_> = starts(bench, candidates, base, &tried.terms, values, true).into_iter().skip(1).collect();

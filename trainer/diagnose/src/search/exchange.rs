@@ -50,7 +50,12 @@ pub(super) fn swaps(
         let swaps = side_by_side_telling(&offered, swapped, &mut |share| tell("swapping mechanisms", share));
         let mut swaps: Vec<Explanation> = swaps.into_iter().filter_map(Result::transpose).collect::<Result<_, _>>()?;
         // The first that costs less, as they were ranked: its own other shape comes before other names.
-        if let Some(at) = swaps.iter().position(|swap| cost(bench, swap) < cost(bench, &best) - 1.0) {
+        // What moves in steps fits a little of whatever is wrong: it must be likelier with slow errors allowed for as well.
+        let new = |swap: &Explanation| swap.terms.iter().copied().find(|term| !best.terms.contains(term));
+        let steps = |swap: &Explanation| new(swap).is_some_and(|term| candidates[term].stepped());
+        let cheaper = |swap: &Explanation| cost(bench, swap) < cost(bench, &best) - 1.0;
+        let better = |swap: &Explanation| cheaper(swap) && (!steps(swap) || evidence(bench, swap, &best).fitted > 0.0);
+        if let Some(at) = swaps.iter().position(better) {
             swaps.truncate(at + 1);
             if let Some(swap) = swaps.last_mut() {
                 std::mem::swap(&mut best, swap);

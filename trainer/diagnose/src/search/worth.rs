@@ -6,7 +6,7 @@ use super::SearchSettings;
 use crate::bench::{Bench, Explanation};
 use crate::candidate::Candidate;
 use crate::evidence::{Evidence, evidence};
-use crate::judge::{FLOOR_KPA, UNKNOWN_KPA, left};
+use crate::judge::{FLOOR_KPA, left};
 use crate::screen::Screening;
 
 /// What a further term must set right beside what is found already, as a share of its error: nobody's formula for the main
@@ -70,7 +70,7 @@ const BEYOND_THE_SCREEN: f64 = 5.0;
 /// or more where the channel with the larger scale is the one. Where much is unexplained the screen's slopes lead nowhere,
 /// and so does this.
 pub(super) fn any_could_earn(bench: &Bench<'_>, base: &Explanation, screening: &Screening, least_kpa: f64) -> bool {
-    if left(bench, base).iter().any(|kpa| *kpa > UNKNOWN_KPA) {
+    if bench.is_much(&left(bench, base)) {
         return true;
     }
     let most =
