@@ -27,7 +27,7 @@ use crate::unknown::{self, Formula, fit_unknown};
 use crate::unnamed::variance_beyond_noise;
 use crate::unsettled::variance_of_steps;
 use crate::untold::unname;
-use crate::withheld::objection;
+use crate::withheld::{are_leaks_too_small, objection};
 
 /// What is asked for.
 #[derive(Debug, Clone)]
@@ -83,7 +83,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     let mut both = side_by_side(&both, shown).into_iter();
     let (nominal, fitted) = both.next().unwrap_or_else(|| shown(&&found.nominal))?;
     let (mut best, mut extended) = both.next().unwrap_or_else(|| Ok((nominal.clone(), fitted.clone())))?;
-    if judgement.is_of_names() {
+    if judgement.is_of_names() || are_leaks_too_small(&searched, &asked.candidates, &found.best)? {
         if let Some(objection) = objection(&searched, &asked.candidates, &found, [&fitted, &extended])? {
             notes.push(objection.note);
             formula = objection.formula;

@@ -6,14 +6,14 @@ use fit::data::Role;
 use fit::parameters::ParameterSet;
 
 use crate::bench::{Bench, Effort, Explanation};
-use crate::candidate::{Candidate, names_of};
+use crate::candidate::{Candidate, is_leak, names_of};
 use crate::error::DiagnoseError;
 use crate::evidence::{Bar, CERTAIN, Evidence, evidence, root_of_drop};
 use crate::figures::Figures;
 use crate::judge::{FLOOR_KPA, explains_most, left};
 use crate::much::UNKNOWN_KPA;
 use crate::search::{Found, cost, position_of, values_of};
-use crate::switched::{REACH_KPA, reach_kpa};
+use crate::switched::{REACH_KPA, reach_kpa, stands_somewhere};
 use crate::unknown::{Formula, dead_end};
 
 /// Why what was found has no name.
@@ -87,6 +87,20 @@ pub(crate) fn objection(
         missing: false,
         formula: None,
     }))
+}
+
+/// Whether all that was found are leaks that show while a pump stands and move nothing by [`REACH_KPA`] elsewhere: which of them it is
+/// need not be told for them to be too small.
+///
+/// # Errors
+/// The rig cannot be simulated without one of them.
+pub(crate) fn are_leaks_too_small(
+    searched: &Bench<'_>,
+    candidates: &[Candidate],
+    best: &Explanation,
+) -> Result<bool, DiagnoseError> {
+    let leaks = !best.terms.is_empty() && best.terms.iter().all(|term| is_leak(candidates, *term));
+    Ok(leaks && stands_somewhere(searched) && reach_kpa(searched, best)? < REACH_KPA)
 }
 
 /// Root of the drop in mean squared error, in kPa; negative if it rose.
