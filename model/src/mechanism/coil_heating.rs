@@ -21,7 +21,8 @@
 //! It tells itself by being slow and one-sided: it follows the past duty, never the pressure.
 //!
 //! A run starts with `θ` = `initial_heat` (0: cold), whatever was commanded before; where recordings start
-//! warm, fits free it ([`crate::plant::Simulation::set_unknown`]).
+//! warm, fits free it ([`crate::plant::Simulation::set_unknown`]). A later part of a recording goes on from what was commanded in the
+//! rows before it ([`crate::plant::Simulation::warm_coils`]).
 
 use serde::{Deserialize, Serialize};
 
@@ -142,6 +143,20 @@ impl<R: Real> Heat<R> {
         }
         for (slot, heat) in memory.iter_mut().zip([body, winding]) {
             *slot = heat;
+        }
+    }
+}
+
+impl<R: Real> Heat<R> {
+    /// Carries duties that are each held for `instants`, as far as they are there (0 … 1 of each).
+    pub(crate) fn hold(&self, instants: usize, held: impl Iterator<Item = (R, R)>, memory: &mut [R]) {
+        let over =
+            |approach: R| approach.map(|part| 1.0 - (1.0 - part).powi(i32::try_from(instants).unwrap_or(i32::MAX)));
+        let approaches = [over(self.approach), over(self.winding_approach)];
+        for (duty, there) in held {
+            for (heat, approach) in memory.iter_mut().zip(approaches) {
+                *heat = (there * approach).mul_add(duty * duty - *heat, *heat);
+            }
         }
     }
 }

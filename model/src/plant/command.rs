@@ -252,6 +252,23 @@ impl<R: Real> CommandPath<R> {
         }
     }
 
+    /// Whether a coil in it warms.
+    pub(crate) fn warms(&self) -> bool {
+        self.stages.iter().any(|stage| matches!(stage, Stage::Heat(_)))
+    }
+
+    /// Warms its coils by the duties of some ticks, and how much of each there was, `instants` long.
+    pub(crate) fn warm(&self, instants: usize, ticks: usize, held: &dyn Fn(usize) -> (R, R), memory: &mut [R]) {
+        let mut at = self.memory;
+        for stage in &self.stages {
+            let end = at + stage.memory_len();
+            if let (Stage::Heat(heat), Some(own)) = (stage, memory.get_mut(at..end)) {
+                heat.hold(instants, (0..ticks).map(held), own);
+            }
+            at = end;
+        }
+    }
+
     /// Sets the memory as if `sent` had been commanded for ever, `supplied` of it through the supply; what acts then.
     pub(crate) fn settle(&self, sent: R, supplied: R, memory: &mut [R]) -> R {
         let mut at = self.memory;

@@ -10,6 +10,7 @@ use super::{MEMORY, MOST_DRIVES, NODES, Plant, Scratch, State};
 use crate::mechanism::Heat;
 use crate::real::Real;
 
+mod coils;
 mod warmth;
 
 /// A plant with its state and everything a tick needs.

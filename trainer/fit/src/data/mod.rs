@@ -18,6 +18,6 @@ mod split;
 
 pub use layout::Layout;
 pub use noise::{Noise, noise};
-pub use record::{Record, Records};
+pub use record::{Earlier, Record, Records};
 pub use ripple::{Line, folded_hz, lines};
 pub use split::{Role, Split, Stretch};

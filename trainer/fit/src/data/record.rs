@@ -1,6 +1,7 @@
 //! The columns of recordings that a rig needs, as numbers.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use model::plant::{Input, Plant};
 use model::rig::{Pump, Rig};
@@ -20,6 +21,8 @@ pub struct Record {
     pub begun_s: f64,
     /// Commands by input of the rig, then by row.
     pub inputs: Vec<Vec<f64>>,
+    /// Those of the rows before the first, where it is a later part of a recording.
+    pub before: Earlier,
     /// Runs of rows without a gap; in order, never empty, together all rows.
     pub segments: Vec<Range<usize>>,
     /// Revolutions by which the pump's crank stood past its zero at the first row. No column tells it; zero until the
@@ -37,7 +40,42 @@ pub struct Records {
     readings_kpa: Vec<f64>,
 }
 
+/// Commands that went before a part of a recording.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Earlier {
+    /// All commands of the recording that it is a part of, by input: shared by its parts.
+    whole: Arc<Vec<Vec<f64>>>,
+    /// How many rows of these are before the part.
+    rows: usize,
+}
+
+impl Earlier {
+    /// How many rows there are.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// The command of one of them.
+    pub fn command(&self, input: usize, row: usize) -> Option<f64> {
+        self.whole.get(input)?.get(..self.rows)?.get(row).copied()
+    }
+
+    /// The same and `rows` more.
+    fn and(self, rows: usize) -> Self {
+        Earlier { rows: self.rows + rows, ..self }
+    }
+}
+
 impl Record {
+    /// What goes before its first row, as a part of the recording that it is a part of itself.
+    fn earlier(&self) -> Earlier {
+        if self.before.whole.is_empty() {
+            Earlier { whole: Arc::new(self.inputs.clone()), rows: 0 }
+        } else {
+            self.before.clone()
+        }
+    }
+
     /// Seconds from the file's beginning to a row.
     pub fn elapsed_s(&self, row: usize) -> f64 {
         self.time_s.get(row).map_or(0.0, |time_s| time_s - self.begun_s)
@@ -71,6 +109,7 @@ impl Records {
                 time_s: recording.time_s().to_vec(),
                 begun_s: recording.time_s().first().copied().unwrap_or(0.0),
                 inputs,
+                before: Earlier::default(),
                 segments: recording.segments().to_vec(),
                 crank_rev: 0.0,
             });
@@ -128,13 +167,15 @@ impl Records {
             .collect();
         let readings_kpa = places.iter().filter_map(|place| self.readings_kpa.get(*place)).copied().collect();
         let cut = |numbers: &[f64], rows: &Range<usize>| numbers.get(rows.clone()).unwrap_or_default().to_vec();
+        let earlier: Vec<Earlier> = self.records.iter().map(Record::earlier).collect();
         let records = kept
             .iter()
-            .map(|(whole, _, rows)| Record {
+            .map(|(whole, record, rows)| Record {
                 source: whole.source.clone(),
                 time_s: cut(&whole.time_s, rows),
                 begun_s: whole.begun_s,
                 inputs: whole.inputs.iter().map(|input| cut(input, rows)).collect(),
+                before: earlier.get(*record).cloned().unwrap_or_default().and(rows.start),
                 segments: whole
                     .segments
                     .iter()

@@ -29,6 +29,24 @@ impl Lane<'_> {
         self.chain.columns.inputs.get(input).and_then(|column| column.get(row)).copied().unwrap_or(0.0)
     }
 
+    /// Rows of commands before its start.
+    fn rows_before(&self) -> usize {
+        self.chain.columns.before.rows() + self.chain.rows().start
+    }
+
+    /// A command `rows` before its start (1 is the row before it), and 1; 0 and 0 where there was none.
+    fn command_before(&self, input: usize, rows: usize) -> [f64; 2] {
+        let columns = self.chain.columns;
+        let start = self.chain.rows().start;
+        let sent = match start.checked_sub(rows) {
+            Some(row) => columns.inputs.get(input).and_then(|column| column.get(row)).copied(),
+            None => {
+                (columns.before.rows() + start).checked_sub(rows).and_then(|row| columns.before.command(input, row))
+            }
+        };
+        sent.map_or([0.0, 0.0], |sent| [sent, 1.0])
+    }
+
     /// The reading that one of its arcs starts from, in kPa; any where it has ended.
     fn start_kpa(&self, arc: usize, channel: usize) -> f64 {
         let arcs = self.chain.arcs();
@@ -90,6 +108,16 @@ pub(super) fn sweep<R: Simulated>(
             let how = simulation.start_for(&recorded);
             let crank_rev = each(&|lane| lane.crank_rev);
             simulation.start_at(&start, &commands, how, crank_rev, longest.chain.elapsed_s());
+            let before = lanes.iter().map(Lane::rows_before).max().unwrap_or(0);
+            if before > 0 && simulation.has_coils_that_warm() {
+                let ticks = ticks_per_row as usize;
+                let ago = |tick: usize| before - tick / ticks;
+                simulation.warm_coils(
+                    before * ticks,
+                    &|input, tick| each(&|lane| lane.command_before(input, ago(tick))[0]),
+                    &|tick| each(&|lane| lane.command_before(0, ago(tick))[1]),
+                );
+            }
             for (slot, unknown) in unknowns.iter().enumerate() {
                 if lanes.iter().any(|lane| lane.share(unknown).is_some()) {
                     simulation.set_unknown(slot, each(&|lane| lane.share(unknown).unwrap_or(unknown.usual)));
