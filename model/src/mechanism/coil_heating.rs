@@ -145,9 +145,7 @@ impl<R: Real> Heat<R> {
             *slot = heat;
         }
     }
-}
 
-impl<R: Real> Heat<R> {
     /// Carries duties that are each held for `instants`, as far as they are there (0 … 1 of each).
     pub(crate) fn hold(&self, instants: usize, held: impl Iterator<Item = (R, R)>, memory: &mut [R]) {
         let over =

@@ -259,13 +259,10 @@ impl<R: Real> CommandPath<R> {
 
     /// Warms its coils by the duties of some ticks, and how much of each there was, `instants` long.
     pub(crate) fn warm(&self, instants: usize, ticks: usize, held: &dyn Fn(usize) -> (R, R), memory: &mut [R]) {
-        let mut at = self.memory;
-        for stage in &self.stages {
-            let end = at + stage.memory_len();
-            if let (Stage::Heat(heat), Some(own)) = (stage, memory.get_mut(at..end)) {
+        for (stage, start) in self.memories() {
+            if let (Stage::Heat(heat), Some(own)) = (stage, memory.get_mut(start..start + stage.memory_len())) {
                 heat.hold(instants, (0..ticks).map(held), own);
             }
-            at = end;
         }
     }
 

@@ -26,8 +26,7 @@ fn warming() -> Rig {
     rig
 }
 
-/// A free run of a later part, of a part of that, and of what is behind a gap goes on where that of the whole is; only the first
-/// pressures start anew.
+/// A free run of a later part, and of a part of that, goes on where that of the whole is; only the first pressures start anew.
 #[test]
 fn a_later_part_begins_with_coils_as_warm_as_the_whole_has_them() {
     const ROWS: usize = 1500;
