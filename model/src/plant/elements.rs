@@ -50,7 +50,8 @@ record! {
 }
 
 record! {
-    /// A commanded nozzle-flapper valve, paper eqs. (4)-(5).
+    /// A commanded nozzle-flapper valve, paper eqs. (4)-(5). Where `down` has the higher pressure gas passes the other way, through
+    /// the area that the forces leave.
     Vent { up: usize, down: usize, law: usize,
         /// Which command path drives it.
         command: usize,

@@ -83,6 +83,17 @@ impl<R: Real> ShapedVent<R> {
         if self.restricted { self.in_series(law, lifted, up, down) } else { self.through(law, lifted, up, down) }
     }
 
+    /// The same valve with its ports exchanged, for gas that passes the other way: what pushed the flapper open now pushes it shut.
+    #[inline(always)]
+    fn mirrored(&self) -> Self {
+        ShapedVent {
+            pressure_area: -self.pressure_area,
+            upstream_drop: self.downstream_drop,
+            downstream_drop: self.upstream_drop,
+            ..*self
+        }
+    }
+
     /// Where friction holds the flapper (in duty) once a duty and pressures act that may break it loose; `swing` is how far
     /// the pumps take the difference of the pressures (in Pa) below and above these within a revolution.
     pub(crate) fn held_at(&self, held: R, duty: R, [up, down]: [R; 2], swing: [R; 2]) -> R {
@@ -246,6 +257,10 @@ pub(crate) fn rates<R: Real, const STATES: usize, const NODES: usize, const EXTE
             let duty = scratch.duty(vent.command, k);
             let through = vent.flow(plant.law(vent.law), duty, held, extra, [up, down]);
             balance.pass::<EXTENDED>(vent.up, vent.down, through * inverse_speed[vent.up % NODES], temperature);
+            if (down - up).any_above(zero) {
+                let through = vent.mirrored().flow(plant.law(vent.law), duty, held, extra, [down, up]);
+                balance.pass::<EXTENDED>(vent.down, vent.up, through * inverse_speed[vent.down % NODES], temperature);
+            }
         }
         for (pump, content) in plant.averaged.iter().zip(&mut contents) {
             let (inlet, outlet) = (pump.inlet % NODES, pump.outlet % NODES);
@@ -282,6 +297,13 @@ pub(crate) fn rates<R: Real, const STATES: usize, const NODES: usize, const EXTE
         let phi = plant.law(vent.law).at_drop(difference / up);
         let flow = area * inverse_speed[vent.up % NODES] * up * phi;
         balance.pass::<EXTENDED>(vent.up, vent.down, flow, temperature);
+        // An open nozzle has no direction: a chamber that a leak takes beyond the air, pump off, is vented as well. Eq. (3) as
+        // printed has no flow there, for a running pump never brings it about.
+        if (-difference).any_above(zero) {
+            let phi = plant.law(vent.law).at_drop(-difference / down);
+            let flow = area * inverse_speed[vent.down % NODES] * down * phi;
+            balance.pass::<EXTENDED>(vent.down, vent.up, flow, temperature);
+        }
     }
     for capillary in &plant.capillaries {
         let (one, other) = (x[capillary.up % NODES], x[capillary.down % NODES]);

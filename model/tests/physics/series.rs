@@ -68,9 +68,17 @@ fn a_line_in_series_passes_what_bisection_says() {
                             _ => ATMOSPHERE,
                         };
                         let (up, down) = (place(from), place(to));
-                        let area = |dp: f64| MM2 * (duty + pressure_area * nozzle * dp);
-                        let exact = if up > down { by_bisection(up, down, area, line * MM2, upstream) } else { 0.0 };
-                        let off = (found - exact).abs() / exact.max(1e-7);
+                        // Backwards the difference pushes the flapper shut, and where all of it does, nothing flows that the
+                        // line could take a part of it.
+                        let area = |dp: f64| MM2 * (duty + pressure_area * nozzle * dp).max(0.0);
+                        let exact = if up > down {
+                            by_bisection(up, down, area, line * MM2, upstream)
+                        } else if area(up - down) == 0.0 {
+                            0.0
+                        } else {
+                            -by_bisection(down, up, |dp| area(-dp), line * MM2, !upstream)
+                        };
+                        let off = (found - exact).abs() / exact.abs().max(1e-7);
                         worst = worst.max(off);
                         // What the mean over a tick and the flow halfway differ by goes with the square of the tank's
                         // way over the difference, (17/325)²/24 at most.

@@ -4,8 +4,10 @@
 //! | --- | --- |
 //! | `menu` | programmes of commands to choose from |
 //! | `separation` | how far apart rivals would be |
+//! | `backwards` | programmes in which a vent passes backwards |
 //! | `plan` | programmes chosen, joined, and checked to be safe |
 
+mod backwards;
 mod menu;
 mod plan;
 mod separation;

@@ -8,6 +8,7 @@ use nalgebra::DMatrix;
 use proto::recording::csv::{self, Column, ColumnData};
 use proto::recording::{PERIOD_S, Recording};
 
+use super::backwards::backwards;
 use super::menu::{Programme, SHUT_IN, Usage, menu};
 use super::separation::{PairSums, Predicted};
 use crate::bench::{Bench, Explanation};
@@ -121,7 +122,15 @@ pub fn plan(bench: &Bench<'_>, rivals: &[&Explanation]) -> Result<Option<Plan>, 
     let is_shut_in = |p: &&usize| programmes.get(**p).is_some_and(|programme| programme.name == SHUT_IN);
     let shut_in = within_limits.iter().find(is_shut_in).copied().filter(|_| leaky);
     let kept_s = shut_in.and_then(|p| programmes.get(p)).map_or(0.0, Programme::seconds);
-    let mut chosen = choose(&programmes, &safe, &sums, &pairs, &known, shut_in, LONGEST_S - kept_s);
+    let traces: Vec<&[f64]> = predicted.iter().map(|(base, _)| base.as_slice()).collect();
+    let backwards = backwards(&simulator, rivals, &traces)?;
+    let forwards: Vec<usize> = safe.iter().copied().filter(|p| backwards.get(*p) != Some(&true)).collect();
+    let from = |among: &[usize]| choose(&programmes, among, &sums, &pairs, &known, shut_in, LONGEST_S - kept_s);
+    let mut chosen = from(&forwards);
+    let decided = |at: usize| apart(&chosen, &sums, at, pairs[at], &known) >= DECIDES;
+    if !(0..pairs.len()).all(decided) {
+        chosen = from(&safe);
+    }
     if chosen.is_empty() {
         return Ok(None);
     }
@@ -181,6 +190,19 @@ fn choose(
     chosen
 }
 
+/// Expected difference of log-likelihoods (D/2) of the pair number `at`, two rivals, in some programmes.
+fn apart(
+    chosen: &[usize],
+    sums: &[Vec<PairSums>],
+    at: usize,
+    (one, other): (usize, usize),
+    known: &[DMatrix<f64>],
+) -> f64 {
+    let of_pair = chosen.iter().filter_map(|p| sums.get(*p).and_then(|s| s.get(at)).cloned());
+    let total = of_pair.reduce(|a, b| a.and(&b));
+    total.map_or(0.0, |t| 0.5 * t.divergence(&known[one], &known[other]))
+}
+
 /// Joins the chosen programmes and simulates the whole.
 fn finish(
     bench: &Bench<'_>,
@@ -210,17 +232,8 @@ fn finish(
             .collect::<Result<Vec<_>, _>>()?;
         let safe = predicted_kpa.iter().all(|trace| within(&records, 0, trace, SAFE_KPA));
         if safe || chosen.len() == 1 {
-            let separation = pairs
-                .iter()
-                .enumerate()
-                .map(|(at, (i, k))| {
-                    let total = chosen
-                        .iter()
-                        .filter_map(|p| sums.get(*p).and_then(|s| s.get(at)).cloned())
-                        .reduce(|a, b| a.and(&b));
-                    (*i, *k, total.map_or(0.0, |t| 0.5 * t.divergence(&known[*i], &known[*k])))
-                })
-                .collect();
+            let told = |(at, (i, k)): (usize, &(usize, usize))| (*i, *k, apart(&chosen, sums, at, (*i, *k), known));
+            let separation = pairs.iter().enumerate().map(told).collect();
             return Ok(Plan {
                 programmes: picked.iter().map(|p| p.name.clone()).collect(),
                 columns: inputs.iter().map(|input| input.column.clone()).collect(),
