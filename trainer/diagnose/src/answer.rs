@@ -1,9 +1,10 @@
 //! What a search over some recordings comes to.
 
-use fit::data::Records;
+use fit::data::{Records, Role};
+use fit::objective::profiled;
 use model::rig::Rig;
 
-use crate::bench::Bench;
+use crate::bench::{Bench, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::figures::{Figures, figures};
@@ -52,6 +53,8 @@ pub(crate) struct Answer {
     pub(crate) judgement: Judgement,
     /// Cost of what was found: comparable between answers from the same readings.
     pub(crate) cost: f64,
+    /// The same of its free run on the rows that choose, which nothing was fitted to.
+    pub(crate) cost_of_choice: f64,
 }
 
 impl Answer {
@@ -80,7 +83,21 @@ impl Answer {
         progress("reconstructing what is missing", 0.0);
         let missing = reconstruct(&bench, &found.nominal.fitted.rig, &found.nominal.trace, !asked.quick)?;
         let judgement = judge(&bench, &asked.candidates, &found, &bench.free_run(asked.given)?, progress)?;
-        let cost = cost(&bench, &found.best);
-        Ok(Answer { given, reduced, found, missing, judgement, cost })
+        let (cost, cost_of_choice) = (cost(&bench, &found.best), cost_of_choice(&bench, &found.best));
+        Ok(Answer { given, reduced, found, missing, judgement, cost, cost_of_choice })
     }
+}
+
+/// Negative log-likelihood of an explanation's free run on the rows that choose, the scale of each channel at its own best.
+fn cost_of_choice(bench: &Bench<'_>, explanation: &Explanation) -> f64 {
+    let layout = bench.records.layout();
+    let chosen = bench.split.weights(layout, Role::Select);
+    let of = |values: &[f64], i: usize| values.get(i).copied().unwrap_or(0.0);
+    let counts = |i: &usize| of(&chosen, *i) * of(bench.counted(), *i) != 0.0;
+    let channel = |channel: usize| {
+        let rows = (0..layout.records()).flat_map(|record| layout.channel(record, channel)).filter(counts);
+        let off = rows.map(|i| of(&explanation.trace, i) - of(bench.records.readings_kpa(), i));
+        profiled(&off.filter(|kpa| kpa.is_finite()).collect::<Vec<_>>(), explanation.fitted.loss)
+    };
+    (0..layout.channels()).map(channel).sum()
 }

@@ -60,6 +60,8 @@ pub struct Bench<'r> {
     pub nominal: Vec<Parameter>,
     /// Whether fits are those of a short search: they come to rest sooner.
     pub short: bool,
+    /// Whether a ripple was taken out that turned about once in a recording ([`Bench::beside_slow_ripple`]).
+    pub slow_ripple: bool,
     fit_weights: Vec<f64>,
     counted: Vec<f64>,
     much_kpa: Vec<f64>,
@@ -150,6 +152,7 @@ impl<'r> Bench<'r> {
             counted: usable.to_vec(),
             much_kpa: much_kpa(records, usable, &noise),
             short: false,
+            slow_ripple: false,
             split,
             noise,
         }
@@ -161,12 +164,19 @@ impl<'r> Bench<'r> {
         Bench { short, ..self }
     }
 
+    /// The same with readings that a ripple was taken out of which turned about once in a recording, or with others: what it was
+    /// predicted wrong by is left, as slow as a drift.
+    #[must_use]
+    pub fn beside_slow_ripple(self, slow_ripple: bool) -> Self {
+        Bench { slow_ripple, ..self }
+    }
+
     /// The same with other recordings of the rig, `usable` as in [`Bench::new`].
     pub fn over<'p>(&self, records: &'p Records, usable: &[f64], fidelity: Fidelity) -> Bench<'p>
     where
         'r: 'p,
     {
-        Bench::new(self.rig, records, usable, fidelity).shortened(self.short)
+        Bench::new(self.rig, records, usable, fidelity).shortened(self.short).beside_slow_ripple(self.slow_ripple)
     }
 
     /// The same with readings that lack the pump's strokes, on what searches run on.

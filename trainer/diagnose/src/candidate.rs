@@ -121,6 +121,11 @@ impl Candidate {
         ends.next().map(|(place, (p, _))| (place, p.key, p.low))
     }
 
+    /// Whether it moves readings over tens of seconds, whatever is commanded: a drift, or what warms.
+    pub fn is_slow(&self) -> bool {
+        self.id == "sensor_drift" || self.offered.parameters.iter().any(|p| p.slow)
+    }
+
     /// Keys of its free parameters, in their order.
     pub fn keys(&self) -> impl Iterator<Item = &'static str> + '_ {
         self.offered.parameters.iter().map(|p| p.key)

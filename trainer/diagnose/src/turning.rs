@@ -157,7 +157,8 @@ impl Turning {
 
     /// The recordings laid out for fits.
     pub(crate) fn bench<'t>(&'t self, usable: &[f64], short: bool) -> Bench<'t> {
-        Bench::new(&self.rig, &self.records, usable, self.fidelity).shortened(short)
+        let slow_ripple = self.tachometer().is_some_and(|read| read.turns < CERTAIN_TURNS);
+        Bench::new(&self.rig, &self.records, usable, self.fidelity).shortened(short).beside_slow_ripple(slow_ripple)
     }
 
     fn answer(
@@ -296,17 +297,20 @@ pub(crate) fn answered(
             again = raw.read_again(&first.point, &in_sensors, raw.ripple_beside(&in_sensors)?.as_ref())?;
             lagging = raw.lagging(&in_sensors)?.map(|(instead, cost)| (instead, cost - answer.cost));
         }
-        let read = again.as_ref().and_then(Turning::tachometer);
-        let known = answers.iter().any(|(turning, _)| same(turning.tachometer(), read));
         let turning = match again {
             Some(again) => {
-                let another = first.tachometer().is_some() && again.ripple_off_kpa(first) > REDONE_KPA;
-                ((!known || another) && !again.is_no_matter(first_answer)).then_some(again)
+                let is_old = |turning: &Turning| {
+                    same(turning.tachometer(), again.tachometer()) && again.ripple_off_kpa(turning) <= REDONE_KPA
+                };
+                let known = answers.iter().any(|(turning, _)| is_old(turning));
+                (!known && !again.is_no_matter(first_answer)).then_some(again)
             }
-            None if known => lagging.as_ref().filter(|(_, dearer)| *dearer < 0.0).map(|(lagging, _)| Turning {
-                strokes_of: Some(lagging.fitted.rig.clone()),
-                ..Turning::as_stated(rig, &records, &fitted.point)
-            }),
+            None if answers.iter().any(|(turning, _)| turning.read.is_none()) => {
+                lagging.as_ref().filter(|(_, dearer)| *dearer < 0.0).map(|(lagging, _)| Turning {
+                    strokes_of: Some(lagging.fitted.rig.clone()),
+                    ..Turning::as_stated(rig, &records, &fitted.point)
+                })
+            }
             None => Some(Turning::as_stated(rig, &records, &fitted.point)),
         };
         if let Some(turning) = turning {
@@ -356,10 +360,10 @@ fn plainest(answers: &[Answered]) -> usize {
     priced.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index)
 }
 
-/// What an answer leaves and asks to be believed: terms with their parameters, and a speed with an angle for each recording.
+/// What an answer leaves, on rows that were fitted and on rows that were not, and asks to be believed: terms with their parameters, and a speed with an angle for each recording.
 fn price((turning, answer): &Answered) -> f64 {
     let read = turning.tachometer().map_or(0, |read| 1 + read.crank_rev.len());
     let parameters = answer.found.best.set.len().saturating_sub(answer.found.nominal.set.len()) + read;
     let believed = answer.found.best.terms.len() + usize::from(read > 0);
-    answer.cost + PRICE * believed as f64 + PRICE_OF_A_PARAMETER * parameters as f64
+    answer.cost + answer.cost_of_choice + PRICE * believed as f64 + PRICE_OF_A_PARAMETER * parameters as f64
 }

@@ -38,7 +38,7 @@ pub(super) fn leaves_room(bench: &Bench<'_>, settings: &SearchSettings, best: &E
 /// Whether `with`, which has the evidence `found` against `without`, passes the bar, and is more than what the formulas of the
 /// terms in `without` may have left of what the `nominal` rig misses: more than a share of it, or, where it shows or is
 /// beyond doubt, most of what is left, be it in all channels together or in one where it shows. What a formula leaves is not what
-/// some other physics does, and that explains a third of it at best.
+/// some other physics does, and that explains a third of it at best. Nor is something slow what a slow ripple has left.
 pub(super) fn earns_its_place(
     bench: &Bench<'_>,
     candidates: &[Candidate],
@@ -46,6 +46,10 @@ pub(super) fn earns_its_place(
     found: &Evidence,
     [with, without, nominal]: [&Explanation; 3],
 ) -> bool {
+    let mut new = with.terms.iter().filter(|term| !without.terms.contains(term));
+    if bench.slow_ripple && found.removed_kpa < BESIDE_SLOW_RIPPLE_KPA && new.all(|term| candidates[*term].is_slow()) {
+        return false;
+    }
     let parameters = with.set.len().saturating_sub(without.set.len());
     let blocks = bench.blocks(Role::Fit).len();
     if !settings.bar.passed(found, parameters, candidates.len(), blocks) {
@@ -60,6 +64,10 @@ pub(super) fn earns_its_place(
         || found.share > MORE_THAN_A_THIRD && found.is_beyond_doubt()
         || found.share_of_a_channel > MORE_THAN_A_THIRD && found.is_certain()
 }
+
+/// What something slow must set right beside a ripple that turned about once in a recording, in kPa: predicted to a tenth of its
+/// height and a few degrees of its angle, it leaves a twentieth of a kPa that is as slow.
+const BESIDE_SLOW_RIPPLE_KPA: f64 = 0.05;
 
 /// How much more than the screen sees, to first order, a term may come to gain where the rest is explained.
 const BEYOND_THE_SCREEN: f64 = 5.0;

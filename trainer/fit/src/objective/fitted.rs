@@ -106,8 +106,9 @@ impl Fitted {
     }
 }
 
-/// `min over s of Σ ρ(r/s) + n ln s`, by reweighting: s² = Σ w(r/s) r²/n.
-fn profiled(residuals: &[f64], loss: Loss) -> f64 {
+/// Negative log-likelihood of residuals with their scale at its own best, but for constants: `min over s of Σ ρ(r/s) + n ln s`, by
+/// reweighting: s² = Σ w(r/s) r²/n.
+pub fn profiled(residuals: &[f64], loss: Loss) -> f64 {
     let n = residuals.len() as f64;
     if residuals.is_empty() {
         return 0.0;
