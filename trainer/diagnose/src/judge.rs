@@ -172,7 +172,7 @@ fn something_named(
                     let new = contested.iter_mut().filter(|c| c.term == term && !c.rivals.contains(&k));
                     let by_itself = new.map(|contest| contest.rivals.push(k)).count() == 0;
                     if !by_itself {
-                        groups.push(vec![candidates[term].name(), candidates[k].name()]);
+                        tell_once(&mut groups, vec![candidates[term].name(), candidates[k].name()]);
                     }
                 }
                 rivals.push(rival.clone());
@@ -186,6 +186,13 @@ fn something_named(
     let verdict = if groups.is_empty() { Verdict::MissingPhysics } else { Verdict::Undecided };
     let named = contested.iter().filter(|c| c.rivals.is_empty()).map(|c| c.term).collect();
     Ok(Judgement { verdict, named, contested, rivals, groups, excess_kpa })
+}
+
+/// Adds a group of rivals that is not there yet: two shapes of a mechanism have one name.
+pub(crate) fn tell_once(groups: &mut Vec<Vec<String>>, group: Vec<String>) {
+    if !groups.contains(&group) {
+        groups.push(group);
+    }
 }
 
 /// What may stand in place of a term of what was found: which candidates, and the explanations with them.

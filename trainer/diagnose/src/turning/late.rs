@@ -12,6 +12,7 @@ use crate::bench::{Bench, Explanation};
 use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::glance::Footing;
+use crate::judge::tell_once;
 use crate::search::{PAIR_ROUNDS, starts, values_of};
 
 /// Mechanisms by which a valve is late; their first number says by how much, in ms.
@@ -77,13 +78,17 @@ pub(super) fn contest(answer: &mut Answer, rival: Explanation, candidates: &[Can
     };
     let others = only_in(&rival.terms, &answer.found.best.terms);
     for term in only_in(&answer.found.best.terms, &rival.terms) {
-        let there = |other: &&usize| candidates[**other].side == candidates[term].side;
+        // Another shape of the same mechanism there is no other answer.
+        let there = |other: &&usize| {
+            let (own, other) = (&candidates[term], &candidates[**other]);
+            own.side == other.side && own.id != other.id
+        };
         let Some(other) = others.iter().find(there) else { continue };
         let new =
             judgement.contested.iter_mut().find(|contest| contest.term == term && !contest.rivals.contains(other));
         if let Some(contest) = new {
             contest.rivals.push(*other);
-            judgement.groups.push(vec![candidates[term].name(), candidates[*other].name()]);
+            tell_once(&mut judgement.groups, vec![candidates[term].name(), candidates[*other].name()]);
             judgement.named.retain(|named| *named != term);
             judgement.verdict = Verdict::Undecided;
         }
