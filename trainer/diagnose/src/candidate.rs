@@ -33,7 +33,9 @@ pub(crate) fn is_leak(candidates: &[Candidate], term: usize) -> bool {
 }
 
 /// Mechanisms by which a reading is off where the pressure is known: at rest, open to the air.
-const READINGS: [&str; 3] = ["sensor_bias", "sensor_drift", "sensor_gain"];
+const READINGS: [&str; 3] = ["sensor_bias", DRIFT, "sensor_gain"];
+/// The one of them that comes with time.
+pub(crate) const DRIFT: &str = "sensor_drift";
 
 /// Whether a mechanism makes a reading wrong where the pressure is known.
 pub(crate) fn reads_wrong(id: &str) -> bool {
@@ -123,7 +125,7 @@ impl Candidate {
 
     /// Whether it moves readings over tens of seconds, whatever is commanded: a drift, or what warms.
     pub fn is_slow(&self) -> bool {
-        self.id == "sensor_drift" || self.offered.parameters.iter().any(|p| p.slow)
+        self.id == DRIFT || self.offered.parameters.iter().any(|p| p.slow)
     }
 
     /// Keys of its free parameters, in their order.
@@ -200,7 +202,7 @@ pub fn candidates(rig: &Rig) -> Vec<Candidate> {
 /// Whether it is a constant error of a reading that is made through a root: the meter's own zero lies under the root, so
 /// that its error is large where little flows and gone where much does, and no constant.
 fn is_bias_of_a_root(rig: &Rig, offered: &Offered) -> bool {
-    let constant = ["sensor_bias", "sensor_drift"].contains(&offered.id);
+    let constant = ["sensor_bias", DRIFT].contains(&offered.id);
     let terms =
         rig.sensors.get(&offered.component).and_then(|sensor| rig.recording.as_ref()?.columns.get(&sensor.column));
     constant && terms.is_some_and(|terms| terms.0.iter().any(|term| term.root))

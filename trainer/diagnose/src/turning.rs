@@ -360,7 +360,8 @@ fn plainest(answers: &[Answered]) -> usize {
     priced.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index)
 }
 
-/// What an answer leaves, on rows that were fitted and on rows that were not, and asks to be believed: terms with their parameters, and a speed with an angle for each recording.
+/// What an answer leaves, on rows that were fitted and on rows that were not, and asks to be believed: terms with their parameters,
+/// and a speed with an angle for each recording.
 fn price((turning, answer): &Answered) -> f64 {
     let read = turning.tachometer().map_or(0, |read| 1 + read.crank_rev.len());
     let parameters = answer.found.best.set.len().saturating_sub(answer.found.nominal.set.len()) + read;

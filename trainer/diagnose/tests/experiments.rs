@@ -109,8 +109,7 @@ fn what_all_rivals_have_is_not_what_an_experiment_is_for() {
 }
 
 /// Air that leaks from the positive into the negative chamber, or out of both: with the pump off and the negative vent alone open
-/// the first takes the negative chamber beyond the air, and how much that vent lets out backwards nobody knows. Two leaks of one
-/// cause part in a shut-in as well.
+/// the first takes the negative chamber beyond the air, and how much that vent lets out backwards nobody knows. The two part without it.
 #[test]
 fn no_vent_need_pass_backwards_to_tell_leaks_apart() {
     let (rig, mut truth) = moved(&[]);

@@ -5,9 +5,19 @@
 mod made;
 
 use diagnose::candidate::candidates;
-use diagnose::{Request, Verdict, run};
+use diagnose::{Diagnosis, Request, Verdict, run};
 use made::{made, made_after, moved};
 use model::rig::Rig;
+use proto::recording::Recording;
+
+/// A short diagnosis, its files removed.
+fn diagnosed(name: &str, rig: Rig, recordings: Vec<Recording>) -> Diagnosis {
+    let out_dir = std::env::temp_dir().join(format!("diagnose-{name}-{}", std::process::id()));
+    let request = Request { rig, recordings, out_dir: out_dir.clone(), quick: true };
+    let found = run(&request, &mut |_, _| ()).unwrap();
+    std::fs::remove_dir_all(&out_dir).unwrap();
+    found
+}
 
 /// A pump that slows under load swings the readings at 15 Hz in the samples; nothing else need be wrong for it to be named.
 #[test]
@@ -37,18 +47,14 @@ fn a_pump_that_slows_under_load_is_named_off_its_ripple() {
 fn a_ripple_that_passes_slowly_is_no_drift() {
     // 0.04 turns a second of the ripple: 1.2 turns in a recording, less than is certain by itself.
     let (rig, truth) = moved(&[("pumps.pump.speed_rpm", 1.0 - 4e-4)]);
-    let out_dir = std::env::temp_dir().join(format!("diagnose-slow-{}", std::process::id()));
-    let recordings = made(&truth, 2, 5);
-    let request = Request { rig, recordings, out_dir: out_dir.clone(), quick: true };
-    let found = run(&request, &mut |_, _| ()).unwrap();
-    std::fs::remove_dir_all(&out_dir).unwrap();
+    let found = diagnosed("slow", rig, made(&truth, 2, 5));
     assert_eq!(found.verdict, Verdict::Adequate, "{}", found.summary);
     assert!(found.mechanisms.is_empty(), "{}", found.summary);
     assert!(found.notes.iter().any(|note| note.contains("rev/min")), "{:?}", found.notes);
 }
 
-/// The ripple of a rig that lacks a force curve is another one than its own: read before the curve is found it is a tenth of a turn
-/// off, and what that leaves is a drift. Read again beside the curve it is right, and nothing drifts.
+/// Read off a rig that lacks a force curve, a slow ripple is read wrong, and what that leaves is slow. Read again beside the curve it is
+/// right, and nothing drifts.
 #[test]
 fn a_ripple_read_wrong_before_something_was_found_is_no_drift_beside_it() {
     let (rig, mut truth) = moved(&[
@@ -58,17 +64,13 @@ fn a_ripple_read_wrong_before_something_was_found_is_no_drift_beside_it() {
     ]);
     let curves = candidates(&rig).into_iter().filter(|c| c.id == "valve_force_curve" && c.form == "duty");
     truth.mechanisms.extend(curves.map(|curve| curve.attached(&[-0.18])));
-    let out_dir = std::env::temp_dir().join(format!("diagnose-curve-{}", std::process::id()));
-    let recordings = made(&truth, 3, 9);
-    let request = Request { rig, recordings, out_dir: out_dir.clone(), quick: true };
-    let found = run(&request, &mut |_, _| ()).unwrap();
-    std::fs::remove_dir_all(&out_dir).unwrap();
+    let found = diagnosed("curve", rig, made(&truth, 3, 9));
     let named: Vec<&str> = found.mechanisms.iter().map(|m| m.id.as_str()).collect();
     assert_eq!(named, ["valve_force_curve"], "{}", found.summary);
 }
 
-/// Half a turn of the ripple in half a minute looks like a drift to the rows that are fitted. On the rows between them that drift is 0.1 kPa off,
-/// and the ripple is not.
+/// Half a turn of the ripple in half a minute looks like a drift to the rows that are fitted. On the rows between them that drift is
+/// 0.1 kPa off, and the ripple is not.
 #[test]
 fn half_a_turn_of_the_ripple_is_no_drift() {
     let (rig, truth) = moved(&[
@@ -76,11 +78,7 @@ fn half_a_turn_of_the_ripple_is_no_drift() {
         ("volumes.positive.volume_l", 0.97),
         ("valves.valve_neg.input_area_mm2", 1.03),
     ]);
-    let out_dir = std::env::temp_dir().join(format!("diagnose-half-{}", std::process::id()));
-    let recordings = made(&truth, 3, 9);
-    let request = Request { rig, recordings, out_dir: out_dir.clone(), quick: true };
-    let found = run(&request, &mut |_, _| ()).unwrap();
-    std::fs::remove_dir_all(&out_dir).unwrap();
+    let found = diagnosed("half", rig, made(&truth, 3, 9));
     // Leaks pass for parameters as ever; nothing that is slow may.
     assert!(found.mechanisms.is_empty() && found.verdict != Verdict::UnknownMechanism, "{}", found.summary);
     assert!(!found.rivals.iter().flatten().any(|rival| rival.starts_with("sensor_drift")), "{:?}", found.rivals);
@@ -98,11 +96,7 @@ fn sensors_that_lag_are_not_taken_for_valves_where_the_ripple_swings() {
     ]);
     let lags = candidates(&rig).into_iter().filter(|c| c.full_name() == format!("sensor_lag:{}", c.side));
     truth.mechanisms.extend(lags.map(|lag| lag.attached(&[25.0])));
-    let out_dir = std::env::temp_dir().join(format!("diagnose-late-{}", std::process::id()));
-    let recordings = made_after(200, 4000, &truth, 2, 14);
-    let request = Request { rig, recordings, out_dir: out_dir.clone(), quick: true };
-    let found = run(&request, &mut |_, _| ()).unwrap();
-    std::fs::remove_dir_all(&out_dir).unwrap();
+    let found = diagnosed("late", rig, made_after(200, 4000, &truth, 2, 14));
     assert_ne!(found.verdict, Verdict::UnknownMechanism, "{}", found.summary);
     for side in ["positive", "negative"] {
         let lag = format!("sensor_lag:{side}");

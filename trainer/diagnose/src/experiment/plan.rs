@@ -128,7 +128,7 @@ pub fn plan(bench: &Bench<'_>, rivals: &[&Explanation]) -> Result<Option<Plan>, 
     let from = |among: &[usize]| choose(&programmes, among, &sums, &pairs, &known, shut_in, LONGEST_S - kept_s);
     let mut chosen = from(&forwards);
     let decided = |at: usize| apart(&chosen, &sums, at, pairs[at], &known) >= DECIDES;
-    if !(0..pairs.len()).all(decided) {
+    if forwards.len() < safe.len() && !(0..pairs.len()).all(decided) {
         chosen = from(&safe);
     }
     if chosen.is_empty() {

@@ -9,12 +9,10 @@ use model::rig::{Pump, Rig};
 use super::Turning;
 use crate::answer::{Answer, Asked};
 use crate::bench::{Bench, Effort, Explanation};
-use crate::candidate::Candidate;
+use crate::candidate::{Candidate, DRIFT};
 use crate::error::DiagnoseError;
 use crate::search::{cost, starts, values_of};
 
-/// What a ripple that turns once or less in a recording passes for.
-const DRIFT: &str = "sensor_drift";
 /// Angles of the crank over which strokes are averaged.
 const ANGLES: usize = 4;
 
