@@ -1,15 +1,16 @@
 //! The bench on which explanations are tried: recordings, their split and noise, and fits of a rig with terms.
 
-use std::ops::Range;
+mod errors;
+mod explanation;
+mod squares;
+
 use std::sync::OnceLock;
 
 use fit::FitError;
 use fit::cores::side_by_side;
 use fit::data::{Noise, Records, Role, Split, Stretch, noise};
 use fit::least_squares::Loss;
-use fit::objective::{
-    BlockScore, FitSettings, Fitted, NoiseModel, Score, Shooting, blocks_of, by_state, by_time, fit_from, score,
-};
+use fit::objective::{FitSettings, Fitted, Shooting, blocks_of, by_state, by_time, fit_from};
 use fit::parameters::{Parameter, ParameterSet, Scatter, nominal};
 use fit::simulate::{Arcs, Fidelity, Simulator, refined_starts};
 use model::rig::Rig;
@@ -18,27 +19,8 @@ use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
 use crate::much::much_kpa;
 
-/// Slow errors that a model is allowed to have when it is compared with another: no formula is exact, no build sheet
-/// complete. How large they are is estimated from the better of the two, out of these, in kPa.
-const DRIFTS_KPA: [f64; 7] = [0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32];
-/// Correlation times of that error in s.
-const DRIFT_S: [f64; 2] = [1.0, 0.1];
-/// And fast errors, as multiples of the noise: edges that come a few milliseconds early, a meter's own noise that drives the
-/// rig. Where a model is right to the noise, 1 is the likeliest.
-const ROUGHER: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
-
-/// Errors that a model is allowed to have, by channel.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Allowed {
-    /// Slow ones, in kPa.
-    pub drift_kpa: Vec<f64>,
-    /// How slow, in s; one time for all channels.
-    pub time_s: f64,
-    /// Whether single errors far out are as likely as Student's distribution has them.
-    pub heavy: bool,
-    /// From row to row, noise included, in kPa.
-    pub sigma_kpa: Vec<f64>,
-}
+pub use errors::Allowed;
+pub use explanation::Explanation;
 
 /// Recordings laid out for fits.
 pub struct Bench<'r> {
@@ -65,44 +47,6 @@ pub struct Bench<'r> {
     fit_weights: Vec<f64>,
     counted: Vec<f64>,
     much_kpa: Vec<f64>,
-}
-
-/// An explanation, fitted.
-#[derive(Debug, Clone)]
-pub struct Explanation {
-    /// Indices of its terms in the list of candidates, ascending.
-    pub terms: Vec<usize>,
-    /// Free parameters: the nominal ones, then those of the terms in order.
-    pub set: ParameterSet,
-    /// The fit; residuals and Jacobian are emptied to save memory unless asked to be kept.
-    pub fitted: Fitted,
-    /// Free run over all rows of all recordings.
-    pub trace: Vec<f64>,
-    /// Whether a flapper jumps in it: one jump that comes an instant late throws a free run off until the next.
-    pub jumps: bool,
-    /// Half the squared shifts of the nominal parameters in prior standard deviations.
-    pub prior_cost: f64,
-    /// [`Explanation::errors`], once they were asked for.
-    errors: OnceLock<Allowed>,
-}
-
-impl Explanation {
-    /// Its point moved `by` that much in each coordinate, within their bounds.
-    pub fn moved(&self, by: &[f64]) -> Vec<f64> {
-        let moved = self.fitted.point.iter().zip(by).zip(self.set.bounds());
-        moved.map(|((z, by), [low, high])| (z + by).clamp(low, high)).collect()
-    }
-
-    /// Its point with the rig's own parameters as they were given.
-    pub fn as_given(&self, bench: &Bench<'_>) -> Vec<f64> {
-        let own = bench.nominal.len();
-        self.fitted.point.iter().enumerate().map(|(i, z)| if i < own { 0.0 } else { *z }).collect()
-    }
-
-    /// [`Bench::drift_of`] its trace, on the bench that it was fitted on.
-    pub fn errors(&self, bench: &Bench<'_>) -> &Allowed {
-        self.errors.get_or_init(|| bench.drift_of(&self.trace))
-    }
 }
 
 /// The loss of all fits.
@@ -346,155 +290,15 @@ impl<'r> Bench<'r> {
         Ok(self.simulator.one(rig, &arcs)?)
     }
 
-    /// Mean square of what a trace is off on the rows of a role, channels together, in kPa².
-    pub fn squares(&self, trace: &[f64], role: Role) -> f64 {
-        let layout = self.records.layout();
-        let weights = self.split.weights(layout, role);
-        let off = trace.iter().zip(self.records.readings_kpa()).zip(weights.iter().zip(&self.counted));
-        let counts = off.filter(|(_, (w, counted))| **w != 0.0 && **counted != 0.0);
-        let (sum, rows) = counts.fold((0.0, 0.0), |(sum, rows), ((p, r), _)| (sum + (p - r).powi(2), rows + 1.0));
-        sum / f64::max(rows, 1.0)
-    }
-
-    /// Mean square of what a trace is off by channel on the rows that are fitted or choose, in kPa²; `in_the_middle`, that of the
-    /// middle one of all stretches of 2 s.
-    pub fn squares_by_channel(&self, trace: &[f64], in_the_middle: bool) -> Vec<f64> {
-        let of_channel = |channel: usize| {
-            let all = self.squares_of_those(trace, channel, |_| true);
-            if in_the_middle {
-                let mut means: Vec<f64> = all.iter().map(|(sum, rows)| sum / rows).collect();
-                means.sort_by(f64::total_cmp);
-                means.get(means.len() / 2).copied().unwrap_or(0.0)
-            } else {
-                mean_of(&all)
-            }
-        };
-        (0..self.records.layout().channels()).map(of_channel).collect()
-    }
-
-    /// Root mean square difference of two traces over some recordings, in the pressure where it is largest, in kPa.
-    pub fn most_moved_kpa(&self, one: &[f64], other: &[f64], recordings: Range<usize>) -> f64 {
-        let layout = self.records.layout();
-        let off = |i: usize| one.get(i).zip(other.get(i)).map_or(0.0, |(a, b)| (a - b).powi(2));
-        let of = |channel: usize| {
-            let rows = || recordings.clone().flat_map(|record| layout.channel(record, channel));
-            (rows().map(off).sum::<f64>() / rows().count().max(1) as f64).sqrt()
-        };
-        (0..layout.channels()).map(of).fold(0.0, f64::max)
-    }
-
-    /// Whether all pumps run throughout a recording, or a piece of one.
-    pub fn pumps_run(&self, record: usize) -> bool {
-        self.records.relays(self.rig, record).iter().flatten().all(|on| *on)
-    }
-
-    /// Mean square of what a trace is off by, all channels added up, in kPa², on the rows that are fitted or choose, of the recordings
-    /// and pieces in which all pumps run; of all of them where there are none.
-    pub fn squares_at_work(&self, trace: &[f64]) -> f64 {
-        let runs: Vec<bool> = (0..self.records.records().len()).map(|record| self.pumps_run(record)).collect();
-        let none = runs.iter().all(|runs| !runs);
-        self.mean_squares_of(trace, |record| none || runs.get(record) == Some(&true))
-    }
-
-    /// Mean square of what a trace is off by, all channels added up, in kPa², on the rows that are fitted or choose: of each recording by
-    /// itself, pieces of one together.
-    pub fn squares_by_recording(&self, trace: &[f64]) -> Vec<f64> {
-        let records = self.records.records();
-        let mut sources: Vec<&str> = records.iter().map(|record| record.source.as_str()).collect();
-        sources.dedup();
-        let is_of = |source: &str, record: usize| records.get(record).is_some_and(|record| record.source == source);
-        sources.into_iter().map(|source| self.mean_squares_of(trace, |record| is_of(source, record))).collect()
-    }
-
-    /// Mean square of what a trace is off by in some recordings, all channels added up.
-    fn mean_squares_of(&self, trace: &[f64], asked: impl Fn(usize) -> bool) -> f64 {
-        let channels = 0..self.records.layout().channels();
-        channels.map(|channel| mean_of(&self.squares_of_those(trace, channel, &asked))).sum()
-    }
-
-    /// Sum of squares of what a trace is off in a channel, and readings that count, for every stretch of 2 s of the rows of some
-    /// recordings that are fitted or choose.
-    fn squares_of_those(&self, trace: &[f64], channel: usize, asked: impl Fn(usize) -> bool) -> Vec<(f64, f64)> {
-        let layout = self.records.layout();
-        let known = self.split.stretches().iter().filter(|s| s.role != Role::HeldOut && asked(s.record));
-        let pieces = known.flat_map(|s| {
-            s.rows.clone().step_by(SHORT_ROWS).map(|from| (s.record, from..s.rows.end.min(from + SHORT_ROWS)))
-        });
-        let squares = |(record, rows): (usize, Range<usize>)| -> (f64, f64) {
-            let of = |values: &[f64], i: usize| values.get(i).copied().unwrap_or(0.0);
-            let counted = layout.stretch(record, channel, rows).filter(|i| of(&self.counted, *i) != 0.0);
-            let off = counted.map(|i| of(trace, i) - of(self.records.readings_kpa(), i));
-            off.fold((0.0, 0.0), |(sum, rows), off| (sum + off * off, rows + 1.0))
-        };
-        pieces.map(squares).filter(|(_, rows)| *rows > 0.0).collect()
-    }
-
     /// Groups of readings whose residuals may belong together: blocks of time that are fitted, and states of the plant.
     pub fn groupings(&self) -> [Vec<usize>; 2] {
         [by_time(self.records, &self.split.blocks(Role::Fit, BLOCK_ROWS)), by_state(self.records)]
-    }
-
-    /// Log-likelihood of a trace on the blocks of a role, some errors allowed for.
-    pub fn score(&self, trace: &[f64], role: Role, allowed: &Allowed) -> Score {
-        self.score_on(trace, &self.blocks(role), allowed)
-    }
-
-    /// As [`Bench::score`] on the rows that choose, in blocks of 4 s.
-    pub fn score_finely(&self, trace: &[f64], allowed: &Allowed) -> Score {
-        self.score_on(trace, &self.split.blocks(Role::Select, FINE_ROWS), allowed)
-    }
-
-    fn score_on(&self, trace: &[f64], blocks: &[Stretch], allowed: &Allowed) -> Score {
-        let Allowed { drift_kpa, time_s, heavy, sigma_kpa } = allowed.clone();
-        score(self.records, trace, &self.counted, blocks, &NoiseModel::Drifting { sigma_kpa, drift_kpa, time_s, heavy })
-    }
-
-    /// The errors that a trace has: the sizes at which they are likeliest on the fitted rows.
-    ///
-    /// Estimated from plateaus they would be the noise's own colour, estimated from a model that lacks something they would
-    /// explain away what is to be found; so they are asked of the better of two explanations alone.
-    pub fn drift_of(&self, trace: &[f64]) -> Allowed {
-        let [slow, fast] = DRIFT_S;
-        let kinds = [(slow, false), (fast, false), (slow, true), (fast, true)];
-        let all = side_by_side(&kinds, |(time_s, heavy)| self.errors_of(trace, *time_s, *heavy));
-        // The first of equals.
-        let likeliest = all.into_iter().reduce(|best, other| if other.0 > best.0 { other } else { best });
-        likeliest.map_or_else(|| self.errors_of(trace, slow, false).1, |(_, allowed)| allowed)
-    }
-
-    /// The likeliest sizes of errors of a given correlation time, with their log-likelihood.
-    fn errors_of(&self, trace: &[f64], time_s: f64, heavy: bool) -> (f64, Allowed) {
-        let noise = self.sigma_kpa();
-        let mut best: Vec<(f64, f64, f64)> = noise.iter().map(|s| (f64::NEG_INFINITY, DRIFTS_KPA[0], *s)).collect();
-        for rougher in ROUGHER {
-            let sigma_kpa: Vec<f64> = noise.iter().map(|s| rougher * s).collect();
-            for drift in DRIFTS_KPA {
-                let drift_kpa = vec![drift; noise.len()];
-                let allowed = Allowed { drift_kpa, time_s, heavy, sigma_kpa: sigma_kpa.clone() };
-                let score = self.score(trace, Role::Fit, &allowed);
-                for (channel, best) in best.iter_mut().enumerate() {
-                    let of = |b: &BlockScore| b.log_likelihood.get(channel).copied().unwrap_or(0.0);
-                    let sum: f64 = score.blocks.iter().map(of).sum();
-                    if sum > best.0 {
-                        *best = (sum, drift, sigma_kpa.get(channel).copied().unwrap_or(0.0));
-                    }
-                }
-            }
-        }
-        let (drift_kpa, sigma_kpa) = (best.iter().map(|b| b.1).collect(), best.iter().map(|b| b.2).collect());
-        (best.iter().map(|b| b.0).sum(), Allowed { drift_kpa, time_s, heavy, sigma_kpa })
     }
 
     /// Blocks of a role.
     pub fn blocks(&self, role: Role) -> Vec<Stretch> {
         blocks_of(&self.split, role)
     }
-}
-
-/// Mean of squares that are told as sums and their rows.
-fn mean_of(stretches: &[(f64, f64)]) -> f64 {
-    let (sum, rows) = stretches.iter().fold((0.0, 0.0), |(sum, rows), (s, r)| (sum + s, rows + r));
-    sum / f64::max(rows, 1.0)
 }
 
 /// What searches run on where the recordings are simulated at a fidelity.
@@ -504,7 +308,3 @@ pub fn searching(fidelity: Fidelity) -> Fidelity {
 
 /// Rows of a block: 10 s, several time constants of the slowest chamber.
 const BLOCK_ROWS: usize = 500;
-/// Rows of a short stretch: 2 s.
-const SHORT_ROWS: usize = 100;
-/// Rows of a fine block: 4 s.
-const FINE_ROWS: usize = 200;

@@ -4,99 +4,32 @@
 //! paper. Between two episodes nothing of the environment is left but the number of the next, so that is where
 //! checkpoints are written, where the run can stop, and where it goes on from as if it had never stopped.
 
+mod curve;
+mod episode;
+mod told;
+
 use std::path::Path;
 use std::sync::Arc;
-use std::time::{Instant, SystemTime, UNIX_EPOCH};
+use std::time::{SystemTime, UNIX_EPOCH};
 
-use environment::closed_loop::{FlightPlan, PolicyController};
-use environment::draws::{Purpose, stream};
-use environment::{Fleet, RigDraw, SIDE_BY_SIDE, Score, fly};
-use law::PolicyLaw;
-use model::contract::{ACTION_LEN, CHANNELS};
+use environment::{Fleet, RigDraw};
 use model::rig::Rig;
 use model::steady::SteadyMap;
-use proto::reference::Reference;
 use proto::rig_file::{self, RigFileError};
-use rand::RngExt as _;
-use sac::{Learner, Machine, Network, Transition};
-use serde::{Deserialize, Serialize};
+use sac::{Learner, Machine, Network};
 
 use crate::TrainingError;
-use crate::average::{Average, EVERY_STEPS};
+use crate::average::Average;
 use crate::checkpoint::{self, Checkpoint, Position};
-use crate::metrics::{Evaluated, Metrics, Point};
+use crate::metrics::{Metrics, Point};
 use crate::run_files::RunFiles;
 use crate::run_report;
 use crate::selection::{Kept, SELECTION_SEED, Selection};
 use crate::settings::TrainingSettings;
 use crate::trained_policy::{Origin, TrainedPolicy};
 
-/// Length of the paper's reference in s.
-const EVALUATED_S: f64 = 60.0;
-/// The evaluations' noise, the same at every point of the curve.
-const EVALUATION_SEED: u64 = 1;
-
-/// Where a run stands.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Progress {
-    /// Steps done.
-    pub steps: u64,
-    /// Steps planned.
-    pub steps_planned: u64,
-    /// Steps per second over the last episodes.
-    pub steps_per_s: f64,
-    /// Mean reward per step of this episode.
-    pub reward: f64,
-    /// RMSE while acting in this episode, in kPa.
-    pub acting_rmse_kpa: [f64; CHANNELS],
-    /// The last evaluation on the last rig of the list.
-    pub last_evaluation: Option<Evaluated>,
-}
-
-/// Who watches a run.
-pub trait Observer {
-    /// Called some times a second.
-    fn progress(&mut self, progress: &Progress);
-    /// Whether the run is to stop after this episode.
-    fn stop(&self) -> bool;
-}
-
-/// How a run ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ended {
-    /// All steps are done.
-    Finished,
-    /// It was asked to stop; a checkpoint is written.
-    Stopped,
-}
-
-/// Figures of a run.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Summary {
-    /// Steps done.
-    pub steps: u64,
-    /// Steps planned.
-    pub steps_planned: u64,
-    /// Seed.
-    pub seed: u64,
-    /// Variant.
-    pub variant: String,
-    /// Seconds of work, over all sittings.
-    pub wall_s: f64,
-    /// Steps per second over all.
-    pub steps_per_s: f64,
-    /// Share of the time that went into the environment: plant, predictions, law, observations.
-    pub environment_share: f64,
-    /// Threads that learned.
-    pub threads: usize,
-    /// The most memory that the program held in this sitting, in MiB; 0 where the system does not tell.
-    pub memory_mib: f64,
-    /// Which policy is kept as the best; nothing where the last is.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub kept: Option<Kept>,
-    /// Evaluations of the policy that is kept.
-    pub evaluated: Vec<Evaluated>,
-}
+use curve::Window;
+pub use told::{Ended, Observer, Progress, Summary};
 
 /// A training run.
 pub struct Run {
@@ -115,19 +48,6 @@ pub struct Run {
     points: Vec<Point>,
     position: Position,
     window: Window,
-}
-
-/// Sums since the last point of the learning curve.
-#[derive(Debug, Clone, Default)]
-struct Window {
-    began: Option<Instant>,
-    environment_s: f64,
-    steps: u64,
-    reward: f64,
-    squares: [f64; CHANNELS],
-    tripped: u64,
-    updates: f64,
-    losses: [f64; 7],
 }
 
 impl Run {
@@ -280,157 +200,6 @@ impl Run {
         Ok(ended)
     }
 
-    /// One episode, or what is left of the run.
-    fn episode(&mut self, observer: &mut dyn Observer) -> Result<(), TrainingError> {
-        let number = self.position.episode;
-        let began = Instant::now();
-        self.fleet.begin(number)?;
-        let mut environment_s = began.elapsed().as_secs_f64();
-        self.window.began.get_or_insert(began);
-        self.position.steps_before = self.position.steps;
-        let mut random = stream(self.settings.run.seed, Purpose::Start, number, SIDE_BY_SIDE);
-        let length = self.settings.contract().observation_len();
-        let mut actions = vec![0.0f32; SIDE_BY_SIDE * ACTION_LEN];
-        let mut before = vec![0.0f32; SIDE_BY_SIDE * length];
-        let (mut reward, mut squares, mut turns) = (0.0, [0.0; CHANNELS], 0.0);
-        while !self.fleet.is_over() && self.position.steps < self.settings.run.steps {
-            before.copy_from_slice(self.fleet.observations());
-            if self.position.steps < self.settings.run.random_steps {
-                actions.fill_with(|| random.random_range(-1.0f32..1.0));
-            } else {
-                actions = self.learner.act(&before, true).map_err(|error| TrainingError::learner("act", &error))?;
-                if !actions.iter().all(|a| a.is_finite()) {
-                    return Err(self.diverged("an action"));
-                }
-            }
-            let simulating = Instant::now();
-            let step = self.fleet.step(&actions);
-            environment_s += simulating.elapsed().as_secs_f64();
-            let rows = before.chunks_exact(length).zip(self.fleet.reached().chunks_exact(length));
-            for (lane, ((observation, next), action)) in rows.zip(actions.chunks_exact(ACTION_LEN)).enumerate() {
-                let transition = Transition {
-                    observation,
-                    action,
-                    reward: step.rewards.get(lane).copied().unwrap_or(0.0),
-                    next_observation: next,
-                    terminal: step.terminal.get(lane).copied().unwrap_or(false),
-                };
-                self.learner.remember(&transition).map_err(|error| TrainingError::learner("remember", &error))?;
-            }
-            self.position.steps += SIDE_BY_SIDE as u64;
-            turns += 1.0;
-            for (r, e) in step.rewards.iter().zip(&step.error_kpa) {
-                reward += f64::from(*r) / SIDE_BY_SIDE as f64;
-                for (sum, e) in squares.iter_mut().zip(e) {
-                    *sum += e * e / SIDE_BY_SIDE as f64;
-                }
-            }
-            self.window.tripped += step.terminal.iter().map(|t| u64::from(*t)).sum::<u64>();
-            if self.position.steps >= self.settings.run.random_steps {
-                self.learner
-                    .set_learning_rate(self.settings.learning_rate(self.position.steps))
-                    .map_err(|error| TrainingError::learner("sac.learning_rate", &error))?;
-                let report = self.learner.update(SIDE_BY_SIDE as u64);
-                if !report.finite {
-                    return Err(self.diverged("a loss or a weight"));
-                }
-                let over = self.settings.run.average_over_steps;
-                if over > 0 && self.position.steps.is_multiple_of(EVERY_STEPS) {
-                    self.average.add(self.learner.policy(), over);
-                }
-                self.window.updates += 1.0;
-                let losses = [
-                    report.critic_loss,
-                    report.actor_loss,
-                    report.mean_q,
-                    report.temperature,
-                    report.entropy,
-                    report.caps_t,
-                    report.caps_s,
-                ];
-                for (sum, loss) in self.window.losses.iter_mut().zip(losses) {
-                    *sum += loss;
-                }
-            }
-            observer.progress(&Progress {
-                steps: self.position.steps,
-                steps_planned: self.settings.run.steps,
-                steps_per_s: turns * SIDE_BY_SIDE as f64 / began.elapsed().as_secs_f64(),
-                reward: reward / turns,
-                acting_rmse_kpa: squares.map(|s: f64| (s / turns).sqrt()),
-                last_evaluation: self.points.last().and_then(|p| p.evaluated.last().cloned()),
-            });
-        }
-        self.window.environment_s += environment_s;
-        self.window.steps += self.position.steps - self.position.steps_before;
-        self.window.reward += reward * SIDE_BY_SIDE as f64;
-        for (sum, s) in self.window.squares.iter_mut().zip(squares) {
-            *sum += s * SIDE_BY_SIDE as f64;
-        }
-        self.position.episode += 1;
-        Ok(())
-    }
-
-    /// Flights with the mean action on the paper's reference, on every rig of the list.
-    fn flown(&self, policy: &TrainedPolicy) -> Result<Vec<Evaluated>, TrainingError> {
-        let predicts = self.settings.policy.variant.predicts();
-        let reference = Reference::paper();
-        let mut evaluated = Vec::with_capacity(self.evaluated_on.len());
-        for (name, rig) in &self.evaluated_on {
-            let plan = FlightPlan {
-                rig,
-                model: predicts.then_some(&self.model),
-                reference: &reference,
-                seconds: EVALUATED_S,
-                noise_v_rms: self.settings.environment.noise_v_rms,
-                seed: EVALUATION_SEED,
-            };
-            let law = PolicyLaw::new(Arc::clone(&self.map), self.settings.contract());
-            let mut runner = policy.runner();
-            let flown = fly(&plan, &mut PolicyController::new(law, |observation: &[f32]| runner.outputs(observation)))?;
-            evaluated.push(Evaluated::of(name, &Score::of(&flown.ticks)));
-        }
-        Ok(evaluated)
-    }
-
-    /// A point of the learning curve, of the policy as it stands.
-    fn evaluate(&mut self, selects: bool) -> Result<(), TrainingError> {
-        let window = std::mem::take(&mut self.window);
-        let took_s = window.began.map_or(0.0, |began| began.elapsed().as_secs_f64());
-        let last = self.last();
-        let selection = self.selection.as_mut().filter(|_| selects);
-        let selection = selection.map(|s| s.judge(self.position.steps, last.clone()));
-        let selection_kpa = selection.transpose()?;
-        let evaluated = self.flown(&self.trained(last))?;
-        let whole_s = window.began.map_or(0.0, |began| began.elapsed().as_secs_f64());
-        self.position.wall_s += whole_s;
-        self.position.environment_s += window.environment_s;
-        let (steps, updates) = (window.steps.max(1) as f64, window.updates.max(1.0));
-        let [critic_loss, actor_loss, mean_q, temperature, entropy, caps_temporal, caps_spatial] =
-            window.losses.map(|sum| sum / updates);
-        let point = Point {
-            step: self.position.steps,
-            wall_s: self.position.wall_s,
-            steps_per_s: steps / took_s.max(1e-9),
-            environment_share: window.environment_s / took_s.max(1e-9),
-            reward: window.reward / steps,
-            acting_rmse_kpa: window.squares.map(|s| (s / steps).sqrt()),
-            tripped: window.tripped,
-            critic_loss,
-            actor_loss,
-            mean_q,
-            temperature,
-            entropy,
-            caps_temporal,
-            caps_spatial,
-            selection_kpa,
-            evaluated,
-        };
-        self.metrics.add(unix_s(), &point)?;
-        self.points.push(point);
-        Ok(())
-    }
-
     fn checkpoint(&mut self) -> Result<(), TrainingError> {
         let best = self.selection.as_ref().and_then(|selection| selection.best());
         checkpoint::write(&self.files, &self.position, &self.average, best, &self.learner)?;
@@ -444,32 +213,6 @@ impl Run {
             "no checkpoint had been written; lower sac.learning_rate".into()
         };
         TrainingError::Diverged { step: self.position.steps, what: what.into(), kept }
-    }
-
-    /// Figures of the run so far.
-    ///
-    /// # Errors
-    /// If the policy that is kept cannot be flown.
-    pub fn summary(&self) -> Result<Summary, TrainingError> {
-        let Position { steps, wall_s, environment_s, .. } = self.position;
-        let best = self.selection.as_ref().and_then(|selection| selection.best());
-        let evaluated = match best {
-            Some((_, network)) => self.flown(&self.trained(network.clone()))?,
-            None => self.points.last().map_or_else(Vec::new, |p| p.evaluated.clone()),
-        };
-        Ok(Summary {
-            steps,
-            steps_planned: self.settings.run.steps,
-            seed: self.settings.run.seed,
-            variant: self.settings.policy.variant.name().into(),
-            wall_s,
-            steps_per_s: steps as f64 / wall_s.max(1e-9),
-            environment_share: environment_s / wall_s.max(1e-9),
-            threads: self.threads,
-            memory_mib: peak_memory_mib(),
-            kept: best.map(|(kept, _)| *kept),
-            evaluated,
-        })
     }
 }
 
@@ -500,11 +243,4 @@ fn evaluated_on(settings: &TrainingSettings) -> Result<Vec<(String, Rig)>, Train
 
 fn unix_s() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64())
-}
-
-/// What the kernel has counted as the most memory of this process.
-fn peak_memory_mib() -> f64 {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-    peak.and_then(|line| line.trim().trim_end_matches("kB").trim().parse::<f64>().ok()).map_or(0.0, |kib| kib / 1024.0)
 }

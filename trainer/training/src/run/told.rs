@@ -1,0 +1,69 @@
+//! What a run tells: where it stands, how it ended, its figures.
+
+use model::contract::CHANNELS;
+use serde::{Deserialize, Serialize};
+
+use crate::metrics::Evaluated;
+use crate::selection::Kept;
+
+/// Where a run stands.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Progress {
+    /// Steps done.
+    pub steps: u64,
+    /// Steps planned.
+    pub steps_planned: u64,
+    /// Steps per second over the last episodes.
+    pub steps_per_s: f64,
+    /// Mean reward per step of this episode.
+    pub reward: f64,
+    /// RMSE while acting in this episode, in kPa.
+    pub acting_rmse_kpa: [f64; CHANNELS],
+    /// The last evaluation on the last rig of the list.
+    pub last_evaluation: Option<Evaluated>,
+}
+
+/// Who watches a run.
+pub trait Observer {
+    /// Called some times a second.
+    fn progress(&mut self, progress: &Progress);
+    /// Whether the run is to stop after this episode.
+    fn stop(&self) -> bool;
+}
+
+/// How a run ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ended {
+    /// All steps are done.
+    Finished,
+    /// It was asked to stop; a checkpoint is written.
+    Stopped,
+}
+
+/// Figures of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Steps done.
+    pub steps: u64,
+    /// Steps planned.
+    pub steps_planned: u64,
+    /// Seed.
+    pub seed: u64,
+    /// Variant.
+    pub variant: String,
+    /// Seconds of work, over all sittings.
+    pub wall_s: f64,
+    /// Steps per second over all.
+    pub steps_per_s: f64,
+    /// Share of the time that went into the environment: plant, predictions, law, observations.
+    pub environment_share: f64,
+    /// Threads that learned.
+    pub threads: usize,
+    /// The most memory that the program held in this sitting, in MiB; 0 where the system does not tell.
+    pub memory_mib: f64,
+    /// Which policy is kept as the best; nothing where the last is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kept: Option<Kept>,
+    /// Evaluations of the policy that is kept.
+    pub evaluated: Vec<Evaluated>,
+}
