@@ -20,7 +20,7 @@ pub(super) fn found_table(diagnosis: &Diagnosis) -> Table {
             let once = |text: String| if at == 0 { text } else { String::new() };
             table.push([
                 once(m.id.clone()),
-                once(m.component.clone()),
+                once(m.component.replace(',', ", ")),
                 name.clone(),
                 three(p.value),
                 format!("{} … {}", three(p.low), three(p.high)),
