@@ -8,6 +8,7 @@ use hidden_rig::truth::Class;
 
 use crate::case::CaseScore;
 use crate::judge::Outcome;
+use crate::worth::Worth;
 
 /// How many of how many.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -119,6 +120,8 @@ pub struct Card {
     pub cpu_s: Option<Spread>,
     /// Held-out error (kPa, root of the mean of both channels' squares) of rig as given, refit and answer.
     pub held_out_kpa: BTreeMap<String, Spread>,
+    /// What answers are worth, by what they say.
+    pub worth: Worth,
     /// Outcomes of last answers, by class.
     pub outcomes: BTreeMap<String, BTreeMap<String, usize>>,
     /// The confusion table: what is concealed, what was answered last, how often.
@@ -208,6 +211,7 @@ impl Card {
             wall_s: Spread::of(cases.iter().map(|case| case.took.wall_s).filter(|wall_s| *wall_s > 0.0)),
             cpu_s: Spread::of(cases.iter().filter_map(|case| case.took.cpu_s)),
             held_out_kpa,
+            worth: Worth::of(cases),
             outcomes,
             confusion,
         }

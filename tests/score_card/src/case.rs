@@ -99,9 +99,11 @@ impl CaseScore {
         self.ripple_beats || self.concealed.split(" + ").any(|id| MOVES_THE_PUMP.contains(&id))
     }
 
-    /// Whether something was named (at the end) that is not there.
+    /// Whether something was named that is not there, be it beside an answer that leaves the rest undecided or unknown. The name of
+    /// a neighbour of what the library lacks does not count.
     pub fn falsely_named(&self) -> bool {
-        self.last == Outcome::FalseName || self.first == Outcome::FalseName
+        let beside = self.last != Outcome::Adjacent && self.names.iter().any(|(_, name)| *name == Name::False);
+        beside || self.last == Outcome::FalseName || self.first == Outcome::FalseName
     }
 }
 

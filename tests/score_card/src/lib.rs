@@ -12,6 +12,7 @@
 //! | [`numbers`] | parameters found beside parameters concealed |
 //! | [`free_run`] | errors of free runs on the held-out recording |
 //! | [`case`] | one case from start to end, as a line of JSON |
+//! | [`worth`] | what an answer is worth: by what is said, how often it is so |
 //! | [`card`], [`markdown`] | what all lines come to, and how it is written |
 
 pub mod card;
@@ -22,3 +23,4 @@ pub mod judge;
 pub mod markdown;
 pub mod numbers;
 pub mod trainer;
+pub mod worth;

@@ -8,21 +8,42 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use clap::Parser;
+use clap::{Args, CommandFactory, Parser, Subcommand};
 use hidden_rig::recording::write_whole;
 use hidden_rig::suite::Made;
 use score_card::card::{Card, Provenance};
 use score_card::case::{CaseScore, Scoring, score};
 use score_card::markdown;
 use score_card::trainer::Trainer;
+use score_card::worth::Worth;
 
 /// Judges `trainer diagnose` on a suite that `hidden_rig make` wrote.
 ///
 /// A line of JSON a case goes into OUT/cases.jsonl; a run that was cut off goes on where it was. The score card is
 /// OUT/score_card.json and OUT/score_card.md.
 #[derive(Debug, Parser)]
-#[command(version)]
+#[command(version, args_conflicts_with_subcommands = true)]
 struct Cli {
+    #[command(flatten)]
+    score: Option<Scored>,
+    #[command(subcommand)]
+    command: Option<Reading>,
+}
+
+/// What is asked of lines that are there.
+#[derive(Debug, Subcommand)]
+enum Reading {
+    /// Prints how often what an answer says is so, over the cases of one or more files of lines
+    Worth {
+        /// Files as OUT/cases.jsonl
+        #[arg(required = true, value_name = "LINES")]
+        lines: Vec<PathBuf>,
+    },
+}
+
+/// What is scored.
+#[derive(Debug, Args)]
+struct Scored {
     /// The trainer that is judged: path of the program
     #[arg(long, value_name = "PROGRAM")]
     trainer: PathBuf,
@@ -59,7 +80,15 @@ struct Cli {
 }
 
 fn main() -> ExitCode {
-    match run(&Cli::parse()) {
+    let cli = Cli::parse();
+    let done = match (cli.command, cli.score) {
+        (Some(Reading::Worth { lines }), _) => worth(&lines),
+        (None, Some(scored)) => run(&scored),
+        (None, None) => Cli::command()
+            .error(clap::error::ErrorKind::MissingRequiredArgument, "no suite is given: see --help")
+            .exit(),
+    };
+    match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("score_card: {error}");
@@ -90,7 +119,21 @@ impl Failure {
     }
 }
 
-fn run(cli: &Cli) -> Result<(), Failure> {
+/// Prints what answers are worth.
+fn worth(files: &[PathBuf]) -> Result<(), Failure> {
+    let mut cases = Vec::new();
+    for file in files {
+        if !file.exists() {
+            let what = "there is no such file; name the cases.jsonl of a score card".to_owned();
+            return Err(Failure::Input { file: file.clone(), what });
+        }
+        cases.extend(read_lines(file)?);
+    }
+    println!("{} cases\n\n{}", cases.len(), Worth::of(&cases).table());
+    Ok(())
+}
+
+fn run(cli: &Scored) -> Result<(), Failure> {
     let made = Made::read(&cli.suite).map_err(|error| Failure::Truth(error.to_string()))?;
     let mut names = case_names(&cli.suite)?;
     if let Some(part) = &cli.only {
@@ -212,7 +255,7 @@ fn score_all(names: &[String], scoring: &Scoring, jobs: usize, lines: &Path) -> 
 }
 
 /// The commands that make the suite and the card again, without this machine's paths.
-fn command_line(cli: &Cli, made: &Made) -> String {
+fn command_line(cli: &Scored, made: &Made) -> String {
     let mut score =
         "cargo run --release -p score_card -- --trainer target/release/trainer --suite SUITE --out CARD".to_owned();
     if cli.quick {

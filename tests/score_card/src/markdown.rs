@@ -40,6 +40,7 @@ pub fn page(card: &Card, cases: &[CaseScore]) -> String {
         origin.suite, origin.seed, card.cases, origin.commit, origin.cores, origin.command
     );
     goals(&mut text, card);
+    let _ = write!(text, "## What an answer is worth\n\n{}\n", card.worth.table());
     outcomes(&mut text, card);
     confusion(&mut text, card);
     lines(&mut text, cases);
