@@ -64,7 +64,8 @@ impl Course {
         Course { share: 0.0, droop: None, warming: Some(Warming { share, time_s }) }
     }
 
-    /// The same with each of its numbers a step further or nearer; `size` shrinks the steps, `load_bar` is the mean load.
+    /// The same with each of its numbers a step further or nearer; `size` shrinks the steps, `load_bar` is the mean load. No pump gains
+    /// speed under load.
     pub(super) fn neighbours(self, size: f64, load_bar: f64) -> Vec<Self> {
         let off = |s: f64| Course { share: self.share + s * SHARE_STEP, ..self };
         [-size, size]
@@ -103,6 +104,7 @@ impl Course {
                 }
                 near
             })
+            .filter(|course| course.droop.is_none_or(|droop| droop.per_bar > 0.0))
             .collect()
     }
 

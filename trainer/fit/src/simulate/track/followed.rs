@@ -49,6 +49,11 @@ impl Laid {
         ripple_kpa
     }
 
+    /// Angles that [`Laid::followed`] fits.
+    pub(super) fn free_angles(&self) -> usize {
+        self.pieces.iter().map(|piece| piece.windows(WINDOWS[0], WINDOWS[0] / 2).count()).sum()
+    }
+
     /// Log-likelihood gained by taking a ripple out, and the share of squares that goes with it; lines of windows out.
     pub(super) fn gained(&self, ripple_kpa: &[f64]) -> (f64, f64) {
         let channels = self.pieces.iter().map(|p| p.channels.len()).max().unwrap_or(0);
