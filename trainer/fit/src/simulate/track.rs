@@ -246,7 +246,7 @@ mod tests {
         assert_eq!(followed(&rig, &records(&rig, None, 3)).map(|read| read.course), None);
     }
 
-    /// Sensors that lag leave a twentieth of the ripple, less than the noise. Where that is coloured, some course goes along with it: of
+    /// Sensors that lag leave next to nothing of the ripple. Where the noise is coloured, some course goes along with it: of
     /// these six five did, for a gain of 41 to 63 in log-likelihood, where 118 angles are free.
     #[test]
     fn coloured_noise_behind_sensors_that_lag_is_not_followed() {
