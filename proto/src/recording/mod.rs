@@ -25,7 +25,6 @@ mod mcap_reader;
 mod mcap_writer;
 mod protobuf;
 mod recording_info;
-mod rules;
 mod schema;
 mod table;
 mod tick;

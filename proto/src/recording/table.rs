@@ -16,13 +16,14 @@
 //! `ref_neg_kpa` (gauge kPa, above −101.325; what a sensor reads, above −200) and `pump_on` (0 or 1). All others are kept by name:
 //! numbers as numbers, texts as text (see [`csv`](super::csv)).
 
+mod rules;
+
 use std::ops::Range;
 use std::path::Path;
 
 use super::csv::{self, Column, ColumnData, CsvError, Table};
 use super::mcap_reader::{ReadMcapError, parse_mcap};
 use super::mcap_writer::{Event, EventLevel, VERDICT};
-use super::rules;
 use super::tick::TickRecord;
 use crate::atomic_file::{self, AtomicFileError};
 

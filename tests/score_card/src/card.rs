@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use hidden_rig::truth::Class;
 
 use crate::case::CaseScore;
+use crate::free_run::root_mean_square;
 use crate::judge::Outcome;
 use crate::worth::Worth;
 
@@ -163,14 +164,13 @@ impl Card {
                 share.of_them += usize::from(case.right());
             }
         }
-        let root = |error: [f64; 2]| (0.5 * (error[0] * error[0] + error[1] * error[1])).sqrt();
         let mut held_out_kpa = BTreeMap::new();
         for (name, pick) in [
             ("1 rig as given", (|case: &CaseScore| case.held_out.nominal_kpa) as fn(&CaseScore) -> Option<[f64; 2]>),
             ("2 parameters fitted", |case| case.held_out.refit_kpa),
             ("3 with what was found", |case| case.held_out.extended_kpa),
         ] {
-            if let Some(spread) = Spread::of(cases.iter().filter_map(pick).map(root)) {
+            if let Some(spread) = Spread::of(cases.iter().filter_map(pick).map(root_mean_square)) {
                 held_out_kpa.insert(name.to_owned(), spread);
             }
         }

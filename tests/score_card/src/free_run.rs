@@ -34,6 +34,11 @@ pub struct HeldOut {
 /// A gain that is worth a share: root of the difference of mean squares (kPa), as a share of the noise.
 const WORTH: f64 = 0.5;
 
+/// Root of the mean of both channels' squares (kPa).
+pub fn root_mean_square(error: Error) -> f64 {
+    mean_square(error).sqrt()
+}
+
 fn mean_square(error: Error) -> f64 {
     0.5 * (error[0] * error[0] + error[1] * error[1])
 }

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use clap::{Args, CommandFactory, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand};
 use hidden_rig::recording::write_whole;
 use hidden_rig::suite::Made;
 use score_card::card::{Card, Provenance};
@@ -84,9 +84,7 @@ fn main() -> ExitCode {
     let done = match (cli.command, cli.score) {
         (Some(Reading::Worth { lines }), _) => worth(&lines),
         (None, Some(scored)) => run(&scored),
-        (None, None) => Cli::command()
-            .error(clap::error::ErrorKind::MissingRequiredArgument, "no suite is given: see --help")
-            .exit(),
+        (None, None) => Err(Failure::Truth("no suite is given".to_owned())),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
@@ -123,11 +121,11 @@ impl Failure {
 fn worth(files: &[PathBuf]) -> Result<(), Failure> {
     let mut cases = Vec::new();
     for file in files {
-        if !file.exists() {
-            let what = "there is no such file; name the cases.jsonl of a score card".to_owned();
-            return Err(Failure::Input { file: file.clone(), what });
-        }
-        cases.extend(read_lines(file)?);
+        let text = fs::read_to_string(file).map_err(|error| {
+            let what = format!("{error}; name the cases.jsonl of a score card");
+            Failure::Input { file: file.clone(), what }
+        })?;
+        cases.extend(lines_in(file, &text)?);
     }
     println!("{} cases\n\n{}", cases.len(), Worth::of(&cases).table());
     Ok(())
@@ -192,13 +190,17 @@ fn case_names(suite: &Path) -> Result<Vec<String>, Failure> {
     Ok(names)
 }
 
-/// The lines that are there; a last line that was cut off is scored again.
+/// The lines that are there, of a file that need not be.
 fn read_lines(file: &Path) -> Result<Vec<CaseScore>, Failure> {
-    let text = match fs::read_to_string(file) {
-        Ok(text) => text,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(source) => return Err(Failure::Suite { file: file.to_owned(), source }),
-    };
+    match fs::read_to_string(file) {
+        Ok(text) => lines_in(file, &text),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
+        Err(source) => Err(Failure::Suite { file: file.to_owned(), source }),
+    }
+}
+
+/// The lines of a file; a last line that was cut off is left out, to be scored again.
+fn lines_in(file: &Path, text: &str) -> Result<Vec<CaseScore>, Failure> {
     let mut cases: Vec<CaseScore> = Vec::new();
     for (k, line) in text.lines().enumerate() {
         match serde_json::from_str(line) {

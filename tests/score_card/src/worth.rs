@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::card::{Share, Spread};
 use crate::case::CaseScore;
+use crate::free_run::root_mean_square;
 use crate::judge::{Name, Outcome};
 
 /// What is said, in the order in which it is told.
@@ -75,7 +76,7 @@ impl Worth {
         Worth {
             answers,
             names: Share { of_them: names.iter().filter(there).count(), all: names.len() },
-            missed_kpa: Spread::of(missed.map(|[p, n]| (0.5 * (p * p + n * n)).sqrt())),
+            missed_kpa: Spread::of(missed.map(root_mean_square)),
         }
     }
 

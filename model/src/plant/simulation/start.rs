@@ -156,7 +156,7 @@ impl<R: Simulated> Simulation<R> {
     }
 
     /// Which drives `inputs` switch on: 1 or 0.
-    pub(super) fn running(&self, drive: usize, inputs: &[R]) -> R {
+    fn running(&self, drive: usize, inputs: &[R]) -> R {
         let relay = self.plant.drives.get(drive).and_then(|drive| inputs.get(drive.relay?)).copied();
         relay.unwrap_or(R::splat(1.0)).map(|relay| if relay >= 0.5 { 1.0 } else { 0.0 })
     }

@@ -1,11 +1,17 @@
 //! The ripple of a course on each reading, and what goes with it.
 
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 use super::laid::{Laid, WINDOWS};
 use crate::simulate::course::Course;
 use crate::simulate::ripple::HARMONICS;
 use crate::simulate::windows::{Piece, Products, Sums};
+
+/// Windows of a recording that each have an angle of their own: of a second, every half.
+fn with_an_angle(piece: &Piece) -> impl Iterator<Item = Range<usize>> {
+    piece.windows(WINDOWS[0], WINDOWS[0] / 2)
+}
 
 impl Laid {
     /// The ripple on each reading: the angle from windows of a second every half, height and lag of each channel and
@@ -51,7 +57,7 @@ impl Laid {
 
     /// Angles that [`Laid::followed`] fits.
     pub(super) fn free_angles(&self) -> usize {
-        self.pieces.iter().map(|piece| piece.windows(WINDOWS[0], WINDOWS[0] / 2).count()).sum()
+        self.pieces.iter().map(|piece| with_an_angle(piece).count()).sum()
     }
 
     /// Log-likelihood gained by taking a ripple out, and the share of squares that goes with it; lines of windows out.
@@ -87,12 +93,11 @@ impl Laid {
 
     /// Turns of the crank by row, the angle of each window put right.
     fn angles(&self, piece: &Piece, course: Course) -> Vec<f64> {
-        let rows = WINDOWS[0];
         let order = (self.main + 1) as f64;
         let turned = self.turned(piece, course, self.main);
         let mut turns = piece.turns(course, self.speed);
         let mut known: Vec<(f64, f64)> = Vec::new();
-        for window in piece.windows(rows, rows / 2) {
+        for window in with_an_angle(piece) {
             let products = self.products(piece, &window, &turned);
             let angle = products.off_v.atan2(products.off_u) / (TAU * order);
             // The ripple repeats itself: the nearest of its angles goes on from the one before.

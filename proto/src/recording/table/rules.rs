@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use super::csv::{self, ColumnData, CsvError, Table};
-use super::table::{MAX_STEP_S, PERIOD_S, RecordingError};
+use super::{MAX_STEP_S, PERIOD_S, RecordingError};
+use crate::recording::csv::{self, ColumnData, CsvError, Table};
 
 /// The least that a reading of a gauge pressure may be (kPa): no pressure is below vacuum, but a line that rings, or a zero that is
 /// off, is read there. Beyond it lie the usual vacuums in mbar, hPa, mmHg and Pa.
