@@ -1,28 +1,28 @@
 //! One tick, from volts to duties, without socket, clock or thread.
 //!
 //! ```text
-//! SENSE ─▶ observe: volts checked, limits, state ─▶ predict: MPObs ─▶ decide: law or programme ─▶ COMMAND
+//! SENSE ─▶ observe: volts checked, limits, state ─▶ predict: MPObs ─▶ decide: law or sequence ─▶ COMMAND
 //!                                                                                   │
 //!                                                        settle: model and integrals move on ◀┘
 //! ```
 //!
 //! Split in four so that the caller can stamp the time between them. What happens to the rig is never an
 //! error here but a state with a defined answer: whatever is wrong, the answer is duty 1 on both valves. This is the
-//! watch; what is steered for while all is sound is its [`Helm`].
+//! watch; what is steered for while all is sound is its [`DutySource`].
 
-use model::contract::{CHANNELS, Pair};
+use model::observation::{CHANNELS, Pair};
 use model::rig::{Rig, RigError};
 use policy::Policy;
 use proto::recording::TickRecord;
 use proto::reference::Reference;
 use proto::wire::{CrioState, Sense, TripBits};
 
+use crate::command_sequence::Row;
 use crate::config::Safety;
-use crate::following::Following;
-use crate::helm::{Answer, Helm, Seen, Tell, Wish};
+use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, SensorSample};
 use crate::notice::{Cause, Notice};
-use crate::playing::Playing;
-use crate::programme::Row;
+use crate::open_loop_playback::OpenLoopPlayback;
+use crate::reference_tracking::ReferenceTracking;
 use crate::sensing::Sensing;
 use crate::state::{State, Supervisor, Transition};
 
@@ -30,19 +30,19 @@ use crate::state::{State, Supervisor, Transition};
 const TOLERATED_MISSING: u32 = 1;
 
 /// The control cycle and everything it remembers.
-pub struct Cycle<H = Following> {
+pub struct Cycle<H = ReferenceTracking> {
     sensing: Sensing,
     safety: Safety,
-    helm: H,
+    duty_source: H,
     supervisor: Supervisor,
     tick: u32,
     measured: Pair,
-    answer: Answer,
+    answer: ActuatorCommand,
     missing: u32,
     crio_tripped: bool,
 }
 
-impl Cycle<Following> {
+impl Cycle<ReferenceTracking> {
     /// A cycle that follows a reference on the rig that the model is made of.
     ///
     /// # Errors
@@ -55,49 +55,49 @@ impl Cycle<Following> {
         auto_arm: bool,
     ) -> Result<Self, RigError> {
         let sensing = Sensing::of(rig)?;
-        Ok(Cycle::with(Following::new(rig, policy, reference)?, sensing, safety, auto_arm))
+        Ok(Cycle::with(ReferenceTracking::new(rig, policy, reference)?, sensing, safety, auto_arm))
     }
 }
 
-impl Cycle<Playing> {
-    /// A cycle that plays the rows of a programme once, from rest, and arms itself for it; `relay`: whether the rig's
+impl Cycle<OpenLoopPlayback> {
+    /// A cycle that plays the rows of a sequence once, from rest, and arms itself for it; `relay`: whether the rig's
     /// pump can be switched.
     ///
     /// # Errors
     /// If the rig lacks one of the two sensors.
     pub fn playing(rig: &Rig, rows: Box<[Row]>, relay: bool, safety: Safety) -> Result<Self, RigError> {
-        Ok(Cycle::with(Playing::new(rows, relay), Sensing::of(rig)?, safety, false))
+        Ok(Cycle::with(OpenLoopPlayback::new(rows, relay), Sensing::of(rig)?, safety, false))
     }
 }
 
-impl<H: Helm> Cycle<H> {
-    fn with(helm: H, sensing: Sensing, safety: Safety, auto_arm: bool) -> Self {
+impl<H: DutySource> Cycle<H> {
+    fn with(duty_source: H, sensing: Sensing, safety: Safety, auto_arm: bool) -> Self {
         Cycle {
             sensing,
             safety,
-            helm,
+            duty_source,
             supervisor: Supervisor::new(auto_arm),
             tick: 0,
             measured: [0.0; CHANNELS],
-            answer: Answer::VENT,
+            answer: ActuatorCommand::VENT,
             missing: 0,
             crio_tripped: false,
         }
     }
 
     /// What is steered for.
-    pub fn helm(&self) -> &H {
-        &self.helm
+    pub fn duty_source(&self) -> &H {
+        &self.duty_source
     }
 
     /// What is steered for, to be set before the flight.
-    pub fn helm_mut(&mut self) -> &mut H {
-        &mut self.helm
+    pub fn duty_source_mut(&mut self) -> &mut H {
+        &mut self.duty_source
     }
 
     /// Whether there is nothing more to fly.
     pub fn is_over(&self) -> bool {
-        self.helm.is_over()
+        self.duty_source.is_over()
     }
 
     /// The state.
@@ -118,13 +118,13 @@ impl<H: Helm> Cycle<H> {
     /// The operator asks to disarm.
     pub fn disarm(&mut self) {
         self.supervisor.disarm();
-        self.helm.stopped(None);
+        self.duty_source.stopped(None);
     }
 
     /// Puts in another reference, which starts at once, and hands back the old one, to be dropped elsewhere.
     pub fn exchange_reference(&mut self, reference: Box<Reference>) -> Box<Reference> {
         let running = (self.state() == State::Run).then_some((self.tick, self.measured));
-        self.helm.exchange_reference(reference, running)
+        self.duty_source.exchange_reference(reference, running)
     }
 
     /// A new session: nothing of the old one counts.
@@ -132,14 +132,14 @@ impl<H: Helm> Cycle<H> {
         self.supervisor.session_opened();
         self.missing = 0;
         self.crio_tripped = false;
-        self.answer = Answer::VENT;
+        self.answer = ActuatorCommand::VENT;
     }
 
     /// Takes in a frame: volts, limits, state.
     ///
     /// # Real-time
     /// Runs in the tick.
-    pub fn observe(&mut self, sense: &Sense, record: &mut TickRecord, tell: Tell<'_>) {
+    pub fn observe(&mut self, sense: &Sense, record: &mut TickRecord, tell: NoticeSink<'_>) {
         self.tick = sense.tick;
         self.missing = 0;
         self.crio_tripped = sense.state == CrioState::Tripped;
@@ -168,23 +168,27 @@ impl<H: Helm> Cycle<H> {
         if self.measured[1] < self.safety.min_neg_kpa {
             return self.vent(Cause::OverVacuum, self.measured[1], tell);
         }
-        match self.supervisor.sound_frame() {
+        match self.supervisor.accept_frame() {
             Transition::None => {}
             Transition::Armed { auto } => {
-                self.helm.armed(self.tick, self.measured);
+                self.duty_source.armed(self.tick, self.measured);
                 tell(Notice::Armed { tick: self.tick, auto });
             }
             Transition::Disarmed => tell(Notice::Disarmed { tick: self.tick }),
             Transition::Recovered => tell(Notice::Recovered { tick: self.tick }),
         }
-        let seen =
-            Seen { tick: self.tick, measured: self.measured, pump_running: sense.pump_running, state: self.state() };
-        match self.helm.watch(&seen) {
-            Wish::Nothing => {}
-            Wish::Arm => self.supervisor.arm(),
-            Wish::Stand(notice) => {
+        let seen = SensorSample {
+            tick: self.tick,
+            measured: self.measured,
+            pump_running: sense.pump_running,
+            state: self.state(),
+        };
+        match self.duty_source.on_sample(&seen) {
+            ModeRequest::None => {}
+            ModeRequest::Arm => self.supervisor.arm(),
+            ModeRequest::Disarm(notice) => {
                 self.supervisor.disarm();
-                self.supervisor.sound_frame();
+                self.supervisor.accept_frame();
                 tell(notice);
             }
         }
@@ -196,7 +200,7 @@ impl<H: Helm> Cycle<H> {
     /// Runs in the tick; five ticks of the model.
     pub fn predict(&mut self, record: &mut TickRecord) {
         if self.state() == State::Run {
-            self.helm.predict(self.measured, self.answer.duty, record);
+            self.duty_source.predict(self.measured, self.answer.duty, record);
         }
     }
 
@@ -204,10 +208,10 @@ impl<H: Helm> Cycle<H> {
     ///
     /// # Real-time
     /// Runs in the tick.
-    pub fn decide(&mut self, record: &mut TickRecord, tell: Tell<'_>) -> Answer {
-        self.answer = Answer::VENT;
+    pub fn decide(&mut self, record: &mut TickRecord, tell: NoticeSink<'_>) -> ActuatorCommand {
+        self.answer = ActuatorCommand::VENT;
         if self.state() == State::Run {
-            match self.helm.decide(self.tick, self.measured, record, tell) {
+            match self.duty_source.decide(self.tick, self.measured, record, tell) {
                 Some(answer) => self.answer = answer,
                 None => self.vent(Cause::LawNotFinite, f64::NAN, tell),
             }
@@ -215,16 +219,16 @@ impl<H: Helm> Cycle<H> {
         self.note_answer(record)
     }
 
-    /// No frame came in time. Once the plan or programme goes on; from then on the vents are open.
+    /// No frame came in time. Once the plan or sequence goes on; from then on the vents are open.
     ///
     /// # Real-time
     /// Runs in the tick.
-    pub fn frame_missing(&mut self, late_ms: f64, record: &mut TickRecord, tell: Tell<'_>) -> Answer {
+    pub fn frame_missing(&mut self, late_ms: f64, record: &mut TickRecord, tell: NoticeSink<'_>) -> ActuatorCommand {
         self.tick = self.tick.wrapping_add(1);
         self.missing += 1;
         if self.missing <= TOLERATED_MISSING && self.state() == State::Run {
             tell(Notice::FrameMissed { tick: self.tick, late_ms });
-            self.answer = self.helm.bridge(self.tick);
+            self.answer = self.duty_source.bridge(self.tick);
         } else {
             self.vent(Cause::FramesMissing, late_ms, tell);
         }
@@ -232,7 +236,7 @@ impl<H: Helm> Cycle<H> {
     }
 
     /// The link is gone; the cRIO vents by itself.
-    pub fn link_lost(&mut self, tell: Tell<'_>) {
+    pub fn link_lost(&mut self, tell: NoticeSink<'_>) {
         self.vent(Cause::LinkLost, 0.0, tell);
     }
 
@@ -242,7 +246,7 @@ impl<H: Helm> Cycle<H> {
     /// Runs in the tick; one tick of the model.
     pub fn settle(&mut self) {
         if self.state() == State::Run {
-            self.helm.sent(&self.answer);
+            self.duty_source.sent(&self.answer);
         }
     }
 
@@ -256,15 +260,15 @@ impl<H: Helm> Cycle<H> {
         self.missing
     }
 
-    fn vent(&mut self, cause: Cause, value: f64, tell: Tell<'_>) {
-        self.answer = Answer::VENT;
+    fn vent(&mut self, cause: Cause, value: f64, tell: NoticeSink<'_>) {
+        self.answer = ActuatorCommand::VENT;
         if self.supervisor.fault(cause) {
-            self.helm.stopped(Some((cause, value)));
+            self.duty_source.stopped(Some((cause, value)));
             tell(Notice::Vented { cause, tick: self.tick, value });
         }
     }
 
-    fn note_answer(&self, record: &mut TickRecord) -> Answer {
+    fn note_answer(&self, record: &mut TickRecord) -> ActuatorCommand {
         record.tick = self.tick;
         [record.u_pos, record.u_neg] = self.answer.duty;
         record.mode = self.answer.mode.code();
@@ -298,7 +302,7 @@ mod tests {
     }
 
     /// Answers one frame; the notices it made.
-    fn answer(cycle: &mut Cycle, frame: &Sense) -> (Answer, Vec<Notice>) {
+    fn answer(cycle: &mut Cycle, frame: &Sense) -> (ActuatorCommand, Vec<Notice>) {
         let (mut record, mut told) = (TickRecord::default(), Vec::new());
         cycle.observe(frame, &mut record, &mut |notice| told.push(notice));
         cycle.predict(&mut record);
@@ -330,7 +334,7 @@ mod tests {
                 assert_eq!(answer.mode == Mode::Run, tick >= 24, "tick {tick}");
             }
             let (answer, told) = answer(&mut cycle, &sense(60, volts, state, trips));
-            assert_eq!(answer, Answer::VENT);
+            assert_eq!(answer, ActuatorCommand::VENT);
             assert!(matches!(told.as_slice(), [Notice::Vented { cause: c, tick: 60, .. }] if *c == cause), "{told:?}");
         }
     }
@@ -356,7 +360,7 @@ mod tests {
         let bridged = cycle.frame_missing(26.0, &mut record, &mut |notice| told.push(notice));
         assert_eq!((bridged.mode, record.tick), (Mode::Run, 60));
         let vented = cycle.frame_missing(46.0, &mut record, &mut |notice| told.push(notice));
-        assert_eq!((vented, record.tick), (Answer::VENT, 61));
+        assert_eq!((vented, record.tick), (ActuatorCommand::VENT, 61));
         assert!(matches!(
             told.as_slice(),
             [Notice::FrameMissed { .. }, Notice::Vented { cause: Cause::FramesMissing, .. }]

@@ -1,5 +1,5 @@
 //! Puts the daemon together: everything that a configuration names is read and checked, then flown
-//! ([`crate::logbook`]).
+//! ([`crate::session_recorder`]).
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -7,16 +7,16 @@ use std::sync::atomic::AtomicBool;
 
 use flight::{Recorded, RecordingSummary};
 use model::rig::Rig;
-use policy::{Contract, Policy};
+use policy::{Policy, PolicySignature};
 use proto::reference::Reference;
 
 use crate::config::{Config, DEFAULT_POLICY, FALLBACK};
 use crate::cycle::Cycle;
-use crate::logbook::{Logbook, LogbookError, attachment, fly_recorded};
 use crate::notice::sentence;
+use crate::session_recorder::{SessionError, SessionRecorder, attachment, fly_recorded};
 use crate::socket::May;
 
-pub use crate::logbook::PROGRAM;
+pub use crate::session_recorder::PROGRAM;
 
 /// Why the daemon cannot start or did not end well.
 #[derive(Debug, thiserror::Error)]
@@ -62,7 +62,7 @@ pub enum DaemonError {
     },
     /// The flight cannot start or was not recorded well.
     #[error(transparent)]
-    Logbook(#[from] LogbookError),
+    SessionRecorder(#[from] SessionError),
 }
 
 /// What is flown, read and checked.
@@ -82,8 +82,8 @@ pub struct Loaded {
 }
 
 /// The contracts that policies may meet.
-pub fn contracts() -> [Contract; 2] {
-    crate::contract::offered()
+pub fn contracts() -> [PolicySignature; 2] {
+    crate::policy_signatures::offered()
 }
 
 /// Reads and checks everything a configuration names.
@@ -191,13 +191,13 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
     let unflyable = |problem| DaemonError::Unflyable { name: config.rig.file.clone(), problem };
     let policy_id = policy.as_ref().map(|p| (p.name().to_owned(), p.hash().to_string()));
     let mut cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.auto_arm).map_err(unflyable)?;
-    remarks.extend(cycle.helm().out_of_reach().map(out_of_reach_text));
+    remarks.extend(cycle.duty_source().out_of_reach().map(out_of_reach_text));
     if let Some(seconds) = options.seconds {
-        cycle.helm_mut().end_after(seconds);
+        cycle.duty_source_mut().end_after(seconds);
     }
     let mut extra = vec![("model_rig".to_owned(), rig.name.clone()), ("reference".to_owned(), reference_name)];
     extra.extend(options.extra);
-    let logbook = Logbook {
+    let logbook = SessionRecorder {
         file: options.recording,
         stem: "flight",
         policy: policy_id,

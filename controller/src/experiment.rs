@@ -1,7 +1,7 @@
-//! Puts an experiment together: a programme checked, foreseen, played once on the rig, and recorded.
+//! Puts an experiment together: a sequence checked, foreseen, played once on the rig, and recorded.
 //!
-//! The link, the tick, the watch, the recorder are the daemon's ([`crate::logbook`], [`crate::cycle`]); only what is
-//! steered for is another ([`crate::playing`]). The recording holds the rest before the rows and the rest
+//! The link, the tick, the watch, the recorder are the daemon's ([`crate::session_recorder`], [`crate::cycle`]); only what is
+//! steered for is another ([`crate::open_loop_playback`]). The recording holds the rest before the rows and the rest
 //! after them, too, with the commands that were then in force.
 
 use std::path::{Path, PathBuf};
@@ -12,22 +12,22 @@ use flight::{Recorded, RecordingSummary};
 use model::rig::Rig;
 use proto::recording::PERIOD_S;
 
+use crate::command_sequence::{CommandSequence, CommandSequenceError};
 use crate::config::Config;
 use crate::cycle::Cycle;
-use crate::forecast::{Forecast, ForecastError, forecast};
-use crate::logbook::{Logbook, LogbookError, attachment, fly_recorded};
 use crate::notice::sentence_of_one_session;
-use crate::playing::{Playing, Stopped};
-use crate::programme::{Programme, ProgrammeError};
+use crate::open_loop_playback::{OpenLoopPlayback, Stopped};
+use crate::playback_report::PlaybackReport;
+use crate::preflight_simulation::{Forecast, ForecastError, preflight_simulation};
+use crate::session_recorder::{SessionError, SessionRecorder, attachment, fly_recorded};
 use crate::socket::May;
-use crate::witness::Witness;
 
 /// Why an experiment cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
-    /// The programme is no good.
+    /// The sequence is no good.
     #[error(transparent)]
-    Programme(#[from] ProgrammeError),
+    CommandSequence(#[from] CommandSequenceError),
     /// The rig cannot be read.
     #[error(transparent)]
     Rig(#[from] proto::rig_file::RigFileError),
@@ -44,13 +44,13 @@ pub enum ExperimentError {
     Forecast(#[from] ForecastError),
     /// It cannot start or was not recorded well.
     #[error(transparent)]
-    Logbook(#[from] LogbookError),
+    SessionRecorder(#[from] SessionError),
 }
 
 /// An experiment that is fit to be played.
 pub struct Experiment {
-    /// The programme.
-    pub programme: Programme,
+    /// The sequence.
+    pub sequence: CommandSequence,
     /// The model's rig.
     pub rig: Rig,
     /// What the model says.
@@ -76,32 +76,32 @@ pub struct Options {
 pub struct Played {
     /// The recording.
     pub recording: RecordingSummary,
-    /// Rows of the programme.
+    /// Rows of the sequence.
     pub rows: u32,
     /// One past the last row that was sent.
     pub reached: u32,
     /// Why it did not come to its end, in a few words; `None`: it did.
     pub aborted: Option<String>,
     /// What the cRIO reported.
-    pub witness: Witness,
+    pub witness: PlaybackReport,
 }
 
 impl Experiment {
-    /// Reads a programme and the configuration's rig, and checks the one on the other; nothing is connected.
+    /// Reads a sequence and the configuration's rig, and checks the one on the other; nothing is connected.
     ///
     /// # Errors
     /// The first thing that is wrong, or when and how far the model leaves the safety envelope.
     pub fn load(config: &Config, csv: &Path) -> Result<Self, ExperimentError> {
-        let programme = Programme::read(csv)?;
+        let sequence = CommandSequence::read(csv)?;
         let rig = proto::rig_file::load(&config.rig.file)?;
-        let forecast = forecast(&rig, &programme, config.safety)?;
+        let forecast = preflight_simulation(&rig, &sequence, config.safety)?;
         if !forecast.relay
-            && let Some(stretches) = programme.pump_off()
+            && let Some(stretches) = sequence.pump_off()
         {
-            let (file, rig) = (programme.source().to_owned(), rig.name);
-            return Err(ProgrammeError::NoRelay { file, stretches, rig }.into());
+            let (file, rig) = (sequence.source().to_owned(), rig.name);
+            return Err(CommandSequenceError::NoRelay { file, stretches, rig }.into());
         }
-        Ok(Experiment { programme, rig, forecast })
+        Ok(Experiment { sequence, rig, forecast })
     }
 
     /// Plays it and records it.
@@ -111,12 +111,12 @@ impl Experiment {
     /// [`Played::aborted`].
     pub fn run(self, config: &Config, options: Options) -> Result<Played, ExperimentError> {
         let unflyable = |problem| ExperimentError::Unflyable { name: config.rig.file.clone(), problem };
-        let rows = self.programme.rows().into();
+        let rows = self.sequence.rows().into();
         let cycle = Cycle::playing(&self.rig, rows, self.forecast.relay, config.safety).map_err(unflyable)?;
-        let witness = Arc::new(Mutex::new(Witness::new(self.forecast.relay)));
+        let witness = Arc::new(Mutex::new(PlaybackReport::new(self.forecast.relay)));
         let (seen, mut observer) = (Arc::clone(&witness), options.observer);
-        let name = self.programme.source().to_owned();
-        let logbook = Logbook {
+        let name = self.sequence.source().to_owned();
+        let logbook = SessionRecorder {
             file: options.recording,
             stem: "experiment",
             policy: None,
@@ -126,7 +126,7 @@ impl Experiment {
                 ("command".to_owned(), options.command),
             ],
             attachments: vec![
-                attachment("experiment.csv", "text/csv", self.programme.bytes()),
+                attachment("experiment.csv", "text/csv", self.sequence.bytes()),
                 attachment("model_rig.toml", "application/toml", self.rig.to_toml().unwrap_or_default()),
                 attachment("controller.toml", "application/toml", options.config_text),
             ],
@@ -142,20 +142,20 @@ impl Experiment {
             stop: options.stop,
         };
         let (recording, cycle) = fly_recorded(config, cycle, logbook)?;
-        let playing = cycle.helm();
+        let playing = cycle.duty_source();
         let witness = witness.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let (rows, reached) = (playing.rows(), playing.reached());
         Ok(Played { recording, rows, reached, aborted: self.why_aborted(playing), witness })
     }
 
-    fn why_aborted(&self, playing: &Playing) -> Option<String> {
+    fn why_aborted(&self, playing: &OpenLoopPlayback) -> Option<String> {
         if playing.is_complete() {
             return None;
         }
         let why = playing.why_stopped().map_or("stopped by hand".to_owned(), |why| why.to_string());
-        let needs = match (playing.why_stopped(), self.programme.pump_off()) {
+        let needs = match (playing.why_stopped(), self.sequence.pump_off()) {
             (Some(Stopped::PumpRuns), Some(stretches)) => {
-                format!("; {} needs the pump off in {stretches}", self.programme.source())
+                format!("; {} needs the pump off in {stretches}", self.sequence.source())
             }
             (Some(Stopped::PumpRuns), None) => {
                 "; leave `relay` out under the pump in the rig file, then the experiment starts with the pump running"
@@ -168,7 +168,7 @@ impl Experiment {
 }
 
 impl Played {
-    /// Seconds of the programme that were played.
+    /// Seconds of the sequence that were played.
     pub fn seconds(&self) -> f64 {
         f64::from(self.reached) * PERIOD_S
     }

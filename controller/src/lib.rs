@@ -6,47 +6,47 @@
 //! | [`sensing`] | volts to pressures |
 //! | [`state`] | states and what moves between them |
 //! | [`cycle`] | one tick: frame in, command out; no socket, no clock |
-//! | [`helm`] | who decides the duties while the rig is armed |
-//! | [`following`] | a reference, closed loop |
-//! | [`pilot`] | policy or fallback |
-//! | [`playing`] | a programme of commands, open loop |
-//! | [`calm`] | whether the pressures stand still |
-//! | [`programme`], [`forecast`], [`witness`] | commands from a file; what the model says they will do; what they did |
+//! | [`duty_source`] | who decides the duties while the rig is armed |
+//! | [`reference_tracking`] | a reference, closed loop |
+//! | [`policy_or_fallback`] | policy or fallback |
+//! | [`open_loop_playback`] | a sequence of commands, open loop |
+//! | [`settling`] | whether the pressures stand still |
+//! | [`command_sequence`], [`preflight_simulation`], [`playback_report`] | commands from a file; what the model says they will do; what they did |
 //! | [`pacing`] | when a frame is due |
 //! | [`link`] | TCP to the cRIO |
-//! | [`flying`] | the tick's thread |
+//! | [`session`] | the tick's thread |
 //! | [`realtime`] | scheduling, memory |
-//! | [`panel`], [`socket`] | the operator |
+//! | [`mailbox`], [`socket`] | the operator |
 //! | [`notice`] | what a person is told |
-//! | [`contract`] | the observation contract for the policy loader |
-//! | [`logbook`] | a flight with its recording, from the file made to the file finished |
+//! | [`policy_signatures`] | the observation layouts for the policy loader |
+//! | [`session_recorder`] | a flight with its recording, from the file made to the file finished |
 //! | [`daemon`] | puts it all together for a reference |
-//! | [`experiment`] | and for a programme |
+//! | [`experiment`] | and for a sequence |
 //!
 //! Beside this crate: `law` (control laws, shared with the trainer), `policy` (ONNX), `flight` (recorder,
 //! figures, report). Nothing in the tick allocates, locks, or touches a file.
 
-pub mod calm;
 pub mod clock;
+pub mod command_sequence;
 pub mod config;
-pub mod contract;
 pub mod cycle;
 pub mod daemon;
+pub mod duty_source;
 pub mod experiment;
-pub mod flying;
-pub mod following;
-pub mod forecast;
-pub mod helm;
 pub mod link;
-pub mod logbook;
+pub mod mailbox;
 pub mod notice;
+pub mod open_loop_playback;
 pub mod pacing;
-pub mod panel;
-pub mod pilot;
-pub mod playing;
-pub mod programme;
+pub mod playback_report;
+pub mod policy_or_fallback;
+pub mod policy_signatures;
+pub mod preflight_simulation;
 pub mod realtime;
+pub mod reference_tracking;
 pub mod sensing;
+pub mod session;
+pub mod session_recorder;
+pub mod settling;
 pub mod socket;
 pub mod state;
-pub mod witness;

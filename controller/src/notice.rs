@@ -94,7 +94,7 @@ pub enum Notice {
         /// Tick.
         tick: u32,
     },
-    /// The last row of a programme was played.
+    /// The last row of a sequence was played.
     Played {
         /// Tick.
         tick: u32,

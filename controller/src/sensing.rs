@@ -1,6 +1,6 @@
 //! From volts to pressures: the first thing that happens to a frame, and the first that can be wrong with it.
 
-use model::contract::{CHANNELS, Pair};
+use model::observation::{CHANNELS, Pair};
 use model::predict::DualPressurePorts;
 use model::rig::{Rig, RigError, Sensor};
 

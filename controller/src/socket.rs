@@ -17,7 +17,7 @@ use proto::reference::Reference;
 use serde::{Deserialize, Serialize};
 
 use crate::config::Safety;
-use crate::panel::{OperatorPanel, Request, Status};
+use crate::mailbox::{OperatorMailbox, Request, Status};
 use crate::state::State;
 
 /// Longest line that is read from a client.
@@ -136,7 +136,7 @@ pub fn check_free(path: &Path) -> Result<(), SocketError> {
 /// If it cannot be made, or another daemon answers on it.
 pub fn serve(
     path: &Path,
-    panel: OperatorPanel,
+    mailbox: OperatorMailbox,
     safety: Safety,
     health: RecorderHealth,
     stop: Arc<AtomicBool>,
@@ -152,7 +152,7 @@ pub fn serve(
     // Whoever may write here may vent the rig or start it: owner and group only.
     std::fs::set_permissions(path, PermissionsExt::from_mode(0o660)).map_err(make)?;
     listener.set_nonblocking(true).map_err(make)?;
-    let mut desk = Desk { panel, safety, health, may, newest: None };
+    let mut desk = Desk { mailbox, safety, health, may, newest: None };
     let thread = std::thread::Builder::new()
         .name("ctl".to_owned())
         .spawn(move || {
@@ -172,7 +172,7 @@ pub fn serve(
 
 /// Answers clients.
 struct Desk {
-    panel: OperatorPanel,
+    mailbox: OperatorMailbox,
     safety: Safety,
     health: RecorderHealth,
     may: May,
@@ -239,13 +239,13 @@ impl Desk {
 
     /// Puts a request to the tick and waits until `done` holds.
     fn ask_for(&mut self, request: Request, done: impl Fn(&Status) -> bool, otherwise: &str) -> Result<(), String> {
-        if !self.panel.ask(request) {
+        if !self.mailbox.ask(request) {
             return Err("too many requests wait; is the cRIO there?".to_owned());
         }
         let until = Instant::now() + EFFECT;
         while Instant::now() < until {
             std::thread::sleep(Duration::from_millis(20));
-            if let Some(status) = self.panel.status() {
+            if let Some(status) = self.mailbox.status() {
                 self.newest = Some(status);
                 if done(&status) {
                     return Ok(());
@@ -256,7 +256,7 @@ impl Desk {
     }
 
     fn status(&mut self) -> Option<Status> {
-        if let Some(status) = self.panel.status() {
+        if let Some(status) = self.mailbox.status() {
             self.newest = Some(status);
         }
         self.newest

@@ -15,7 +15,7 @@
 use crate::notice::Cause;
 
 /// Sound frames that must have come before the rig can be armed: half a second.
-pub const SOUND_FRAMES: u32 = 25;
+pub const FRAMES_TO_ARM: u32 = 25;
 
 /// What the daemon is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -66,7 +66,7 @@ pub struct Supervisor {
     disarm_wanted: bool,
 }
 
-/// What [`Supervisor::sound_frame`] did.
+/// What [`Supervisor::accept_frame`] did.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Transition {
     /// Nothing.
@@ -102,7 +102,7 @@ impl Supervisor {
 
     /// Whether the rig can be armed now.
     pub fn can_arm(&self) -> bool {
-        self.state == State::Standby && self.sound >= SOUND_FRAMES
+        self.state == State::Standby && self.sound >= FRAMES_TO_ARM
     }
 
     /// The operator asks to arm; it happens at the next sound frame, if it can.
@@ -124,7 +124,7 @@ impl Supervisor {
     }
 
     /// A frame with nothing wrong in it.
-    pub fn sound_frame(&mut self) -> Transition {
+    pub fn accept_frame(&mut self) -> Transition {
         self.sound = self.sound.saturating_add(1);
         let arm = std::mem::take(&mut self.arm_wanted);
         let disarm = std::mem::take(&mut self.disarm_wanted);
@@ -133,7 +133,7 @@ impl Supervisor {
                 self.state = State::Standby;
                 Transition::Disarmed
             }
-            State::Vented(_) if self.sound >= SOUND_FRAMES => {
+            State::Vented(_) if self.sound >= FRAMES_TO_ARM => {
                 self.state = State::Standby;
                 self.sound = 0;
                 Transition::Recovered
@@ -165,7 +165,7 @@ mod tests {
     use super::*;
 
     fn sound(supervisor: &mut Supervisor, frames: u32) -> Vec<Transition> {
-        (0..frames).map(|_| supervisor.sound_frame()).filter(|t| *t != Transition::None).collect()
+        (0..frames).map(|_| supervisor.accept_frame()).filter(|t| *t != Transition::None).collect()
     }
 
     #[test]
@@ -192,13 +192,13 @@ mod tests {
             Cause::LawNotFinite,
         ] {
             let mut s = Supervisor::new(true);
-            assert_eq!(sound(&mut s, SOUND_FRAMES), [Transition::Armed { auto: true }]);
+            assert_eq!(sound(&mut s, FRAMES_TO_ARM), [Transition::Armed { auto: true }]);
             assert!(s.fault(cause));
             assert_eq!(s.state(), State::Vented(cause));
             assert!(!s.fault(cause), "told once");
-            assert!(sound(&mut s, SOUND_FRAMES - 1).is_empty());
+            assert!(sound(&mut s, FRAMES_TO_ARM - 1).is_empty());
             assert_eq!(sound(&mut s, 1), [Transition::Recovered]);
-            let again = sound(&mut s, 10 * SOUND_FRAMES);
+            let again = sound(&mut s, 10 * FRAMES_TO_ARM);
             assert_eq!(again.is_empty(), !cause.clears_by_itself(), "{cause:?}");
         }
     }

@@ -10,15 +10,15 @@
 //! | [`predict`] | MPObs: the model rolled ahead |
 //! | [`averaged`] | pumps averaged over a revolution, for fits |
 //! | [`steady`] | the rig averaged over a revolution; feed-forward |
-//! | [`contract`] | what a policy sees and answers |
+//! | [`observation`] | what a policy sees and answers |
 //! | [`ports`] | names, units and ranges of that, as policy files carry them |
 //!
 //! SI units and absolute pressure inside; kPa gauge only where a name says so. This crate opens no files and
 //! knows no clock, no thread and no global random numbers.
 
 pub mod averaged;
-pub mod contract;
 pub mod mechanism;
+pub mod observation;
 pub mod orifice;
 pub mod plant;
 pub mod ports;

@@ -1,10 +1,10 @@
-//! Names, units and ranges of a policy's observations and answers, in the order of `model::contract`.
+//! Names, units and ranges of a policy's observations and answers, in the order of `model::observation`.
 //!
 //! The controller compares them one by one with its own list and refuses a policy whose channels are others or in
 //! another order. Ranges are what the rig can produce (the safety envelope for pressures); for an answer they are what
 //! the law takes.
 
-use crate::contract::{AHEAD, CORRECTION_LIMIT, Contract, GOALS_AHEAD, PAST, TICKS_PER_S};
+use crate::observation::{AHEAD, CORRECTION_LIMIT, GOALS_AHEAD, ObservationLayout, PAST, TICKS_PER_S};
 
 /// Pressures: positive, negative (kPa gauge).
 const PRESSURE_KPA: [(f32, f32); 2] = [(0.0, 160.0), (-95.0, 0.0)];
@@ -47,15 +47,15 @@ pub struct Ports {
 
 impl Ports {
     /// The ports of a contract.
-    pub fn of(contract: Contract) -> Self {
+    pub fn of(contract: ObservationLayout) -> Self {
         let (past, ahead, goals) = (PAST as i32, AHEAD as i32, GOALS_AHEAD as i32);
         let mut inputs = Vec::new();
         trajectory(&mut inputs, "p", -past..=ahead, "kPa gauge", PRESSURE_KPA);
         trajectory(&mut inputs, "ref", -past..=goals, "kPa gauge", PRESSURE_KPA);
         let mut outputs = Vec::new();
         match contract {
-            Contract::Paper => trajectory(&mut outputs, "u", 0..=ahead, "duty", [DUTY; 2]),
-            Contract::Correction => {
+            ObservationLayout::Paper => trajectory(&mut outputs, "u", 0..=ahead, "duty", [DUTY; 2]),
+            ObservationLayout::Correction => {
                 trajectory(&mut inputs, "applied", -past..=-1, "duty", [DUTY; 2]);
                 trajectory(&mut inputs, "base", 0..=ahead, "duty", [DUTY; 2]);
                 inputs.extend(pair("integral", "", "duty", [INTEGRAL_DUTY; 2]));
@@ -90,20 +90,20 @@ fn pair(quantity: &str, tick: &str, unit: &'static str, range: [(f32, f32); 2]) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::contract::{ACTION_LEN, CORRECTION_OBSERVATION_LEN, OBSERVATION_LEN};
+    use crate::observation::{ACTION_LEN, CORRECTION_OBSERVATION_LEN, OBSERVATION_LEN};
 
     #[test]
     fn lengths_are_the_models() {
-        for contract in [Contract::Paper, Contract::Correction] {
+        for contract in [ObservationLayout::Paper, ObservationLayout::Correction] {
             let ports = Ports::of(contract);
             assert_eq!((ports.inputs.len(), ports.outputs.len()), (contract.observation_len(), ACTION_LEN));
         }
     }
 
-    /// Both ends of every group of the two tables in `model::contract`.
+    /// Both ends of every group of the two tables in `model::observation`.
     #[test]
     fn groups_begin_and_end_where_the_tables_say() {
-        let ports = Ports::of(Contract::Correction);
+        let ports = Ports::of(ObservationLayout::Correction);
         let at = |i: usize| ports.inputs[i].name.as_str();
         let ends = [0, 21, 22, 31, 32, OBSERVATION_LEN - 1, 84, 103, 104, 115, 116, 117, 118, 119, 120, 123].map(at);
         assert_eq!(
@@ -127,9 +127,9 @@ mod tests {
                 "travel_neg"
             ]
         );
-        assert_eq!(ports.inputs[..OBSERVATION_LEN], Ports::of(Contract::Paper).inputs);
+        assert_eq!(ports.inputs[..OBSERVATION_LEN], Ports::of(ObservationLayout::Paper).inputs);
         assert_eq!(ports.inputs.len(), CORRECTION_OBSERVATION_LEN);
         assert_eq!(ports.outputs[11], Port { name: "du_neg[5]".into(), unit: "duty", low: -0.25, high: 0.25 });
-        assert_eq!(Ports::of(Contract::Paper).outputs[0].name, "u_pos[0]");
+        assert_eq!(Ports::of(ObservationLayout::Paper).outputs[0].name, "u_pos[0]");
     }
 }

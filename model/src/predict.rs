@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use crate::contract::{AHEAD, CHANNELS};
+use crate::observation::{AHEAD, CHANNELS};
 use crate::plant::{FreeRunStart, Plant, Simulated, Simulation};
 use crate::real::{Lanes, Real};
 use crate::rig::{Rig, RigError};
@@ -222,7 +222,7 @@ impl<R: Simulated> Predictor<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::contract::Pair;
+    use crate::observation::Pair;
 
     #[test]
     fn a_perfect_model_predicts_what_comes() {

@@ -21,8 +21,8 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, Vector2};
 
 use crate::averaged::PumpTables;
-use crate::contract::{CHANNELS, Pair};
 use crate::mechanism::{Mechanism, Variable};
+use crate::observation::{CHANNELS, Pair};
 use crate::plant::{Plant, Simulation, ValveModel};
 use crate::predict::DualPressurePorts;
 use crate::real::{Lanes, Real};

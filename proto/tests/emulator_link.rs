@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use emulator_client::{Client, FirstOrderRig, Nothing, SESSION, lockstep, start};
 use proto::emulator::{
-    CrioConfig, Emulator, EmulatorConfig, EmulatorError, Event, PSE540A_R06, PSE541A_R06, Pace, RigBehind, Watched,
+    CrioConfig, EmulatedPlant, Emulator, EmulatorConfig, EmulatorError, Event, PSE540A_R06, PSE541A_R06, Pace, Watched,
     channel_watcher,
 };
 use proto::wire::{ByeReason, Command, CrioState, Frame, Hello, Mode, TripBits};
@@ -359,7 +359,7 @@ fn an_address_that_cannot_be_had_is_named() {
 #[test]
 fn a_rig_that_panics_is_an_error_not_a_hang() {
     struct Broken;
-    impl RigBehind for Broken {
+    impl EmulatedPlant for Broken {
         fn tick(&mut self, _duty: [f64; 2], _pump_on: bool) {
             panic!("on purpose");
         }

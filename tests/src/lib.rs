@@ -114,7 +114,7 @@ impl Drop for Folder {
 
 /// How a child ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Ended {
+pub struct RunStatus {
     /// Exit status; `None` if a signal ended it.
     pub status: Option<i32>,
     /// Everything on standard output.
@@ -212,7 +212,7 @@ impl Running {
     ///
     /// # Panics
     /// If it does not end in time.
-    pub fn wait(mut self, within: Duration) -> Ended {
+    pub fn wait(mut self, within: Duration) -> RunStatus {
         let until = Instant::now() + within;
         let status = loop {
             if let Some(status) = self.child.try_wait().expect("a child can be waited for") {
@@ -224,7 +224,7 @@ impl Running {
         for reader in self.readers.drain(..) {
             let _ = reader.join();
         }
-        Ended { status: status.code(), stdout: self.said(Stream::Out), stderr: self.said(Stream::Err) }
+        RunStatus { status: status.code(), stdout: self.said(Stream::Out), stderr: self.said(Stream::Err) }
     }
 
     fn everything(&self) -> String {
@@ -243,7 +243,7 @@ impl Drop for Running {
 ///
 /// # Panics
 /// If it cannot be started or does not end.
-pub fn finish(command: &mut Command) -> Ended {
+pub fn finish(command: &mut Command) -> RunStatus {
     Running::start(command).wait(Duration::from_secs(60))
 }
 

@@ -14,14 +14,14 @@ use fit::data::{Records, noise};
 use model::predict::DualPressureRig;
 use model::rig::Rig;
 use proto::emulator::{
-    CrioConfig, Emulator, EmulatorConfig, EmulatorHandle, Event, FaultScript, Pace, RigBehind, TickTruth, Watcher,
-    rig_and_crio,
+    CrioConfig, EmulatedPlant, Emulator, EmulatorConfig, EmulatorHandle, Event, FaultScript, GroundTruth, Pace,
+    TruthObserver, rig_and_crio,
 };
 use proto::recording::{McapContent, Recording, TickRecord, read_mcap};
 use proto::wire::{CrioState, Frame};
 use serde_json::Value;
 use tests::Stream::{Err, Out};
-use tests::{Ended, Folder, Running, alone, finish, program};
+use tests::{Folder, RunStatus, Running, alone, finish, program};
 
 /// Generous: how long anything may take on a machine that does other things as well.
 const SOON: Duration = Duration::from_secs(60);
@@ -29,16 +29,16 @@ const SOON: Duration = Duration::from_secs(60);
 /// Everything that the emulator saw.
 #[derive(Default)]
 struct Seen {
-    ticks: Vec<TickTruth>,
+    ticks: Vec<GroundTruth>,
     sessions: u32,
     said_bye: bool,
 }
 
 #[derive(Clone, Default)]
-struct Witness(Arc<Mutex<Seen>>);
+struct PlaybackReport(Arc<Mutex<Seen>>);
 
-impl Watcher for Witness {
-    fn tick(&mut self, truth: &TickTruth) {
+impl TruthObserver for PlaybackReport {
+    fn tick(&mut self, truth: &GroundTruth) {
         self.0.lock().unwrap().ticks.push(*truth);
     }
 
@@ -54,13 +54,13 @@ struct Bench {
     folder: Folder,
     config: PathBuf,
     emulator: EmulatorHandle,
-    seen: Witness,
+    seen: PlaybackReport,
 }
 
 /// A rig that takes its time: in lockstep a tick of it lasts a millisecond at least.
 struct Unhurried(DualPressureRig);
 
-impl RigBehind for Unhurried {
+impl EmulatedPlant for Unhurried {
     fn tick(&mut self, duty: [f64; 2], pump_on: bool) {
         std::thread::sleep(Duration::from_millis(1));
         self.0.tick(duty, pump_on);
@@ -99,8 +99,8 @@ impl Bench {
             faults: FaultScript::from_toml(set.faults, "faults.toml").unwrap(),
             ..EmulatorConfig::default()
         };
-        let seen = Witness::default();
-        let behind: Box<dyn RigBehind> = if set.unhurried { Box::new(Unhurried(behind)) } else { Box::new(behind) };
+        let seen = PlaybackReport::default();
+        let behind: Box<dyn EmulatedPlant> = if set.unhurried { Box::new(Unhurried(behind)) } else { Box::new(behind) };
         let emulator = Emulator::bind("127.0.0.1:0", config, behind).unwrap();
         let emulator = emulator.watched_by(Box::new(seen.clone())).start().unwrap();
         let pacing = if set.pace == Pace::RealTime { "realtime" } else { "lockstep" };
@@ -163,7 +163,7 @@ fn played(content: &McapContent) -> Vec<&TickRecord> {
 }
 
 /// The last line on standard error, after a failure with status 1.
-fn aborted(ended: &Ended) -> String {
+fn aborted(ended: &RunStatus) -> String {
     assert_eq!(ended.status, Some(1), "{ended:?}");
     ended.stderr.lines().last().unwrap_or_default().to_owned()
 }

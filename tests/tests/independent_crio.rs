@@ -16,7 +16,7 @@ use std::time::Duration;
 use proto::recording::read_mcap;
 use serde_json::Value;
 use tests::Stream::{Err, Out};
-use tests::{Ended, Folder, Running, alone, program, python};
+use tests::{Folder, RunStatus, Running, alone, program, python};
 
 /// Generous: how long anything may take on a machine that does other things as well.
 const SOON: Duration = Duration::from_secs(60);
@@ -36,7 +36,7 @@ struct Pair {
 struct Flown {
     folder: Folder,
     report: Value,
-    daemon: Ended,
+    daemon: RunStatus,
 }
 
 impl Pair {

@@ -10,12 +10,12 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::hint::black_box;
 
+use controller::command_sequence::Row;
 use controller::config::Safety;
 use controller::cycle::Cycle;
-use controller::helm::Helm;
-use controller::programme::Row;
+use controller::duty_source::DutySource;
 use controller::state::State;
-use model::contract::Pair;
+use model::observation::Pair;
 use model::rig::Rig;
 use proto::recording::TickRecord;
 use proto::reference::Reference;
@@ -77,7 +77,7 @@ fn sense(tick: u32, kpa: Pair) -> Sense {
 }
 
 /// One whole tick. The plant is a lag toward pressures that fall with the duties: enough for the law to have work.
-fn tick<H: Helm>(cycle: &mut Cycle<H>, number: u32, kpa: &mut Pair, notices: &mut u32) -> Mode {
+fn tick<H: DutySource>(cycle: &mut Cycle<H>, number: u32, kpa: &mut Pair, notices: &mut u32) -> Mode {
     let mut record = TickRecord::default();
     let mut tell = |_| *notices += 1;
     cycle.observe(&sense(number, *kpa), &mut record, &mut tell);
@@ -151,6 +151,6 @@ fn an_experiment_allocates_nothing_either() {
             number += 1;
         }
     });
-    assert_eq!((running, cycle.helm().is_complete(), cycle.is_over()), (300, true, true));
+    assert_eq!((running, cycle.duty_source().is_complete(), cycle.is_over()), (300, true, true));
     assert_eq!(allocations, 0, "in {number} ticks");
 }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use proto::recording::read_mcap;
 use serde_json::Value;
 use tests::Stream::{Err, Out};
-use tests::{Ended, Folder, Running, alone, finish, program};
+use tests::{Folder, RunStatus, Running, alone, finish, program};
 
 /// Generous: how long anything may take on a machine that does other things as well.
 const SOON: Duration = Duration::from_secs(60);
@@ -41,7 +41,7 @@ fn wait_for(config: &Path, what: &str, wanted: impl Fn(&Value) -> bool) -> Value
 }
 
 /// One plain line on standard error that names what is wrong, and exit status 2.
-fn check_refused(ended: &Ended, words: &[&str]) {
+fn check_refused(ended: &RunStatus, words: &[&str]) {
     assert_eq!(ended.status, Some(2), "{ended:?}");
     assert_eq!(ended.stderr.trim_end().lines().count(), 1, "{ended:?}");
     for word in words {
@@ -77,7 +77,7 @@ impl Laboratory {
     }
 
     /// Ends both and answers what the daemon left.
-    fn close(self) -> (Folder, Ended) {
+    fn close(self) -> (Folder, RunStatus) {
         self.daemon.terminate();
         let daemon = self.daemon.wait(SOON);
         self.rig.terminate();

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use ::evaluate::competition::{Competition, Entrant};
+use ::evaluate::comparison::{Comparison, ControllerUnderTest};
 use ::evaluate::join::joined;
 use ::evaluate::table::Table;
 use ::evaluate::{Dob, payload, rigs_around};
@@ -178,20 +178,20 @@ fn fill(
     let noise_v_rms = proto::emulator::Sensors::ADC_NOISE_V_RMS;
     let mut entrants = Vec::new();
     if others {
-        entrants.push(Entrant::Fallback);
+        entrants.push(ControllerUnderTest::Fallback);
         let map = SteadyMap::new(&model).map_err(|problem| RigFileError::Rig { file: args.model.clone(), problem })?;
-        entrants.push(Entrant::Dob(Dob::tuned(&map, &model, noise_v_rms).map_err(TrainingError::from)?));
+        entrants.push(ControllerUnderTest::Dob(Dob::tuned(&map, &model, noise_v_rms).map_err(TrainingError::from)?));
     }
     let (groups, steps) = match &args.runs {
         Some(folder) => groups(folder, shown)?,
         None => (BTreeMap::new(), Vec::new()),
     };
-    entrants.extend(groups.into_values().map(|(label, policies)| Entrant::Policies { label, policies }));
+    entrants.extend(groups.into_values().map(|(label, policies)| ControllerUnderTest::Policies { label, policies }));
     if !args.without_limit {
-        entrants.push(Entrant::Clairvoyant);
+        entrants.push(ControllerUnderTest::OptimalOpenLoop);
     }
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
-    let competition = Competition {
+    let comparison = Comparison {
         model,
         columns,
         reference,
@@ -206,11 +206,11 @@ fn fill(
             bar.get_or_insert_with(|| Progress::new("flights", all as u64)).advance(1);
         }
     };
-    let rows = competition.fly(&entrants, &told).map_err(TrainingError::from)?;
+    let rows = comparison.fly(&entrants, &told).map_err(TrainingError::from)?;
     drop(bar);
     let table = Table {
         title: title.to_owned(),
-        columns: competition.columns.iter().map(|(name, _)| name.clone()).collect(),
+        columns: comparison.columns.iter().map(|(name, _)| name.clone()).collect(),
         rows,
         paper: paper.iter().map(|(who, rmse)| ((*who).to_owned(), *rmse)).collect(),
         notes: steps,

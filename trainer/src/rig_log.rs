@@ -4,7 +4,7 @@ use std::io::Write;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-use proto::emulator::{Event, Statistics, TickTruth, Watcher};
+use proto::emulator::{Event, GroundTruth, Statistics, TruthObserver};
 use serde_json::{Map, Value, json};
 
 use crate::failure::Failure;
@@ -24,7 +24,7 @@ pub(crate) enum Seen {
 }
 
 /// A watcher that hands over events, and says when edge number `last_edge` (from 1) has passed.
-pub(crate) fn watcher(last_edge: Option<u64>) -> (Box<dyn Watcher>, Receiver<Seen>) {
+pub(crate) fn watcher(last_edge: Option<u64>) -> (Box<dyn TruthObserver>, Receiver<Seen>) {
     let (sender, receiver) = sync_channel(WAITING);
     (Box::new(Forward { sender, last_edge }), receiver)
 }
@@ -34,8 +34,8 @@ struct Forward {
     last_edge: Option<u64>,
 }
 
-impl Watcher for Forward {
-    fn tick(&mut self, truth: &TickTruth) {
+impl TruthObserver for Forward {
+    fn tick(&mut self, truth: &GroundTruth) {
         if self.last_edge == Some(truth.edge + 1) {
             // No room: the counts tell it as well, a little later.
             let _ = self.sender.try_send(Seen::TimeOver);

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use serde_json::json;
 use signal_hook::consts::{SIGINT, SIGTERM};
-use training::{Ended, Observer, Progress, Run, TrainingSettings, Variant};
+use training::{Progress, Run, RunStatus, TrainingCallback, TrainingSettings, Variant};
 
 use crate::failure::Failure;
 use crate::stdout;
@@ -81,8 +81,8 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
         return stdout::say_json(&json!(summary));
     }
     let mut text = match ended {
-        Ended::Finished => format!("{} steps done in {:.0} s", summary.steps, summary.wall_s),
-        Ended::Stopped => format!(
+        RunStatus::Finished => format!("{} steps done in {:.0} s", summary.steps, summary.wall_s),
+        RunStatus::Stopped => format!(
             "stopped after {} of {} steps; go on with: trainer train --resume {}",
             summary.steps,
             summary.steps_planned,
@@ -109,7 +109,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
         );
     }
     text += &format!("see {}", run.files().report().display());
-    if ended == Ended::Finished {
+    if ended == RunStatus::Finished {
         text += &format!("; fly it: controller demo --policy {}", run.files().onnx().display());
     }
     stdout::say(&text)
@@ -169,7 +169,7 @@ impl Bar {
     }
 }
 
-impl Observer for Bar {
+impl TrainingCallback for Bar {
     fn progress(&mut self, p: &Progress) {
         if self.stop.load(Ordering::Relaxed) && !self.told_stop {
             self.told_stop = true;

@@ -26,7 +26,7 @@ use proto::recording::{Attachment, EventLevel, RecordingInfo, RecordingWriter, T
 
 use crate::record_error::RecordError;
 use crate::sink::{Event, Queues, RecordSink};
-use crate::writing::{McapTape, Note, State, Tape, Writing};
+use crate::writing::{McapWriter, Note, State, Tape, Writing};
 
 /// Ticks that the queue holds unless told otherwise: 82 s, 2 MiB.
 pub const CAPACITY: usize = 4_096;
@@ -168,7 +168,7 @@ impl Recorder {
     ) -> Result<(Self, RecordSink), RecordError> {
         let writer = RecordingWriter::create(path, info, attachments)?;
         let partial = unfinished_path(path);
-        Self::with_tape(Box::new(McapTape::new(writer, partial.clone())), partial, options)
+        Self::with_tape(Box::new(McapWriter::new(writer, partial.clone())), partial, options)
     }
 
     pub(crate) fn with_tape(

@@ -183,12 +183,12 @@ impl State {
 }
 
 /// A recording in a file.
-pub(crate) struct McapTape {
+pub(crate) struct McapWriter {
     writer: RecordingWriter,
     partial: PathBuf,
 }
 
-impl McapTape {
+impl McapWriter {
     pub(crate) fn new(writer: RecordingWriter, partial: PathBuf) -> Self {
         Self { writer, partial }
     }
@@ -203,7 +203,7 @@ impl McapTape {
     }
 }
 
-impl Tape for McapTape {
+impl Tape for McapWriter {
     fn tick(&mut self, tick: &TickRecord) -> Result<(), RecordError> {
         Ok(self.writer.write(tick)?)
     }

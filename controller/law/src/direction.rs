@@ -56,9 +56,9 @@ impl Direction {
 /// How far a duty has come since it last turned round.
 ///
 /// A valve with play of half width `w` is engaged again once the duty has come back by `2w`; before, nothing moves.
-/// Turns within [`Travel::TURN`] are none: noise of the converter makes them in every tick.
+/// Turns within [`ReversalTravel::TURN`] are none: noise of the converter makes them in every tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Travel {
+pub struct ReversalTravel {
     /// Where it turned round.
     from: f64,
     /// The furthest it has come since.
@@ -66,14 +66,14 @@ pub struct Travel {
     now: f64,
 }
 
-impl From<f64> for Travel {
+impl From<f64> for ReversalTravel {
     /// A duty that has long been what it is.
     fn from(duty: f64) -> Self {
-        Travel { from: duty, furthest: duty, now: duty }
+        ReversalTravel { from: duty, furthest: duty, now: duty }
     }
 }
 
-impl Travel {
+impl ReversalTravel {
     /// How far a duty must come back to have turned round.
     pub const TURN: f64 = 0.008;
     /// More than this is told as this: the widest play is crossed.
@@ -95,7 +95,7 @@ impl Travel {
         self.now = duty;
     }
 
-    /// The distance since the last turn, upwards positive, within ±[`Travel::MOST`].
+    /// The distance since the last turn, upwards positive, within ±[`ReversalTravel::MOST`].
     pub fn distance(&self) -> f64 {
         (self.now - self.from).clamp(-Self::MOST, Self::MOST)
     }
@@ -103,16 +103,16 @@ impl Travel {
 
 /// The play of one channel's valve, learned.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LearnedPlay {
+pub struct BacklashEstimator {
     rate: f64,
     widest: f64,
     half_width: f64,
 }
 
-impl LearnedPlay {
+impl BacklashEstimator {
     /// Starts at no play; learns at `rate` in duty/(kPa s), up to `widest` half width in duty.
     pub fn new(rate: f64, widest: f64) -> Self {
-        LearnedPlay { rate, widest, half_width: 0.0 }
+        BacklashEstimator { rate, widest, half_width: 0.0 }
     }
 
     /// The half width in duty.
@@ -146,7 +146,7 @@ mod tests {
 
     #[test]
     fn travel_counts_from_the_last_turn_and_ignores_noise() {
-        let mut travel = Travel::from(0.5);
+        let mut travel = ReversalTravel::from(0.5);
         let mut at = |duty: f64| {
             travel.follow(duty);
             travel.distance()
@@ -164,7 +164,7 @@ mod tests {
 
     #[test]
     fn play_never_leaves_its_range() {
-        let mut play = LearnedPlay::new(0.02, 0.06);
+        let mut play = BacklashEstimator::new(0.02, 0.06);
         (0..10_000).for_each(|_| play.learn(1.0, 10.0));
         assert_eq!(play.half_width(), 0.06);
         (0..10_000).for_each(|_| play.learn(1.0, -10.0));

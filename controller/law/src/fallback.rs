@@ -17,12 +17,12 @@
 
 use std::sync::Arc;
 
-use model::contract::{ActionTrajectory, CHANNELS, GOALS_AHEAD, Pair};
+use model::observation::{ActionTrajectory, CHANNELS, GOALS_AHEAD, Pair};
 use model::steady::SteadyMap;
 
-use crate::direction::{Direction, LearnedPlay};
+use crate::direction::{BacklashEstimator, Direction};
 use crate::integral::{IntegralAction, IntegralSettings, VENT_SIGN};
-use crate::{Decision, Parts, Situation, TICK_S, saturated};
+use crate::{ControlInput, ControlOutput, DutyTerms, TICK_S, saturated};
 
 /// Gains of the fallback.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -80,7 +80,7 @@ pub struct Fallback {
     settings: FallbackSettings,
     integral: IntegralAction,
     directions: [Direction; CHANNELS],
-    play: [LearnedPlay; CHANNELS],
+    play: [BacklashEstimator; CHANNELS],
     pending: [Pending; CHANNELS],
 }
 
@@ -92,7 +92,7 @@ impl Fallback {
             settings,
             integral: IntegralAction::new(settings.integral),
             directions: [Direction::default(); CHANNELS],
-            play: [LearnedPlay::new(settings.play_learning, settings.widest_play); CHANNELS],
+            play: [BacklashEstimator::new(settings.play_learning, settings.widest_play); CHANNELS],
             pending: [Pending::default(); CHANNELS],
         }
     }
@@ -108,17 +108,17 @@ impl Fallback {
     ///
     /// # Real-time
     /// Seven look-ups of the steady map, about 1 µs; may run in the tick.
-    pub fn decide(&mut self, situation: &Situation) -> Decision {
+    pub fn decide(&mut self, situation: &ControlInput) -> ControlOutput {
         let lead = self.settings.lead_ticks.clamp(1, GOALS_AHEAD - 1);
         let planned = self.planned(situation, lead);
         let gain = self.map.gain_kpa_per_s(situation.measured_kpa);
         let integral = self.integral.duty();
-        let mut parts = [Parts::default(); CHANNELS];
+        let mut parts = [DutyTerms::default(); CHANNELS];
         for c in 0..CHANNELS {
             let error_kpa = situation.goals_kpa[0][c] - situation.measured_kpa[c];
             let feed_forward = planned[c].clamp(0.0, 1.0);
             let direction = self.directions[c].follow(feed_forward);
-            parts[c] = Parts {
+            parts[c] = DutyTerms {
                 feed_forward,
                 play: self.play[c].half_width() * direction,
                 correction: 0.0,
@@ -137,7 +137,7 @@ impl Fallback {
             let ahead = if j == 0 { planned } else { self.planned(situation, (lead + j).min(GOALS_AHEAD - 1)) };
             std::array::from_fn(|c| saturated(parts[c].raw() - planned[c].clamp(0.0, 1.0) + ahead[c].clamp(0.0, 1.0)))
         }));
-        Decision { parts, trajectory }
+        ControlOutput { parts, trajectory }
     }
 
     /// Tells what a policy has added to the last decision. The anti-windup then does not work against it, and the
@@ -179,7 +179,7 @@ impl Fallback {
     }
 
     /// Feed-forward for the goal `ahead` ticks from now, not limited.
-    fn planned(&self, situation: &Situation, ahead: usize) -> Pair {
+    fn planned(&self, situation: &ControlInput, ahead: usize) -> Pair {
         let goal = |j: usize| situation.goals_kpa[j.min(GOALS_AHEAD)];
         let (before, here, after) = (goal(ahead - 1), goal(ahead), goal(ahead + 1));
         let slope = std::array::from_fn(|c| (after[c] - before[c]) / (2.0 * TICK_S));

@@ -8,7 +8,7 @@
 //! and 1/s. The sign follows the vent: opening the positive valve lowers its pressure, opening the
 //! negative one raises it, so `I` grows with a negative error there and with a positive error here.
 
-use model::contract::{CHANNELS, Pair};
+use model::observation::{CHANNELS, Pair};
 
 use crate::TICK_S;
 

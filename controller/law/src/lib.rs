@@ -5,32 +5,32 @@
 //! | [`fallback`] | feed-forward PI: what flies when no policy does |
 //! | [`policy_law`] | what a policy is told, and how its answer becomes a duty |
 //! | [`integral`] | the paper's integral action and anti-windup, on top of a policy or of the fallback |
-//! | [`approach`] | from where the rig is to where the reference is, without saturating |
+//! | [`soft_start`] | from where the rig is to where the reference is, without saturating |
 //! | [`direction`] | which way a planned duty moves, for play in a valve |
 //!
-//! A law is told the [`Situation`] of a tick and answers with a [`Decision`]; once limits have made the duty
+//! A law is told the [`ControlInput`] of a tick and answers with a [`ControlOutput`]; once limits have made the duty
 //! that is really sent, it is told that too, so that what saturates does not wind up. Daemon, trainer and
 //! tests use these same laws. Everything here is bounded and allocation-free and may run in the tick.
 
-pub mod approach;
 pub mod direction;
 pub mod fallback;
 pub mod integral;
 pub mod policy_law;
+pub mod soft_start;
 
-pub use approach::Approach;
 pub use fallback::{Fallback, FallbackSettings};
 pub use integral::{IntegralAction, IntegralSettings};
 pub use policy_law::PolicyLaw;
+pub use soft_start::SoftStart;
 
-use model::contract::{ActionTrajectory, CHANNELS, GOALS_AHEAD, Pair, TICKS_PER_S};
+use model::observation::{ActionTrajectory, CHANNELS, GOALS_AHEAD, Pair, TICKS_PER_S};
 
 /// Length of a control tick in seconds.
 pub const TICK_S: f64 = 1.0 / TICKS_PER_S;
 
 /// What a law knows at a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Situation {
+pub struct ControlInput {
     /// Measured pressures in kPa gauge.
     pub measured_kpa: Pair,
     /// Goals in kPa gauge: now, and the next fifteen ticks.
@@ -39,7 +39,7 @@ pub struct Situation {
 
 /// What makes up the duty of one channel, before limits.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Parts {
+pub struct DutyTerms {
     /// Feed-forward, or the policy's action (duty).
     pub feed_forward: f64,
     /// What undoes the valve's play (duty).
@@ -52,7 +52,7 @@ pub struct Parts {
     pub integral: f64,
 }
 
-impl Parts {
+impl DutyTerms {
     /// The sum.
     pub fn raw(&self) -> f64 {
         self.feed_forward + self.play + self.correction + self.proportional + self.integral
@@ -61,14 +61,14 @@ impl Parts {
 
 /// What a law answers.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Decision {
+pub struct ControlOutput {
     /// What makes up the duties, positive and negative channel.
-    pub parts: [Parts; CHANNELS],
+    pub parts: [DutyTerms; CHANNELS],
     /// Duties for now and the next five ticks, within 0 … 1; what MPObs rolls ahead at the next tick.
     pub trajectory: ActionTrajectory,
 }
 
-impl Decision {
+impl ControlOutput {
     /// The duties before limits.
     pub fn raw(&self) -> Pair {
         self.parts.map(|p| p.raw())

@@ -22,16 +22,16 @@
 
 use std::sync::Arc;
 
-use model::contract::{
-    ACTION_LEN, AHEAD, ActionTrajectory, CHANNELS, CORRECTION_LIMIT, CORRECTION_OBSERVATION_LEN, Contract, GOALS_AHEAD,
-    History, OBSERVATION_LEN, PAST, Pair,
+use model::observation::{
+    ACTION_LEN, AHEAD, ActionTrajectory, CHANNELS, CORRECTION_LIMIT, CORRECTION_OBSERVATION_LEN, GOALS_AHEAD, History,
+    OBSERVATION_LEN, ObservationLayout, PAST, Pair,
 };
 use model::steady::SteadyMap;
 
-use crate::direction::Travel;
+use crate::direction::ReversalTravel;
 use crate::fallback::{Fallback, FallbackSettings};
 use crate::integral::{IntegralAction, IntegralSettings};
-use crate::{Decision, Parts, Situation, saturated};
+use crate::{ControlInput, ControlOutput, DutyTerms, saturated};
 
 /// E: errors in kPa up to which a correction acts in full.
 const AUTHORITY_KPA: Pair = [0.6, 1.5];
@@ -39,36 +39,39 @@ const AUTHORITY_KPA: Pair = [0.6, 1.5];
 /// Everything around a policy but the policy itself.
 #[derive(Debug, Clone)]
 pub struct PolicyLaw {
-    contract: Contract,
+    contract: ObservationLayout,
     fallback: Fallback,
     history: History,
     /// Duties that were applied, oldest first; the last was in force until now.
     applied: [Pair; PAST],
     /// Where the applied duties last turned round.
-    travel: [Travel; CHANNELS],
+    travel: [ReversalTravel; CHANNELS],
     integral: IntegralAction,
-    base: Decision,
+    base: ControlOutput,
     /// Error (kPa) and raw duty of the policy's last decision under the paper's contract, for the anti-windup.
     pending: Option<[(f64, f64); CHANNELS]>,
 }
 
 impl PolicyLaw {
     /// A law for the rig that `map` was made of.
-    pub fn new(map: Arc<SteadyMap>, contract: Contract) -> Self {
+    pub fn new(map: Arc<SteadyMap>, contract: ObservationLayout) -> Self {
         PolicyLaw {
             contract,
             fallback: Fallback::new(map, FallbackSettings::default()),
             history: History::default(),
             applied: [[1.0; CHANNELS]; PAST],
-            travel: [Travel::default(); CHANNELS],
+            travel: [ReversalTravel::default(); CHANNELS],
             integral: IntegralAction::new(IntegralSettings::default()),
-            base: Decision { parts: [Parts::default(); CHANNELS], trajectory: ActionTrajectory::held([1.0; CHANNELS]) },
+            base: ControlOutput {
+                parts: [DutyTerms::default(); CHANNELS],
+                trajectory: ActionTrajectory::held([1.0; CHANNELS]),
+            },
             pending: None,
         }
     }
 
     /// What the policy is told and answers.
-    pub fn contract(&self) -> Contract {
+    pub fn contract(&self) -> ObservationLayout {
         self.contract
     }
 
@@ -77,7 +80,7 @@ impl PolicyLaw {
         self.fallback.restart();
         self.history = History::default();
         self.applied = [duty; PAST];
-        self.travel = duty.map(Travel::from);
+        self.travel = duty.map(ReversalTravel::from);
         self.integral.set([0.0; CHANNELS]);
         self.pending = None;
     }
@@ -86,7 +89,7 @@ impl PolicyLaw {
     ///
     /// # Real-time
     /// Allocation-free and bounded: may run in the tick.
-    pub fn observe(&mut self, situation: &Situation) -> Decision {
+    pub fn observe(&mut self, situation: &ControlInput) -> ControlOutput {
         self.history.push(situation.measured_kpa, situation.goals_kpa[0]);
         self.base = self.fallback.decide(situation);
         self.pending = None;
@@ -94,15 +97,15 @@ impl PolicyLaw {
     }
 
     /// Writes what the policy is told, given the model's predictions for the next five ticks. The slice must hold
-    /// [`Contract::observation_len`] numbers; of a shorter one only the whole groups that fit are written.
+    /// [`ObservationLayout::observation_len`] numbers; of a shorter one only the whole groups that fit are written.
     ///
     /// # Real-time
     /// May run in the tick.
-    pub fn write_observation(&self, situation: &Situation, predicted_kpa: &[Pair; AHEAD], observation: &mut [f32]) {
+    pub fn write_observation(&self, situation: &ControlInput, predicted_kpa: &[Pair; AHEAD], observation: &mut [f32]) {
         let ahead: [Pair; GOALS_AHEAD] = std::array::from_fn(|j| situation.goals_kpa[j + 1]);
         let Some((paper, rest)) = observation.split_first_chunk_mut::<OBSERVATION_LEN>() else { return };
         self.history.observe(predicted_kpa, &ahead, paper);
-        if self.contract == Contract::Correction {
+        if self.contract == ObservationLayout::Correction {
             let integral = self.base.parts.map(|p| p.integral);
             let play = self.base.parts.map(|p| p.play);
             let width = self.fallback.learned_play();
@@ -119,24 +122,24 @@ impl PolicyLaw {
     ///
     /// # Real-time
     /// May run in the tick.
-    pub fn decide(&mut self, situation: &Situation, outputs: &[f32; ACTION_LEN]) -> Decision {
+    pub fn decide(&mut self, situation: &ControlInput, outputs: &[f32; ACTION_LEN]) -> ControlOutput {
         let actions = ActionTrajectory::from_outputs(outputs);
         match self.contract {
-            Contract::Paper => {
+            ObservationLayout::Paper => {
                 let integral = self.integral.duty();
-                let parts: [Parts; CHANNELS] = std::array::from_fn(|c| Parts {
+                let parts: [DutyTerms; CHANNELS] = std::array::from_fn(|c| DutyTerms {
                     feed_forward: actions.now()[c],
                     integral: integral[c],
-                    ..Parts::default()
+                    ..DutyTerms::default()
                 });
                 self.pending = Some(std::array::from_fn(|c| {
                     (situation.goals_kpa[0][c] - situation.measured_kpa[c], parts[c].raw())
                 }));
                 let trajectory =
                     ActionTrajectory(actions.0.map(|a| std::array::from_fn(|c| saturated(a[c] + integral[c]))));
-                Decision { parts, trajectory }
+                ControlOutput { parts, trajectory }
             }
-            Contract::Correction => {
+            ObservationLayout::Correction => {
                 let authority: Pair = std::array::from_fn(|c| {
                     let error_kpa = situation.goals_kpa[0][c] - situation.measured_kpa[c];
                     (2.0 - error_kpa.abs() / AUTHORITY_KPA[c]).clamp(0.0, 1.0)
@@ -193,18 +196,18 @@ mod tests {
     use super::*;
     use model::rig::Rig;
 
-    fn law(contract: Contract) -> PolicyLaw {
+    fn law(contract: ObservationLayout) -> PolicyLaw {
         let map = Arc::new(SteadyMap::new(&Rig::builtin("dual_pressure").unwrap()).unwrap());
         PolicyLaw::new(map, contract)
     }
 
-    fn situation(measured_kpa: Pair) -> Situation {
-        Situation { measured_kpa, goals_kpa: [[90.0, -72.0]; GOALS_AHEAD + 1] }
+    fn situation(measured_kpa: Pair) -> ControlInput {
+        ControlInput { measured_kpa, goals_kpa: [[90.0, -72.0]; GOALS_AHEAD + 1] }
     }
 
     #[test]
     fn a_correction_of_nothing_sends_what_the_fallback_would() {
-        let mut law = law(Contract::Correction);
+        let mut law = law(ObservationLayout::Correction);
         for t in 0..50 {
             let now = situation([85.0 + 0.1 * f64::from(t), -70.0]);
             let base = law.observe(&now);
@@ -216,7 +219,7 @@ mod tests {
 
     #[test]
     fn every_number_of_the_second_contract_lands_where_the_table_says() {
-        let mut law = law(Contract::Correction);
+        let mut law = law(ObservationLayout::Correction);
         law.restart([0.5, 0.6]);
         for t in 0..10 {
             law.observe(&situation([80.0, -70.0]));
@@ -236,14 +239,14 @@ mod tests {
         assert_eq!(observation[118..120], base.parts.map(|p| p.play as f32));
         assert_eq!(observation[120..122], law.learned_play().map(|w| w as f32));
         // From 0.5 and 0.6, long in force, up to 0.79 and 0.89, further than is told.
-        assert_eq!(observation[122..124], [Travel::MOST as f32; 2]);
+        assert_eq!(observation[122..124], [ReversalTravel::MOST as f32; 2]);
     }
 
     /// A correction acts in full near the goal, by half at one and a half times E, and not at all far away.
     #[test]
     fn authority_fades_with_the_error() {
         let felt = |error_kpa: f64| {
-            let mut law = law(Contract::Correction);
+            let mut law = law(ObservationLayout::Correction);
             let now = situation([90.0 - error_kpa, -72.0 + error_kpa * AUTHORITY_KPA[1] / AUTHORITY_KPA[0]]);
             law.observe(&now);
             law.decide(&now, &[0.02; ACTION_LEN]).parts.map(|p| p.correction)
@@ -259,7 +262,7 @@ mod tests {
     /// after `T_i` at a constant error it has grown by the proportional part, and by the paper's share.
     #[test]
     fn with_a_policy_the_integral_is_faster() {
-        let (mut flown, mut plain) = (law(Contract::Correction), law(Contract::Correction));
+        let (mut flown, mut plain) = (law(ObservationLayout::Correction), law(ObservationLayout::Correction));
         let now = situation([89.7, -72.0]);
         let ticks = (FallbackSettings::default().reset_time_s / crate::TICK_S).round() as usize;
         for _ in 0..ticks {
@@ -276,7 +279,7 @@ mod tests {
     /// A policy that is off by a constant duty: the paper's integral takes it up, and no error is left to correct.
     #[test]
     fn the_papers_integral_takes_up_a_constant_error_of_the_policy() {
-        let mut law = law(Contract::Paper);
+        let mut law = law(ObservationLayout::Paper);
         let now = situation([91.0, -72.0]);
         let mut last = 0.0;
         for _ in 0..50 {

@@ -5,8 +5,8 @@
 
 use std::sync::Arc;
 
-use law::{Approach, Fallback, FallbackSettings, Situation, TICK_S};
-use model::contract::{CHANNELS, Pair};
+use law::{ControlInput, Fallback, FallbackSettings, SoftStart, TICK_S};
+use model::observation::{CHANNELS, Pair};
 use model::predict::DualPressureRig;
 use model::rig::Rig;
 use model::steady::SteadyMap;
@@ -25,13 +25,13 @@ fn rmse(rig: &str, reference: &Reference, seconds: f64, skip_s: f64, seed: u64) 
     for tick in 0..(seconds / TICK_S) as usize {
         let volts = sensors.sample(plant.readings_kpa(), [&[], &[]]);
         let measured_kpa: Pair = std::array::from_fn(|c| scales[c].gauge_kpa(f64::from(volts[c])));
-        let approach = *approach.get_or_insert_with(|| Approach::new(measured_kpa, reference.at(0.0)));
+        let approach = *approach.get_or_insert_with(|| SoftStart::new(measured_kpa, reference.at(0.0)));
         let goals_kpa = std::array::from_fn(|j| {
             let time_s = (tick + j) as f64 * TICK_S;
             let (goal, offset) = (reference.at(time_s), approach.offset_kpa(time_s));
             std::array::from_fn(|c| goal[c] + offset[c])
         });
-        let decision = law.decide(&Situation { measured_kpa, goals_kpa });
+        let decision = law.decide(&ControlInput { measured_kpa, goals_kpa });
         law.applied(decision.duty());
         let time_s = tick as f64 * TICK_S;
         if time_s >= skip_s {

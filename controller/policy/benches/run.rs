@@ -11,7 +11,7 @@ mod onnx;
 use std::time::{Duration, Instant};
 
 use onnx::{Draw, Mlp, observation, paper};
-use policy::{Contract, Policy};
+use policy::{Policy, PolicySignature};
 
 fn main() {
     let net = Mlp::new(&[84, 256, 256, 12], 1);
@@ -37,7 +37,7 @@ fn wide(name: &str, sizes: &[usize]) {
 /// Two networks that differ by twenty activation layers of 256 values.
 fn activations() {
     const LAYERS: usize = 20;
-    let contract = [Contract::pressures_to_duties(1, 256, 256)];
+    let contract = [PolicySignature::pressures_to_duties(1, 256, 256)];
     let median = |op: Option<&str>| {
         let mut onnx = Mlp::new(&[256, 256], 3).torch("Relu", "Sigmoid");
         let mut value = "scaled".to_owned();

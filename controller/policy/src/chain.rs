@@ -20,9 +20,9 @@ use tract_onnx::pb::{NodeProto, tensor_proto::DataType};
 use crate::activation::Activation;
 use crate::constant::{Constant, Data, transposed};
 use crate::error::{Fault, shown};
+use crate::graph_signature::GraphSignature;
 use crate::kernel::{Arithmetic, Dense, Layer};
 use crate::node::Node;
-use crate::signature::Signature;
 
 /// The operators that a policy may use.
 pub const SUPPORTED_OPS: [&str; 19] = [
@@ -59,7 +59,7 @@ const MOST_CONSTANTS: usize = 8 << 20;
 ///
 /// # Errors
 /// Every [`Fault`] about nodes and weights.
-pub(crate) fn compile(signature: &Signature) -> Result<Vec<Layer>, Fault> {
+pub(crate) fn compile(signature: &GraphSignature) -> Result<Vec<Layer>, Fault> {
     let mut builder = Builder::new(signature)?;
     for node in &signature.graph.node {
         builder.take(node)?;
@@ -80,7 +80,7 @@ struct Builder<'a> {
 }
 
 impl<'a> Builder<'a> {
-    fn new(signature: &Signature<'a>) -> Result<Self, Fault> {
+    fn new(signature: &GraphSignature<'a>) -> Result<Self, Fault> {
         let mut builder = Self {
             constants: HashMap::new(),
             running: HashSet::from([signature.input]),
@@ -378,7 +378,7 @@ impl<'a> Builder<'a> {
         }
     }
 
-    fn finish(self, signature: &Signature) -> Result<Vec<Layer>, Fault> {
+    fn finish(self, signature: &GraphSignature) -> Result<Vec<Layer>, Fault> {
         let name = || shown(signature.output);
         if self.current != signature.output {
             return Err(Fault::OutputNotLast { name: name(), last: shown(self.current) });

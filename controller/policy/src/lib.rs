@@ -2,7 +2,7 @@
 //!
 //! A policy is a multilayer perceptron in ONNX (opset 13 to 20) with one float32 input `[1, n]` or
 //! `[batch, n]` and one float32 output `[1, m]`; `n`, `m`, their names, units and physical ranges are
-//! a [`Contract`]; the caller hands in all that it flies, and the file says which one it was made for.
+//! a [`PolicySignature`]; the caller hands in all that it flies, and the file says which one it was made for.
 //! Observations come in the contract's units (kPa gauge, duty); normalisation is part of the graph; the
 //! outputs lie in the contract's ranges (duties in 0..=1, or corrections of them on either side of 0).
 //!
@@ -19,7 +19,7 @@
 //!
 //! | module | does |
 //! | --- | --- |
-//! | [`contract`] | what a policy must take and give |
+//! | [`policy_signature`] | what a policy must take and give |
 //! | `file` | reads at most 16 MiB of a regular file, tells a truncated file from a foreign one |
 //! | `metadata` | the keys of `metadata_props`; golden pairs |
 //! | `signature`, `constant`, `node`, `chain` | the graph's outside, weights, nodes; the graph as a chain of layers, or why it is none |
@@ -33,21 +33,21 @@
 mod activation;
 mod chain;
 mod constant;
-pub mod contract;
 mod error;
 mod file;
+mod graph_signature;
 mod kernel;
 mod metadata;
 mod node;
 mod oracle;
 mod policy;
+pub mod policy_signature;
 mod probe;
 mod rounding;
-mod signature;
 
 pub use chain::SUPPORTED_OPS;
-pub use contract::{Channel, Contract};
 pub use error::{Fault, PolicyError, Refused};
 pub use file::{MAX_FILE_BYTES, PolicyHash};
 pub use metadata::Metadata;
 pub use policy::{Checks, Policy};
+pub use policy_signature::{Channel, PolicySignature};

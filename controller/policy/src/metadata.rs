@@ -14,8 +14,8 @@
 
 use tract_onnx::pb::ModelProto;
 
-use crate::contract::{Channel, Contract};
 use crate::error::{Fault, GoldenProblem, shown};
+use crate::policy_signature::{Channel, PolicySignature};
 
 /// Golden pairs that are read; more only make loading slow.
 const MOST_GOLDEN_PAIRS: usize = 256;
@@ -72,7 +72,7 @@ impl Metadata {
     ///
     /// # Errors
     /// [`Fault::ContractUnknown`] if none of `known` has it.
-    pub(crate) fn contract<'c>(&self, known: &'c [Contract]) -> Result<Option<&'c Contract>, Fault> {
+    pub(crate) fn contract<'c>(&self, known: &'c [PolicySignature]) -> Result<Option<&'c PolicySignature>, Fault> {
         let Some(text) = self.get("contract") else { return Ok(None) };
         let version = text.trim().parse::<u32>().ok();
         let found = known.iter().find(|c| Some(c.version) == version);
@@ -86,7 +86,7 @@ impl Metadata {
     ///
     /// # Errors
     /// [`Fault::MetadataContradicts`].
-    pub(crate) fn check(&self, contract: &Contract) -> Result<(), Fault> {
+    pub(crate) fn check(&self, contract: &PolicySignature) -> Result<(), Fault> {
         if let Some(text) = self.get("rate_hz") {
             // A rate is a small decimal; a thousandth is far below any that differ.
             let same = text.trim().parse::<f64>().is_ok_and(|r| (r - contract.rate_hz).abs() < 1e-3);
@@ -105,7 +105,7 @@ impl Metadata {
     fn check_list(
         &self,
         key: &'static str,
-        contract: &Contract,
+        contract: &PolicySignature,
         channels: &[Channel],
         told: Told,
     ) -> Result<(), Fault> {
@@ -135,7 +135,7 @@ impl Metadata {
     ///
     /// # Errors
     /// [`Fault::GoldenUnreadable`].
-    pub(crate) fn golden(&self, contract: &Contract) -> Result<Vec<GoldenPair>, Fault> {
+    pub(crate) fn golden(&self, contract: &PolicySignature) -> Result<Vec<GoldenPair>, Fault> {
         let rows = |key| self.get(key).map_or_else(Vec::new, |text| parted(text, ';'));
         let (inputs, outputs) = (rows("golden_input"), rows("golden_output"));
         if inputs.len() != outputs.len() || inputs.len() > MOST_GOLDEN_PAIRS {
@@ -181,7 +181,7 @@ fn plain(unit: &str) -> String {
     kept.flat_map(char::to_lowercase).collect()
 }
 
-fn contradicts(key: &'static str, found: &str, expected: &str, contract: &Contract) -> Fault {
+fn contradicts(key: &'static str, found: &str, expected: &str, contract: &PolicySignature) -> Fault {
     Fault::MetadataContradicts { key, found: shown(found), expected: expected.to_owned(), contract: contract.version }
 }
 
@@ -195,7 +195,7 @@ mod tests {
 
     #[test]
     fn units_are_compared_by_meaning_not_by_spelling() {
-        let contract = Contract::pressures_to_duties(1, 2, 1);
+        let contract = PolicySignature::pressures_to_duties(1, 2, 1);
         for unit in ["kPa gauge", "kpa_gauge", "KPA (gauge)", "kPa gauge, kPa gauge"] {
             metadata(&[("input_unit", unit)]).check(&contract).unwrap();
         }
@@ -208,7 +208,7 @@ mod tests {
     /// A contract whose values differ in unit: one word cannot say it, a list must say it for every value.
     #[test]
     fn mixed_units_are_told_value_by_value() {
-        let mut contract = Contract::pressures_to_duties(2, 3, 1);
+        let mut contract = PolicySignature::pressures_to_duties(2, 3, 1);
         contract.inputs[2].unit = "duty".into();
         for key in ["input_unit", "input_units"] {
             metadata(&[(key, "kPa gauge, kPa (gauge), duty")]).check(&contract).unwrap();
@@ -230,7 +230,7 @@ mod tests {
 
     #[test]
     fn golden_pairs_are_numbers_in_rows() {
-        let contract = Contract::pressures_to_duties(1, 2, 1);
+        let contract = PolicySignature::pressures_to_duties(1, 2, 1);
         let good = metadata(&[("golden_input", "1.5, -2;3e1,4;"), ("golden_output", "0.25; 1")]);
         let pairs = good.golden(&contract).unwrap();
         assert_eq!(pairs[0], GoldenPair { input: vec![1.5, -2.0], output: vec![0.25] });

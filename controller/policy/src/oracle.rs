@@ -15,8 +15,8 @@ use std::thread;
 use tract_onnx::pb::ModelProto;
 use tract_onnx::prelude::*;
 
-use crate::contract::Contract;
 use crate::error::{Fault, one_line};
+use crate::policy_signature::PolicySignature;
 use crate::probe;
 
 /// Decodes the protobuf.
@@ -31,7 +31,7 @@ pub(crate) fn decode(bytes: &[u8]) -> Result<ModelProto, Fault> {
 ///
 /// # Errors
 /// [`Fault::OracleRefused`].
-pub(crate) fn answers(model: ModelProto, contract: &Contract) -> Result<Vec<f32>, Fault> {
+pub(crate) fn answers(model: ModelProto, contract: &PolicySignature) -> Result<Vec<f32>, Fault> {
     let work = || guarded(|| compute(model, contract));
     let refused = |reason| Fault::OracleRefused { reason };
     thread::scope(|scope| {
@@ -41,7 +41,7 @@ pub(crate) fn answers(model: ModelProto, contract: &Contract) -> Result<Vec<f32>
     })
 }
 
-fn compute(mut model: ModelProto, contract: &Contract) -> TractResult<Vec<f32>> {
+fn compute(mut model: ModelProto, contract: &PolicySignature) -> TractResult<Vec<f32>> {
     let (inputs, outputs) = (contract.inputs.len(), contract.outputs.len());
     if let Some(graph) = &mut model.graph {
         graph.value_info.clear();

@@ -3,14 +3,14 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::contract::{Channel, Contract};
 use crate::error::{Fault, PolicyError, Refused};
 use crate::file::{self, PolicyHash};
 use crate::kernel::{Kernel, Layer};
 use crate::metadata::{GoldenPair, Metadata};
 use crate::oracle;
+use crate::policy_signature::{Channel, PolicySignature};
 use crate::probe;
-use crate::{chain, rounding, signature};
+use crate::{chain, graph_signature, rounding};
 
 /// Largest difference to tract on a probe. Two orders of summation of 256 products of order one differ
 /// by about 1e-6; an error in an operator or in the packing shows as 1e-3 and more.
@@ -35,7 +35,7 @@ pub struct Policy {
     opset: i64,
     producer: String,
     metadata: Metadata,
-    contract: Contract,
+    contract: PolicySignature,
     checks: Checks,
     kernel: Kernel,
 }
@@ -68,7 +68,7 @@ impl Policy {
     ///
     /// # Real-time
     /// Not for the tick: about 0.1 s, most of it tract's, and thousands of allocations. Neither is dropping a policy.
-    pub fn load(path: &Path, contracts: &[Contract]) -> Result<Self, PolicyError> {
+    pub fn load(path: &Path, contracts: &[PolicySignature]) -> Result<Self, PolicyError> {
         let name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
         file::read(path)
             .and_then(|bytes| Self::from_bytes(name, &bytes, contracts))
@@ -79,7 +79,7 @@ impl Policy {
     ///
     /// # Errors
     /// The [`Fault`].
-    pub fn from_bytes(name: String, bytes: &[u8], contracts: &[Contract]) -> Result<Self, Fault> {
+    pub fn from_bytes(name: String, bytes: &[u8], contracts: &[PolicySignature]) -> Result<Self, Fault> {
         file::scan(bytes)?;
         let model = oracle::decode(bytes)?;
         let metadata = Metadata::read(&model)?;
@@ -87,8 +87,8 @@ impl Policy {
         let Some(assumed) = named.or(contracts.first()) else {
             return Err(Fault::ContractUnknown { found: String::new(), known: Vec::new() });
         };
-        let signature = signature::read(&model, assumed)?;
-        let fits = |c: &&Contract| (c.inputs.len(), c.outputs.len()) == (signature.inputs, signature.outputs);
+        let signature = graph_signature::read(&model, assumed)?;
+        let fits = |c: &&PolicySignature| (c.inputs.len(), c.outputs.len()) == (signature.inputs, signature.outputs);
         let contract = match named {
             Some(named) => named,
             None => contracts.iter().find(fits).unwrap_or(assumed),
@@ -158,7 +158,7 @@ impl Policy {
     }
 
     /// The contract it was checked against.
-    pub fn contract(&self) -> &Contract {
+    pub fn contract(&self) -> &PolicySignature {
         &self.contract
     }
 
@@ -215,7 +215,7 @@ impl Policy {
     pub fn describe(&self) -> String {
         let Checks { probes, worst_to_tract, lowest_output, highest_output, .. } = self.checks;
         let mut text = format!(
-            "Policy {:?}: {}, {} parameters, {} bytes of ONNX (opset {}), sha256 {:.16}. Contract {} at {} Hz: \
+            "Policy {:?}: {}, {} parameters, {} bytes of ONNX (opset {}), sha256 {:.16}. PolicySignature {} at {} Hz: \
              {}, {}. Sound: kernel and tract agree within {:.1e} on {} probes, outputs lie in {:.3} to {:.3} over the physical range",
             self.name,
             self.layers(),
@@ -260,7 +260,7 @@ fn ends(verb: &str, channels: &[Channel]) -> String {
 }
 
 /// Runs the kernel on the probes and compares it with what tract gave.
-fn try_probes(kernel: &mut Kernel, tract: &[f32], contract: &Contract) -> Result<Checks, Fault> {
+fn try_probes(kernel: &mut Kernel, tract: &[f32], contract: &PolicySignature) -> Result<Checks, Fault> {
     let mut checks = Checks {
         probes: probe::IN_RANGE + probe::WILD,
         worst_to_tract: 0.0,

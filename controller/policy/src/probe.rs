@@ -6,7 +6,7 @@
 //! reach a thousand times the physical range: there only finiteness and the output's range are asked,
 //! because rounding before a saturation may differ there between two correct programs.
 
-use crate::contract::{Channel, Contract};
+use crate::policy_signature::{Channel, PolicySignature};
 
 /// Probes within the physical range.
 pub(crate) const IN_RANGE: usize = 1024;
@@ -17,7 +17,7 @@ pub(crate) const WILD: usize = 128;
 const LEVELS: usize = 16;
 
 /// Fills `input` with probe number `number`; from [`IN_RANGE`] on they are wild.
-pub(crate) fn fill(contract: &Contract, number: usize, input: &mut [f32]) {
+pub(crate) fn fill(contract: &PolicySignature, number: usize, input: &mut [f32]) {
     let mut random = SplitMix64(number as u64);
     let kind = number % 4;
     let round = number / 4;
@@ -73,7 +73,7 @@ mod tests {
 
     #[test]
     fn probes_fill_the_range_and_stay_in_it() {
-        let contract = Contract::pressures_to_duties(1, 84, 12);
+        let contract = PolicySignature::pressures_to_duties(1, 84, 12);
         let mut input = vec![0.0; 84];
         let mut extremes = vec![(f32::MAX, f32::MIN); 84];
         for number in 0..IN_RANGE {

@@ -4,10 +4,10 @@
 mod onnx;
 
 use onnx::*;
-use policy::{Contract, Policy};
+use policy::{Policy, PolicySignature};
 use proptest::prelude::*;
 
-fn load(onnx: &Onnx, contracts: &[Contract]) -> Policy {
+fn load(onnx: &Onnx, contracts: &[PolicySignature]) -> Policy {
     Policy::from_bytes("test".into(), &onnx.bytes(), contracts).unwrap_or_else(|e| panic!("{e}"))
 }
 
@@ -84,7 +84,7 @@ fn gemm_follows_alpha_beta_and_transpose() {
     onnx.node("Gemm", &["obs", "w", "c"], "y", attributes);
     onnx.node("Div", &["y", "four"], "z", vec![]);
     onnx.node("Clip", &["z", "low", "high"], "action", vec![]);
-    let mut policy = load(&onnx, &[Contract::pressures_to_duties(1, 2, 2)]);
+    let mut policy = load(&onnx, &[PolicySignature::pressures_to_duties(1, 2, 2)]);
     let mut out = [9.0; 2];
     policy.run(&[0.25, -0.125], &mut out).unwrap();
     assert_eq!(out, [0.5625, 0.0]);
@@ -106,7 +106,7 @@ fn the_bits_are_those_of_another_implementation() {
     onnx.node("MatMul", &["obs", "w1"], "p", vec![]).node("Add", &["p", "b1"], "y", vec![]);
     onnx.node("Tanh", &["y"], "h", vec![]).node("Gemm", &["h", "w2", "b2"], "z", vec![]);
     onnx.node("Sigmoid", &["z"], "action", vec![]);
-    let mut policy = load(&onnx, &[Contract::pressures_to_duties(1, 6, 3)]);
+    let mut policy = load(&onnx, &[PolicySignature::pressures_to_duties(1, 6, 3)]);
     let input: Vec<f32> = (0..6).map(|i| 0.1f32 * (i + 1) as f32).collect();
     let mut out = [0.0; 3];
     policy.run(&input, &mut out).unwrap();
@@ -205,9 +205,13 @@ fn metadata_golden_pairs_and_description() {
     assert_eq!(policy.parameters(), 85 * 32 + 33 * 12);
     assert_eq!((policy.inputs(), policy.outputs()), (84, 12));
     let told = policy.describe();
-    for part in
-        ["\"quick-fox\"", "84 scaled -> 32 relu -> 12 sigmoid", "2 golden pairs", "variant both", "Contract 1 at 50 Hz"]
-    {
+    for part in [
+        "\"quick-fox\"",
+        "84 scaled -> 32 relu -> 12 sigmoid",
+        "2 golden pairs",
+        "variant both",
+        "PolicySignature 1 at 50 Hz",
+    ] {
         assert!(told.contains(part), "{part} not in: {told}");
     }
     assert_eq!(told.lines().count(), 1);
@@ -217,7 +221,7 @@ fn metadata_golden_pairs_and_description() {
 #[test]
 fn the_file_chooses_among_contracts() {
     let small = Mlp::new(&[10, 8, 4], 2);
-    let contracts = [Contract::pressures_to_duties(1, 84, 12), Contract::pressures_to_duties(2, 10, 4)];
+    let contracts = [PolicySignature::pressures_to_duties(1, 84, 12), PolicySignature::pressures_to_duties(2, 10, 4)];
     assert_eq!(load(&small.torch("Relu", "Sigmoid"), &contracts).contract().version, 2);
     assert_eq!(load(&sound(), &contracts).contract().version, 1);
     let mut named = small.torch("Relu", "Sigmoid");
@@ -235,7 +239,7 @@ proptest! {
     ) {
         let net = Mlp::new(&sizes, seed);
         let (inputs, outputs) = (sizes[0], sizes[sizes.len() - 1]);
-        let contract = [Contract::pressures_to_duties(1, inputs, outputs)];
+        let contract = [PolicySignature::pressures_to_duties(1, inputs, outputs)];
         let mut policy = load(&net.torch("Tanh", "Sigmoid"), &contract);
         let input = observation(&mut Draw(seed), inputs);
         let mut ours = vec![0.0; outputs];

@@ -21,7 +21,7 @@ pub(super) fn check(file: &Path, as_json: bool) -> Result<(), Failure> {
             format!("cRIO {}, model {name}, {flies} flies, reference {}", config.link.address, loaded.reference_name);
         let cycle = Cycle::new(&loaded.rig, loaded.policy, loaded.reference, config.safety, false)
             .map_err(|e| Failure::input(format!("rig {}: {e}", config.rig.file)))?;
-        remarks.extend(cycle.helm().out_of_reach().map(daemon::out_of_reach_text));
+        remarks.extend(cycle.duty_source().out_of_reach().map(daemon::out_of_reach_text));
         Ok((summary, remarks))
     };
     answer(

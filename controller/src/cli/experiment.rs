@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use controller::config::Config;
 use controller::experiment::{Experiment, ExperimentError, Options, Played};
-use controller::logbook::LogbookError;
+use controller::session_recorder::SessionError;
 use controller::state::State;
 use flight::Recorded;
 use proto::recording::{PERIOD_S, TickRecord};
@@ -50,10 +50,10 @@ pub(crate) struct ExperimentArgs {
 impl From<ExperimentError> for Failure {
     fn from(error: ExperimentError) -> Self {
         match error {
-            ExperimentError::Logbook(LogbookError::Link(link)) => {
+            ExperimentError::SessionRecorder(SessionError::Link(link)) => {
                 Failure::work(format!("{link} (nothing was moved, nothing recorded)"))
             }
-            ExperimentError::Logbook(_) => Failure::work(error),
+            ExperimentError::SessionRecorder(_) => Failure::work(error),
             _ => Failure::input(error),
         }
     }
@@ -80,9 +80,9 @@ impl ExperimentArgs {
         tell(format_args!(
             "{}: {} rows ({:.2} s); {}; by the model {} positive {}, negative {} kPa",
             self.csv.display(),
-            experiment.programme.rows().len(),
-            experiment.programme.seconds(),
-            experiment.programme.pump_off().map_or("pump on throughout".to_owned(), |off| format!("pump off in {off}")),
+            experiment.sequence.rows().len(),
+            experiment.sequence.seconds(),
+            experiment.sequence.pump_off().map_or("pump on throughout".to_owned(), |off| format!("pump off in {off}")),
             experiment.rig.name,
             range(forecast_kpa[0]),
             range(forecast_kpa[1]),
@@ -91,7 +91,7 @@ impl ExperimentArgs {
             recording: self.out.clone(),
             command: format!("controller experiment {} --config {}", self.csv.display(), self.config.display()),
             config_text: std::fs::read_to_string(&self.config).unwrap_or_default(),
-            observer: Box::new(watcher(experiment.programme.seconds())),
+            observer: Box::new(watcher(experiment.sequence.seconds())),
             stop: Arc::new(AtomicBool::new(false)),
         };
         let played = experiment.run(&config, options)?;

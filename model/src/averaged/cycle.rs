@@ -11,7 +11,7 @@
 //! the next is nearly straight and forgets two thirds of a deviation (on the paper's rig), so two revolutions and one
 //! step of Aitken's find where it repeats itself.
 
-use super::machine::{Machine, Spring};
+use super::pump_geometry::{PumpGeometry, Spring};
 use crate::orifice::FlowFunction;
 use crate::plant::{InstructionSet, WallTable};
 use crate::real::{Lanes, Real};
@@ -43,7 +43,7 @@ pub(crate) struct Cells {
 /// A pump ready to be turned: what all cells share.
 #[derive(Debug)]
 pub(crate) struct Bench {
-    machine: Machine,
+    machine: PumpGeometry,
     law: FlowFunction<Eight>,
     walls: WallTable<f64>,
     steps: usize,
@@ -78,7 +78,7 @@ const EMPTIER: f64 = 0.75;
 const LONGEST_MEMORY: f64 = 0.98;
 
 impl Bench {
-    pub(crate) fn new(machine: &Machine, smooth: bool) -> Self {
+    pub(crate) fn new(machine: &PumpGeometry, smooth: bool) -> Self {
         // The step of the detailed pump or half of it, and a whole number of steps between two tabled phases.
         let (finer, laminar) = if smooth { (2.0, LAMINAR) } else { (1.0, 0.0) };
         let per_phase =
@@ -101,7 +101,7 @@ impl Bench {
     }
 
     /// The pump that is turned.
-    pub(crate) fn machine(&self) -> &Machine {
+    pub(crate) fn machine(&self) -> &PumpGeometry {
         &self.machine
     }
 

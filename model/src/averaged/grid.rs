@@ -10,7 +10,7 @@
 use std::sync::OnceLock;
 
 use super::cycle::{Bench, Cells, Eight, PHASES};
-use super::machine::Machine;
+use super::pump_geometry::PumpGeometry;
 use crate::real::Real;
 
 /// Nodes along `s`: a whole number of eights.
@@ -66,7 +66,7 @@ pub(super) struct Places {
 }
 
 impl Places {
-    fn of(machine: &Machine) -> Self {
+    fn of(machine: &PumpGeometry) -> Self {
         let lowest = 0.8 / machine.compression_ratio().sqrt();
         let springs = machine.springs.map(|spring| spring.cracking_pa);
         let [from, to] = [ROWS_FROM, ROWS_TO].map(|row| (row * machine.atmosphere_pa + springs[1]).ln());
@@ -115,7 +115,7 @@ struct EightNodes {
 }
 
 impl Grid {
-    pub(super) fn new(machine: &Machine, smooth: bool) -> Self {
+    pub(super) fn new(machine: &PumpGeometry, smooth: bool) -> Self {
         let places = Places::of(machine);
         let empty = |count: usize| places.rows * count;
         Grid {
@@ -212,7 +212,7 @@ fn swing(phases: &[[f64; 2]]) -> [[f64; 2]; 2] {
 }
 
 /// One node's numbers, per outlet pressure.
-fn quantities(machine: &Machine, cells: &Cells, lane: usize, outlet: f64) -> [f64; QUANTITIES] {
+fn quantities(machine: &PumpGeometry, cells: &Cells, lane: usize, outlet: f64) -> [f64; QUANTITIES] {
     let [drawn, delivered] = [cells.drawn, cells.delivered].map(|flow| flow.lane(lane) / outlet);
     let [a, b] = [cells.drawn_response, cells.delivered_response].map(|response| response.lane(lane));
     // Where nothing but the ports lets gas in or out, what is drawn is delivered, to the last bit.

@@ -31,10 +31,10 @@
 
 mod cycle;
 mod grid;
-mod machine;
+mod pump_geometry;
 mod table;
 
-pub(crate) use machine::{Machine, Spring};
+pub(crate) use pump_geometry::{PumpGeometry, Spring};
 pub(crate) use table::PumpTable;
 
 use std::sync::{Arc, Mutex, PoisonError};
@@ -85,7 +85,7 @@ impl PumpTables {
     }
 
     /// The table of a pump, worked out if it is new.
-    pub(crate) fn of(&self, machine: &Machine) -> Arc<PumpTable<f64>> {
+    pub(crate) fn of(&self, machine: &PumpGeometry) -> Arc<PumpTable<f64>> {
         let key = machine.key();
         let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
         {

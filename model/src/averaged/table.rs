@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use super::cycle::PHASES;
 use super::grid::{CELLS, Grid, NODES, PADDED, QUANTITIES};
-use super::machine::Machine;
+use super::pump_geometry::PumpGeometry;
 use crate::plant::lanes_of;
 use crate::real::Real;
 
@@ -67,7 +67,7 @@ pub(crate) struct PumpTable<R> {
 impl PumpTable<f64> {
     /// The table of a pump; `smooth` ones are worked out where they are asked for, others at once: some milliseconds, or a few times
     /// that where absolute pressure matters.
-    pub(crate) fn new(machine: &Machine, smooth: bool) -> Self {
+    pub(crate) fn new(machine: &PumpGeometry, smooth: bool) -> Self {
         let grid = Grid::new(machine, smooth);
         if !smooth {
             grid.fill();

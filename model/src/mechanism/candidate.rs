@@ -6,7 +6,7 @@
 //! `residual_response`) is not in it.
 
 use super::Mechanism;
-use crate::rig::{Attached, Numbers as _, Rig};
+use crate::rig::{MechanismInstance, Numbers as _, Rig};
 
 /// A mechanism that a rig does not have yet, at one of its components.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,14 +56,14 @@ pub struct CandidateParameter {
 impl Candidate {
     /// The mechanism with these values of its parameters (in their order; what is missing stays neutral), as an
     /// entry for [`Rig::mechanisms`]. Values are taken as they are; [`Rig::check`] judges them.
-    pub fn attached(&self, values: &[f64]) -> Attached {
+    pub fn attached(&self, values: &[f64]) -> MechanismInstance {
         let mut mechanism = self.template.clone();
         for (index, value) in self.fitted.iter().zip(values) {
             if let Some(slot) = mechanism.number_mut(*index) {
                 *slot = *value;
             }
         }
-        Attached { component: self.component.clone(), enabled: true, mechanism }
+        MechanismInstance { component: self.component.clone(), enabled: true, mechanism }
     }
 
     /// A copy of the rig with this mechanism attached.

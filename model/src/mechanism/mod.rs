@@ -88,7 +88,7 @@ pub use volume_compliance::VolumeCompliance;
 
 use serde::{Deserialize, Serialize};
 
-use crate::rig::{Attached, Number, Numbers, Rig, RigError, WHOLE_RIG};
+use crate::rig::{MechanismInstance, Number, Numbers, Rig, RigError, WHOLE_RIG};
 
 /// Whether a number is at the value that a rig file leaves out.
 fn is_zero(number: &f64) -> bool {
@@ -267,9 +267,9 @@ mechanisms! {
     ResidualResponse,
 }
 
-impl Attached {
+impl MechanismInstance {
     /// Whether `other` is the same mechanism at the same place, so that only one of the two can be meant.
-    pub(crate) fn is_twin_of(&self, other: &Attached) -> bool {
+    pub(crate) fn is_twin_of(&self, other: &MechanismInstance) -> bool {
         let apart = match (&self.mechanism, &other.mechanism) {
             (Mechanism::CrossLeak(one), Mechanism::CrossLeak(two)) => one.to != two.to,
             (Mechanism::LineResistance(one), Mechanism::LineResistance(two)) => one.port != two.port,

@@ -30,7 +30,7 @@ mod residual;
 mod ripple;
 mod sensor;
 mod simulation;
-mod unknown;
+mod unobserved;
 mod valve_model;
 mod walls;
 
@@ -38,7 +38,7 @@ pub(crate) use command::Samples;
 pub use dispatch::{InstructionSet, Simulated};
 pub(crate) use elements::lanes_of;
 pub use simulation::{FreeRunStart, Simulation};
-pub use unknown::Unknown;
+pub use unobserved::UnobservedInitialState;
 pub(crate) use valve_model::ValveModel;
 
 use command::CommandPath;
@@ -144,7 +144,7 @@ pub struct Plant<R> {
     sensors: Vec<SensorPath<R>>,
     /// Chambers without a sensor, each with the sensor whose pressure a free run starts it at.
     like: Vec<(usize, usize)>,
-    unknowns: Vec<unknown::Placed>,
+    unknowns: Vec<unobserved::Placed>,
 }
 
 impl<R: Real> Plant<R> {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::dispatch::{InstructionSet, Simulated};
 use super::sensor::Filter;
-use super::unknown::{Slot, Unknown};
+use super::unobserved::{Slot, UnobservedInitialState};
 use super::{MEMORY, MOST_DRIVES, NODES, Plant, Scratch, State};
 use crate::mechanism::Heat;
 
@@ -191,7 +191,7 @@ impl<R: Simulated> Simulation<R> {
     }
 
     /// What a recording does not tell about its start, in the order of [`Simulation::set_unknown`].
-    pub fn unknowns(&self) -> impl Iterator<Item = &Unknown> + '_ {
+    pub fn unknowns(&self) -> impl Iterator<Item = &UnobservedInitialState> + '_ {
         self.plant.unknowns.iter().map(|placed| &placed.unknown)
     }
 

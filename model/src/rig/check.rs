@@ -2,7 +2,7 @@
 
 use super::error::RigError;
 use super::number::Numbers as _;
-use super::schema::{ATMOSPHERE, Attached, Line, Pump, Rig, Source};
+use super::schema::{ATMOSPHERE, Line, MechanismInstance, Pump, Rig, Source};
 
 /// Checks one number against a range.
 ///
@@ -47,7 +47,7 @@ impl Rig {
         for (n, attached) in self.mechanisms.iter().enumerate() {
             let key = format!("mechanisms.{}", n + 1);
             attached.mechanism.check(self, &attached.component, &key)?;
-            let twin = |other: &&Attached| other.enabled && other.is_twin_of(attached);
+            let twin = |other: &&MechanismInstance| other.enabled && other.is_twin_of(attached);
             if attached.enabled && self.mechanisms.iter().take(n).any(|other| twin(&other)) {
                 return Err(RigError::at(
                     key,

@@ -21,8 +21,8 @@ pub use number::{Number, Numbers};
 pub use parameters::Parameter;
 pub use recording_map::{RecordingMap, Term, Terms};
 pub use schema::{
-    ATMOSPHERE, Atmosphere, Attached, FlowPump, Gas, Integrator, Line, PistonPump, Pump, Rig, Sensor, Source, Valve,
-    Volume, WHOLE_RIG,
+    ATMOSPHERE, Atmosphere, FlowPump, Gas, Integrator, Line, MechanismInstance, PistonPump, Pump, Rig, Sensor, Source,
+    Valve, Volume, WHOLE_RIG,
 };
 
 /// The paper's rig, built in under the name `dual_pressure`.

@@ -54,7 +54,7 @@ pub struct Rig {
     pub recording: Option<RecordingMap>,
     /// Physics beyond the components' own.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub mechanisms: Vec<Attached>,
+    pub mechanisms: Vec<MechanismInstance>,
 }
 
 /// The gas in every part of the rig.
@@ -262,7 +262,7 @@ pub struct Sensor {
 
 /// A mechanism and the component it is attached to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Attached {
+pub struct MechanismInstance {
     /// Name of a volume, pump, valve, line or sensor; `rig` for what all of them share.
     pub component: String,
     /// Off keeps it in the file without effect.

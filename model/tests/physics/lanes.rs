@@ -5,7 +5,7 @@ use std::sync::Arc;
 use model::mechanism::{CommandDelay, Mechanism, candidates};
 use model::plant::{InstructionSet, Plant, Simulated, Simulation};
 use model::real::{Lanes, Real};
-use model::rig::{Attached, Numbers as _, Pump, Rig};
+use model::rig::{MechanismInstance, Numbers as _, Pump, Rig};
 use proptest::prelude::*;
 
 const LANES: usize = 8;
@@ -128,7 +128,7 @@ fn rigs() -> Vec<Rig> {
     delayed.name = "delayed".to_owned();
     for valve in ["valve_pos", "valve_neg"] {
         let delay = Mechanism::CommandDelay(CommandDelay { delay_ms: 20.0 });
-        delayed.mechanisms.push(Attached { component: valve.to_owned(), enabled: true, mechanism: delay });
+        delayed.mechanisms.push(MechanismInstance { component: valve.to_owned(), enabled: true, mechanism: delay });
     }
     rigs.push(delayed);
     rigs.extend(everything());

@@ -2,7 +2,7 @@
 
 use crate::wire::{Bye, ByeReason, Command, Damage, Frame, FrameType, Hello, RawFrame, Received, WireError, is_newer};
 
-use super::fate::Wire;
+use super::fault_outcome::Wire;
 use super::link::{Link, ReadOutcome};
 use super::serve::Server;
 use super::watch::Event;
@@ -15,26 +15,26 @@ const MOST_CLOSING: usize = 64;
 impl Server {
     /// Sends a frame by way of the script; true where it went out at once, whole and unchanged.
     pub(super) fn send(&mut self, kind: FrameType, raw: RawFrame) -> bool {
-        let fate = self.script.fate(Wire { kind, outgoing: true }, self.tick(), raw);
-        if !fate.untouched() {
+        let outcome = self.script.outcome(Wire { kind, outgoing: true }, self.tick(), raw);
+        if !outcome.untouched() {
             self.statistics.frames_spoilt += 1;
         }
         // Whoever has a frame can read the counts that led to it.
         self.publish();
-        let due = self.due(fate.delay);
+        let due = self.due(outcome.delay);
         let mut failed = None;
         if let Some(link) = self.link.as_mut() {
-            for _ in 0..fate.times {
+            for _ in 0..outcome.times {
                 match due {
-                    Some(due) => link.hold_outgoing(due, fate.raw),
-                    None => failed = failed.or(link.write(fate.raw.as_bytes()).err()),
+                    Some(due) => link.hold_outgoing(due, outcome.raw),
+                    None => failed = failed.or(link.write(outcome.raw.as_bytes()).err()),
                 }
             }
         }
         if let Some(why) = failed {
             self.lose_link(why);
         }
-        failed.is_none() && fate.times > 0 && due.is_none() && !fate.corrupted
+        failed.is_none() && outcome.times > 0 && due.is_none() && !outcome.corrupted
     }
 
     /// Sends what the script held back until now.
@@ -76,16 +76,16 @@ impl Server {
             self.note_answer(command);
         }
         let wire = Wire { kind: received.frame.kind(), outgoing: false };
-        let fate = self.script.fate(wire, self.tick(), received.raw);
-        if fate.untouched() {
+        let outcome = self.script.outcome(wire, self.tick(), received.raw);
+        if outcome.untouched() {
             return self.take(&received.frame);
         }
         self.statistics.frames_spoilt += 1;
-        let due = self.due(fate.delay);
-        for _ in 0..fate.times {
+        let due = self.due(outcome.delay);
+        for _ in 0..outcome.times {
             match (due, self.link.as_mut()) {
-                (Some(due), Some(link)) => link.hold_incoming(due, fate.raw),
-                (None, Some(_)) => self.take_raw(fate.raw),
+                (Some(due), Some(link)) => link.hold_incoming(due, outcome.raw),
+                (None, Some(_)) => self.take_raw(outcome.raw),
                 (_, None) => return,
             }
         }

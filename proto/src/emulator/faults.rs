@@ -43,7 +43,7 @@ use toml::Spanned;
 
 use crate::wire::{FrameType, MAX_LENGTH, TripBits};
 
-use super::fate::{Action, Fault, When, Wire};
+use super::fault_outcome::{Action, Fault, When, Wire};
 use super::pace::TICK;
 use super::sensors::SensorFault;
 

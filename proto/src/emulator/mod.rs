@@ -2,7 +2,7 @@
 //!
 //! [`Crio`] holds the rules of the protocol as a state machine without socket, thread or clock;
 //! [`Sensors`] turns pressures into the volts of an NI 9205; [`Emulator`] puts both on a socket and
-//! advances a [`RigBehind`] by one 20 ms tick after the other; [`FaultScript`] spoils frames, links
+//! advances a [`EmulatedPlant`] by one 20 ms tick after the other; [`FaultScript`] spoils frames, links
 //! and sensors on purpose. Nothing here knows what the rig is, but for [`rig_and_crio`], which puts
 //! the rig of a rig file there.
 //!
@@ -49,7 +49,7 @@
 
 mod crio;
 mod dispatch;
-mod fate;
+mod fault_outcome;
 mod faults;
 mod link;
 mod pace;
@@ -63,7 +63,7 @@ mod watch;
 pub use crio::{Actuation, Crio, CrioConfig, Rejection};
 pub use faults::{FaultScript, FaultScriptError};
 pub use pace::Pace;
-pub use rig::{RigBehind, rig_and_crio};
+pub use rig::{EmulatedPlant, rig_and_crio};
 pub use sensors::{PSE540A_R06, PSE541A_R06, SensorFault, SensorScale, Sensors};
 pub use server::{Emulator, EmulatorConfig, EmulatorError, EmulatorHandle};
-pub use watch::{Event, Statistics, TickTruth, Watched, Watcher, channel_watcher};
+pub use watch::{Event, GroundTruth, Statistics, TruthObserver, Watched, channel_watcher};

@@ -1,6 +1,6 @@
 //! What stands behind the emulated cRIO: a rig that two duties and a pump switch drive.
 //!
-//! [`RigBehind`] is all the emulator asks for; [`model::predict::DualPressureRig`] is the rig that
+//! [`EmulatedPlant`] is all the emulator asks for; [`model::predict::DualPressureRig`] is the rig that
 //! files describe. The pressures it hands over are what its sensors show before the converter, so
 //! mechanisms of the sensors (lag, for one) are in them; noise and steps come from
 //! [`Sensors`](super::Sensors).
@@ -14,7 +14,7 @@ use super::pace::TICK;
 use super::sensors::SensorScale;
 
 /// A rig advanced by one 20 ms tick per call.
-pub trait RigBehind: Send {
+pub trait EmulatedPlant: Send {
     /// Advances by one tick with these duties, 0 (closed) to 1 (open), positive and negative valve.
     fn tick(&mut self, duty: [f64; 2], pump_on: bool);
 
@@ -22,7 +22,7 @@ pub trait RigBehind: Send {
     fn pressures_gauge_kpa(&self) -> [f64; 2];
 }
 
-impl<R: RigBehind + ?Sized> RigBehind for Box<R> {
+impl<R: EmulatedPlant + ?Sized> EmulatedPlant for Box<R> {
     fn tick(&mut self, duty: [f64; 2], pump_on: bool) {
         (**self).tick(duty, pump_on);
     }
@@ -32,7 +32,7 @@ impl<R: RigBehind + ?Sized> RigBehind for Box<R> {
     }
 }
 
-impl RigBehind for DualPressureRig {
+impl EmulatedPlant for DualPressureRig {
     fn tick(&mut self, duty: [f64; 2], pump_on: bool) {
         Self::tick(self, duty, pump_on);
     }
@@ -102,7 +102,7 @@ mod tests {
     #[test]
     fn a_tick_moves_both_pressures_the_way_the_pump_does() {
         let (mut behind, _) = rig_and_crio(&paper(|_| {})).unwrap();
-        RigBehind::tick(&mut behind, [0.0, 0.0], true);
+        EmulatedPlant::tick(&mut behind, [0.0, 0.0], true);
         let [pos, neg] = behind.pressures_gauge_kpa();
         // First row of a converged trace made elsewhere: 4.7116 and -19.6512 kPa, and RK4 at 0.1 ms is
         // within 0.01 kPa of it.

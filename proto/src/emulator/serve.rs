@@ -13,9 +13,9 @@ use super::crio::Crio;
 use super::faults::FaultScript;
 use super::link::{Closing, Link, cut};
 use super::pace::{Grid, Pace, TICK};
-use super::rig::RigBehind;
+use super::rig::EmulatedPlant;
 use super::sensors::Sensors;
-use super::watch::{Event, Statistics, TickTruth, Watcher};
+use super::watch::{Event, GroundTruth, Statistics, TruthObserver};
 
 /// Longest sleep without a look at the stop flag.
 const NAP: Duration = Duration::from_millis(50);
@@ -38,8 +38,8 @@ pub(super) struct Server {
     pub(super) crio: Crio,
     pub(super) pace: Pace,
     pub(super) script: FaultScript,
-    pub(super) rig: Box<dyn RigBehind>,
-    pub(super) watcher: Box<dyn Watcher>,
+    pub(super) rig: Box<dyn EmulatedPlant>,
+    pub(super) watcher: Box<dyn TruthObserver>,
     pub(super) stop: Arc<AtomicBool>,
     pub(super) published: Arc<Mutex<Statistics>>,
     pub(super) statistics: Statistics,
@@ -131,7 +131,7 @@ impl Server {
             volts = self.sample(pressures_kpa, tick);
             session_tick = self.send_sense(volts, tick);
         }
-        self.watcher.tick(&TickTruth {
+        self.watcher.tick(&GroundTruth {
             edge: self.statistics.edges - 1,
             session_tick,
             pressures_kpa,

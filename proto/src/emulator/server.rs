@@ -21,10 +21,10 @@ use std::time::Instant;
 use super::crio::{Crio, CrioConfig};
 use super::faults::FaultScript;
 use super::pace::Pace;
-use super::rig::RigBehind;
+use super::rig::EmulatedPlant;
 use super::sensors::Sensors;
 use super::serve::Server;
-use super::watch::{NoWatcher, Statistics, Watcher};
+use super::watch::{NoObserver, Statistics, TruthObserver};
 
 /// How the emulator is set up.
 #[derive(Debug, Clone, PartialEq)]
@@ -81,8 +81,8 @@ pub struct Emulator {
     listener: TcpListener,
     address: SocketAddr,
     config: EmulatorConfig,
-    rig: Box<dyn RigBehind>,
-    watcher: Box<dyn Watcher>,
+    rig: Box<dyn EmulatedPlant>,
+    watcher: Box<dyn TruthObserver>,
 }
 
 impl Emulator {
@@ -90,7 +90,7 @@ impl Emulator {
     ///
     /// # Errors
     /// [`EmulatorError::Bind`].
-    pub fn bind(address: &str, config: EmulatorConfig, rig: Box<dyn RigBehind>) -> Result<Self, EmulatorError> {
+    pub fn bind(address: &str, config: EmulatorConfig, rig: Box<dyn EmulatedPlant>) -> Result<Self, EmulatorError> {
         let bind = || {
             let listener = TcpListener::bind(address)?;
             listener.set_nonblocking(true)?;
@@ -98,7 +98,7 @@ impl Emulator {
             Ok((listener, address))
         };
         let (listener, bound) = bind().map_err(|source| EmulatorError::Bind { address: address.to_owned(), source })?;
-        Ok(Self { listener, address: bound, config, rig, watcher: Box::new(NoWatcher) })
+        Ok(Self { listener, address: bound, config, rig, watcher: Box::new(NoObserver) })
     }
 
     /// The address it listens on.
@@ -109,7 +109,7 @@ impl Emulator {
 
     /// Lets this watcher look on.
     #[must_use]
-    pub fn watched_by(mut self, watcher: Box<dyn Watcher>) -> Self {
+    pub fn watched_by(mut self, watcher: Box<dyn TruthObserver>) -> Self {
         self.watcher = watcher;
         self
     }

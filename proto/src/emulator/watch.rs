@@ -1,6 +1,6 @@
 //! Watching the emulator from outside: the truth of every tick, events, and counts.
 //!
-//! A [`Watcher`] is called in the emulator's thread and must return quickly; [`channel_watcher`] hands
+//! A [`TruthObserver`] is called in the emulator's thread and must return quickly; [`channel_watcher`] hands
 //! everything to another thread through a bounded channel and drops, and counts, what finds no room,
 //! so that a slow onlooker never holds the emulator up.
 
@@ -16,7 +16,7 @@ use super::crio::Rejection;
 
 /// The truth at one sample edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TickTruth {
+pub struct GroundTruth {
     /// Edges since the emulator started.
     pub edge: u64,
     /// The session and its tick, `None` without a session.
@@ -92,9 +92,9 @@ impl fmt::Display for Event {
 }
 
 /// Looks on; called in the emulator's thread, so it must be quick.
-pub trait Watcher: Send {
+pub trait TruthObserver: Send {
     /// One sample edge passed.
-    fn tick(&mut self, _truth: &TickTruth) {}
+    fn tick(&mut self, _truth: &GroundTruth) {}
     /// Something happened.
     fn event(&mut self, _event: &Event) {}
 }
@@ -103,7 +103,7 @@ pub trait Watcher: Send {
 #[derive(Debug, Clone, PartialEq)]
 pub enum Watched {
     /// One sample edge passed.
-    Tick(TickTruth),
+    Tick(GroundTruth),
     /// Something happened.
     Event(Event),
 }
@@ -111,18 +111,18 @@ pub enum Watched {
 /// A watcher that hands everything to a channel of this capacity, the channel's end, and the count
 /// of what found no room.
 #[must_use]
-pub fn channel_watcher(capacity: usize) -> (Box<dyn Watcher>, Receiver<Watched>, Arc<AtomicU64>) {
+pub fn channel_watcher(capacity: usize) -> (Box<dyn TruthObserver>, Receiver<Watched>, Arc<AtomicU64>) {
     let (sender, receiver) = sync_channel(capacity);
     let dropped = Arc::new(AtomicU64::new(0));
-    (Box::new(ChannelWatcher { sender, dropped: Arc::clone(&dropped) }), receiver, dropped)
+    (Box::new(ChannelObserver { sender, dropped: Arc::clone(&dropped) }), receiver, dropped)
 }
 
-struct ChannelWatcher {
+struct ChannelObserver {
     sender: SyncSender<Watched>,
     dropped: Arc<AtomicU64>,
 }
 
-impl ChannelWatcher {
+impl ChannelObserver {
     fn hand_over(&self, watched: Watched) {
         if self.sender.try_send(watched).is_err() {
             self.dropped.fetch_add(1, Ordering::Relaxed);
@@ -130,8 +130,8 @@ impl ChannelWatcher {
     }
 }
 
-impl Watcher for ChannelWatcher {
-    fn tick(&mut self, truth: &TickTruth) {
+impl TruthObserver for ChannelObserver {
+    fn tick(&mut self, truth: &GroundTruth) {
         self.hand_over(Watched::Tick(*truth));
     }
 
@@ -141,9 +141,9 @@ impl Watcher for ChannelWatcher {
 }
 
 /// A watcher that looks away.
-pub(super) struct NoWatcher;
+pub(super) struct NoObserver;
 
-impl Watcher for NoWatcher {}
+impl TruthObserver for NoObserver {}
 
 /// Counts since the emulator started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

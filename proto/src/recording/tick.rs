@@ -15,7 +15,7 @@ pub const SENSE_BYTES: usize = 64;
 /// Bytes of a COMMAND frame on the wire.
 pub const COMMAND_BYTES: usize = 44;
 /// Ticks that MPObs looks ahead.
-pub const PREDICTED_TICKS: usize = model::contract::AHEAD;
+pub const PREDICTED_TICKS: usize = model::observation::AHEAD;
 
 /// How the SENSE frame of a tick came.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -7,7 +7,7 @@ use std::io::Write;
 use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
 
-use proto::emulator::{Emulator, EmulatorConfig, EmulatorHandle, FaultScript, Pace, RigBehind};
+use proto::emulator::{EmulatedPlant, Emulator, EmulatorConfig, EmulatorHandle, FaultScript, Pace};
 use proto::wire::{Bye, Command, Frame, FrameReader, Hello, Mode, Sense, SequenceCounter};
 
 pub const SESSION: u32 = 0xC0FF_EE01;
@@ -23,7 +23,7 @@ impl FirstOrderRig {
     pub const TAU_S: f64 = 0.25;
 }
 
-impl RigBehind for FirstOrderRig {
+impl EmulatedPlant for FirstOrderRig {
     fn tick(&mut self, duty: [f64; 2], pump_on: bool) {
         let stay = (-0.02 / Self::TAU_S).exp();
         for ((kpa, duty), top) in self.kpa.iter_mut().zip(duty).zip(Self::TOP_KPA) {

@@ -6,7 +6,7 @@
 
 use fit::parameters::{Knowledge, Parameter, Transform};
 use model::mechanism::{Candidate as Offered, CandidateParameter};
-use model::rig::{Attached, Rig};
+use model::rig::{MechanismInstance, Rig};
 
 use crate::place::side;
 
@@ -168,7 +168,7 @@ impl Candidate {
     }
 
     /// The entry of a rig file, with these values.
-    pub fn attached(&self, values: &[f64]) -> Attached {
+    pub fn attached(&self, values: &[f64]) -> MechanismInstance {
         self.offered.attached(values)
     }
 

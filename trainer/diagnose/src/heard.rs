@@ -6,7 +6,7 @@
 use fit::objective::NINETY;
 use fit::simulate::{Droop, Tachometer, Track, Warming};
 use model::mechanism::{Mechanism, PumpDroop, PumpSpeed};
-use model::rig::Attached;
+use model::rig::MechanismInstance;
 
 /// Share of a droop, or of a change of speed, that is never known better: readings of the load have gains of their own.
 const CALIBRATION: f64 = 0.01;
@@ -35,7 +35,7 @@ pub(crate) struct Heard {
 #[derive(Debug, Clone)]
 pub(crate) struct Told {
     /// Its entry in the rig file.
-    pub(crate) attached: Attached,
+    pub(crate) attached: MechanismInstance,
     pub(crate) numbers: Vec<Number>,
     /// How it shows, to be read after a semicolon.
     pub(crate) shows: String,
@@ -126,7 +126,7 @@ impl Heard {
     }
 
     /// Entries of the rig file.
-    pub(crate) fn attached(&self) -> impl Iterator<Item = Attached> + '_ {
+    pub(crate) fn attached(&self) -> impl Iterator<Item = MechanismInstance> + '_ {
         self.told.iter().map(|told| told.attached.clone())
     }
 
@@ -148,6 +148,6 @@ impl Told {
     }
 }
 
-fn attached(pump: &str, mechanism: Mechanism) -> Attached {
-    Attached { component: pump.to_owned(), enabled: true, mechanism }
+fn attached(pump: &str, mechanism: Mechanism) -> MechanismInstance {
+    MechanismInstance { component: pump.to_owned(), enabled: true, mechanism }
 }

@@ -10,7 +10,7 @@
 use fit::data::Role;
 use fit::parameters::{Knowledge, Parameter, ParameterSet, Transform};
 use model::mechanism::{Axis, Mechanism, ResidualFlow, Shape, Variable};
-use model::rig::{Attached, Rig};
+use model::rig::{MechanismInstance, Rig};
 use nalgebra::{DMatrix, DVector};
 use proto::recording::PERIOD_S;
 
@@ -310,7 +310,7 @@ fn fit_design(
     let scale = scale.sqrt().max(1.0);
     let mut rig = base.fitted.rig.clone();
     let at = rig.mechanisms.len();
-    rig.mechanisms.push(Attached {
+    rig.mechanisms.push(MechanismInstance {
         component: design.volume.clone(),
         enabled: true,
         mechanism: Mechanism::ResidualFlow(ResidualFlow {

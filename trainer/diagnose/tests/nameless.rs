@@ -8,7 +8,7 @@ use diagnose::{Diagnosis, Request, Verdict, run};
 use made::{SIGMA_KPA, STEP_KPA, made, moved};
 use model::mechanism::{Mechanism, ResidualResponse};
 use model::predict::DualPressureRig;
-use model::rig::{Attached, Line, Rig, Volume};
+use model::rig::{Line, MechanismInstance, Rig, Volume};
 
 /// Noise and converter steps: what is left where nothing is missing.
 fn noise_kpa() -> f64 {
@@ -32,12 +32,13 @@ fn a_reading_that_rings_has_no_name_and_the_rig_file_its_formula() {
     let (rig, mut truth) = moved(&[("volumes.negative.volume_l", 1.03)]);
     let rings = ResidualResponse { natural_frequency_hz: 2.5, damping_ratio: 0.07, share: 0.5 };
     let mechanism = Mechanism::ResidualResponse(rings.clone());
-    truth.mechanisms.push(Attached { component: "sensor_pos".to_owned(), enabled: true, mechanism });
+    truth.mechanisms.push(MechanismInstance { component: "sensor_pos".to_owned(), enabled: true, mechanism });
     let (found, written) = diagnosed("rings", rig, &truth, 6);
     assert_eq!(found.verdict, Verdict::UnknownMechanism, "{}", found.summary);
     let place = (found.location[0].side.as_str(), found.location[0].enters.as_str());
     assert_eq!(place, ("positive", "reading"), "{} {:?}", found.summary, found.location);
-    let [Attached { component, mechanism: Mechanism::ResidualResponse(fitted), .. }] = &written.mechanisms[..] else {
+    let [MechanismInstance { component, mechanism: Mechanism::ResidualResponse(fitted), .. }] = &written.mechanisms[..]
+    else {
         panic!("{:?}", written.mechanisms)
     };
     assert_eq!(component, "sensor_pos");

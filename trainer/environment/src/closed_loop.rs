@@ -1,7 +1,7 @@
 //! One rig, one controller, one reference: a flight without sockets and clocks, tick by tick as in the daemon.
 
-use law::{Approach, Decision, Fallback, PolicyLaw, Situation, TICK_S};
-use model::contract::{ACTION_LEN, AHEAD, ActionTrajectory, CHANNELS, CORRECTION_OBSERVATION_LEN, Pair};
+use law::{ControlInput, ControlOutput, Fallback, PolicyLaw, SoftStart, TICK_S};
+use model::observation::{ACTION_LEN, AHEAD, ActionTrajectory, CHANNELS, CORRECTION_OBSERVATION_LEN, Pair};
 use model::predict::{DualPressureRig, Predictor};
 use model::rig::Rig;
 use proto::emulator::Sensors;
@@ -17,7 +17,7 @@ pub trait Controller {
     /// Starts anew, with `duty` long in force.
     fn restart(&mut self, duty: Pair);
     /// Decides the duties of a tick, given what the model predicts for the next five.
-    fn decide(&mut self, situation: &Situation, predicted_kpa: &[Pair; AHEAD]) -> Decision;
+    fn decide(&mut self, situation: &ControlInput, predicted_kpa: &[Pair; AHEAD]) -> ControlOutput;
     /// Told what was sent.
     fn applied(&mut self, duty: Pair);
 }
@@ -27,7 +27,7 @@ impl Controller for Fallback {
         Fallback::restart(self);
     }
 
-    fn decide(&mut self, situation: &Situation, _predicted_kpa: &[Pair; AHEAD]) -> Decision {
+    fn decide(&mut self, situation: &ControlInput, _predicted_kpa: &[Pair; AHEAD]) -> ControlOutput {
         Fallback::decide(self, situation)
     }
 
@@ -54,7 +54,7 @@ impl<F: FnMut(&[f32]) -> [f32; ACTION_LEN]> Controller for PolicyController<F> {
         self.law.restart(duty);
     }
 
-    fn decide(&mut self, situation: &Situation, predicted_kpa: &[Pair; AHEAD]) -> Decision {
+    fn decide(&mut self, situation: &ControlInput, predicted_kpa: &[Pair; AHEAD]) -> ControlOutput {
         self.law.observe(situation);
         let mut observation = [0.0; CORRECTION_OBSERVATION_LEN];
         let told = observation.get_mut(..self.law.contract().observation_len()).unwrap_or_default();
@@ -131,7 +131,7 @@ pub fn fly(plan: &FlightPlan<'_>, controller: &mut impl Controller) -> Result<Fl
                 predictor.restart(measured_kpa, VENT);
             }
         }
-        let approach = *approach.get_or_insert_with(|| Approach::new(measured_kpa, plan.reference.at(0.0)));
+        let approach = *approach.get_or_insert_with(|| SoftStart::new(measured_kpa, plan.reference.at(0.0)));
         let goals_kpa = std::array::from_fn(|j| {
             let time_s = (tick + j) as f64 * TICK_S;
             let (goal, offset) = (plan.reference.at(time_s), approach.offset_kpa(time_s));
@@ -144,7 +144,7 @@ pub fn fly(plan: &FlightPlan<'_>, controller: &mut impl Controller) -> Result<Fl
             }
             None => [measured_kpa; AHEAD],
         };
-        let decision = controller.decide(&Situation { measured_kpa, goals_kpa }, &predicted);
+        let decision = controller.decide(&ControlInput { measured_kpa, goals_kpa }, &predicted);
         let duty = decision.duty();
         trajectory = decision.trajectory;
         controller.applied(duty);

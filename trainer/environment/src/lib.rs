@@ -7,7 +7,7 @@
 //! | [`rig_draw`] | rigs drawn around a nominal one: parameters and mechanisms |
 //! | [`reference_draw`] | references over the reachable range |
 //! | [`reward`] | the paper's reward |
-//! | [`fleet`] | eight rigs side by side, each with its reference, noise and law: what a learner acts on |
+//! | [`env`] | eight rigs side by side, each with its reference, noise and law: what a learner acts on |
 //! | [`closed_loop`] | one rig, one controller, one reference: what a table's row is made of |
 //! | [`score`] | tracking error, action change, hunting |
 //!
@@ -17,18 +17,18 @@
 
 pub mod closed_loop;
 pub mod draws;
-pub mod fleet;
 pub mod reference_draw;
 pub mod reward;
 pub mod rig_draw;
 pub mod score;
 pub mod settings;
+pub mod vector_env;
 
 pub use closed_loop::{Controller, Flown, fly};
-pub use fleet::{Fleet, SIDE_BY_SIDE, Step};
 pub use rig_draw::RigDraw;
 pub use score::Score;
-pub use settings::{EnvironmentSettings, MechanismDraw, RewardSettings, Spread};
+pub use settings::{DomainRandomization, EnvironmentSettings, MechanismDraw, RewardSettings};
+pub use vector_env::{SIDE_BY_SIDE, Step, VectorEnv};
 
 use model::rig::{Rig, RigError};
 use proto::emulator::SensorScale;

@@ -6,7 +6,7 @@
 //! the sum with some duty to spare.
 
 use law::TICK_S;
-use model::contract::{CHANNELS, Pair};
+use model::observation::{CHANNELS, Pair};
 use model::steady::SteadyMap;
 use rand::{Rng, RngExt as _};
 

@@ -9,7 +9,7 @@
 //! tenth keeps a reason to come back from far away. Without MPObs only what
 //! is measured can be paid for; its weight is then the sum of all, so that rewards of both kinds compare.
 
-use model::contract::{AHEAD, Pair};
+use model::observation::{AHEAD, Pair};
 
 use crate::settings::RewardSettings;
 
@@ -23,7 +23,7 @@ pub fn reward(
     measured_kpa: Pair,
     predicted_kpa: Option<&[Pair; AHEAD]>,
 ) -> f64 {
-    let paid = |goal: Option<&Pair>, at: Pair| -> f64 {
+    let error_price = |goal: Option<&Pair>, at: Pair| -> f64 {
         let Some(goal) = goal else { return 0.0 };
         let channels = settings.channels.iter().zip(settings.most_kpa);
         let counted = |error: f64, most: f64| error.min(most) + BEYOND * (error - most).max(0.0);
@@ -32,12 +32,13 @@ pub fn reward(
     let weight = |j: usize| if j == AHEAD { settings.last } else { settings.between };
     let sum = match predicted_kpa {
         Some(predicted) => {
-            let ahead = predicted.iter().enumerate().map(|(j, at)| weight(j + 1) * paid(goals_kpa.get(j + 1), *at));
-            settings.now * paid(goals_kpa.first(), measured_kpa) + ahead.sum::<f64>()
+            let ahead =
+                predicted.iter().enumerate().map(|(j, at)| weight(j + 1) * error_price(goals_kpa.get(j + 1), *at));
+            settings.now * error_price(goals_kpa.first(), measured_kpa) + ahead.sum::<f64>()
         }
         None => {
             let all = settings.now + (1..=AHEAD).map(weight).sum::<f64>();
-            all * paid(goals_kpa.first(), measured_kpa)
+            all * error_price(goals_kpa.first(), measured_kpa)
         }
     };
     settings.scale * sum

@@ -2,17 +2,17 @@
 
 use std::collections::BTreeMap;
 
-use model::rig::{Attached, Pump, Rig, RigError};
+use model::rig::{MechanismInstance, Pump, Rig, RigError};
 use rand::{Rng, RngExt as _};
 
 use crate::EnvironmentError;
-use crate::settings::{EnvironmentSettings, MechanismDraw, Spread};
+use crate::settings::{DomainRandomization, EnvironmentSettings, MechanismDraw};
 
 /// Draws rigs of one structure.
 #[derive(Debug, Clone)]
 pub struct RigDraw {
     nominal: Rig,
-    spread: Spread,
+    spread: DomainRandomization,
     mechanisms: Vec<MechanismDraw>,
 }
 
@@ -73,13 +73,13 @@ impl RigDraw {
         }
         let mut fates = BTreeMap::new();
         for mechanism in &self.mechanisms {
-            let fate = match mechanism.none {
+            let presence_draw = match mechanism.none {
                 0.0 => 1.0,
                 _ => *fates.entry(&mechanism.component).or_insert_with(|| random.random_range(0.0..1.0)),
             };
             let drawn = attached(mechanism, |[low, high]| {
                 let share: f64 = random.random_range(0.0..=1.0);
-                if fate < mechanism.none { low } else { low + share * (high - low) }
+                if presence_draw < mechanism.none { low } else { low + share * (high - low) }
             });
             let sound = drawn.map_err(|problem| RigError::at("mechanisms", problem));
             rig.mechanisms.push(sound.map_err(EnvironmentError::rig(&self.nominal))?);
@@ -91,7 +91,7 @@ impl RigDraw {
 }
 
 /// A mechanism with every parameter chosen from its range, through the same reader as rig files.
-fn attached(draw: &MechanismDraw, mut choose: impl FnMut([f64; 2]) -> f64) -> Result<Attached, String> {
+fn attached(draw: &MechanismDraw, mut choose: impl FnMut([f64; 2]) -> f64) -> Result<MechanismInstance, String> {
     let mut table = toml::Table::new();
     table.insert("id".into(), draw.id.clone().into());
     table.insert("component".into(), draw.component.clone().into());

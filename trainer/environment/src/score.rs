@@ -1,7 +1,7 @@
 //! How well a flight went: tracking error, action change, hunting.
 
 use law::TICK_S;
-use model::contract::{CHANNELS, Pair};
+use model::observation::{CHANNELS, Pair};
 use serde::Serialize;
 
 use crate::closed_loop::FlownTick;

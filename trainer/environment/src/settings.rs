@@ -25,7 +25,7 @@ pub struct EnvironmentSettings {
     /// The reward.
     pub reward: RewardSettings,
     /// How far parameters are drawn from the rig's own.
-    pub spread: Spread,
+    pub spread: DomainRandomization,
     /// Mechanisms that are drawn.
     pub mechanisms: Vec<MechanismDraw>,
 }
@@ -40,7 +40,7 @@ impl Default for EnvironmentSettings {
             duty_high: 1.0,
             correction_duty: 0.1,
             reward: RewardSettings::default(),
-            spread: Spread::default(),
+            spread: DomainRandomization::default(),
             mechanisms: Vec::new(),
         }
     }
@@ -69,7 +69,7 @@ pub struct RewardSettings {
     /// Prices of the positive and the negative valve's correction, per square of its share of the range it may have;
     /// contract 2 only, the paper has 0. What does not help the tracking is then left alone instead of wandering.
     pub correction: [f64; 2],
-    /// Price of leaving the safety envelope, which ends an episode (paid once, times `scale`).
+    /// Price of leaving the safety envelope, which ends an episode (reward_value once, times `scale`).
     pub tripped: f64,
 }
 
@@ -92,7 +92,7 @@ impl Default for RewardSettings {
 /// How far parameters are drawn from the rig's own: uniformly within ± so many percent, each by itself.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Spread {
+pub struct DomainRandomization {
     /// Chamber volumes.
     pub volumes_percent: f64,
     /// The valves' input, pressure and spring coefficients.
@@ -139,7 +139,7 @@ impl EnvironmentSettings {
         within("noise_v_rms", self.noise_v_rms, 0.0, 0.1, " V")?;
         within("duty_low", self.duty_low, 0.0, 0.95, "")?;
         within("duty_high", self.duty_high, self.duty_low + 0.05, 1.0, "; it must lie above duty_low")?;
-        within("correction_duty", self.correction_duty, 0.001, model::contract::CORRECTION_LIMIT, "")?;
+        within("correction_duty", self.correction_duty, 0.001, model::observation::CORRECTION_LIMIT, "")?;
         let r = &self.reward;
         for (key, weight) in [
             ("now", r.now),

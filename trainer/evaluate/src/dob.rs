@@ -21,8 +21,8 @@
 //! # Departs from the paper
 //! Its letter gives neither gains nor the point of linearisation of \[11\].
 
-use law::{Decision, Parts, Situation, TICK_S, saturated};
-use model::contract::{AHEAD, ActionTrajectory, CHANNELS, Pair};
+use law::{ControlInput, ControlOutput, DutyTerms, TICK_S, saturated};
+use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
 use model::rig::Rig;
 use model::steady::SteadyMap;
 use proto::reference::Reference;
@@ -125,24 +125,24 @@ impl Controller for Dob {
         self.z_kpa = None;
     }
 
-    fn decide(&mut self, situation: &Situation, _predicted_kpa: &[Pair; AHEAD]) -> Decision {
+    fn decide(&mut self, situation: &ControlInput, _predicted_kpa: &[Pair; AHEAD]) -> ControlOutput {
         let measured = situation.measured_kpa;
         let z = *self.z_kpa.get_or_insert(measured);
         self.measured_kpa = measured;
-        let mut parts = [Parts::default(); CHANNELS];
+        let mut parts = [DutyTerms::default(); CHANNELS];
         for c in 0..CHANNELS {
             let Channel { y0_kpa, u0, a_per_s, b_kpa_per_s } = self.channels[c];
             self.disturbance[c] = self.observer_per_s * (measured[c] - z[c]);
             let goal = situation.goals_kpa[0][c];
             let slope = (situation.goals_kpa[1][c] - goal) / TICK_S;
-            parts[c] = Parts {
+            parts[c] = DutyTerms {
                 feed_forward: u0 + (slope + a_per_s * (goal - y0_kpa)) / b_kpa_per_s,
                 proportional: self.feedback_per_s * (goal - measured[c]) / b_kpa_per_s,
                 integral: -self.disturbance[c] / b_kpa_per_s,
-                ..Parts::default()
+                ..DutyTerms::default()
             };
         }
-        Decision { parts, trajectory: ActionTrajectory::held(parts.map(|p| saturated(p.raw()))) }
+        ControlOutput { parts, trajectory: ActionTrajectory::held(parts.map(|p| saturated(p.raw()))) }
     }
 
     /// The observer moves on with what was really sent, so saturation is no disturbance to it.

@@ -4,19 +4,19 @@
 //! | --- | --- |
 //! | [`dob`] | the disturbance-observer controller that the paper compares with |
 //! | [`clairvoyant`] | the limit: what any controller could reach that knows rig and reference |
-//! | [`competition`] | entrants fly rigs |
+//! | [`comparison`] | entrants fly rigs |
 //! | [`table`] | tables as JSON, Markdown and page |
 //! | [`join`] | tables of one kind put together |
 //! | [`payload`] | rigs with an actuator that carries a load |
 //! | [`rigs_around`] | rigs drawn around a given one |
 
-pub mod clairvoyant;
-pub mod competition;
+pub mod comparison;
 pub mod dob;
 pub mod join;
+pub mod optimal_open_loop;
 pub mod payload;
 pub mod rigs_around;
 pub mod table;
 
-pub use clairvoyant::Clairvoyant;
 pub use dob::Dob;
+pub use optimal_open_loop::OptimalOpenLoop;

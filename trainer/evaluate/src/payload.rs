@@ -1,6 +1,6 @@
 //! Rigs with a payload: an artificial muscle that hangs on both chambers and changes their volumes.
 
-use model::rig::{Attached, Rig, RigError};
+use model::rig::{MechanismInstance, Rig, RigError};
 
 /// The rig with a hyperbaric/vacuum muscle that carries `payload_kg`.
 ///
@@ -12,7 +12,7 @@ pub fn loaded(rig: &Rig, payload_kg: f64) -> Result<Rig, RigError> {
     table.insert("component".into(), "positive".into());
     table.insert("vacuum".into(), "negative".into());
     table.insert("payload_kg".into(), payload_kg.into());
-    let attached: Attached =
+    let attached: MechanismInstance =
         table.try_into().map_err(|e: toml::de::Error| RigError::at("mechanisms", e.message().to_owned()))?;
     let mut loaded = rig.clone();
     loaded.mechanisms.push(attached);

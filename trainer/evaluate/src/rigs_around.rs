@@ -4,8 +4,8 @@
 //! between [`MECHANISMS`] of its own, uniformly, each by itself. The draws depend on seed and number only.
 
 use environment::draws::{Purpose, stream};
-use environment::{EnvironmentError, EnvironmentSettings, RigDraw, Spread};
-use model::rig::{Attached, Rig, RigError};
+use environment::{DomainRandomization, EnvironmentError, EnvironmentSettings, RigDraw};
+use model::rig::{MechanismInstance, Rig, RigError};
 use rand::{Rng, RngExt as _};
 
 /// How far parameters are drawn, in percent.
@@ -19,7 +19,11 @@ pub const MECHANISMS: [f64; 2] = [0.5, 1.5];
 /// If a drawn rig is unsound.
 pub fn rigs_around(rig: &Rig, count: usize, seed: u64) -> Result<Vec<Rig>, EnvironmentError> {
     let settings = EnvironmentSettings {
-        spread: Spread { volumes_percent: PARAMETERS, valves_percent: PARAMETERS, check_valves_percent: PARAMETERS },
+        spread: DomainRandomization {
+            volumes_percent: PARAMETERS,
+            valves_percent: PARAMETERS,
+            check_valves_percent: PARAMETERS,
+        },
         ..EnvironmentSettings::default()
     };
     let draw = RigDraw::new(rig, &settings)?;
@@ -39,7 +43,7 @@ pub fn rigs_around(rig: &Rig, count: usize, seed: u64) -> Result<Vec<Rig>, Envir
 }
 
 /// The same mechanism with every number times a drawn factor.
-fn scaled(attached: &Attached, random: &mut impl Rng) -> Result<Attached, RigError> {
+fn scaled(attached: &MechanismInstance, random: &mut impl Rng) -> Result<MechanismInstance, RigError> {
     let unsound = |problem: String| RigError::at("mechanisms", problem);
     let mut table = toml::Table::try_from(attached).map_err(|e| unsound(e.to_string()))?;
     for (_, value) in table.iter_mut() {

@@ -7,12 +7,12 @@ use fit::data::Records;
 use fit::simulate::{Arcs, Fidelity, Simulator};
 use made::{duties, quick_rig, recording};
 use model::mechanism::{CoilHeating, Mechanism};
-use model::rig::{Attached, Rig};
+use model::rig::{MechanismInstance, Rig};
 
 /// The paper's rig with a coil that warms by a tenth within 20 s.
 fn warming() -> Rig {
     let mut rig = quick_rig();
-    rig.mechanisms.push(Attached {
+    rig.mechanisms.push(MechanismInstance {
         component: "valve_neg".to_owned(),
         enabled: true,
         mechanism: Mechanism::CoilHeating(CoilHeating {

@@ -7,7 +7,7 @@ use fit::data::Records;
 use fit::simulate::{Arcs, Fidelity, Flapper, Run, Simulator};
 use made::{duties, quick_rig, recording, recording_at};
 use model::mechanism::{Mechanism, ValveHysteresis};
-use model::rig::{Attached, Rig};
+use model::rig::{MechanismInstance, Rig};
 use proto::recording::Recording;
 
 /// A recording of so many rows that begins at `start_kpa`; what follows does not matter, as only commands are followed.
@@ -31,7 +31,7 @@ fn recordings() -> [Recording; 4] {
 fn runs(arcs: &Arcs) -> Vec<Run> {
     let rig = |half_width_duty: f64, kelvin: f64| -> Rig {
         let mut rig = quick_rig();
-        rig.mechanisms.push(Attached {
+        rig.mechanisms.push(MechanismInstance {
             component: "valve_pos".to_owned(),
             enabled: true,
             mechanism: Mechanism::ValveHysteresis(ValveHysteresis { half_width_duty, spread_duty: 0.0 }),

@@ -142,7 +142,7 @@ fn joined(words: impl Iterator<Item = impl std::fmt::Display>, separator: &str) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model::contract::Contract;
+    use model::observation::ObservationLayout;
     use proptest::prelude::*;
 
     fn value(entries: &[(String, String)], key: &str) -> Option<String> {
@@ -152,7 +152,7 @@ mod tests {
     #[test]
     fn units_are_one_word_where_they_are_one() {
         let entries = |c| entries(&Ports::of(c), &Provenance::default(), &[]).unwrap();
-        let (paper, correction) = (entries(Contract::Paper), entries(Contract::Correction));
+        let (paper, correction) = (entries(ObservationLayout::Paper), entries(ObservationLayout::Correction));
         assert_eq!(value(&paper, "input_unit").as_deref(), Some("kPa gauge"));
         assert_eq!(value(&correction, "output_unit").as_deref(), Some("duty"));
         assert_eq!((value(&correction, "input_unit"), value(&paper, "input_units")), (None, None));
@@ -166,7 +166,7 @@ mod tests {
     fn a_key_is_written_once() {
         let taken = |key: &str| {
             let more = vec![("commit".to_owned(), "b9ce2cb".to_owned()), (key.to_owned(), String::new())];
-            entries(&Ports::of(Contract::Paper), &Provenance { more, ..Default::default() }, &[])
+            entries(&Ports::of(ObservationLayout::Paper), &Provenance { more, ..Default::default() }, &[])
         };
         assert!(taken("command").is_ok());
         for key in ["seed", "commit"] {

@@ -178,7 +178,7 @@ mod tests {
     use super::*;
     use crate::card::Provenance;
     use crate::to_onnx;
-    use model::contract::Contract;
+    use model::observation::ObservationLayout;
     use model::ports::Ports;
     use proptest::prelude::*;
 
@@ -207,7 +207,7 @@ mod tests {
         let input: Vec<f32> = (0..84).map(|k| k as f32).collect();
         let golden = [GoldenPair { output: graph.run(&input).unwrap(), input }];
         let provenance = Provenance { rig: "bench".into(), steps: 512_000, ..Provenance::default() };
-        to_onnx(graph, &Ports::of(Contract::Paper), &provenance, &golden).unwrap()
+        to_onnx(graph, &Ports::of(ObservationLayout::Paper), &provenance, &golden).unwrap()
     }
 
     proptest! {

@@ -6,7 +6,7 @@ mod networks;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use model::contract::Contract;
+use model::observation::ObservationLayout;
 use networks::{Draw, golden, network, provenance, scattered, walking};
 use onnx_file::{Ports, to_onnx};
 
@@ -48,10 +48,10 @@ fn onnxruntime_answers_as_the_network_does() {
         return;
     }
     for (contract, hidden) in [
-        (Contract::Paper, &[256, 256][..]),
-        (Contract::Correction, &[256, 256][..]),
-        (Contract::Correction, &[37][..]),
-        (Contract::Paper, &[][..]),
+        (ObservationLayout::Paper, &[256, 256][..]),
+        (ObservationLayout::Correction, &[256, 256][..]),
+        (ObservationLayout::Correction, &[37][..]),
+        (ObservationLayout::Paper, &[][..]),
     ] {
         let ports = Ports::of(contract);
         let graph = network(&ports, hidden, 10.0, 3);
@@ -82,7 +82,7 @@ fn metadata_read_back() {
     if !available() {
         return;
     }
-    let ports = Ports::of(Contract::Correction);
+    let ports = Ports::of(ObservationLayout::Correction);
     let graph = network(&ports, &[16], 10.0, 4);
     let pairs = golden(&graph, &ports, 3);
     let model = save("metadata.onnx", &to_onnx(&graph, &ports, &provenance(), &pairs).unwrap());

@@ -3,18 +3,18 @@
 
 mod networks;
 
-use model::contract::Contract;
+use model::observation::ObservationLayout;
 use networks::{golden, network, provenance};
 use onnx_file::{ExportError, OutputMap, PolicyGraph, Ports, to_onnx};
 
-fn small(contract: Contract) -> (PolicyGraph, Ports) {
+fn small(contract: ObservationLayout) -> (PolicyGraph, Ports) {
     let ports = Ports::of(contract);
     (network(&ports, &[8], 10.0, 1), ports)
 }
 
 #[test]
 fn same_network_same_bytes() {
-    let (graph, ports) = small(Contract::Paper);
+    let (graph, ports) = small(ObservationLayout::Paper);
     let pairs = golden(&graph, &ports, 2);
     let bytes = || to_onnx(&graph, &ports, &provenance(), &pairs).unwrap();
     assert_eq!(bytes(), bytes());
@@ -22,8 +22,8 @@ fn same_network_same_bytes() {
 
 #[test]
 fn a_network_of_the_other_contract() {
-    let (graph, ports) = small(Contract::Correction);
-    let refused = to_onnx(&graph, &Ports::of(Contract::Paper), &provenance(), &[]).unwrap_err();
+    let (graph, ports) = small(ObservationLayout::Correction);
+    let refused = to_onnx(&graph, &Ports::of(ObservationLayout::Paper), &provenance(), &[]).unwrap_err();
     assert_eq!(refused, ExportError::Width { side: "inputs", found: 124, expected: 84, contract: 1 });
     // Same inputs, but duties answered where corrections belong.
     let mut duties = graph;
@@ -35,7 +35,7 @@ fn a_network_of_the_other_contract() {
 
 #[test]
 fn a_diverged_network() {
-    let (mut graph, ports) = small(Contract::Paper);
+    let (mut graph, ports) = small(ObservationLayout::Paper);
     graph.layers[1].weights[40] = f32::NAN;
     let refused = to_onnx(&graph, &ports, &provenance(), &[]).unwrap_err().to_string();
     assert!(refused.ends_with("is NaN; the training diverged: export an earlier checkpoint"), "{refused}");
@@ -44,7 +44,7 @@ fn a_diverged_network() {
 /// The answers of a trainer whose layers, order of features or maps are not those of the graph.
 #[test]
 fn golden_pairs_of_another_network() {
-    let (graph, ports) = small(Contract::Paper);
+    let (graph, ports) = small(ObservationLayout::Paper);
     let sound = golden(&graph, &ports, 4);
     let export = |pairs: &[_]| to_onnx(&graph, &ports, &provenance(), pairs);
     let mut wrong = sound.clone();

@@ -11,14 +11,14 @@
 //! ∂loss/∂s_j = ∂loss/∂u_j e^s_j ε_j − α / B                       where s_j is within its bounds, else 0
 //! ∂D/∂μ_j = ±(μ_j − μ′_j) / D
 //! ```
-//! Only the smaller critic of each sample has a gradient (see the `judges` module).
+//! Only the smaller critic of each sample has a gradient (see the `min_q` module).
 
 use crate::adam::AdamStep;
 use crate::batch::{Block, Frame, NO_LANES, Panel, Smoothness, VIEWS, View, join};
 use crate::elementary::tanh;
-use crate::judges::judge;
 use crate::kernel::{Line, Vector, WIDTH, Work};
-use crate::network_step::{Passed, StepRoom, step_network};
+use crate::min_q::min_q;
+use crate::network_step::{ForwardPass, StepScratch, step_network};
 use crate::parameters::{NetView, Part};
 use crate::policy_sample::Sample;
 use crate::trace::Trace;
@@ -41,11 +41,11 @@ impl ActorPhase<'_> {
         let frame = self.frame;
         let (cpu, actions, batch) = (frame.cpu, frame.shape.actions, frame.settings.batch);
         let features = frame.features.features().len();
-        let Block { panels, spare } = block;
+        let Block { panels, scratch } = block;
         for panel in &mut *panels {
             for view in self.views() {
                 let (x, outputs) = (&panel.views[view as usize].x, outputs_at(view, actions));
-                panel.traces[view as usize].forward(cpu, self.actor, x, outputs, &mut spare.hidden);
+                panel.traces[view as usize].forward(cpu, self.actor, x, outputs, &mut scratch.hidden);
             }
             let here = &panel.views[View::Here as usize];
             let sample = Sample {
@@ -60,10 +60,10 @@ impl ActorPhase<'_> {
         }
         for (c, net) in self.critics.iter().enumerate() {
             for panel in &mut *panels {
-                panel.judges[c].forward(cpu, net, &panel.joint, 1, &mut spare.hidden);
+                panel.critics[c].forward(cpu, net, &panel.joint, 1, &mut scratch.hidden);
             }
         }
-        judge(cpu, self.critics, batch, panels, spare);
+        min_q(cpu, self.critics, batch, panels, scratch);
         for panel in &mut *panels {
             cpu.run(PolicyGradient { phase: self, panel });
             for view in self.views() {
@@ -165,7 +165,7 @@ pub(crate) fn step_actor(
     frame: &Frame,
     blocks: &[&Block],
     smoothness: Smoothness,
-    room: &mut StepRoom,
+    room: &mut StepScratch,
     actor: &mut Part,
     adam: AdamStep,
 ) {
@@ -173,6 +173,6 @@ pub(crate) fn step_actor(
     let at =
         |view: View| panels().map(move |panel| (&*panel.views[view as usize].by_sample, &panel.traces[view as usize]));
     let traces: Vec<_> = VIEWS.into_iter().filter(|view| smoothness.wants(*view)).flat_map(at).collect();
-    let passed = Passed { panels: &traces, whole: panels().count(), outputs: frame.shape.actions };
+    let passed = ForwardPass { panels: &traces, whole: panels().count(), outputs: frame.shape.actions };
     step_network(frame, passed, room, actor, adam);
 }

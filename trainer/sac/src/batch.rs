@@ -124,8 +124,8 @@ pub(crate) struct Panel {
     /// Actions and features, the critics' input.
     pub(crate) joint: Lines,
     pub(crate) joint_by_sample: Lines,
-    /// The critics as the actor's judges.
-    pub(crate) judges: [Trace; 2],
+    /// The critics as the actor's critics.
+    pub(crate) critics: [Trace; 2],
     /// `(s_(t+1), g_(t+1))`, what the actor draws there, and the critics' input with that.
     pub(crate) next: Glance,
     pub(crate) next_log_probability: Lanes,
@@ -137,7 +137,7 @@ pub(crate) struct Panel {
 
 /// Buffers that the panels of a thread share, for passes that need no way back.
 #[derive(Debug)]
-pub(crate) struct Spare {
+pub(crate) struct Scratch {
     /// For acting.
     pub(crate) look: Glance,
     /// The actor in acting and at `(s_(t+1), g_(t+1))`.
@@ -160,14 +160,14 @@ pub(crate) struct Spare {
 #[derive(Debug)]
 pub(crate) struct Block {
     pub(crate) panels: Vec<Panel>,
-    pub(crate) spare: Spare,
+    pub(crate) scratch: Scratch,
 }
 
 impl Block {
     pub(crate) fn new(frame: &Frame, thread: usize, threads: usize) -> Self {
         let all = frame.settings.batch / LANES;
         let panels = (all * thread / threads..all * (thread + 1) / threads).map(|n| Panel::new(frame, n)).collect();
-        Self { panels, spare: Spare::new(frame) }
+        Self { panels, scratch: Scratch::new(frame) }
     }
 }
 
@@ -188,7 +188,7 @@ impl Panel {
             action_gradient: actions(),
             joint: joint(),
             joint_by_sample: joint(),
-            judges: [(); 2].map(|()| Trace::passing(&critic)),
+            critics: [(); 2].map(|()| Trace::passing(&critic)),
             next: Glance::new(&actor),
             next_log_probability: NO_LANES,
             next_joint: joint(),
@@ -205,7 +205,7 @@ impl Panel {
     }
 }
 
-impl Spare {
+impl Scratch {
     pub(crate) fn new(frame: &Frame) -> Self {
         let (actor, critic) = (frame.actor_widths(), frame.critic_widths());
         let actions = || zeroed(2 * frame.shape.actions);
@@ -232,7 +232,7 @@ pub(crate) struct Draw<'a> {
     /// Number of the update, from 0.
     pub(crate) time: u64,
     pub(crate) panel: &'a mut Panel,
-    pub(crate) spare: &'a mut Spare,
+    pub(crate) scratch: &'a mut Scratch,
 }
 
 /// How many rows ahead memory is asked for.
@@ -242,7 +242,7 @@ impl Work for Draw<'_> {
     type Output = ();
     #[inline(always)]
     fn run<V: crate::kernel::Vector>(self) {
-        let Self { frame, replay, smoothness, time, panel, spare } = self;
+        let Self { frame, replay, smoothness, time, panel, scratch } = self;
         let first = panel.number * LANES;
         let end = replay.len() as u32;
         let halves = [0, 1].map(|h| frame.random.below(end, Purpose::Rows, (first + h * WIDTH) as u32, time));
@@ -263,19 +263,19 @@ impl Work for Draw<'_> {
             for (line, &action) in panel.joint.chunks_exact_mut(2).zip(row.action) {
                 line[half].0[lane] = action;
             }
-            place(&frame.features, row.observation, &mut spare.row, &mut here.by_sample, sample);
-            place(&frame.features, row.next, &mut spare.row, &mut panel.next.by_sample, sample);
+            place(&frame.features, row.observation, &mut scratch.row, &mut here.by_sample, sample);
+            place(&frame.features, row.next, &mut scratch.row, &mut panel.next.by_sample, sample);
             let length = row.observation.len();
             if smoothness.wants(View::Next) {
-                let mixed = &mut spare.observation[..length];
+                let mixed = &mut scratch.observation[..length];
                 mixed.copy_from_slice(row.next);
                 mixed[goal.clone()].copy_from_slice(&row.observation[goal.clone()]);
-                place(&frame.features, mixed, &mut spare.row, &mut next.by_sample, sample);
+                place(&frame.features, mixed, &mut scratch.row, &mut next.by_sample, sample);
             }
             if smoothness.wants(View::Near) {
-                spare.observation[..length].copy_from_slice(row.observation);
-                let draws = spare.observation.len() / LANES;
-                for (n, entries) in spare.observation.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
+                scratch.observation[..length].copy_from_slice(row.observation);
+                let draws = scratch.observation.len() / LANES;
+                for (n, entries) in scratch.observation.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
                     let position = (((first + sample) * draws + n) * WIDTH) as u32;
                     let noise = frame.random.normals(Purpose::Observations, position, time);
                     let sigma = &frame.sigma[n * LANES..][..LANES];
@@ -283,7 +283,7 @@ impl Work for Draw<'_> {
                         *x = sigma.mul_add(*noise, *x);
                     }
                 }
-                place(&frame.features, &spare.observation[..length], &mut spare.row, &mut near.by_sample, sample);
+                place(&frame.features, &scratch.observation[..length], &mut scratch.row, &mut near.by_sample, sample);
             }
         }
         for action in 0..frame.shape.actions {

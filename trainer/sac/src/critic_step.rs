@@ -6,9 +6,9 @@
 //! ```
 
 use crate::batch::{Block, Draw, Frame, Lanes, NO_LANES, Smoothness, join};
-use crate::judges::smaller;
 use crate::kernel::{Line, ToSamples, Vector, WIDTH, Work};
-use crate::network_step::{Passed, StepRoom, step_network};
+use crate::min_q::smaller;
+use crate::network_step::{ForwardPass, StepScratch, step_network};
 use crate::parameters::{NetView, Part};
 use crate::policy_sample::Sample;
 use crate::replay::Replay;
@@ -33,31 +33,31 @@ impl CriticPhase<'_> {
         let frame = self.frame;
         let (cpu, settings) = (frame.cpu, &frame.settings);
         let features = frame.features.features().len();
-        let Block { panels, spare } = block;
+        let Block { panels, scratch } = block;
         for panel in &mut *panels {
             let Self { replay, smoothness, time, .. } = *self;
-            cpu.run(Draw { frame, replay, smoothness, time, panel, spare });
+            cpu.run(Draw { frame, replay, smoothness, time, panel, scratch });
         }
         for panel in &mut *panels {
             let next = &panel.next;
-            spare.actor.forward(cpu, self.actor, &next.x, 2 * frame.shape.actions, &mut spare.hidden);
+            scratch.actor.forward(cpu, self.actor, &next.x, 2 * frame.shape.actions, &mut scratch.hidden);
             let sample = Sample {
-                head: &spare.actor.output,
+                head: &scratch.actor.output,
                 noise: &panel.noise[1],
                 log_std: settings.log_std,
-                action: &mut spare.action,
-                stretch: &mut spare.stretch,
+                action: &mut scratch.action,
+                stretch: &mut scratch.stretch,
             };
             panel.next_log_probability = cpu.run(sample);
-            join(&spare.action, &next.x, features, &mut panel.next_joint);
+            join(&scratch.action, &next.x, features, &mut panel.next_joint);
             let actions = 2 * frame.shape.actions;
             panel.joint[actions..][..2 * features].copy_from_slice(&panel.views[0].x[..2 * features]);
             cpu.run(ToSamples { features: &panel.joint, samples: &mut panel.joint_by_sample });
         }
         for (c, net) in self.slow.iter().enumerate() {
             for panel in &mut *panels {
-                spare.slow.forward(cpu, net, &panel.next_joint, 1, &mut spare.hidden);
-                panel.slow_value[c].copy_from_slice(&spare.slow.output[..2]);
+                scratch.slow.forward(cpu, net, &panel.next_joint, 1, &mut scratch.hidden);
+                panel.slow_value[c].copy_from_slice(&scratch.slow.output[..2]);
             }
         }
     }
@@ -67,7 +67,7 @@ impl CriticPhase<'_> {
         let (cpu, settings, net) = (self.frame.cpu, &self.frame.settings, &self.critics[c]);
         for panel in &mut block.panels {
             let critic = &mut panel.traces[0];
-            critic.forward(cpu, net, &panel.joint, 1, &mut block.spare.hidden);
+            critic.forward(cpu, net, &panel.joint, 1, &mut block.scratch.hidden);
             let target = Target {
                 reward: &panel.reward,
                 live: &panel.live,
@@ -128,9 +128,9 @@ impl Work for TargetError<'_> {
 }
 
 /// Takes one thread's rows of the critic that has passed a step, from the panels of all threads.
-pub(crate) fn step_critic(frame: &Frame, blocks: &[&Block], room: &mut StepRoom, critic: &mut Part, adam: AdamStep) {
+pub(crate) fn step_critic(frame: &Frame, blocks: &[&Block], room: &mut StepScratch, critic: &mut Part, adam: AdamStep) {
     let panels = blocks.iter().flat_map(|block| &block.panels);
     let traces: Vec<_> = panels.map(|panel| (&*panel.joint_by_sample, &panel.traces[0])).collect();
     let all = traces.len();
-    step_network(frame, Passed { panels: &traces, whole: all, outputs: 1 }, room, critic, adam);
+    step_network(frame, ForwardPass { panels: &traces, whole: all, outputs: 1 }, room, critic, adam);
 }

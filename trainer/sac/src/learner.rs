@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, PoisonError};
 
-use crate::batch::{Frame, Smoothness, Spare};
+use crate::batch::{Frame, Scratch, Smoothness};
 use crate::feature_map::FeatureMap;
 use crate::kernel::{Cpu, InstructionSet, LANES, Line, ToFeatures, WIDTH, Work};
 use crate::network::{Dense, Network, NetworkError};
@@ -80,7 +80,7 @@ pub struct Learner {
     pub(crate) explorations: u64,
     pub(crate) smoothness: Smoothness,
     learning_rate: f32,
-    spare: Spare,
+    scratch: Scratch,
 }
 
 impl Learner {
@@ -104,10 +104,10 @@ impl Learner {
         let (actor, critics) = fresh(&frame, threads);
         let (TemperatureRule::Learned(start) | TemperatureRule::Fixed(start)) = frame.settings.temperature;
         let temperature = Temperature { log: start.ln(), mean: 0.0, square: 0.0 };
-        let spare = Spare::new(&frame);
+        let scratch = Scratch::new(&frame);
         let shared = Arc::new(Shared::new(frame, replay, critics, actor, temperature));
         let workers = Workers::new(Arc::clone(&shared))?;
-        Ok(Self { shared, workers, updates: 0, explorations: 0, smoothness, learning_rate, spare })
+        Ok(Self { shared, workers, updates: 0, explorations: 0, smoothness, learning_rate, scratch })
     }
 
     /// Sizes of the problem.
@@ -131,7 +131,7 @@ impl Learner {
     }
 
     /// Transitions that can be drawn.
-    pub fn remembered(&self) -> usize {
+    pub fn replay_len(&self) -> usize {
         read(&self.shared.replay).len()
     }
 
@@ -139,7 +139,7 @@ impl Learner {
     ///
     /// # Errors
     /// A transition of another size; nothing is kept.
-    pub fn remember(&mut self, transition: &Transition<'_>) -> Result<(), TransitionError> {
+    pub fn push(&mut self, transition: &Transition<'_>) -> Result<(), TransitionError> {
         write(&self.shared.replay).push(transition)
     }
 
@@ -185,12 +185,12 @@ impl Learner {
         }
         let parts: Vec<_> = self.shared.actor.iter().map(read).collect();
         let net = NetView::new(parts.iter().map(|part| &**part), Kind::Value);
-        let spare = &mut self.spare;
+        let scratch = &mut self.scratch;
         let mut out = Vec::with_capacity(observations.len() / width * actions);
         for (chunk, rows) in observations.chunks(width * LANES).enumerate() {
-            frame.cpu.run(Look { frame, rows, spare });
-            spare.actor.forward(frame.cpu, &net, &spare.look.x, 2 * actions, &mut spare.hidden);
-            let head = &spare.actor.output;
+            frame.cpu.run(InferenceInput { frame, rows, scratch });
+            scratch.actor.forward(frame.cpu, &net, &scratch.look.x, 2 * actions, &mut scratch.hidden);
+            let head = &scratch.actor.output;
             if explore {
                 let noise: Vec<Line> = (0..actions)
                     .flat_map(|j| {
@@ -198,13 +198,13 @@ impl Learner {
                         frame.random.normals(Purpose::Exploration, position, self.explorations).map(Line)
                     })
                     .collect();
-                let (action, stretch) = (&mut spare.action, &mut spare.stretch);
+                let (action, stretch) = (&mut scratch.action, &mut scratch.stretch);
                 frame.cpu.run(Sample { head, noise: &noise, log_std: frame.settings.log_std, action, stretch });
             } else {
-                frame.cpu.run(MeanAction { head, action: &mut spare.action });
+                frame.cpu.run(MeanAction { head, action: &mut scratch.action });
             }
             for row in 0..rows.len() / width {
-                let lane = |j: usize| spare.action[2 * j + row / WIDTH].0[row % WIDTH];
+                let lane = |j: usize| scratch.action[2 * j + row / WIDTH].0[row % WIDTH];
                 out.extend((0..actions).map(lane));
             }
         }
@@ -214,7 +214,7 @@ impl Learner {
 
     /// So many updates; does nothing while the replay is empty.
     pub fn update(&mut self, times: u64) -> UpdateReport {
-        let times = if self.remembered() == 0 { 0 } else { times };
+        let times = if self.replay_len() == 0 { 0 } else { times };
         *self.shared.sums.lock().unwrap_or_else(PoisonError::into_inner) = Sums::default();
         self.workers.run(Job {
             first: self.updates,
@@ -272,7 +272,7 @@ impl Learner {
     ///
     /// # Errors
     /// A network of other widths or features, or one that does not fit together.
-    pub fn begin_from(&mut self, network: &Network) -> Result<(), LearnerError> {
+    pub fn warm_start(&mut self, network: &Network) -> Result<(), LearnerError> {
         network.check()?;
         let frame = &self.shared.frame;
         if network.features != frame.features {
@@ -349,20 +349,20 @@ fn drawn(random: Random, widths: &[usize], network: u64) -> Vec<Plain> {
 }
 
 /// Up to 32 raw observations as a panel of features.
-struct Look<'a> {
+struct InferenceInput<'a> {
     frame: &'a Frame,
     rows: &'a [f32],
-    spare: &'a mut Spare,
+    scratch: &'a mut Scratch,
 }
 
-impl Work for Look<'_> {
+impl Work for InferenceInput<'_> {
     type Output = ();
     #[inline(always)]
     fn run<V: crate::kernel::Vector>(self) {
-        let look = &mut self.spare.look;
+        let look = &mut self.scratch.look;
         look.by_sample.fill(Line::ZERO);
         for (sample, observation) in self.rows.chunks_exact(self.frame.shape.observations).enumerate() {
-            crate::batch::place(&self.frame.features, observation, &mut self.spare.row, &mut look.by_sample, sample);
+            crate::batch::place(&self.frame.features, observation, &mut self.scratch.row, &mut look.by_sample, sample);
         }
         ToFeatures { samples: &look.by_sample, features: &mut look.x }.run::<V>();
     }

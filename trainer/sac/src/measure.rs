@@ -60,7 +60,7 @@ pub fn synthetic_learner(transitions: usize, machine: Machine) -> Result<Learner
         let terminal = n.is_multiple_of(100);
         let transition = Transition { observation, action, reward: reward[0], next_observation, terminal };
         // The sizes are those of the shape above.
-        let _ = learner.remember(&transition);
+        let _ = learner.push(&transition);
     }
     Ok(learner)
 }

@@ -7,12 +7,12 @@ use std::ops::Range;
 
 use crate::adam::AdamStep;
 use crate::batch::{Frame, VIEWS};
-use crate::kernel::{BiasStep, Coast, LANES, Line, Lines, WeightStep, zeroed};
+use crate::kernel::{BiasStep, LANES, Line, Lines, MomentumStep, WeightStep, zeroed};
 use crate::parameters::{Part, Slab};
 use crate::trace::Trace;
 
 /// Panels that a network has passed and is to learn from.
-pub(crate) struct Passed<'a> {
+pub(crate) struct ForwardPass<'a> {
     /// Each with its input, sample by sample.
     pub(crate) panels: &'a [(&'a [Line], &'a Trace)],
     /// The first so many came out of all rows of the last layer, the others only out of its first `outputs` rows.
@@ -25,14 +25,14 @@ const WORTH_PACKING: usize = 16;
 
 /// Room that a thread's steps need.
 #[derive(Debug)]
-pub(crate) struct StepRoom {
+pub(crate) struct StepScratch {
     /// Two lines for each row of the widest layer.
     sums: Lines,
     /// Gradients of the rows of a hidden layer that any sample opens, panel by panel.
     packed: Lines,
 }
 
-impl StepRoom {
+impl StepScratch {
     pub(crate) fn new(frame: &Frame) -> Self {
         let widest = [frame.actor_widths(), frame.critic_widths()].concat().into_iter().max().unwrap_or(0);
         let panels = VIEWS.len() * frame.settings.batch.div_ceil(LANES);
@@ -44,8 +44,14 @@ impl StepRoom {
 type Pair<'a> = (&'a [Line], &'a [Line]);
 
 /// Takes one thread's rows of a network a step.
-pub(crate) fn step_network(frame: &Frame, passed: Passed<'_>, room: &mut StepRoom, network: &mut Part, adam: AdamStep) {
-    let Passed { panels, whole, outputs } = passed;
+pub(crate) fn step_network(
+    frame: &Frame,
+    passed: ForwardPass<'_>,
+    room: &mut StepScratch,
+    network: &mut Part,
+    adam: AdamStep,
+) {
+    let ForwardPass { panels, whole, outputs } = passed;
     let last = network.len() - 1;
     for (l, slab) in network.iter_mut().enumerate() {
         let rows = slab.rows.len();
@@ -84,7 +90,7 @@ fn step_hidden(
     slab: &mut Slab,
     [live, silent]: [&[u16]; 2],
     pairs: &[Pair<'_>],
-    room: &mut StepRoom,
+    room: &mut StepScratch,
     adam: AdamStep,
 ) {
     let rows = slab.rows.len();
@@ -104,7 +110,7 @@ fn step_hidden(
     }
     step_rows(frame, slab, live, &packed, &mut room.sums, adam);
     let (inputs, row_step) = (slab.inputs, slab.row_step());
-    frame.cpu.run(Coast { rows: silent, inputs, row_step, weights: &mut slab.weights, step: adam });
+    frame.cpu.run(MomentumStep { rows: silent, inputs, row_step, weights: &mut slab.weights, step: adam });
 }
 
 /// Takes some rows of a layer a step by the gradients in `panels`, in the order of `rows`.

@@ -1,6 +1,6 @@
 //! Threads that go through an update together.
 //!
-//! An update has six phases with a meeting after each: batch through actor, slow critics and the first critic; its
+//! An update has six phases with a barrier after each: batch through actor, slow critics and the first critic; its
 //! step; batch through the second critic; its step; batch through critics and actor; the actor's step and the
 //! temperature's. In every other one, from the first, each thread writes its own panels and reads all parameters, in
 //! the others it is the other way round. Critics take turns so that all that one needs stays in the second-level cache. The locks below say so to the
@@ -15,7 +15,7 @@ use crate::adam::AdamStep;
 use crate::batch::{Block, Frame, Lanes, Smoothness};
 use crate::critic_step::{CriticPhase, step_critic};
 use crate::elementary::exp;
-use crate::network_step::StepRoom;
+use crate::network_step::StepScratch;
 use crate::parameters::{Kind, NetView, Part};
 use crate::replay::Replay;
 use crate::settings::TemperatureRule;
@@ -32,7 +32,7 @@ pub(crate) fn write<T>(lock: &RwLock<T>) -> RwLockWriteGuard<'_, T> {
 
 /// Where threads wait for each other, spinning: a phase takes a fraction of a millisecond.
 #[derive(Debug)]
-struct Meeting {
+struct Barrier {
     threads: usize,
     arrived: AtomicUsize,
     held: AtomicUsize,
@@ -41,7 +41,7 @@ struct Meeting {
 /// Turns of the waiting loop before the core is offered to others.
 const PATIENCE: u32 = 1 << 14;
 
-impl Meeting {
+impl Barrier {
     fn wait(&self) {
         if self.threads == 1 {
             return;
@@ -94,7 +94,7 @@ pub(crate) struct Shared {
     pub(crate) blocks: Vec<RwLock<Block>>,
     pub(crate) temperature: RwLock<Temperature>,
     pub(crate) sums: Mutex<Sums>,
-    meeting: Meeting,
+    barrier: Barrier,
 }
 
 /// So many updates, the first of which has this number (from 0).
@@ -124,18 +124,18 @@ impl Shared {
             blocks,
             temperature: RwLock::new(temperature),
             sums: Mutex::default(),
-            meeting: Meeting { threads, arrived: AtomicUsize::new(0), held: AtomicUsize::new(0) },
+            barrier: Barrier { threads, arrived: AtomicUsize::new(0), held: AtomicUsize::new(0) },
         }
     }
 
     /// One thread's share of a job.
-    fn work(&self, thread: usize, job: Job, room: &mut StepRoom) {
+    fn work(&self, thread: usize, job: Job, room: &mut StepScratch) {
         for time in job.first..job.first + job.times {
             self.update(thread, job, time, room);
         }
     }
 
-    fn update(&self, thread: usize, job: Job, time: u64, room: &mut StepRoom) {
+    fn update(&self, thread: usize, job: Job, time: u64, room: &mut StepScratch) {
         let Job { smoothness, learning_rate, .. } = job;
         let settings = &self.frame.settings;
         let adam = AdamStep::new(time + 1, learning_rate, settings.soft_update);
@@ -158,13 +158,13 @@ impl Shared {
             }
             phase.pass(c, &mut block);
             drop((block, actor, critics));
-            self.meeting.wait();
+            self.barrier.wait();
             {
                 let blocks: Vec<_> = self.blocks.iter().map(read).collect();
                 let blocks: Vec<&Block> = blocks.iter().map(|block| &**block).collect();
                 step_critic(&self.frame, &blocks, room, &mut write(&self.critics[thread])[c], adam);
             }
-            self.meeting.wait();
+            self.barrier.wait();
         }
         {
             let (actor, critics) = (self.actor.iter().map(read).collect::<Vec<_>>(), self.read_critics());
@@ -177,7 +177,7 @@ impl Shared {
             };
             phase.pass(&mut write(&self.blocks[thread]));
         }
-        self.meeting.wait();
+        self.barrier.wait();
         {
             let blocks: Vec<_> = self.blocks.iter().map(read).collect();
             let blocks: Vec<&Block> = blocks.iter().map(|block| &**block).collect();
@@ -186,7 +186,7 @@ impl Shared {
             }
             step_actor(&self.frame, &blocks, smoothness, room, &mut write(&self.actor[thread]), adam);
         }
-        self.meeting.wait();
+        self.barrier.wait();
     }
 
     fn read_critics(&self) -> Vec<RwLockReadGuard<'_, [Part; 2]>> {
@@ -226,7 +226,7 @@ pub(crate) struct Workers {
     shared: Arc<Shared>,
     jobs: Vec<mpsc::Sender<Job>>,
     handles: Vec<JoinHandle<()>>,
-    room: StepRoom,
+    room: StepScratch,
 }
 
 impl Workers {
@@ -236,13 +236,13 @@ impl Workers {
             let (sender, receiver) = mpsc::channel::<Job>();
             let shared = Arc::clone(&shared);
             let run = move || {
-                let mut room = StepRoom::new(&shared.frame);
+                let mut room = StepScratch::new(&shared.frame);
                 receiver.iter().for_each(|job| shared.work(thread, job, &mut room));
             };
             handles.push(std::thread::Builder::new().name(format!("learn-{thread}")).spawn(run)?);
             jobs.push(sender);
         }
-        let room = StepRoom::new(&shared.frame);
+        let room = StepScratch::new(&shared.frame);
         Ok(Self { shared, jobs, handles, room })
     }
 

@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::TrainingError;
 use crate::average::Average;
+use crate::checkpoint_selection::BestCheckpoint;
 use crate::run_files::RunFiles;
-use crate::selection::Kept;
 use crate::settings::TrainingSettings;
 
 const MAGIC: &[u8; 8] = b"DPRUN003";
@@ -38,7 +38,7 @@ pub(crate) fn write(
     files: &RunFiles,
     position: &Position,
     average: &Average,
-    best: Option<&(Kept, Network)>,
+    best: Option<&(BestCheckpoint, Network)>,
     learner: &Learner,
 ) -> Result<(), TrainingError> {
     let path = files.checkpoint();
@@ -59,7 +59,7 @@ pub(crate) fn write(
 pub(crate) struct Checkpoint {
     pub(crate) position: Position,
     pub(crate) average: Average,
-    pub(crate) best: Option<(Kept, Network)>,
+    pub(crate) best: Option<(BestCheckpoint, Network)>,
     pub(crate) learner: Learner,
 }
 
@@ -75,7 +75,7 @@ pub(crate) fn read(files: &RunFiles, settings: &TrainingSettings, threads: usize
     let (kept, rest) = part(rest).ok_or_else(damaged)?;
     let (best, saved) = part(rest).ok_or_else(damaged)?;
     let position = serde_json::from_slice(position).map_err(|_| damaged())?;
-    let kept: Option<Kept> = serde_json::from_slice(kept).map_err(|_| damaged())?;
+    let kept: Option<BestCheckpoint> = serde_json::from_slice(kept).map_err(|_| damaged())?;
     let restored = |bytes: &[u8]| match bytes {
         [] => Ok(None),
         bytes => Network::restore(bytes).map(Some).map_err(|error| TrainingError::file(&path, &error.to_string())),

@@ -15,7 +15,7 @@
 //! Both maps have as many features as the observation has numbers, so variants and contracts share one network
 //! shape. Without MPObs the features of predictions are left out (scale 0): the exported policy ignores them.
 
-use model::contract::{AHEAD, CHANNELS, Contract, GOALS_AHEAD, OBSERVATION_LEN, PAST, STATE_LEN};
+use model::observation::{AHEAD, CHANNELS, GOALS_AHEAD, OBSERVATION_LEN, ObservationLayout, PAST, STATE_LEN};
 
 use crate::settings::{Features, PolicySettings};
 
@@ -47,7 +47,7 @@ const SPAN_DUTY: f64 = 0.2;
 
 /// The features of a policy.
 pub fn terms(policy: &PolicySettings) -> Vec<Term> {
-    let contract = Contract::of_version(policy.contract).unwrap_or(Contract::Paper);
+    let contract = ObservationLayout::of_version(policy.contract).unwrap_or(ObservationLayout::Paper);
     let mut terms = match policy.features {
         Features::Plain => plain(contract),
         Features::Errors => errors(contract),
@@ -63,7 +63,7 @@ pub fn terms(policy: &PolicySettings) -> Vec<Term> {
     terms
 }
 
-fn plain(contract: Contract) -> Vec<Term> {
+fn plain(contract: ObservationLayout) -> Vec<Term> {
     let pressure = |at: usize| {
         let c = at % CHANNELS;
         Term { plus: at, minus: None, offset: MIDDLE_KPA[c], scale: 1.0 / SPAN_KPA[c] }
@@ -77,7 +77,7 @@ fn plain(contract: Contract) -> Vec<Term> {
     (0..OBSERVATION_LEN).map(pressure).chain(rest.map(duty)).collect()
 }
 
-fn errors(contract: Contract) -> Vec<Term> {
+fn errors(contract: ObservationLayout) -> Vec<Term> {
     let goal = |tick: usize, c: usize| STATE_LEN + CHANNELS * tick + c;
     let pairs = |ticks: std::ops::Range<usize>| ticks.flat_map(|tick| (0..CHANNELS).map(move |c| (tick, c)));
     let mut terms: Vec<Term> = Vec::with_capacity(contract.observation_len());
@@ -93,7 +93,7 @@ fn errors(contract: Contract) -> Vec<Term> {
             Term { plus, minus: Some(goal(PAST, c)), offset: 0.0, scale: 1.0 / GOAL_CHANGE_KPA[c] }
         });
     }
-    if contract == Contract::Correction {
+    if contract == ObservationLayout::Correction {
         let applied = OBSERVATION_LEN;
         let base = applied + CHANNELS * PAST;
         let small = base + CHANNELS * (AHEAD + 1);
@@ -127,7 +127,7 @@ mod tests {
             for features in [Features::Plain, Features::Errors] {
                 let policy = PolicySettings { contract, features, ..PolicySettings::default() };
                 let terms = terms(&policy);
-                let length = Contract::of_version(contract).unwrap().observation_len();
+                let length = ObservationLayout::of_version(contract).unwrap().observation_len();
                 assert_eq!(terms.len(), length);
                 let used = |n: usize| terms.iter().any(|t| t.plus == n || t.minus == Some(n));
                 assert!((0..length).all(used), "contract {contract}, {features:?}");

@@ -19,19 +19,19 @@
 
 mod average;
 mod checkpoint;
+mod checkpoint_selection;
 pub mod event_file;
 pub mod features;
 pub mod metrics;
 pub mod run;
 pub mod run_files;
 pub mod run_report;
-mod selection;
 pub mod settings;
 pub mod trained_policy;
 
-pub use run::{Ended, Observer, Progress, Run};
+pub use checkpoint_selection::BestCheckpoint;
+pub use run::{Progress, Run, RunStatus, TrainingCallback};
 pub use run_files::RunFiles;
-pub use selection::Kept;
 pub use settings::{TrainingSettings, Variant};
 pub use trained_policy::TrainedPolicy;
 

@@ -4,15 +4,15 @@
 //! paper. Between two episodes nothing of the environment is left but the number of the next, so that is where
 //! checkpoints are written, where the run can stop, and where it goes on from as if it had never stopped.
 
+mod callback;
 mod curve;
 mod episode;
-mod told;
 
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use environment::{Fleet, RigDraw};
+use environment::{RigDraw, VectorEnv};
 use model::rig::Rig;
 use model::steady::SteadyMap;
 use proto::rig_file::{self, RigFileError};
@@ -21,15 +21,15 @@ use sac::{Learner, Machine, Network};
 use crate::TrainingError;
 use crate::average::Average;
 use crate::checkpoint::{self, Checkpoint, Position};
+use crate::checkpoint_selection::{BestCheckpoint, CheckpointSelection, SELECTION_SEED};
 use crate::metrics::{Metrics, Point};
 use crate::run_files::RunFiles;
 use crate::run_report;
-use crate::selection::{Kept, SELECTION_SEED, Selection};
 use crate::settings::TrainingSettings;
 use crate::trained_policy::{Origin, TrainedPolicy};
 
+pub use callback::{Progress, RunStatus, Summary, TrainingCallback};
 use curve::Window;
-pub use told::{Ended, Observer, Progress, Summary};
 
 /// A training run.
 pub struct Run {
@@ -40,10 +40,10 @@ pub struct Run {
     model: Rig,
     map: Arc<SteadyMap>,
     evaluated_on: Vec<(String, Rig)>,
-    fleet: Fleet,
+    env: VectorEnv,
     learner: Learner,
     average: Average,
-    selection: Option<Selection>,
+    selection: Option<CheckpointSelection>,
     metrics: Metrics,
     points: Vec<Point>,
     position: Position,
@@ -70,13 +70,13 @@ impl Run {
         .map_err(|error| TrainingError::learner("settings", &error))?;
         let (average, position, points) = (Average::default(), Position::default(), Vec::new());
         let parts = Parts { trained_on, model, learner, average, best: None, position, points, origin };
-        let fleet = parts.fleet(&settings, settings.run.seed)?;
+        let env = parts.env(&settings, settings.run.seed)?;
         let evaluated_on = evaluated_on(&settings)?;
         let files = RunFiles::create(folder)?;
         RunFiles::write(&files.settings(), settings.to_toml()?.as_bytes())?;
         rig_file::save(&files.rig(), &parts.trained_on)?;
         rig_file::save(&files.model(), &parts.model)?;
-        Self::assemble(settings, files, threads, parts, fleet, evaluated_on)
+        Self::assemble(settings, files, threads, parts, env, evaluated_on)
     }
 
     /// Goes on with a run; `steps` plans another length.
@@ -95,7 +95,7 @@ impl Run {
         let points =
             if files.metrics().exists() { crate::metrics::read(&files.metrics(), position.steps)? } else { Vec::new() };
         let parts = Parts { trained_on, model, learner, average, best, position, points, origin };
-        let fleet = parts.fleet(&settings, settings.run.seed)?;
+        let env = parts.env(&settings, settings.run.seed)?;
         let evaluated_on = evaluated_on(&settings)?;
         let mut lines = String::new();
         for point in &parts.points {
@@ -104,7 +104,7 @@ impl Run {
             lines.push('\n');
         }
         RunFiles::write(&files.metrics(), lines.as_bytes())?;
-        Self::assemble(settings, files, threads, parts, fleet, evaluated_on)
+        Self::assemble(settings, files, threads, parts, env, evaluated_on)
     }
 
     fn assemble(
@@ -112,12 +112,12 @@ impl Run {
         files: RunFiles,
         threads: usize,
         parts: Parts,
-        fleet: Fleet,
+        env: VectorEnv,
         evaluated_on: Vec<(String, Rig)>,
     ) -> Result<Self, TrainingError> {
-        let aside = settings.run.keep_best.then(|| parts.fleet(&settings, SELECTION_SEED)).transpose()?;
+        let aside = settings.run.keep_best.then(|| parts.env(&settings, SELECTION_SEED)).transpose()?;
         let Parts { model, learner, average, best, position, points, origin, .. } = parts;
-        let selection = aside.map(|fleet| Selection::new(fleet, best));
+        let selection = aside.map(|env| CheckpointSelection::new(env, best));
         let map = SteadyMap::new(&model)
             .map_err(|problem| RigFileError::Rig { file: settings.rig.model.clone(), problem })?;
         let metrics = Metrics::open(&files.metrics(), &files.events(), unix_s())?;
@@ -129,7 +129,7 @@ impl Run {
             model,
             map: Arc::new(map),
             evaluated_on,
-            fleet,
+            env,
             learner,
             average,
             selection,
@@ -164,8 +164,8 @@ impl Run {
     ///
     /// # Errors
     /// A loss that is not finite, or a file that cannot be written; the last checkpoint is kept.
-    pub fn go(&mut self, observer: &mut dyn Observer) -> Result<Ended, TrainingError> {
-        let mut ended = Ended::Finished;
+    pub fn go(&mut self, observer: &mut dyn TrainingCallback) -> Result<RunStatus, TrainingError> {
+        let mut ended = RunStatus::Finished;
         while self.position.steps < self.settings.run.steps {
             self.episode(observer)?;
             let run = &self.settings.run;
@@ -179,7 +179,7 @@ impl Run {
                 self.checkpoint()?;
             }
             if !over && observer.stop() {
-                ended = Ended::Stopped;
+                ended = RunStatus::Stopped;
                 break;
             }
         }
@@ -188,7 +188,7 @@ impl Run {
             self.evaluate(false)?;
         }
         self.checkpoint()?;
-        if ended == Ended::Finished {
+        if ended == RunStatus::Finished {
             let policy = self.policy();
             RunFiles::write(&self.files.onnx(), &policy.to_onnx(&[])?)?;
         }
@@ -222,17 +222,17 @@ struct Parts {
     model: Rig,
     learner: Learner,
     average: Average,
-    best: Option<(Kept, Network)>,
+    best: Option<(BestCheckpoint, Network)>,
     position: Position,
     points: Vec<Point>,
     origin: Origin,
 }
 
 impl Parts {
-    fn fleet(&self, settings: &TrainingSettings, seed: u64) -> Result<Fleet, TrainingError> {
+    fn env(&self, settings: &TrainingSettings, seed: u64) -> Result<VectorEnv, TrainingError> {
         let draw = RigDraw::new(&self.trained_on, &settings.environment)?;
         let predicts = settings.policy.variant.predicts();
-        Ok(Fleet::new(draw, &self.model, settings.contract(), predicts, &settings.environment, seed)?)
+        Ok(VectorEnv::new(draw, &self.model, settings.contract(), predicts, &settings.environment, seed)?)
     }
 }
 

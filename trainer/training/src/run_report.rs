@@ -25,7 +25,7 @@ pub fn page(settings: &TrainingSettings, summary: &Summary, points: &[Point]) ->
     }));
     if let Some(kept) = summary.kept {
         let note = format!("after {} steps; geometric mean RMSE on drawn rigs set aside for that", kept.step);
-        page = page.summary([KeyFigure::new("Kept", &format!("{:.3} kPa", kept.score_kpa)).note(&note)]);
+        page = page.summary([KeyFigure::new("BestCheckpoint", &format!("{:.3} kPa", kept.score_kpa)).note(&note)]);
     }
     let x: Vec<f64> = points.iter().map(|p| p.step as f64 / 1000.0).collect();
     let curve = |value: &dyn Fn(&Point) -> f64| points.iter().map(value).collect::<Vec<f64>>();

@@ -4,7 +4,7 @@
 //! such files built in.
 
 use environment::EnvironmentSettings;
-use model::contract::{ACTION_LEN, Contract, GOAL_LEN, OBSERVATION_LEN, STATE_LEN};
+use model::observation::{ACTION_LEN, GOAL_LEN, OBSERVATION_LEN, ObservationLayout, STATE_LEN};
 use serde::{Deserialize, Serialize};
 
 use crate::{TrainingError, features};
@@ -281,8 +281,8 @@ impl TrainingSettings {
     }
 
     /// The observation contract.
-    pub fn contract(&self) -> Contract {
-        Contract::of_version(self.policy.contract).unwrap_or(Contract::Paper)
+    pub fn contract(&self) -> ObservationLayout {
+        ObservationLayout::of_version(self.policy.contract).unwrap_or(ObservationLayout::Paper)
     }
 
     /// Sizes of the learning problem.
@@ -356,7 +356,7 @@ impl TrainingSettings {
         within("run.steps", run.steps as f64, 1.0, 1e10)?;
         within("run.evaluate_every_steps", run.evaluate_every_steps as f64, 1.0, 1e10)?;
         within("run.checkpoint_every_steps", run.checkpoint_every_steps as f64, 1.0, 1e10)?;
-        if Contract::of_version(self.policy.contract).is_none() {
+        if ObservationLayout::of_version(self.policy.contract).is_none() {
             return Err(format!(
                 "policy.contract = {} is none; 1 is the paper's, 2 corrects the fallback",
                 self.policy.contract

@@ -4,8 +4,8 @@
 //! "DPPOL001"   u32 length   card as JSON   u32 length   settings as TOML   the network's own bytes, checksum included
 //! ```
 
-use environment::fleet;
-use model::contract::{ACTION_LEN, AHEAD, CHANNELS, CORRECTION_LIMIT, Contract, GOALS_AHEAD, PAST};
+use environment::vector_env;
+use model::observation::{ACTION_LEN, AHEAD, CHANNELS, CORRECTION_LIMIT, GOALS_AHEAD, ObservationLayout, PAST};
 use model::rig::Rig;
 use onnx_file::{Dense, Exported, FeatureTerm, GoldenPair, OutputMap, PolicyGraph, Ports, Provenance};
 use sac::{Network, Workspace};
@@ -203,7 +203,7 @@ impl TrainedPolicy {
             biases: l.bias.clone(),
         };
         let contract = self.settings.contract();
-        let at = |action: f32| fleet::outputs(contract, &self.settings.environment, &[action; ACTION_LEN])[0];
+        let at = |action: f32| vector_env::outputs(contract, &self.settings.environment, &[action; ACTION_LEN])[0];
         let (low, middle) = (at(-1.0), at(0.0));
         PolicyGraph {
             inputs: contract.observation_len(),
@@ -252,12 +252,12 @@ impl Runner<'_> {
     pub fn outputs(&mut self, observation: &[f32]) -> [f32; ACTION_LEN] {
         let settings = &self.policy.settings;
         let action = self.policy.network.mean_action_with(&mut self.workspace, observation);
-        fleet::outputs(settings.contract(), &settings.environment, action)
+        vector_env::outputs(settings.contract(), &settings.environment, action)
     }
 }
 
 /// Observations that a flight could make: on the reference, off it, and at the ends of the range.
-fn golden_inputs(contract: Contract) -> Vec<Vec<f32>> {
+fn golden_inputs(contract: ObservationLayout) -> Vec<Vec<f32>> {
     let places = [[85.0, -72.0], [80.0, -70.0], [104.0, -77.0], [60.0, -60.0], [125.0, -65.0], [0.0, 0.0]];
     places
         .iter()
@@ -274,7 +274,7 @@ fn golden_inputs(contract: Contract) -> Vec<Vec<f32>> {
             for tick in 0..PAST + 1 + GOALS_AHEAD {
                 input.extend((0..CHANNELS).map(|c| place[c] + 0.1 * tick as f32 * shape(n, c)));
             }
-            if contract == Contract::Correction {
+            if contract == ObservationLayout::Correction {
                 let limit = CORRECTION_LIMIT as f32;
                 for tick in 0..PAST + AHEAD + 1 {
                     input.extend((0..CHANNELS).map(|c| (0.75 + 0.3 * limit * shape(tick, c)).clamp(0.0, 1.0)));

@@ -3,12 +3,12 @@
 #![allow(dead_code, unreachable_pub, missing_docs)]
 
 use onnx_file::{Port, Ports};
-use policy::{Channel, Contract};
+use policy::{Channel, PolicySignature};
 
-pub fn contract(ports: &Ports) -> Contract {
+pub fn contract(ports: &Ports) -> PolicySignature {
     let channel =
         |port: &Port| Channel { name: port.name.clone(), unit: port.unit.to_owned(), low: port.low, high: port.high };
-    Contract {
+    PolicySignature {
         version: ports.contract,
         rate_hz: ports.rate_hz,
         inputs: ports.inputs.iter().map(channel).collect(),
@@ -17,7 +17,7 @@ pub fn contract(ports: &Ports) -> Contract {
 }
 
 /// Both, the paper's first.
-pub fn contracts() -> Vec<Contract> {
-    use model::contract::Contract::{Correction, Paper};
+pub fn contracts() -> Vec<PolicySignature> {
+    use model::observation::ObservationLayout::{Correction, Paper};
     [Paper, Correction].map(|c| contract(&Ports::of(c))).into()
 }

@@ -4,7 +4,7 @@
 
 use std::path::PathBuf;
 
-use policy::Contract;
+use policy::PolicySignature;
 use prost::Message;
 use tract_onnx::pb::{
     self, AttributeProto, GraphProto, ModelProto, NodeProto, OperatorSetIdProto, StringStringEntryProto, TensorProto,
@@ -20,8 +20,8 @@ pub enum Dim {
 }
 
 /// The paper's contract: 84 pressures in, 12 duties out.
-pub fn paper() -> Vec<Contract> {
-    vec![Contract::pressures_to_duties(1, 84, 12)]
+pub fn paper() -> Vec<PolicySignature> {
+    vec![PolicySignature::pressures_to_duties(1, 84, 12)]
 }
 
 /// A graph under construction.

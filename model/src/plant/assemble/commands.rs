@@ -3,7 +3,7 @@
 use super::{Assembly, input, mechanisms_on};
 use crate::mechanism::{Lags, Mechanism, Rubs};
 use crate::plant::command::{CommandPath, Stage};
-use crate::plant::unknown::{Placed, Slot, Unknown};
+use crate::plant::unobserved::{Placed, Slot, UnobservedInitialState};
 
 impl Assembly<'_> {
     /// The path of a command that input `column` carries to `component`; its index.
@@ -34,7 +34,7 @@ impl Assembly<'_> {
                 Stage::Stick(_) => ("stick", -1.0, 0.0, Slot::Stick { path: index }),
                 _ => continue,
             };
-            let unknown = Unknown { name: format!("{what}:{component}"), low, high: 1.0, usual };
+            let unknown = UnobservedInitialState { name: format!("{what}:{component}"), low, high: 1.0, usual };
             self.plant.unknowns.push(Placed { unknown, slot });
         }
         self.memory += path.stages.iter().map(Stage::memory_len).sum::<usize>();

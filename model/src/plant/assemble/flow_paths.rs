@@ -4,7 +4,7 @@ use super::{Assembly, KPA, LITRE, MM2, dead_zone, extends_the_balances, input, m
 use crate::mechanism::{Mechanism, Rubs};
 use crate::plant::LAWS;
 use crate::plant::elements::{Capillary, Feed, Parabolic, Passage, Sag, ShapedVent, Vent};
-use crate::plant::unknown::{Placed, Slot, Unknown};
+use crate::plant::unobserved::{Placed, Slot, UnobservedInitialState};
 use crate::rig::{ATMOSPHERE, Line, RigError, Source, Valve, WHOLE_RIG};
 
 impl Assembly<'_> {
@@ -32,7 +32,8 @@ impl Assembly<'_> {
             if mechanisms_on(self.rig, name).any(extends_the_balances) {
                 let shaped = self.shaped(name, valve, vent, nozzle);
                 if shaped.held.is_some() {
-                    let unknown = Unknown { name: format!("stick:{name}"), low: -1.0, high: 1.0, usual: 0.0 };
+                    let unknown =
+                        UnobservedInitialState { name: format!("stick:{name}"), low: -1.0, high: 1.0, usual: 0.0 };
                     let vent = self.plant.shaped_vents.len();
                     self.plant.unknowns.push(Placed { unknown, slot: Slot::Held { vent } });
                 }

@@ -1,12 +1,12 @@
 //! Pumps: pistons in full detail or averaged over a revolution, and flows that are commanded.
 
 use super::{Assembly, KPA, LITRE, MM2, MS, dead_zone, input, mechanisms_on};
-use crate::averaged::{Machine, Spring};
+use crate::averaged::{PumpGeometry, Spring};
 use crate::mechanism::{Mechanism, PumpPort};
 use crate::orifice::FlowFunction;
 use crate::plant::MOST_DRIVES;
 use crate::plant::elements::{AveragedPump, Capillary, Cylinder, Displacement, Drive, Passage, SpringCheck};
-use crate::plant::unknown::{Placed, Slot, Unknown};
+use crate::plant::unobserved::{Placed, Slot, UnobservedInitialState};
 use crate::rig::{PistonPump, Pump, RigError};
 
 /// A check valve that opens over less than this opens at once.
@@ -104,7 +104,7 @@ impl Assembly<'_> {
             droop: machine.droop,
             ..machine.crank().0
         });
-        let unknown = Unknown { name: format!("phase:{name}"), low: 0.0, high: 1.0, usual: 0.0 };
+        let unknown = UnobservedInitialState { name: format!("phase:{name}"), low: 0.0, high: 1.0, usual: 0.0 };
         self.plant.unknowns.push(Placed { unknown, slot: Slot::Phase { drive } });
         let springs = mechanisms_on(self.rig, name).any(|m| matches!(m, Mechanism::CheckValveCracking(_)));
         let rings = mechanisms_on(self.rig, name).any(|m| matches!(m, Mechanism::PistonBlowby(_)));
@@ -158,10 +158,10 @@ impl Assembly<'_> {
     }
 
     /// A piston pump in SI units, with what its mechanisms do to it.
-    pub(super) fn machine(&self, name: &str, p: &PistonPump, factor: f64, droop: f64) -> Machine {
+    pub(super) fn machine(&self, name: &str, p: &PistonPump, factor: f64, droop: f64) -> PumpGeometry {
         let gas_constant = self.plant.gas_constant;
         let temperature = |node: usize| self.plant.temperature.get(node).copied().unwrap_or(f64::NAN);
-        let mut machine = Machine {
+        let mut machine = PumpGeometry {
             speed: p.speed_rpm / 60.0 * factor,
             droop,
             phases: p.phases_deg.iter().map(|phase| phase / 360.0).collect(),

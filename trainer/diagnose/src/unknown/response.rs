@@ -7,7 +7,7 @@
 use fit::data::Role;
 use fit::parameters::{Knowledge, Parameter, Transform};
 use model::mechanism::{Mechanism, ResidualResponse};
-use model::rig::Attached;
+use model::rig::MechanismInstance;
 use proto::recording::PERIOD_S;
 
 use super::{UnknownTerm, fit_further, told};
@@ -50,7 +50,7 @@ pub(super) fn fit_response(bench: &Bench<'_>, base: &Explanation) -> Option<Unkn
         ("share", Transform::Linear, share, [-5.0, 5.0]),
     ];
     let mechanism = Mechanism::ResidualResponse(best.response);
-    rig.mechanisms.push(Attached { component: best.sensor.clone(), enabled: true, mechanism });
+    rig.mechanisms.push(MechanismInstance { component: best.sensor.clone(), enabled: true, mechanism });
     let own = numbers.map(|(key, transform, mean, bounds)| Parameter {
         path: format!("mechanisms.{at}.{key}"),
         transform,

@@ -28,7 +28,7 @@ pub struct Arc {
 /// Where a flapper with play or friction lies at the start of a run: the readings do not tell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Flapper {
-    /// Name of the unknown ([`model::plant::Unknown`]): `play:valve_pos`, `stick:valve_pos`.
+    /// Name of the unknown ([`model::plant::UnobservedInitialState`]): `play:valve_pos`, `stick:valve_pos`.
     pub unknown: String,
     /// Share of the room that it has, −1 … 1.
     pub share: f64,

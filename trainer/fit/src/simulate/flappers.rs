@@ -40,7 +40,7 @@ fn places(each: i32, reach: f64) -> Vec<f64> {
 /// The room in which a valve's flapper may lie when a run begins.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Room {
-    /// Name of the unknown ([`model::plant::Unknown`]).
+    /// Name of the unknown ([`model::plant::UnobservedInitialState`]).
     pub unknown: String,
     /// The valve.
     pub valve: String,
@@ -50,7 +50,7 @@ pub struct Room {
 
 /// The rooms of a rig's valves with play or friction, in the order of its mechanisms.
 pub fn rooms(rig: &Rig) -> Vec<Room> {
-    let of = |attached: &model::rig::Attached| {
+    let of = |attached: &model::rig::MechanismInstance| {
         let (kind, half_duty) = match &attached.mechanism {
             Mechanism::ValveHysteresis(play) => ("play", play.half_width_duty),
             Mechanism::ValveStiction(stick) => ("stick", stick.band_duty),
@@ -172,7 +172,7 @@ mod tests {
     use super::*;
     use crate::data::Records;
     use crate::simulate::Fidelity;
-    use model::rig::Attached;
+    use model::rig::MechanismInstance;
     use proto::recording::Recording;
     use proto::recording::csv::{Column, ColumnData};
 
@@ -202,7 +202,7 @@ mod tests {
         ];
         for text in mechanisms {
             let mut rig = Rig::builtin("dual_pressure").unwrap();
-            let attached: Attached = toml::from_str(&format!("component = 'valve_pos'\n{text}")).unwrap();
+            let attached: MechanismInstance = toml::from_str(&format!("component = 'valve_pos'\n{text}")).unwrap();
             rig.mechanisms.push(attached);
             let blank = records(&rig, [vec![90.0; 600], vec![-70.0; 600]]);
             let arcs = Arcs::free(&blank);

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::sync::Arc as Shared;
 
-use model::plant::{Plant, Simulated, Simulation, Unknown};
+use model::plant::{Plant, Simulated, Simulation, UnobservedInitialState};
 
 use super::arcs::{Flapper, share_of};
 use super::chains::Chain;
@@ -54,7 +54,7 @@ impl Lane<'_> {
     }
 
     /// What an unknown is at its start, if it or its arc says so.
-    fn share(&self, unknown: &Unknown) -> Option<f64> {
+    fn share(&self, unknown: &UnobservedInitialState) -> Option<f64> {
         let (number, arc) = self.chain.arcs().first()?;
         let own = self.flappers.get(*number).and_then(|flappers| share_of(flappers, &unknown.name));
         own.or_else(|| share_of(&arc.flappers, &unknown.name))
@@ -89,7 +89,7 @@ pub(super) fn sweep<R: Simulated>(
     if smooth {
         simulation = simulation.smooth();
     }
-    let unknowns: Vec<Unknown> = simulation.unknowns().cloned().collect();
+    let unknowns: Vec<UnobservedInitialState> = simulation.unknowns().cloned().collect();
     let mut commands = vec![R::splat(0.0); plant.inputs().len()];
     let read = |row: usize, commands: &mut [R]| {
         for (input, slot) in commands.iter_mut().enumerate() {

@@ -123,7 +123,7 @@ mod tests {
     use super::super::tachometer::tests::recorded_on;
     use super::*;
     use model::mechanism::{Mechanism, PumpDroop, PumpSpeed, SensorLag};
-    use model::rig::Attached;
+    use model::rig::MechanismInstance;
     use proto::recording::Recording;
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
@@ -131,7 +131,7 @@ mod tests {
     /// Two recordings of 30 s on the detailed rig with mechanisms of its pump, and noise of 0.06 kPa.
     fn records(rig: &Rig, mechanisms: impl IntoIterator<Item = Mechanism>, seed: u64) -> Records {
         let mut with = rig.clone();
-        with.mechanisms.extend(mechanisms.into_iter().map(|mechanism| Attached {
+        with.mechanisms.extend(mechanisms.into_iter().map(|mechanism| MechanismInstance {
             component: "pump".to_owned(),
             enabled: true,
             mechanism,
@@ -251,7 +251,7 @@ mod tests {
     #[test]
     fn coloured_noise_behind_sensors_that_lag_is_not_followed() {
         let mut rig = Rig::builtin("dual_pressure").unwrap();
-        rig.mechanisms.extend(["sensor_pos", "sensor_neg"].map(|sensor| Attached {
+        rig.mechanisms.extend(["sensor_pos", "sensor_neg"].map(|sensor| MechanismInstance {
             component: sensor.to_owned(),
             enabled: true,
             mechanism: Mechanism::SensorLag(SensorLag { time_constant_ms: 63.0, second_time_constant_ms: 6.3 }),

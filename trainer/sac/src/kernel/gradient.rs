@@ -162,7 +162,7 @@ impl WeightStep<'_> {
 }
 
 /// One step of rows whose gradient is zero: their moments fade, and what moves on still moves.
-pub(crate) struct Coast<'a> {
+pub(crate) struct MomentumStep<'a> {
     /// Where these rows lie among the layer's rows.
     pub(crate) rows: &'a [u16],
     pub(crate) inputs: usize,
@@ -172,7 +172,7 @@ pub(crate) struct Coast<'a> {
     pub(crate) step: AdamStep,
 }
 
-impl Work for Coast<'_> {
+impl Work for MomentumStep<'_> {
     type Output = ();
     #[inline(always)]
     fn run<V: Vector>(self) {

@@ -38,9 +38,9 @@ impl Region {
     fn new(least: usize) -> Self {
         let lines = least.next_multiple_of(PAGE).max(REGION);
         let mut memory = Vec::<Line>::with_capacity(lines + PAGE);
-        let spare = memory.spare_capacity_mut();
-        let skipped = spare.as_ptr().align_offset(PAGE * size_of::<Line>()).min(PAGE);
-        let cut = &mut spare[skipped..skipped + lines];
+        let scratch = memory.spare_capacity_mut();
+        let skipped = scratch.as_ptr().align_offset(PAGE * size_of::<Line>()).min(PAGE);
+        let cut = &mut scratch[skipped..skipped + lines];
         prefer_large_pages(cut.as_mut_ptr_range());
         let first = NonNull::from_mut(&mut cut[0]).cast();
         Self { memory: Arc::new(memory), first, used: 0, lines }

@@ -32,7 +32,7 @@ mod vector_avx2;
 #[cfg(target_arch = "x86_64")]
 mod vector_avx512;
 
-pub(crate) use gradient::{BiasStep, Coast, WeightStep};
+pub(crate) use gradient::{BiasStep, MomentumStep, WeightStep};
 pub(crate) use line::{LANES, Line, WIDTH, lines_for, row_step};
 pub(crate) use memory::{Lines, zeroed};
 pub(crate) use prefetch::{prefer_large_pages, prefetch};

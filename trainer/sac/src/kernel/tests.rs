@@ -164,7 +164,7 @@ fn weight_step_is_adam_on_the_sum_over_samples() {
     }
 }
 
-/// Every third row has no gradient at all. Passed over or not, no bit differs on the way back, nor in a step from moments
+/// Every third row has no gradient at all. ForwardPass over or not, no bit differs on the way back, nor in a step from moments
 /// that are not zero.
 #[test]
 fn rows_without_a_gradient_may_be_passed_over() {
@@ -201,7 +201,7 @@ fn rows_without_a_gradient_may_be_passed_over() {
                 weights: &mut *weights,
                 step,
             });
-            cpu.run(Coast { rows: coasting, inputs, row_step, weights, step });
+            cpu.run(MomentumStep { rows: coasting, inputs, row_step, weights, step });
             learned
         };
         for cpu in Cpu::all() {

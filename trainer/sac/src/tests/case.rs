@@ -69,11 +69,11 @@ pub(super) fn settings(size: Size) -> Settings {
 
 pub(super) fn learner(size: Size, settings: Settings, machine: Machine) -> Learner {
     let mut learner = Learner::new(shape(size), features(size), settings, machine).unwrap();
-    remember(&mut learner, size, size.rows, &mut Dice(1));
+    push(&mut learner, size, size.rows, &mut Dice(1));
     learner
 }
 
-pub(super) fn remember(learner: &mut Learner, size: Size, rows: usize, dice: &mut Dice) {
+pub(super) fn push(learner: &mut Learner, size: Size, rows: usize, dice: &mut Dice) {
     for n in 0..rows {
         let observation: Vec<_> = (0..size.observations).map(|_| 2.0 * dice.number()).collect();
         let next_observation: Vec<_> = observation.iter().map(|x| x + 0.3 * dice.number()).collect();
@@ -81,7 +81,7 @@ pub(super) fn remember(learner: &mut Learner, size: Size, rows: usize, dice: &mu
         let (observation, next_observation, action) = (&observation, &next_observation, &action);
         let transition =
             Transition { observation, action, reward: dice.number(), next_observation, terminal: n.is_multiple_of(7) };
-        learner.remember(&transition).unwrap();
+        learner.push(&transition).unwrap();
     }
 }
 

@@ -35,7 +35,7 @@ fn a_number_is_learned_to_be_said() {
         for ((level, action), row) in levels.iter().zip(actions.chunks(2)).zip(rows.chunks(3)) {
             let reward = -action.iter().map(|a| (a - level / 2.0).powi(2)).sum::<f32>();
             let transition = Transition { observation: row, action, reward, next_observation: row, terminal: true };
-            learner.remember(&transition).unwrap();
+            learner.push(&transition).unwrap();
         }
         assert!(learner.update(8).finite);
     }
@@ -57,7 +57,7 @@ fn divergence_is_reported() {
     for reward in [1.0, f32::INFINITY] {
         let (observation, action) = (&[0.5, 0.5], &[0.1]);
         let transition = Transition { observation, action, reward, next_observation: observation, terminal: false };
-        learner.remember(&transition).unwrap();
+        learner.push(&transition).unwrap();
     }
     assert!(!learner.update(3).finite);
     settings.discount = 1.5;
@@ -75,7 +75,7 @@ fn the_rate_is_the_one_that_was_set() {
     let mut learner = Learner::new(shape, map, settings, Machine::with_threads(1)).unwrap();
     let (observation, action) = (&[0.5, 0.5], &[0.1]);
     let transition = Transition { observation, action, reward: 1.0, next_observation: observation, terminal: false };
-    learner.remember(&transition).unwrap();
+    learner.push(&transition).unwrap();
     for rate in [0.0, -1e-3, f32::NAN, f32::INFINITY] {
         assert!(learner.set_learning_rate(rate).unwrap_err().to_string().contains("learning_rate"));
     }

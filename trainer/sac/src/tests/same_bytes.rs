@@ -41,7 +41,7 @@ fn grouping_updates_changes_nothing() {
 #[test]
 fn a_restored_learner_goes_on_as_if_it_had_never_stopped() {
     let goes_on = |learner: &mut Learner| {
-        remember(learner, SMALL, 13, &mut Dice(9)); // over the ring's end
+        push(learner, SMALL, 13, &mut Dice(9)); // over the ring's end
         let actions = learner.act(&[0.25; 11], true).unwrap();
         let report = learner.update(6);
         (actions, report, learner.save())
@@ -62,7 +62,7 @@ fn a_replay_that_is_not_full_is_restored_too() {
     settings.replay_capacity = 1000;
     let mut straight = learner(SMALL, settings, Machine::with_threads(1));
     let mut restored = Learner::restore(&straight.save(), Machine::with_threads(1)).unwrap();
-    assert_eq!(restored.remembered(), SMALL.rows);
+    assert_eq!(restored.replay_len(), SMALL.rows);
     assert_eq!(straight.update(2), restored.update(2));
 }
 
@@ -96,7 +96,7 @@ fn the_policy_by_itself_is_the_learner_to_the_bit() {
     other_settings.seed = 77;
     let mut other = super::case::learner(PAPER, other_settings, Machine::with_threads(3));
     assert_ne!(other.policy(), policy);
-    other.begin_from(&policy).unwrap();
+    other.warm_start(&policy).unwrap();
     assert_eq!(other.policy(), policy);
 }
 

@@ -6,7 +6,7 @@ use std::time::Instant;
 use environment::closed_loop::{FlightPlan, PolicyController};
 use environment::{SIDE_BY_SIDE, Score, fly};
 use law::PolicyLaw;
-use model::contract::CHANNELS;
+use model::observation::CHANNELS;
 use proto::reference::Reference;
 use sac::UpdateReport;
 

@@ -4,20 +4,20 @@ use std::time::Instant;
 
 use environment::SIDE_BY_SIDE;
 use environment::draws::{Purpose, stream};
-use model::contract::{ACTION_LEN, CHANNELS};
+use model::observation::{ACTION_LEN, CHANNELS};
 use rand::RngExt as _;
 use sac::Transition;
 
-use super::{Observer, Progress, Run};
+use super::{Progress, Run, TrainingCallback};
 use crate::TrainingError;
 use crate::average::EVERY_STEPS;
 
 impl Run {
     /// One episode, or what is left of the run.
-    pub(super) fn episode(&mut self, observer: &mut dyn Observer) -> Result<(), TrainingError> {
+    pub(super) fn episode(&mut self, observer: &mut dyn TrainingCallback) -> Result<(), TrainingError> {
         let number = self.position.episode;
         let began = Instant::now();
-        self.fleet.begin(number)?;
+        self.env.begin(number)?;
         let mut environment_s = began.elapsed().as_secs_f64();
         self.window.began.get_or_insert(began);
         self.position.steps_before = self.position.steps;
@@ -26,8 +26,8 @@ impl Run {
         let mut actions = vec![0.0f32; SIDE_BY_SIDE * ACTION_LEN];
         let mut before = vec![0.0f32; SIDE_BY_SIDE * length];
         let (mut reward, mut squares, mut turns) = (0.0, [0.0; CHANNELS], 0.0);
-        while !self.fleet.is_over() && self.position.steps < self.settings.run.steps {
-            before.copy_from_slice(self.fleet.observations());
+        while !self.env.is_truncated() && self.position.steps < self.settings.run.steps {
+            before.copy_from_slice(self.env.observations());
             if self.position.steps < self.settings.run.random_steps {
                 actions.fill_with(|| random.random_range(-1.0f32..1.0));
             } else {
@@ -37,9 +37,9 @@ impl Run {
                 }
             }
             let simulating = Instant::now();
-            let step = self.fleet.step(&actions);
+            let step = self.env.step(&actions);
             environment_s += simulating.elapsed().as_secs_f64();
-            let rows = before.chunks_exact(length).zip(self.fleet.reached().chunks_exact(length));
+            let rows = before.chunks_exact(length).zip(self.env.next_observation().chunks_exact(length));
             for (lane, ((observation, next), action)) in rows.zip(actions.chunks_exact(ACTION_LEN)).enumerate() {
                 let transition = Transition {
                     observation,
@@ -48,7 +48,7 @@ impl Run {
                     next_observation: next,
                     terminal: step.terminal.get(lane).copied().unwrap_or(false),
                 };
-                self.learner.remember(&transition).map_err(|error| TrainingError::learner("remember", &error))?;
+                self.learner.push(&transition).map_err(|error| TrainingError::learner("remember", &error))?;
             }
             self.position.steps += SIDE_BY_SIDE as u64;
             turns += 1.0;

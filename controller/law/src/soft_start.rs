@@ -9,7 +9,7 @@
 //!
 //! with `T` long enough for the gap: [`LONGEST_S`] for the whole range of the rig, shorter for less.
 
-use model::contract::{CHANNELS, Pair};
+use model::observation::{CHANNELS, Pair};
 
 /// Duration of the longest approach, for a gap of [`WIDEST_KPA`] or more, in seconds.
 pub const LONGEST_S: f64 = 3.0;
@@ -18,17 +18,17 @@ pub const WIDEST_KPA: f64 = 60.0;
 
 /// An approach under way.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Approach {
+pub struct SoftStart {
     gap_kpa: Pair,
     duration_s: f64,
 }
 
-impl Approach {
+impl SoftStart {
     /// From the pressures measured at arming to the reference at that time, in kPa gauge.
     pub fn new(measured_kpa: Pair, reference_kpa: Pair) -> Self {
         let gap_kpa: Pair = std::array::from_fn(|c| measured_kpa[c] - reference_kpa[c]);
         let widest = gap_kpa.iter().fold(0.0_f64, |widest, gap| widest.max(gap.abs()));
-        Approach { gap_kpa, duration_s: LONGEST_S * (widest / WIDEST_KPA).min(1.0) }
+        SoftStart { gap_kpa, duration_s: LONGEST_S * (widest / WIDEST_KPA).min(1.0) }
     }
 
     /// What to add to the reference at `time_s` after arming, in kPa.
@@ -55,7 +55,7 @@ mod tests {
 
     #[test]
     fn starts_where_the_rig_is_and_ends_on_the_reference() {
-        let approach = Approach::new([0.0, 0.0], [80.0, -70.0]);
+        let approach = SoftStart::new([0.0, 0.0], [80.0, -70.0]);
         assert_eq!(approach.offset_kpa(0.0), [-80.0, 70.0]);
         assert_eq!(approach.offset_kpa(LONGEST_S), [0.0, 0.0]);
         let mut before = approach.offset_kpa(0.0)[0];
@@ -68,7 +68,7 @@ mod tests {
 
     #[test]
     fn no_gap_means_no_approach() {
-        let approach = Approach::new([80.0, -70.0], [80.0, -70.0]);
+        let approach = SoftStart::new([80.0, -70.0], [80.0, -70.0]);
         assert_eq!(approach.duration_s(), 0.0);
         assert_eq!(approach.offset_kpa(0.0), [0.0, 0.0]);
     }

@@ -1,4 +1,4 @@
-//! Playing a programme: its commands row by row, open loop, once.
+//! Playing a command sequence: its commands row by row, open loop, once.
 //!
 //! ```text
 //!   SETTLE ── both pressures stand still, pump off, vents open ──▶ PLAY: row k at tick n + k ──▶ REST ──▶ over
@@ -7,15 +7,15 @@
 //! ```
 //!
 //! The row is chosen by the cRIO's tick and nothing else, so a frame that is missing costs a reading, never the
-//! place in the programme. Every limit is the watch's ([`crate::cycle`]); what stops the programme ends it.
+//! place in the sequence. Every limit is the watch's ([`crate::cycle`]); what stops the sequence ends it.
 
-use model::contract::Pair;
+use model::observation::Pair;
 use proto::recording::{EventLevel, TickRecord};
 
-use crate::calm::Calm;
-use crate::helm::{Answer, Helm, Seen, Tell, Wish};
+use crate::command_sequence::Row;
+use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, SensorSample};
 use crate::notice::{Cause, Notice, fault_text};
-use crate::programme::Row;
+use crate::settling::SettlingDetector;
 
 /// How long the pressures may take to stand still before the first row, in ticks: 60 s.
 const LONGEST_SETTLE: u32 = 3_000;
@@ -26,7 +26,7 @@ const PUMP_STOPS: u32 = 25;
 /// How far from the atmosphere rest may read, in kPa gauge, with the pump off: a sensor's bias, and more.
 const REST_KPA: f64 = 10.0;
 
-/// Why a programme was not played to its end.
+/// Why a sequence was not played to its end.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Stopped {
     /// The watch vented the rig.
@@ -72,13 +72,13 @@ enum Phase {
     Over,
 }
 
-/// A programme under way.
-pub struct Playing {
+/// A sequence under way.
+pub struct OpenLoopPlayback {
     rows: Box<[Row]>,
     /// Whether the model's pump can be switched, so that the rig begins at the atmosphere's pressure.
     relay: bool,
     phase: Phase,
-    calm: Calm,
+    calm: SettlingDetector,
     /// Sound frames in this phase.
     waited: u32,
     pump_runs: u32,
@@ -87,14 +87,14 @@ pub struct Playing {
     stopped: Option<Stopped>,
 }
 
-impl Playing {
-    /// A programme that waits for rest; `relay`: whether the pump can be switched.
+impl OpenLoopPlayback {
+    /// A sequence that waits for rest; `relay`: whether the pump can be switched.
     pub fn new(rows: Box<[Row]>, relay: bool) -> Self {
-        Playing {
+        OpenLoopPlayback {
             rows,
             relay,
             phase: Phase::Settle,
-            calm: Calm::new(),
+            calm: SettlingDetector::new(),
             waited: 0,
             pump_runs: 0,
             reached: 0,
@@ -102,7 +102,7 @@ impl Playing {
         }
     }
 
-    /// Rows of the programme.
+    /// Rows of the sequence.
     pub fn rows(&self) -> u32 {
         u32::try_from(self.rows.len()).unwrap_or(u32::MAX)
     }
@@ -125,13 +125,13 @@ impl Playing {
     fn enter(&mut self, phase: Phase) {
         self.phase = phase;
         self.waited = 0;
-        self.calm = Calm::new();
+        self.calm = SettlingDetector::new();
     }
 
     fn stop(&mut self, why: Stopped) {
         // While the vents are open anyway, frames that came late end nothing: the wait for rest begins anew.
         if self.phase == Phase::Settle && matches!(why, Stopped::Vented { cause: Cause::FramesMissing, .. }) {
-            self.calm = Calm::new();
+            self.calm = SettlingDetector::new();
             return;
         }
         if matches!(self.phase, Phase::Settle | Phase::Play { .. }) {
@@ -140,45 +140,45 @@ impl Playing {
         }
     }
 
-    /// Whether the rig stands where the programme begins.
+    /// Whether the rig stands where the sequence begins.
     fn at_rest(&mut self, measured: Pair) -> bool {
         let still = self.calm.add(measured);
         // Without a relay the pump goes on, and rest is a balance somewhere.
         still && (!self.relay || measured.iter().all(|p| p.abs() <= REST_KPA))
     }
 
-    fn settle(&mut self, seen: &Seen) -> Wish {
+    fn settle(&mut self, seen: &SensorSample) -> ModeRequest {
         self.pump_runs = if seen.pump_running { self.pump_runs + 1 } else { 0 };
         if self.relay && self.pump_runs > PUMP_STOPS {
             self.stop(Stopped::PumpRuns);
         } else if self.at_rest(seen.measured) {
-            return Wish::Arm;
+            return ModeRequest::Arm;
         } else if self.waited > LONGEST_SETTLE {
             self.stop(Stopped::Restless { measured: seen.measured });
         }
-        Wish::Nothing
+        ModeRequest::None
     }
 
-    fn row(&mut self, tick: u32) -> Option<Answer> {
+    fn row(&mut self, tick: u32) -> Option<ActuatorCommand> {
         let Phase::Play { start_tick } = self.phase else { return None };
         let number = tick.wrapping_sub(start_tick);
         let row = self.rows.get(number as usize)?;
         self.reached = self.reached.max(number + 1);
-        Some(Answer::run(row.duty, row.pump_on))
+        Some(ActuatorCommand::run(row.duty, row.pump_on))
     }
 }
 
-impl Helm for Playing {
+impl DutySource for OpenLoopPlayback {
     const ONE_SESSION: bool = true;
 
-    fn watch(&mut self, seen: &Seen) -> Wish {
+    fn on_sample(&mut self, seen: &SensorSample) -> ModeRequest {
         self.waited += 1;
         match self.phase {
             Phase::Settle => return self.settle(seen),
             Phase::Play { start_tick } => {
                 if seen.tick.wrapping_sub(start_tick) >= self.rows() {
                     self.enter(Phase::Rest);
-                    return Wish::Stand(Notice::Played { tick: seen.tick });
+                    return ModeRequest::Disarm(Notice::Played { tick: seen.tick });
                 }
             }
             Phase::Rest => {
@@ -188,7 +188,7 @@ impl Helm for Playing {
             }
             Phase::Over => {}
         }
-        Wish::Nothing
+        ModeRequest::None
     }
 
     fn armed(&mut self, tick: u32, _measured: Pair) {
@@ -199,15 +199,21 @@ impl Helm for Playing {
 
     fn predict(&mut self, _measured: Pair, _applied: Pair, _record: &mut TickRecord) {}
 
-    fn decide(&mut self, tick: u32, _measured: Pair, _record: &mut TickRecord, _tell: Tell<'_>) -> Option<Answer> {
-        Some(self.row(tick).unwrap_or(Answer::VENT))
+    fn decide(
+        &mut self,
+        tick: u32,
+        _measured: Pair,
+        _record: &mut TickRecord,
+        _tell: NoticeSink<'_>,
+    ) -> Option<ActuatorCommand> {
+        Some(self.row(tick).unwrap_or(ActuatorCommand::VENT))
     }
 
-    fn bridge(&mut self, tick: u32) -> Answer {
-        self.row(tick).unwrap_or(Answer::VENT)
+    fn bridge(&mut self, tick: u32) -> ActuatorCommand {
+        self.row(tick).unwrap_or(ActuatorCommand::VENT)
     }
 
-    fn sent(&mut self, _answer: &Answer) {}
+    fn sent(&mut self, _answer: &ActuatorCommand) {}
 
     fn stopped(&mut self, cause: Option<(Cause, f64)>) {
         self.stop(cause.map_or(Stopped::Disarmed, |(cause, value)| Stopped::Vented { cause, value }));
@@ -230,72 +236,73 @@ impl Helm for Playing {
 
 #[cfg(test)]
 mod tests {
-    use model::contract::CHANNELS;
+    use model::observation::CHANNELS;
 
     use super::*;
     use crate::state::State;
 
     const SHUT: Row = Row { duty: [0.25, 0.5], pump_on: true };
 
-    fn seen(tick: u32, measured: Pair, state: State) -> Seen {
-        Seen { tick, measured, pump_running: false, state }
+    fn seen(tick: u32, measured: Pair, state: State) -> SensorSample {
+        SensorSample { tick, measured, pump_running: false, state }
     }
 
-    /// Frames until the helm asks to be armed.
-    fn settles(playing: &mut Playing, pressure: impl Fn(u32) -> f64) -> Option<u32> {
+    /// Frames until the duty source asks to be armed.
+    fn settles(playing: &mut OpenLoopPlayback, pressure: impl Fn(u32) -> f64) -> Option<u32> {
         (0..2 * LONGEST_SETTLE)
-            .find(|tick| playing.watch(&seen(*tick, [pressure(*tick), 0.0], State::Standby)) == Wish::Arm)
+            .find(|tick| playing.on_sample(&seen(*tick, [pressure(*tick), 0.0], State::Standby)) == ModeRequest::Arm)
     }
 
     #[test]
     fn waits_until_the_pressures_stand_still() {
         // A vent of half a second's time constant from 90 kPa: below 0.1 kPa of rest after 3.4 s, 170 ticks.
-        let blown = settles(&mut Playing::new([SHUT].into(), true), |t| 90.0 * (-f64::from(t) / 25.0).exp()).unwrap();
+        let blown =
+            settles(&mut OpenLoopPlayback::new([SHUT].into(), true), |t| 90.0 * (-f64::from(t) / 25.0).exp()).unwrap();
         assert!((100..250).contains(&blown), "{blown}");
-        let at_once = settles(&mut Playing::new([SHUT].into(), true), |_| 0.4).unwrap();
+        let at_once = settles(&mut OpenLoopPlayback::new([SHUT].into(), true), |_| 0.4).unwrap();
         assert!(at_once < 100, "{at_once}");
     }
 
     #[test]
     fn a_rig_that_stays_under_pressure_is_refused_and_without_a_relay_it_is_not() {
-        let mut playing = Playing::new([SHUT].into(), true);
+        let mut playing = OpenLoopPlayback::new([SHUT].into(), true);
         assert_eq!(settles(&mut playing, |_| 40.0), None);
         assert!(matches!(playing.why_stopped(), Some(Stopped::Restless { .. })));
-        assert!(settles(&mut Playing::new([SHUT].into(), false), |_| 40.0).is_some());
+        assert!(settles(&mut OpenLoopPlayback::new([SHUT].into(), false), |_| 40.0).is_some());
     }
 
     #[test]
     fn rows_follow_the_crios_tick_whatever_is_missing() {
         let rows: Vec<Row> = (0..10).map(|k| Row { duty: [0.1 * f64::from(k), 0.5], pump_on: k % 2 == 0 }).collect();
-        let mut playing = Playing::new(rows.clone().into(), true);
+        let mut playing = OpenLoopPlayback::new(rows.clone().into(), true);
         playing.armed(100, [0.0; CHANNELS]);
         for k in [0, 1, 4, 4, 9] {
             let expected = rows[k as usize];
             let answer = if k == 4 {
                 playing.bridge(100 + k)
             } else {
-                playing.watch(&seen(100 + k, [0.0; CHANNELS], State::Run));
+                playing.on_sample(&seen(100 + k, [0.0; CHANNELS], State::Run));
                 playing.decide(100 + k, [0.0; CHANNELS], &mut TickRecord::default(), &mut |_| ()).unwrap()
             };
             assert_eq!((answer.duty, answer.pump_on), (expected.duty, expected.pump_on), "row {k}");
         }
         assert!(playing.is_complete() && playing.why_stopped().is_none());
         assert!(matches!(
-            playing.watch(&seen(110, [0.0; CHANNELS], State::Run)),
-            Wish::Stand(Notice::Played { tick: 110 })
+            playing.on_sample(&seen(110, [0.0; CHANNELS], State::Run)),
+            ModeRequest::Disarm(Notice::Played { tick: 110 })
         ));
-        assert_eq!(playing.bridge(111), Answer::VENT);
+        assert_eq!(playing.bridge(111), ActuatorCommand::VENT);
     }
 
     #[test]
     fn what_stops_it_stops_it_for_good_and_the_first_reason_stays() {
-        let mut playing = Playing::new([SHUT; 10].into(), true);
+        let mut playing = OpenLoopPlayback::new([SHUT; 10].into(), true);
         playing.armed(0, [0.0; CHANNELS]);
         playing.bridge(0);
         playing.stopped(Some((Cause::OverPressure, 161.0)));
-        Helm::stopped(&mut playing, None);
+        DutySource::stopped(&mut playing, None);
         playing.armed(1, [0.0; CHANNELS]);
-        assert_eq!(playing.bridge(1), Answer::VENT);
+        assert_eq!(playing.bridge(1), ActuatorCommand::VENT);
         let (level, text) = playing.verdict().unwrap();
         assert_eq!(level, EventLevel::Error);
         assert!(text.contains("1 of 10") && text.contains("161.0 kPa"), "{text}");
@@ -303,10 +310,10 @@ mod tests {
 
     #[test]
     fn late_frames_before_the_first_row_only_cost_time() {
-        let mut playing = Playing::new([SHUT].into(), true);
-        let usual = settles(&mut Playing::new([SHUT].into(), true), |_| 0.0).unwrap();
+        let mut playing = OpenLoopPlayback::new([SHUT].into(), true);
+        let usual = settles(&mut OpenLoopPlayback::new([SHUT].into(), true), |_| 0.0).unwrap();
         for tick in 0..usual {
-            assert_eq!(playing.watch(&seen(tick, [0.0; CHANNELS], State::Standby)), Wish::Nothing);
+            assert_eq!(playing.on_sample(&seen(tick, [0.0; CHANNELS], State::Standby)), ModeRequest::None);
         }
         playing.stopped(Some((Cause::FramesMissing, 26.0)));
         assert_eq!(playing.why_stopped(), None);
@@ -317,9 +324,9 @@ mod tests {
 
     #[test]
     fn a_pump_that_cannot_be_stopped_is_found_before_anything_moves() {
-        let running = |tick| Seen { pump_running: true, ..seen(tick, [40.0, -40.0], State::Standby) };
-        let mut playing = Playing::new([SHUT].into(), true);
-        assert!((0..200).all(|tick| playing.watch(&running(tick)) == Wish::Nothing));
+        let running = |tick| SensorSample { pump_running: true, ..seen(tick, [40.0, -40.0], State::Standby) };
+        let mut playing = OpenLoopPlayback::new([SHUT].into(), true);
+        assert!((0..200).all(|tick| playing.on_sample(&running(tick)) == ModeRequest::None));
         assert_eq!(playing.why_stopped(), Some(Stopped::PumpRuns));
         assert_eq!(playing.reached(), 0);
     }

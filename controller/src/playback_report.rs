@@ -1,17 +1,17 @@
-//! What became of a programme, from its ticks: which commands the cRIO says it applied, and what the pressures did.
+//! What became of a sequence, from its ticks: which commands the cRIO says it applied, and what the pressures did.
 //!
 //! A row's command holds from its SENSE to the next, so the next SENSE must report that duty in force and the
 //! pump as asked. Where it does not (a command that came late or not at all), the recording tells of a command that
 //! the rig did not get.
 
-use model::contract::CHANNELS;
+use model::observation::CHANNELS;
 use proto::recording::TickRecord;
 use proto::wire::{Frame, Mode};
 use serde::Serialize;
 
-/// Figures of a programme as it was played.
+/// Figures of a sequence as it was played.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
-pub struct Witness {
+pub struct PlaybackReport {
     /// Rows that were sent.
     pub rows: u32,
     /// Rows whose next frame reports other duties, or another state of the pump, than were sent.
@@ -38,10 +38,10 @@ struct Sent {
     pump_on: bool,
 }
 
-impl Witness {
+impl PlaybackReport {
     /// Nothing seen yet; `relay`: whether the pump can be switched.
     pub fn new(relay: bool) -> Self {
-        Witness { relay, ..Witness::default() }
+        PlaybackReport { relay, ..PlaybackReport::default() }
     }
 
     /// Whether anything differs from what was to be played.
@@ -104,7 +104,7 @@ mod tests {
 
     #[test]
     fn a_command_is_applied_when_the_next_frame_says_so() {
-        let mut witness = Witness::new(false);
+        let mut witness = PlaybackReport::new(false);
         witness.push(&tick(5, 0.1, 1.0));
         // 0.1 has no exact f32, and the wire carries that.
         witness.push(&tick(6, 0.2, 0.1));
@@ -116,7 +116,7 @@ mod tests {
 
     #[test]
     fn a_missing_frame_is_no_proof_of_anything_but_itself() {
-        let mut witness = Witness::new(false);
+        let mut witness = PlaybackReport::new(false);
         witness.push(&tick(5, 0.1, 1.0));
         witness.push(&TickRecord { sense_present: false, ..tick(6, 0.2, f32::NAN) });
         witness.push(&tick(7, 0.3, 0.2));

@@ -5,32 +5,32 @@
 
 use std::sync::Arc;
 
-use law::{Decision, PolicyLaw, Situation};
-use model::contract::{ACTION_LEN, AHEAD, CORRECTION_OBSERVATION_LEN, Contract, Pair};
+use law::{ControlInput, ControlOutput, PolicyLaw};
+use model::observation::{ACTION_LEN, AHEAD, CORRECTION_OBSERVATION_LEN, ObservationLayout, Pair};
 use model::steady::SteadyMap;
 use policy::Policy;
 
 /// The control law in force, with everything it remembers.
-pub struct Pilot {
+pub struct PolicyOrFallback {
     law: PolicyLaw,
     policy: Option<Policy>,
 }
 
 /// A decision and who made it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Piloted {
+pub struct ArbitratedCommand {
     /// The decision.
-    pub decision: Decision,
+    pub decision: ControlOutput,
     /// Whether the policy refused in this tick, which ends its flight.
     pub refused: bool,
 }
 
-impl Pilot {
+impl PolicyOrFallback {
     /// A pilot for the rig that `map` was made of; without a policy the fallback flies.
     pub fn new(map: Arc<SteadyMap>, policy: Option<Policy>) -> Self {
         // A file is only ever loaded against the contracts this program offers; the paper's is the first of them.
-        let contract = policy.as_ref().and_then(|p| Contract::of_version(p.contract().version));
-        Pilot { law: PolicyLaw::new(map, contract.unwrap_or(Contract::Paper)), policy }
+        let contract = policy.as_ref().and_then(|p| ObservationLayout::of_version(p.contract().version));
+        PolicyOrFallback { law: PolicyLaw::new(map, contract.unwrap_or(ObservationLayout::Paper)), policy }
     }
 
     /// Starts anew after arming, with `duty` long in force.
@@ -42,18 +42,18 @@ impl Pilot {
     ///
     /// # Real-time
     /// Allocation-free and bounded: runs in the tick.
-    pub fn decide(&mut self, situation: &Situation, predicted_kpa: &[Pair; AHEAD]) -> Piloted {
+    pub fn decide(&mut self, situation: &ControlInput, predicted_kpa: &[Pair; AHEAD]) -> ArbitratedCommand {
         let fallback = self.law.observe(situation);
-        let Some(policy) = &mut self.policy else { return Piloted { decision: fallback, refused: false } };
+        let Some(policy) = &mut self.policy else { return ArbitratedCommand { decision: fallback, refused: false } };
         let mut observation = [0.0; CORRECTION_OBSERVATION_LEN];
         let told = observation.get_mut(..self.law.contract().observation_len()).unwrap_or_default();
         self.law.write_observation(situation, predicted_kpa, told);
         let mut outputs = [0.0; ACTION_LEN];
         if policy.run(told, &mut outputs).is_err() {
             self.policy = None;
-            return Piloted { decision: fallback, refused: true };
+            return ArbitratedCommand { decision: fallback, refused: true };
         }
-        Piloted { decision: self.law.decide(situation, &outputs), refused: false }
+        ArbitratedCommand { decision: self.law.decide(situation, &outputs), refused: false }
     }
 
     /// Tells what was really sent.

@@ -6,8 +6,8 @@
 
 use std::sync::Arc;
 
-use law::{Approach, Decision, PolicyLaw, Situation, TICK_S, saturated};
-use model::contract::{ACTION_LEN, AHEAD, ActionTrajectory, CHANNELS, Contract, GOALS_AHEAD, Pair};
+use law::{ControlInput, ControlOutput, PolicyLaw, SoftStart, TICK_S, saturated};
+use model::observation::{ACTION_LEN, AHEAD, ActionTrajectory, CHANNELS, GOALS_AHEAD, ObservationLayout, Pair};
 use model::predict::{DualPressureRig, Predictor};
 use model::real::{Lanes, Real};
 use model::rig::Rig;
@@ -51,23 +51,23 @@ pub struct Step {
     pub duty_change: [Pair; SIDE_BY_SIDE],
 }
 
-/// One rig of the fleet, but for its physics.
-struct Member {
+/// One rig of the env, but for its physics.
+struct EnvInstance {
     law: PolicyLaw,
     sensors: Sensors,
     reference: Vec<Pair>,
-    approach: Approach,
+    approach: SoftStart,
     approach_from: usize,
-    situation: Situation,
+    situation: ControlInput,
     predicted: [Pair; AHEAD],
     trajectory: ActionTrajectory,
     duty: Pair,
 }
 
-/// The fleet.
-pub struct Fleet {
+/// The env.
+pub struct VectorEnv {
     settings: EnvironmentSettings,
-    contract: Contract,
+    contract: ObservationLayout,
     draw: RigDraw,
     scales: [SensorScale; CHANNELS],
     map: Arc<SteadyMap>,
@@ -75,22 +75,22 @@ pub struct Fleet {
     plant: DualPressureRig<Eight>,
     /// The model behind MPObs; without it the prediction is "stays as it is".
     predictor: Option<Predictor<Eight>>,
-    members: Vec<Member>,
+    instances: Vec<EnvInstance>,
     tick: usize,
     ticks: usize,
     observations: Vec<f32>,
-    reached: Vec<f32>,
+    next_observation: Vec<f32>,
 }
 
-impl Fleet {
-    /// A fleet of rigs drawn by `draw`, with `model` behind MPObs and feed-forward. Call [`Fleet::begin`] next.
+impl VectorEnv {
+    /// A env of rigs drawn by `draw`, with `model` behind MPObs and feed-forward. Call [`VectorEnv::begin`] next.
     ///
     /// # Errors
     /// If settings are out of range, or a rig lacks what a dual-pressure rig needs.
     pub fn new(
         draw: RigDraw,
         model: &Rig,
-        contract: Contract,
+        contract: ObservationLayout,
         model_predicted: bool,
         settings: &EnvironmentSettings,
         seed: u64,
@@ -100,23 +100,23 @@ impl Fleet {
         let compiled = DualPressureRig::side_by_side(&same).map_err(EnvironmentError::rig(model))?;
         let map = Arc::new(SteadyMap::new(model).map_err(EnvironmentError::rig(model))?);
         let scales = sensor_scales(draw.nominal())?;
-        let mut fleet = Fleet {
+        let mut env = VectorEnv {
             contract,
             scales,
             map,
             seed,
             plant: compiled.clone(),
             predictor: model_predicted.then(|| Predictor::with(compiled)),
-            members: Vec::new(),
+            instances: Vec::new(),
             tick: 0,
             ticks: (settings.episode_s / TICK_S).round() as usize,
             observations: vec![0.0; SIDE_BY_SIDE * contract.observation_len()],
-            reached: vec![0.0; SIDE_BY_SIDE * contract.observation_len()],
+            next_observation: vec![0.0; SIDE_BY_SIDE * contract.observation_len()],
             settings: settings.clone(),
             draw,
         };
-        fleet.begin(0)?;
-        Ok(fleet)
+        env.begin(0)?;
+        Ok(env)
     }
 
     /// Begins episode `number`: everything about it follows from the seed and this number.
@@ -125,18 +125,21 @@ impl Fleet {
     /// If a drawn rig is unsound.
     pub fn begin(&mut self, number: u64) -> Result<(), EnvironmentError> {
         let mut rigs = Vec::with_capacity(SIDE_BY_SIDE);
-        self.members.clear();
+        self.instances.clear();
         for lane in 0..SIDE_BY_SIDE {
             let of = |purpose| stream(self.seed, purpose, number, lane);
             rigs.push(self.draw.draw(&mut of(Purpose::Rig))?);
             let reference = reference_draw::draw(&self.map, self.ticks + GOALS_AHEAD + 2, &mut of(Purpose::Reference));
-            self.members.push(Member {
+            self.instances.push(EnvInstance {
                 law: PolicyLaw::new(Arc::clone(&self.map), self.contract),
                 sensors: Sensors::new(self.scales, self.settings.noise_v_rms, of(Purpose::Noise).random()),
                 reference,
-                approach: Approach::new([0.0; CHANNELS], [0.0; CHANNELS]),
+                approach: SoftStart::new([0.0; CHANNELS], [0.0; CHANNELS]),
                 approach_from: 0,
-                situation: Situation { measured_kpa: [0.0; CHANNELS], goals_kpa: [[0.0; CHANNELS]; GOALS_AHEAD + 1] },
+                situation: ControlInput {
+                    measured_kpa: [0.0; CHANNELS],
+                    goals_kpa: [[0.0; CHANNELS]; GOALS_AHEAD + 1],
+                },
                 predicted: [[0.0; CHANNELS]; AHEAD],
                 trajectory: ActionTrajectory::held([1.0; CHANNELS]),
                 duty: [1.0; CHANNELS],
@@ -159,8 +162,8 @@ impl Fleet {
             self.member_starts(lane, duty);
         }
         self.sense();
-        self.observations.copy_from_slice(&self.reached);
-        if self.contract == Contract::Correction {
+        self.observations.copy_from_slice(&self.next_observation);
+        if self.contract == ObservationLayout::Correction {
             let share = stream(self.seed, Purpose::WarmUp, number, 0).random_range(LEAST_WARM_UP..=1.0);
             for _ in 0..(share * self.settings.warm_up_s / TICK_S).round() as usize {
                 self.step(&[0.0; SIDE_BY_SIDE * ACTION_LEN]);
@@ -169,18 +172,18 @@ impl Fleet {
         Ok(())
     }
 
-    /// What the policy is told, eight rows of [`Contract::observation_len`] numbers.
+    /// What the policy is told, eight rows of [`ObservationLayout::observation_len`] numbers.
     pub fn observations(&self) -> &[f32] {
         &self.observations
     }
 
     /// What the last step led to, before rigs that left their envelope were started anew.
-    pub fn reached(&self) -> &[f32] {
-        &self.reached
+    pub fn next_observation(&self) -> &[f32] {
+        &self.next_observation
     }
 
     /// Whether the episode's time is over: a truncation, no terminal state.
-    pub fn is_over(&self) -> bool {
+    pub fn is_truncated(&self) -> bool {
         self.tick >= self.ticks
     }
 
@@ -192,15 +195,15 @@ impl Fleet {
     /// Acts: eight rows of twelve numbers within −1 … 1, which become duties or corrections as the settings say.
     pub fn step(&mut self, actions: &[f32]) -> Step {
         let mut duty_change = [[0.0; CHANNELS]; SIDE_BY_SIDE];
-        for ((member, action), change) in
-            self.members.iter_mut().zip(actions.chunks_exact(ACTION_LEN)).zip(&mut duty_change)
+        for ((instance, action), change) in
+            self.instances.iter_mut().zip(actions.chunks_exact(ACTION_LEN)).zip(&mut duty_change)
         {
             let outputs = outputs(self.contract, &self.settings, action);
-            let decision = member.law.decide(&member.situation, &outputs);
-            *change = member.apply(&decision);
+            let decision = instance.law.decide(&instance.situation, &outputs);
+            *change = instance.apply(&decision);
         }
         let duties: [Eight; CHANNELS] =
-            std::array::from_fn(|c| Eight::from_lanes(|lane| self.members.get(lane).map_or(1.0, |m| m.duty[c])));
+            std::array::from_fn(|c| Eight::from_lanes(|lane| self.instances.get(lane).map_or(1.0, |m| m.duty[c])));
         if let Some(predictor) = &mut self.predictor {
             predictor.advance(duties, true);
         }
@@ -213,37 +216,37 @@ impl Fleet {
             error_kpa: [[0.0; CHANNELS]; SIDE_BY_SIDE],
             duty_change,
         };
-        self.observations.copy_from_slice(&self.reached);
+        self.observations.copy_from_slice(&self.next_observation);
         let reached = self.plant.readings_kpa();
         for lane in 0..SIDE_BY_SIDE {
-            let Some(member) = self.members.get(lane) else { continue };
-            let Situation { measured_kpa, goals_kpa } = &member.situation;
-            let predicted = self.predictor.as_ref().map(|_| &member.predicted);
+            let Some(instance) = self.instances.get(lane) else { continue };
+            let ControlInput { measured_kpa, goals_kpa } = &instance.situation;
+            let predicted = self.predictor.as_ref().map(|_| &instance.predicted);
             let settings = &self.settings.reward;
             let [pos, neg] = reached.map(|p| p.lane(lane));
             let seen_kpa = if settings.noise_free { [pos, neg] } else { *measured_kpa };
-            let mut paid = reward(settings, goals_kpa, seen_kpa, predicted);
-            if self.contract == Contract::Correction {
+            let mut reward_value = reward(settings, goals_kpa, seen_kpa, predicted);
+            if self.contract == ObservationLayout::Correction {
                 let row = actions.chunks_exact(ACTION_LEN).nth(lane).unwrap_or_default();
                 let price: f64 =
                     row.iter().zip(settings.correction).map(|(a, price)| price * f64::from(*a).powi(2)).sum();
-                paid += settings.scale * price;
+                reward_value += settings.scale * price;
             }
             step.error_kpa[lane] = std::array::from_fn(|c| measured_kpa[c] - goals_kpa[0][c]);
             // Written so that NaN counts as outside.
             step.terminal[lane] = !(pos <= ENVELOPE_KPA[0] && neg >= ENVELOPE_KPA[1]);
             if step.terminal[lane] {
-                paid = settings.scale * settings.tripped;
+                reward_value = settings.scale * settings.tripped;
                 self.restart(lane);
             }
-            step.rewards[lane] = paid as f32;
+            step.rewards[lane] = reward_value as f32;
         }
         step
     }
 
     /// Where an episode begins: pressures in kPa gauge, and the duties long in force.
     fn start(&self, lane: usize, random: &mut impl Rng) -> (Pair, Pair) {
-        let first = self.members.get(lane).and_then(|m| m.reference.first().copied()).unwrap_or([80.0, -70.0]);
+        let first = self.instances.get(lane).and_then(|m| m.reference.first().copied()).unwrap_or([80.0, -70.0]);
         let kind: f64 = random.random_range(0.0..1.0);
         let near: Pair = std::array::from_fn(|c| {
             let gauss: f64 = StandardNormal.sample(random);
@@ -260,7 +263,7 @@ impl Fleet {
 
     /// Starts one rig anew near its reference, in the middle of the episode.
     fn restart(&mut self, lane: usize) {
-        let Some(at) = self.members.get(lane).and_then(|m| m.reference.get(self.tick)).copied() else { return };
+        let Some(at) = self.instances.get(lane).and_then(|m| m.reference.get(self.tick)).copied() else { return };
         let duty = self.map.duty_for(at, [0.0; CHANNELS]).map(saturated);
         self.plant.restart_lane(lane, at, duty);
         if let Some(predictor) = &mut self.predictor {
@@ -270,62 +273,62 @@ impl Fleet {
         let readings = self.plant.readings_kpa().map(|p| p.lane(lane));
         let length = self.contract.observation_len();
         let (map, contract) = (&self.map, self.contract);
-        let Some(member) = self.members.get_mut(lane) else { return };
-        member.law = PolicyLaw::new(Arc::clone(map), contract);
-        member.law.restart(duty);
-        member.measure(readings, self.tick);
-        member.predicted = [member.situation.measured_kpa; AHEAD];
-        member.law.observe(&member.situation);
+        let Some(instance) = self.instances.get_mut(lane) else { return };
+        instance.law = PolicyLaw::new(Arc::clone(map), contract);
+        instance.law.restart(duty);
+        instance.measure(readings, self.tick);
+        instance.predicted = [instance.situation.measured_kpa; AHEAD];
+        instance.law.observe(&instance.situation);
         if let Some(row) = self.observations.chunks_exact_mut(length).nth(lane) {
-            member.law.write_observation(&member.situation, &member.predicted, row);
+            instance.law.write_observation(&instance.situation, &instance.predicted, row);
         }
     }
 
     fn member_starts(&mut self, lane: usize, duty: Pair) {
         let readings = self.plant.readings_kpa().map(|p| p.lane(lane));
         let tick = self.tick;
-        if let Some(member) = self.members.get_mut(lane) {
-            let first = member.reference.get(tick).copied().unwrap_or(readings);
-            member.approach = Approach::new(readings, first);
-            member.approach_from = tick;
-            member.trajectory = ActionTrajectory::held(duty);
-            member.duty = duty;
-            member.law.restart(duty);
+        if let Some(instance) = self.instances.get_mut(lane) {
+            let first = instance.reference.get(tick).copied().unwrap_or(readings);
+            instance.approach = SoftStart::new(readings, first);
+            instance.approach_from = tick;
+            instance.trajectory = ActionTrajectory::held(duty);
+            instance.duty = duty;
+            instance.law.restart(duty);
         }
     }
 
     /// Measures, predicts and writes what the policies are told.
     fn sense(&mut self) {
         let readings = self.plant.readings_kpa();
-        for (lane, member) in self.members.iter_mut().enumerate() {
-            member.measure(readings.map(|p| p.lane(lane)), self.tick);
+        for (lane, instance) in self.instances.iter_mut().enumerate() {
+            instance.measure(readings.map(|p| p.lane(lane)), self.tick);
         }
-        let members = &self.members;
-        let of = |value: &dyn Fn(&Member) -> f64| Eight::from_lanes(|lane| members.get(lane).map_or(0.0, value));
+        let instances = &self.instances;
+        let of = |value: &dyn Fn(&EnvInstance) -> f64| Eight::from_lanes(|lane| instances.get(lane).map_or(0.0, value));
         if let Some(predictor) = &mut self.predictor {
             predictor.observe(std::array::from_fn(|c| of(&|m| m.situation.measured_kpa[c])));
             let plan = std::array::from_fn(|j| std::array::from_fn(|c| of(&|m| m.trajectory.remaining()[j][c])));
             let predicted = predictor.predict(&plan, true);
-            for (lane, member) in self.members.iter_mut().enumerate() {
-                member.predicted = predicted.map(|pair| pair.map(|p| p.lane(lane)));
-                if !member.predicted.as_flattened().iter().all(|p| p.is_finite()) {
-                    member.predicted = [member.situation.measured_kpa; AHEAD];
+            for (lane, instance) in self.instances.iter_mut().enumerate() {
+                instance.predicted = predicted.map(|pair| pair.map(|p| p.lane(lane)));
+                if !instance.predicted.as_flattened().iter().all(|p| p.is_finite()) {
+                    instance.predicted = [instance.situation.measured_kpa; AHEAD];
                 }
             }
         } else {
-            for member in &mut self.members {
-                member.predicted = [member.situation.measured_kpa; AHEAD];
+            for instance in &mut self.instances {
+                instance.predicted = [instance.situation.measured_kpa; AHEAD];
             }
         }
         let length = self.contract.observation_len();
-        for (member, row) in self.members.iter_mut().zip(self.reached.chunks_exact_mut(length)) {
-            member.law.observe(&member.situation);
-            member.law.write_observation(&member.situation, &member.predicted, row);
+        for (instance, row) in self.instances.iter_mut().zip(self.next_observation.chunks_exact_mut(length)) {
+            instance.law.observe(&instance.situation);
+            instance.law.write_observation(&instance.situation, &instance.predicted, row);
         }
     }
 }
 
-impl Member {
+impl EnvInstance {
     fn measure(&mut self, readings_kpa: Pair, tick: usize) {
         let volts = self.sensors.sample(readings_kpa, [&[], &[]]);
         let scales = self.sensors.scales();
@@ -338,7 +341,7 @@ impl Member {
     }
 
     /// Sends a decision; answers by how much the duties changed.
-    fn apply(&mut self, decision: &Decision) -> Pair {
+    fn apply(&mut self, decision: &ControlOutput) -> Pair {
         let duty = decision.duty();
         self.trajectory = decision.trajectory;
         self.law.applied(duty);
@@ -348,12 +351,12 @@ impl Member {
 }
 
 /// What twelve numbers within −1 … 1 mean under a contract: duties, or corrections of the fallback's.
-pub fn outputs(contract: Contract, settings: &EnvironmentSettings, action: &[f32]) -> [f32; ACTION_LEN] {
+pub fn outputs(contract: ObservationLayout, settings: &EnvironmentSettings, action: &[f32]) -> [f32; ACTION_LEN] {
     let (middle, half) = match contract {
-        Contract::Paper => {
+        ObservationLayout::Paper => {
             (0.5 * (settings.duty_high + settings.duty_low), 0.5 * (settings.duty_high - settings.duty_low))
         }
-        Contract::Correction => (0.0, settings.correction_duty),
+        ObservationLayout::Correction => (0.0, settings.correction_duty),
     };
     let mut outputs = [0.0; ACTION_LEN];
     for (output, action) in outputs.iter_mut().zip(action) {

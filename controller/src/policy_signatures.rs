@@ -1,18 +1,18 @@
 //! The observation contracts of [`model::ports`], in the words of the policy loader.
 
-use model::contract::Contract as Which;
+use model::observation::ObservationLayout;
 use model::ports::{Port, Ports};
-use policy::{Channel, Contract};
+use policy::{Channel, PolicySignature};
 
 /// All that this program flies, the paper's first.
-pub fn offered() -> [Contract; 2] {
-    [Which::Paper, Which::Correction].map(contract)
+pub fn offered() -> [PolicySignature; 2] {
+    [ObservationLayout::Paper, ObservationLayout::Correction].map(contract)
 }
 
-fn contract(which: Which) -> Contract {
+fn contract(which: ObservationLayout) -> PolicySignature {
     let Ports { contract, rate_hz, inputs, outputs } = Ports::of(which);
     let channels = |ports: Vec<Port>| ports.into_iter().map(channel).collect();
-    Contract { version: contract, rate_hz, inputs: channels(inputs), outputs: channels(outputs) }
+    PolicySignature { version: contract, rate_hz, inputs: channels(inputs), outputs: channels(outputs) }
 }
 
 fn channel(port: Port) -> Channel {

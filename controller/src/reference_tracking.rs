@@ -1,9 +1,9 @@
-//! Following a reference: model-predicted observations, control law, saturation.
+//! ReferenceTracking a reference: model-predicted observations, control law, saturation.
 
 use std::sync::Arc;
 
-use law::{Approach, Situation, TICK_S};
-use model::contract::{AHEAD, ActionTrajectory, CHANNELS, Pair};
+use law::{ControlInput, SoftStart, TICK_S};
+use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
 use model::predict::Predictor;
 use model::rig::{Rig, RigError};
 use model::steady::SteadyMap;
@@ -11,9 +11,9 @@ use policy::Policy;
 use proto::recording::{LawParts, TickRecord};
 use proto::reference::Reference;
 
-use crate::helm::{Answer, Helm, Seen, Tell, VENT, Wish};
+use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, SensorSample, VENT};
 use crate::notice::{Cause, Notice};
-use crate::pilot::Pilot;
+use crate::policy_or_fallback::PolicyOrFallback;
 use crate::state::State;
 
 /// How often a reference is looked at for places out of reach, in s, and at how many places at most.
@@ -23,12 +23,12 @@ const REACH_LOOKS: f64 = 100_000.0;
 const REACH_SLACK: f64 = 0.03;
 
 /// The closed loop and everything it remembers.
-pub struct Following {
+pub struct ReferenceTracking {
     predictor: Predictor,
     map: Arc<SteadyMap>,
-    pilot: Pilot,
+    control: PolicyOrFallback,
     reference: Box<Reference>,
-    approach: Approach,
+    approach: SoftStart,
     start_tick: u32,
     /// Ticks after arming at which the flight ends; `None` flies on.
     flight_ticks: Option<u32>,
@@ -37,19 +37,19 @@ pub struct Following {
     trajectory: ActionTrajectory,
 }
 
-impl Following {
+impl ReferenceTracking {
     /// The loop for the rig that the model is made of; without a policy the fallback flies.
     ///
     /// # Errors
     /// If the rig cannot be flown: unsound, or without the valves and sensors the controller needs.
     pub fn new(rig: &Rig, policy: Option<Policy>, reference: Reference) -> Result<Self, RigError> {
         let map = Arc::new(SteadyMap::new(rig)?);
-        Ok(Following {
+        Ok(ReferenceTracking {
             predictor: Predictor::new(rig)?,
-            pilot: Pilot::new(Arc::clone(&map), policy),
+            control: PolicyOrFallback::new(Arc::clone(&map), policy),
             map,
             reference: Box::new(reference),
-            approach: Approach::new([0.0; CHANNELS], [0.0; CHANNELS]),
+            approach: SoftStart::new([0.0; CHANNELS], [0.0; CHANNELS]),
             start_tick: 0,
             flight_ticks: None,
             over: false,
@@ -76,26 +76,26 @@ impl Following {
 
     fn start_reference(&mut self, tick: u32, measured: Pair) {
         self.start_tick = tick;
-        self.approach = Approach::new(measured, self.reference.at(0.0));
+        self.approach = SoftStart::new(measured, self.reference.at(0.0));
     }
 }
 
-impl Helm for Following {
+impl DutySource for ReferenceTracking {
     const ONE_SESSION: bool = false;
 
-    fn watch(&mut self, seen: &Seen) -> Wish {
+    fn on_sample(&mut self, seen: &SensorSample) -> ModeRequest {
         let flown = seen.tick.wrapping_sub(self.start_tick);
         if seen.state == State::Run && self.flight_ticks.is_some_and(|end| flown >= end) {
             self.over = true;
-            return Wish::Stand(Notice::FlightOver { tick: seen.tick });
+            return ModeRequest::Disarm(Notice::FlightOver { tick: seen.tick });
         }
-        Wish::Nothing
+        ModeRequest::None
     }
 
     fn armed(&mut self, tick: u32, measured: Pair) {
         self.start_reference(tick, measured);
         self.predictor.restart(measured, VENT);
-        self.pilot.restart(VENT);
+        self.control.restart(VENT);
         self.trajectory = ActionTrajectory::held(VENT);
     }
 
@@ -111,7 +111,13 @@ impl Helm for Following {
         record.predicted_neg_kpa = self.predicted.map(|p| p[1]);
     }
 
-    fn decide(&mut self, tick: u32, measured: Pair, record: &mut TickRecord, tell: Tell<'_>) -> Option<Answer> {
+    fn decide(
+        &mut self,
+        tick: u32,
+        measured: Pair,
+        record: &mut TickRecord,
+        tell: NoticeSink<'_>,
+    ) -> Option<ActuatorCommand> {
         let time_s = f64::from(tick.wrapping_sub(self.start_tick)) * TICK_S;
         let goals_kpa = std::array::from_fn(|j| {
             let at = time_s + j as f64 * TICK_S;
@@ -120,11 +126,11 @@ impl Helm for Following {
         });
         // What a person compares with is the reference as given, not the way to it.
         [record.ref_pos_kpa, record.ref_neg_kpa] = self.reference.at(time_s);
-        let piloted = self.pilot.decide(&Situation { measured_kpa: measured, goals_kpa }, &self.predicted);
-        if piloted.refused {
+        let arbitrated = self.control.decide(&ControlInput { measured_kpa: measured, goals_kpa }, &self.predicted);
+        if arbitrated.refused {
             tell(Notice::PolicyRefused { tick });
         }
-        let decision = piloted.decision;
+        let decision = arbitrated.decision;
         [record.law_pos, record.law_neg] = decision.parts.map(|p| LawParts {
             feed_forward: p.feed_forward + p.play + p.correction,
             proportional: p.proportional,
@@ -133,20 +139,20 @@ impl Helm for Following {
         });
         decision.raw().iter().all(|u| u.is_finite()).then(|| {
             self.trajectory = decision.trajectory;
-            Answer::run(decision.duty(), true)
+            ActuatorCommand::run(decision.duty(), true)
         })
     }
 
     /// The plan is followed.
-    fn bridge(&mut self, _tick: u32) -> Answer {
+    fn bridge(&mut self, _tick: u32) -> ActuatorCommand {
         let rest = self.trajectory.remaining();
         self.trajectory = ActionTrajectory(std::array::from_fn(|j| rest[j.min(AHEAD - 1)]));
-        Answer::run(self.trajectory.now(), true)
+        ActuatorCommand::run(self.trajectory.now(), true)
     }
 
     /// Moves model and integrals on through the tick.
-    fn sent(&mut self, answer: &Answer) {
-        self.pilot.applied(answer.duty);
+    fn sent(&mut self, answer: &ActuatorCommand) {
+        self.control.applied(answer.duty);
         self.predictor.advance(answer.duty, answer.pump_on);
     }
 

@@ -17,7 +17,7 @@ pub(crate) struct Spring {
 
 /// What a pump's table depends on, and nothing else.
 #[derive(Debug, Clone)]
-pub(crate) struct Machine {
+pub(crate) struct PumpGeometry {
     /// Speed in rev/s without load.
     pub(crate) speed: f64,
     /// Share of it lost per Pa between outlet and inlet (mechanism `pump_droop`).
@@ -50,10 +50,10 @@ pub(crate) struct Machine {
     pub(crate) step_s: f64,
 }
 
-impl Machine {
+impl PumpGeometry {
     /// Every number of it: two pumps with the same have the same table.
     pub(crate) fn key(&self) -> Vec<u64> {
-        let Machine { areas: [inlet, outlet], springs: [inlet_spring, outlet_spring], .. } = *self;
+        let PumpGeometry { areas: [inlet, outlet], springs: [inlet_spring, outlet_spring], .. } = *self;
         let numbers = [
             self.speed,
             self.droop,

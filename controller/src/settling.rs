@@ -4,7 +4,7 @@
 //! pump's ripple do not hide rest, and a chamber that still empties does not pass for it: with a time constant of 1 s a
 //! change of `STILL_KPA` from mean to mean leaves 0.3 kPa to go.
 
-use model::contract::{CHANNELS, Pair};
+use model::observation::{CHANNELS, Pair};
 
 /// Readings to a mean: half a second.
 const BLOCK: u32 = 25;
@@ -15,17 +15,17 @@ const ENOUGH: u32 = 2;
 
 /// Watches two pressures come to rest.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Calm {
+pub struct SettlingDetector {
     sum: Pair,
     count: u32,
     last: Option<Pair>,
     still: u32,
 }
 
-impl Calm {
+impl SettlingDetector {
     /// Nothing seen yet.
     pub fn new() -> Self {
-        Calm::default()
+        SettlingDetector::default()
     }
 
     /// Takes a reading (kPa) and answers whether the pressures have stood still up to it.
@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     fn after(reading: impl Fn(u32) -> f64) -> Option<u32> {
-        let mut calm = Calm::new();
+        let mut calm = SettlingDetector::new();
         (0..1000).find(|k| calm.add([0.0, reading(*k)]))
     }
 

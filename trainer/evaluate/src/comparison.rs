@@ -12,13 +12,13 @@ use model::steady::SteadyMap;
 use proto::reference::Reference;
 use training::TrainedPolicy;
 
-use crate::clairvoyant::Clairvoyant;
 use crate::dob::Dob;
+use crate::optimal_open_loop::OptimalOpenLoop;
 use crate::table::{Cell, LIMIT, Row};
 
 /// Who flies.
 #[derive(Clone)]
-pub enum Entrant {
+pub enum ControllerUnderTest {
     /// The daemon's fallback.
     Fallback,
     /// The disturbance observer, tuned on the model at its linearisation point.
@@ -31,26 +31,26 @@ pub enum Entrant {
         policies: Vec<Arc<TrainedPolicy>>,
     },
     /// The limit.
-    Clairvoyant,
+    OptimalOpenLoop,
 }
 
-impl Entrant {
+impl ControllerUnderTest {
     /// Its name in tables.
     pub fn label(&self) -> String {
         match self {
-            Entrant::Fallback => "fallback PI".into(),
-            Entrant::Dob(dob) => {
+            ControllerUnderTest::Fallback => "fallback PI".into(),
+            ControllerUnderTest::Dob(dob) => {
                 let [feedback, observer] = dob.bandwidths_per_s();
                 format!("disturbance observer (K {feedback}/s, L {observer}/s)")
             }
-            Entrant::Policies { label, .. } => label.clone(),
-            Entrant::Clairvoyant => LIMIT.into(),
+            ControllerUnderTest::Policies { label, .. } => label.clone(),
+            ControllerUnderTest::OptimalOpenLoop => LIMIT.into(),
         }
     }
 }
 
 /// What is flown.
-pub struct Competition {
+pub struct Comparison {
     /// The model behind MPObs, feed-forward and linearisation.
     pub model: Rig,
     /// Columns: a name and the rigs whose flights it is the mean of.
@@ -75,24 +75,24 @@ struct Task {
     seed: usize,
 }
 
-impl Competition {
+impl Comparison {
     /// Flies everything; `told` is called after every flight with how many are done and how many there are.
     ///
     /// # Errors
     /// The first rig that cannot be flown.
     pub fn fly(
         &self,
-        entrants: &[Entrant],
+        entrants: &[ControllerUnderTest],
         told: &(dyn Fn(usize, usize) + Sync),
     ) -> Result<Vec<Row>, EnvironmentError> {
         let map = Arc::new(
             SteadyMap::new(&self.model)
                 .map_err(|error| EnvironmentError::Rig { name: self.model.name.clone(), error })?,
         );
-        let seeds_of = |entrant: &Entrant| match entrant {
-            Entrant::Policies { policies, .. } => policies.len(),
+        let seeds_of = |entrant: &ControllerUnderTest| match entrant {
+            ControllerUnderTest::Policies { policies, .. } => policies.len(),
             // Its duties do not depend on the noise; one solution a rig is enough.
-            Entrant::Clairvoyant => 1,
+            ControllerUnderTest::OptimalOpenLoop => 1,
             _ => self.seeds.len(),
         };
         let mut tasks = Vec::new();
@@ -104,7 +104,7 @@ impl Competition {
             }
         }
         // The longest first, so that no thread is left with one of them at the end.
-        tasks.sort_by_key(|task| !matches!(entrants.get(task.row), Some(Entrant::Clairvoyant)));
+        tasks.sort_by_key(|task| !matches!(entrants.get(task.row), Some(ControllerUnderTest::OptimalOpenLoop)));
         let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
         let results: Mutex<Vec<(usize, Result<Score, EnvironmentError>)>> = Mutex::new(Vec::new());
         std::thread::scope(|scope| {
@@ -146,7 +146,12 @@ impl Competition {
             .collect())
     }
 
-    fn fly_one(&self, map: &Arc<SteadyMap>, entrants: &[Entrant], task: &Task) -> Result<Flown, EnvironmentError> {
+    fn fly_one(
+        &self,
+        map: &Arc<SteadyMap>,
+        entrants: &[ControllerUnderTest],
+        task: &Task,
+    ) -> Result<Flown, EnvironmentError> {
         let missing = || EnvironmentError::Setting { key: "table".into(), problem: "holds no such rig".into() };
         let rig = self.columns.get(task.column).and_then(|(_, rigs)| rigs.get(task.rig)).ok_or_else(missing)?;
         let seed = self.seeds.get(task.seed).copied().unwrap_or(task.seed as u64 + 1);
@@ -159,13 +164,15 @@ impl Competition {
             seed,
         };
         match entrants.get(task.row).ok_or_else(missing)? {
-            Entrant::Fallback => fly(&plan, &mut Fallback::new(Arc::clone(map), FallbackSettings::default())),
-            Entrant::Dob(dob) => fly(&plan, &mut dob.clone()),
-            Entrant::Clairvoyant => {
-                let mut solved = Clairvoyant::solve(map, rig, &self.reference, self.seconds)?;
+            ControllerUnderTest::Fallback => {
+                fly(&plan, &mut Fallback::new(Arc::clone(map), FallbackSettings::default()))
+            }
+            ControllerUnderTest::Dob(dob) => fly(&plan, &mut dob.clone()),
+            ControllerUnderTest::OptimalOpenLoop => {
+                let mut solved = OptimalOpenLoop::solve(map, rig, &self.reference, self.seconds)?;
                 fly(&plan, &mut solved)
             }
-            Entrant::Policies { policies, .. } => {
+            ControllerUnderTest::Policies { policies, .. } => {
                 let policy = policies.get(task.seed).ok_or_else(missing)?;
                 let predicts = policy.settings().policy.variant.predicts();
                 let plan = FlightPlan { model: predicts.then_some(&self.model), ..plan };

@@ -44,7 +44,7 @@ pub enum Request {
 }
 
 /// The tick's side.
-pub struct TickPanel {
+pub struct TickMailbox {
     status: Arc<ArrayQueue<Status>>,
     requests: Arc<ArrayQueue<Request>>,
     retired: Arc<ArrayQueue<Box<Reference>>>,
@@ -52,22 +52,22 @@ pub struct TickPanel {
 
 /// The operator's side.
 #[derive(Clone)]
-pub struct OperatorPanel {
+pub struct OperatorMailbox {
     status: Arc<ArrayQueue<Status>>,
     requests: Arc<ArrayQueue<Request>>,
     retired: Arc<ArrayQueue<Box<Reference>>>,
 }
 
 /// Makes both sides.
-pub fn panel() -> (TickPanel, OperatorPanel) {
+pub fn mailbox() -> (TickMailbox, OperatorMailbox) {
     let (status, requests, retired) =
         (Arc::new(ArrayQueue::new(1)), Arc::new(ArrayQueue::new(8)), Arc::new(ArrayQueue::new(8)));
     let tick =
-        TickPanel { status: Arc::clone(&status), requests: Arc::clone(&requests), retired: Arc::clone(&retired) };
-    (tick, OperatorPanel { status, requests, retired })
+        TickMailbox { status: Arc::clone(&status), requests: Arc::clone(&requests), retired: Arc::clone(&retired) };
+    (tick, OperatorMailbox { status, requests, retired })
 }
 
-impl TickPanel {
+impl TickMailbox {
     /// Shows a new status.
     ///
     /// # Real-time
@@ -96,7 +96,7 @@ impl TickPanel {
     }
 }
 
-impl OperatorPanel {
+impl OperatorMailbox {
     /// The status since the last call, if a tick has passed.
     pub fn status(&self) -> Option<Status> {
         self.status.pop()

@@ -22,7 +22,7 @@ pub struct Channel {
 /// Each value has its own unit and range. For an output, `low..=high` is what the control law takes (a duty in 0..=1,
 /// or a correction of one on either side of 0): a policy that leaves it is refused.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Contract {
+pub struct PolicySignature {
     /// The number that the metadata key `contract` carries.
     pub version: u32,
     /// Ticks per second the policy was trained for.
@@ -33,7 +33,7 @@ pub struct Contract {
     pub outputs: Vec<Channel>,
 }
 
-impl Contract {
+impl PolicySignature {
     /// A contract of `inputs` pressures (kPa gauge) and `outputs` duties at 50 Hz, with plain numbered
     /// names: even inputs belong to the positive chamber (0 to 160 kPa), odd ones to the negative
     /// (-95 to 0 kPa), as the safety envelope has them.

@@ -5,7 +5,7 @@
 //! the work of passing all through both. The way back needs nothing of a sample but the bits of its gates, which makes
 //! moving it cheap; and as lanes know nothing of each other, where a sample lies changes no bit of its gradient.
 
-use crate::batch::{Lanes, NO_LANES, Panel, Spare};
+use crate::batch::{Lanes, NO_LANES, Panel, Scratch};
 use crate::kernel::{Cpu, Gate, LANES, Line, Vector, WIDTH, Work};
 use crate::parameters::NetView;
 use crate::trace::Trace;
@@ -19,7 +19,7 @@ pub(crate) struct Place {
 
 /// Compares the critics' outputs: the smaller values, and the samples of which the first critic's is smaller.
 pub(crate) struct Compare<'a> {
-    pub(crate) judges: &'a [Trace; 2],
+    pub(crate) critics: &'a [Trace; 2],
 }
 
 impl Work for Compare<'_> {
@@ -27,7 +27,7 @@ impl Work for Compare<'_> {
     #[inline(always)]
     fn run<V: Vector>(self) -> (Lanes, Gate) {
         let (mut value, mut firsts) = (NO_LANES, 0);
-        let [first, second] = self.judges;
+        let [first, second] = self.critics;
         for half in 0..2 {
             for l in 0..WIDTH {
                 let (a, b) = (first.output[half].0[l], second.output[half].0[l]);
@@ -45,20 +45,20 @@ pub(crate) fn smaller(a: f32, b: f32) -> f32 {
     if a < b || a.is_nan() { a } else { b }
 }
 
-/// Sets the smaller values and the action gradients of `loss = −mean min_i Q_i` in all panels, which the judges have
+/// Sets the smaller values and the action gradients of `loss = −mean min_i Q_i` in all panels, which the critics have
 /// passed forward.
-pub(crate) fn judge(cpu: Cpu, judges: &[NetView<'_>; 2], batch: usize, panels: &mut [Panel], spare: &mut Spare) {
+pub(crate) fn min_q(cpu: Cpu, critics: &[NetView<'_>; 2], batch: usize, panels: &mut [Panel], scratch: &mut Scratch) {
     let mut places = [Vec::new(), Vec::new()];
     for (n, panel) in panels.iter_mut().enumerate() {
-        let (value, firsts) = cpu.run(Compare { judges: &panel.judges });
+        let (value, firsts) = cpu.run(Compare { critics: &panel.critics });
         panel.records.value = value;
         for lane in 0..LANES {
             places[if firsts >> lane & 1 == 1 { 0 } else { 1 }].push(Place { panel: n, lane });
         }
     }
-    for (c, (places, net)) in places.iter().zip(judges).enumerate() {
+    for (c, (places, net)) in places.iter().zip(critics).enumerate() {
         for places in places.chunks(LANES) {
-            let Spare { judge, action_gradient, .. } = spare;
+            let Scratch { judge, action_gradient, .. } = scratch;
             cpu.run(Gather { places, from: panels, c, slope: -1.0 / batch as f32, to: judge });
             judge.backward(cpu, net, 1);
             judge.to_inputs(cpu, net, action_gradient);
@@ -88,7 +88,7 @@ impl Work for Gather<'_> {
         for (l, gates) in self.to.gates.iter_mut().enumerate() {
             gates.fill(0);
             for (at, place) in self.places.iter().enumerate() {
-                let from = &self.from[place.panel].judges[self.c].gates[l];
+                let from = &self.from[place.panel].critics[self.c].gates[l];
                 for (to, from) in gates.iter_mut().zip(from) {
                     *to |= (from >> place.lane & 1) << at;
                 }

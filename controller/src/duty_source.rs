@@ -1,11 +1,11 @@
 //! Who decides the duties while the rig is armed.
 //!
 //! [`Cycle`](crate::cycle::Cycle) keeps watch: volts, limits, missing frames, the state. What is steered for is
-//! the helm's: a reference ([`Following`](crate::following::Following)) or the rows of a programme
-//! ([`Playing`](crate::playing::Playing)). A helm never sees a frame that is not sound, and what it decides counts
+//! the duty source's: a reference ([`ReferenceTracking`](crate::reference_tracking::ReferenceTracking)) or the rows of a sequence
+//! ([`OpenLoopPlayback`](crate::open_loop_playback::OpenLoopPlayback)). A duty source never sees a frame that is not sound, and what it decides counts
 //! only while the rig is armed; it cannot keep the watch from venting.
 
-use model::contract::Pair;
+use model::observation::Pair;
 use proto::recording::{EventLevel, TickRecord};
 use proto::reference::Reference;
 use proto::wire::Mode;
@@ -18,7 +18,7 @@ pub const VENT: Pair = [1.0, 1.0];
 
 /// What is to be sent.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Answer {
+pub struct ActuatorCommand {
     /// Duties, positive and negative valve.
     pub duty: Pair,
     /// Mode.
@@ -27,22 +27,22 @@ pub struct Answer {
     pub pump_on: bool,
 }
 
-impl Answer {
+impl ActuatorCommand {
     /// The safe state: both vents open, pump off.
-    pub const VENT: Answer = Answer { duty: VENT, mode: Mode::Vent, pump_on: false };
+    pub const VENT: ActuatorCommand = ActuatorCommand { duty: VENT, mode: Mode::Vent, pump_on: false };
 
     /// Duties in force, pump as told.
     pub fn run(duty: Pair, pump_on: bool) -> Self {
-        Answer { duty, mode: Mode::Run, pump_on }
+        ActuatorCommand { duty, mode: Mode::Run, pump_on }
     }
 }
 
 /// Where notices go; the tick calls it at most a few times.
-pub type Tell<'a> = &'a mut dyn FnMut(Notice);
+pub type NoticeSink<'a> = &'a mut dyn FnMut(Notice);
 
-/// A sound frame, as a helm sees it.
+/// A sound frame, as a duty source sees it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Seen {
+pub struct SensorSample {
     /// Tick of the cRIO.
     pub tick: u32,
     /// Measured pressures, kPa gauge.
@@ -53,24 +53,24 @@ pub struct Seen {
     pub state: State,
 }
 
-/// What a helm wants of the watch.
+/// What a duty source wants of the watch.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Wish {
+pub enum ModeRequest {
     /// Nothing.
-    Nothing,
+    None,
     /// To be armed, at the next frame if it is sound.
     Arm,
     /// To be disarmed at once, both vents open; the notice says why.
-    Stand(Notice),
+    Disarm(Notice),
 }
 
 /// Who decides the duties while the rig is armed. All of it but `verdict` runs in the tick: bounded, no allocation.
-pub trait Helm: Send {
+pub trait DutySource: Send {
     /// Whether one session is all there is: a lost link then ends the flight.
     const ONE_SESSION: bool;
 
     /// Looks at a sound frame, armed or not.
-    fn watch(&mut self, seen: &Seen) -> Wish;
+    fn on_sample(&mut self, seen: &SensorSample) -> ModeRequest;
 
     /// The rig was armed in this tick.
     fn armed(&mut self, tick: u32, measured: Pair);
@@ -79,13 +79,19 @@ pub trait Helm: Send {
     fn predict(&mut self, measured: Pair, applied: Pair, record: &mut TickRecord);
 
     /// Decides the tick; `None` if there is no finite answer, and the rig is vented.
-    fn decide(&mut self, tick: u32, measured: Pair, record: &mut TickRecord, tell: Tell<'_>) -> Option<Answer>;
+    fn decide(
+        &mut self,
+        tick: u32,
+        measured: Pair,
+        record: &mut TickRecord,
+        tell: NoticeSink<'_>,
+    ) -> Option<ActuatorCommand>;
 
     /// What to send in a tick whose frame is missing.
-    fn bridge(&mut self, tick: u32) -> Answer;
+    fn bridge(&mut self, tick: u32) -> ActuatorCommand;
 
     /// What was sent.
-    fn sent(&mut self, answer: &Answer);
+    fn sent(&mut self, answer: &ActuatorCommand);
 
     /// The rig was vented, or the operator disarms it (no cause).
     fn stopped(&mut self, cause: Option<(Cause, f64)>);

@@ -1,4 +1,4 @@
-//! A programme of commands: `time_s,u_pos,u_neg,pump_on`, a row every 20 ms, two minutes at most.
+//! A sequence of commands: `time_s,u_pos,u_neg,pump_on`, a row every 20 ms, two minutes at most.
 //!
 //! What `trainer diagnose` plans as `next_experiment.csv`. Reading it is reading a recording
 //! ([`proto::recording::Recording`]) without readings, and then stricter: no gap, no jitter, no more than
@@ -6,11 +6,11 @@
 
 use std::path::Path;
 
-use model::contract::Pair;
+use model::observation::Pair;
 use proto::recording::csv::{CsvError, Table};
 use proto::recording::{PERIOD_S, Recording, RecordingError};
 
-/// The longest programme: 120 s.
+/// The longest sequence: 120 s.
 pub const LONGEST_ROWS: usize = 6_000;
 /// How far a row's time may be off the 20 ms grid, in s: what rounding to milliseconds does.
 const OFF_GRID_S: f64 = 1.1e-3;
@@ -26,18 +26,18 @@ pub struct Row {
     pub pump_on: bool,
 }
 
-/// A programme that has been checked.
+/// A sequence that has been checked.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Programme {
+pub struct CommandSequence {
     source: String,
     bytes: Vec<u8>,
     rows: Vec<Row>,
     lines: Vec<u64>,
 }
 
-/// Why a programme cannot be played.
+/// Why a sequence cannot be played.
 #[derive(Debug, thiserror::Error)]
-pub enum ProgrammeError {
+pub enum CommandSequenceError {
     /// It is no table of numbers in range, or not at 50 Hz.
     #[error(transparent)]
     Recording(#[from] RecordingError),
@@ -76,29 +76,29 @@ pub enum ProgrammeError {
     NoRelay {
         /// The file.
         file: String,
-        /// The rows, as [`Programme::pump_off`] names them.
+        /// The rows, as [`CommandSequence::pump_off`] names them.
         stretches: String,
         /// The model's rig.
         rig: String,
     },
 }
 
-impl Programme {
-    /// Reads a programme and checks all of it.
+impl CommandSequence {
+    /// Reads a sequence and checks all of it.
     ///
     /// # Errors
     /// The first thing that is wrong, in one line with file, line and column.
-    pub fn read(path: &Path) -> Result<Self, ProgrammeError> {
+    pub fn read(path: &Path) -> Result<Self, CommandSequenceError> {
         let file = path.display().to_string();
         let bytes = std::fs::read(path).map_err(|source| RecordingError::Read { file: file.clone(), source })?;
         Self::parse(&file, bytes)
     }
 
-    /// Parses a programme; `file` is the name that errors carry.
+    /// Parses a sequence; `file` is the name that errors carry.
     ///
     /// # Errors
-    /// As [`Programme::read`].
-    pub fn parse(file: &str, bytes: Vec<u8>) -> Result<Self, ProgrammeError> {
+    /// As [`CommandSequence::read`].
+    pub fn parse(file: &str, bytes: Vec<u8>) -> Result<Self, CommandSequenceError> {
         let recording = Recording::parse_csv(file, &bytes)?;
         let [u_pos, u_neg] = recording.require(["u_pos", "u_neg"])?;
         // Without the column the pump runs, as everywhere.
@@ -114,23 +114,23 @@ impl Programme {
             .collect();
         // Once more for the numbers of the lines, which a recording does not keep.
         let table = Table::parse(file, &bytes, &[]).map_err(|error: CsvError| RecordingError::from(error))?;
-        let programme = Programme { source: file.to_owned(), rows, lines: table.lines, bytes };
-        programme.check_times(recording.time_s(), table.time_position)?;
-        Ok(programme)
+        let sequence = CommandSequence { source: file.to_owned(), rows, lines: table.lines, bytes };
+        sequence.check_times(recording.time_s(), table.time_position)?;
+        Ok(sequence)
     }
 
-    fn check_times(&self, time_s: &[f64], position: usize) -> Result<(), ProgrammeError> {
+    fn check_times(&self, time_s: &[f64], position: usize) -> Result<(), CommandSequenceError> {
         let start = time_s.first().copied().unwrap_or(0.0);
         for (row, found) in time_s.iter().enumerate() {
             let expected = start + row as f64 * PERIOD_S;
             if (found - expected).abs() > OFF_GRID_S {
                 let expected = (expected * 1e3).round() / 1e3;
                 let (file, line) = (self.source.clone(), self.line(row));
-                return Err(ProgrammeError::OffGrid { file, line, position, found: *found, expected });
+                return Err(CommandSequenceError::OffGrid { file, line, position, found: *found, expected });
             }
         }
         if self.rows.len() > LONGEST_ROWS {
-            return Err(ProgrammeError::TooLong {
+            return Err(CommandSequenceError::TooLong {
                 file: self.source.clone(),
                 line: self.line(LONGEST_ROWS),
                 seconds: self.seconds(),
@@ -189,8 +189,8 @@ impl Programme {
 mod tests {
     use super::*;
 
-    fn parse(text: &str) -> Result<Programme, String> {
-        Programme::parse("e.csv", text.as_bytes().to_vec()).map_err(|error| error.to_string())
+    fn parse(text: &str) -> Result<CommandSequence, String> {
+        CommandSequence::parse("e.csv", text.as_bytes().to_vec()).map_err(|error| error.to_string())
     }
 
     /// Rows of a good file, with one line written over.
@@ -203,10 +203,10 @@ mod tests {
 
     #[test]
     fn commands_come_through_bit_for_bit() {
-        let programme = parse(&with(3, "0.02,0.1234567890123,1,0")).unwrap();
-        assert_eq!(programme.rows().len(), 50);
-        assert_eq!(programme.rows()[1], Row { duty: [0.123_456_789_012_3, 1.0], pump_on: false });
-        assert_eq!(programme.pump_off().unwrap(), "lines 3-3 (0.02 s)");
+        let sequence = parse(&with(3, "0.02,0.1234567890123,1,0")).unwrap();
+        assert_eq!(sequence.rows().len(), 50);
+        assert_eq!(sequence.rows()[1], Row { duty: [0.123_456_789_012_3, 1.0], pump_on: false });
+        assert_eq!(sequence.pump_off().unwrap(), "lines 3-3 (0.02 s)");
         let without = parse("u_neg,time_s,u_pos,p_pos_kpa\n\n0.5,7.00,0.25,90\n0.5,7.02,0.25,90\n").unwrap();
         assert_eq!(without.rows()[1], Row { duty: [0.25, 0.5], pump_on: true });
         assert_eq!((without.pump_off(), without.line(1)), (None, 4));

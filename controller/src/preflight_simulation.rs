@@ -1,17 +1,17 @@
-//! What the model says a programme will do, before anything moves.
+//! What the model says a sequence will do, before anything moves.
 //!
 //! The rig file's own plant is driven as the cRIO would be: vents open until it stands, then the rows. The
-//! programme is refused where a reading of that simulation leaves the daemon's safety envelope; the rig itself is
+//! sequence is refused where a reading of that simulation leaves the daemon's safety envelope; the rig itself is
 //! watched all the same while it is played.
 
-use model::contract::{CHANNELS, Pair};
+use model::observation::{CHANNELS, Pair};
 use model::rig::{Rig, RigError};
 use proto::emulator::rig_and_crio;
 use proto::recording::PERIOD_S;
 
+use crate::command_sequence::CommandSequence;
 use crate::config::Safety;
-use crate::helm::VENT;
-use crate::programme::Programme;
+use crate::duty_source::VENT;
 
 /// Ticks of vents open before the first row: 20 s, for a pump without a relay to find its balance.
 const SETTLE: u32 = 1_000;
@@ -25,7 +25,7 @@ pub struct Forecast {
     pub relay: bool,
 }
 
-/// Why a programme must not be played.
+/// Why a sequence must not be played.
 #[derive(Debug, thiserror::Error)]
 pub enum ForecastError {
     /// The model cannot be simulated at the cRIO's rate.
@@ -41,7 +41,7 @@ pub enum ForecastError {
         "{file}: line {line}: by the model {rig} the {side} pressure passes safety.{key} = {limit_kpa} kPa at {first_s:.2} s and goes to {farthest_kpa:.1} kPa at {farthest_s:.2} s; nothing was moved: set rig.file to the rig that planned it, or change the commands"
     )]
     Beyond {
-        /// The programme.
+        /// The sequence.
         file: String,
         /// Line of the command that does it, from 1.
         line: u64,
@@ -63,7 +63,7 @@ pub enum ForecastError {
     /// The model has no finite answer.
     #[error("{file}: line {line}: the model {rig} has no finite pressures from here on; check the rig file")]
     Diverges {
-        /// The programme.
+        /// The sequence.
         file: String,
         /// Line of the command, from 1.
         line: u64,
@@ -72,22 +72,22 @@ pub enum ForecastError {
     },
 }
 
-/// Simulates a programme on the model's rig, from rest.
+/// Simulates a sequence on the model's rig, from rest.
 ///
 /// # Errors
 /// The rig cannot be simulated, or a pressure leaves the envelope: when, and how far.
-pub fn forecast(rig: &Rig, programme: &Programme, safety: Safety) -> Result<Forecast, ForecastError> {
+pub fn preflight_simulation(rig: &Rig, sequence: &CommandSequence, safety: Safety) -> Result<Forecast, ForecastError> {
     let (mut plant, crio) =
         rig_and_crio(rig).map_err(|problem| ForecastError::Rig { name: rig.name.clone(), problem })?;
     for _ in 0..SETTLE {
         plant.tick(VENT, false);
     }
     let mut readings: Vec<Pair> = vec![plant.readings_kpa()];
-    for (number, row) in programme.rows().iter().enumerate() {
+    for (number, row) in sequence.rows().iter().enumerate() {
         plant.tick(row.duty, row.pump_on);
         let now = plant.readings_kpa();
         if !now.iter().all(|kpa| kpa.is_finite()) {
-            let (file, line) = (programme.source().to_owned(), programme.line(number));
+            let (file, line) = (sequence.source().to_owned(), sequence.line(number));
             return Err(ForecastError::Diverges { file, line, rig: rig.name.clone() });
         }
         readings.push(now);
@@ -103,9 +103,9 @@ pub fn forecast(rig: &Rig, programme: &Programme, safety: Safety) -> Result<Fore
         let farthest =
             (first..readings.len()).max_by(|a, b| excess(&readings[*a]).total_cmp(&excess(&readings[*b])))?;
         let error = ForecastError::Beyond {
-            file: programme.source().to_owned(),
+            file: sequence.source().to_owned(),
             // The reading at k was made by the command of row k − 1.
-            line: programme.line(first.saturating_sub(1)),
+            line: sequence.line(first.saturating_sub(1)),
             rig: rig.name.clone(),
             side,
             key,
@@ -130,19 +130,19 @@ pub fn forecast(rig: &Rig, programme: &Programme, safety: Safety) -> Result<Fore
 mod tests {
     use super::*;
 
-    fn programme(seconds: u32, duty: f64) -> Programme {
+    fn sequence(seconds: u32, duty: f64) -> CommandSequence {
         let rows: String = (0..50 * seconds).map(|k| format!("{:.2},{duty},{duty}\n", f64::from(k) * 0.02)).collect();
-        Programme::parse("e.csv", format!("time_s,u_pos,u_neg\n{rows}").into_bytes()).unwrap()
+        CommandSequence::parse("e.csv", format!("time_s,u_pos,u_neg\n{rows}").into_bytes()).unwrap()
     }
 
     #[test]
     fn shut_valves_are_refused_with_time_and_place_and_open_ones_are_not() {
         let rig = Rig::builtin("dual_pressure").unwrap();
-        let open = forecast(&rig, &programme(10, 0.85), Safety::default()).unwrap();
+        let open = preflight_simulation(&rig, &sequence(10, 0.85), Safety::default()).unwrap();
         let [[least, most], [lowest, _]] = open.range_kpa;
         assert!(open.relay && least >= 0.0 && (60.0..130.0).contains(&most) && lowest < -50.0, "{open:?}");
         // A suction line that is shut is emptied.
-        let refused = forecast(&rig, &programme(10, 0.0), Safety::default()).unwrap_err();
+        let refused = preflight_simulation(&rig, &sequence(10, 0.0), Safety::default()).unwrap_err();
         let ForecastError::Beyond { first_s, farthest_kpa, farthest_s, line, .. } = &refused else {
             panic!("{refused}")
         };
@@ -155,10 +155,10 @@ mod tests {
     #[test]
     fn the_envelope_is_the_configurations() {
         let rig = Rig::builtin("dual_pressure").unwrap();
-        let most = forecast(&rig, &programme(10, 0.85), Safety::default()).unwrap().range_kpa[0][1];
+        let most = preflight_simulation(&rig, &sequence(10, 0.85), Safety::default()).unwrap().range_kpa[0][1];
         let tight = Safety { max_pos_kpa: most - 1.0, ..Safety::default() };
         assert!(matches!(
-            forecast(&rig, &programme(10, 0.85), tight),
+            preflight_simulation(&rig, &sequence(10, 0.85), tight),
             Err(ForecastError::Beyond { key: "max_pos_kpa", .. })
         ));
     }

@@ -15,8 +15,8 @@
 //! What is left is what no duty can undo: limits of the valves, ripple of the pump between the ticks, kinks; flown
 //! with noise, the converter's share comes on top.
 
-use law::{Approach, Decision, Fallback, Parts, Situation, TICK_S};
-use model::contract::{AHEAD, ActionTrajectory, CHANNELS, Pair};
+use law::{ControlInput, ControlOutput, DutyTerms, Fallback, SoftStart, TICK_S};
+use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
 use model::rig::Rig;
 use model::steady::SteadyMap;
 use proto::reference::Reference;
@@ -40,27 +40,27 @@ const SHARE: f64 = 0.7;
 
 /// Duties for every tick.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Clairvoyant {
+pub struct OptimalOpenLoop {
     duties: Vec<Pair>,
     tick: usize,
 }
 
-impl Controller for Clairvoyant {
+impl Controller for OptimalOpenLoop {
     fn restart(&mut self, _duty: Pair) {
         self.tick = 0;
     }
 
-    fn decide(&mut self, _situation: &Situation, _predicted_kpa: &[Pair; AHEAD]) -> Decision {
+    fn decide(&mut self, _situation: &ControlInput, _predicted_kpa: &[Pair; AHEAD]) -> ControlOutput {
         let duty = self.duties.get(self.tick).or(self.duties.last()).copied().unwrap_or([1.0; CHANNELS]);
         self.tick += 1;
-        let parts = duty.map(|u| Parts { feed_forward: u, ..Parts::default() });
-        Decision { parts, trajectory: ActionTrajectory::held(duty) }
+        let parts = duty.map(|u| DutyTerms { feed_forward: u, ..DutyTerms::default() });
+        ControlOutput { parts, trajectory: ActionTrajectory::held(duty) }
     }
 
     fn applied(&mut self, _duty: Pair) {}
 }
 
-impl Clairvoyant {
+impl OptimalOpenLoop {
     /// Finds the duties for a rig and a reference; some twenty-five flights.
     ///
     /// # Errors
@@ -73,7 +73,7 @@ impl Clairvoyant {
     ) -> Result<Self, EnvironmentError> {
         let plan = FlightPlan { rig, model: None, reference, seconds, noise_v_rms: 0.0, seed: 1 };
         let start = fly(&plan, &mut Fallback::new(Arc::clone(map), law::FallbackSettings::default()))?;
-        let approach = Approach::new(start.ticks.first().map_or([0.0; 2], |t| t.true_kpa), reference.at(0.0));
+        let approach = SoftStart::new(start.ticks.first().map_or([0.0; 2], |t| t.true_kpa), reference.at(0.0));
         let duties: Vec<Pair> = start.ticks.iter().map(|t| t.duty).collect();
         let responses = pulse_responses(&plan, &duties)?;
         let mut best = (cost(&start), duties, start);
@@ -95,7 +95,7 @@ impl Clairvoyant {
                 .zip(change)
                 .map(|(duty, change)| std::array::from_fn(|c| law::saturated(duty[c] + share * change[c])))
                 .collect();
-            let flown = fly(&plan, &mut Clairvoyant { duties: tried.clone(), tick: 0 })?;
+            let flown = fly(&plan, &mut OptimalOpenLoop { duties: tried.clone(), tick: 0 })?;
             let reached = cost(&flown);
             if reached < *least {
                 best = (reached, tried, flown);
@@ -104,7 +104,7 @@ impl Clairvoyant {
                 share *= 0.5;
             }
         }
-        Ok(Clairvoyant { duties: best.1, tick: 0 })
+        Ok(OptimalOpenLoop { duties: best.1, tick: 0 })
     }
 }
 
@@ -131,7 +131,7 @@ fn pulse_responses(plan: &FlightPlan<'_>, duties: &[Pair]) -> Result<Responses, 
     // Standing still before and after, the play's state is the same with and without the step but for its own travel.
     let rest = held.get(at).copied().unwrap_or([0.8; CHANNELS]);
     held.iter_mut().skip(at).for_each(|u| *u = rest);
-    let base = fly(&until, &mut Clairvoyant { duties: held.clone(), tick: 0 })?;
+    let base = fly(&until, &mut OptimalOpenLoop { duties: held.clone(), tick: 0 })?;
     let mut responses: Responses = Default::default();
     for (valve, response) in responses.iter_mut().enumerate() {
         // Downwards where the valve is nearly open already.
@@ -139,7 +139,7 @@ fn pulse_responses(plan: &FlightPlan<'_>, duties: &[Pair]) -> Result<Responses, 
         let step = |steps: f64| -> Result<Flown, EnvironmentError> {
             let mut stepped = held.clone();
             stepped.iter_mut().skip(at).for_each(|u| u[valve] = law::saturated(u[valve] + steps * size));
-            fly(&until, &mut Clairvoyant { duties: stepped, tick: 0 })
+            fly(&until, &mut OptimalOpenLoop { duties: stepped, tick: 0 })
         };
         let (small, large) = (step(1.0)?, step(2.0)?);
         let base_at = |n: usize, c: usize| base.ticks.get(at + n).map_or(0.0, |t| t.true_kpa[c]);
@@ -245,7 +245,7 @@ mod tests {
         for (name, limit) in [("dual_pressure", [0.05, 0.02]), ("bench", [0.15, 0.10])] {
             let rig = Rig::builtin(name).unwrap();
             let reference = Reference::paper();
-            let mut solved = Clairvoyant::solve(&map, &rig, &reference, 40.0).unwrap();
+            let mut solved = OptimalOpenLoop::solve(&map, &rig, &reference, 40.0).unwrap();
             let plan =
                 FlightPlan { rig: &rig, model: None, reference: &reference, seconds: 20.0, noise_v_rms: 0.0, seed: 1 };
             let score = Score::of(&fly(&plan, &mut solved).unwrap().ticks);

@@ -1,4 +1,4 @@
-//! The tick's thread: sessions one after the other (or one only, as the helm needs), and in each the loop that answers
+//! The tick's thread: sessions one after the other (or one only, as the duty source needs), and in each the loop that answers
 //! every frame.
 
 use std::sync::Arc;
@@ -12,11 +12,11 @@ use proto::wire::{ByeReason, Command, DEFAULT_TTL_TICKS, RawFrame, Sense};
 use crate::clock::now_ns;
 use crate::config::{Config, Pacing};
 use crate::cycle::Cycle;
-use crate::helm::{Answer, Helm};
+use crate::duty_source::{ActuatorCommand, DutySource};
 use crate::link::{Incoming, Link, LinkError};
+use crate::mailbox::{Request, Status, TickMailbox};
 use crate::notice::Notice;
 use crate::pacing::{COMMAND_DEADLINE_NS, Grid};
-use crate::panel::{Request, Status, TickPanel};
 use crate::realtime::make_realtime;
 
 /// Ticks without a frame after which the link counts as lost: 1 s.
@@ -31,7 +31,7 @@ const PAUSES_MS: [u64; 5] = [100, 200, 500, 1000, 2000];
 const NOTHING: [f64; 2] = [0.0; 2];
 
 /// What the tick's thread works with.
-pub struct Flight<H> {
+pub struct Session<H> {
     /// Configuration.
     pub config: Config,
     /// The cycle.
@@ -39,8 +39,8 @@ pub struct Flight<H> {
     /// Where records and notices go.
     pub sink: RecordSink,
     /// Status out, requests in.
-    pub panel: TickPanel,
-    /// Set to end the flight.
+    pub mailbox: TickMailbox,
+    /// Set to end it.
     pub stop: Arc<AtomicBool>,
     /// Told, outside of sessions only, what a person should know.
     pub say: Box<dyn FnMut(String) + Send>,
@@ -67,26 +67,26 @@ struct Counts {
 /// Flies until told to stop, or the flight is over, and hands the cycle back.
 ///
 /// # Errors
-/// With a helm of one session: there is no link.
+/// With a duty source of one session: there is no link.
 ///
 /// # Real-time
 /// This is the real-time thread. Between sessions it waits, allocates and speaks; within one it does not.
-pub fn fly<H: Helm>(mut flight: Flight<H>) -> Result<Cycle<H>, LinkError> {
-    for refused in make_realtime(&flight.config.realtime) {
-        (flight.say)(refused);
+pub fn run_session<H: DutySource>(mut session: Session<H>) -> Result<Cycle<H>, LinkError> {
+    for refused in make_realtime(&session.config.realtime) {
+        (session.say)(refused);
     }
     let mut counts = Counts::default();
     let mut attempt = 0;
     let mut told = String::new();
-    while !flight.stop.load(Ordering::Relaxed) {
-        match Link::open(&flight.config.link.address) {
+    while !session.stop.load(Ordering::Relaxed) {
+        match Link::open(&session.config.link.address) {
             Ok(mut link) => {
                 (attempt, told) = (0, String::new());
-                match session(&mut flight, &mut link, &mut counts) {
+                match one_session(&mut session, &mut link, &mut counts) {
                     Ending::Finished => break,
                     Ending::Lost | Ending::Tripped if H::ONE_SESSION => break,
-                    Ending::Lost => pause(&flight.stop, 100),
-                    Ending::Tripped => pause(&flight.stop, 500),
+                    Ending::Lost => pause(&session.stop, 100),
+                    Ending::Tripped => pause(&session.stop, 500),
                 }
             }
             Err(error) if H::ONE_SESSION => return Err(error),
@@ -94,15 +94,15 @@ pub fn fly<H: Helm>(mut flight: Flight<H>) -> Result<Cycle<H>, LinkError> {
                 // The same trouble is told once, not with every attempt.
                 let text = error.to_string();
                 if text != told {
-                    (flight.say)(format!("{text} (trying again)"));
+                    (session.say)(format!("{text} (trying again)"));
                     told = text;
                 }
-                pause(&flight.stop, PAUSES_MS.get(attempt).or(PAUSES_MS.last()).copied().unwrap_or(1000));
+                pause(&session.stop, PAUSES_MS.get(attempt).or(PAUSES_MS.last()).copied().unwrap_or(1000));
                 attempt += 1;
             }
         }
     }
-    Ok(flight.cycle)
+    Ok(session.cycle)
 }
 
 fn pause(stop: &AtomicBool, ms: u64) {
@@ -113,17 +113,17 @@ fn pause(stop: &AtomicBool, ms: u64) {
 }
 
 /// One session, from the HELLO to its end.
-fn session<H: Helm>(flight: &mut Flight<H>, link: &mut Link, counts: &mut Counts) -> Ending {
-    let realtime = flight.config.link.pacing == Pacing::Realtime;
-    flight.cycle.session_opened();
-    tell(&mut flight.sink, Notice::SessionOpened { session: link.session() });
+fn one_session<H: DutySource>(session: &mut Session<H>, link: &mut Link, counts: &mut Counts) -> Ending {
+    let realtime = session.config.link.pacing == Pacing::Realtime;
+    session.cycle.session_opened();
+    tell(&mut session.sink, Notice::SessionOpened { session: link.session() });
     let mut grid: Option<Grid> = None;
     let mut damaged = 0;
     let mut last_heard_ns = now_ns();
     let mut sequence_tick = 0;
     loop {
-        serve_requests(flight);
-        if flight.stop.load(Ordering::Relaxed) {
+        serve_requests(session);
+        if session.stop.load(Ordering::Relaxed) {
             part(link, sequence_tick);
             return Ending::Finished;
         }
@@ -132,12 +132,12 @@ fn session<H: Helm>(flight: &mut Flight<H>, link: &mut Link, counts: &mut Counts
             _ => now_ns() + STOP_CHECK_NS,
         };
         let mut record =
-            TickRecord { session: link.session(), records_dropped: flight.sink.dropped(), ..TickRecord::default() };
+            TickRecord { session: link.session(), records_dropped: session.sink.dropped(), ..TickRecord::default() };
         let incoming = link.receive(Some(until));
         if link.damaged() != damaged {
             damaged = link.damaged();
             record.arrival = Arrival::Damaged;
-            tell(&mut flight.sink, Notice::FrameDamaged { count: damaged });
+            tell(&mut session.sink, Notice::FrameDamaged { count: damaged });
         }
         let (answer, due_ns) = match incoming {
             Incoming::Sense { sense, raw, at_ns } => {
@@ -148,11 +148,11 @@ fn session<H: Helm>(flight: &mut Flight<H>, link: &mut Link, counts: &mut Counts
                 record.arrival_lateness_ns = grid.arrived(at_ns);
                 let late = realtime && record.arrival_lateness_ns > crate::pacing::FRAME_GRACE_NS as i64;
                 record.arrival = if late { Arrival::Late } else { Arrival::InTime };
-                (answer_frame(flight, &sense, &raw, at_ns, &mut record), due_ns)
+                (answer_frame(session, &sense, &raw, at_ns, &mut record), due_ns)
             }
             Incoming::Timeout if grid.is_none() || !realtime => {
                 if now_ns() - last_heard_ns > LOCKSTEP_PATIENCE_NS {
-                    return lost(flight);
+                    return lost(session);
                 }
                 continue;
             }
@@ -164,10 +164,10 @@ fn session<H: Helm>(flight: &mut Flight<H>, link: &mut Link, counts: &mut Counts
                 counts.frames_missed += 1;
                 record.receive_ns = now;
                 let late_ms = now.saturating_sub(last_heard_ns) as f64 * 1e-6;
-                let Flight { cycle, sink, .. } = flight;
+                let Session { cycle, sink, .. } = session;
                 (cycle.frame_missing(late_ms, &mut record, &mut |notice| tell(sink, notice)), due_ns)
             }
-            Incoming::Lost => return lost(flight),
+            Incoming::Lost => return lost(session),
         };
         sequence_tick = record.tick;
         let sending_ns = now_ns();
@@ -182,20 +182,20 @@ fn session<H: Helm>(flight: &mut Flight<H>, link: &mut Link, counts: &mut Counts
         record.deadline_missed = realtime && took_ns > COMMAND_DEADLINE_NS;
         if record.deadline_missed {
             counts.deadline_misses += 1;
-            tell(&mut flight.sink, Notice::DeadlineMissed { tick: record.tick, took_ms: took_ns as f64 * 1e-6 });
+            tell(&mut session.sink, Notice::DeadlineMissed { tick: record.tick, took_ms: took_ns as f64 * 1e-6 });
         }
         counts.slowest_ns = counts.slowest_ns.max(u64::from(record.compute_ns));
-        flight.cycle.settle();
-        show(flight, link, &record, counts);
-        keep(flight, &record, realtime);
-        if sent.is_err() || flight.cycle.missing() > LINK_LOST_TICKS {
-            return lost(flight);
+        session.cycle.settle();
+        show(session, link, &record, counts);
+        keep(session, &record, realtime);
+        if sent.is_err() || session.cycle.missing() > LINK_LOST_TICKS {
+            return lost(session);
         }
-        if flight.cycle.is_over() {
+        if session.cycle.is_over() {
             part(link, sequence_tick);
             return Ending::Finished;
         }
-        if flight.cycle.crio_tripped() {
+        if session.cycle.crio_tripped() {
             link.bye(ByeReason::Fault);
             return Ending::Tripped;
         }
@@ -203,14 +203,14 @@ fn session<H: Helm>(flight: &mut Flight<H>, link: &mut Link, counts: &mut Counts
 }
 
 /// The whole tick from a frame to its answer.
-fn answer_frame<H: Helm>(
-    flight: &mut Flight<H>,
+fn answer_frame<H: DutySource>(
+    session: &mut Session<H>,
     sense: &Sense,
     raw: &RawFrame,
     at_ns: u64,
     record: &mut TickRecord,
-) -> Answer {
-    let Flight { cycle, sink, .. } = flight;
+) -> ActuatorCommand {
+    let Session { cycle, sink, .. } = session;
     let mut tell = |notice| tell(sink, notice);
     record.receive_ns = at_ns;
     for (to, from) in record.sense.iter_mut().zip(raw.as_bytes()) {
@@ -228,7 +228,7 @@ fn answer_frame<H: Helm>(
     answer
 }
 
-fn command(link: &mut Link, record: &TickRecord, answer: &Answer) -> [u8; proto::wire::COMMAND_LENGTH] {
+fn command(link: &mut Link, record: &TickRecord, answer: &ActuatorCommand) -> [u8; proto::wire::COMMAND_LENGTH] {
     Command {
         sequence: link.next_sequence(),
         clock_ns: now_ns(),
@@ -245,34 +245,34 @@ fn command(link: &mut Link, record: &TickRecord, answer: &Answer) -> [u8; proto:
 /// Vents, says BYE.
 fn part(link: &mut Link, tick: u32) {
     let vent = TickRecord { tick, ..TickRecord::default() };
-    let frame = command(link, &vent, &Answer::VENT);
+    let frame = command(link, &vent, &ActuatorCommand::VENT);
     let _ = link.send(&frame);
     link.bye(ByeReason::Normal);
 }
 
-fn lost<H: Helm>(flight: &mut Flight<H>) -> Ending {
-    let Flight { cycle, sink, .. } = flight;
+fn lost<H: DutySource>(session: &mut Session<H>) -> Ending {
+    let Session { cycle, sink, .. } = session;
     cycle.link_lost(&mut |notice| tell(sink, notice));
     Ending::Lost
 }
 
-fn serve_requests<H: Helm>(flight: &mut Flight<H>) {
-    while let Some(request) = flight.panel.request() {
+fn serve_requests<H: DutySource>(session: &mut Session<H>) {
+    while let Some(request) = session.mailbox.request() {
         match request {
-            Request::Arm => flight.cycle.arm(),
-            Request::Disarm => flight.cycle.disarm(),
+            Request::Arm => session.cycle.arm(),
+            Request::Disarm => session.cycle.disarm(),
             Request::Reference(reference) => {
-                let old = flight.cycle.exchange_reference(reference);
-                flight.panel.retire(old);
+                let old = session.cycle.exchange_reference(reference);
+                session.mailbox.retire(old);
             }
         }
     }
 }
 
-fn show<H: Helm>(flight: &mut Flight<H>, link: &Link, record: &TickRecord, counts: &Counts) {
+fn show<H: DutySource>(session: &mut Session<H>, link: &Link, record: &TickRecord, counts: &Counts) {
     let shown = |pair: [f64; 2]| if pair.iter().all(|x| x.is_finite()) { pair } else { NOTHING };
-    let can_arm = flight.cycle.can_arm();
-    flight.panel.show(Status {
+    let can_arm = session.cycle.can_arm();
+    session.mailbox.show(Status {
         state: record.state,
         fault: record.fault,
         session: link.session(),
@@ -287,12 +287,12 @@ fn show<H: Helm>(flight: &mut Flight<H>, link: &Link, record: &TickRecord, count
     });
 }
 
-fn keep<H: Helm>(flight: &mut Flight<H>, record: &TickRecord, realtime: bool) {
+fn keep<H: DutySource>(session: &mut Session<H>, record: &TickRecord, realtime: bool) {
     // In lockstep nothing is late, so a full queue is waited for; in real time it is counted.
-    while !realtime && flight.sink.room() == 0 && !flight.stop.load(Ordering::Relaxed) {
+    while !realtime && session.sink.room() == 0 && !session.stop.load(Ordering::Relaxed) {
         std::thread::sleep(Duration::from_millis(1));
     }
-    flight.sink.push(record);
+    session.sink.push(record);
 }
 
 fn tell(sink: &mut RecordSink, notice: Notice) {

@@ -8,8 +8,8 @@ use tract_onnx::pb::{
 };
 
 use crate::constant::type_name;
-use crate::contract::Contract;
 use crate::error::{Fault, shown};
+use crate::policy_signature::PolicySignature;
 
 /// Lowest opset whose operators mean what the kernel computes.
 const OPSET_LOWEST: i64 = 13;
@@ -20,7 +20,7 @@ const MOST_PARTS: usize = 1024;
 
 /// Names and widths of the input and the output.
 #[derive(Debug)]
-pub(crate) struct Signature<'a> {
+pub(crate) struct GraphSignature<'a> {
     pub(crate) graph: &'a GraphProto,
     pub(crate) input: &'a str,
     pub(crate) inputs: usize,
@@ -33,7 +33,7 @@ pub(crate) struct Signature<'a> {
 ///
 /// # Errors
 /// The [`Fault`]s about graph, opset, inputs and outputs, without their widths.
-pub(crate) fn read<'a>(model: &'a ModelProto, contract: &Contract) -> Result<Signature<'a>, Fault> {
+pub(crate) fn read<'a>(model: &'a ModelProto, contract: &PolicySignature) -> Result<GraphSignature<'a>, Fault> {
     let graph = model.graph.as_ref().ok_or(Fault::NoGraph)?;
     let standard = |domain: &str| domain.is_empty() || domain == "ai.onnx";
     let opset = model.opset_import.iter().find(|o| standard(&o.domain)).map_or(0, |o| o.version);
@@ -60,7 +60,7 @@ pub(crate) fn read<'a>(model: &'a ModelProto, contract: &Contract) -> Result<Sig
     let &[output] = outputs.as_slice() else {
         return Err(Fault::OutputCount { found: names(&outputs) });
     };
-    Ok(Signature {
+    Ok(GraphSignature {
         graph,
         input: &input.name,
         inputs: width("input", input, contract.inputs.len())?,
@@ -70,12 +70,12 @@ pub(crate) fn read<'a>(model: &'a ModelProto, contract: &Contract) -> Result<Sig
     })
 }
 
-impl Signature<'_> {
+impl GraphSignature<'_> {
     /// Compares both widths with the contract's.
     ///
     /// # Errors
     /// [`Fault::InputWidth`], [`Fault::OutputWidth`].
-    pub(crate) fn check_widths(&self, contract: &Contract) -> Result<(), Fault> {
+    pub(crate) fn check_widths(&self, contract: &PolicySignature) -> Result<(), Fault> {
         let (found, expected) = (self.inputs, contract.inputs.len());
         let contract_version = contract.version;
         if found != expected {

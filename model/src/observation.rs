@@ -16,7 +16,7 @@
 //!
 //! # A second contract beside the paper's
 //! With these 84 numbers a policy cannot tell a valve that has shifted or that has play: the duties that led to
-//! the pressures are not among them. [`Contract::Correction`] adds what was applied and lets the policy correct the
+//! the pressures are not among them. [`ObservationLayout::Correction`] adds what was applied and lets the policy correct the
 //! fallback instead of replacing it:
 //!
 //! | index of 124 | meaning | unit |
@@ -66,32 +66,32 @@ pub type Pair = [f64; CHANNELS];
 
 /// What a policy is told and what its answer means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Contract {
+pub enum ObservationLayout {
     /// Version 1, the paper's: 84 pressures and goals in, duties out.
     Paper,
     /// Version 2: besides these the duties applied and the fallback's; out come corrections of the latter.
     Correction,
 }
 
-impl Contract {
+impl ObservationLayout {
     /// The number in a policy's metadata.
     pub fn version(self) -> u32 {
         match self {
-            Contract::Paper => 1,
-            Contract::Correction => 2,
+            ObservationLayout::Paper => 1,
+            ObservationLayout::Correction => 2,
         }
     }
 
     /// The contract of that number.
     pub fn of_version(version: u32) -> Option<Self> {
-        [Contract::Paper, Contract::Correction].into_iter().find(|c| c.version() == version)
+        [ObservationLayout::Paper, ObservationLayout::Correction].into_iter().find(|c| c.version() == version)
     }
 
     /// Numbers of an observation; both answer with [`ACTION_LEN`].
     pub fn observation_len(self) -> usize {
         match self {
-            Contract::Paper => OBSERVATION_LEN,
-            Contract::Correction => CORRECTION_OBSERVATION_LEN,
+            ObservationLayout::Paper => OBSERVATION_LEN,
+            ObservationLayout::Correction => CORRECTION_OBSERVATION_LEN,
         }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! | thread | does |
 //! | --- | --- |
-//! | `tick` | the loop of [`crate::flying`]; real-time |
+//! | `tick` | the loop of [`crate::session`]; real-time |
 //! | `rec` | recording, console ([`flight::Recorder`]) |
 //! | `ctl` | the Unix socket ([`crate::socket`]) |
 //! | main | waits |
@@ -19,11 +19,11 @@ use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo, VERDICT, 
 use crate::clock::now_ns;
 use crate::config::{Config, Pacing};
 use crate::cycle::Cycle;
-use crate::flying::{Flight, fly};
-use crate::helm::Helm;
+use crate::duty_source::DutySource;
 use crate::link::LinkError;
-use crate::panel::panel;
+use crate::mailbox::mailbox;
 use crate::realtime::lock_memory;
+use crate::session::{Session, run_session};
 use crate::socket::{May, SocketError, check_free, serve};
 
 /// Program and version, as recordings and reports name it.
@@ -31,7 +31,7 @@ pub const PROGRAM: &str = concat!("controller ", env!("CARGO_PKG_VERSION"));
 
 /// Why a flight cannot start or was not recorded well.
 #[derive(Debug, thiserror::Error)]
-pub enum LogbookError {
+pub enum SessionError {
     /// The recording cannot be made.
     #[error(transparent)]
     Record(#[from] flight::RecordError),
@@ -58,7 +58,7 @@ pub enum LogbookError {
 }
 
 /// What a flight leaves in its recording, and who sees and ends it.
-pub struct Logbook {
+pub struct SessionRecorder {
     /// Where the recording goes; by default a file named after the time in the configured folder.
     pub file: Option<PathBuf>,
     /// How such a file's name begins.
@@ -81,7 +81,7 @@ pub struct Logbook {
     pub stop: Arc<AtomicBool>,
 }
 
-/// A file of text for [`Logbook::attachments`].
+/// A file of text for [`SessionRecorder::attachments`].
 pub fn attachment(name: &str, media_type: &str, data: impl Into<Vec<u8>>) -> Attachment {
     Attachment { name: name.to_owned(), media_type: media_type.to_owned(), data: data.into() }
 }
@@ -90,12 +90,13 @@ pub fn attachment(name: &str, media_type: &str, data: impl Into<Vec<u8>>) -> Att
 ///
 /// # Errors
 /// Why it cannot start, or what was lost at the end.
-pub fn fly_recorded<H: Helm + 'static>(
+pub fn fly_recorded<H: DutySource + 'static>(
     config: &Config,
     cycle: Cycle<H>,
-    logbook: Logbook,
-) -> Result<(RecordingSummary, Cycle<H>), LogbookError> {
-    let Logbook { file, stem, policy, extra, attachments, remarks, event_text, operator, observer, stop } = logbook;
+    logbook: SessionRecorder,
+) -> Result<(RecordingSummary, Cycle<H>), SessionError> {
+    let SessionRecorder { file, stem, policy, extra, attachments, remarks, event_text, operator, observer, stop } =
+        logbook;
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
@@ -117,27 +118,27 @@ pub fn fly_recorded<H: Helm + 'static>(
     for remark in remarks.into_iter().chain(lock_memory()) {
         recorder.note(now_ns(), EventLevel::Warning, "start", remark);
     }
-    let (panel, desk) = panel();
+    let (mailbox, desk) = mailbox();
     let served = operator
         .map(|may| serve(&config.control.socket, desk, config.safety, recorder.health(), Arc::clone(&stop), may))
         .transpose()?;
     let speaker = Arc::clone(&recorder);
     let say = Box::new(move |text: String| speaker.note(now_ns(), EventLevel::Warning, "link", text));
-    let flight = Flight { config: config.clone(), cycle, sink, panel, stop: Arc::clone(&stop), say };
-    let thread = std::thread::Builder::new().name("tick".to_owned()).spawn(move || fly(flight))?;
+    let flight = Session { config: config.clone(), cycle, sink, mailbox, stop: Arc::clone(&stop), say };
+    let thread = std::thread::Builder::new().name("tick".to_owned()).spawn(move || run_session(flight))?;
     let flown = thread.join();
     stop.store(true, Ordering::Relaxed);
     if let Some(served) = served {
         served.join();
     }
     if let Ok(Ok(cycle)) = &flown
-        && let Some((level, text)) = cycle.helm().verdict()
+        && let Some((level, text)) = cycle.duty_source().verdict()
     {
         recorder.note(now_ns(), level, VERDICT, text);
     }
     let summary = Arc::into_inner(recorder).map(Recorder::finish).transpose()?;
-    let cycle = flown.map_err(|_| LogbookError::Died)?;
-    let summary = summary.ok_or(LogbookError::Died)?;
+    let cycle = flown.map_err(|_| SessionError::Died)?;
+    let summary = summary.ok_or(SessionError::Died)?;
     if cycle.is_err() && summary.ticks == 0 {
         // There was no link: an empty recording would only puzzle whoever finds it.
         let _ = std::fs::remove_file(&summary.path);
@@ -146,9 +147,9 @@ pub fn fly_recorded<H: Helm + 'static>(
 }
 
 /// `STEM-YYYYMMDD-HHMMSS.mcap` in the folder, which is made if it is not there.
-fn recording_path(directory: &Path, stem: &str) -> Result<PathBuf, LogbookError> {
+fn recording_path(directory: &Path, stem: &str) -> Result<PathBuf, SessionError> {
     std::fs::create_dir_all(directory)
-        .map_err(|source| LogbookError::Directory { directory: directory.to_owned(), source })?;
+        .map_err(|source| SessionError::Directory { directory: directory.to_owned(), source })?;
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs();
     let stamp = file_stamp(seconds);
     // A second flight in the same second gets a number.

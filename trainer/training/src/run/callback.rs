@@ -1,10 +1,10 @@
 //! What a run tells: where it stands, how it ended, its figures.
 
-use model::contract::CHANNELS;
+use model::observation::CHANNELS;
 use serde::{Deserialize, Serialize};
 
+use crate::checkpoint_selection::BestCheckpoint;
 use crate::metrics::Evaluated;
-use crate::selection::Kept;
 
 /// Where a run stands.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,7 +24,7 @@ pub struct Progress {
 }
 
 /// Who watches a run.
-pub trait Observer {
+pub trait TrainingCallback {
     /// Called some times a second.
     fn progress(&mut self, progress: &Progress);
     /// Whether the run is to stop after this episode.
@@ -33,7 +33,7 @@ pub trait Observer {
 
 /// How a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ended {
+pub enum RunStatus {
     /// All steps are done.
     Finished,
     /// It was asked to stop; a checkpoint is written.
@@ -63,7 +63,7 @@ pub struct Summary {
     pub memory_mib: f64,
     /// Which policy is kept as the best; nothing where the last is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub kept: Option<Kept>,
+    pub kept: Option<BestCheckpoint>,
     /// Evaluations of the policy that is kept.
     pub evaluated: Vec<Evaluated>,
 }

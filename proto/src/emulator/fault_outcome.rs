@@ -1,4 +1,4 @@
-//! What a checked fault script decides: the fate of each frame, link and sensor at each tick.
+//! What a checked fault script decides: the outcome of each frame, link and sensor at each tick.
 //!
 //! Every decision hangs on seed, fault and tick alone, never on what was asked before, so that both
 //! paces and any order of frames within a tick meet the same faults.
@@ -58,7 +58,7 @@ pub(super) enum Action {
 
 /// What becomes of one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Fate {
+pub(super) struct FaultOutcome {
     /// The bytes that go on, changed or not.
     pub(super) raw: RawFrame,
     /// So often they go on; 0: lost.
@@ -69,7 +69,7 @@ pub(super) struct Fate {
     pub(super) corrupted: bool,
 }
 
-impl Fate {
+impl FaultOutcome {
     /// True where the frame goes on as if there were no script.
     pub(super) fn untouched(&self) -> bool {
         self.times == 1 && self.delay.is_zero() && !self.corrupted
@@ -82,26 +82,26 @@ const THROW_BYTE: u64 = 2;
 
 impl FaultScript {
     /// What becomes of a frame of this type and direction at this tick.
-    pub(super) fn fate(&self, wire: Wire, tick: u64, raw: RawFrame) -> Fate {
-        let mut fate = Fate { raw, times: 1, delay: Duration::ZERO, corrupted: false };
+    pub(super) fn outcome(&self, wire: Wire, tick: u64, raw: RawFrame) -> FaultOutcome {
+        let mut outcome = FaultOutcome { raw, times: 1, delay: Duration::ZERO, corrupted: false };
         for (index, action) in self.striking(tick) {
             match action {
-                Action::Lose(of) if *of == wire => fate.times = 0,
-                Action::Delay(of, delay) if *of == wire => fate.delay += *delay,
-                Action::Repeat(of, times) if *of == wire && fate.times > 0 => fate.times += times,
+                Action::Lose(of) if *of == wire => outcome.times = 0,
+                Action::Delay(of, delay) if *of == wire => outcome.delay += *delay,
+                Action::Repeat(of, times) if *of == wire && outcome.times > 0 => outcome.times += times,
                 Action::Corrupt { wire: of, byte, xor } if *of == wire => {
                     let mut dice = SplitMix64::keyed(self.seed, &[index, tick, THROW_BYTE]);
-                    let length = fate.raw.as_bytes().len().max(1) as u64;
+                    let length = outcome.raw.as_bytes().len().max(1) as u64;
                     // Thrown even where given, so that giving one leaves the other as it was.
                     let thrown_byte = (dice.next() % length) as usize;
                     let thrown_xor = (dice.next() % 255 + 1) as u8;
-                    fate.raw = flipped(fate.raw, byte.unwrap_or(thrown_byte), xor.unwrap_or(thrown_xor));
-                    fate.corrupted = true;
+                    outcome.raw = flipped(outcome.raw, byte.unwrap_or(thrown_byte), xor.unwrap_or(thrown_xor));
+                    outcome.corrupted = true;
                 }
                 _ => {}
             }
         }
-        fate
+        outcome
     }
 
     /// Whether the link drops at this tick, and for how long new ones are reset.
@@ -167,7 +167,7 @@ mod tests {
     }
 
     fn struck(script: &FaultScript, wire: Wire, ticks: std::ops::Range<u64>) -> Vec<u64> {
-        ticks.filter(|tick| !script.fate(wire, *tick, RawFrame::of(&[0; 44])).untouched()).collect()
+        ticks.filter(|tick| !script.outcome(wire, *tick, RawFrame::of(&[0; 44])).untouched()).collect()
     }
 
     #[test]
@@ -201,14 +201,14 @@ mod tests {
         let dice = script("[[fault]]\nkind = \"corrupt\"\nframe = \"command\"\nfirst = 0");
         let mut places = std::collections::BTreeSet::new();
         for tick in 0..2000 {
-            let fate = dice.fate(COMMAND, tick, RawFrame::of(&[0x55; 44]));
-            let changed: Vec<usize> = (0..44).filter(|at| fate.raw.as_bytes()[*at] != 0x55).collect();
+            let outcome = dice.outcome(COMMAND, tick, RawFrame::of(&[0x55; 44]));
+            let changed: Vec<usize> = (0..44).filter(|at| outcome.raw.as_bytes()[*at] != 0x55).collect();
             assert_eq!(changed.len(), 1);
             places.extend(changed);
         }
         assert_eq!(places.len(), 44, "every byte has its turn");
         let given = script("[[fault]]\nkind = \"corrupt\"\nframe = \"command\"\nbyte = 30\nxor = 16\nfirst = 0");
-        assert_eq!(given.fate(COMMAND, 5, RawFrame::of(&[0; 44])).raw.as_bytes()[30], 16);
+        assert_eq!(given.outcome(COMMAND, 5, RawFrame::of(&[0; 44])).raw.as_bytes()[30], 16);
     }
 
     #[test]
@@ -219,9 +219,9 @@ mod tests {
              [[fault]]\nkind = \"lose\"\nframe = \"sense\"\nticks = [9]\n\
              [[fault]]\nkind = \"repeat\"\nframe = \"sense\"\nfirst = 0",
         );
-        let fate = both.fate(SENSE, 0, RawFrame::of(&[0; 64]));
-        assert_eq!((fate.times, fate.delay), (5, Duration::from_millis(40)));
-        assert_eq!(both.fate(SENSE, 9, RawFrame::of(&[0; 64])).times, 0);
+        let outcome = both.outcome(SENSE, 0, RawFrame::of(&[0; 64]));
+        assert_eq!((outcome.times, outcome.delay), (5, Duration::from_millis(40)));
+        assert_eq!(both.outcome(SENSE, 9, RawFrame::of(&[0; 64])).times, 0);
     }
 
     #[test]

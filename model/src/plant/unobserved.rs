@@ -7,7 +7,7 @@
 
 /// A number of a run's start that its recording does not tell.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Unknown {
+pub struct UnobservedInitialState {
     /// What it is and whose: `heat:valve_pos` (0 cold … 1 warm), `play:valve_pos` (−1 … 1: where in its play the
     /// flapper lies), `stick:valve_pos` (−1 … 1: how far from where its command would put it friction holds it, as a share
     /// of the band), `phase:pump` (crank angle in revolutions).
@@ -23,7 +23,7 @@ pub struct Unknown {
 /// Where an unknown lives in the state.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Placed {
-    pub(crate) unknown: Unknown,
+    pub(crate) unknown: UnobservedInitialState,
     pub(crate) slot: Slot,
 }
 

@@ -1,34 +1,34 @@
-//! The fleet against the same rigs flown one by one, and against itself.
+//! The env against the same rigs flown one by one, and against itself.
 
 #![allow(clippy::unwrap_used)] // a test's own set-up; clippy knows tests only by their attribute
 
 use std::sync::Arc;
 
 use environment::closed_loop::{FlightPlan, PolicyController};
-use environment::{EnvironmentSettings, Fleet, RigDraw, SIDE_BY_SIDE, Score, fly};
+use environment::{EnvironmentSettings, RigDraw, SIDE_BY_SIDE, Score, VectorEnv, fly};
 use law::{Fallback, FallbackSettings, PolicyLaw};
-use model::contract::{ACTION_LEN, Contract};
+use model::observation::{ACTION_LEN, ObservationLayout};
 use model::rig::Rig;
 use model::steady::SteadyMap;
 use proto::reference::Reference;
 
-fn fleet(contract: Contract, rig: &str, seed: u64) -> Fleet {
+fn env(contract: ObservationLayout, rig: &str, seed: u64) -> VectorEnv {
     let settings = EnvironmentSettings { episode_s: 10.0, ..EnvironmentSettings::default() };
     let model = Rig::builtin("dual_pressure").unwrap();
     let draw = RigDraw::new(&Rig::builtin(rig).unwrap(), &settings).unwrap();
-    Fleet::new(draw, &model, contract, true, &settings, seed).unwrap()
+    VectorEnv::new(draw, &model, contract, true, &settings, seed).unwrap()
 }
 
 /// A correction of nothing lets the fallback fly; it must hold every drawn reference once it has got there.
 #[test]
 fn the_fallback_follows_drawn_references() {
-    let mut fleet = fleet(Contract::Correction, "dual_pressure", 5);
+    let mut env = env(ObservationLayout::Correction, "dual_pressure", 5);
     let mut errors: Vec<f64> = Vec::new();
     for episode in 0..4 {
-        fleet.begin(episode).unwrap();
+        env.begin(episode).unwrap();
         let mut tick = 0;
-        while !fleet.is_over() {
-            let step = fleet.step(&[0.0; SIDE_BY_SIDE * ACTION_LEN]);
+        while !env.is_truncated() {
+            let step = env.step(&[0.0; SIDE_BY_SIDE * ACTION_LEN]);
             assert!(step.terminal.iter().all(|t| !t), "the fallback left the envelope");
             tick += 1;
             if tick > 250 {
@@ -44,15 +44,15 @@ fn the_fallback_follows_drawn_references() {
 /// All duties shut drive the negative chamber out of its envelope: terminal there, and flying again afterwards.
 #[test]
 fn leaving_the_envelope_is_terminal_and_the_rig_starts_anew() {
-    let mut fleet = fleet(Contract::Paper, "dual_pressure", 6);
+    let mut env = env(ObservationLayout::Paper, "dual_pressure", 6);
     let mut tripped = [0usize; SIDE_BY_SIDE];
-    while !fleet.is_over() {
-        let step = fleet.step(&[-1.0; SIDE_BY_SIDE * ACTION_LEN]);
+    while !env.is_truncated() {
+        let step = env.step(&[-1.0; SIDE_BY_SIDE * ACTION_LEN]);
         for (lane, count) in tripped.iter_mut().enumerate() {
             if step.terminal[lane] {
                 *count += 1;
                 assert!(step.rewards[lane] < -100.0);
-                let row = fleet.observations().chunks_exact(84).nth(lane).unwrap();
+                let row = env.observations().chunks_exact(84).nth(lane).unwrap();
                 assert!(row[21] > -94.0 && row[20] < 159.0, "lane {lane} starts anew at {:?}", &row[20..22]);
             }
         }
@@ -62,21 +62,21 @@ fn leaving_the_envelope_is_terminal_and_the_rig_starts_anew() {
 
 #[test]
 fn an_episode_follows_from_seed_and_number_alone() {
-    let run = |fleet: &mut Fleet, number: u64| {
-        fleet.begin(number).unwrap();
+    let run = |env: &mut VectorEnv, number: u64| {
+        env.begin(number).unwrap();
         let mut sum = Vec::new();
         for tick in 0..100 {
             let action = ((tick % 13) as f32 - 6.0) / 10.0;
-            sum.extend(fleet.step(&[action; SIDE_BY_SIDE * ACTION_LEN]).rewards);
+            sum.extend(env.step(&[action; SIDE_BY_SIDE * ACTION_LEN]).rewards);
         }
         sum
     };
-    let mut first = fleet(Contract::Correction, "bench", 7);
+    let mut first = env(ObservationLayout::Correction, "bench", 7);
     let before = run(&mut first, 3);
     run(&mut first, 4);
-    assert_eq!(before, run(&mut first, 3), "again by the same fleet");
-    assert_eq!(before, run(&mut fleet(Contract::Correction, "bench", 7), 3), "by another fleet of the same seed");
-    assert_ne!(before, run(&mut fleet(Contract::Correction, "bench", 8), 3), "by another seed");
+    assert_eq!(before, run(&mut first, 3), "again by the same env");
+    assert_eq!(before, run(&mut env(ObservationLayout::Correction, "bench", 7), 3), "by another env of the same seed");
+    assert_ne!(before, run(&mut env(ObservationLayout::Correction, "bench", 8), 3), "by another seed");
 }
 
 /// The closed loop flies the fallback as the law's own test does; a policy that corrects nothing is the fallback with a
@@ -96,7 +96,7 @@ fn a_flight_with_no_correction_is_no_worse_than_the_fallbacks() {
         seed: 1,
     };
     let plain = fly(&plan, &mut Fallback::new(Arc::clone(&map), FallbackSettings::default())).unwrap();
-    let law = PolicyLaw::new(map, Contract::Correction);
+    let law = PolicyLaw::new(map, ObservationLayout::Correction);
     let corrected = fly(&plan, &mut PolicyController::new(law, |_: &[f32]| [0.0; ACTION_LEN])).unwrap();
     assert_eq!(plain.ticks[0], corrected.ticks[0]);
     let [score, corrected] = [plain, corrected].map(|flown| Score::of(&flown.ticks));
