@@ -9,6 +9,7 @@ use law::{ControlInput, ControlOutput, PolicyLaw};
 use model::observation::{ACTION_LEN, AHEAD, CORRECTION_OBSERVATION_LEN, ObservationLayout, Pair};
 use model::steady::SteadyMap;
 use policy::Policy;
+use proto::recording::observation_hash;
 
 /// The control law in force, with everything it remembers.
 pub struct PolicyOrFallback {
@@ -23,6 +24,17 @@ pub struct ArbitratedCommand {
     pub decision: ControlOutput,
     /// Whether the policy refused in this tick, which ends its flight.
     pub refused: bool,
+    /// What the policy was shown and answered, where one did.
+    pub answer: Option<PolicyAnswer>,
+}
+
+/// A policy's answer, for the recording.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PolicyAnswer {
+    /// Hash of the observation ([`observation_hash`]).
+    pub observation_hash: u64,
+    /// All of its outputs: now and the next five ticks, positive and negative valve in turn.
+    pub outputs: [f32; ACTION_LEN],
 }
 
 impl PolicyOrFallback {
@@ -44,16 +56,19 @@ impl PolicyOrFallback {
     /// Allocation-free and bounded: runs in the tick.
     pub fn decide(&mut self, situation: &ControlInput, predicted_kpa: &[Pair; AHEAD]) -> ArbitratedCommand {
         let fallback = self.law.observe(situation);
-        let Some(policy) = &mut self.policy else { return ArbitratedCommand { decision: fallback, refused: false } };
+        let Some(policy) = &mut self.policy else {
+            return ArbitratedCommand { decision: fallback, refused: false, answer: None };
+        };
         let mut observation = [0.0; CORRECTION_OBSERVATION_LEN];
         let told = observation.get_mut(..self.law.contract().observation_len()).unwrap_or_default();
         self.law.write_observation(situation, predicted_kpa, told);
         let mut outputs = [0.0; ACTION_LEN];
         if policy.run(told, &mut outputs).is_err() {
             self.policy = None;
-            return ArbitratedCommand { decision: fallback, refused: true };
+            return ArbitratedCommand { decision: fallback, refused: true, answer: None };
         }
-        ArbitratedCommand { decision: self.law.decide(situation, &outputs), refused: false }
+        let answer = PolicyAnswer { observation_hash: observation_hash(told), outputs };
+        ArbitratedCommand { decision: self.law.decide(situation, &outputs), refused: false, answer: Some(answer) }
     }
 
     /// Tells what was really sent.

@@ -32,8 +32,22 @@ fn tick() -> TickRecord {
         ref_neg_kpa: f64::NEG_INFINITY,
         predicted_pos_kpa: [1.0, 2.0, 3.0, 4.0, f64::MIN_POSITIVE],
         predicted_neg_kpa: [-1.0, -2.0, -3.0, -4.0, -5.0],
-        law_pos: LawParts { feed_forward: 0.1, proportional: 0.2, integral: 0.3, u_raw: 0.6 },
-        law_neg: LawParts { feed_forward: -0.1, proportional: -0.2, integral: -0.3, u_raw: -0.6 },
+        law_pos: LawParts {
+            feed_forward: 0.1,
+            backlash: 0.01,
+            correction: 0.02,
+            proportional: 0.2,
+            integral: 0.3,
+            u_raw: 0.6,
+        },
+        law_neg: LawParts {
+            feed_forward: -0.1,
+            backlash: -0.01,
+            correction: -0.02,
+            proportional: -0.2,
+            integral: -0.3,
+            u_raw: -0.6,
+        },
         u_pos: 0.6,
         u_neg: 0.0,
         pump_on: true,
@@ -48,6 +62,15 @@ fn tick() -> TickRecord {
         compute_ns: u32::MAX,
         deadline_missed: true,
         records_dropped: 5,
+        findings: u64::MAX,
+        inputs: 0x921,
+        observation_hash: 1 << 63,
+        policy_output: std::array::from_fn(|i| i as f32 / 8.0 - 0.5),
+        policy_stage: 6,
+        authority: 0.35,
+        swap_id: 17,
+        command_before_filter: [0.25, -0.0],
+        filter_active: true,
     }
 }
 
@@ -125,12 +148,17 @@ fn the_public_python_reader_sees_every_field() {
             hex(law.u_raw)
         )
     };
+    let shares = |side: &str, law: &LawParts| {
+        format!("law_{side}_backlash={} law_{side}_correction={}", hex(law.backlash), hex(law.correction))
+    };
     let expected = format!(
         "message /tick pneumatic.Tick 1 {at} {at} session={} tick=3 receive_ns={} arrival=1 volts={} \
          echo_pos={} echo_neg={} crio_state=3 crio_trip=255 p_pos_kpa={} p_neg_kpa={} ref_pos_kpa={} \
          ref_neg_kpa={} predicted_pos_kpa={} predicted_neg_kpa={} {} {} u_pos={} u_neg={} pump_on=1 \
          mode=2 state=200 fault=65535 arrival_lateness_ns=-1234567890123 receive_check_ns=11 \
-         predict_ns=12 law_ns=13 send_ns=14 compute_ns=4294967295 deadline_missed=1 records_dropped=5",
+         predict_ns=12 law_ns=13 send_ns=14 compute_ns=4294967295 deadline_missed=1 records_dropped=5 {} {} \
+         findings=18446744073709551615 inputs=2337 observation_hash=9223372036854775808 policy_output={} \
+         policy_stage=6 authority={} swap_id=17 command_before_filter={} filter_active=1",
         0xDEAD_BEEF_u32,
         tick.receive_ns,
         hex_all(tick.volts.map(f64::from)),
@@ -146,6 +174,11 @@ fn the_public_python_reader_sees_every_field() {
         law("neg", &tick.law_neg),
         hex(tick.u_pos),
         hex(tick.u_neg),
+        shares("pos", &tick.law_pos),
+        shares("neg", &tick.law_neg),
+        hex_all(tick.policy_output.map(f64::from)),
+        hex(tick.authority),
+        hex_all(tick.command_before_filter),
     );
     let found = lines.iter().find(|line| line.starts_with("message /tick")).copied();
     assert_eq!(found, Some(expected.as_str()));

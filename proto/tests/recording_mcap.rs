@@ -41,7 +41,9 @@ fn info() -> RecordingInfo {
 
 /// Every bit of a record, so that NaN compares with NaN.
 fn bits(tick: &TickRecord) -> Vec<u64> {
-    let law = |l: &LawParts| [l.feed_forward, l.proportional, l.integral, l.u_raw].map(f64::to_bits);
+    let law = |l: &LawParts| {
+        [l.feed_forward, l.backlash, l.correction, l.proportional, l.integral, l.u_raw].map(f64::to_bits)
+    };
     let byte = |b: &u8| u64::from(*b);
     let mut all = vec![
         tick.session.into(),
@@ -64,7 +66,16 @@ fn bits(tick: &TickRecord) -> Vec<u64> {
         tick.compute_ns.into(),
         tick.deadline_missed.into(),
         tick.records_dropped.into(),
+        tick.findings,
+        tick.inputs.into(),
+        tick.observation_hash,
+        tick.policy_stage.into(),
+        tick.authority.to_bits(),
+        tick.swap_id.into(),
+        tick.filter_active.into(),
     ];
+    all.extend(tick.policy_output.map(|v| u64::from(v.to_bits())));
+    all.extend(tick.command_before_filter.map(f64::to_bits));
     all.extend(tick.sense.iter().map(byte));
     all.extend(tick.command.iter().map(byte));
     let single = [tick.echo_pos, tick.echo_neg];
@@ -117,6 +128,7 @@ fn run(ticks: u32) -> Vec<TickRecord> {
                 proportional: 0.01 * noise(k + 1),
                 integral: 0.02 * noise(k + 2),
                 u_raw: u,
+                ..LawParts::default()
             };
             (record.law_pos, record.law_neg) = (law(record.u_pos, 10), law(record.u_neg, 20));
             let ns = |typical: f64, k: u32| (typical * (1.0 + 0.2 * noise(k))) as u32;
@@ -145,9 +157,9 @@ fn write(path: &Path, ticks: &[TickRecord], flush_every: usize) {
 }
 
 fn any_law() -> impl Strategy<Value = LawParts> {
-    any::<[u64; 4]>().prop_map(|bits| {
-        let [feed_forward, proportional, integral, u_raw] = bits.map(f64::from_bits);
-        LawParts { feed_forward, proportional, integral, u_raw }
+    any::<[u64; 6]>().prop_map(|bits| {
+        let [feed_forward, backlash, correction, proportional, integral, u_raw] = bits.map(f64::from_bits);
+        LawParts { feed_forward, backlash, correction, proportional, integral, u_raw }
     })
 }
 
@@ -162,7 +174,8 @@ prop_compose! {
         doubles in any::<[u64; 16]>(),
         laws in (any_law(), any_law()),
         bytes in any::<(u8, u8, u8, u8, u16)>(),
-        flags in any::<(bool, bool)>(),
+        flags in any::<(bool, bool, bool)>(),
+        decided in any::<(u64, u32, u64, [u32; 12], u8, u32, [u64; 3])>(),
         ns in any::<[u32; 6]>(),
     ) -> TickRecord {
         let [v0, v1, v2, v3, echo_pos, echo_neg] = singles.map(f32::from_bits);
@@ -181,6 +194,11 @@ prop_compose! {
             pump_on: flags.0, deadline_missed: flags.1,
             receive_check_ns: ns[0], predict_ns: ns[1], law_ns: ns[2], send_ns: ns[3],
             compute_ns: ns[4], records_dropped: ns[5],
+            findings: decided.0, inputs: decided.1, observation_hash: decided.2,
+            policy_output: decided.3.map(f32::from_bits), policy_stage: decided.4, swap_id: decided.5,
+            authority: f64::from_bits(decided.6[0]),
+            command_before_filter: [f64::from_bits(decided.6[1]), f64::from_bits(decided.6[2])],
+            filter_active: flags.2,
             ..TickRecord::default()
         };
         if let Some(fill) = sense {

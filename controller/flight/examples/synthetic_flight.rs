@@ -99,7 +99,7 @@ impl Channel {
             self.integral -= 0.08 * error / self.gain;
         }
         let u_raw = feed_forward + proportional + self.integral;
-        let parts = LawParts { feed_forward, proportional, integral: self.integral, u_raw };
+        let parts = LawParts { feed_forward, proportional, integral: self.integral, u_raw, ..LawParts::default() };
         self.duty = if steer { u_raw.clamp(0.0, 1.0) } else { 1.0 };
         (measured, parts)
     }

@@ -34,5 +34,8 @@ pub use mcap_reader::{ForeignMcap, McapContent, ReadMcapError, parse_mcap, read_
 pub use mcap_writer::{Event, EventLevel, RecordingWriter, VERDICT, WriteMcapError, unfinished_path};
 pub use recording_info::{Attachment, LogTime, RecordingInfo};
 pub use table::{MAX_STEP_S, PERIOD_S, Recording, RecordingError};
-pub use tick::{Arrival, COMMAND_BYTES, LawParts, PREDICTED_TICKS, SENSE_BYTES, TickRecord};
+pub use tick::{
+    Arrival, COMMAND_BYTES, LawParts, POLICY_OUTPUTS, PREDICTED_TICKS, SENSE_BYTES, TickInput, TickRecord,
+    observation_hash,
+};
 pub use wall_clock::rfc3339;

@@ -89,6 +89,19 @@ tick_fields! {
     35 compute_ns = compute_ns;
     36 deadline_missed = deadline_missed;
     37 records_dropped = records_dropped;
+    38 law_pos_backlash = law_pos.backlash;
+    39 law_pos_correction = law_pos.correction;
+    40 law_neg_backlash = law_neg.backlash;
+    41 law_neg_correction = law_neg.correction;
+    42 findings = findings;
+    43 inputs = inputs;
+    44 observation_hash = observation_hash;
+    45 policy_output = policy_output;
+    46 policy_stage = policy_stage;
+    47 authority = authority;
+    48 swap_id = swap_id;
+    49 command_before_filter = command_before_filter;
+    50 filter_active = filter_active;
 }
 
 impl FieldValue for Arrival {

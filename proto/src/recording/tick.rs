@@ -16,6 +16,8 @@ pub const SENSE_BYTES: usize = 64;
 pub const COMMAND_BYTES: usize = 44;
 /// Ticks that MPObs looks ahead.
 pub const PREDICTED_TICKS: usize = model::observation::AHEAD;
+/// Numbers that a policy answers: a pair of duties or corrections for now and each of the next five ticks.
+pub const POLICY_OUTPUTS: usize = model::observation::ACTION_LEN;
 
 /// How the SENSE frame of a tick came.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -55,8 +57,13 @@ impl Arrival {
 /// `u_raw` is the sum before any limit; what limits made of it is `u_pos`/`u_neg` of the record.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LawParts {
-    /// Feed-forward from the rig's steady map, or the policy's output where a policy flies (duty).
+    /// Feed-forward from the rig's steady map, backlash and correction included, or the policy's output where a
+    /// policy decides alone (duty).
     pub feed_forward: f64,
+    /// Share of `feed_forward` that undoes the valve's backlash (duty).
+    pub backlash: f64,
+    /// Share of `feed_forward` that a policy adds to the fallback (duty).
+    pub correction: f64,
     /// Proportional part (duty).
     pub proportional: f64,
     /// Integral part (duty).
@@ -147,6 +154,100 @@ pub struct TickRecord {
     pub deadline_missed: bool,
     /// Records that a full queue refused since the session began: says why rows are missing.
     pub records_dropped: u32,
+
+    /// Findings of the tick's checks, a bit each; the bits are the daemon's own, 0 is none.
+    pub findings: u64,
+    /// What reached the tick before it began: codes of four bits, the first in the lowest, 0 after the last
+    /// ([`TickInput`]).
+    pub inputs: u32,
+    /// Hash of what the policy was shown ([`observation_hash`]); 0 where none was asked.
+    pub observation_hash: u64,
+    /// The policy's whole answer, the plan for the next five ticks included, in its own order; NaN where none answered.
+    pub policy_output: [f32; POLICY_OUTPUTS],
+    /// Stage of admission of the policy that answered; the codes are the daemon's own, 0 is none.
+    pub policy_stage: u8,
+    /// Share of its answer that counts, 0 … 1.
+    pub authority: f64,
+    /// Number of the change of policy or model that is in force, 0 for what the run began with.
+    pub swap_id: u32,
+    /// Duties before the safety filter, positive and negative valve; NaN where nothing was filtered.
+    pub command_before_filter: [f64; 2],
+    /// True when the safety filter bent the command.
+    pub filter_active: bool,
+}
+
+/// What can reach the control law beside frames, as [`TickRecord::inputs`] counts it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum TickInput {
+    /// The operator arms.
+    Arm = 1,
+    /// The operator disarms.
+    Disarm = 2,
+    /// Another reference is followed.
+    Reference = 3,
+    /// A person acknowledges a latched cause.
+    Acknowledge = 4,
+    /// Another policy takes part.
+    Policy = 5,
+    /// Another model is behind the predictions.
+    Model = 6,
+    /// Exploration is switched on or off.
+    Explore = 7,
+    /// The link was lost before this tick.
+    LinkLost = 8,
+    /// A session was opened before this tick.
+    SessionOpened = 9,
+    /// Anything else that decides and has no code of its own; a replay stops here and says so.
+    Other = 15,
+}
+
+impl TickInput {
+    /// All of them.
+    pub const ALL: [Self; 10] = [
+        Self::Arm,
+        Self::Disarm,
+        Self::Reference,
+        Self::Acknowledge,
+        Self::Policy,
+        Self::Model,
+        Self::Explore,
+        Self::LinkLost,
+        Self::SessionOpened,
+        Self::Other,
+    ];
+
+    /// Appends an input to those of a tick; the ninth and later ones are not kept, and the eighth says so.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub const fn append(self, inputs: &mut u32) {
+        let filled = (u32::BITS - inputs.leading_zeros()).div_ceil(4);
+        if filled < 8 {
+            *inputs |= (self as u32) << (4 * filled);
+        } else {
+            *inputs |= (Self::Other as u32) << 28;
+        }
+    }
+
+    /// The inputs of a tick, in their order; codes of a later version come out as [`TickInput::Other`].
+    pub fn of(inputs: u32) -> impl Iterator<Item = Self> {
+        (0..8).map(move |at| inputs >> (4 * at) & 15).take_while(|code| *code != 0).map(|code| {
+            let known = Self::ALL.into_iter().find(|input| *input as u32 == code);
+            known.unwrap_or(Self::Other)
+        })
+    }
+}
+
+/// Hash of what a policy was shown: FNV-1a of 64 bits (Fowler, Noll, Vo) over the numbers' bits, 0 taken as 1.
+///
+/// # Real-time
+/// May run in the tick: a multiplication per number.
+pub fn observation_hash(observation: &[f32]) -> u64 {
+    let hash = observation.iter().fold(0xcbf2_9ce4_8422_2325_u64, |hash, value| {
+        (hash ^ u64::from(value.to_bits())).wrapping_mul(0x0000_0100_0000_01b3)
+    });
+    hash.max(1)
 }
 
 impl Default for TickRecord {
@@ -189,6 +290,15 @@ impl Default for TickRecord {
             compute_ns: 0,
             deadline_missed: false,
             records_dropped: 0,
+            findings: 0,
+            inputs: 0,
+            observation_hash: 0,
+            policy_output: [f32::NAN; POLICY_OUTPUTS],
+            policy_stage: 0,
+            authority: 0.0,
+            swap_id: 0,
+            command_before_filter: [f64::NAN; 2],
+            filter_active: false,
         }
     }
 }
@@ -218,7 +328,28 @@ mod tests {
 
     #[test]
     fn a_record_stays_small_enough_for_the_queue() {
-        // 4,096 records (82 s) then stay below 2 MiB of locked memory.
-        assert!(size_of::<TickRecord>() <= 512, "{}", size_of::<TickRecord>());
+        // 4,096 records (82 s) then stay below 3 MiB of locked memory.
+        assert!(size_of::<TickRecord>() <= 768, "{}", size_of::<TickRecord>());
+    }
+
+    #[test]
+    fn inputs_come_back_in_their_order_and_too_many_are_no_secret() {
+        let mut inputs = 0;
+        for input in [TickInput::SessionOpened, TickInput::Arm, TickInput::Disarm, TickInput::Arm] {
+            input.append(&mut inputs);
+        }
+        let back: Vec<TickInput> = TickInput::of(inputs).collect();
+        assert_eq!(back, [TickInput::SessionOpened, TickInput::Arm, TickInput::Disarm, TickInput::Arm]);
+        (0..9).for_each(|_| TickInput::Disarm.append(&mut inputs));
+        assert_eq!(TickInput::of(inputs).count(), 8);
+        assert_eq!(TickInput::of(inputs).last(), Some(TickInput::Other));
+    }
+
+    #[test]
+    fn the_hash_of_an_observation_is_fnv_1a_and_sees_every_bit() {
+        // Worked by hand for one number, 0.0: the offset times the prime.
+        assert_eq!(observation_hash(&[0.0]), 0xcbf2_9ce4_8422_2325_u64.wrapping_mul(0x0000_0100_0000_01b3));
+        assert_ne!(observation_hash(&[0.0, 1.0]), observation_hash(&[1.0, 0.0]));
+        assert_ne!(observation_hash(&[0.0]), observation_hash(&[-0.0]));
     }
 }
