@@ -13,6 +13,7 @@ use proto::reference::Reference;
 use crate::config::{Config, DEFAULT_POLICY, FALLBACK};
 use crate::cycle::Cycle;
 use crate::notice::sentence;
+use crate::run_length::RunLength;
 use crate::session_recorder::{SessionError, SessionRecorder, attachment, fly_recorded};
 use crate::socket::May;
 
@@ -168,8 +169,8 @@ pub fn out_of_reach_text((time_s, [pos, neg]): (f64, [f64; 2])) -> String {
 pub struct Options {
     /// Where the recording goes; by default a file named after the time in the configured folder.
     pub recording: Option<PathBuf>,
-    /// Ends the flight this many seconds after arming.
-    pub seconds: Option<f64>,
+    /// How long the run lasts.
+    pub length: RunLength,
     /// Whether the operator's socket is served.
     pub socket: bool,
     /// What goes into the recording beside ticks.
@@ -190,11 +191,8 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
     let Loaded { rig, rig_text, reference, reference_name, policy, mut remarks } = loaded;
     let unflyable = |problem| DaemonError::Unflyable { name: config.rig.file.clone(), problem };
     let policy_id = policy.as_ref().map(|p| (p.name().to_owned(), p.hash().to_string()));
-    let mut cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.auto_arm).map_err(unflyable)?;
+    let cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.auto_arm).map_err(unflyable)?;
     remarks.extend(cycle.duty_source().out_of_reach().map(out_of_reach_text));
-    if let Some(seconds) = options.seconds {
-        cycle.duty_source_mut().end_after(seconds);
-    }
     let mut extra = vec![("model_rig".to_owned(), rig.name.clone()), ("reference".to_owned(), reference_name)];
     extra.extend(options.extra);
     let logbook = SessionRecorder {
@@ -211,6 +209,7 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
         operator: options.socket.then_some(May::Fly),
         observer: options.observer,
         stop: options.stop,
+        length: options.length,
     };
     let (summary, _) = fly_recorded(config, cycle, logbook)?;
     Ok(summary)

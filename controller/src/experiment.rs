@@ -19,6 +19,7 @@ use crate::notice::sentence_of_one_session;
 use crate::open_loop_playback::{OpenLoopPlayback, Stopped};
 use crate::playback_report::PlaybackReport;
 use crate::preflight_simulation::{Forecast, ForecastError, preflight_simulation};
+use crate::run_length::RunLength;
 use crate::session_recorder::{SessionError, SessionRecorder, attachment, fly_recorded};
 use crate::socket::May;
 
@@ -140,6 +141,7 @@ impl Experiment {
                 observer(recorded);
             }),
             stop: options.stop,
+            length: RunLength::ENDLESS,
         };
         let (recording, cycle) = fly_recorded(config, cycle, logbook)?;
         let playing = cycle.duty_source();

@@ -15,6 +15,7 @@
 //! | [`pacing`] | when a frame is due |
 //! | [`link`] | TCP to the cRIO |
 //! | [`session`] | the tick's thread |
+//! | [`run_length`] | when a run of so many seconds is over |
 //! | [`realtime`] | scheduling, memory |
 //! | [`mailbox`], [`socket`] | the operator |
 //! | [`notice`] | what a person is told |
@@ -22,6 +23,7 @@
 //! | [`session_recorder`] | a flight with its recording, from the file made to the file finished |
 //! | [`daemon`] | puts it all together for a reference |
 //! | [`experiment`] | and for a sequence |
+//! | [`yardstick`] | what the fallback reaches on a rig and a reference |
 //!
 //! Beside this crate: `law` (control laws, shared with the trainer), `policy` (ONNX), `flight` (recorder,
 //! figures, report). Nothing in the tick allocates, locks, or touches a file.
@@ -44,9 +46,11 @@ pub mod policy_signatures;
 pub mod preflight_simulation;
 pub mod realtime;
 pub mod reference_tracking;
+pub mod run_length;
 pub mod sensing;
 pub mod session;
 pub mod session_recorder;
 pub mod settling;
 pub mod socket;
 pub mod state;
+pub mod yardstick;

@@ -187,7 +187,7 @@ pub fn sentence(event: &Event) -> String {
         6 => format!("deadline missed {at}: the command left {b:.1} ms after its frame was due"),
         7 => format!("a frame came damaged and was dropped ({a:.0} in this session)"),
         8 => format!("the policy refused to answer {at}; the fallback flies on"),
-        9 => format!("the flight is over {at}; vents open"),
+        9 => format!("the run is over {at}; vents open"),
         10 => format!("the last row was played {at}; both vents open"),
         code @ 101..=109 => {
             let next = match code - 100 {

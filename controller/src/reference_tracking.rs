@@ -14,7 +14,6 @@ use proto::reference::Reference;
 use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, SensorSample, VENT};
 use crate::notice::{Cause, Notice};
 use crate::policy_or_fallback::PolicyOrFallback;
-use crate::state::State;
 
 /// How often a reference is looked at for places out of reach, in s, and at how many places at most.
 const REACH_EVERY_S: f64 = 0.25;
@@ -30,9 +29,6 @@ pub struct ReferenceTracking {
     reference: Box<Reference>,
     approach: SoftStart,
     start_tick: u32,
-    /// Ticks after arming at which the flight ends; `None` flies on.
-    flight_ticks: Option<u32>,
-    over: bool,
     predicted: [Pair; AHEAD],
     trajectory: ActionTrajectory,
 }
@@ -51,16 +47,9 @@ impl ReferenceTracking {
             reference: Box::new(reference),
             approach: SoftStart::new([0.0; CHANNELS], [0.0; CHANNELS]),
             start_tick: 0,
-            flight_ticks: None,
-            over: false,
             predicted: [[f64::NAN; CHANNELS]; AHEAD],
             trajectory: ActionTrajectory::held(VENT),
         })
-    }
-
-    /// Ends the flight this long after arming.
-    pub fn end_after(&mut self, seconds: f64) {
-        self.flight_ticks = Some((seconds / TICK_S).round() as u32);
     }
 
     /// The first place of the reference that no duty holds, by the model: time in s, pressures in kPa gauge.
@@ -83,12 +72,7 @@ impl ReferenceTracking {
 impl DutySource for ReferenceTracking {
     const ONE_SESSION: bool = false;
 
-    fn on_sample(&mut self, seen: &SensorSample) -> ModeRequest {
-        let flown = seen.tick.wrapping_sub(self.start_tick);
-        if seen.state == State::Run && self.flight_ticks.is_some_and(|end| flown >= end) {
-            self.over = true;
-            return ModeRequest::Disarm(Notice::FlightOver { tick: seen.tick });
-        }
+    fn on_sample(&mut self, _seen: &SensorSample) -> ModeRequest {
         ModeRequest::None
     }
 
@@ -130,9 +114,16 @@ impl DutySource for ReferenceTracking {
         if arbitrated.refused {
             tell(Notice::PolicyRefused { tick });
         }
+        if let Some(answer) = arbitrated.answer {
+            record.observation_hash = answer.observation_hash;
+            record.policy_output = answer.outputs;
+            record.authority = 1.0;
+        }
         let decision = arbitrated.decision;
         [record.law_pos, record.law_neg] = decision.parts.map(|p| LawParts {
             feed_forward: p.feed_forward + p.play + p.correction,
+            backlash: p.play,
+            correction: p.correction,
             proportional: p.proportional,
             integral: p.integral,
             u_raw: p.raw(),
@@ -158,8 +149,9 @@ impl DutySource for ReferenceTracking {
 
     fn stopped(&mut self, _cause: Option<(Cause, f64)>) {}
 
+    /// A reference has no end: its last row is held.
     fn is_over(&self) -> bool {
-        self.over
+        false
     }
 
     fn exchange_reference(&mut self, reference: Box<Reference>, running: Option<(u32, Pair)>) -> Box<Reference> {

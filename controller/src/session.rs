@@ -18,6 +18,8 @@ use crate::mailbox::{Request, Status, TickMailbox};
 use crate::notice::Notice;
 use crate::pacing::{COMMAND_DEADLINE_NS, Grid};
 use crate::realtime::make_realtime;
+use crate::run_length::{Armed, RunLength};
+use crate::state::State;
 
 /// Ticks without a frame after which the link counts as lost: 1 s.
 const LINK_LOST_TICKS: u32 = 50;
@@ -42,6 +44,8 @@ pub struct Session<H> {
     pub mailbox: TickMailbox,
     /// Set to end it.
     pub stop: Arc<AtomicBool>,
+    /// How long it lasts.
+    pub length: RunLength,
     /// Told, outside of sessions only, what a person should know.
     pub say: Box<dyn FnMut(String) + Send>,
 }
@@ -78,7 +82,8 @@ pub fn run_session<H: DutySource>(mut session: Session<H>) -> Result<Cycle<H>, L
     let mut counts = Counts::default();
     let mut attempt = 0;
     let mut told = String::new();
-    while !session.stop.load(Ordering::Relaxed) {
+    session.length.started(now_ns());
+    while !session.stop.load(Ordering::Relaxed) && !session.length.is_over(now_ns()) {
         match Link::open(&session.config.link.address) {
             Ok(mut link) => {
                 (attempt, told) = (0, String::new());
@@ -123,7 +128,11 @@ fn one_session<H: DutySource>(session: &mut Session<H>, link: &mut Link, counts:
     let mut sequence_tick = 0;
     loop {
         serve_requests(session);
-        if session.stop.load(Ordering::Relaxed) {
+        let run_is_over = session.length.is_over(now_ns());
+        if run_is_over {
+            tell(&mut session.sink, Notice::FlightOver { tick: sequence_tick });
+        }
+        if run_is_over || session.stop.load(Ordering::Relaxed) {
             part(link, sequence_tick);
             return Ending::Finished;
         }
@@ -186,6 +195,8 @@ fn one_session<H: DutySource>(session: &mut Session<H>, link: &mut Link, counts:
         }
         counts.slowest_ns = counts.slowest_ns.max(u64::from(record.compute_ns));
         session.cycle.settle();
+        let armed = if record.state == State::Run.code() { Armed::Yes } else { Armed::No };
+        session.length.tick(armed, sent_ns);
         show(session, link, &record, counts);
         keep(session, &record, realtime);
         if sent.is_err() || session.cycle.missing() > LINK_LOST_TICKS {

@@ -23,6 +23,7 @@ use crate::duty_source::DutySource;
 use crate::link::LinkError;
 use crate::mailbox::mailbox;
 use crate::realtime::lock_memory;
+use crate::run_length::RunLength;
 use crate::session::{Session, run_session};
 use crate::socket::{May, SocketError, check_free, serve};
 
@@ -79,6 +80,8 @@ pub struct SessionRecorder {
     pub observer: Observer,
     /// Set to end the flight; signals set it too.
     pub stop: Arc<AtomicBool>,
+    /// How long the run lasts.
+    pub length: RunLength,
 }
 
 /// A file of text for [`SessionRecorder::attachments`].
@@ -95,8 +98,19 @@ pub fn fly_recorded<H: DutySource + 'static>(
     cycle: Cycle<H>,
     logbook: SessionRecorder,
 ) -> Result<(RecordingSummary, Cycle<H>), SessionError> {
-    let SessionRecorder { file, stem, policy, extra, attachments, remarks, event_text, operator, observer, stop } =
-        logbook;
+    let SessionRecorder {
+        file,
+        stem,
+        policy,
+        extra,
+        attachments,
+        remarks,
+        event_text,
+        operator,
+        observer,
+        stop,
+        length,
+    } = logbook;
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
@@ -124,7 +138,7 @@ pub fn fly_recorded<H: DutySource + 'static>(
         .transpose()?;
     let speaker = Arc::clone(&recorder);
     let say = Box::new(move |text: String| speaker.note(now_ns(), EventLevel::Warning, "link", text));
-    let flight = Session { config: config.clone(), cycle, sink, mailbox, stop: Arc::clone(&stop), say };
+    let flight = Session { config: config.clone(), cycle, sink, mailbox, stop: Arc::clone(&stop), length, say };
     let thread = std::thread::Builder::new().name("tick".to_owned()).spawn(move || run_session(flight))?;
     let flown = thread.join();
     stop.store(true, Ordering::Relaxed);

@@ -31,14 +31,12 @@ pub fn flight_report(ticks: &[TickRecord], info: &FlightInfo) -> String {
     if !summary.findings.is_empty() {
         page = page.heading("Look at").list(&summary.findings);
     }
-    page = page.heading("Flight").plot(report_plots::pressures(&flight));
+    page = page.heading("Run").plot(report_plots::pressures(&flight));
     page = page.heading("What happened").table(happened_table(&happened));
     page = page.heading("Predictions (MPObs)").table(prediction_table(&flight, &checks));
     for (name, check) in ["positive", "negative"].into_iter().zip(&checks) {
         if check.loses_to_nothing(&flight.tracked()) {
-            page = page.text(&format!(
-                "Look at the {name} channel: five ticks ahead, MPObs is further off than assuming that nothing changes. Does the model fit this rig?"
-            ));
+            page = page.text(&why_predictions_are_off(name, info));
         }
     }
     if let Some(plot) = report_plots::prediction_close_up(&flight, &checks) {
@@ -63,6 +61,28 @@ pub fn flight_report(ticks: &[TickRecord], info: &FlightInfo) -> String {
     page.to_html()
 }
 
+/// Why predictions may be worse than none, as far as the recording tells.
+fn why_predictions_are_off(channel: &str, info: &FlightInfo) -> String {
+    let begin = format!(
+        "The {channel} channel: five ticks ahead, MPObs is further off than assuming that nothing changes. Predictions roll the model from the plan of the tick before, so they miss"
+    );
+    let rig = info.rig.trim_end_matches(" (emulated)");
+    if !rig.is_empty() && !info.model_rig.is_empty() && rig != info.model_rig {
+        return format!(
+            "{begin} what the rig {rig} has and the model {} does not know, and what the controller then did otherwise than planned. Here that is on purpose: the run shows a controller whose model is not the rig. With --model {rig} the model is the rig.",
+            info.model_rig
+        );
+    }
+    let fit = if rig.is_empty() {
+        " Whether the model fits this rig is what `trainer validate` says, and `trainer diagnose` what it lacks."
+    } else {
+        ""
+    };
+    format!(
+        "{begin} what the model does not know of the rig, and what the controller then did otherwise than planned.{fit}"
+    )
+}
+
 fn subtitle(info: &FlightInfo) -> String {
     let policy = info.policy.as_ref().map(|(name, _)| format!("policy {name}"));
     let rig = Some(&info.rig).filter(|rig| !rig.is_empty()).map(|rig| format!("rig {rig}"));
@@ -72,10 +92,10 @@ fn subtitle(info: &FlightInfo) -> String {
 }
 
 fn key_figures(summary: &FlightSummary) -> Vec<KeyFigure> {
-    let rmse = |name: &str, rmse: Option<f64>, limit: Option<f64>, most: Option<f64>| {
+    let rmse = |name: &str, rmse: Option<f64>, limit: Option<f64>, others: String| {
         let note = match limit {
-            Some(limit) => format!("limit {limit:.2} kPa, largest error {} kPa", wording::number(most, 2)),
-            None => format!("largest error {} kPa", wording::number(most, 2)),
+            Some(limit) => format!("limit {limit:.2} kPa, {others}"),
+            None => others,
         };
         let figure = KeyFigure::new(&format!("RMSE {name}"), &unit(wording::number(rmse, 3), "kPa")).note(&note);
         match (rmse, limit) {
@@ -85,6 +105,14 @@ fn key_figures(summary: &FlightSummary) -> Vec<KeyFigure> {
             (Some(_), None) => figure,
         }
     };
+    let others = |most: Option<f64>, fallback: Option<f64>, optimum: Option<f64>| {
+        let mut parts = vec![format!("largest error {} kPa", wording::number(most, 2))];
+        let by = [("feed-forward PI", fallback), ("optimum", optimum)];
+        parts.extend(by.into_iter().filter_map(|(who, kpa)| Some(format!("{who} {:.3}", kpa?))));
+        parts.join("; ")
+    };
+    let pos = others(summary.max_abs_pos_kpa, summary.fallback_rmse_pos_kpa, summary.optimum_rmse_pos_kpa);
+    let neg = others(summary.max_abs_neg_kpa, summary.fallback_rmse_neg_kpa, summary.optimum_rmse_neg_kpa);
     let none_is_good = |number: u64| if number == 0 { Sign::Good } else { Sign::Bad };
     let deadlines = match summary.is_realtime() {
         true => KeyFigure::new("Deadlines missed", &wording::count(summary.deadline_misses))
@@ -93,10 +121,17 @@ fn key_figures(summary: &FlightSummary) -> Vec<KeyFigure> {
         false => KeyFigure::new("Deadlines", "none")
             .note(&format!("lockstep, {}", wording::counted(summary.ticks, "tick", "ticks"))),
     };
-    let faults = KeyFigure::new("Faults", &wording::count(summary.faults + summary.crio_trips))
+    let faults = KeyFigure::new("Faults", &wording::count(summary.faults))
         .note(&match summary.vented_s {
-            0.0 => "never vented while flying".to_owned(),
-            vented_s => format!("vented for {} while flying", wording::seconds(vented_s)),
+            0.0 => "never vented while in control".to_owned(),
+            vented_s => match summary.crio_trips {
+                0 => format!("vented for {} of the run", wording::seconds(vented_s)),
+                trips => format!(
+                    "vented for {} of the run; the cRIO reported {}",
+                    wording::seconds(vented_s),
+                    wording::counted(trips, "trip", "trips")
+                ),
+            },
         })
         .verdict(match (summary.faults + summary.crio_trips, summary.vented_s > 0.0) {
             (0, false) => Sign::Good,
@@ -105,8 +140,8 @@ fn key_figures(summary: &FlightSummary) -> Vec<KeyFigure> {
     let slowest = KeyFigure::new("Slowest tick", &wording::short_time(summary.compute_us_max))
         .note(&format!("of 20 ms; median {}", wording::short_time(summary.compute_us_p50)));
     vec![
-        rmse("positive", summary.rmse_pos_kpa, summary.rmse_limit_pos_kpa, summary.max_abs_pos_kpa),
-        rmse("negative", summary.rmse_neg_kpa, summary.rmse_limit_neg_kpa, summary.max_abs_neg_kpa),
+        rmse("positive", summary.rmse_pos_kpa, summary.rmse_limit_pos_kpa, pos),
+        rmse("negative", summary.rmse_neg_kpa, summary.rmse_limit_neg_kpa, neg),
         deadlines,
         slowest,
         faults,
@@ -209,6 +244,14 @@ fn tracking_table(summary: &FlightSummary) -> Table {
     row("RMSE (measured − reference)", kpa(summary.rmse_pos_kpa), kpa(summary.rmse_neg_kpa));
     if summary.rmse_limit_pos_kpa.is_some() || summary.rmse_limit_neg_kpa.is_some() {
         row("limit", kpa(summary.rmse_limit_pos_kpa), kpa(summary.rmse_limit_neg_kpa));
+    }
+    if let Some(on) = summary.yardstick_on {
+        let (pos, neg) = (kpa(summary.fallback_rmse_pos_kpa), kpa(summary.fallback_rmse_neg_kpa));
+        row(&format!("RMSE of the feed-forward PI {}", on.words()), pos, neg);
+        if summary.optimum_rmse_pos_kpa.is_some() {
+            let (pos, neg) = (kpa(summary.optimum_rmse_pos_kpa), kpa(summary.optimum_rmse_neg_kpa));
+            row("RMSE of the clairvoyant optimum (rig and reference known in advance)", pos, neg);
+        }
     }
     row("largest error", kpa(summary.max_abs_pos_kpa), kpa(summary.max_abs_neg_kpa));
     let signed = |value| unit(wording::signed(value, 3).replace('-', "−"), "kPa");

@@ -17,6 +17,7 @@
 //! | [`statistics`] | all figures of a flight, tick by tick |
 //! | [`summary`] | these figures as data (`--json`) and as a table |
 //! | [`verdict`] | what a person should think of them, and one sentence |
+//! | [`yardstick`] | what a run is measured by |
 //! | [`flight_info`] | what a report says about a flight beside its ticks |
 //! | [`flight_report`](mod@flight_report) | the self-contained page with plots |
 //!
@@ -42,6 +43,7 @@ pub mod tracking;
 pub mod verdict;
 mod wording;
 mod writing;
+pub mod yardstick;
 
 pub use flight_clock::FlightClock;
 pub use flight_info::{CodeNames, FlightInfo, FlightNote, NoteTime};
@@ -49,6 +51,7 @@ pub use flight_report::flight_report;
 pub use record_error::RecordError;
 pub use recorder::{Recorded, Recorder, RecorderHealth, RecorderOptions, RecordingSummary};
 pub use sink::{Event, RecordSink};
-pub use statistics::{FlightStatistics, Pacing, StatisticsOptions};
+pub use statistics::{Counterpart, FlightStatistics, Pacing, StatisticsOptions};
 pub use summary::FlightSummary;
 pub use verdict::Verdict;
+pub use yardstick::{OnWhichRig, RunYardstick};

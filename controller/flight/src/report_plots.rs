@@ -48,7 +48,7 @@ pub(crate) fn pressures(flight: &Flight<'_>) -> Plot {
     let duty = marked(Panel::new("valve duty sent (1 = vent open)").height(130.0).y_range(-0.02, 1.04), flight, false)
         .line(Line::new("positive", &time_s, &u_pos).color(CHANNEL[0]).stepped())
         .line(Line::new("negative", &time_s, &u_neg).color(CHANNEL[1]).stepped());
-    spanned(Plot::new("Pressures, errors and valves", "time of flight (s)"), flight)
+    spanned(Plot::new("Pressures, errors and valves", "time of the run (s)"), flight)
         .caption("Pressures and errors are drawn to the scale of the ticks that count; what lies beyond, as the first rise does, is cut off.")
         .panel(pressure("positive pressure (kPa gauge)", &p_pos, &ref_pos, CHANNEL[0], true))
         .panel(error("error, positive: measured − reference (kPa)", &p_pos, &ref_pos, CHANNEL[0]))
@@ -68,7 +68,7 @@ pub(crate) fn law(flight: &Flight<'_>) -> Plot {
         [column(|tick| tick.u_pos), column(|tick| tick.u_neg)],
     ];
     let tracked = flight.tracked();
-    let mut plot = spanned(Plot::new("Control law, part by part", "time of flight (s)"), flight)
+    let mut plot = spanned(Plot::new("Control law, part by part", "time of the run (s)"), flight)
         .caption("Duty while the daemon steers: what it sent, the feed-forward (or the policy's output) it builds on, and what feedback adds to that.");
     for (((name, color), u), ((ff, p), i)) in
         [("positive", CHANNEL[0]), ("negative", CHANNEL[1])].into_iter().zip(&u).zip(ff.iter().zip(&p).zip(&i))
@@ -103,7 +103,7 @@ pub(crate) fn law(flight: &Flight<'_>) -> Plot {
 pub(crate) fn prediction_errors(flight: &Flight<'_>, checks: &[PredictionCheck; 2]) -> Plot {
     let time_s = flight.time_s();
     let tracked = flight.tracked();
-    let mut plot = spanned(Plot::new("Prediction errors over the flight", "time of flight (s)"), flight)
+    let mut plot = spanned(Plot::new("Prediction errors over the run", "time of the run (s)"), flight)
         .caption("Root of the mean square over one second of what was measured minus what MPObs had predicted for it; beside it the error of assuming that nothing changes.");
     for (name, check) in ["positive", "negative"].into_iter().zip(checks) {
         let (Some(one), Some(five)) = (check.horizon(1), check.horizon(5)) else { continue };
@@ -138,7 +138,7 @@ pub(crate) fn prediction_close_up(flight: &Flight<'_>, checks: &[PredictionCheck
     let time_s = flight.time_s();
     let cut = |values: &[f64]| values.get(rows.clone()).map(<[f64]>::to_vec).unwrap_or_default();
     let time = cut(&time_s);
-    let mut plot = Plot::new("Predictions against what came, close up", "time of flight (s)")
+    let mut plot = Plot::new("Predictions against what came, close up", "time of the run (s)")
         .caption("The second and a half in which predictions five ticks ahead were worst. A line shows at each moment what had been predicted for it.");
     let references = [flight.column(|tick| tick.ref_pos_kpa), flight.column(|tick| tick.ref_neg_kpa)];
     for (((name, color), check), reference) in
@@ -202,7 +202,7 @@ pub(crate) fn times_over_flight(flight: &Flight<'_>) -> Plot {
         let missed = where_ms(|tick| tick.deadline_missed, |tick| f64::from(tick.compute_ns) / 1e6);
         panel = panel.scatter(Scatter::new("deadline missed", &time_s, &missed).color(Color::Red));
     }
-    let plot = spanned(Plot::new("Ticks and frames over the flight", "time of flight (s)"), flight).panel(panel);
+    let plot = spanned(Plot::new("Ticks and frames over the run", "time of the run (s)"), flight).panel(panel);
     if !realtime {
         return plot.caption("In lockstep a frame comes whenever it is ready, so there is no lateness to show.");
     }

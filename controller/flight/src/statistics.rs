@@ -15,6 +15,7 @@ use proto::recording::{Arrival, TickRecord};
 use crate::duration_histogram::DurationHistogram;
 use crate::flight_clock::{FlightClock, Moment, RATE_HZ};
 use crate::tracking::Tracking;
+use crate::yardstick::RunYardstick;
 
 /// Mode of a COMMAND that vents.
 const MODE_VENT: u8 = 0;
@@ -38,12 +39,32 @@ pub struct StatisticsOptions {
     pub pacing: Pacing,
     /// The largest RMSE that the verdict calls good: positive, negative (kPa).
     pub rmse_limit_kpa: Option<[f64; 2]>,
+    /// What the run is measured by.
+    pub yardstick: Option<RunYardstick>,
+    /// What is at the other end of the wire.
+    pub counterpart: Counterpart,
+}
+
+/// What is at the other end of the wire.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Counterpart {
+    /// A cRIO of its own.
+    #[default]
+    Crio,
+    /// An emulated one on the same computer: what is late there is that computer's doing.
+    SameComputer,
 }
 
 impl Default for StatisticsOptions {
     /// 5 s of settling, real time, no limit.
     fn default() -> Self {
-        Self { skip_s: 5.0, pacing: Pacing::Realtime, rmse_limit_kpa: None }
+        Self {
+            skip_s: 5.0,
+            pacing: Pacing::Realtime,
+            rmse_limit_kpa: None,
+            yardstick: None,
+            counterpart: Counterpart::Crio,
+        }
     }
 }
 
@@ -115,8 +136,9 @@ pub struct Counts {
     pub faults: u64,
     /// Ticks with a fault.
     pub fault_ticks: u64,
-    /// Vented ticks after the daemon first steered and before it last did.
-    pub vented_between: u64,
+    /// Ticks without control since a fault, until the daemon steers again or the recording ends; none before it first
+    /// steered.
+    pub vented: u64,
     /// Times that the cRIO reported a trip.
     pub crio_trips: u64,
     /// Records that a full queue refused.
@@ -147,7 +169,8 @@ pub struct FlightStatistics {
     pub(crate) window_max_ns: u32,
     clock: FlightClock,
     steering_since: Option<u64>,
-    vented_pending: u64,
+    /// Whether a fault took control away.
+    vented_by_fault: bool,
 }
 
 impl Default for FlightStatistics {
@@ -169,7 +192,7 @@ impl FlightStatistics {
             window_max_ns: 0,
             clock: FlightClock::new(options.pacing),
             steering_since: None,
-            vented_pending: 0,
+            vented_by_fault: false,
         }
     }
 
@@ -194,6 +217,11 @@ impl FlightStatistics {
         let tracked = self.track(tick, moment, steered);
         self.last = Some((moment, *tick));
         Place { moment, steered, tracked }
+    }
+
+    /// Measures the run by what others reach.
+    pub fn judge_by(&mut self, yardstick: Option<RunYardstick>) {
+        self.options.yardstick = yardstick;
     }
 
     /// What befell the ticks so far.
@@ -282,11 +310,12 @@ impl FlightStatistics {
         if !steered {
             self.steering_since = None;
             self.channels.iter_mut().for_each(Tracking::pause);
-            self.vented_pending += u64::from(self.counts.steered > 0);
+            self.vented_by_fault |= tick.fault != 0;
+            self.counts.vented += u64::from(self.counts.steered > 0 && self.vented_by_fault);
             return false;
         }
         self.counts.steered += 1;
-        self.counts.vented_between += std::mem::take(&mut self.vented_pending);
+        self.vented_by_fault = false;
         let since = *self.steering_since.get_or_insert(moment.tick);
         if moment.step != 1 {
             self.channels.iter_mut().for_each(Tracking::pause);

@@ -11,6 +11,7 @@ use crate::flight_clock::RATE_HZ;
 use crate::statistics::{FlightStatistics, Pacing, Stage};
 use crate::tracking::Tracking;
 use crate::verdict::{self, Verdict};
+use crate::yardstick::OnWhichRig;
 
 /// Figures of a flight.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -41,6 +42,16 @@ pub struct FlightSummary {
     pub rmse_limit_pos_kpa: Option<f64>,
     /// The limit that the verdict was taken by (kPa).
     pub rmse_limit_neg_kpa: Option<f64>,
+    /// RMSE that the feed-forward PI reaches, positive channel (kPa); `yardstick_on` says where.
+    pub fallback_rmse_pos_kpa: Option<f64>,
+    /// As `fallback_rmse_pos_kpa`, negative channel (kPa).
+    pub fallback_rmse_neg_kpa: Option<f64>,
+    /// RMSE of the clairvoyant optimum, positive channel (kPa); `null` where it is not known.
+    pub optimum_rmse_pos_kpa: Option<f64>,
+    /// As `optimum_rmse_pos_kpa`, negative channel (kPa).
+    pub optimum_rmse_neg_kpa: Option<f64>,
+    /// `the_rig` or `the_model`: what the yardstick was taken on; `null` without one.
+    pub yardstick_on: Option<OnWhichRig>,
     /// Largest error without its sign, positive channel (kPa).
     pub max_abs_pos_kpa: Option<f64>,
     /// Largest error without its sign, negative channel (kPa).
@@ -74,7 +85,7 @@ pub struct FlightSummary {
     pub faults: u64,
     /// Time with a fault (s).
     pub fault_s: f64,
-    /// Time vented between the first and the last steered tick (s).
+    /// Time without control since a fault, until the run went on or ended (s).
     pub vented_s: f64,
     /// Times that the cRIO reported a trip.
     pub crio_trips: u64,
@@ -152,6 +163,9 @@ impl FlightStatistics {
         let counts = &self.counts;
         let [pos, neg] = &self.channels;
         let [limit_pos, limit_neg] = self.options.rmse_limit_kpa.map_or([None, None], |limits| limits.map(Some));
+        let yardstick = self.options.yardstick;
+        let [fallback_pos, fallback_neg] = yardstick.map_or([None, None], |y| y.fallback_kpa);
+        let [optimum_pos, optimum_neg] = yardstick.and_then(|y| y.optimum_kpa).map_or([None, None], |o| o.map(Some));
         let compute = DurationFigures::of(self.stage(Stage::Whole));
         let stage = |stage| DurationFigures::of(self.stage(stage));
         let realtime = self.options.pacing == Pacing::Realtime;
@@ -168,6 +182,11 @@ impl FlightStatistics {
             rmse_neg_kpa: neg.rmse_kpa(),
             rmse_limit_pos_kpa: limit_pos,
             rmse_limit_neg_kpa: limit_neg,
+            fallback_rmse_pos_kpa: fallback_pos,
+            fallback_rmse_neg_kpa: fallback_neg,
+            optimum_rmse_pos_kpa: optimum_pos,
+            optimum_rmse_neg_kpa: optimum_neg,
+            yardstick_on: yardstick.map(|y| y.on),
             max_abs_pos_kpa: pos.max_abs_kpa(),
             max_abs_neg_kpa: neg.max_abs_kpa(),
             mean_error_pos_kpa: pos.mean_error_kpa(),
@@ -184,7 +203,7 @@ impl FlightStatistics {
             sessions: counts.sessions,
             faults: counts.faults,
             fault_s: counts.fault_ticks as f64 / RATE_HZ,
-            vented_s: counts.vented_between as f64 / RATE_HZ,
+            vented_s: counts.vented as f64 / RATE_HZ,
             crio_trips: counts.crio_trips,
             records_dropped: counts.records_dropped,
             compute_us_p50: compute.p50,
@@ -199,7 +218,7 @@ impl FlightStatistics {
             },
             lateness_us: if realtime { DurationFigures::of(&self.lateness) } else { DurationFigures::default() },
         };
-        let (verdict, findings) = verdict::findings(&summary);
+        let (verdict, findings) = verdict::findings(&summary, &self.options);
         (summary.verdict, summary.findings) = (verdict, findings);
         summary.headline = verdict::headline(&summary);
         summary

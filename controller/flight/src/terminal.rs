@@ -4,10 +4,13 @@
 
 use std::fmt::Write;
 
-use crate::oscillation::{AMPLITUDE_KPA, REGULARITY};
 use crate::statistics::FlightStatistics;
 use crate::summary::{DurationFigures, FlightSummary, RepetitionFigures};
 use crate::wording;
+use crate::yardstick::OnWhichRig;
+
+/// Width of the first column: with four more of twelve letters a line has the 80 of a terminal.
+const NAME: usize = 32;
 
 impl FlightStatistics {
     /// The line that stands above the live lines.
@@ -67,14 +70,26 @@ impl FlightSummary {
 
     fn tracking_rows(&self, out: &mut String) {
         let after = format!("Tracking, after {} of settling", wording::seconds(self.settling_s));
-        let _ = writeln!(out, "{after:<42}{:>12}{:>12}", "positive", "negative");
+        let _ = writeln!(out, "{after:<NAME$}{:>12}{:>12}", "positive", "negative");
         let mut row = |name: &str, pos: String, neg: String, unit: &str| {
-            let _ = writeln!(out, "{:<42}{pos:>12}{neg:>12}  {unit}", format!("  {name}"));
+            let _ = writeln!(out, "{:<NAME$}{pos:>12}{neg:>12}  {unit}", format!("  {name}"));
         };
         let plain = |value| wording::number(value, 3);
         row("RMSE (measured - reference)", plain(self.rmse_pos_kpa), plain(self.rmse_neg_kpa), "kPa");
         if self.rmse_limit_pos_kpa.is_some() || self.rmse_limit_neg_kpa.is_some() {
             row("limit", plain(self.rmse_limit_pos_kpa), plain(self.rmse_limit_neg_kpa), "kPa");
+        }
+        if let Some(on) = self.yardstick_on {
+            let on = if on == OnWhichRig::TheRig { "same rig" } else { "on the model" };
+            row(
+                &format!("feed-forward PI, {on}"),
+                plain(self.fallback_rmse_pos_kpa),
+                plain(self.fallback_rmse_neg_kpa),
+                "kPa",
+            );
+            if self.optimum_rmse_pos_kpa.is_some() {
+                row("clairvoyant optimum", plain(self.optimum_rmse_pos_kpa), plain(self.optimum_rmse_neg_kpa), "kPa");
+            }
         }
         row("largest error", plain(self.max_abs_pos_kpa), plain(self.max_abs_neg_kpa), "kPa");
         let signed = |value| wording::signed(value, 3);
@@ -90,24 +105,24 @@ impl FlightSummary {
             "oscillation faster than 3 s",
             oscillation(self.repetition_pos),
             oscillation(self.repetition_neg),
-            &format!("kPa at period, from regularity {REGULARITY} and {AMPLITUDE_KPA} kPa"),
+            "kPa every s",
         );
     }
 
     fn time_rows(&self, out: &mut String) {
         let _ = writeln!(
             out,
-            "\n{:<42}{:>12}{:>12}{:>12}{:>12}",
+            "\n{:<NAME$}{:>12}{:>12}{:>12}{:>12}",
             "Time (a tick is 20 ms)", "median", "99 %", "99.9 %", "max"
         );
         let mut row = |name: &str, figures: DurationFigures| {
-            let _ = write!(out, "{:<42}", format!("  {name}"));
+            let _ = write!(out, "{:<NAME$}", format!("  {name}"));
             for figure in [figures.p50, figures.p99, figures.p999, figures.max] {
                 let _ = write!(out, "{:>12}", wording::time_ms(figure));
             }
             out.push('\n');
         };
-        row("whole tick: frame in hand to command sent", self.compute_us());
+        row("whole tick: frame to command", self.compute_us());
         row("  receive and check", self.stages_us.receive_check);
         row("  prediction (MPObs)", self.stages_us.predict);
         row("  control law and limits", self.stages_us.law);
@@ -128,7 +143,7 @@ impl FlightSummary {
         );
         let _ = writeln!(
             out,
-            "deadlines missed {}, frames missing {}, late {}, damaged {}; faults {}, cRIO trips {}, vented {}; ticks without a record {}",
+            "deadlines missed {}; frames missing {}, late {}, damaged {}; faults {}, cRIO trips {};\nvented {}; ticks without a record {}",
             self.deadline_misses,
             self.frames_missing,
             self.frames_late,

@@ -2,8 +2,10 @@
 
 use serde::Serialize;
 
+use crate::statistics::{Counterpart, StatisticsOptions};
 use crate::summary::{FlightSummary, RepetitionFigures};
 use crate::wording;
+use crate::yardstick::{OnWhichRig, Standing};
 
 /// Whether a flight went as it should.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -29,7 +31,7 @@ impl Verdict {
 }
 
 /// What a summary gives reason to look at, the worst first, and the verdict that follows.
-pub(crate) fn findings(summary: &FlightSummary) -> (Verdict, Vec<String>) {
+pub(crate) fn findings(summary: &FlightSummary, options: &StatisticsOptions) -> (Verdict, Vec<String>) {
     let mut found: Vec<(Verdict, String)> = Vec::new();
     let mut find = |level: Verdict, when: bool, text: &dyn Fn() -> String| {
         if when {
@@ -48,6 +50,16 @@ pub(crate) fn findings(summary: &FlightSummary) -> (Verdict, Vec<String>) {
             find(bad, true, &|| format!("{channel} RMSE {rmse:.3} kPa is above its limit of {limit:.3} kPa"));
         }
     }
+    for (index, (channel, rmse, _)) in channels(summary).into_iter().enumerate() {
+        if let (Some(yardstick), Some(rmse)) = (options.yardstick, rmse) {
+            let level = match yardstick.standing(index, rmse) {
+                Standing::Fair => continue,
+                Standing::Worse => look,
+                Standing::FarWorse => bad,
+            };
+            find(level, true, &|| against_fallback(channel, rmse, yardstick.fallback_kpa[index], yardstick.on));
+        }
+    }
     find(bad, summary.faults > 0, &|| {
         let in_all = if summary.faults > 1 { " in all" } else { "" };
         format!("{}, {} long{in_all}", counted_faults(summary), wording::seconds(summary.fault_s))
@@ -55,10 +67,14 @@ pub(crate) fn findings(summary: &FlightSummary) -> (Verdict, Vec<String>) {
     find(bad, summary.crio_trips > 0, &|| {
         format!("the cRIO reported {}", wording::counted(summary.crio_trips, "trip", "trips"))
     });
-    find(bad, summary.vented_s > 0.0, &|| format!("vented for {} while flying", wording::seconds(summary.vented_s)));
+    find(bad, summary.vented_s > 0.0, &|| format!("vented for {} of the run", wording::seconds(summary.vented_s)));
     find(bad, summary.is_realtime() && summary.deadline_misses > 0, &|| {
         format!("{} of {} missed", wording::count(summary.deadline_misses), deadlines(summary))
     });
+    let late = summary.deadline_misses + summary.frames_missing + summary.frames_late;
+    if let Some(text) = busy_computer(summary, options).filter(|_| late > 0) {
+        find(look, true, &|| text.clone());
+    }
     find(bad, summary.records_dropped > 0, &|| {
         format!(
             "{} not recorded: the recorder could not keep up (is the disk slow or full?)",
@@ -93,7 +109,31 @@ pub(crate) fn findings(summary: &FlightSummary) -> (Verdict, Vec<String>) {
     (worst, found.into_iter().map(|(_, text)| text).collect())
 }
 
-/// The flight in one sentence.
+fn against_fallback(channel: &str, rmse_kpa: f64, fallback_kpa: Option<f64>, on: OnWhichRig) -> String {
+    let fallback_kpa = fallback_kpa.unwrap_or(f64::NAN);
+    format!(
+        "{channel} RMSE {rmse_kpa:.3} kPa is {:.1} times what the feed-forward PI reaches {} ({fallback_kpa:.3} kPa)",
+        rmse_kpa / fallback_kpa,
+        on.words()
+    )
+}
+
+/// Ticks that usually take less than this share of their 20 ms are not to blame for one that takes all of it.
+const OWN_SHARE: f64 = 0.25;
+
+/// Whose fault it is that something was late, where both ends are on one computer and the program itself is not slow.
+fn busy_computer(summary: &FlightSummary, options: &StatisticsOptions) -> Option<String> {
+    let median_us = summary.compute_us_p50.filter(|median_us| *median_us < OWN_SHARE * 20_000.0)?;
+    if options.counterpart != Counterpart::SameComputer || !summary.is_realtime() {
+        return None;
+    }
+    Some(format!(
+        "it was the computer that was late, not the controller: half of the ticks take less than {}; close other programs, or use --fast, which runs in lockstep and has no deadlines",
+        wording::short_time(Some(median_us))
+    ))
+}
+
+/// The run in one sentence.
 pub(crate) fn headline(summary: &FlightSummary) -> String {
     let mut parts = vec![tracking(summary)];
     if summary.faults > 0 {
@@ -124,7 +164,7 @@ fn tracking(summary: &FlightSummary) -> String {
     let (Some(pos), Some(neg)) = (summary.rmse_pos_kpa, summary.rmse_neg_kpa) else {
         return match summary.ticks {
             0 => "No tick was recorded".to_owned(),
-            _ => "Flew too little to say how well it tracks".to_owned(),
+            _ => "Controlled too little to say how well it tracks".to_owned(),
         };
     };
     let limits: Vec<String> = channels(summary)
@@ -133,7 +173,11 @@ fn tracking(summary: &FlightSummary) -> String {
         .map(|(channel, limit)| format!("the {channel} one above its limit of {limit:.2} kPa"))
         .collect();
     let limits = if limits.is_empty() { String::new() } else { format!(", {}", limits.join(" and ")) };
-    format!("Tracked the pressures to {pos:.2} kPa (positive) and {neg:.2} kPa (negative) RMS{limits}")
+    let others = match (summary.fallback_rmse_pos_kpa, summary.fallback_rmse_neg_kpa, summary.yardstick_on) {
+        (Some(pos), Some(neg), Some(on)) => format!(" (the feed-forward PI {}: {pos:.2} and {neg:.2})", on.words()),
+        _ => String::new(),
+    };
+    format!("Tracked the pressures to {pos:.2} kPa (positive) and {neg:.2} kPa (negative) RMS{others}{limits}")
 }
 
 /// Name, RMSE and limit of both channels.

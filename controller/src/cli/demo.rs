@@ -13,8 +13,13 @@ use controller::config::{Config, FALLBACK, Pacing};
 use controller::daemon::{self, Options, PROGRAM};
 use controller::notice::fault_name;
 use controller::realtime::with_priority;
+use controller::run_length::{Begins, RunClock, RunLength};
 use controller::state::State;
-use flight::{CodeNames, FlightInfo, FlightStatistics, FlightSummary, Recorded, StatisticsOptions, flight_report};
+use controller::yardstick::{self, Trial};
+use flight::{
+    CodeNames, Counterpart, FlightInfo, FlightStatistics, FlightSummary, Recorded, RunYardstick, StatisticsOptions,
+    Verdict, flight_report,
+};
 use proto::emulator::{Emulator, EmulatorConfig, EmulatorHandle, FaultScript, Pace, rig_and_crio};
 use proto::recording::read_mcap;
 
@@ -29,7 +34,7 @@ const LIVE_TICKS: u64 = 50;
 /// Flags of the demo.
 #[derive(Debug, Args)]
 pub(crate) struct Demo {
-    /// Seconds to fly.
+    /// Length of the run, whatever happens in it.
     #[arg(long, default_value_t = 60.0, value_name = "S", allow_negative_numbers = true)]
     seconds: f64,
     /// In lockstep, as fast as it goes, instead of in real time.
@@ -44,7 +49,7 @@ pub(crate) struct Demo {
     /// The model behind MPObs and feed-forward.
     #[arg(long, default_value = "dual_pressure", value_name = "FILE")]
     model: String,
-    /// Policy to fly: an ONNX file, or `fallback` for the feed-forward PI; by default the shipped policy.
+    /// Policy that controls: an ONNX file, or `fallback` for the feed-forward PI; by default the shipped policy.
     #[arg(long, value_name = "FILE|fallback")]
     policy: Option<PathBuf>,
     /// Reference to follow: CSV time_s,ref_pos_kpa,ref_neg_kpa; by default the paper's.
@@ -82,16 +87,21 @@ impl Demo {
             Some(name) if name.as_os_str() == FALLBACK => None,
             Some(file) => Some(policy::Policy::load(file, &daemon::contracts()).map_err(Failure::input)?),
         };
-        let statistics = StatisticsOptions { pacing: self.pacing(), ..StatisticsOptions::default() };
+        let statistics = StatisticsOptions {
+            pacing: self.pacing(),
+            counterpart: Counterpart::SameComputer,
+            ..StatisticsOptions::default()
+        };
         let figures = Arc::new(Mutex::new(FlightStatistics::new(statistics)));
         let recording = self.out.join("flight.mcap");
         for stale in [recording.clone(), proto::recording::unfinished_path(&recording)] {
             let _ = std::fs::remove_file(stale);
         }
         self.announce(&loaded);
+        let yardstick = self.yardstick(&loaded)?;
         let options = Options {
             recording: Some(recording),
-            seconds: Some(self.seconds),
+            length: RunLength::seconds(self.seconds, Begins::WhenArmedOrSoon, self.clock()),
             socket: false,
             extra: vec![("rig".to_owned(), format!("{} (emulated)", self.rig)), ("command".to_owned(), self.command())],
             config_text: String::new(),
@@ -101,13 +111,32 @@ impl Demo {
         let recorded = daemon::run(&config, loaded, options)?;
         emulator.stop();
         emulator.join().map_err(Failure::work)?;
+        let statistics = StatisticsOptions { yardstick, ..statistics };
         let report = self.report(&recorded.path, statistics)?;
-        let summary = figures.lock().unwrap_or_else(PoisonError::into_inner).summary();
-        self.tell(&summary, &recorded.path, &report)
+        let mut figures = figures.lock().unwrap_or_else(PoisonError::into_inner);
+        figures.judge_by(yardstick);
+        self.say_results(&figures.summary(), &recorded.path, &report)
+    }
+
+    /// What the feed-forward PI reaches on the same rig and reference.
+    fn yardstick(&self, loaded: &daemon::Loaded) -> Result<Option<RunYardstick>, Failure> {
+        let rig = proto::rig_file::load(&self.rig).map_err(Failure::input)?;
+        let trial = Trial {
+            rig: Some(&rig),
+            model: &loaded.rig,
+            reference: loaded.reference.clone(),
+            seconds: self.seconds,
+            seed: self.seed,
+        };
+        yardstick::yardstick(trial).map(Some).map_err(|e| Failure::input(format!("rig {}: {e}", self.rig)))
     }
 
     fn pacing(&self) -> flight::Pacing {
         if self.fast { flight::Pacing::Lockstep } else { flight::Pacing::Realtime }
+    }
+
+    fn clock(&self) -> RunClock {
+        if self.fast { RunClock::Lockstep } else { RunClock::Realtime }
     }
 
     fn emulator(&self) -> Result<EmulatorHandle, Failure> {
@@ -131,7 +160,7 @@ impl Demo {
             return;
         }
         say(format_args!(
-            "{PROGRAM}: {} s of {}{}\nrig `{}` behind the emulated cRIO, model `{}`, {} flies",
+            "{PROGRAM}: {} s of {}{}\nrig `{}` behind the emulated cRIO, model `{}`, in control: {}",
             self.seconds,
             self.reference.as_ref().map_or("the paper's reference".to_owned(), |file| file.display().to_string()),
             if self.fast { ", in lockstep" } else { "" },
@@ -165,7 +194,8 @@ impl Demo {
         Ok(path)
     }
 
-    fn tell(&self, summary: &FlightSummary, recording: &Path, report: &Path) -> Result<(), Failure> {
+    /// The last words, and the exit status: a run that is not good is work that was done and came to nothing.
+    fn say_results(&self, summary: &FlightSummary, recording: &Path, report: &Path) -> Result<(), Failure> {
         if self.json {
             let mut object = serde_json::to_value(summary).map_err(Failure::work)?;
             object["recording"] = recording.to_string_lossy().into();
@@ -175,7 +205,10 @@ impl Demo {
             say(format_args!("\n{}", summary.table()));
             say(format_args!("recording  {}\nreport     {}", recording.display(), report.display()));
         }
-        Ok(())
+        match (summary.verdict, summary.findings.first()) {
+            (Verdict::Bad, Some(worst)) => Err(Failure::work(format!("the run was not good: {worst}"))),
+            _ => Ok(()),
+        }
     }
 }
 

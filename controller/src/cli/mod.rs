@@ -30,7 +30,8 @@ enum Command {
         /// Configuration file (TOML); only link.address is needed.
         #[arg(long, value_name = "FILE")]
         config: PathBuf,
-        /// Disarm and end this many seconds after arming; without it, fly until told to stop.
+        /// End this many seconds after the first arming, whatever happens in between (a fault, standing by, arming
+        /// anew); without it, run until stopped.
         #[arg(long, value_name = "S", allow_negative_numbers = true)]
         seconds: Option<f64>,
     },

@@ -4,8 +4,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use controller::config::Config;
+use controller::config::{Config, Pacing};
 use controller::daemon::{self, Options};
+use controller::run_length::{Begins, RunClock, RunLength};
 use flight::Recorded;
 
 use super::Failure;
@@ -20,14 +21,15 @@ pub(super) fn run(file: &Path, seconds: Option<f64>) -> Result<(), Failure> {
     let config = Config::read(file)?;
     let loaded = daemon::load(&config)?;
     tell(format_args!(
-        "flying {} on the model {}, cRIO at {}",
+        "{} controls, on the model {}, cRIO at {}",
         loaded.policy.as_ref().map_or("the feed-forward PI", |p| p.name()),
         loaded.rig.name,
         config.link.address
     ));
+    let clock = if config.link.pacing == Pacing::Lockstep { RunClock::Lockstep } else { RunClock::Realtime };
     let options = Options {
         recording: None,
-        seconds,
+        length: seconds.map_or(RunLength::ENDLESS, |s| RunLength::seconds(s, Begins::WhenArmed, clock)),
         socket: true,
         extra: vec![("command".to_owned(), format!("controller run --config {}", file.display()))],
         config_text: std::fs::read_to_string(file).unwrap_or_default(),
