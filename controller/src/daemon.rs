@@ -1,18 +1,20 @@
 //! Puts the daemon together: everything that a configuration names is read and checked, then flown
 //! ([`crate::session_recorder`]).
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use flight::{Recorded, RecordingSummary};
 use model::rig::Rig;
 use policy::{Policy, PolicySignature};
+use proto::recording::Attachment;
 use proto::reference::Reference;
 
 use crate::config::{Config, DEFAULT_POLICY, FALLBACK};
 use crate::cycle::Cycle;
 use crate::notice::sentence;
+use crate::run_file::attached;
 use crate::run_length::RunLength;
 use crate::session_recorder::{SessionError, SessionRecorder, attachment, fly_recorded};
 use crate::socket::May;
@@ -78,9 +80,14 @@ pub struct Loaded {
     pub reference_name: String,
     /// The policy, if one flies.
     pub policy: Option<Policy>,
+    /// The policy's file, for the recording.
+    pub policy_bytes: Option<Vec<u8>>,
     /// What a person should know about these choices.
     pub remarks: Vec<String>,
 }
+
+/// What the paper's reference is called in recordings.
+pub const PAPERS_REFERENCE: &str = "the paper's";
 
 /// The contracts that policies may meet.
 pub fn contracts() -> [PolicySignature; 2] {
@@ -99,13 +106,14 @@ pub fn load(config: &Config) -> Result<Loaded, DaemonError> {
         None => {
             remarks
                 .push("no reference file: following the paper's reference (set reference.file for another)".to_owned());
-            (Reference::paper(), "the paper's".to_owned())
+            (Reference::paper(), PAPERS_REFERENCE.to_owned())
         }
     };
     check_reference(config, &reference, &reference_name)?;
-    let policy = load_policy(config, &mut remarks)?;
+    let chosen = load_policy(config, &mut remarks)?;
     let rig_text = rig.to_toml().unwrap_or_default();
-    Ok(Loaded { rig, rig_text, reference, reference_name, policy, remarks })
+    let (policy, policy_bytes) = chosen.map_or((None, None), |(policy, bytes)| (Some(policy), Some(bytes)));
+    Ok(Loaded { rig, rig_text, reference, reference_name, policy, policy_bytes, remarks })
 }
 
 fn check_reference(config: &Config, reference: &Reference, name: &str) -> Result<(), DaemonError> {
@@ -129,19 +137,32 @@ const SHIPPED_POLICY: &[u8] = include_bytes!("../policies/default.onnx");
 ///
 /// # Errors
 /// If this build carries one that this program refuses.
-pub fn shipped_policy() -> Result<Policy, DaemonError> {
+pub fn shipped_policy() -> Result<(Policy, Vec<u8>), DaemonError> {
     let refused = |fault| policy::PolicyError { file: "the shipped policy".into(), fault };
-    Ok(Policy::from_bytes("default, as shipped".to_owned(), SHIPPED_POLICY, &contracts()).map_err(refused)?)
+    let policy = Policy::from_bytes("default, as shipped".to_owned(), SHIPPED_POLICY, &contracts()).map_err(refused)?;
+    Ok((policy, SHIPPED_POLICY.to_vec()))
 }
 
-fn load_policy(config: &Config, remarks: &mut Vec<String>) -> Result<Option<Policy>, DaemonError> {
+/// Loads and checks a policy, and keeps its file for the recording.
+///
+/// # Errors
+/// The file cannot be read, or is refused.
+pub fn policy_file(file: &Path) -> Result<(Policy, Vec<u8>), policy::PolicyError> {
+    let (policy, bytes) = (Policy::load(file, &contracts())?, std::fs::read(file).unwrap_or_default());
+    // What was checked is what is kept: a file that changed in between is loaded from the bytes that are kept.
+    let name = policy.name().to_owned();
+    let same = Policy::from_bytes(name, &bytes, &contracts());
+    Ok((same.map_err(|fault| policy::PolicyError { file: file.to_owned(), fault })?, bytes))
+}
+
+fn load_policy(config: &Config, remarks: &mut Vec<String>) -> Result<Option<(Policy, Vec<u8>)>, DaemonError> {
     let choice = &config.policy;
     if choice.active == FALLBACK {
         return Ok(None);
     }
     let file = choice.directory.join(format!("{}.onnx", choice.active));
     if file.is_file() {
-        return Ok(Some(Policy::load(&file, &contracts())?));
+        return Ok(Some(policy_file(&file)?));
     }
     if choice.active == DEFAULT_POLICY {
         remarks.push(format!("no policy at {}: the one that ships with the program flies", file.display()));
@@ -177,6 +198,8 @@ pub struct Options {
     pub extra: Vec<(String, String)>,
     /// The configuration's text, for the recording.
     pub config_text: String,
+    /// Other files that go into the recording.
+    pub attachments: Vec<Attachment>,
     /// Sees every tick and event, in the recorder's thread.
     pub observer: Box<dyn FnMut(Recorded<'_>) + Send>,
     /// Set by somebody else to end the flight.
@@ -188,7 +211,12 @@ pub struct Options {
 /// # Errors
 /// Why it cannot start, or what was lost at the end.
 pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<RecordingSummary, DaemonError> {
-    let Loaded { rig, rig_text, reference, reference_name, policy, mut remarks } = loaded;
+    let Loaded { rig, rig_text, reference, reference_name, policy, policy_bytes, mut remarks } = loaded;
+    let mut attachments = options.attachments;
+    attachments.push(attachment(attached::MODEL, "application/toml", rig_text));
+    attachments.push(attachment(attached::CONFIG, "application/toml", options.config_text));
+    attachments.push(attachment(attached::REFERENCE, "text/csv", reference.to_csv()));
+    attachments.extend(policy_bytes.map(|bytes| attachment(attached::POLICY, "application/onnx", bytes)));
     let unflyable = |problem| DaemonError::Unflyable { name: config.rig.file.clone(), problem };
     let policy_id = policy.as_ref().map(|p| (p.name().to_owned(), p.hash().to_string()));
     let cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.auto_arm).map_err(unflyable)?;
@@ -200,10 +228,7 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
         stem: "flight",
         policy: policy_id,
         extra,
-        attachments: vec![
-            attachment("model_rig.toml", "application/toml", rig_text),
-            attachment("controller.toml", "application/toml", options.config_text),
-        ],
+        attachments,
         remarks,
         event_text: sentence,
         operator: options.socket.then_some(May::Fly),

@@ -15,6 +15,7 @@
 //! | [`pacing`] | when a frame is due |
 //! | [`link`] | TCP to the cRIO |
 //! | [`session`] | the tick's thread |
+//! | [`run_file`] | a recorded run, read back |
 //! | [`run_length`] | when a run of so many seconds is over |
 //! | [`realtime`] | scheduling, memory |
 //! | [`mailbox`], [`socket`] | the operator |
@@ -46,6 +47,7 @@ pub mod policy_signatures;
 pub mod preflight_simulation;
 pub mod realtime;
 pub mod reference_tracking;
+pub mod run_file;
 pub mod run_length;
 pub mod sensing;
 pub mod session;

@@ -6,4 +6,5 @@ pub mod emulator;
 pub mod recording;
 pub mod reference;
 pub mod rig_file;
+pub mod stream;
 pub mod wire;

@@ -9,7 +9,7 @@ use fit::data::Role;
 use fit::identify::{
     Accuracy, Identified, IdentifySettings, Step, figures, run as identify, table, undetermined, verdict,
 };
-use proto::recording::{PERIOD_S, Recording};
+use proto::recording::{PERIOD_S, Recording, short_name};
 use proto::rig_file;
 use serde_json::{Map, Value, json};
 
@@ -96,12 +96,8 @@ fn place(step: Step) -> u64 {
 
 /// What the file says of itself.
 fn described(before: &str, recordings: &[Recording]) -> String {
-    let names: Vec<String> = recordings
-        .iter()
-        .map(|r| {
-            std::path::Path::new(r.source()).file_name().map_or(r.source().into(), |n| n.to_string_lossy().into_owned())
-        })
-        .collect();
+    let names: Vec<String> =
+        recordings.iter().map(|r| short_name(r.source(), recordings.iter().map(Recording::source))).collect();
     let separator = if before.is_empty() { "" } else { " " };
     format!("{}{separator}Parameters identified from {}.", before.trim_end(), names.join(", "))
 }

@@ -24,6 +24,7 @@
 //! Left out: what the daemon's states and faults are called. They are the daemon's own, so it gives
 //! their names as functions.
 
+mod comparison_report;
 pub mod duration_histogram;
 pub mod flight_clock;
 pub mod flight_info;
@@ -45,6 +46,7 @@ mod wording;
 mod writing;
 pub mod yardstick;
 
+pub use comparison_report::{ComparedRun, comparison_report};
 pub use flight_clock::FlightClock;
 pub use flight_info::{CodeNames, FlightInfo, FlightNote, NoteTime};
 pub use flight_report::flight_report;

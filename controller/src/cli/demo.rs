@@ -13,7 +13,9 @@ use controller::config::{Config, FALLBACK, Pacing};
 use controller::daemon::{self, Options, PROGRAM};
 use controller::notice::fault_name;
 use controller::realtime::with_priority;
+use controller::run_file::attached;
 use controller::run_length::{Begins, RunClock, RunLength};
+use controller::session_recorder::attachment;
 use controller::state::State;
 use controller::yardstick::{self, Trial};
 use flight::{
@@ -21,7 +23,7 @@ use flight::{
     Verdict, flight_report,
 };
 use proto::emulator::{Emulator, EmulatorConfig, EmulatorHandle, FaultScript, Pace, rig_and_crio};
-use proto::recording::read_mcap;
+use proto::recording::{Attachment, read_mcap};
 
 use super::Failure;
 use super::console::say;
@@ -82,11 +84,13 @@ impl Demo {
         config.reference.file.clone_from(&self.reference);
         let mut loaded = daemon::load(&config)?;
         loaded.remarks.clear();
-        loaded.policy = match &self.policy {
+        let chosen = match &self.policy {
             None => Some(daemon::shipped_policy()?),
             Some(name) if name.as_os_str() == FALLBACK => None,
-            Some(file) => Some(policy::Policy::load(file, &daemon::contracts()).map_err(Failure::input)?),
+            Some(file) => Some(daemon::policy_file(file).map_err(Failure::input)?),
         };
+        (loaded.policy, loaded.policy_bytes) =
+            chosen.map_or((None, None), |(policy, bytes)| (Some(policy), Some(bytes)));
         let statistics = StatisticsOptions {
             pacing: self.pacing(),
             counterpart: Counterpart::SameComputer,
@@ -103,8 +107,13 @@ impl Demo {
             recording: Some(recording),
             length: RunLength::seconds(self.seconds, Begins::WhenArmedOrSoon, self.clock()),
             socket: false,
-            extra: vec![("rig".to_owned(), format!("{} (emulated)", self.rig)), ("command".to_owned(), self.command())],
+            extra: vec![
+                ("rig".to_owned(), format!("{} (emulated)", self.rig)),
+                ("command".to_owned(), self.command()),
+                ("seed".to_owned(), self.seed.to_string()),
+            ],
             config_text: String::new(),
+            attachments: vec![self.plant()?],
             observer: watcher(Arc::clone(&figures), self.json),
             stop: Arc::new(AtomicBool::new(false)),
         };
@@ -133,6 +142,13 @@ impl Demo {
 
     fn pacing(&self) -> flight::Pacing {
         if self.fast { flight::Pacing::Lockstep } else { flight::Pacing::Realtime }
+    }
+
+    /// The rig behind the emulated cRIO, as a file inside the recording.
+    fn plant(&self) -> Result<Attachment, Failure> {
+        let rig = proto::rig_file::load(&self.rig).map_err(Failure::input)?;
+        let text = rig.to_toml().map_err(|e| Failure::input(format!("rig {}: {e}", self.rig)))?;
+        Ok(attachment(attached::PLANT, "application/toml", text))
     }
 
     fn clock(&self) -> RunClock {

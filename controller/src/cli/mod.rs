@@ -4,6 +4,7 @@ mod check;
 mod console;
 mod demo;
 mod experiment;
+mod report;
 mod run;
 mod talk;
 
@@ -36,6 +37,8 @@ enum Command {
         seconds: Option<f64>,
     },
     Experiment(experiment::ExperimentArgs),
+    Report(report::ReportArgs),
+    Export(report::ExportArgs),
     /// Says what is wrong with a configuration and with everything it names, or that all is sound.
     Check {
         /// Configuration file (TOML).
@@ -117,6 +120,8 @@ impl Arguments {
             Command::Demo(demo) => demo.run(),
             Command::Run { config, seconds } => run::run(&config, seconds),
             Command::Experiment(experiment) => experiment.run(),
+            Command::Report(report) => report.run(),
+            Command::Export(export) => export.run(),
             Command::Check { config, json } => check::check(&config, json),
             Command::CheckPolicy { file, json } => check::check_policy(&file, json),
             Command::Status(target) => target.status(),

@@ -33,6 +33,7 @@ pub(super) fn run(file: &Path, seconds: Option<f64>) -> Result<(), Failure> {
         socket: true,
         extra: vec![("command".to_owned(), format!("controller run --config {}", file.display()))],
         config_text: std::fs::read_to_string(file).unwrap_or_default(),
+        attachments: Vec::new(),
         observer: Box::new(say_events),
         stop: Arc::new(AtomicBool::new(false)),
     };

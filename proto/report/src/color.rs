@@ -47,14 +47,41 @@ impl Color {
     }
 }
 
+/// Every colour of a page as it is in the dark: light, dark. Hues are kept; each has a contrast of at least 3 : 1
+/// against the dark ground, as the light ones have against white.
+pub(crate) const DARK: [(&str, &str); 12] = [
+    ("#0072b2", "#4a9fe0"),
+    ("#d55e00", "#ff8a3d"),
+    ("#008a64", "#2fc795"),
+    ("#b3589a", "#e089c6"),
+    ("#b07700", "#dda52c"),
+    ("#2e8fc7", "#8fd3f7"),
+    ("#1f2328", "#e6edf3"),
+    ("#6e7781", "#9198a1"),
+    ("#c0232c", "#ff6b6b"),
+    ("#57606a", "#9da7b1"),
+    ("#d8dee4", "#2d333b"),
+    ("#ffffff", "#0d1117"),
+];
+
+/// The rules that give pictures their dark colours, for the elements that a selector picks.
+pub(crate) fn dark_rules(root: &str) -> String {
+    let rule = |(light, dark): &(&str, &str)| {
+        format!(
+            "{root} svg [fill=\"{light}\"],{root} svg[fill=\"{light}\"]{{fill:{dark}}}{root} svg [stroke=\"{light}\"]{{stroke:{dark}}}"
+        )
+    };
+    DARK.iter().map(rule).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     /// Relative luminance after WCAG 2.1.
-    fn luminance(color: Color) -> f64 {
+    fn luminance(hex: &str) -> f64 {
         let channel = |at: usize| {
-            let value = f64::from(u8::from_str_radix(&color.hex()[at..at + 2], 16).unwrap()) / 255.0;
+            let value = f64::from(u8::from_str_radix(&hex[at..at + 2], 16).unwrap()) / 255.0;
             if value <= 0.03928 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
         };
         0.2126 * channel(1) + 0.7152 * channel(3) + 0.0722 * channel(5)
@@ -64,7 +91,18 @@ mod tests {
     fn every_colour_stands_out_against_white() {
         let others = [Color::Black, Color::Grey, Color::Red];
         for color in Color::CYCLE.into_iter().chain(others) {
-            let contrast = 1.05 / (luminance(color) + 0.05);
+            let contrast = 1.05 / (luminance(color.hex()) + 0.05);
+            assert!(contrast >= 3.0, "{color:?}: {contrast:.2}");
+        }
+    }
+
+    #[test]
+    fn every_colour_has_a_dark_one_that_stands_out_too() {
+        let others = [Color::Black, Color::Grey, Color::Red];
+        let ground = luminance("#0d1117") + 0.05;
+        for color in Color::CYCLE.into_iter().chain(others) {
+            let dark = DARK.iter().find(|(light, _)| *light == color.hex()).unwrap().1;
+            let contrast = (luminance(dark) + 0.05) / ground;
             assert!(contrast >= 3.0, "{color:?}: {contrast:.2}");
         }
     }

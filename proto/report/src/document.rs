@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use crate::color::dark_rules;
+use crate::interactive::scripts;
 use crate::markup::escape;
 use crate::plot::Plot;
 use crate::table::Table;
@@ -140,8 +142,9 @@ impl Report {
     pub fn to_html(&self) -> String {
         let title = escape(&self.title);
         let mut out = format!(
-            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n<meta name=\"color-scheme\" content=\"light only\"/>\n<title>{title}</title>\n<style>\n{}</style>\n</head>\n<body>\n<main>\n<header><h1>{title}</h1>",
-            include_str!("report.css")
+            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n<meta name=\"color-scheme\" content=\"light dark\"/>\n<title>{title}</title>\n<style>\n{}{}</style>\n</head>\n<body>\n<main>\n<header><h1>{title}</h1>",
+            include_str!("report.css"),
+            dark_pictures(),
         );
         // Writing to a String cannot fail.
         if !self.subtitle.is_empty() {
@@ -152,7 +155,13 @@ impl Report {
             out.push_str(&part.to_html(index));
             out.push('\n');
         }
-        out.push_str("</main>\n</body>\n</html>\n");
+        out.push_str("</main>\n");
+        let plots = self.parts.iter().enumerate().filter_map(|(index, part)| match part {
+            Part::Plot(plot) => Some((plot_name(index), plot.as_ref())),
+            _ => None,
+        });
+        out.push_str(&scripts(&plots.collect::<Vec<_>>()));
+        out.push_str("</body>\n</html>\n");
         out
     }
 
@@ -160,6 +169,20 @@ impl Report {
         self.parts.push(part);
         self
     }
+}
+
+/// A plot's name, unlike that of every other on the page.
+fn plot_name(index: usize) -> String {
+    format!("plot{index}")
+}
+
+/// The pictures' dark colours: where the reader's system is dark, and where he chose it; never on paper.
+fn dark_pictures() -> String {
+    format!(
+        "@media screen and (prefers-color-scheme: dark) {{{}}}\n@media screen {{{}}}\n",
+        dark_rules(":root:not([data-theme=light])"),
+        dark_rules(":root[data-theme=dark]")
+    )
 }
 
 impl Part {
@@ -182,7 +205,7 @@ impl Part {
                     "<figure><figcaption><h3>{}</h3>{}</figcaption>{}</figure>",
                     escape(&plot.title),
                     caption.unwrap_or_default(),
-                    plot.to_svg(&format!("plot{index}"))
+                    plot.to_svg(&plot_name(index))
                 )
             }
             Self::Verbatim { name, text } => {

@@ -52,17 +52,19 @@ pub(crate) fn svg(plot: &Plot, name: &str) -> String {
         at = panel.bottom + GAP;
         placed.push(panel);
     }
-    let height = at - GAP + FOOT;
+    let names = Names::of(&plot.x_names);
+    let height = at - GAP + FOOT + names.extra_height;
     let mut out = String::new();
     // Writing to a String cannot fail.
     let _ = write!(
         out,
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {h}\" width=\"{WIDTH}\" height=\"{h}\" role=\"img\" aria-label=\"{label}\" font-family=\"system-ui,-apple-system,'Segoe UI',Roboto,'Liberation Sans',Arial,sans-serif\" font-size=\"{FONT}\" fill=\"#1f2328\">",
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" data-plot=\"{name}\" viewBox=\"0 0 {WIDTH} {h}\" width=\"{WIDTH}\" height=\"{h}\" role=\"img\" aria-label=\"{label}\" font-family=\"system-ui,-apple-system,'Segoe UI',Roboto,'Liberation Sans',Arial,sans-serif\" font-size=\"{FONT}\" fill=\"#1f2328\">",
         h = coordinate(height),
         label = escape(&plot.title),
     );
     for (index, panel) in placed.iter().enumerate() {
-        draw_panel(&mut out, panel, &format!("{name}-{index}"), index + 1 == placed.len());
+        let names = (index + 1 == placed.len()).then_some(&names);
+        draw_panel(&mut out, panel, &format!("{name}-{index}"), names);
     }
     let middle = coordinate((LEFT + RIGHT) / 2.0);
     let _ = write!(
@@ -72,6 +74,23 @@ pub(crate) fn svg(plot: &Plot, name: &str) -> String {
         escape(&plot.x_label)
     );
     out
+}
+
+/// Names along the x axis.
+struct Names<'a> {
+    names: &'a [String],
+    /// Whether they stand upright because they do not fit beside each other.
+    upright: bool,
+    /// Room that they need below the axis beside that of numbers (pixels).
+    extra_height: f64,
+}
+
+impl<'a> Names<'a> {
+    fn of(names: &'a [String]) -> Self {
+        let longest = names.iter().map(|name| text_width(name)).fold(0.0, f64::max);
+        let upright = longest > (RIGHT - LEFT) / names.len().max(1) as f64 - 6.0;
+        Self { names, upright, extra_height: if upright { longest } else { 0.0 } }
+    }
 }
 
 fn place(panel: &Panel, x: Axis, head: f64) -> Placed<'_> {
@@ -100,7 +119,8 @@ fn bounded(place: f64) -> f64 {
     place.clamp(-8.0, 9.0)
 }
 
-fn draw_panel(out: &mut String, panel: &Placed<'_>, id: &str, is_last: bool) {
+/// Draws a panel; the last one, which carries the x axis' marks, is given the names on it.
+fn draw_panel(out: &mut String, panel: &Placed<'_>, id: &str, names: Option<&Names<'_>>) {
     let (top, bottom) = (coordinate(panel.top), coordinate(panel.bottom));
     let (left, right) = (coordinate(LEFT), coordinate(RIGHT));
     let label_y = coordinate(panel.head + ROW - 6.0);
@@ -114,7 +134,7 @@ fn draw_panel(out: &mut String, panel: &Placed<'_>, id: &str, is_last: bool) {
             }
         }
     }
-    grid(out, panel, is_last);
+    grid(out, panel, names);
     // A dot on the edge is not cut in half.
     let has_dots = panel.panel.series.iter().any(|series| matches!(series, Series::Scatter(_)));
     let margin = if has_dots { 0.5 * DOT } else { 0.0 };
@@ -146,7 +166,7 @@ fn layer_of(series: &Series) -> usize {
     }
 }
 
-fn grid(out: &mut String, panel: &Placed<'_>, is_last: bool) {
+fn grid(out: &mut String, panel: &Placed<'_>, names: Option<&Names<'_>>) {
     let y_ticks = panel.y.ticks(((panel.panel.height / 26.0) as usize).clamp(3, 9));
     let mut path = String::new();
     for tick in &y_ticks {
@@ -160,10 +180,13 @@ fn grid(out: &mut String, panel: &Placed<'_>, is_last: bool) {
             tick.label
         );
     }
+    if let Some(names) = names.filter(|names| !names.names.is_empty()) {
+        named_ticks(out, panel, names);
+    }
     for tick in panel.x.ticks(13) {
         let x = coordinate(panel.px(tick.value));
         let _ = write!(path, "M{x} {}V{}", coordinate(panel.top), coordinate(panel.bottom));
-        if is_last {
+        if names.is_some_and(|names| names.names.is_empty()) {
             let _ = write!(
                 out,
                 "<text x=\"{x}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
@@ -173,6 +196,20 @@ fn grid(out: &mut String, panel: &Placed<'_>, is_last: bool) {
         }
     }
     let _ = write!(out, "<path d=\"{path}\" fill=\"none\" stroke=\"#d8dee4\" stroke-width=\"1\"/>");
+}
+
+/// Names below the x axis: beside each other where there is room, else upright.
+fn named_ticks(out: &mut String, panel: &Placed<'_>, names: &Names<'_>) {
+    for (index, name) in names.names.iter().enumerate() {
+        let (x, text) = (panel.px(index as f64 + 1.0), escape(name));
+        let _ = if names.upright {
+            let (x, y) = (coordinate(x + FONT * 0.35), coordinate(panel.bottom + 8.0));
+            write!(out, "<text transform=\"translate({x} {y}) rotate(-90)\" text-anchor=\"end\">{text}</text>")
+        } else {
+            let (x, y) = (coordinate(x), coordinate(panel.bottom + FONT + 5.0));
+            write!(out, "<text x=\"{x}\" y=\"{y}\" text-anchor=\"middle\">{text}</text>")
+        };
+    }
 }
 
 fn draw_series(out: &mut String, panel: &Placed<'_>, styled: &Styled<'_>) {
@@ -344,7 +381,7 @@ fn band_path(panel: &Placed<'_>, band: &Band) -> String {
 }
 
 /// Runs of points without a hole; `sound` says whether the y of an index can be drawn.
-fn parts(x: &[f64], sound: impl Fn(usize) -> bool) -> Vec<std::ops::Range<usize>> {
+pub(crate) fn parts(x: &[f64], sound: impl Fn(usize) -> bool) -> Vec<std::ops::Range<usize>> {
     let mut parts = Vec::new();
     let mut start = None;
     for (index, value) in x.iter().enumerate() {

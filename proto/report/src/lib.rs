@@ -42,6 +42,7 @@ mod decimate;
 mod document;
 mod draw;
 mod histogram;
+mod interactive;
 mod legend;
 mod markup;
 mod plot;

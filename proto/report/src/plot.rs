@@ -14,6 +14,8 @@ pub struct Plot {
     pub(crate) x_label: String,
     pub(crate) x_scale: Scale,
     pub(crate) x_range: Option<(f64, f64)>,
+    /// What stands at 1, 2, 3 … on the x axis; empty for an axis of numbers.
+    pub(crate) x_names: Vec<String>,
     pub(crate) panels: Vec<Panel>,
 }
 
@@ -26,8 +28,17 @@ impl Plot {
             x_label: x_label.to_owned(),
             x_scale: Scale::Linear,
             x_range: None,
+            x_names: Vec::new(),
             panels: Vec::new(),
         }
+    }
+
+    /// Names on the x axis instead of numbers: the first stands at 1, the next at 2. The axis runs from 0.5 on.
+    #[must_use]
+    pub fn x_names(mut self, names: impl IntoIterator<Item = impl Into<String>>) -> Self {
+        self.x_names = names.into_iter().map(Into::into).collect();
+        self.x_range = Some((0.5, self.x_names.len() as f64 + 0.5));
+        self
     }
 
     /// Adds a panel below the others.

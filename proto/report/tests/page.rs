@@ -10,7 +10,8 @@ use report::{Band, Color, Histogram, KeyFigure, Line, Panel, Plot, Report, Scatt
 /// A small checker of its own: tags nest, attributes are quoted and stand once, text holds no bare `<`
 /// or `&` and only the entities that we write.
 fn well_formed(page: &str) -> Result<Vec<String>, String> {
-    let mut rest = page.strip_prefix("<!DOCTYPE html>").unwrap_or(page);
+    let page = without_scripts(page)?;
+    let mut rest = page.strip_prefix("<!DOCTYPE html>").unwrap_or(&page);
     let (mut open, mut names): (Vec<String>, Vec<String>) = (Vec::new(), Vec::new());
     loop {
         let Some(at) = rest.find('<') else {
@@ -37,6 +38,19 @@ fn well_formed(page: &str) -> Result<Vec<String>, String> {
         }
     }
     if open.is_empty() { Ok(names) } else { Err(format!("left open: {open:?}")) }
+}
+
+/// The page without what stands in its script elements, which is no markup; nothing in them may end them early.
+fn without_scripts(page: &str) -> Result<String, String> {
+    let (mut out, mut rest) = (String::new(), page);
+    while let Some(at) = rest.find("<script") {
+        let begin = at + rest[at..].find('>').ok_or("a script is not closed")? + 1;
+        let end = begin + rest[begin..].find("</script>").ok_or("a script does not end")?;
+        out.push_str(&rest[..begin]);
+        rest = &rest[end..];
+    }
+    out.push_str(rest);
+    Ok(out)
 }
 
 fn check_attributes(mut rest: &str) -> Result<(), String> {
@@ -119,7 +133,7 @@ proptest! {
         let page = page_of(&text, &x, &y);
         let elements = well_formed(&page).map_err(TestCaseError::fail)?;
         for element in &elements {
-            prop_assert!(!["script", "link", "img", "iframe", "foreignObject"].contains(&element.as_str()));
+            prop_assert!(!["link", "img", "iframe", "foreignObject"].contains(&element.as_str()));
         }
         // Numbers that are not finite must never reach a path; names may hold such words.
         for path in page.split(" d=\"").skip(1) {
@@ -135,7 +149,7 @@ fn a_page_needs_nothing_from_outside() {
     let outside: Vec<_> = page.match_indices("http").map(|(at, _)| &page[at..(at + 30).min(page.len())]).collect();
     // The name of the SVG namespace is a name and never fetched.
     assert!(outside.iter().all(|found| found.starts_with("http://www.w3.org/2000/svg")), "{outside:?}");
-    for word in ["<script", "javascript:", "@import", "url(http", "src="] {
+    for word in ["<script src", "javascript:", "@import", "url(http", "src="] {
         assert!(!page.contains(word), "{word}");
     }
 }

@@ -283,11 +283,7 @@ impl Gathering<'_> {
             }
             Topic::Event => {
                 let log = Log::decode(data)?;
-                let level = match log.level {
-                    0..=2 => EventLevel::Info,
-                    3 => EventLevel::Warning,
-                    _ => EventLevel::Error,
-                };
+                let level = EventLevel::from_code(log.level);
                 let Log { unix_ns, message, name, .. } = log;
                 self.content.events.push(Event { unix_ns, level, part: name, message });
             }

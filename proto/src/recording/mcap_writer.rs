@@ -74,6 +74,26 @@ pub enum EventLevel {
     Error,
 }
 
+impl EventLevel {
+    /// The number that a `foxglove.Log` carries.
+    pub(super) const fn code(self) -> u64 {
+        match self {
+            Self::Info => 2,
+            Self::Warning => 3,
+            Self::Error => 4,
+        }
+    }
+
+    /// The level of such a number; what is below a warning is worth keeping, what is above an error has failed.
+    pub(super) const fn from_code(code: u64) -> Self {
+        match code {
+            0..=2 => Self::Info,
+            3 => Self::Warning,
+            _ => Self::Error,
+        }
+    }
+}
+
 /// Something that a person should know, with its time.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Event {
@@ -252,12 +272,7 @@ impl RecordingWriter {
     /// As [`RecordingWriter::write`].
     pub fn event(&mut self, at_ns: u64, level: EventLevel, part: &str, message: &str) -> Result<(), WriteMcapError> {
         let unix_ns = self.clock.moment(at_ns);
-        let level = match level {
-            EventLevel::Info => 2,
-            EventLevel::Warning => 3,
-            EventLevel::Error => 4,
-        };
-        let log = Log { unix_ns, level, message: message.to_owned(), name: part.to_owned() };
+        let log = Log { unix_ns, level: level.code(), message: message.to_owned(), name: part.to_owned() };
         self.message.clear();
         log.encode(&mut self.message);
         self.put(self.channels.event, unix_ns)

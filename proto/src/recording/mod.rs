@@ -23,19 +23,27 @@ mod log_clock;
 mod mapped;
 mod mcap_reader;
 mod mcap_writer;
+mod messages;
 mod protobuf;
 mod recording_info;
 mod schema;
+mod short_names;
 mod table;
 mod tick;
+mod tick_table;
 mod wall_clock;
 
 pub use mcap_reader::{ForeignMcap, McapContent, ReadMcapError, parse_mcap, read_mcap};
 pub use mcap_writer::{Event, EventLevel, RecordingWriter, VERDICT, WriteMcapError, unfinished_path};
+pub use messages::{
+    MessageSchema, decode_log_message, decode_tick_message, encode_log_message, encode_tick_message, message_schemas,
+};
 pub use recording_info::{Attachment, LogTime, RecordingInfo};
+pub use short_names::short_name;
 pub use table::{MAX_STEP_S, PERIOD_S, Recording, RecordingError};
 pub use tick::{
     Arrival, COMMAND_BYTES, LawParts, POLICY_OUTPUTS, PREDICTED_TICKS, SENSE_BYTES, TickInput, TickRecord,
     observation_hash,
 };
+pub use tick_table::tick_table;
 pub use wall_clock::rfc3339;

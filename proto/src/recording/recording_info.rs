@@ -21,6 +21,16 @@ pub enum LogTime {
     Tick,
 }
 
+impl LogTime {
+    /// What a recording's metadata say, under `log_time`.
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Arrival => "arrival of the frame",
+            Self::Tick => "tick x 20 ms (lockstep)",
+        }
+    }
+}
+
 /// What a recording says about itself.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecordingInfo {
@@ -61,13 +71,7 @@ impl RecordingInfo {
         put("program", self.program.clone());
         put("started", wall_clock::rfc3339(self.started));
         put("started_monotonic_ns", self.started_ns.to_string());
-        put(
-            "log_time",
-            match self.log_time {
-                LogTime::Arrival => "arrival of the frame".to_owned(),
-                LogTime::Tick => "tick x 20 ms (lockstep)".to_owned(),
-            },
-        );
+        put("log_time", self.log_time.words().to_owned());
         if let Some((name, sha256)) = &self.policy {
             put("policy_name", name.clone());
             put("policy_sha256", sha256.clone());

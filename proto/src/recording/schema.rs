@@ -16,6 +16,7 @@
 
 use super::protobuf::{DecodeError, FieldType, FieldValue, Raw, for_each_field, put_bytes, put_uint};
 use super::tick::{Arrival, TickRecord};
+use super::tick_table::{self, Cells};
 
 /// Full name of the tick message.
 pub(super) const TICK: &str = "pneumatic.Tick";
@@ -42,6 +43,19 @@ macro_rules! tick_fields {
                 taken.ok_or(DecodeError::Value(number))
             })?;
             Ok(tick)
+        }
+
+        /// Names of the columns of a tick as a table.
+        pub(super) fn column_names() -> Vec<String> {
+            let tick = TickRecord::default();
+            let mut names = Vec::new();
+            $( names.extend(tick_table::names_of(stringify!($name), &tick.$($path).+)); )*
+            names
+        }
+
+        /// Appends a tick's cells, in the order of [`column_names`].
+        pub(super) fn cells(tick: &TickRecord, out: &mut Vec<String>) {
+            $( tick.$($path).+.cells(out); )*
         }
 
         fn tick_descriptors() -> Vec<Vec<u8>> {

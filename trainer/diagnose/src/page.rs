@@ -1,6 +1,7 @@
 //! `report.html`.
 
 use proto::diagnosis::{Diagnosis, Verdict};
+use proto::recording::short_name;
 use report::{KeyFigure, Report, Verdict as Sign};
 
 use crate::figures::Figures;
@@ -20,7 +21,7 @@ pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, rig_toml:
         .records()
         .iter()
         .map(|r| {
-            let name = r.source.rsplit(['/', '\\']).next().unwrap_or(&r.source).to_owned();
+            let name = short_name(&r.source, bench.records.records().iter().map(|r| r.source.as_str()));
             let seconds = r.time_s.last().unwrap_or(&0.0) - r.time_s.first().unwrap_or(&0.0);
             format!("{name} ({seconds:.0} s)")
         })

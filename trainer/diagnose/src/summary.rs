@@ -1,6 +1,7 @@
 //! What was found, as sentences and as entries of `diagnosis.json`.
 
 use proto::diagnosis::{FoundEvidence, FoundMechanism, FoundParameter, Verdict};
+use proto::recording::short_name;
 use std::collections::BTreeMap;
 
 use crate::event::Event;
@@ -14,14 +15,15 @@ use crate::words::{called, does, does_at, in_words, plain, three};
 /// The answer in one sentence, after what happened if something did.
 pub(crate) fn summary(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) -> String {
     let answer = verdict_in_words(findings, mechanisms);
-    findings.event.as_ref().map_or(answer.clone(), |event| format!("{} For the rest: {answer}", happened(event)))
+    let sources = || findings.bench.records.records().iter().map(|piece| piece.source.as_str());
+    findings.event.as_ref().map_or(answer.clone(), |event| {
+        format!("{} For the rest: {answer}", happened(event, &short_name(&event.source, sources())))
+    })
 }
 
-/// An event in words.
-fn happened(event: &Event) -> String {
+/// An event in words, and the file that it is in.
+fn happened(event: &Event, file: &str) -> String {
     let [from, to] = event.time_s;
-    let file =
-        std::path::Path::new(&event.source).file_name().map_or(event.source.clone(), |f| f.display().to_string());
     let [inside, outside] = event.rmse_kpa;
     let span = format!("Something happened between {from:.1} and {to:.1} s of {file}");
     let off = format!("the free run is off by {inside:.2} kPa there and by {outside:.2} kPa outside");
@@ -59,7 +61,7 @@ fn shows_in(findings: &Findings<'_, '_>) -> Option<String> {
     let pieces = records.records().iter().enumerate().map(|(at, piece)| (at, piece, rmse(&without.trace, at)));
     let drops = pieces.map(|(at, piece, before)| (piece, before, rmse(&with.trace, at)));
     let (piece, before, after) = drops.max_by(|a, b| (a.1 - a.2).total_cmp(&(b.1 - b.2)))?;
-    let file = std::path::Path::new(&piece.source).file_name()?.display().to_string();
+    let file = short_name(&piece.source, records.records().iter().map(|piece| piece.source.as_str()));
     let from = piece.time_s.first().filter(|s| **s > 1.0).map_or_else(String::new, |s| format!(" from {s:.1} s on"));
     (before - after > AS_GOOD_KPA).then(|| format!("in {file}{from}: off by {after:.2} kPa instead of {before:.2} kPa"))
 }

@@ -201,10 +201,8 @@ impl Table {
                 }
                 panel = panel.line(Line::new(name, &x, &y).color(color).width(5.0));
             }
-            let who: Vec<String> =
-                self.rows.iter().enumerate().map(|(k, r)| format!("{}: {}", k + 1, r.entrant)).collect();
-            let end = self.rows.len() as f64 + 0.5;
-            page = page.plot(Plot::new(column, "entrant").caption(&who.join("; ")).x_range(0.5, end).panel(panel));
+            let names = self.rows.iter().map(|row| row.entrant.clone());
+            page = page.plot(Plot::new(column, "controller").x_names(names).panel(panel));
         }
         for note in &self.notes {
             page = page.text(note);

@@ -2,6 +2,7 @@
 
 use model::rig::ATMOSPHERE;
 use proto::diagnosis::Diagnosis;
+use proto::recording::short_name;
 use report::{Band, Color, Line, Panel, Plot, Scatter};
 
 use super::{rival_name, shows_extended};
@@ -41,7 +42,8 @@ pub(super) fn traces(findings: &Findings<'_, '_>) -> Plot {
     let (record, rows) = window(findings);
     let r = records.records().get(record);
     let time_s: Vec<f64> = r.and_then(|r| r.time_s.get(rows.clone())).unwrap_or_default().to_vec();
-    let name = r.map_or("", |r| r.source.rsplit('/').next().unwrap_or_default());
+    let sources = || records.records().iter().map(|r| r.source.as_str());
+    let name = r.map_or_else(String::new, |r| short_name(&r.source, sources()));
     let mut plot = Plot::new("Recorded, and simulated from the commands alone", "time (s)").caption(&format!(
         "{name}: the held-out stretch on which the fitted rig is worst. Below each pressure: simulated less recorded."
     ));

@@ -1,0 +1,180 @@
+//! `controller report`, `controller export`: what a recording says, as a page and as a table.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use controller::run_file::{RunFile, RunFileError};
+use flight::{
+    ComparedRun, FlightInfo, FlightStatistics, FlightSummary, StatisticsOptions, Verdict, comparison_report,
+    flight_report,
+};
+use proto::recording::{Recording, short_name, tick_table};
+use serde_json::json;
+
+use super::Failure;
+use super::console::{say, tell};
+
+/// The demo's report for any run, several compared on one page.
+///
+/// Reads recordings of the daemon (MCAP) and tables (CSV) with its columns. The page is one file that needs no other:
+/// values under the pointer, zoom, series on and off, dark mode, pictures and numbers to be saved. A run is judged by
+/// what the feed-forward PI reaches on the same reference: on the emulated rig where there was one, else on the model.
+#[derive(Debug, Args)]
+#[command(after_help = "Exit status: 0 good, 1 a run was not good (its report is written all the same), 2 wrong use.
+
+Examples:
+  controller report recordings/flight-20261120-020405.mcap
+  controller report monday/flight.mcap tuesday/flight.mcap --out both.html")]
+pub(crate) struct ReportArgs {
+    /// Recordings, MCAP or CSV
+    #[arg(value_name = "RECORDING", required = true)]
+    recordings: Vec<PathBuf>,
+    /// The page [default: RECORDING.html beside the recording, or comparison.html beside the first]
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Print the figures as one JSON object, and nothing else on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// A recording as a table.
+///
+/// By default the rows that every other command reads: both pressures, duties, references, codes, 20 ms apart. With
+/// --all a row for every tick, with everything that was recorded; a cell is empty where there was no number.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:
+  controller export recordings/flight-20261120-020405.mcap --csv --all --out run.csv")]
+pub(crate) struct ExportArgs {
+    /// Recording (MCAP)
+    #[arg(value_name = "RECORDING")]
+    recording: PathBuf,
+    /// As CSV, the one format there is
+    #[arg(long, required = true)]
+    csv: bool,
+    /// Every tick with every field
+    #[arg(long)]
+    all: bool,
+    /// The table; `-` is standard output [default: RECORDING.csv beside the recording]
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+impl From<RunFileError> for Failure {
+    fn from(error: RunFileError) -> Self {
+        Failure::input(error)
+    }
+}
+
+/// A run with its names and figures.
+struct Judged {
+    run: RunFile,
+    name: String,
+    info: FlightInfo,
+    summary: FlightSummary,
+}
+
+impl ReportArgs {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        let paths: Vec<String> = self.recordings.iter().map(|path| path.display().to_string()).collect();
+        let mut judged = Vec::new();
+        for (path, text) in self.recordings.iter().zip(&paths) {
+            let name = short_name(text, paths.iter().map(String::as_str));
+            judged.push(judge(RunFile::read(path)?, name));
+        }
+        let page = self.page();
+        let html = match judged.as_slice() {
+            [one] => flight_report(&one.run.content.ticks, &one.info),
+            several => {
+                let compared = several.iter().map(|judged| ComparedRun {
+                    name: &judged.name,
+                    ticks: &judged.run.content.ticks,
+                    info: &judged.info,
+                });
+                comparison_report(&format!("Comparison of {} runs", several.len()), &compared.collect::<Vec<_>>())
+            }
+        };
+        proto::atomic_file::write(&page, html.as_bytes()).map_err(Failure::work)?;
+        self.say_results(&judged, &page)
+    }
+
+    fn page(&self) -> PathBuf {
+        let first = self.recordings.first().map_or(Path::new("run"), PathBuf::as_path);
+        match (&self.out, self.recordings.len()) {
+            (Some(out), _) => out.clone(),
+            (None, 1) => first.with_extension("html"),
+            (None, _) => first.with_file_name("comparison.html"),
+        }
+    }
+
+    fn say_results(&self, judged: &[Judged], page: &Path) -> Result<(), Failure> {
+        for note in judged.iter().flat_map(|judged| &judged.run.content.notes) {
+            tell(format_args!("{note}"));
+        }
+        if self.json {
+            let runs: Result<Vec<_>, _> = judged
+                .iter()
+                .map(|judged| {
+                    let mut object = serde_json::to_value(&judged.summary)?;
+                    object["name"] = judged.name.clone().into();
+                    object["recording"] = judged.run.path.to_string_lossy().into();
+                    Ok(object)
+                })
+                .collect::<Result<_, serde_json::Error>>();
+            say(format_args!("{}", json!({"report": page, "runs": runs.map_err(Failure::work)?})));
+        } else {
+            for Judged { name, summary, .. } in judged {
+                if judged.len() > 1 {
+                    say(format_args!("{name}"));
+                }
+                say(format_args!("{}", summary.table()));
+            }
+            say(format_args!("report     {}", page.display()));
+        }
+        let bad = judged.iter().find(|judged| judged.summary.verdict == Verdict::Bad);
+        match bad.and_then(|judged| Some((judged, judged.summary.findings.first()?))) {
+            Some((judged, worst)) => Err(Failure::work(format!("{}: the run was not good: {worst}", judged.name))),
+            None => Ok(()),
+        }
+    }
+}
+
+fn judge(run: RunFile, name: String) -> Judged {
+    let options =
+        StatisticsOptions { pacing: run.pacing(), yardstick: run.yardstick(), ..StatisticsOptions::default() };
+    let info = run.info(&format!("Run {name}"), options);
+    let summary = FlightStatistics::of(&run.content.ticks, options).summary();
+    Judged { run, name, info, summary }
+}
+
+impl ExportArgs {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        // The flag says the format, so that others can come beside it.
+        let ExportArgs { recording, csv: _, all, out } = self;
+        let run = RunFile::read(&recording)?;
+        let (text, rows, notes) = if all {
+            (tick_table(&run.content.ticks), run.content.ticks.len(), run.content.notes.clone())
+        } else {
+            let table =
+                Recording::from_ticks(&recording.display().to_string(), &run.content.ticks).map_err(Failure::input)?;
+            let notes = run.content.notes.iter().chain(table.notes()).cloned().collect();
+            (table.to_csv(), table.rows(), notes)
+        };
+        for note in &notes {
+            tell(format_args!("{note}"));
+        }
+        let out = out.unwrap_or_else(|| recording.with_extension("csv"));
+        if out.as_os_str() == "-" {
+            say(text.trim_end());
+            return Ok(());
+        }
+        if out == recording {
+            return Err(Failure::input(format!(
+                "{}: that is the recording itself; choose another --out",
+                out.display()
+            )));
+        }
+        proto::atomic_file::write(&out, text.as_bytes()).map_err(Failure::work)?;
+        say(format_args!("{rows} rows in {}", out.display()));
+        Ok(())
+    }
+}
