@@ -9,11 +9,14 @@ use std::path::Path;
 use model::observation::Pair;
 use proto::recording::csv::{CsvError, Table};
 use proto::recording::{PERIOD_S, Recording, RecordingError};
+use proto::regular_file;
 
 /// The longest sequence: 120 s.
 pub const LONGEST_ROWS: usize = 6_000;
 /// How far a row's time may be off the 20 ms grid, in s: what rounding to milliseconds does.
 const OFF_GRID_S: f64 = 1.1e-3;
+/// The largest file that is read, in bytes: the 6,000 rows of two minutes are below 1 MB.
+const MOST_BYTES: u64 = 32 << 20;
 /// Stretches that are named before the rest is only counted.
 const NAMED: usize = 3;
 
@@ -90,7 +93,8 @@ impl CommandSequence {
     /// The first thing that is wrong, in one line with file, line and column.
     pub fn read(path: &Path) -> Result<Self, CommandSequenceError> {
         let file = path.display().to_string();
-        let bytes = std::fs::read(path).map_err(|source| RecordingError::Read { file: file.clone(), source })?;
+        let bytes = regular_file::read(path, MOST_BYTES)
+            .map_err(|source| RecordingError::Read { file: file.clone(), source })?;
         Self::parse(&file, bytes)
     }
 

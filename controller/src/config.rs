@@ -5,7 +5,11 @@
 
 use std::path::{Path, PathBuf};
 
+use proto::regular_file;
 use serde::Deserialize;
+
+/// The largest configuration file that is read, in bytes.
+const MOST_BYTES: u64 = 1 << 20;
 
 /// The whole configuration.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -78,8 +82,25 @@ impl Default for RigChoice {
 pub struct PolicyChoice {
     /// Folder with `NAME.onnx` files.
     pub directory: PathBuf,
-    /// Name of the policy that flies, or `fallback`.
+    /// Name of the policy that runs, or `fallback`.
     pub active: String,
+    /// Whether policies that are published into the folder are adopted by themselves.
+    pub follow: Follow,
+    /// Whether a policy needs a signature beside it, `NAME.onnx.minisig`.
+    pub require_signature: bool,
+    /// The public key (minisign, base64) that signatures are checked with.
+    pub public_key: String,
+}
+
+/// What happens to a policy that is published into the folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Follow {
+    /// It is checked and waits for `controller swap`.
+    #[default]
+    Manual,
+    /// The newest that has passed all checks is adopted.
+    Newest,
 }
 
 /// The name of the policy that ships with the program.
@@ -89,7 +110,13 @@ pub const FALLBACK: &str = "fallback";
 
 impl Default for PolicyChoice {
     fn default() -> Self {
-        PolicyChoice { directory: "policies".into(), active: DEFAULT_POLICY.to_owned() }
+        PolicyChoice {
+            directory: "policies".into(),
+            active: DEFAULT_POLICY.to_owned(),
+            follow: Follow::default(),
+            require_signature: false,
+            public_key: String::new(),
+        }
     }
 }
 
@@ -108,11 +135,43 @@ pub struct ReferenceChoice {
 pub struct Record {
     /// Folder for recordings; made if it is not there.
     pub directory: PathBuf,
+    /// Size at which the next file begins, in MiB.
+    pub max_mib: u64,
+    /// Time after which the next file begins, in minutes.
+    pub max_minutes: u64,
+    /// Free space below which nothing is armed, in MiB.
+    pub min_free_mib: u64,
+    /// Days after which a recording is removed; 0 keeps all.
+    pub keep_days: u64,
+    /// Size that all recordings in the folder may have, in GiB, the oldest going first; 0 keeps all.
+    pub keep_gib: u64,
 }
 
 impl Default for Record {
     fn default() -> Self {
-        Record { directory: "recordings".into() }
+        Record {
+            directory: "recordings".into(),
+            max_mib: 256,
+            max_minutes: 60,
+            min_free_mib: 500,
+            keep_days: 0,
+            keep_gib: 0,
+        }
+    }
+}
+
+impl Record {
+    /// Keys with their values and what those may be.
+    pub fn ranges(&self) -> [(&'static str, u64, u64, u64); 5] {
+        [
+            // Below 1 MiB a file is little more than its header; 64 GiB is no limit any more.
+            ("record.max_mib", self.max_mib, 1, 65_536),
+            ("record.max_minutes", self.max_minutes, 1, 10_080),
+            // An hour is 103 MB: with less than 16 MiB the disk is full within ten minutes.
+            ("record.min_free_mib", self.min_free_mib, 16, 1_048_576),
+            ("record.keep_days", self.keep_days, 0, 36_500),
+            ("record.keep_gib", self.keep_gib, 0, 1_048_576),
+        ]
     }
 }
 
@@ -156,11 +215,13 @@ pub struct Realtime {
     pub priority: u8,
     /// CPU that the tick is pinned to; absent means the last one where there are several.
     pub cpu: Option<usize>,
+    /// Whether the rig is only armed with FIFO priority and locked memory.
+    pub enforce: bool,
 }
 
 impl Default for Realtime {
     fn default() -> Self {
-        Realtime { priority: 80, cpu: None }
+        Realtime { priority: 80, cpu: None, enforce: true }
     }
 }
 
@@ -217,8 +278,16 @@ impl Config {
     /// # Errors
     /// The first thing that is wrong, with its line or key.
     pub fn read(file: &Path) -> Result<Self, ConfigError> {
-        let text =
-            std::fs::read_to_string(file).map_err(|source| ConfigError::Read { file: file.to_owned(), source })?;
+        Ok(Self::read_with_text(file)?.0)
+    }
+
+    /// As [`Config::read`], with the text that was read: the same bytes, whatever happens to the file.
+    ///
+    /// # Errors
+    /// As [`Config::read`].
+    pub fn read_with_text(file: &Path) -> Result<(Self, String), ConfigError> {
+        let text = regular_file::read_text(file, MOST_BYTES)
+            .map_err(|source| ConfigError::Read { file: file.to_owned(), source })?;
         let mut config = Self::parse(&text, file)?;
         let folder = file.parent().unwrap_or(Path::new(""));
         for path in [&mut config.policy.directory, &mut config.record.directory, &mut config.control.socket] {
@@ -233,7 +302,7 @@ impl Config {
         if model::rig::Rig::builtin_text(&config.rig.file).is_none() {
             config.rig.file = folder.join(&config.rig.file).to_string_lossy().into_owned();
         }
-        Ok(config)
+        Ok((config, text))
     }
 
     /// Reads a configuration from text; `file` is for messages only, and paths stay as they are.
@@ -271,6 +340,17 @@ impl Config {
         }
         if !(1..=95).contains(&self.realtime.priority) {
             return wrong("realtime.priority", format!("{} is outside 1 … 95", self.realtime.priority));
+        }
+        for (key, value, low, high) in self.record.ranges() {
+            if !(low..=high).contains(&value) {
+                return wrong(key, format!("{value} is outside {low} … {high}"));
+            }
+        }
+        if self.policy.require_signature && self.policy.public_key.is_empty() {
+            return wrong(
+                "policy.public_key",
+                "policy.require_signature needs it: the second line of minisign.pub".to_owned(),
+            );
         }
         let name = &self.policy.active;
         if name.is_empty()
@@ -316,6 +396,10 @@ mod tests {
             (&format!("{link}[safety]\nmin_neg_kpa = nan\n"), vec!["safety.min_neg_kpa", "NaN"]),
             (&format!("{link}[policy]\nactive = \"../x\"\n"), vec!["policy.active"]),
             (&format!("{link}[realtime]\npriority = 99\n"), vec!["realtime.priority", "99"]),
+            (&format!("{link}[record]\nmax_mib = 0\n"), vec!["record.max_mib", "0 is outside 1"]),
+            (&format!("{link}[record]\nkeep_days = -1\n"), vec!["line 4", "-1"]),
+            (&format!("{link}[policy]\nfollow = \"all\"\n"), vec!["line 4", "all", "newest"]),
+            (&format!("{link}[policy]\nrequire_signature = true\n"), vec!["policy.public_key", "minisign"]),
         ] {
             let message = parse(text).expect_err(text);
             assert!(!message.contains('\n') && message.starts_with("c.toml"), "{message}");

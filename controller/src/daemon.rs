@@ -14,10 +14,11 @@ use proto::reference::Reference;
 use crate::config::{Config, DEFAULT_POLICY, FALLBACK};
 use crate::cycle::Cycle;
 use crate::notice::sentence;
+use crate::reference_limits::{self, Margin};
 use crate::run_file::attached;
 use crate::run_length::RunLength;
 use crate::session_recorder::{SessionError, SessionRecorder, attachment, fly_recorded};
-use crate::socket::May;
+use crate::socket::{May, Running};
 
 pub use crate::session_recorder::PROGRAM;
 
@@ -49,19 +50,13 @@ pub enum DaemonError {
         /// The names there are.
         known: String,
     },
-    /// The reference leaves the safety envelope.
-    #[error(
-        "reference {name}: it goes to {worst_kpa:.1} kPa, beyond safety.{key} = {limit_kpa} kPa; change the one or the other"
-    )]
+    /// The reference comes too near to the safety envelope, or leaves it.
+    #[error("reference {name}: {why}")]
     ReferenceBeyond {
         /// The reference.
         name: String,
-        /// Its farthest value.
-        worst_kpa: f64,
-        /// The limit's key.
-        key: &'static str,
-        /// The limit.
-        limit_kpa: f64,
+        /// Where, which limit, and the fix.
+        why: String,
     },
     /// The flight cannot start or was not recorded well.
     #[error(transparent)]
@@ -109,23 +104,23 @@ pub fn load(config: &Config) -> Result<Loaded, DaemonError> {
             (Reference::paper(), PAPERS_REFERENCE.to_owned())
         }
     };
-    check_reference(config, &reference, &reference_name)?;
     let chosen = load_policy(config, &mut remarks)?;
+    check_reference(config, &reference, &reference_name, &mut remarks)?;
     let rig_text = rig.to_toml().unwrap_or_default();
     let (policy, policy_bytes) = chosen.map_or((None, None), |(policy, bytes)| (Some(policy), Some(bytes)));
     Ok(Loaded { rig, rig_text, reference, reference_name, policy, policy_bytes, remarks })
 }
 
-fn check_reference(config: &Config, reference: &Reference, name: &str) -> Result<(), DaemonError> {
-    let [[_, highest], [lowest, _]] = reference.range_kpa();
-    let beyond = |worst_kpa, key, limit_kpa| {
-        Err(DaemonError::ReferenceBeyond { name: name.to_owned(), worst_kpa, key, limit_kpa })
-    };
-    if highest > config.safety.max_pos_kpa {
-        return beyond(highest, "max_pos_kpa", config.safety.max_pos_kpa);
-    }
-    if lowest < config.safety.min_neg_kpa {
-        return beyond(lowest, "min_neg_kpa", config.safety.min_neg_kpa);
+fn check_reference(
+    config: &Config,
+    reference: &Reference,
+    name: &str,
+    remarks: &mut Vec<String>,
+) -> Result<(), DaemonError> {
+    match reference_limits::check(reference, &config.safety) {
+        Margin::Wide => {}
+        Margin::Close(remark) => remarks.push(format!("reference {name}: {remark}")),
+        Margin::Beyond(why) => return Err(DaemonError::ReferenceBeyond { name: name.to_owned(), why }),
     }
     Ok(())
 }
@@ -200,6 +195,8 @@ pub struct Options {
     pub config_text: String,
     /// Other files that go into the recording.
     pub attachments: Vec<Attachment>,
+    /// The configuration's file, to be read again on `SIGHUP`.
+    pub config_file: Option<PathBuf>,
     /// Sees every tick and event, in the recorder's thread.
     pub observer: Box<dyn FnMut(Recorded<'_>) + Send>,
     /// Set by somebody else to end the flight.
@@ -221,17 +218,27 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
     let policy_id = policy.as_ref().map(|p| (p.name().to_owned(), p.hash().to_string()));
     let cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.auto_arm).map_err(unflyable)?;
     remarks.extend(cycle.duty_source().out_of_reach().map(out_of_reach_text));
+    let (policy_name, policy_sha256) = policy_id.clone().unwrap_or_else(|| (FALLBACK.to_owned(), String::new()));
+    let running = Running {
+        policy: policy_name,
+        policy_sha256,
+        model: rig.name.clone(),
+        reference: reference_name.clone(),
+        armed_by: None,
+    };
     let mut extra = vec![("model_rig".to_owned(), rig.name.clone()), ("reference".to_owned(), reference_name)];
     extra.extend(options.extra);
     let logbook = SessionRecorder {
         file: options.recording,
-        stem: "flight",
+        stem: "run",
         policy: policy_id,
         extra,
         attachments,
         remarks,
         event_text: sentence,
         operator: options.socket.then_some(May::Fly),
+        running,
+        config_file: options.config_file,
         observer: options.observer,
         stop: options.stop,
         length: options.length,
@@ -248,8 +255,12 @@ mod tests {
     fn a_reference_outside_the_envelope_is_refused() {
         let mut config = Config::for_address("127.0.0.1:1");
         config.safety.max_pos_kpa = 95.0;
-        let message = check_reference(&config, &Reference::paper(), "paper").unwrap_err().to_string();
+        let mut remarks = Vec::new();
+        let message = check_reference(&config, &Reference::paper(), "paper", &mut remarks).unwrap_err().to_string();
         assert!(message.contains("safety.max_pos_kpa = 95"), "{message}");
-        assert!(check_reference(&config, &Reference::constant(90.0, -70.0), "hold").is_ok());
+        assert!(check_reference(&config, &Reference::constant(90.0, -70.0), "hold", &mut remarks).is_ok());
+        assert!(remarks.is_empty());
+        assert!(check_reference(&config, &Reference::constant(93.0, -70.0), "near", &mut remarks).is_ok());
+        assert!(remarks.concat().contains("2.0 kPa inside"), "{remarks:?}");
     }
 }

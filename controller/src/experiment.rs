@@ -21,7 +21,7 @@ use crate::playback_report::PlaybackReport;
 use crate::preflight_simulation::{Forecast, ForecastError, preflight_simulation};
 use crate::run_length::RunLength;
 use crate::session_recorder::{SessionError, SessionRecorder, attachment, fly_recorded};
-use crate::socket::May;
+use crate::socket::{May, Running};
 
 /// Why an experiment cannot be made.
 #[derive(Debug, thiserror::Error)]
@@ -123,7 +123,7 @@ impl Experiment {
             policy: None,
             extra: vec![
                 ("model_rig".to_owned(), self.rig.name.clone()),
-                ("experiment".to_owned(), name),
+                ("experiment".to_owned(), name.clone()),
                 ("command".to_owned(), options.command),
             ],
             attachments: vec![
@@ -134,6 +134,8 @@ impl Experiment {
             remarks: Vec::new(),
             event_text: sentence_of_one_session,
             operator: Some(May::OnlyStop),
+            running: Running { model: self.rig.name.clone(), reference: name, ..Running::default() },
+            config_file: None,
             observer: Box::new(move |recorded| {
                 if let Recorded::Tick(tick) = recorded {
                     seen.lock().unwrap_or_else(PoisonError::into_inner).push(tick);

@@ -17,8 +17,12 @@
 //! | [`session`] | the tick's thread |
 //! | [`run_file`] | a recorded run, read back |
 //! | [`run_length`] | when a run of so many seconds is over |
+//! | [`machine_check`], [`tick_trial`] | whether this machine has what a configuration needs; how long a tick takes |
 //! | [`realtime`] | scheduling, memory |
-//! | [`mailbox`], [`socket`] | the operator |
+//! | [`rt_test`] | how late this machine is, and why |
+//! | [`mailbox`], [`desk`], [`socket`], [`operator_protocol`], [`peer`] | the operator |
+//! | [`signals`], [`reload`], [`console`] | signals, the configuration read again, lines for a person |
+//! | [`reference_limits`] | how near a reference may come to the safety envelope |
 //! | [`notice`] | what a person is told |
 //! | [`policy_signatures`] | the observation layouts for the policy loader |
 //! | [`session_recorder`] | a flight with its recording, from the file made to the file finished |
@@ -32,27 +36,37 @@
 pub mod clock;
 pub mod command_sequence;
 pub mod config;
+pub mod console;
 pub mod cycle;
 pub mod daemon;
+pub mod desk;
 pub mod duty_source;
 pub mod experiment;
 pub mod link;
+pub mod machine_check;
 pub mod mailbox;
 pub mod notice;
 pub mod open_loop_playback;
+pub mod operator_protocol;
 pub mod pacing;
+pub mod peer;
 pub mod playback_report;
 pub mod policy_or_fallback;
 pub mod policy_signatures;
 pub mod preflight_simulation;
 pub mod realtime;
+pub mod reference_limits;
 pub mod reference_tracking;
+pub mod reload;
+pub mod rt_test;
 pub mod run_file;
 pub mod run_length;
 pub mod sensing;
 pub mod session;
 pub mod session_recorder;
 pub mod settling;
+pub mod signals;
 pub mod socket;
 pub mod state;
+pub mod tick_trial;
 pub mod yardstick;

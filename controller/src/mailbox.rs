@@ -1,10 +1,23 @@
-//! Between the tick and everybody else: the newest status out, requests in, both lock-free.
+//! Between the tick and everybody else: the newest status out, requests in, both lock-free for the tick.
+//!
+//! A request is never carried out late. Each has a ticket with a time until which it counts; the tick takes it by one
+//! atomic exchange, and whoever asked can withdraw it by another until then, so that a request is either carried out or
+//! provably never will be. Disarming has a way of its own that is never full, never expires, and takes every request
+//! before it out of force.
 
-use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use crossbeam::queue::ArrayQueue;
 use proto::reference::Reference;
 use serde::{Deserialize, Serialize};
+
+use crate::clock::now_ns;
+
+/// Requests that may wait for the tick.
+const MOST_WAITING: usize = 8;
+/// Tickets whose outcome is kept: more than may wait, so that a place is only used again once its request is gone.
+const PLACES: usize = 2 * MOST_WAITING;
 
 /// What the daemon is doing, as of the newest tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -19,10 +32,10 @@ pub struct Status {
     pub tick: u32,
     /// Whether it could be armed now.
     pub can_arm: bool,
-    /// Measured pressures, kPa gauge.
-    pub pressures_kpa: [f64; 2],
-    /// References, kPa gauge; 0 while nothing is followed.
-    pub reference_kpa: [f64; 2],
+    /// Measured pressures, kPa gauge; absent where a sensor has no sound reading.
+    pub pressures_kpa: Option<[f64; 2]>,
+    /// References, kPa gauge; absent while nothing is followed.
+    pub reference_kpa: Option<[f64; 2]>,
     /// Duties.
     pub duty: [f64; 2],
     /// Deadlines missed since the start.
@@ -34,6 +47,7 @@ pub struct Status {
 }
 
 /// What the operator wants.
+#[derive(Debug)]
 pub enum Request {
     /// Control the pressures.
     Arm,
@@ -43,46 +57,120 @@ pub enum Request {
     Reference(Box<Reference>),
 }
 
+/// The number of a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Ticket(u64);
+
+/// What has become of a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fate {
+    /// It waits for the tick.
+    Waiting,
+    /// The tick has taken it.
+    Taken,
+    /// It was withdrawn, came too late, or a disarming came after it: the tick never takes it.
+    Withdrawn,
+}
+
+/// A request on its way.
+struct Order {
+    request: Request,
+    ticket: u64,
+    /// Daemon's monotonic clock (ns) after which it no longer counts.
+    expires_ns: u64,
+}
+
+/// What both sides share.
+struct Shared {
+    /// The newest status with the time at which it was shown, monotonic clock (ns).
+    status: ArrayQueue<(Status, u64)>,
+    orders: ArrayQueue<Order>,
+    retired: ArrayQueue<Box<Reference>>,
+    /// For each place the ticket and what became of it: `ticket << 2 | fate`.
+    fates: [AtomicU64; PLACES],
+    disarm: AtomicBool,
+    /// Tickets up to this one were asked for before the last disarming.
+    disarmed_through: AtomicU64,
+    /// The last ticket given out; the lock is only ever taken by those who ask.
+    last_ticket: Mutex<u64>,
+}
+
+const WAITING: u64 = 0;
+const TAKEN: u64 = 1;
+const WITHDRAWN: u64 = 2;
+
+impl Shared {
+    fn place(&self, ticket: u64) -> &AtomicU64 {
+        // The remainder is below the array's length.
+        &self.fates[(ticket % PLACES as u64) as usize]
+    }
+
+    /// From waiting to `fate`; `false` if it no longer waits.
+    fn settle(&self, ticket: u64, fate: u64) -> bool {
+        self.place(ticket)
+            .compare_exchange(ticket << 2 | WAITING, ticket << 2 | fate, Ordering::AcqRel, Ordering::Acquire)
+            .is_ok()
+    }
+}
+
 /// The tick's side.
 pub struct TickMailbox {
-    status: Arc<ArrayQueue<Status>>,
-    requests: Arc<ArrayQueue<Request>>,
-    retired: Arc<ArrayQueue<Box<Reference>>>,
+    shared: Arc<Shared>,
 }
 
 /// The operator's side.
 #[derive(Clone)]
 pub struct OperatorMailbox {
-    status: Arc<ArrayQueue<Status>>,
-    requests: Arc<ArrayQueue<Request>>,
-    retired: Arc<ArrayQueue<Box<Reference>>>,
+    shared: Arc<Shared>,
 }
 
 /// Makes both sides.
 pub fn mailbox() -> (TickMailbox, OperatorMailbox) {
-    let (status, requests, retired) =
-        (Arc::new(ArrayQueue::new(1)), Arc::new(ArrayQueue::new(8)), Arc::new(ArrayQueue::new(8)));
-    let tick =
-        TickMailbox { status: Arc::clone(&status), requests: Arc::clone(&requests), retired: Arc::clone(&retired) };
-    (tick, OperatorMailbox { status, requests, retired })
+    let shared = Arc::new(Shared {
+        status: ArrayQueue::new(1),
+        orders: ArrayQueue::new(MOST_WAITING),
+        retired: ArrayQueue::new(2 * MOST_WAITING),
+        fates: std::array::from_fn(|_| AtomicU64::new(WITHDRAWN)),
+        disarm: AtomicBool::new(false),
+        disarmed_through: AtomicU64::new(0),
+        last_ticket: Mutex::new(0),
+    });
+    (TickMailbox { shared: Arc::clone(&shared) }, OperatorMailbox { shared })
 }
 
 impl TickMailbox {
-    /// Shows a new status.
+    /// Shows a new status, as of now.
     ///
     /// # Real-time
     /// Runs in the tick: lock-free, allocation-free.
     pub fn show(&self, status: Status) {
-        self.status.force_push(status);
+        self.shared.status.force_push((status, now_ns()));
     }
 
-    /// The next request, if there is one.
+    /// The next request that still counts, if there is one; disarming comes first.
     ///
     /// # Real-time
-    /// Runs in the tick.
+    /// Runs in the tick: at most as many steps as requests may wait.
     pub fn request(&self) -> Option<Request> {
-        // A request that carries memory is only taken if that memory can be handed back.
-        if self.retired.is_full() { None } else { self.requests.pop() }
+        if self.shared.disarm.swap(false, Ordering::AcqRel) {
+            return Some(Request::Disarm);
+        }
+        for _ in 0..MOST_WAITING {
+            // A request that carries memory is only taken if that memory can be handed back.
+            if self.shared.retired.is_full() {
+                return None;
+            }
+            let order = self.shared.orders.pop()?;
+            let overruled = order.ticket <= self.shared.disarmed_through.load(Ordering::Acquire);
+            let fate = if overruled || now_ns() > order.expires_ns { WITHDRAWN } else { TAKEN };
+            if self.shared.settle(order.ticket, fate) && fate == TAKEN {
+                return Some(order.request);
+            }
+            if let Request::Reference(reference) = order.request {
+                self.retire(reference);
+            }
+        }
+        None
     }
 
     /// Hands back what the tick must not free.
@@ -90,21 +178,131 @@ impl TickMailbox {
     /// # Real-time
     /// Runs in the tick; `request` has seen to it that there is room.
     pub fn retire(&self, reference: Box<Reference>) {
-        if let Err(reference) = self.retired.push(reference) {
+        if let Err(reference) = self.shared.retired.push(reference) {
             std::mem::forget(reference);
         }
     }
 }
 
 impl OperatorMailbox {
-    /// The status since the last call, if a tick has passed.
-    pub fn status(&self) -> Option<Status> {
-        self.status.pop()
+    /// The status since the last call with the time it was shown at, monotonic clock (ns), if a tick has passed.
+    pub fn status(&self) -> Option<(Status, u64)> {
+        self.shared.status.pop()
     }
 
-    /// Puts a request to the next tick; `false` if too many wait.
-    pub fn ask(&self, request: Request) -> bool {
-        while self.retired.pop().is_some() {}
-        self.requests.push(request).is_ok()
+    /// Puts a request to the tick, for as long as it counts; `None` if too many wait.
+    pub fn ask(&self, request: Request, counts_until_ns: u64) -> Option<Ticket> {
+        while self.shared.retired.pop().is_some() {}
+        let mut last = self.shared.last_ticket.lock().unwrap_or_else(PoisonError::into_inner);
+        if self.shared.orders.is_full() {
+            return None;
+        }
+        let ticket = *last + 1;
+        self.shared.place(ticket).store(ticket << 2 | WAITING, Ordering::Release);
+        self.shared.orders.push(Order { request, ticket, expires_ns: counts_until_ns }).ok()?;
+        *last = ticket;
+        Some(Ticket(ticket))
+    }
+
+    /// Disarms at the next tick, whenever that comes, and takes every request before it out of force.
+    pub fn disarm(&self) {
+        let last = self.shared.last_ticket.lock().unwrap_or_else(PoisonError::into_inner);
+        self.shared.disarmed_through.store(*last, Ordering::Release);
+        self.shared.disarm.store(true, Ordering::Release);
+    }
+
+    /// Whether the tick has not seen the last disarming yet.
+    pub fn disarm_waits(&self) -> bool {
+        self.shared.disarm.load(Ordering::Acquire)
+    }
+
+    /// What has become of a request.
+    pub fn fate(&self, ticket: Ticket) -> Fate {
+        let now = self.shared.place(ticket.0).load(Ordering::Acquire);
+        match now & 3 {
+            // The place serves another ticket by now, so this one is long over.
+            _ if now >> 2 != ticket.0 => Fate::Withdrawn,
+            WAITING => Fate::Waiting,
+            TAKEN => Fate::Taken,
+            _ => Fate::Withdrawn,
+        }
+    }
+
+    /// Withdraws a request; `false` if the tick has taken it already.
+    pub fn withdraw(&self, ticket: Ticket) -> bool {
+        self.shared.settle(ticket.0, WITHDRAWN) || self.fate(ticket) == Fate::Withdrawn
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FAR: u64 = u64::MAX;
+
+    #[test]
+    fn a_request_is_taken_once_or_never() {
+        let (tick, desk) = mailbox();
+        let taken = desk.ask(Request::Arm, FAR).unwrap();
+        assert_eq!(desk.fate(taken), Fate::Waiting);
+        assert!(matches!(tick.request(), Some(Request::Arm)));
+        assert_eq!(desk.fate(taken), Fate::Taken);
+        assert!(!desk.withdraw(taken), "it cannot be had back");
+        let withdrawn = desk.ask(Request::Arm, FAR).unwrap();
+        assert!(desk.withdraw(withdrawn) && desk.withdraw(withdrawn));
+        assert!(tick.request().is_none());
+        assert_eq!(desk.fate(withdrawn), Fate::Withdrawn);
+    }
+
+    #[test]
+    fn what_comes_too_late_is_dropped_and_its_memory_handed_back() {
+        let (tick, desk) = mailbox();
+        let ticket = desk.ask(Request::Reference(Box::new(Reference::constant(80.0, -70.0))), 1).unwrap();
+        assert!(tick.request().is_none());
+        assert_eq!((desk.fate(ticket), tick.shared.retired.len()), (Fate::Withdrawn, 1));
+    }
+
+    #[test]
+    fn disarming_needs_no_room_and_overrules_what_was_asked_before_it() {
+        let (tick, desk) = mailbox();
+        let before: Vec<Ticket> = (0..MOST_WAITING).map(|_| desk.ask(Request::Arm, FAR).unwrap()).collect();
+        assert!(desk.ask(Request::Arm, FAR).is_none(), "full");
+        desk.disarm();
+        assert!(desk.disarm_waits());
+        assert!(matches!(tick.request(), Some(Request::Disarm)));
+        assert!(!desk.disarm_waits());
+        assert!(tick.request().is_none(), "an arming asked for before the disarming must not follow it");
+        assert!(before.iter().all(|ticket| desk.fate(*ticket) == Fate::Withdrawn));
+        desk.ask(Request::Arm, FAR).unwrap();
+        assert!(matches!(tick.request(), Some(Request::Arm)), "asked for after it");
+    }
+
+    /// Two threads race for each of many tickets: exactly one of them gets it.
+    #[test]
+    fn tick_and_withdrawal_never_both_win() {
+        let (tick, desk) = mailbox();
+        let mut taken = 0_u32;
+        std::thread::scope(|scope| {
+            let asking = scope.spawn(|| {
+                let mut withdrawn = 0_u32;
+                for _ in 0..20_000 {
+                    let ticket = loop {
+                        if let Some(ticket) = desk.ask(Request::Arm, FAR) {
+                            break ticket;
+                        }
+                        std::thread::yield_now();
+                    };
+                    withdrawn += u32::from(desk.withdraw(ticket));
+                }
+                withdrawn
+            });
+            while !asking.is_finished() {
+                taken += u32::from(tick.request().is_some());
+            }
+            while tick.request().is_some() {
+                taken += 1;
+            }
+            assert_eq!(taken + asking.join().unwrap(), 20_000);
+        });
     }
 }

@@ -8,11 +8,13 @@ use clap::Parser;
 
 fn main() -> ExitCode {
     // clap itself answers wrong usage with status 2 and help with 0.
-    match cli::Arguments::parse().run() {
+    let status = match cli::Arguments::parse().run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("controller: {}", failure.line);
+            controller::console::notice(failure.line);
             ExitCode::from(failure.status)
         }
-    }
+    };
+    controller::console::finish();
+    status
 }

@@ -29,8 +29,6 @@ const LOCKSTEP_PATIENCE_NS: u64 = 5_000_000_000;
 const STOP_CHECK_NS: u64 = 100_000_000;
 /// Pauses between attempts to connect, the last for ever after.
 const PAUSES_MS: [u64; 5] = [100, 200, 500, 1000, 2000];
-/// Numbers that cannot be shown.
-const NOTHING: [f64; 2] = [0.0; 2];
 
 /// What the tick's thread works with.
 pub struct Session<H> {
@@ -281,7 +279,8 @@ fn serve_requests<H: DutySource>(session: &mut Session<H>) {
 }
 
 fn show<H: DutySource>(session: &mut Session<H>, link: &Link, record: &TickRecord, counts: &Counts) {
-    let shown = |pair: [f64; 2]| if pair.iter().all(|x| x.is_finite()) { pair } else { NOTHING };
+    let shown = |pair: [f64; 2]| pair.iter().all(|x| x.is_finite()).then_some(pair);
+    let follows = record.state == State::Run.code();
     let can_arm = session.cycle.can_arm();
     session.mailbox.show(Status {
         state: record.state,
@@ -290,7 +289,7 @@ fn show<H: DutySource>(session: &mut Session<H>, link: &Link, record: &TickRecor
         tick: record.tick,
         can_arm,
         pressures_kpa: shown([record.p_pos_kpa, record.p_neg_kpa]),
-        reference_kpa: shown([record.ref_pos_kpa, record.ref_neg_kpa]),
+        reference_kpa: shown([record.ref_pos_kpa, record.ref_neg_kpa]).filter(|_| follows),
         duty: [record.u_pos, record.u_neg],
         deadline_misses: counts.deadline_misses,
         frames_missed: counts.frames_missed,

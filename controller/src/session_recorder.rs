@@ -1,31 +1,51 @@
-//! A flight with its recording: file made, threads started, everything ended in order.
+//! A run with its recording: threads started, signals and the disk watched, everything ended in order and in bounded time.
 //!
 //! | thread | does |
 //! | --- | --- |
 //! | `tick` | the loop of [`crate::session`]; real-time |
-//! | `rec` | recording, console ([`flight::Recorder`]) |
+//! | `rec` | recording, figures ([`flight::Recorder`]) |
 //! | `ctl` | the Unix socket ([`crate::socket`]) |
-//! | main | waits |
+//! | `console` | prints ([`crate::console`]) |
+//! | main | signals, a disk that does not answer |
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 use flight::recorder::Observer;
-use flight::{Event, Recorder, RecorderOptions, RecordingSummary};
-use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo, VERDICT, rfc3339};
+use flight::{Destination, Event, Recorder, RecorderOptions, RecordingSummary, Retention};
+use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo, VERDICT};
 
 use crate::clock::now_ns;
 use crate::config::{Config, Pacing};
+use crate::console::notice;
 use crate::cycle::Cycle;
+use crate::desk::DeskOptions;
 use crate::duty_source::DutySource;
 use crate::link::LinkError;
 use crate::mailbox::mailbox;
+use crate::operator_protocol::Running;
 use crate::realtime::lock_memory;
+use crate::reload::{ReloadError, Reloaded, needs_restart, read_aside};
 use crate::run_length::RunLength;
 use crate::session::{Session, run_session};
+use crate::signals::{Order, Signals};
 use crate::socket::{May, SocketError, check_free, serve};
+
+/// Between two looks of the main thread.
+const LOOK: Duration = Duration::from_millis(20);
+/// How long the tick's thread may take to end: it looks at its orders ten times a second, but a name that is being
+/// resolved or a cRIO that is being connected to holds it longer.
+const TICK_END: Duration = Duration::from_secs(3);
+/// Age from which a status no longer tells what is, in real time: twelve ticks.
+const STALE: Duration = Duration::from_millis(250);
+/// And in lockstep, where the cRIO may be a slow simulation.
+const STALE_LOCKSTEP: Duration = Duration::from_secs(1);
+/// Stems of all recordings that the daemon makes.
+const STEMS: [&str; 3] = ["run", "experiment", "flight"];
 
 /// Program and version, as recordings and reports name it.
 pub const PROGRAM: &str = concat!("controller ", env!("CARGO_PKG_VERSION"));
@@ -36,8 +56,21 @@ pub enum SessionError {
     /// The recording cannot be made.
     #[error(transparent)]
     Record(#[from] flight::RecordError),
+    /// There is too little room, and nobody who could be asked.
+    #[error("{}: only {free_mib} MiB free, record.min_free_mib = {min_mib}; make room: with control.auto_arm nothing runs unrecorded", .directory.display())]
+    NoRoom {
+        /// The folder.
+        directory: PathBuf,
+        /// What is free (MiB).
+        free_mib: u64,
+        /// What is needed (MiB).
+        min_mib: u64,
+    },
+    /// The tick's thread does not end.
+    #[error("the tick's thread did not end within {} s (the cRIO's name may not resolve); the cRIO vents by its time to live", TICK_END.as_secs())]
+    Hung,
     /// The folder for recordings cannot be made.
-    #[error("{}: cannot be made: {source}; set record.directory to a folder that can be written", .directory.display())]
+    #[error("{}: cannot be used for recordings: {source}; set record.directory to a folder that can be written", .directory.display())]
     Directory {
         /// The folder.
         directory: PathBuf,
@@ -58,13 +91,13 @@ pub enum SessionError {
     Died,
 }
 
-/// What a flight leaves in its recording, and who sees and ends it.
+/// What a run leaves in its recording, and who sees and ends it.
 pub struct SessionRecorder {
-    /// Where the recording goes; by default a file named after the time in the configured folder.
+    /// Where the recording goes; by default files named after the time in the configured folder.
     pub file: Option<PathBuf>,
-    /// How such a file's name begins.
+    /// How such files' names begin.
     pub stem: &'static str,
-    /// The policy's name and hash, where one flies.
+    /// The policy's name and hash, where one runs.
     pub policy: Option<(String, String)>,
     /// What the recording says about itself, by name.
     pub extra: Vec<(String, String)>,
@@ -76,9 +109,13 @@ pub struct SessionRecorder {
     pub event_text: fn(&Event) -> String,
     /// What an operator may do; `None`: there is no socket.
     pub operator: Option<May>,
+    /// What the daemon runs with, for those who ask.
+    pub running: Running,
+    /// The configuration file, to be read again on `SIGHUP`.
+    pub config_file: Option<PathBuf>,
     /// Sees every tick and event, in the recorder's thread.
     pub observer: Observer,
-    /// Set to end the flight; signals set it too.
+    /// Set to end the run; signals set it too.
     pub stop: Arc<AtomicBool>,
     /// How long the run lasts.
     pub length: RunLength,
@@ -89,7 +126,7 @@ pub fn attachment(name: &str, media_type: &str, data: impl Into<Vec<u8>>) -> Att
     Attachment { name: name.to_owned(), media_type: media_type.to_owned(), data: data.into() }
 }
 
-/// Flies a cycle to its end and records it.
+/// Runs a cycle to its end and records it.
 ///
 /// # Errors
 /// Why it cannot start, or what was lost at the end.
@@ -98,96 +135,197 @@ pub fn fly_recorded<H: DutySource + 'static>(
     cycle: Cycle<H>,
     logbook: SessionRecorder,
 ) -> Result<(RecordingSummary, Cycle<H>), SessionError> {
-    let SessionRecorder {
-        file,
-        stem,
-        policy,
-        extra,
-        attachments,
-        remarks,
-        event_text,
-        operator,
-        observer,
-        stop,
-        length,
-    } = logbook;
-    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-        signal_hook::flag::register(signal, Arc::clone(&stop))?;
-    }
-    // Before anything is made: a second daemon leaves no empty recording behind.
-    if operator.is_some() {
+    let stop = Arc::clone(&logbook.stop);
+    let signals = Signals::install(&stop)?;
+    // Before anything is made: a second daemon leaves nothing behind.
+    if logbook.operator.is_some() {
         check_free(&config.control.socket)?;
     }
-    let path = match file {
-        Some(file) => file,
-        None => recording_path(&config.record.directory, stem)?,
-    };
+    let SessionRecorder {
+        file, stem, attachments, remarks, event_text, operator, running, config_file, observer, ..
+    } = logbook;
     let mut info = RecordingInfo::new(PROGRAM, now_ns());
     info.log_time = if config.link.pacing == Pacing::Lockstep { LogTime::Tick } else { LogTime::Arrival };
-    info.policy = policy;
-    info.extra.extend(extra);
+    info.policy = logbook.policy;
+    info.extra.extend(logbook.extra);
     let options = RecorderOptions::new(event_text).observer(observer);
-    let (recorder, sink) = Recorder::start(&path, &info, &attachments, options)?;
-    let recorder = Arc::new(recorder);
+    let (recorder, sink) = match &file {
+        Some(file) => Recorder::start(file, &info, &attachments, options)?,
+        None => {
+            let destination = destination(config, stem);
+            check_folder(&destination, config)?;
+            Recorder::start_in(destination, &info, &attachments, options)?
+        }
+    };
     for remark in remarks.into_iter().chain(lock_memory()) {
         recorder.note(now_ns(), EventLevel::Warning, "start", remark);
     }
     let (mailbox, desk) = mailbox();
-    let served = operator
-        .map(|may| serve(&config.control.socket, desk, config.safety, recorder.health(), Arc::clone(&stop), may))
-        .transpose()?;
-    let speaker = Arc::clone(&recorder);
+    let (reloads, inbox) = channel();
+    let desk_options = |may| DeskOptions {
+        mailbox: desk.clone(),
+        safety: config.safety,
+        health: recorder.health(),
+        notes: recorder.noter(),
+        may,
+        running: running.clone(),
+        stale: if config.link.pacing == Pacing::Lockstep { STALE_LOCKSTEP } else { STALE },
+        reloads: inbox,
+    };
+    let served = operator.map(|may| serve(&config.control.socket, desk_options(may), Arc::clone(&stop))).transpose()?;
+    let speaker = recorder.noter();
     let say = Box::new(move |text: String| speaker.note(now_ns(), EventLevel::Warning, "link", text));
-    let flight = Session { config: config.clone(), cycle, sink, mailbox, stop: Arc::clone(&stop), length, say };
-    let thread = std::thread::Builder::new().name("tick".to_owned()).spawn(move || run_session(flight))?;
-    let flown = thread.join();
+    let session =
+        Session { config: config.clone(), cycle, sink, mailbox, stop: Arc::clone(&stop), length: logbook.length, say };
+    let thread = std::thread::Builder::new().name("tick".to_owned()).spawn(move || run_session(session))?;
+    let mut watch =
+        Watch { signals, config, stem, recorder: &recorder, config_file, reloads, reading: None, stalled: false };
+    watch.until_over(&thread, &stop);
+    let flown = thread.is_finished().then(|| thread.join());
     stop.store(true, Ordering::Relaxed);
     if let Some(served) = served {
         served.join();
     }
-    if let Ok(Ok(cycle)) = &flown
+    if let Some(Ok(Ok(cycle))) = &flown
         && let Some((level, text)) = cycle.duty_source().verdict()
     {
         recorder.note(now_ns(), level, VERDICT, text);
     }
-    let summary = Arc::into_inner(recorder).map(Recorder::finish).transpose()?;
-    let cycle = flown.map_err(|_| SessionError::Died)?;
-    let summary = summary.ok_or(SessionError::Died)?;
-    if cycle.is_err() && summary.ticks == 0 {
+    let summary = recorder.finish();
+    let cycle = flown.ok_or(SessionError::Hung)?.map_err(|_| SessionError::Died)?;
+    let summary = summary?;
+    if cycle.is_err() && summary.ticks == 0 && !summary.files.is_empty() {
         // There was no link: an empty recording would only puzzle whoever finds it.
         let _ = std::fs::remove_file(&summary.path);
     }
     Ok((summary, cycle?))
 }
 
-/// `STEM-YYYYMMDD-HHMMSS.mcap` in the folder, which is made if it is not there.
-fn recording_path(directory: &Path, stem: &str) -> Result<PathBuf, SessionError> {
-    std::fs::create_dir_all(directory)
-        .map_err(|source| SessionError::Directory { directory: directory.to_owned(), source })?;
-    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs();
-    let stamp = file_stamp(seconds);
-    // A second flight in the same second gets a number.
-    let names =
-        std::iter::once(format!("{stem}-{stamp}.mcap")).chain((2..1000).map(|n| format!("{stem}-{stamp}-{n}.mcap")));
-    let free = names.map(|name| directory.join(name)).find(|path| !path.exists());
-    Ok(free.unwrap_or_else(|| directory.join(format!("{stem}.mcap"))))
+/// The folder for recordings and its limits, as configured.
+fn destination(config: &Config, stem: &'static str) -> Destination {
+    let record = &config.record;
+    Destination {
+        directory: record.directory.clone(),
+        stem,
+        stems: &STEMS,
+        most_bytes: record.max_mib << 20,
+        most_time: Duration::from_secs(record.max_minutes * 60),
+        min_free_bytes: record.min_free_mib << 20,
+        retention: Retention { days: record.keep_days, bytes: record.keep_gib << 30 },
+        clock: now_ns,
+    }
 }
 
-/// UTC date and time for a file name, from seconds since 1970: RFC 3339 without its separators and milliseconds.
-fn file_stamp(seconds: u64) -> String {
-    let text = rfc3339(UNIX_EPOCH + Duration::from_secs(seconds));
-    let whole = text.split('.').next().unwrap_or_default();
-    whole.replace(['-', ':'], "").replace('T', "-")
+/// Makes the folder and tries to write there; with `auto_arm`, for which nobody asks, there must be room as well.
+fn check_folder(to: &Destination, config: &Config) -> Result<(), SessionError> {
+    try_folder(&to.directory).map_err(|source| SessionError::Directory { directory: to.directory.clone(), source })?;
+    match flight::disk::free_bytes(&to.directory) {
+        Some(free) if config.control.auto_arm && free < to.min_free_bytes => Err(SessionError::NoRoom {
+            directory: to.directory.clone(),
+            free_mib: free >> 20,
+            min_mib: to.min_free_bytes >> 20,
+        }),
+        _ => Ok(()),
+    }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// Makes a folder if it is not there, and a file in it, which is removed again.
+pub(crate) fn try_folder(directory: &Path) -> std::io::Result<()> {
+    std::fs::create_dir_all(directory)?;
+    let trial = directory.join(format!(".controller-trial-{}", std::process::id()));
+    std::fs::OpenOptions::new().write(true).create_new(true).open(&trial)?;
+    std::fs::remove_file(&trial)
+}
 
-    #[test]
-    fn stamps_are_dates() {
-        assert_eq!(file_stamp(0), "19700101-000000");
-        assert_eq!(file_stamp(951_782_400), "20000229-000000");
-        assert_eq!(file_stamp(1_795_219_199), "20261120-235959");
+/// What the main thread looks after while the others work.
+struct Watch<'a> {
+    signals: Signals,
+    config: &'a Config,
+    stem: &'static str,
+    recorder: &'a Recorder,
+    config_file: Option<PathBuf>,
+    reloads: Sender<Reloaded>,
+    reading: Option<Receiver<Result<Reloaded, ReloadError>>>,
+    stalled: bool,
+}
+
+impl Watch<'_> {
+    /// Returns once the thread has ended, or has had its time to end.
+    fn until_over<T>(&mut self, thread: &JoinHandle<T>, stop: &AtomicBool) {
+        let mut since = None;
+        while !thread.is_finished() {
+            for order in self.signals.orders() {
+                self.carry_out(order);
+            }
+            self.reloaded();
+            self.disk();
+            if stop.load(Ordering::Relaxed) && since.get_or_insert_with(Instant::now).elapsed() > TICK_END {
+                return;
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    fn say(&self, level: EventLevel, part: &'static str, text: String) {
+        self.recorder.note(now_ns(), level, part, text);
+    }
+
+    fn carry_out(&mut self, order: Order) {
+        match (order, &self.config_file) {
+            (Order::Stop, _) => self.say(EventLevel::Info, "signal", "asked to end: vents open, goodbye".to_owned()),
+            (Order::Nothing(name), _) => {
+                self.say(EventLevel::Info, "signal", format!("{name} does nothing here; SIGTERM ends, SIGHUP reloads"));
+            }
+            (Order::Reload, None) => {
+                self.say(EventLevel::Info, "signal", "SIGHUP: there is no configuration file to read again".to_owned());
+            }
+            (Order::Reload, Some(file)) => match read_aside(file.clone()) {
+                Ok(from) => self.reading = Some(from),
+                Err(error) => self.say(EventLevel::Warning, "reload", format!("nothing was read: {error}")),
+            },
+        }
+    }
+
+    /// Takes over what was read, if something was.
+    fn reloaded(&mut self) {
+        let Some(from) = &self.reading else { return };
+        let read = match from.try_recv() {
+            Ok(read) => read,
+            Err(TryRecvError::Empty) => return,
+            Err(TryRecvError::Disconnected) => return self.reading = None,
+        };
+        self.reading = None;
+        let reloaded = match read {
+            Ok(reloaded) => reloaded,
+            Err(error) => {
+                return self.say(EventLevel::Warning, "reload", format!("{error}; the configuration stays as it was"));
+            }
+        };
+        let restart = needs_restart(self.config, &reloaded.config);
+        let mut new = destination(&reloaded.config, self.stem);
+        new.directory.clone_from(&self.config.record.directory);
+        self.recorder.redirect(new);
+        let mut text = "configuration read again: limits of recordings taken over".to_owned();
+        if !restart.is_empty() {
+            text.push_str(&format!("; changed, but needs a restart: {}", restart.join(", ")));
+        }
+        self.say(EventLevel::Info, "reload", text);
+        // The socket's thread knows whether the rig is controlled; without one nobody takes it.
+        let _ = self.reloads.send(reloaded);
+    }
+
+    /// Tells, past the recorder, that the recorder's disk does not answer.
+    fn disk(&mut self) {
+        let stalled = self.recorder.health().stalled();
+        if let (Some(time), false) = (stalled, self.stalled) {
+            notice(format_args!(
+                "the disk for recordings has not answered for {:.1} s; the rig is controlled on, nothing new is armed",
+                time.as_secs_f64()
+            ));
+        }
+        if let (None, true) = (stalled, self.stalled) {
+            self.say(EventLevel::Warning, "recorder", "the disk answers again".to_owned());
+        }
+        self.stalled = stalled.is_some();
     }
 }

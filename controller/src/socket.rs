@@ -1,10 +1,12 @@
-//! The operator's Unix socket: one JSON object per line, asked and answered.
+//! The operator's Unix socket: many clients at once, none of which can hold another.
 //!
-//! `{"ask":"status"}`, `{"ask":"arm"}`, `{"ask":"disarm"}`, `{"ask":"reference","file":"/abs/path.csv"}`; the
-//! answer is `{"ok":true, …}` or `{"ok":false,"error":"one line"}`. Files are read here, never in the tick.
+//! One thread looks at all connections in turn and waits for none. A request has [`REQUEST_TIME`] to come whole; what
+//! takes time, the tick's effect or a file, is asked for and looked at again ([`crate::desk`]). Where more clients come
+//! than there are places, the one that has been silent longest goes, so that a disarming always gets its place. Whoever
+//! closes the connection before the answer withdraws the request.
 
-use std::io::{self, BufRead, BufReader, Read, Write};
-use std::os::unix::fs::PermissionsExt;
+use std::io::{self, Read, Write};
+use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -12,281 +14,303 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use flight::RecorderHealth;
-use proto::reference::Reference;
-use serde::{Deserialize, Serialize};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use crate::config::Safety;
-use crate::mailbox::{OperatorMailbox, Request, Status};
-use crate::state::State;
+use crate::desk::{Desk, DeskOptions, Pending, Step};
+use crate::operator_protocol::{MOST_REQUEST_BYTES, REQUEST_TIME, connect};
+use crate::peer::Peer;
 
-/// Longest line that is read from a client.
-const LONGEST_LINE: u64 = 64 * 1024;
-/// How long a client may take.
-const PATIENCE: Duration = Duration::from_millis(1000);
-/// How long arming may take to show.
-const EFFECT: Duration = Duration::from_millis(500);
+pub use crate::desk::May;
+pub use crate::operator_protocol::{Ask, Reply, Running, SocketError, ask};
 
-/// A question.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "ask", rename_all = "snake_case", deny_unknown_fields)]
-pub enum Ask {
-    /// What is it doing?
-    Status {},
-    /// Control the pressures.
-    Arm {},
-    /// Open the vents.
-    Disarm {},
-    /// Follow another reference.
-    Reference {
-        /// Absolute path of the CSV file.
-        file: PathBuf,
-    },
-}
-
-/// An answer.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct Reply {
-    /// Whether it was done.
-    pub ok: bool,
-    /// Why not, one line.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub error: Option<String>,
-    /// The state's name.
-    #[serde(default)]
-    pub state: String,
-    /// The newest status; absent before the first tick.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub status: Option<Status>,
-    /// What is wrong with the recording, if anything.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub recording_problem: Option<String>,
-}
-
-/// Why the socket cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum SocketError {
-    /// Another daemon is there.
-    #[error("{}: another controller answers on this socket; stop it, or set control.socket", .path.display())]
-    InUse {
-        /// The socket.
-        path: PathBuf,
-    },
-    /// It cannot be made.
-    #[error("{}: the operator's socket cannot be made: {source}; set control.socket to a place that can be written", .path.display())]
-    Make {
-        /// The socket.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// Nobody answers.
-    #[error("{}: no controller answers there ({source}); is it running, and is this its control.socket?", .path.display())]
-    Silent {
-        /// The socket.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// The answer is none.
-    #[error("{}: the answer makes no sense; is it the same version of controller?", .path.display())]
-    Nonsense {
-        /// The socket.
-        path: PathBuf,
-    },
-}
-
-/// What an operator may do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum May {
-    /// Everything.
-    Fly,
-    /// Look on and disarm: an experiment is under way.
-    OnlyStop,
-}
+/// Clients at once.
+const MOST_CLIENTS: usize = 64;
+/// Bytes of all requests that are still coming; memory is locked, so it is bounded.
+const MOST_BYTES: usize = 2 * MOST_REQUEST_BYTES;
+/// Time that an answer may take to be read.
+const ANSWER_TIME: Duration = Duration::from_millis(1000);
+/// Between two looks at what the tick does, while somebody waits for it.
+const LOOK: Duration = Duration::from_millis(5);
+/// Between two looks at the stop flag, while nobody does.
+const IDLE: Duration = Duration::from_millis(100);
+/// How long the thread may take to end; nothing in it waits, so only a machine that hangs takes longer.
+const END: Duration = Duration::from_secs(2);
 
 /// The socket's thread.
 pub struct Served {
     thread: JoinHandle<()>,
     path: PathBuf,
+    /// Device and number of the socket's file: another daemon's socket is not ours to remove.
+    file: Option<(u64, u64)>,
 }
 
 impl Served {
-    /// Waits for the thread, which ends once the daemon's stop flag is set, and removes the socket.
+    /// Waits, for a bounded time, for the thread, which ends once the daemon's stop flag is set; removes the socket.
     pub fn join(self) {
-        let _ = self.thread.join();
-        let _ = std::fs::remove_file(&self.path);
+        let until = Instant::now() + END;
+        while !self.thread.is_finished() && Instant::now() < until {
+            std::thread::sleep(LOOK);
+        }
+        if self.file.is_some() && self.file == identity(&self.path) {
+            let _ = std::fs::remove_file(&self.path);
+        }
     }
 }
 
-/// Refuses a socket that another daemon answers on; changes nothing.
+fn identity(path: &Path) -> Option<(u64, u64)> {
+    std::fs::symlink_metadata(path).ok().filter(|about| about.file_type().is_socket()).map(|a| (a.dev(), a.ino()))
+}
+
+/// Refuses a path that another daemon answers on, or that is no socket; changes nothing.
 ///
 /// # Errors
-/// If one answers.
+/// If it cannot be used.
 pub fn check_free(path: &Path) -> Result<(), SocketError> {
-    if UnixStream::connect(path).is_ok() {
-        return Err(SocketError::InUse { path: path.to_owned() });
+    let Ok(about) = std::fs::symlink_metadata(path) else { return Ok(()) };
+    if !about.file_type().is_socket() {
+        return Err(SocketError::NotASocket { path: path.to_owned() });
     }
-    Ok(())
+    match connect(path) {
+        Ok(_) => Err(SocketError::InUse { path: path.to_owned() }),
+        // Its queue of connections is full, so somebody is there.
+        Err(error) if error.kind() == io::ErrorKind::WouldBlock => Err(SocketError::InUse { path: path.to_owned() }),
+        Err(_) => Ok(()),
+    }
 }
 
 /// Makes the socket and answers on it until `stop` is set.
 ///
 /// # Errors
-/// If it cannot be made, or another daemon answers on it.
-pub fn serve(
-    path: &Path,
-    mailbox: OperatorMailbox,
-    safety: Safety,
-    health: RecorderHealth,
-    stop: Arc<AtomicBool>,
-    may: May,
-) -> Result<Served, SocketError> {
+/// If it cannot be made, another daemon answers on it, or something that is no socket has its name.
+pub fn serve(path: &Path, options: DeskOptions, stop: Arc<AtomicBool>) -> Result<Served, SocketError> {
     let make = |source| SocketError::Make { path: path.to_owned(), source };
-    if path.exists() {
-        check_free(path)?;
-        // What a daemon that was killed left behind.
+    check_free(path)?;
+    if identity(path).is_some() {
+        // A socket that nobody answers on: what a daemon that was killed left behind.
         std::fs::remove_file(path).map_err(make)?;
     }
     let listener = UnixListener::bind(path).map_err(make)?;
     // Whoever may write here may vent the rig or start it: owner and group only.
     std::fs::set_permissions(path, PermissionsExt::from_mode(0o660)).map_err(make)?;
     listener.set_nonblocking(true).map_err(make)?;
-    let mut desk = Desk { mailbox, safety, health, may, newest: None };
+    let mut server = Server { listener, desk: Desk::new(options), clients: Vec::new() };
     let thread = std::thread::Builder::new()
         .name("ctl".to_owned())
         .spawn(move || {
             while !stop.load(Ordering::Relaxed) {
-                match listener.accept() {
-                    Ok((client, _)) => {
-                        // A client that goes away in the middle is its own trouble.
-                        let _ = desk.serve(&client);
-                    }
-                    Err(_) => std::thread::sleep(Duration::from_millis(20)),
-                }
+                server.turn();
             }
         })
         .map_err(make)?;
-    Ok(Served { thread, path: path.to_owned() })
+    Ok(Served { thread, path: path.to_owned(), file: identity(path) })
 }
 
-/// Answers clients.
-struct Desk {
-    mailbox: OperatorMailbox,
-    safety: Safety,
-    health: RecorderHealth,
-    may: May,
-    newest: Option<Status>,
+/// A connection.
+struct Client {
+    stream: UnixStream,
+    peer: Peer,
+    stage: Stage,
 }
 
-impl Desk {
-    fn serve(&mut self, client: &UnixStream) -> io::Result<()> {
-        client.set_nonblocking(false)?;
-        client.set_read_timeout(Some(PATIENCE))?;
-        client.set_write_timeout(Some(PATIENCE))?;
-        let mut line = String::new();
-        BufReader::new(client.take(LONGEST_LINE)).read_line(&mut line)?;
-        let reply = match serde_json::from_str(&line) {
-            Ok(ask) => self.answer(ask),
-            Err(error) => self.reply(Err(format!("not a request: {error}"))),
-        };
-        let mut text = serde_json::to_string(&reply)?;
-        text.push('\n');
-        let mut client = client;
-        client.write_all(text.as_bytes())
-    }
+/// How far a connection has come.
+enum Stage {
+    /// The request is coming.
+    Reading { input: Vec<u8>, since: Instant },
+    /// The tick has been asked.
+    Waiting(Pending),
+    /// The answer is going.
+    Writing { output: Vec<u8>, sent: usize, until: Instant },
+    /// It is over.
+    Closed,
+}
 
-    fn answer(&mut self, ask: Ask) -> Reply {
-        let outcome = match ask {
-            Ask::Status {} => Ok(()),
-            Ask::Arm {} | Ask::Reference { .. } if self.may == May::OnlyStop => {
-                Err("an experiment is under way; wait for its end, or disarm to stop it".to_owned())
+struct Server {
+    listener: UnixListener,
+    desk: Desk,
+    clients: Vec<Client>,
+}
+
+impl Server {
+    /// One look at everything, after waiting for something to happen.
+    fn turn(&mut self) {
+        self.wait();
+        self.desk.take_reloads();
+        // A new client is read at once: what it has sent already counts before it could lose its place.
+        for _ in 0..MOST_CLIENTS {
+            let Ok((stream, _)) = self.listener.accept() else { break };
+            if stream.set_nonblocking(true).is_err() {
+                continue;
             }
-            Ask::Arm {} => self.arm(),
-            Ask::Disarm {} => {
-                self.ask_for(Request::Disarm, |s| s.state != State::Run.code(), "it still runs; is the cRIO there?")
+            self.make_room();
+            let peer = Peer::of(&stream);
+            let stage = Stage::Reading { input: Vec::new(), since: Instant::now() };
+            let mut client = Client { stream, peer, stage };
+            let coming = self.bytes_coming();
+            client.step(&mut self.desk, coming);
+            self.clients.push(client);
+        }
+        for number in 0..self.clients.len() {
+            let coming = self.bytes_coming();
+            if let Some(client) = self.clients.get_mut(number) {
+                client.step(&mut self.desk, coming);
             }
-            Ask::Reference { file } => self.reference(&file),
+        }
+        self.clients.retain(|client| !matches!(client.stage, Stage::Closed));
+    }
+
+    fn wait(&self) {
+        let waits = self.clients.iter().any(|client| matches!(client.stage, Stage::Waiting(_)));
+        let time = if waits { LOOK } else { IDLE };
+        let mut fds = vec![PollFd::new(&self.listener, PollFlags::IN)];
+        for client in &self.clients {
+            let flags = match client.stage {
+                Stage::Reading { .. } => PollFlags::IN,
+                Stage::Writing { .. } => PollFlags::OUT,
+                // A client that hangs up is reported in any case.
+                Stage::Waiting(_) | Stage::Closed => PollFlags::empty(),
+            };
+            fds.push(PollFd::new(&client.stream, flags));
+        }
+        let time = Timespec { tv_sec: 0, tv_nsec: time.subsec_nanos().into() };
+        if poll(&mut fds, Some(&time)).is_err() {
+            // Interrupted, or no memory for it: the turn goes on, but never in a circle without a pause.
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Where all places are taken, the client that has been silent longest loses its own.
+    fn make_room(&mut self) {
+        if self.clients.len() < MOST_CLIENTS {
+            return;
+        }
+        let silent = |client: &Client| match &client.stage {
+            Stage::Reading { since, .. } => Some(*since),
+            _ => None,
         };
-        self.reply(outcome)
+        let oldest = self.clients.iter().enumerate().filter_map(|(n, c)| Some((silent(c)?, n))).min();
+        // All others have asked already and are answered within a bounded time.
+        let number = oldest.map_or(0, |(_, number)| number);
+        let client = self.clients.swap_remove(number);
+        if let Stage::Waiting(pending) = client.stage {
+            self.desk.gone(pending);
+        }
     }
 
-    fn arm(&mut self) -> Result<(), String> {
-        let Some(status) = self.status() else { return Err("no session with the cRIO; nothing to arm".to_owned()) };
-        if status.state == State::Run.code() {
-            return Err("it is armed already".to_owned());
+    fn bytes_coming(&self) -> usize {
+        let coming = |client: &Client| match &client.stage {
+            Stage::Reading { input, .. } => input.len(),
+            _ => 0,
+        };
+        self.clients.iter().map(coming).sum()
+    }
+}
+
+impl Client {
+    /// Goes on as far as it can without waiting; `coming` bytes of requests are held already.
+    fn step(&mut self, desk: &mut Desk, coming: usize) {
+        if matches!(self.stage, Stage::Reading { .. }) {
+            self.read(desk, coming);
         }
-        if !status.can_arm {
-            return Err(format!(
-                "it is {} and cannot be armed yet; `controller status` tells why",
-                State::name(status.state)
-            ));
+        if matches!(self.stage, Stage::Waiting(_)) {
+            self.look(desk);
         }
-        if let Some(problem) = self.health.error() {
-            return Err(format!("the recording has failed ({problem}); mend that and restart before arming"));
+        if matches!(self.stage, Stage::Writing { .. }) {
+            self.write();
         }
-        self.ask_for(Request::Arm, |s| s.state == State::Run.code(), "it did not start; `controller status` tells why")
     }
 
-    fn reference(&mut self, file: &Path) -> Result<(), String> {
-        let reference = Reference::read(file).map_err(|e| e.to_string())?;
-        let [[_, highest], [lowest, _]] = reference.range_kpa();
-        if highest > self.safety.max_pos_kpa || lowest < self.safety.min_neg_kpa {
-            return Err(format!("{}: it leaves the safety envelope ({lowest:.1} … {highest:.1} kPa)", file.display()));
-        }
-        self.ask_for(Request::Reference(Box::new(reference)), |_| true, "too many requests wait")
-    }
-
-    /// Puts a request to the tick and waits until `done` holds.
-    fn ask_for(&mut self, request: Request, done: impl Fn(&Status) -> bool, otherwise: &str) -> Result<(), String> {
-        if !self.mailbox.ask(request) {
-            return Err("too many requests wait; is the cRIO there?".to_owned());
-        }
-        let until = Instant::now() + EFFECT;
-        while Instant::now() < until {
-            std::thread::sleep(Duration::from_millis(20));
-            if let Some(status) = self.mailbox.status() {
-                self.newest = Some(status);
-                if done(&status) {
-                    return Ok(());
+    fn read(&mut self, desk: &mut Desk, coming: usize) {
+        let Stage::Reading { input, since } = &mut self.stage else { return };
+        let mut piece = [0; 16 * 1024];
+        let mut room = MOST_BYTES.saturating_sub(coming);
+        let whole = loop {
+            // The request's end is looked for in what is new only.
+            match self.stream.read(&mut piece) {
+                Ok(0) => {
+                    self.stage = Stage::Closed;
+                    return;
+                }
+                Ok(n) => {
+                    let new = piece.get(..n).unwrap_or_default();
+                    if let Some(end) = new.iter().position(|byte| *byte == b'\n') {
+                        input.extend_from_slice(new.get(..end).unwrap_or_default());
+                        break true;
+                    }
+                    input.extend_from_slice(new);
+                    room = room.saturating_sub(n);
+                    if input.len() > MOST_REQUEST_BYTES || room == 0 {
+                        break false;
+                    }
+                }
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                    if since.elapsed() < REQUEST_TIME {
+                        return;
+                    }
+                    let why = format!("the request did not come whole within {} ms", REQUEST_TIME.as_millis());
+                    let reply = desk.refuse(&why);
+                    return self.answer(&reply);
+                }
+                Err(_) => {
+                    self.stage = Stage::Closed;
+                    return;
                 }
             }
+        };
+        if !whole {
+            let reply = desk.refuse("the request is longer than this socket takes");
+            return self.answer(&reply);
         }
-        Err(otherwise.to_owned())
-    }
-
-    fn status(&mut self) -> Option<Status> {
-        if let Some(status) = self.mailbox.status() {
-            self.newest = Some(status);
+        let line = std::mem::take(input);
+        // Whoever has already left gets nothing done.
+        if self.has_left() {
+            self.stage = Stage::Closed;
+            return;
         }
-        self.newest
-    }
-
-    fn reply(&mut self, outcome: Result<(), String>) -> Reply {
-        let status = self.status();
-        Reply {
-            ok: outcome.is_ok(),
-            error: outcome.err(),
-            state: status.map_or("connecting", |s| State::name(s.state)).to_owned(),
-            status,
-            recording_problem: self.health.error(),
+        match desk.begin(&line, self.peer) {
+            Step::Done(reply) => self.answer(&reply),
+            Step::Pending(pending) => self.stage = Stage::Waiting(pending),
         }
     }
-}
 
-/// Asks a running daemon.
-///
-/// # Errors
-/// If nobody answers, or not sensibly.
-pub fn ask(path: &Path, ask: &Ask) -> Result<Reply, SocketError> {
-    let silent = |source| SocketError::Silent { path: path.to_owned(), source };
-    let nonsense = || SocketError::Nonsense { path: path.to_owned() };
-    let mut socket = UnixStream::connect(path).map_err(silent)?;
-    socket.set_read_timeout(Some(2 * PATIENCE)).map_err(silent)?;
-    let mut line = serde_json::to_string(ask).map_err(|_| nonsense())?;
-    line.push('\n');
-    socket.write_all(line.as_bytes()).map_err(silent)?;
-    let mut answer = String::new();
-    BufReader::new(&socket).read_line(&mut answer).map_err(silent)?;
-    serde_json::from_str(&answer).map_err(|_| nonsense())
+    fn look(&mut self, desk: &mut Desk) {
+        let left = self.has_left();
+        let Stage::Waiting(pending) = std::mem::replace(&mut self.stage, Stage::Closed) else { return };
+        if left {
+            return desk.gone(pending);
+        }
+        match desk.look(pending) {
+            Step::Done(reply) => self.answer(&reply),
+            Step::Pending(pending) => self.stage = Stage::Waiting(pending),
+        }
+    }
+
+    /// Whether the other end is closed for good; one that has only ended its own sending still waits for the answer.
+    fn has_left(&self) -> bool {
+        let mut fds = [PollFd::new(&self.stream, PollFlags::empty())];
+        let now = Timespec { tv_sec: 0, tv_nsec: 0 };
+        let polled = poll(&mut fds, Some(&now));
+        let [fd] = &fds;
+        polled.is_ok() && fd.revents().intersects(PollFlags::HUP | PollFlags::ERR)
+    }
+
+    fn answer(&mut self, reply: &Reply) {
+        // A reply is plain data; there is nothing in it that JSON cannot hold.
+        let mut output = serde_json::to_vec(reply).unwrap_or_default();
+        output.push(b'\n');
+        self.stage = Stage::Writing { output, sent: 0, until: Instant::now() + ANSWER_TIME };
+    }
+
+    fn write(&mut self) {
+        let Stage::Writing { output, sent, until } = &mut self.stage else { return };
+        while let Some(rest) = output.get(*sent..).filter(|rest| !rest.is_empty()) {
+            match self.stream.write(rest) {
+                Ok(n) => *sent += n,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock && Instant::now() < *until => return,
+                Err(_) => break,
+            }
+        }
+        self.stage = Stage::Closed;
+    }
 }

@@ -5,6 +5,7 @@ pub mod diagnosis;
 pub mod emulator;
 pub mod recording;
 pub mod reference;
+pub mod regular_file;
 pub mod rig_file;
 pub mod stream;
 pub mod wire;

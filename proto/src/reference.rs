@@ -12,7 +12,10 @@
 use std::path::Path;
 
 use crate::recording::csv::{self, Column, ColumnData, CsvError, Table};
+use crate::regular_file;
 
+/// The largest reference file that is read, in bytes: an hour at 50 Hz is 5 MB.
+pub const MOST_BYTES: u64 = 32 << 20;
 /// The columns of a reference file, besides `time_s`.
 const COLUMNS: [&str; 2] = ["ref_pos_kpa", "ref_neg_kpa"];
 /// Absolute vacuum as gauge pressure (kPa): no reference lies below it.
@@ -65,7 +68,8 @@ impl Reference {
     /// The file cannot be read, or its content is wrong: see [`Reference::parse`].
     pub fn read(path: &Path) -> Result<Self, ReferenceError> {
         let file = path.display().to_string();
-        let bytes = std::fs::read(path).map_err(|source| ReferenceError::Read { file: file.clone(), source })?;
+        let bytes = regular_file::read(path, MOST_BYTES)
+            .map_err(|source| ReferenceError::Read { file: file.clone(), source })?;
         Self::parse(&file, &bytes)
     }
 

@@ -8,13 +8,13 @@
 //!
 //! Left out: comments. [`save`] writes the rig as data, so a file that is read and saved loses them.
 
-use std::fs::File;
-use std::io::{self, Read};
+use std::io;
 use std::path::Path;
 
 use model::rig::{Rig, RigError};
 
 use crate::atomic_file::{self, AtomicFileError};
+use crate::regular_file;
 
 /// The largest rig file that is read, in bytes; the built-in ones are 4 kB.
 pub const MOST_BYTES: u64 = 1 << 20;
@@ -74,14 +74,14 @@ pub fn load(name_or_path: &str) -> Result<Rig, RigFileError> {
     if Rig::builtin_text(name_or_path).is_some() {
         return Rig::builtin(name_or_path).map_err(wrong);
     }
-    let bytes = match bytes_of(Path::new(name_or_path)) {
+    let bytes = match regular_file::read(Path::new(name_or_path), MOST_BYTES) {
         Ok(bytes) => bytes,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(RigFileError::Neither { name: file() }),
+        Err(error) if error.kind() == io::ErrorKind::FileTooLarge => {
+            return Err(RigFileError::TooLarge { file: file() });
+        }
         Err(source) => return Err(RigFileError::Read { file: file(), source }),
     };
-    if bytes.len() as u64 > MOST_BYTES {
-        return Err(RigFileError::TooLarge { file: file() });
-    }
     let text = std::str::from_utf8(&bytes).map_err(|error| {
         let sound = bytes.get(..error.valid_up_to()).unwrap_or_default();
         RigFileError::NotUtf8 { file: file(), line: 1 + sound.iter().filter(|byte| **byte == b'\n').count() }
@@ -98,13 +98,6 @@ pub fn save(path: &Path, rig: &Rig) -> Result<(), RigFileError> {
     rig.check().map_err(wrong)?;
     let text = rig.to_toml().map_err(wrong)?;
     Ok(atomic_file::write(path, text.as_bytes())?)
-}
-
-/// The file's bytes, at most one more than [`MOST_BYTES`], so that a pipe without an end has one here.
-fn bytes_of(path: &Path) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    File::open(path)?.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
-    Ok(bytes)
 }
 
 #[cfg(test)]

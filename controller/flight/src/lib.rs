@@ -9,6 +9,7 @@
 //! | module | what |
 //! | --- | --- |
 //! | [`recorder`] | the thread that turns ticks and events into an MCAP file; its failures never reach the tick |
+//! | [`rotation`], [`disk`] | one file after another, room on the disk, what of old recordings is kept |
 //! | [`sink`] | the tick's end of the queue: bounded, lock-free, counts what it must refuse |
 //! | [`duration_histogram`] | times in logarithmic bins of known width, for percentiles without keeping the values |
 //! | [`oscillation`] | whether an error repeats itself faster than the reference moves: a sign of a limit cycle |
@@ -25,6 +26,7 @@
 //! their names as functions.
 
 mod comparison_report;
+pub mod disk;
 pub mod duration_histogram;
 pub mod flight_clock;
 pub mod flight_info;
@@ -36,9 +38,11 @@ mod prediction_check;
 mod record_error;
 pub mod recorder;
 mod report_plots;
+pub mod rotation;
 pub mod sink;
 pub mod statistics;
 pub mod summary;
+mod tape;
 mod terminal;
 pub mod tracking;
 pub mod verdict;
@@ -47,11 +51,13 @@ mod writing;
 pub mod yardstick;
 
 pub use comparison_report::{ComparedRun, comparison_report};
+pub use disk::Retention;
 pub use flight_clock::FlightClock;
 pub use flight_info::{CodeNames, FlightInfo, FlightNote, NoteTime};
 pub use flight_report::flight_report;
 pub use record_error::RecordError;
-pub use recorder::{Recorded, Recorder, RecorderHealth, RecorderOptions, RecordingSummary};
+pub use recorder::{Noter, Recorded, Recorder, RecorderHealth, RecorderOptions, RecordingSummary};
+pub use rotation::Destination;
 pub use sink::{Event, RecordSink};
 pub use statistics::{Counterpart, FlightStatistics, Pacing, StatisticsOptions};
 pub use summary::FlightSummary;

@@ -12,14 +12,49 @@ pub enum RecordError {
     Write(#[from] WriteMcapError),
     /// Somebody removed the file.
     #[error(
-        "{}: the recording was removed while it was written; leave *.partial.mcap alone until the flight is over",
+        "{}: the recording was removed while it was written; leave *.partial.mcap alone until the run is over",
         .path.display()
     )]
     Removed {
         /// The file that is gone.
         path: PathBuf,
     },
-    /// The recording ended before the flight did.
+    /// Somebody cut the file short.
+    #[error(
+        "{}: the recording was cut from {from} to {to} bytes while it was written; leave *.partial.mcap alone until the run is over",
+        .path.display()
+    )]
+    Cut {
+        /// The file that was cut.
+        path: PathBuf,
+        /// Its length before (bytes).
+        from: u64,
+        /// Its length now (bytes).
+        to: u64,
+    },
+    /// The folder for recordings cannot be made.
+    #[error("{}: cannot be made: {source}; set record.directory to a folder that can be written", .directory.display())]
+    Directory {
+        /// The folder.
+        directory: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Every name is taken.
+    #[error("{}: no free name for another recording in this second", .directory.display())]
+    NoName {
+        /// The folder.
+        directory: PathBuf,
+    },
+    /// The disk does not answer.
+    #[error("{}: the disk has not answered for {seconds} s; what was flushed before is there", .place.display())]
+    Hangs {
+        /// The unfinished file, or the folder.
+        place: PathBuf,
+        /// How long it was waited for (s).
+        seconds: u64,
+    },
+    /// The recording lacks something.
     #[error("{first} ({written} ticks written, {lost} lost)")]
     Incomplete {
         /// The first thing that went wrong.

@@ -1,37 +1,47 @@
-//! The recorder thread: takes what the tick queued and writes it to an MCAP file.
+//! The recorder thread: takes what the tick queued and writes it to MCAP files.
 //!
-//! It wakes every 5 ms, empties the queues, and once a second brings the file to the disk
-//! (`fdatasync`). What goes wrong there (a full disk, a removed folder) stops the writing, not the
-//! thread: the queues are emptied as before, so that the tick never notices, ticks that can no longer
-//! be kept are counted, and [`RecorderHealth`] tells the first error to whoever asks.
+//! It wakes every 5 ms, empties the queues, and once a second brings the file to the disk (`fdatasync`). What goes wrong
+//! there (a full disk, a removed folder, a file cut short) never reaches the tick: the queues are emptied as before,
+//! ticks that cannot be kept are counted, and [`RecorderHealth`] tells at once what is wrong. Recordings in a folder
+//! ([`Recorder::start_in`]) go on in another file as soon as that is possible; a single file ends there.
 //!
-//! An observer sees every tick and event in their order on the recorder's thread, whether the disk
-//! works or not: statistics and the live line need no queue of their own.
+//! An observer sees every tick and event in their order on the recorder's thread, whether the disk works or not:
+//! statistics and the live line need no queue of their own. It must not wait for anything.
 //!
 //! # Orders
-//! Ticks stand in the order in which they were queued; an event of the sink stands exactly where it
-//! was said. [`Recorder::note`], for the other threads, stands near its time.
-//!
-//! # Left out
-//! Starting a new file after an error: a person has to look at the disk anyway, and two halves of a
-//! flight with a hole between them help nobody.
+//! Ticks stand in the order in which they were queued; an event of the sink stands exactly where it was said.
+//! [`Noter::note`], for the other threads, stands near its time.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::PoisonError;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{self, Sender};
-use std::thread::{self, JoinHandle};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, SyncSender};
+use std::thread;
+use std::time::{Duration, Instant};
 
 use proto::recording::{Attachment, EventLevel, RecordingInfo, RecordingWriter, TickRecord, unfinished_path};
 
 use crate::record_error::RecordError;
+use crate::rotation::{Destination, OneTape, Rotating, TapeSource};
 use crate::sink::{Event, Queues, RecordSink};
-use crate::writing::{McapWriter, Note, State, Tape, Writing};
+use crate::tape::{McapTape, Tape};
+use crate::writing::{Note, State, Writing};
 
 /// Ticks that the queue holds unless told otherwise: 82 s, 2 MiB.
 pub const CAPACITY: usize = 4_096;
 /// Events that the queue holds.
 const EVENTS: usize = 256;
+/// Notes that other threads may have waiting; further ones are counted.
+const NOTES: usize = 1_024;
+/// How long the disk may work on one thing at the end of a recording before it counts as one that hangs.
+const HANGS: Duration = Duration::from_secs(4);
+/// How long the end of a recording may take altogether.
+const FINISH: Duration = Duration::from_secs(15);
+/// Between two looks at the end's progress.
+const LOOK: Duration = Duration::from_millis(100);
+/// How long a disk may work on one thing before it counts as stalled.
+const STALLED: Duration = Duration::from_secs(1);
 
 /// What the recorder's observer sees.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,13 +100,15 @@ impl std::fmt::Debug for RecorderOptions {
 /// What a finished recorder leaves.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecordingSummary {
-    /// The finished file.
+    /// The last finished file; empty where nothing was recorded.
     pub path: PathBuf,
-    /// Its size (bytes).
+    /// All finished files, in order.
+    pub files: Vec<PathBuf>,
+    /// Their size (bytes).
     pub bytes: u64,
-    /// Ticks in it.
+    /// Ticks in them.
     pub ticks: u64,
-    /// Events and notes in it.
+    /// Events and notes in them.
     pub events: u64,
     /// Ticks that a full queue refused.
     pub ticks_dropped: u64,
@@ -119,12 +131,33 @@ impl RecorderHealth {
         !self.state.failed.load(Ordering::Acquire)
     }
 
-    /// The first thing that went wrong, one line.
+    /// What is wrong now, one line.
     ///
     /// # Real-time
     /// Not in the tick: it copies a text.
     pub fn error(&self) -> Option<String> {
-        self.state.error.get().cloned()
+        self.state.error.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Why nothing new should be started now, one line: what is wrong, too little room, or a disk that does not answer.
+    ///
+    /// # Real-time
+    /// Not in the tick.
+    pub fn why_not_arm(&self) -> Option<String> {
+        let room = || self.state.no_room.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        self.error()
+            .or_else(room)
+            .or_else(|| self.stalled().map(|time| format!("the disk has not answered for {:.1} s", time.as_secs_f64())))
+    }
+
+    /// How long the disk has not answered, where that is longer than a second.
+    pub fn stalled(&self) -> Option<Duration> {
+        Some(self.state.stalled()).filter(|time| *time > STALLED)
+    }
+
+    /// Notes that were refused because too many waited.
+    pub fn notes_dropped(&self) -> u64 {
+        self.state.notes_dropped.load(Ordering::Relaxed)
     }
 
     /// Ticks written so far.
@@ -143,18 +176,38 @@ impl RecorderHealth {
     }
 }
 
+/// Adds texts to a recording from any thread but the tick's; may be cloned.
+#[derive(Debug, Clone)]
+pub struct Noter {
+    notes: SyncSender<Note>,
+    state: Arc<State>,
+}
+
+impl Noter {
+    /// Adds a text; one that finds too many waiting is counted and dropped.
+    ///
+    /// # Real-time
+    /// Not in the tick: it allocates. [`RecordSink::event`] is for the tick.
+    pub fn note(&self, at_ns: u64, level: EventLevel, part: &'static str, message: impl Into<String>) {
+        // A thread that is gone is told by `finish`.
+        if self.notes.try_send(Note { at_ns, level, part, message: message.into() }).is_err() {
+            self.state.notes_dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
 /// The recorder; dropped without [`Recorder::finish`], it still finishes its file.
 #[derive(Debug)]
 pub struct Recorder {
-    // `None` once joined.
-    thread: Option<JoinHandle<Result<PathBuf, RecordError>>>,
-    state: Arc<State>,
-    notes: Sender<Note>,
-    partial: PathBuf,
+    // `None` once it was waited for.
+    ended: Option<Receiver<Result<(), RecordError>>>,
+    thread: thread::Thread,
+    noter: Noter,
+    place: PathBuf,
 }
 
 impl Recorder {
-    /// Creates the file and starts the thread.
+    /// Creates a single file and starts the thread.
     ///
     /// The file is `name.partial.mcap` until it is finished.
     ///
@@ -168,7 +221,24 @@ impl Recorder {
     ) -> Result<(Self, RecordSink), RecordError> {
         let writer = RecordingWriter::create(path, info, attachments)?;
         let partial = unfinished_path(path);
-        Self::with_tape(Box::new(McapWriter::new(writer, partial.clone())), partial, options)
+        Self::with_tape(Box::new(McapTape::new(writer, partial.clone())), partial, options)
+    }
+
+    /// Starts the thread, which makes a file in the folder with the first tick, and another whenever one is full.
+    ///
+    /// # Errors
+    /// The thread cannot be started. That a file cannot be made shows in [`Recorder::health`].
+    pub fn start_in(
+        destination: Destination,
+        info: &RecordingInfo,
+        attachments: &[Attachment],
+        options: RecorderOptions,
+    ) -> Result<(Self, RecordSink), RecordError> {
+        let (info, attachments) = (info.clone(), attachments.to_vec());
+        Self::with_source(
+            Box::new(Rotating { destination, info, attachments, part: 0, previous: String::new() }),
+            options,
+        )
     }
 
     pub(crate) fn with_tape(
@@ -176,66 +246,95 @@ impl Recorder {
         partial: PathBuf,
         options: RecorderOptions,
     ) -> Result<(Self, RecordSink), RecordError> {
+        Self::with_source(Box::new(OneTape { tape: Some(tape), partial }), options)
+    }
+
+    fn with_source(source: Box<dyn TapeSource>, options: RecorderOptions) -> Result<(Self, RecordSink), RecordError> {
         let queues = Arc::new(Queues::new(options.capacity, EVENTS));
         let state = Arc::new(State::new(queues.clone()));
-        let (notes, inbox) = mpsc::channel();
-        let writing = Writing::new(tape, state.clone(), inbox, options);
+        let (notes, inbox) = mpsc::sync_channel(NOTES);
+        let place = source.place().to_owned();
+        let writing = Writing::new(source, state.clone(), inbox, options);
+        let (end, ended) = mpsc::channel();
         let thread = thread::Builder::new()
             .name("rec".to_owned())
-            .spawn(move || writing.run())
+            .spawn(move || {
+                // Whoever waits may have given up.
+                let _ = end.send(writing.run());
+            })
             .map_err(|source| RecordError::Thread { source })?;
-        Ok((Self { thread: Some(thread), state, notes, partial }, RecordSink::new(queues)))
+        let noter = Noter { notes, state };
+        Ok((Self { ended: Some(ended), thread: thread.thread().clone(), noter, place }, RecordSink::new(queues)))
     }
 
     /// A handle that tells how the recorder is doing.
     pub fn health(&self) -> RecorderHealth {
-        RecorderHealth { state: self.state.clone() }
+        RecorderHealth { state: self.noter.state.clone() }
     }
 
-    /// Adds a text from any thread but the tick's.
-    ///
-    /// # Real-time
-    /// Not in the tick: it allocates. [`RecordSink::event`] is for the tick.
+    /// A handle that adds texts.
+    pub fn noter(&self) -> Noter {
+        self.noter.clone()
+    }
+
+    /// Has the thread keep other limits from now on; the folder changes with the next file. A single file has none.
+    pub fn redirect(&self, destination: Destination) {
+        *self.noter.state.redirected.lock().unwrap_or_else(PoisonError::into_inner) = Some(destination);
+    }
+
+    /// Adds a text from any thread but the tick's: see [`Noter::note`].
     pub fn note(&self, at_ns: u64, level: EventLevel, part: &'static str, message: impl Into<String>) {
-        // A thread that is gone is told by `finish`.
-        let _ = self.notes.send(Note { at_ns, level, part, message: message.into() });
+        self.noter.note(at_ns, level, part, message);
     }
 
-    /// Writes all that is queued, finishes the file and gives it its name.
+    /// Writes all that is queued, finishes the file and gives it its name; gives up on a disk that does not answer.
     ///
     /// Ticks that are pushed from now on may be refused (and are then counted).
     ///
     /// # Errors
     /// The first thing that went wrong since the start, with the ticks that it cost.
     pub fn finish(mut self) -> Result<RecordingSummary, RecordError> {
-        let path = match self.join() {
-            Some(ended) => ended?,
-            None => return Err(RecordError::Died { partial: self.partial.clone() }),
-        };
-        let bytes = std::fs::metadata(&path).map_or(0, |file| file.len());
+        self.end()?;
+        let state = &self.noter.state;
+        let files = state.files.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let bytes = files.iter().filter_map(|file| std::fs::metadata(file).ok()).map(|file| file.len()).sum();
         let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
         Ok(RecordingSummary {
-            path,
+            path: files.last().cloned().unwrap_or_default(),
+            files,
             bytes,
-            ticks: count(&self.state.ticks),
-            events: count(&self.state.events),
-            ticks_dropped: count(&self.state.queues.ticks_dropped),
-            events_dropped: count(&self.state.queues.events_dropped),
+            ticks: count(&state.ticks),
+            events: count(&state.events),
+            ticks_dropped: count(&state.queues.ticks_dropped),
+            events_dropped: count(&state.queues.events_dropped),
         })
     }
 
-    /// What the thread ended with; `None` when it panicked or was joined before.
-    fn join(&mut self) -> Option<Result<PathBuf, RecordError>> {
-        let thread = self.thread.take()?;
-        self.state.stop.store(true, Ordering::Release);
-        thread.thread().unpark();
-        thread.join().ok()
+    /// Orders the end and waits for it, for a bounded time; does nothing the second time.
+    fn end(&mut self) -> Result<(), RecordError> {
+        let Some(ended) = self.ended.take() else { return Ok(()) };
+        self.noter.state.stop.store(true, Ordering::Release);
+        self.thread.unpark();
+        let begun = Instant::now();
+        loop {
+            match ended.recv_timeout(LOOK) {
+                Ok(result) => return result,
+                Err(RecvTimeoutError::Disconnected) => return Err(RecordError::Died { partial: self.place.clone() }),
+                Err(RecvTimeoutError::Timeout) => {
+                    let stalled = self.noter.state.stalled();
+                    if stalled > HANGS || begun.elapsed() > FINISH {
+                        let seconds = stalled.max(begun.elapsed()).as_secs();
+                        return Err(RecordError::Hangs { place: self.place.clone(), seconds });
+                    }
+                }
+            }
+        }
     }
 }
 
 impl Drop for Recorder {
     fn drop(&mut self) {
-        let _ = self.join();
+        let _ = self.end();
     }
 }
 
@@ -245,7 +344,6 @@ mod tests {
     use proto::recording::WriteMcapError;
     use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
     use std::sync::{Arc, Mutex};
-    use std::time::{Duration, Instant};
 
     /// What a tape in memory was given, one word each.
     type Log = Arc<Mutex<Vec<String>>>;
@@ -284,6 +382,14 @@ mod tests {
 
         fn flush(&mut self) -> Result<(), RecordError> {
             Ok(())
+        }
+
+        fn check(&mut self) -> Result<(), RecordError> {
+            Ok(())
+        }
+
+        fn bytes(&self) -> u64 {
+            0
         }
 
         fn finish(self: Box<Self>) -> Result<PathBuf, RecordError> {

@@ -59,6 +59,8 @@ pub(crate) struct Queues {
     pub(crate) events_dropped: AtomicU64,
     /// The recorder takes nothing any more.
     pub(crate) closed: AtomicBool,
+    /// What begins now would not be recorded: the disk has failed or is nearly full.
+    pub(crate) unrecorded: AtomicBool,
 }
 
 impl Queues {
@@ -70,6 +72,7 @@ impl Queues {
             ticks_dropped: AtomicU64::new(0),
             events_dropped: AtomicU64::new(0),
             closed: AtomicBool::new(false),
+            unrecorded: AtomicBool::new(false),
         }
     }
 }
@@ -112,6 +115,14 @@ impl RecordSink {
     /// May run in the tick.
     pub fn dropped(&self) -> u32 {
         u32::try_from(self.shared.ticks_dropped.load(Ordering::Relaxed)).unwrap_or(u32::MAX)
+    }
+
+    /// Whether a run begun now would be recorded: nothing is to arm by itself while it would not.
+    ///
+    /// # Real-time
+    /// May run in the tick: one atomic load.
+    pub fn would_record(&self) -> bool {
+        !self.shared.unrecorded.load(Ordering::Acquire)
     }
 
     /// Ticks that the queue still takes now: in lockstep, where no deadline runs, wait while it is 0.

@@ -1,22 +1,32 @@
-//! The recorder's thread: empties the queues onto a tape and syncs it once a second.
+//! The recorder's thread: empties the queues onto tapes, syncs them once a second, and looks after the disk.
 
+use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::Receiver;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
-use proto::recording::{EventLevel, RecordingWriter, TickRecord};
+use proto::recording::{EventLevel, TickRecord};
 
+use crate::disk::free_bytes;
 use crate::record_error::RecordError;
 use crate::recorder::{Observer, Recorded, RecorderOptions};
+use crate::rotation::{Destination, TapeSource};
 use crate::sink::{Event, OrderedEvent, Queues};
+use crate::tape::Tape;
 
 /// Between two looks into the queues.
 const POLL: Duration = Duration::from_millis(5);
-/// Between two syncs of the file.
+/// Between two syncs of the file: what a cut-off recording loses at most.
 const FLUSH: Duration = Duration::from_secs(1);
+/// Between two looks whether the file is still there.
+const WATCH: Duration = Duration::from_millis(250);
+/// Between two tries to record again after a disk has failed.
+const RETRY: Duration = Duration::from_secs(10);
+/// Events kept until the first tick opens a file.
+const EARLY: usize = 256;
 
 /// What the thread and the recorder's handles share.
 #[derive(Debug)]
@@ -25,11 +35,20 @@ pub(crate) struct State {
     /// The order to finish.
     pub(crate) stop: AtomicBool,
     pub(crate) failed: AtomicBool,
-    /// The first error, set once.
-    pub(crate) error: OnceLock<String>,
+    /// What is wrong now.
+    pub(crate) error: Mutex<Option<String>>,
+    /// Why there is too little room to start anything.
+    pub(crate) no_room: Mutex<Option<String>>,
     pub(crate) ticks: AtomicU64,
     pub(crate) events: AtomicU64,
     pub(crate) lost: AtomicU64,
+    pub(crate) notes_dropped: AtomicU64,
+    pub(crate) files: Mutex<Vec<PathBuf>>,
+    /// Limits to be kept from now on.
+    pub(crate) redirected: Mutex<Option<Destination>>,
+    begun: Instant,
+    /// Since when the disk is at work, in ms since `begun`, plus 1; 0 while it is not.
+    busy_since: AtomicU64,
 }
 
 impl State {
@@ -38,11 +57,47 @@ impl State {
             queues,
             stop: AtomicBool::new(false),
             failed: AtomicBool::new(false),
-            error: OnceLock::new(),
+            error: Mutex::new(None),
+            no_room: Mutex::new(None),
             ticks: AtomicU64::new(0),
             events: AtomicU64::new(0),
             lost: AtomicU64::new(0),
+            notes_dropped: AtomicU64::new(0),
+            files: Mutex::new(Vec::new()),
+            redirected: Mutex::new(None),
+            begun: Instant::now(),
+            busy_since: AtomicU64::new(0),
         }
+    }
+
+    fn now_ms(&self) -> u64 {
+        u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX - 1)
+    }
+
+    /// How long the disk has not answered; zero while it is not asked.
+    pub(crate) fn stalled(&self) -> Duration {
+        match self.busy_since.load(Ordering::Relaxed) {
+            0 => Duration::ZERO,
+            since => Duration::from_millis((self.now_ms() + 1).saturating_sub(since)),
+        }
+    }
+
+    fn working<T>(&self, work: impl FnOnce() -> T) -> T {
+        self.busy_since.store(self.now_ms() + 1, Ordering::Relaxed);
+        let done = work();
+        self.busy_since.store(0, Ordering::Relaxed);
+        done
+    }
+
+    /// Whether a run begun now would not be recorded, where the tick can see it.
+    fn tell_tick(&self, unrecorded: bool) {
+        self.queues.unrecorded.store(unrecorded, Ordering::Release);
+    }
+
+    fn set_error(&self, error: Option<String>) {
+        self.failed.store(error.is_some(), Ordering::Release);
+        self.tell_tick(error.is_some() || self.no_room.lock().unwrap_or_else(PoisonError::into_inner).is_some());
+        *self.error.lock().unwrap_or_else(PoisonError::into_inner) = error;
     }
 }
 
@@ -54,37 +109,61 @@ pub(crate) struct Note {
     pub(crate) message: String,
 }
 
-/// Where ticks go: a file, or what tests put in its place.
-pub(crate) trait Tape: Send {
-    fn tick(&mut self, tick: &TickRecord) -> Result<(), RecordError>;
-    fn event(&mut self, at_ns: u64, level: EventLevel, part: &str, message: &str) -> Result<(), RecordError>;
-    fn flush(&mut self) -> Result<(), RecordError>;
-    fn finish(self: Box<Self>) -> Result<PathBuf, RecordError>;
-}
-
 /// The thread's own state.
 pub(crate) struct Writing {
-    // After the first error there is no tape any more, but the error.
-    tape: Result<Box<dyn Tape>, RecordError>,
+    source: Box<dyn TapeSource>,
+    tape: Option<Box<dyn Tape>>,
+    /// The first thing that cost ticks or the end of a file, for whoever finishes the recorder.
+    first: Option<RecordError>,
     state: Arc<State>,
     inbox: Receiver<Note>,
     taken: u64,
     // An event that was taken before the tick it follows.
     waiting: Option<OrderedEvent>,
+    early: VecDeque<Note>,
     unsynced: bool,
+    synced: Instant,
+    watched: Instant,
+    opened: Instant,
+    retry: Option<Instant>,
     event_text: fn(&Event) -> String,
     observer: Option<Observer>,
 }
 
 impl Writing {
-    pub(crate) fn new(tape: Box<dyn Tape>, state: Arc<State>, inbox: Receiver<Note>, options: RecorderOptions) -> Self {
+    pub(crate) fn new(
+        source: Box<dyn TapeSource>,
+        state: Arc<State>,
+        inbox: Receiver<Note>,
+        options: RecorderOptions,
+    ) -> Self {
         let RecorderOptions { event_text, observer, .. } = options;
-        Self { tape: Ok(tape), state, inbox, taken: 0, waiting: None, unsynced: false, event_text, observer }
+        let now = Instant::now();
+        Self {
+            source,
+            tape: None,
+            first: None,
+            state,
+            inbox,
+            taken: 0,
+            waiting: None,
+            early: VecDeque::new(),
+            unsynced: false,
+            synced: now,
+            watched: now,
+            opened: now,
+            retry: None,
+            event_text,
+            observer,
+        }
     }
 
     /// Runs until the order to stop; what was queued before it is written.
-    pub(crate) fn run(mut self) -> Result<PathBuf, RecordError> {
-        let mut synced = Instant::now();
+    pub(crate) fn run(mut self) -> Result<(), RecordError> {
+        if self.source.destination().is_none() {
+            self.open_tape();
+        }
+        self.look_for_room();
         loop {
             // Read before the queues: what was pushed before the order to stop is still written.
             let stop = self.state.stop.load(Ordering::Acquire);
@@ -95,11 +174,7 @@ impl Writing {
             if stop {
                 return self.finish();
             }
-            if self.unsynced && synced.elapsed() >= FLUSH {
-                self.on_tape(|tape| tape.flush());
-                self.unsynced = false;
-                synced = Instant::now();
-            }
+            self.look_after();
             thread::park_timeout(POLL);
         }
     }
@@ -115,15 +190,47 @@ impl Writing {
                     self.waiting = Some(next);
                     break;
                 }
-                let text = (self.event_text)(&next.event);
-                self.event(next.event.at_ns, next.event.level, next.event.part, &text);
+                let message = (self.event_text)(&next.event);
+                let Event { at_ns, level, part, .. } = next.event;
+                self.event(Note { at_ns, level, part, message });
             }
             let Some(tick) = tick else { break };
             self.taken += 1;
             self.tick(&tick);
+            if self.synced.elapsed() >= FLUSH {
+                self.look_after();
+            }
         }
         while let Ok(note) = self.inbox.try_recv() {
-            self.event(note.at_ns, note.level, note.part, &note.message);
+            self.event(note);
+        }
+    }
+
+    /// Syncs, watches the file and the room on the disk, begins the next file.
+    fn look_after(&mut self) {
+        if self.watched.elapsed() >= WATCH {
+            self.watched = Instant::now();
+            self.on_tape(|tape| tape.check());
+        }
+        if self.synced.elapsed() < FLUSH {
+            return;
+        }
+        self.synced = Instant::now();
+        let redirected = self.state.redirected.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(destination) = redirected {
+            self.source.redirect(destination);
+        }
+        if std::mem::take(&mut self.unsynced) {
+            self.on_tape(|tape| tape.flush());
+            self.unsynced = false;
+        }
+        self.look_for_room();
+        let full = match (&self.tape, self.source.destination()) {
+            (Some(tape), Some(to)) => tape.bytes() >= to.most_bytes || self.opened.elapsed() >= to.most_time,
+            _ => false,
+        };
+        if full {
+            self.end_tape();
         }
     }
 
@@ -131,94 +238,156 @@ impl Writing {
         if let Some(observer) = &mut self.observer {
             observer(Recorded::Tick(tick));
         }
+        self.ensure_tape();
         let written = self.on_tape(|tape| tape.tick(tick));
+        // Once more where the file was taken away under the thread: the tick goes into the next one.
+        let written = written || (self.tape.is_some() && self.on_tape(|tape| tape.tick(tick)));
         let counter = if written { &self.state.ticks } else { &self.state.lost };
         counter.fetch_add(1, Ordering::Relaxed);
     }
 
-    fn event(&mut self, at_ns: u64, level: EventLevel, part: &str, message: &str) {
+    fn event(&mut self, note: Note) {
         if let Some(observer) = &mut self.observer {
-            observer(Recorded::Event { at_ns, level, part, message });
+            let Note { at_ns, level, part, message } = &note;
+            observer(Recorded::Event { at_ns: *at_ns, level: *level, part, message });
         }
-        if self.on_tape(|tape| tape.event(at_ns, level, part, message)) {
+        if self.tape.is_none() {
+            if self.early.len() == EARLY {
+                self.early.pop_front();
+            }
+            self.early.push_back(note);
+            return;
+        }
+        self.put(&note);
+    }
+
+    fn put(&mut self, note: &Note) {
+        if self.on_tape(|tape| tape.event(note.at_ns, note.level, note.part, &note.message)) {
             self.state.events.fetch_add(1, Ordering::Relaxed);
         }
     }
 
-    /// Does something with the tape and says whether it worked; after the first error, nothing.
+    /// Says something of the recorder's own, to whoever looks on and into the recording.
+    fn say(&mut self, level: EventLevel, message: String) {
+        let at_ns = self.source.destination().map_or(0, |to| (to.clock)());
+        self.event(Note { at_ns, level, part: "recorder", message });
+    }
+
+    /// Opens a tape where there is none, unless the disk has just failed.
+    fn ensure_tape(&mut self) {
+        if self.tape.is_some() || self.retry.is_some_and(|at| Instant::now() < at) {
+            return;
+        }
+        self.open_tape();
+    }
+
+    fn open_tape(&mut self) {
+        let written = self.state.ticks.load(Ordering::Relaxed);
+        let state = Arc::clone(&self.state);
+        match state.working(|| self.source.next(written)) {
+            None => self.retry = Some(Instant::now() + RETRY),
+            Some(Err(error)) => self.failed(error),
+            Some(Ok(tape)) => {
+                let again = self.retry.take().is_some() || self.state.failed.load(Ordering::Acquire);
+                self.tape = Some(tape);
+                self.opened = Instant::now();
+                self.state.set_error(None);
+                for note in std::mem::take(&mut self.early) {
+                    self.put(&note);
+                }
+                self.remove_old();
+                if again {
+                    self.say(EventLevel::Warning, "recording goes on in a new file".to_owned());
+                }
+            }
+        }
+    }
+
+    /// Does something with the tape and says whether it worked; without a tape, nothing.
     fn on_tape(&mut self, work: impl FnOnce(&mut Box<dyn Tape>) -> Result<(), RecordError>) -> bool {
-        let Ok(tape) = &mut self.tape else { return false };
+        let Some(tape) = &mut self.tape else { return false };
         self.unsynced = true;
-        let worked = work(tape);
-        match worked {
+        match self.state.working(|| work(tape)) {
             Ok(()) => true,
             Err(error) => {
-                self.state.fail(&error);
-                self.tape = Err(error);
+                self.failed(error);
                 false
             }
         }
     }
 
-    fn finish(self) -> Result<PathBuf, RecordError> {
-        let ended = self.tape.and_then(|tape| {
-            tape.finish().inspect_err(|error| {
-                self.state.fail(error);
-            })
-        });
-        ended.map_err(|first| RecordError::Incomplete {
-            first: Box::new(first),
-            written: self.state.ticks.load(Ordering::Relaxed),
-            lost: self.state.lost.load(Ordering::Relaxed),
-        })
-    }
-}
-
-impl State {
-    fn fail(&self, error: &RecordError) {
-        // Only the first error is kept, and there is only one that ends the tape.
-        let _ = self.error.set(error.to_string());
-        self.failed.store(true, Ordering::Release);
-    }
-}
-
-/// A recording in a file.
-pub(crate) struct McapWriter {
-    writer: RecordingWriter,
-    partial: PathBuf,
-}
-
-impl McapWriter {
-    pub(crate) fn new(writer: RecordingWriter, partial: PathBuf) -> Self {
-        Self { writer, partial }
-    }
-
-    /// A file without a name takes every byte and keeps none, and the system reports no error.
-    fn still_there(&self) -> Result<(), RecordError> {
-        match self.partial.try_exists() {
-            Ok(false) => Err(RecordError::Removed { path: self.partial.clone() }),
-            // A folder that may not be searched just now is no proof that the file is gone.
-            Ok(true) | Err(_) => Ok(()),
+    /// The tape is of no use any more: tells it at once, and goes on in another file where only this one was harmed.
+    fn failed(&mut self, error: RecordError) {
+        self.tape = None;
+        let harmed = matches!(error, RecordError::Removed { .. } | RecordError::Cut { .. });
+        let known = self.state.error.lock().unwrap_or_else(PoisonError::into_inner).is_some();
+        let text = error.to_string();
+        self.state.set_error(Some(text.clone()));
+        self.first.get_or_insert(error);
+        self.retry = Some(Instant::now() + RETRY);
+        if !known && self.source.destination().is_some() {
+            self.say(EventLevel::Error, format!("{text}; the rig is controlled on, what comes is not recorded"));
+        }
+        if harmed && !known {
+            self.open_tape();
         }
     }
-}
 
-impl Tape for McapWriter {
-    fn tick(&mut self, tick: &TickRecord) -> Result<(), RecordError> {
-        Ok(self.writer.write(tick)?)
+    /// Finishes the tape, so that the next tick begins another.
+    fn end_tape(&mut self) {
+        let Some(tape) = self.tape.take() else { return };
+        let state = Arc::clone(&self.state);
+        match state.working(|| tape.finish()) {
+            Ok(path) => self.state.files.lock().unwrap_or_else(PoisonError::into_inner).push(path),
+            Err(error) => self.failed(error),
+        }
     }
 
-    fn event(&mut self, at_ns: u64, level: EventLevel, part: &str, message: &str) -> Result<(), RecordError> {
-        Ok(self.writer.event(at_ns, level, part, message)?)
+    fn look_for_room(&mut self) {
+        let Some(to) = self.source.destination() else { return };
+        let (min, place) = (to.min_free_bytes, to.directory.clone());
+        let state = Arc::clone(&self.state);
+        let free = state.working(|| free_bytes(&place));
+        let short = free.filter(|free| *free < min).map(|free| {
+            format!(
+                "{}: only {} MiB free, record.min_free_mib = {}; make room, then arm",
+                place.display(),
+                free >> 20,
+                min >> 20
+            )
+        });
+        let mut known = self.state.no_room.lock().unwrap_or_else(PoisonError::into_inner);
+        let news = known.is_none() && short.is_some();
+        *known = short;
+        let text = known.clone().filter(|_| news);
+        let none = known.is_none();
+        drop(known);
+        self.state.tell_tick(!none || self.state.failed.load(Ordering::Acquire));
+        if let Some(text) = text {
+            self.say(EventLevel::Error, text);
+        }
     }
 
-    fn flush(&mut self) -> Result<(), RecordError> {
-        self.writer.flush()?;
-        self.still_there()
+    fn remove_old(&mut self) {
+        let Some(to) = self.source.destination() else { return };
+        let (retention, directory, stems) = (to.retention, to.directory.clone(), to.stems);
+        let state = Arc::clone(&self.state);
+        let gone = state.working(|| retention.apply(&directory, stems, SystemTime::now()));
+        if !gone.is_empty() {
+            let text = format!("removed {} old recordings (record.keep_days, record.keep_gib)", gone.len());
+            self.say(EventLevel::Info, text);
+        }
     }
 
-    fn finish(self: Box<Self>) -> Result<PathBuf, RecordError> {
-        self.still_there()?;
-        Ok(self.writer.finish()?)
+    fn finish(mut self) -> Result<(), RecordError> {
+        self.end_tape();
+        match self.first {
+            None => Ok(()),
+            Some(first) => Err(RecordError::Incomplete {
+                first: Box::new(first),
+                written: self.state.ticks.load(Ordering::Relaxed),
+                lost: self.state.lost.load(Ordering::Relaxed),
+            }),
+        }
     }
 }

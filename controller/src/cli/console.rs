@@ -1,15 +1,4 @@
-//! Lines for a person. A terminal that went away must not end a flight, and `println!` would panic, so what cannot be
-//! printed is dropped.
+//! Lines for a person: see [`controller::console`], which never waits for a terminal that nobody reads.
 
-use std::fmt::Display;
-use std::io::{self, Write};
-
-/// A line of results, on standard output.
-pub(super) fn say(line: impl Display) {
-    let _ = writeln!(io::stdout().lock(), "{line}");
-}
-
-/// A line of events, on standard error.
-pub(super) fn tell(line: impl Display) {
-    let _ = writeln!(io::stderr().lock(), "controller: {line}");
-}
+pub(super) use controller::console::notice as tell;
+pub(super) use controller::console::result as say;

@@ -10,6 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use clap::Args;
 use controller::config::{Config, FALLBACK, Pacing};
+use controller::console::progress;
 use controller::daemon::{self, Options, PROGRAM};
 use controller::notice::fault_name;
 use controller::realtime::with_priority;
@@ -114,6 +115,7 @@ impl Demo {
             ],
             config_text: String::new(),
             attachments: vec![self.plant()?],
+            config_file: None,
             observer: watcher(Arc::clone(&figures), self.json),
             stop: Arc::new(AtomicBool::new(false)),
         };
@@ -231,15 +233,16 @@ impl Demo {
 /// Sees every tick in the recorder's thread: figures, a live line a second, and what happens.
 fn watcher(figures: Arc<Mutex<FlightStatistics>>, quiet: bool) -> Box<dyn FnMut(Recorded<'_>) + Send> {
     let mut steered = 0;
+    let mut say_events = super::run::say_events();
     Box::new(move |recorded| match recorded {
         Recorded::Tick(tick) => {
             let mut figures = figures.lock().unwrap_or_else(PoisonError::into_inner);
             figures.push(tick);
             steered += u64::from(tick.state == State::Run.code());
             if !quiet && steered > 0 && steered % LIVE_TICKS == 0 && tick.state == State::Run.code() {
-                say(format_args!("{}", figures.live_line("")));
+                progress(format_args!("{}", figures.live_line("")));
             }
         }
-        Recorded::Event { .. } => super::run::say_events(recorded),
+        Recorded::Event { .. } => say_events(recorded),
     })
 }

@@ -1,6 +1,6 @@
 //! `controller experiment`: the commands of a file, played once on the rig, within the safety envelope.
 
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use controller::config::Config;
+use controller::console::overwrite;
 use controller::experiment::{Experiment, ExperimentError, Options, Played};
 use controller::session_recorder::SessionError;
 use controller::state::State;
@@ -74,7 +75,7 @@ impl ExperimentArgs {
 
     /// Checks and plays; the range foreseen by channel in kPa, and what came of it.
     fn play(&self) -> Result<([[f64; 2]; 2], Played), Failure> {
-        let config = Config::read(&self.config)?;
+        let (config, config_text) = Config::read_with_text(&self.config)?;
         let experiment = Experiment::load(&config, &self.csv)?;
         let forecast_kpa = experiment.forecast.range_kpa;
         tell(format_args!(
@@ -90,7 +91,7 @@ impl ExperimentArgs {
         let options = Options {
             recording: self.out.clone(),
             command: format!("controller experiment {} --config {}", self.csv.display(), self.config.display()),
-            config_text: std::fs::read_to_string(&self.config).unwrap_or_default(),
+            config_text,
             observer: Box::new(watcher(experiment.sequence.seconds())),
             stop: Arc::new(AtomicBool::new(false)),
         };
@@ -196,7 +197,7 @@ fn line(tick: &TickRecord, first: Option<u32>, seconds: f64) -> String {
 /// A live line; what cannot be shown must not end an experiment.
 fn show(text: &str, terminal: bool) {
     if terminal {
-        let _ = write!(std::io::stderr().lock(), "\r\x1b[K{text}");
+        overwrite(text);
     } else {
         tell(text);
     }

@@ -5,6 +5,7 @@ mod console;
 mod demo;
 mod experiment;
 mod report;
+mod rt_test;
 mod run;
 mod talk;
 
@@ -56,6 +57,7 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    RtTest(rt_test::RtTestArgs),
     /// What a running daemon is doing.
     Status(talk::Target),
     /// Starts controlling the pressures.
@@ -124,6 +126,7 @@ impl Arguments {
             Command::Export(export) => export.run(),
             Command::Check { config, json } => check::check(&config, json),
             Command::CheckPolicy { file, json } => check::check_policy(&file, json),
+            Command::RtTest(test) => test.run(),
             Command::Status(target) => target.status(),
             Command::Arm(target) => target.arm(),
             Command::Disarm(target) => target.disarm(),

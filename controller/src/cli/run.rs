@@ -3,11 +3,14 @@
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
 use controller::config::{Config, Pacing};
+use controller::console::{Admission, Throttle};
 use controller::daemon::{self, Options};
 use controller::run_length::{Begins, RunClock, RunLength};
 use flight::Recorded;
+use proto::recording::EventLevel;
 
 use super::Failure;
 use super::console::tell;
@@ -18,7 +21,7 @@ pub(super) fn run(file: &Path, seconds: Option<f64>) -> Result<(), Failure> {
     {
         return Err(Failure::input(format!("--seconds {s}: give a time above 0")));
     }
-    let config = Config::read(file)?;
+    let (config, config_text) = Config::read_with_text(file)?;
     let loaded = daemon::load(&config)?;
     tell(format_args!(
         "{} controls, on the model {}, cRIO at {}",
@@ -32,19 +35,40 @@ pub(super) fn run(file: &Path, seconds: Option<f64>) -> Result<(), Failure> {
         length: seconds.map_or(RunLength::ENDLESS, |s| RunLength::seconds(s, Begins::WhenArmed, clock)),
         socket: true,
         extra: vec![("command".to_owned(), format!("controller run --config {}", file.display()))],
-        config_text: std::fs::read_to_string(file).unwrap_or_default(),
         attachments: Vec::new(),
-        observer: Box::new(say_events),
+        config_text,
+        config_file: Some(file.to_owned()),
+        observer: Box::new(say_events()),
         stop: Arc::new(AtomicBool::new(false)),
     };
     let summary = daemon::run(&config, loaded, options)?;
-    tell(format_args!("recorded {} ticks in {}", summary.ticks, summary.path.display()));
+    match summary.files.as_slice() {
+        [] => tell("no tick came, so nothing was recorded"),
+        [file] => tell(format_args!("recorded {} ticks in {}", summary.ticks, file.display())),
+        [first, .., last] => tell(format_args!(
+            "recorded {} ticks in {} files, {} to {}",
+            summary.ticks,
+            summary.files.len(),
+            first.display(),
+            last.display()
+        )),
+    }
     Ok(())
 }
 
-/// Prints what a person should know; runs in the recorder's thread.
-pub(super) fn say_events(recorded: Recorded<'_>) {
-    if let Recorded::Event { message, .. } = recorded {
-        tell(format_args!("{message}"));
+/// Prints what a person should know, a flood of it throttled; for the recorder's thread.
+pub(super) fn say_events() -> impl FnMut(Recorded<'_>) + Send {
+    let (mut throttle, mut errors) = (Throttle::default(), Throttle::default());
+    move |recorded| {
+        let Recorded::Event { level, message, .. } = recorded else { return };
+        // Errors have a measure of their own: no flood of lesser notices may hide one.
+        let throttle = if level == EventLevel::Error { &mut errors } else { &mut throttle };
+        match throttle.admit(Instant::now()) {
+            Admission::HoldBack => {}
+            Admission::Print { held_back: 0 } => tell(format_args!("{message}")),
+            Admission::Print { held_back } => {
+                tell(format_args!("{message} ({held_back} notices before it were held back; the recording has them)"));
+            }
+        }
     }
 }

@@ -4,10 +4,16 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use controller::config::{Config, Control};
+use controller::mailbox::Status;
 use controller::socket::{Ask, Reply, ask};
+use proto::reference::{MOST_BYTES, Reference};
+use proto::regular_file;
 
 use super::Failure;
 use super::console::say;
+
+/// State's name without a session.
+const CONNECTING: &str = "connecting";
 
 /// Which daemon.
 #[derive(Debug, Args)]
@@ -45,7 +51,12 @@ impl Target {
     pub(super) fn reference(&self, file: &Path) -> Result<(), Failure> {
         // The daemon has another working directory.
         let file = std::path::absolute(file).map_err(|e| Failure::input(format!("{}: {e}", file.display())))?;
-        self.ask(&Ask::Reference { file: file.clone() })?;
+        // Read here, with the rights of whoever asks: the daemon may not see this person's files, and what is wrong in
+        // one can be said in full.
+        let text = regular_file::read_text(&file, MOST_BYTES)
+            .map_err(|e| Failure::input(format!("{}: cannot read the reference: {e}", file.display())))?;
+        Reference::parse(&file.display().to_string(), text.as_bytes()).map_err(Failure::input)?;
+        self.ask(&Ask::Reference { file: file.clone(), csv: Some(text) })?;
         self.done(&format!("following {}", file.display()))
     }
 
@@ -79,24 +90,38 @@ impl Target {
 
 fn print_status(reply: &Reply) {
     say(format_args!("state      {}", reply.state));
-    let Some(s) = &reply.status else {
-        say(format_args!("           no tick yet"));
-        return;
-    };
+    let running = &reply.running;
+    say(format_args!("policy     {}   model {}   reference {}", running.policy, running.model, running.reference));
+    if let Some(who) = &running.armed_by {
+        say(format_args!("armed by   {who}"));
+    }
+    match &reply.status {
+        Some(status) => print_tick(status, reply),
+        None => say("           no tick yet"),
+    }
+    if let Some(problem) = &reply.recording_problem {
+        say(format_args!("recording  {problem}"));
+    }
+}
+
+/// The newest tick; without a session it says how old it is.
+fn print_tick(s: &Status, reply: &Reply) {
     let armable = if s.can_arm { ", can be armed" } else { "" };
-    say(format_args!("session    {:08X}, tick {}{armable}", s.session, s.tick));
+    let age_s = reply.age_ms.unwrap_or_default() as f64 / 1000.0;
+    let old = if reply.state == CONNECTING { format!(", last data {age_s:.1} s ago") } else { String::new() };
+    say(format_args!("session    {:08X}, tick {}{armable}{old}", s.session, s.tick));
     if s.fault != 0 {
         say(format_args!("fault      {}", controller::notice::fault_name(s.fault)));
     }
     for (c, name) in ["positive", "negative"].into_iter().enumerate() {
-        let (p, r, u) = (s.pressures_kpa[c], s.reference_kpa[c], s.duty[c]);
-        say(format_args!("{name}   {p:8.2} kPa   reference {r:8.2} kPa   duty {u:.3}"));
+        let shown = |pair: Option<[f64; 2]>| pair.and_then(|p| p.get(c).copied());
+        let kpa = |value: Option<f64>| value.map_or("    none".to_owned(), |v| format!("{v:8.2} kPa"));
+        let duty = s.duty.get(c).copied().unwrap_or(f64::NAN);
+        let (pressure, reference) = (kpa(shown(s.pressures_kpa)), kpa(shown(s.reference_kpa)));
+        say(format_args!("{name}   {pressure}   reference {reference}   duty {duty:.3}"));
     }
     say(format_args!(
         "deadlines  {} missed, {} frames missed, slowest tick {:.2} ms",
         s.deadline_misses, s.frames_missed, s.slowest_ms
     ));
-    if let Some(problem) = &reply.recording_problem {
-        say(format_args!("recording  {problem}"));
-    }
 }

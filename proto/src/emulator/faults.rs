@@ -41,11 +41,15 @@ use std::time::Duration;
 use serde::Deserialize;
 use toml::Spanned;
 
+use crate::regular_file;
 use crate::wire::{FrameType, MAX_LENGTH, TripBits};
 
 use super::fault_outcome::{Action, Fault, When, Wire};
 use super::pace::TICK;
 use super::sensors::SensorFault;
+
+/// The largest fault script that is read, in bytes.
+const MOST_BYTES: u64 = 1 << 20;
 
 /// A fault script that has been checked.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -118,8 +122,8 @@ impl FaultScript {
     /// The file cannot be read, or what [`Self::from_toml`] finds.
     pub fn read(path: &Path) -> Result<Self, FaultScriptError> {
         let file = path.display().to_string();
-        let text =
-            std::fs::read_to_string(path).map_err(|source| FaultScriptError::Read { file: file.clone(), source })?;
+        let text = regular_file::read_text(path, MOST_BYTES)
+            .map_err(|source| FaultScriptError::Read { file: file.clone(), source })?;
         Self::from_toml(&text, &file)
     }
 

@@ -39,6 +39,7 @@
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 use mcap::records::MessageHeader;
@@ -196,7 +197,8 @@ impl RecordingWriter {
         if path.exists() {
             return Err(WriteMcapError::Exists { path: path.to_owned() });
         }
-        let opened = OpenOptions::new().write(true).create_new(true).open(&partial);
+        // Readable by the group, never by all: what a rig does is the lab's own business.
+        let opened = OpenOptions::new().write(true).create_new(true).mode(0o640).open(&partial);
         let create = |source| WriteMcapError::Create { path: partial.clone(), source };
         let file = opened.map_err(|source| match source.kind() {
             io::ErrorKind::AlreadyExists => WriteMcapError::Exists { path: partial.clone() },

@@ -1,0 +1,429 @@
+//! Answers the operator's requests: at once, or as soon as the tick has carried them out or provably will not.
+//!
+//! Nothing here waits. [`Desk::begin`] answers or names what is pending; [`Desk::look`] is asked again and again, and
+//! [`Desk::gone`] is told when the client has left, which withdraws a request that the tick has not taken yet.
+
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use flight::{Noter, RecorderHealth};
+use proto::recording::{EventLevel, rfc3339};
+use proto::reference::{Reference, ReferenceError};
+
+use crate::clock::now_ns;
+use crate::config::Safety;
+use crate::mailbox::{Fate, OperatorMailbox, Request, Status, Ticket};
+use crate::operator_protocol::{Ask, EFFECT_TIME, Reply, Running};
+use crate::peer::Peer;
+use crate::reference_limits::{self, Margin};
+use crate::reload::Reloaded;
+use crate::state::State;
+
+/// Time that reading and checking a reference may take.
+const READ_TIME: Duration = Duration::from_millis(1500);
+
+/// What an operator may do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum May {
+    /// Everything.
+    Fly,
+    /// Look on and disarm: an experiment is under way.
+    OnlyStop,
+}
+
+/// What a desk works with.
+pub struct DeskOptions {
+    /// The way to the tick.
+    pub mailbox: OperatorMailbox,
+    /// Limits that references must keep.
+    pub safety: Safety,
+    /// How the recording does.
+    pub health: RecorderHealth,
+    /// Where the record of who asked for what goes.
+    pub notes: Noter,
+    /// What an operator may do.
+    pub may: May,
+    /// What the daemon runs with.
+    pub running: Running,
+    /// Age from which a status no longer tells what is: there is no session.
+    pub stale: Duration,
+    /// Configurations that were read again.
+    pub reloads: Receiver<Reloaded>,
+}
+
+/// The operators' desk.
+pub struct Desk {
+    options: DeskOptions,
+    newest: Option<(Status, u64)>,
+    /// A reference is being read; at most one at a time.
+    reading: bool,
+}
+
+/// What is asked for and not yet answered.
+pub struct Pending {
+    what: What,
+    peer: Peer,
+    asked_ns: u64,
+    until: Instant,
+}
+
+enum What {
+    Arm(Ticket),
+    Disarm,
+    Reading { from: Receiver<Result<Reference, String>>, name: String },
+    Reference { ticket: Ticket, name: String },
+}
+
+/// What comes of a request for now.
+pub enum Step {
+    /// The answer.
+    Done(Box<Reply>),
+    /// Not yet.
+    Pending(Pending),
+}
+
+impl Desk {
+    /// A desk for a daemon.
+    pub fn new(options: DeskOptions) -> Self {
+        Desk { options, newest: None, reading: false }
+    }
+
+    /// Takes in a line that a client sent.
+    pub fn begin(&mut self, line: &[u8], peer: Peer) -> Step {
+        self.refresh();
+        let ask = match serde_json::from_slice::<Ask>(line) {
+            Ok(ask) => ask,
+            Err(error) => return self.done(Err(format!("not a request: {error}"))),
+        };
+        let asked_ns = now_ns();
+        let pending = |what, within| Step::Pending(Pending { what, peer, asked_ns, until: Instant::now() + within });
+        match ask {
+            Ask::Status {} => self.done(Ok(())),
+            Ask::Arm {} | Ask::Reference { .. } if self.options.may == May::OnlyStop => {
+                self.done(Err("an experiment is under way; wait for its end, or disarm to stop it".to_owned()))
+            }
+            Ask::Arm {} => match self.start_arming() {
+                Ok(ticket) => pending(What::Arm(ticket), EFFECT_TIME),
+                Err(why) => self.over("arm", peer, Err(why)),
+            },
+            Ask::Disarm {} => {
+                self.options.mailbox.disarm();
+                pending(What::Disarm, EFFECT_TIME)
+            }
+            Ask::Reference { .. } if self.reading => {
+                self.over("reference", peer, Err("another reference is being read; try again".to_owned()))
+            }
+            Ask::Reference { file, csv } => match read_aside(file.clone(), csv) {
+                Ok(from) => {
+                    self.reading = true;
+                    pending(What::Reading { from, name: file.display().to_string() }, READ_TIME)
+                }
+                Err(why) => self.over("reference", peer, Err(why)),
+            },
+        }
+    }
+
+    /// Looks whether something pending is over.
+    pub fn look(&mut self, pending: Pending) -> Step {
+        self.refresh();
+        let Pending { what, peer, asked_ns, until } = pending;
+        let late = Instant::now() >= until;
+        match what {
+            What::Arm(ticket) => match self.arming(ticket, asked_ns, late) {
+                Some(outcome) => self.over("arm", peer, outcome),
+                None => Step::Pending(Pending { what, peer, asked_ns, until }),
+            },
+            What::Disarm => match self.disarming(asked_ns, late) {
+                Some(outcome) => self.over("disarm", peer, outcome),
+                None => Step::Pending(Pending { what, peer, asked_ns, until }),
+            },
+            What::Reading { from, name } => match from.try_recv() {
+                Ok(read) => self.reference_read(read, name, peer),
+                Err(TryRecvError::Empty) if !late => {
+                    Step::Pending(Pending { what: What::Reading { from, name }, peer, asked_ns, until })
+                }
+                Err(_) => {
+                    // The thread that reads may hang in a file system; its answer goes nowhere.
+                    self.reading = false;
+                    let why = format!("{name}: it could not be read within {} ms", READ_TIME.as_millis());
+                    self.over("reference", peer, Err(why))
+                }
+            },
+            What::Reference { ticket, name } => match self.options.mailbox.fate(ticket) {
+                Fate::Taken => {
+                    self.options.running.reference.clone_from(&name);
+                    self.over(&format!("reference {name}"), peer, Ok(()))
+                }
+                Fate::Waiting if !late => {
+                    Step::Pending(Pending { what: What::Reference { ticket, name }, peer, asked_ns, until })
+                }
+                Fate::Waiting if !self.options.mailbox.withdraw(ticket) => {
+                    self.options.running.reference.clone_from(&name);
+                    self.over(&format!("reference {name}"), peer, Ok(()))
+                }
+                Fate::Waiting | Fate::Withdrawn => {
+                    let why = format!("no tick took it; {}", self.no_session());
+                    self.over(&format!("reference {name}"), peer, Err(why))
+                }
+            },
+        }
+    }
+
+    /// The client has left: what the tick has not taken yet is withdrawn. A disarming stands.
+    pub fn gone(&mut self, pending: Pending) {
+        let Pending { what, peer, .. } = pending;
+        let withdrawn = "the client went away; withdrawn".to_owned();
+        match what {
+            What::Arm(ticket) if self.options.mailbox.withdraw(ticket) => self.record("arm", peer, &Err(withdrawn)),
+            What::Arm(_) => {
+                self.record("arm", peer, &Ok(()));
+                self.options.running.armed_by = Some(stamp(peer));
+            }
+            What::Disarm => self.record("disarm", peer, &Ok(())),
+            What::Reading { .. } => {
+                self.reading = false;
+                self.record("reference", peer, &Err(withdrawn));
+            }
+            What::Reference { ticket, name } => {
+                let outcome = if self.options.mailbox.withdraw(ticket) { Err(withdrawn) } else { Ok(()) };
+                self.record(&format!("reference {name}"), peer, &outcome);
+            }
+        }
+    }
+
+    /// Takes over the references of configurations that were read again; never while the rig is controlled.
+    pub fn take_reloads(&mut self) {
+        while let Ok(Reloaded { config, reference }) = self.options.reloads.try_recv() {
+            self.refresh();
+            let (Some(reference), Some(file)) = (reference, config.reference.file) else { continue };
+            let name = file.display().to_string();
+            let runs = self.live_status().is_some_and(|s| s.state == State::Run.code());
+            let taken = !runs
+                && self.live_status().is_some()
+                && self.options.mailbox.ask(Request::Reference(Box::new(reference)), u64::MAX).is_some();
+            let text = if taken {
+                self.options.running.reference.clone_from(&name);
+                format!("reference {name} taken over")
+            } else {
+                format!(
+                    "reference {name} not taken over: that needs a session and a rig that is not controlled; `controller reference {name}` does it at any time"
+                )
+            };
+            self.options.notes.note(now_ns(), EventLevel::Info, "reload", text);
+        }
+    }
+
+    /// An answer to what is no request.
+    pub fn refuse(&mut self, why: &str) -> Reply {
+        self.refresh();
+        self.reply(Err(why.to_owned()))
+    }
+
+    fn start_arming(&mut self) -> Result<Ticket, String> {
+        let Some(status) = self.live_status() else {
+            return Err(format!("nothing to arm: {}", self.no_session()));
+        };
+        if status.state == State::Run.code() {
+            return Err("it is armed already".to_owned());
+        }
+        if !status.can_arm {
+            let name = State::name(status.state);
+            return Err(format!("it is {name} and cannot be armed yet; `controller status` tells why"));
+        }
+        if let Some(problem) = self.options.health.why_not_arm() {
+            return Err(format!("it would not be recorded: {problem}"));
+        }
+        let until_ns = now_ns().saturating_add(EFFECT_TIME.as_nanos() as u64);
+        self.options.mailbox.ask(Request::Arm, until_ns).ok_or_else(|| "too many requests wait; try again".to_owned())
+    }
+
+    /// Whether arming is over, and how; `None` while it may still go either way.
+    fn arming(&mut self, ticket: Ticket, asked_ns: u64, late: bool) -> Option<Result<(), String>> {
+        let fate = self.options.mailbox.fate(ticket);
+        let runs = self.newest.is_some_and(|(s, at_ns)| s.state == State::Run.code() && at_ns > asked_ns);
+        match fate {
+            Fate::Taken if runs => Some(Ok(())),
+            Fate::Withdrawn => {
+                Some(Err("it was not carried out: a disarming came after it, or no tick in time".to_owned()))
+            }
+            Fate::Waiting | Fate::Taken if !late => None,
+            Fate::Waiting if self.options.mailbox.withdraw(ticket) => {
+                Some(Err(format!("no tick took it in time, so it was withdrawn; {}", self.no_session())))
+            }
+            Fate::Waiting | Fate::Taken => {
+                // The tick has taken it and the rig does not run: it must not begin to later on.
+                self.options.mailbox.disarm();
+                Some(Err("it did not start in time, so it was disarmed; `controller status` tells why".to_owned()))
+            }
+        }
+    }
+
+    fn disarming(&self, asked_ns: u64, late: bool) -> Option<Result<(), String>> {
+        let seen = !self.options.mailbox.disarm_waits();
+        let vents = self.newest.is_some_and(|(s, at_ns)| s.state != State::Run.code() && at_ns > asked_ns);
+        if seen && vents {
+            return Some(Ok(()));
+        }
+        // Without a session nothing is sent, the cRIO has vented by its time to live, and the disarming stands.
+        if self.live_status().is_none() {
+            return Some(Ok(()));
+        }
+        late.then(|| Err("it still runs; the disarming stands for the next tick".to_owned()))
+    }
+
+    fn reference_read(&mut self, read: Result<Reference, String>, name: String, peer: Peer) -> Step {
+        self.reading = false;
+        let reference = match read.and_then(|r| match reference_limits::check(&r, &self.options.safety) {
+            Margin::Beyond(why) => Err(format!("{name}: {why}")),
+            Margin::Close(_) | Margin::Wide => Ok(r),
+        }) {
+            Ok(reference) => reference,
+            Err(why) => return self.over("reference", peer, Err(why)),
+        };
+        let asked_ns = now_ns();
+        let until_ns = asked_ns.saturating_add(EFFECT_TIME.as_nanos() as u64);
+        match self.options.mailbox.ask(Request::Reference(Box::new(reference)), until_ns) {
+            Some(ticket) => Step::Pending(Pending {
+                what: What::Reference { ticket, name },
+                peer,
+                asked_ns,
+                until: Instant::now() + EFFECT_TIME,
+            }),
+            None => self.over("reference", peer, Err("too many requests wait; try again".to_owned())),
+        }
+    }
+
+    /// Records and answers a request that is over.
+    fn over(&mut self, what: &str, peer: Peer, outcome: Result<(), String>) -> Step {
+        self.record(what, peer, &outcome);
+        match (what, &outcome) {
+            ("arm", Ok(())) => self.options.running.armed_by = Some(stamp(peer)),
+            ("disarm", Ok(())) => self.options.running.armed_by = None,
+            _ => {}
+        }
+        self.done(outcome)
+    }
+
+    fn record(&self, what: &str, peer: Peer, outcome: &Result<(), String>) {
+        let (level, how) = match outcome {
+            Ok(()) => (EventLevel::Info, "done".to_owned()),
+            Err(why) => (EventLevel::Warning, format!("refused: {why}")),
+        };
+        self.options.notes.note(now_ns(), level, "operator", format!("{what} by {peer}: {how}"));
+    }
+
+    fn done(&mut self, outcome: Result<(), String>) -> Step {
+        Step::Done(Box::new(self.reply(outcome)))
+    }
+
+    fn refresh(&mut self) {
+        if let Some(shown) = self.options.mailbox.status() {
+            self.newest = Some(shown);
+        }
+    }
+
+    fn age(&self) -> Option<Duration> {
+        self.newest.map(|(_, at_ns)| Duration::from_nanos(now_ns().saturating_sub(at_ns)))
+    }
+
+    /// The newest status, if it still tells what is.
+    fn live_status(&self) -> Option<Status> {
+        let fresh = self.age().is_some_and(|age| age <= self.options.stale);
+        self.newest.filter(|_| fresh).map(|(status, _)| status)
+    }
+
+    fn no_session(&self) -> String {
+        match self.age() {
+            Some(age) if age > self.options.stale => {
+                format!("no session with the cRIO, last data {:.1} s ago", age.as_secs_f64())
+            }
+            Some(_) => "the cRIO answers".to_owned(),
+            None => "no session with the cRIO yet".to_owned(),
+        }
+    }
+
+    fn reply(&mut self, outcome: Result<(), String>) -> Reply {
+        let live = self.live_status();
+        let runs = live.is_some_and(|s| s.state == State::Run.code());
+        let mut running = self.options.running.clone();
+        running.armed_by = running.armed_by.filter(|_| runs);
+        Reply {
+            ok: outcome.is_ok(),
+            error: outcome.err(),
+            state: live.map_or("connecting", |s| State::name(s.state)).to_owned(),
+            // Without a session the last readings are history: nothing is followed, nothing can be armed.
+            status: live.or(self.newest.map(|(s, _)| Status { can_arm: false, reference_kpa: None, ..s })),
+            age_ms: self.age().map(|age| u64::try_from(age.as_millis()).unwrap_or(u64::MAX)),
+            running,
+            recording_problem: self.options.health.error().or_else(|| self.options.health.why_not_arm()),
+        }
+    }
+}
+
+/// Who, and when by the wall clock.
+fn stamp(peer: Peer) -> String {
+    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
+    format!("{peer} at {}", rfc3339(UNIX_EPOCH + Duration::from_secs(seconds)))
+}
+
+/// Reads and checks a reference on a thread of its own: a file system that hangs holds nobody else.
+fn read_aside(file: PathBuf, csv: Option<String>) -> Result<Receiver<Result<Reference, String>>, String> {
+    let (answer, from) = channel();
+    let work = move || {
+        let name = file.display().to_string();
+        let read = match csv {
+            // The text is the client's own, so it may be quoted back.
+            Some(text) => Reference::parse(&name, text.as_bytes()).map_err(|e| e.to_string()),
+            None => Reference::read(&file).map_err(|error| without_cells(&file, &error)),
+        };
+        // Who asked may have gone.
+        let _ = answer.send(read);
+    };
+    std::thread::Builder::new()
+        .name("reference".to_owned())
+        .spawn(work)
+        .map_err(|e| format!("no thread can be started to read it: {e}"))?;
+    Ok(from)
+}
+
+/// What is wrong with a file that the daemon read with rights of its own: where, never what stands there.
+fn without_cells(file: &Path, error: &ReferenceError) -> String {
+    if let ReferenceError::Read { .. } = error {
+        return error.to_string();
+    }
+    let name = file.display().to_string();
+    let text = error.to_string();
+    let place = text
+        .strip_prefix(&format!("{name}: "))
+        .and_then(|rest| rest.split_once(": "))
+        .map(|(place, _)| place)
+        .filter(|place| place.starts_with("line "));
+    // `line 3, column 2 (name)`: the name comes out of the file, too.
+    let place = place.and_then(|place| place.split(" (").next()).map(|place| format!(", {place}")).unwrap_or_default();
+    format!("{name}{place}: no reference that can be followed; needed is CSV with time_s,ref_pos_kpa,ref_neg_kpa")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_of_somebody_else_is_not_read_out() {
+        let folder = std::env::temp_dir().join(format!("desk-cells-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        for (text, place) in [
+            ("root:$6$secret:19000:0:99999:7:::\n", ""),
+            ("secret,other\n1,2\n", ""),
+            ("time_s,ref_pos_kpa,ref_neg_kpa\n0,secret,-70\n", "line 2, column 2"),
+            ("secret;x;y\n1;2;3\n", ""),
+            ("time_s,secret,secret\n0,1,2\n", ""),
+        ] {
+            let file = folder.join("shadow");
+            std::fs::write(&file, text).unwrap();
+            let said = without_cells(&file, &Reference::read(&file).unwrap_err());
+            assert!(!said.contains("secret") && said.contains(place) && !said.contains('\n'), "{said}");
+        }
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+}

@@ -1,0 +1,193 @@
+//! What is said over the operator's Unix socket: one JSON object per line, asked and answered.
+//!
+//! `{"ask":"status"}`, `{"ask":"arm"}`, `{"ask":"disarm"}`, `{"ask":"reference","file":"/abs/path.csv"}`; the answer is
+//! `{"ok":true, …}` or `{"ok":false,"error":"one line"}`. A request has to be there whole within [`REQUEST_TIME`] of the
+//! connection. The connection belongs to it: who closes it before the answer withdraws the request.
+
+use std::io::{self, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use serde::{Deserialize, Serialize};
+use socket2::{Domain, SockAddr, Socket, Type};
+
+use crate::mailbox::Status;
+
+/// Time that a whole request may take to come.
+pub const REQUEST_TIME: Duration = Duration::from_millis(1000);
+/// Time that a request may take from the tick's next look to its effect.
+pub const EFFECT_TIME: Duration = Duration::from_millis(500);
+/// Time that a client waits for its whole answer: request and effect, and as much again for a busy machine.
+const CLIENT_PATIENCE: Duration = Duration::from_millis(3000);
+/// Bytes that a request may have; a reference of an hour, row by row, is 5 MB.
+pub const MOST_REQUEST_BYTES: usize = 8 << 20;
+/// Bytes that an answer may have.
+const MOST_REPLY_BYTES: u64 = 1 << 20;
+
+/// A question.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "ask", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Ask {
+    /// What is it doing?
+    Status {},
+    /// Control the pressures.
+    Arm {},
+    /// Open the vents.
+    Disarm {},
+    /// Follow another reference.
+    Reference {
+        /// Absolute path of the CSV file: its name, and where the daemon reads it if `csv` is not given.
+        file: PathBuf,
+        /// The file's text, for files that the daemon itself may not read.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        csv: Option<String>,
+    },
+}
+
+/// An answer.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Reply {
+    /// Whether it was done.
+    pub ok: bool,
+    /// Why not, one line.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<String>,
+    /// The state's name; `connecting` without a session.
+    #[serde(default)]
+    pub state: String,
+    /// The newest status; absent before the first tick.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub status: Option<Status>,
+    /// Age of the newest status, in ms; absent before the first tick.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub age_ms: Option<u64>,
+    /// What the daemon runs with.
+    #[serde(default)]
+    pub running: Running,
+    /// What is wrong with the recording, if anything.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recording_problem: Option<String>,
+}
+
+/// What the daemon runs with, by name.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Running {
+    /// Policy, or `fallback`.
+    pub policy: String,
+    /// SHA-256 of the policy's file; empty for the fallback.
+    #[serde(default)]
+    pub policy_sha256: String,
+    /// The model behind the predictions.
+    pub model: String,
+    /// The reference that is followed once armed.
+    pub reference: String,
+    /// Who armed the rig, while it is armed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub armed_by: Option<String>,
+}
+
+/// Why the socket cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum SocketError {
+    /// Another daemon is there.
+    #[error("{}: another controller answers on this socket; stop it, or set control.socket", .path.display())]
+    InUse {
+        /// The socket.
+        path: PathBuf,
+    },
+    /// Something else has that name.
+    #[error("{}: this is no socket, and it is left alone; set control.socket to another path", .path.display())]
+    NotASocket {
+        /// What is in the way.
+        path: PathBuf,
+    },
+    /// It cannot be made.
+    #[error("{}: the operator's socket cannot be made: {source}; set control.socket to a place that can be written", .path.display())]
+    Make {
+        /// The socket.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// Nobody answers.
+    #[error("{}: no controller answers there ({source}); is it running, and is this its control.socket?", .path.display())]
+    Silent {
+        /// The socket.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The answer is none.
+    #[error("{}: the answer makes no sense; is it the same version of controller?", .path.display())]
+    Nonsense {
+        /// The socket.
+        path: PathBuf,
+    },
+}
+
+/// Connects without waiting: a daemon that is stopped, its queue of connections full, does not hold a client.
+pub(crate) fn connect(path: &Path) -> io::Result<UnixStream> {
+    let socket = Socket::new(Domain::UNIX, Type::STREAM, None)?;
+    socket.set_nonblocking(true)?;
+    socket.connect(&SockAddr::unix(path)?)?;
+    socket.set_nonblocking(false)?;
+    Ok(UnixStream::from(std::os::fd::OwnedFd::from(socket)))
+}
+
+/// Asks a running daemon; gives up after three seconds, whatever it does.
+///
+/// # Errors
+/// If nobody answers, or not sensibly.
+pub fn ask(path: &Path, ask: &Ask) -> Result<Reply, SocketError> {
+    let silent = |source| SocketError::Silent { path: path.to_owned(), source };
+    let nonsense = || SocketError::Nonsense { path: path.to_owned() };
+    let until = Instant::now() + CLIENT_PATIENCE;
+    let mut socket = connect(path).map_err(silent)?;
+    let mut line = serde_json::to_string(ask).map_err(|_| nonsense())?;
+    line.push('\n');
+    socket.set_write_timeout(Some(REQUEST_TIME)).map_err(silent)?;
+    socket.write_all(line.as_bytes()).map_err(silent)?;
+    let mut answer = Vec::new();
+    let mut piece = [0; 4096];
+    while !answer.contains(&b'\n') {
+        let left = until.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Err(silent(io::ErrorKind::TimedOut.into()));
+        }
+        socket.set_read_timeout(Some(left)).map_err(silent)?;
+        match socket.read(&mut piece) {
+            Ok(0) => break,
+            Ok(n) => answer.extend_from_slice(piece.get(..n).unwrap_or_default()),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                return Err(silent(io::ErrorKind::TimedOut.into()));
+            }
+            Err(error) => return Err(silent(error)),
+        }
+        if answer.len() as u64 > MOST_REPLY_BYTES {
+            return Err(nonsense());
+        }
+    }
+    serde_json::from_slice(&answer).map_err(|_| nonsense())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn requests_are_one_object_with_known_keys() {
+        for (text, ask) in [
+            (r#"{"ask":"status"}"#, Ask::Status {}),
+            (r#"{"ask":"arm"}"#, Ask::Arm {}),
+            (r#"{"ask":"disarm"}"#, Ask::Disarm {}),
+            (r#"{"ask":"reference","file":"/r.csv"}"#, Ask::Reference { file: "/r.csv".into(), csv: None }),
+        ] {
+            assert_eq!(serde_json::from_str::<Ask>(text).unwrap(), ask);
+        }
+        for text in ["", "arm", "{}", r#"{"ask":"fly"}"#, r#"{"ask":"arm","now":true}"#, r#"{"ask":"reference"}"#] {
+            assert!(serde_json::from_str::<Ask>(text).is_err(), "{text}");
+        }
+    }
+}

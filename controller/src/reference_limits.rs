@@ -1,0 +1,76 @@
+//! How near a reference may come to the safety envelope.
+//!
+//! A controller does not hold a pressure to the last pascal: around its reference it ripples, and a reference nearer to a
+//! limit than that ripple opens the vents by itself. So a reference is refused within [`RIPPLE_KPA`] of a limit and
+//! remarked on within [`ROOM_KPA`].
+
+use proto::reference::Reference;
+
+use crate::config::Safety;
+
+/// Nearer to a limit than this the ripple of a settled controller alone trips it, in kPa. Measured: the largest error of
+/// the fallback after settling on the paper's reference, rig `bench`, is 0.9 kPa, rounded up (docs/configuration.md).
+pub const RIPPLE_KPA: f64 = 1.0;
+/// Nearer than this an overshoot after a step may trip it, in kPa: chosen, three times the ripple.
+pub const ROOM_KPA: f64 = 3.0;
+
+/// How near a reference comes to the safety envelope.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Margin {
+    /// Far enough.
+    Wide,
+    /// Near enough to be remarked on: the remark.
+    Close(String),
+    /// Not to be followed: why, in one clause.
+    Beyond(String),
+}
+
+/// Judges a reference by the limits.
+pub fn check(reference: &Reference, safety: &Safety) -> Margin {
+    let [[_, highest], [lowest, _]] = reference.range_kpa();
+    let sides = [
+        (safety.max_pos_kpa - highest, highest, "max_pos_kpa", safety.max_pos_kpa),
+        (lowest - safety.min_neg_kpa, lowest, "min_neg_kpa", safety.min_neg_kpa),
+    ];
+    // The nearer side is the one to tell.
+    let (room, worst, key, limit) = sides.into_iter().reduce(|a, b| if b.0 < a.0 { b } else { a }).unwrap_or(sides[0]);
+    let at = format!("it goes to {worst:.1} kPa");
+    if room < 0.0 {
+        Margin::Beyond(format!(
+            "it leaves the safety envelope: {at}, beyond safety.{key} = {limit} kPa; change the one or the other"
+        ))
+    } else if room < RIPPLE_KPA {
+        Margin::Beyond(format!(
+            "{at}, only {room:.1} kPa inside the safety envelope (safety.{key} = {limit} kPa): the ripple of a settled controller, up to {RIPPLE_KPA} kPa, would trip it; change the one or the other"
+        ))
+    } else if room < ROOM_KPA {
+        Margin::Close(format!(
+            "{at}, {room:.1} kPa inside the safety envelope (safety.{key} = {limit} kPa): an overshoot may trip it; leave {ROOM_KPA} kPa"
+        ))
+    } else {
+        Margin::Wide
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn room_decides_on_the_nearer_side() {
+        let safety = Safety { max_pos_kpa: 160.0, min_neg_kpa: -95.0 };
+        let judged = |pos, neg| check(&Reference::constant(pos, neg), &safety);
+        assert_eq!(judged(100.0, -75.0), Margin::Wide);
+        for (pos, neg, words) in [
+            (161.0, -75.0, "safety.max_pos_kpa = 160"),
+            (100.0, -95.1, "safety.min_neg_kpa = -95"),
+            (100.0, -94.5, "only 0.5 kPa inside"),
+            (159.5, -75.0, "only 0.5 kPa inside"),
+        ] {
+            let Margin::Beyond(why) = judged(pos, neg) else { panic!("{pos}/{neg}: {:?}", judged(pos, neg)) };
+            assert!(why.contains(words), "{why}");
+        }
+        let Margin::Close(why) = judged(158.0, -75.0) else { panic!("{:?}", judged(158.0, -75.0)) };
+        assert!(why.contains("2.0 kPa inside"), "{why}");
+    }
+}

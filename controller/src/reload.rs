@@ -1,0 +1,99 @@
+//! What a daemon takes over from its configuration file while it runs, and what it does not.
+//!
+//! `SIGHUP` has the file read again. A file that is not sound changes nothing. Of one that is, the recordings' limits
+//! and the reference are taken over, the reference only while the rig is not controlled; everything else would change
+//! what was checked at the start, and is named as needing a restart.
+
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, channel};
+
+use proto::reference::Reference;
+
+use crate::config::{Config, ConfigError};
+use crate::reference_limits::{Margin, check};
+
+/// A configuration that was read again, with the reference it names.
+#[derive(Debug)]
+pub struct Reloaded {
+    /// The configuration.
+    pub config: Config,
+    /// The reference, where the configuration names one.
+    pub reference: Option<Reference>,
+}
+
+/// Why a configuration is not taken over.
+#[derive(Debug, thiserror::Error)]
+pub enum ReloadError {
+    /// The file is not sound.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The reference is not.
+    #[error(transparent)]
+    Reference(#[from] proto::reference::ReferenceError),
+    /// The reference goes too far.
+    #[error("{}: {why}", .file.display())]
+    Beyond {
+        /// The reference.
+        file: PathBuf,
+        /// Why, in a clause.
+        why: String,
+    },
+}
+
+/// Reads the file on a thread of its own, so that a file system that hangs holds nobody.
+///
+/// # Errors
+/// If no thread can be started.
+pub fn read_aside(file: PathBuf) -> std::io::Result<Receiver<Result<Reloaded, ReloadError>>> {
+    let (answer, from) = channel();
+    std::thread::Builder::new().name("reload".to_owned()).spawn(move || {
+        // Who asked may have gone.
+        let _ = answer.send(read(&file));
+    })?;
+    Ok(from)
+}
+
+fn read(file: &std::path::Path) -> Result<Reloaded, ReloadError> {
+    let config = Config::read(file)?;
+    let reference = config.reference.file.as_deref().map(Reference::read).transpose()?;
+    if let Some((reference, file)) = reference.as_ref().zip(config.reference.file.clone())
+        && let Margin::Beyond(why) = check(reference, &config.safety)
+    {
+        return Err(ReloadError::Beyond { file, why });
+    }
+    Ok(Reloaded { config, reference })
+}
+
+/// The tables in which two configurations differ and which a running daemon cannot take over.
+pub fn needs_restart(old: &Config, new: &Config) -> Vec<&'static str> {
+    let same_folder = old.record.directory == new.record.directory;
+    [
+        ("link", old.link == new.link),
+        ("rig", old.rig == new.rig),
+        ("policy", old.policy == new.policy),
+        ("record.directory", same_folder),
+        ("control", old.control == new.control),
+        ("safety", old.safety == new.safety),
+        ("realtime", old.realtime == new.realtime),
+    ]
+    .into_iter()
+    .filter_map(|(name, same)| (!same).then_some(name))
+    .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_checked_at_the_start_needs_a_restart() {
+        let old = Config::for_address("10.0.0.1:50500");
+        let mut new = old.clone();
+        new.record.max_minutes = 5;
+        new.reference.file = Some("r.csv".into());
+        assert!(needs_restart(&old, &new).is_empty());
+        new.safety.max_pos_kpa = 120.0;
+        new.record.directory = "elsewhere".into();
+        assert_eq!(needs_restart(&old, &new), ["record.directory", "safety"]);
+    }
+}

@@ -1,0 +1,112 @@
+//! What the daemon does with signals: each that would end a program by default is either an order or told and ignored.
+//!
+//! | signal | does |
+//! | --- | --- |
+//! | `TERM`, `INT`, `XCPU` | vents, says BYE, finishes the recording, ends |
+//! | `HUP` | reads the configuration again |
+//! | `USR1`, `USR2`, `QUIT`, `ALRM`, `VTALRM`, `PROF`, `IO`, `TSTP`, `TTIN`, `TTOU`, `XFSZ`, `PIPE` | nothing; all but the last two are told |
+//!
+//! `XCPU` comes from systemd's LimitRTTIME when a real-time thread never waits. `TSTP` would stop the tick with the rig
+//! armed. `XFSZ` and `PIPE` come with an error of the write that caused them, which is handled there.
+
+use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+
+use signal_hook::consts::{
+    SIGALRM, SIGHUP, SIGINT, SIGIO, SIGPIPE, SIGPROF, SIGQUIT, SIGTERM, SIGTSTP, SIGTTIN, SIGTTOU, SIGUSR1, SIGUSR2,
+    SIGVTALRM, SIGXCPU, SIGXFSZ,
+};
+use signal_hook::iterator::Signals as Pending;
+
+/// Signals that end the run in order.
+const STOPS: [i32; 3] = [SIGTERM, SIGINT, SIGXCPU];
+/// Signals that are told and do nothing.
+const TOLD: [(i32, &str); 10] = [
+    (SIGUSR1, "SIGUSR1"),
+    (SIGUSR2, "SIGUSR2"),
+    (SIGQUIT, "SIGQUIT"),
+    (SIGALRM, "SIGALRM"),
+    (SIGVTALRM, "SIGVTALRM"),
+    (SIGPROF, "SIGPROF"),
+    (SIGIO, "SIGIO"),
+    (SIGTSTP, "SIGTSTP"),
+    (SIGTTIN, "SIGTTIN"),
+    (SIGTTOU, "SIGTTOU"),
+];
+/// Signals that do nothing, because the write that caused them fails by itself.
+const SILENT: [i32; 2] = [SIGXFSZ, SIGPIPE];
+
+/// Set by the first signal that ends a run, for good; empty before handlers are installed.
+static ORDERED_TO_STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+
+/// Whether a signal has asked this process to end.
+pub fn ordered_to_stop() -> bool {
+    ORDERED_TO_STOP.get().is_some_and(|ordered| ordered.load(Ordering::Relaxed))
+}
+
+/// What a signal asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Order {
+    /// End the run; the stop flag is set already.
+    Stop,
+    /// Read the configuration again.
+    Reload,
+    /// Nothing; the signal's name.
+    Nothing(&'static str),
+}
+
+/// The signals of a run; what they did before is not put back at its end.
+pub struct Signals {
+    pending: Pending,
+}
+
+impl Signals {
+    /// From now on signals are orders; those that end a run set `stop` at once.
+    ///
+    /// # Errors
+    /// If the system refuses a handler.
+    pub fn install(stop: &Arc<AtomicBool>) -> io::Result<Self> {
+        let ordered = ORDERED_TO_STOP.get_or_init(Arc::default);
+        for signal in STOPS {
+            signal_hook::flag::register(signal, Arc::clone(stop))?;
+            signal_hook::flag::register(signal, Arc::clone(ordered))?;
+        }
+        for signal in SILENT {
+            // Nobody looks at this flag: a signal with a handler does not end the program.
+            signal_hook::flag::register(signal, Arc::new(AtomicBool::new(false)))?;
+        }
+        let told = TOLD.iter().map(|(number, _)| *number);
+        Ok(Signals { pending: Pending::new(STOPS.into_iter().chain([SIGHUP]).chain(told))? })
+    }
+
+    /// What came since the last call; does not wait.
+    pub fn orders(&mut self) -> Vec<Order> {
+        self.pending.pending().map(order).collect()
+    }
+}
+
+fn order(signal: i32) -> Order {
+    match signal {
+        SIGHUP => Order::Reload,
+        _ if STOPS.contains(&signal) => Order::Stop,
+        _ => Order::Nothing(TOLD.iter().find(|(number, _)| *number == signal).map_or("a signal", |(_, name)| name)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_signal_has_one_meaning() {
+        assert_eq!(order(SIGTERM), Order::Stop);
+        assert_eq!(order(SIGHUP), Order::Reload);
+        assert_eq!(order(SIGQUIT), Order::Nothing("SIGQUIT"));
+        let mut all: Vec<i32> = STOPS.into_iter().chain([SIGHUP]).chain(TOLD.map(|t| t.0)).chain(SILENT).collect();
+        let count = all.len();
+        all.sort_unstable();
+        all.dedup();
+        assert_eq!(all.len(), count);
+    }
+}
