@@ -20,6 +20,7 @@
 //! | [`machine_check`], [`tick_trial`] | whether this machine has what a configuration needs; how long a tick takes |
 //! | [`realtime`] | scheduling, memory |
 //! | [`rt_test`] | how late this machine is, and why |
+//! | [`live_stream`] | what live viewers are sent |
 //! | [`mailbox`], [`desk`], [`socket`], [`operator_protocol`], [`peer`] | the operator |
 //! | [`signals`], [`reload`], [`console`] | signals, the configuration read again, lines for a person |
 //! | [`reference_limits`] | how near a reference may come to the safety envelope |
@@ -43,6 +44,7 @@ pub mod desk;
 pub mod duty_source;
 pub mod experiment;
 pub mod link;
+pub mod live_stream;
 pub mod machine_check;
 pub mod mailbox;
 pub mod notice;

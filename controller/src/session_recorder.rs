@@ -8,6 +8,7 @@
 //! | `console` | prints ([`crate::console`]) |
 //! | main | signals, a disk that does not answer |
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,8 +17,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use flight::recorder::Observer;
-use flight::{Destination, Event, Recorder, RecorderOptions, RecordingSummary, Retention};
-use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo, VERDICT};
+use flight::{Destination, Event, Recorded, Recorder, RecorderOptions, RecordingSummary, Retention};
+use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo, VERDICT, rfc3339};
 
 use crate::clock::now_ns;
 use crate::config::{Config, Pacing};
@@ -26,6 +27,7 @@ use crate::cycle::Cycle;
 use crate::desk::DeskOptions;
 use crate::duty_source::DutySource;
 use crate::link::LinkError;
+use crate::live_stream::{self, StreamError};
 use crate::mailbox::mailbox;
 use crate::operator_protocol::Running;
 use crate::realtime::lock_memory;
@@ -80,6 +82,9 @@ pub enum SessionError {
     /// The operator's socket cannot be made.
     #[error(transparent)]
     Socket(#[from] SocketError),
+    /// The socket for live viewers cannot be made.
+    #[error(transparent)]
+    Stream(#[from] StreamError),
     /// There is no link, for a flight that does not wait for one.
     #[error(transparent)]
     Link(#[from] LinkError),
@@ -148,6 +153,18 @@ pub fn fly_recorded<H: DutySource + 'static>(
     info.log_time = if config.link.pacing == Pacing::Lockstep { LogTime::Tick } else { LogTime::Arrival };
     info.policy = logbook.policy;
     info.extra.extend(logbook.extra);
+    let live = match operator {
+        Some(_) => Some(live_stream::serve(&config.control.socket, about(&info), Arc::clone(&stop))?),
+        None => None,
+    };
+    let (tap, live) = live.map_or((None, None), |(tap, live)| (Some(tap), Some(live)));
+    let mut observer = observer;
+    let observer = move |recorded: Recorded<'_>| {
+        if let Some(tap) = &tap {
+            tap.pass(recorded);
+        }
+        observer(recorded);
+    };
     let options = RecorderOptions::new(event_text).observer(observer);
     let (recorder, sink) = match &file {
         Some(file) => Recorder::start(file, &info, &attachments, options)?,
@@ -192,6 +209,9 @@ pub fn fly_recorded<H: DutySource + 'static>(
         recorder.note(now_ns(), level, VERDICT, text);
     }
     let summary = recorder.finish();
+    if let Some(live) = live {
+        live.join();
+    }
     let cycle = flown.ok_or(SessionError::Hung)?.map_err(|_| SessionError::Died)?;
     let summary = summary?;
     if cycle.is_err() && summary.ticks == 0 && !summary.files.is_empty() {
@@ -199,6 +219,18 @@ pub fn fly_recorded<H: DutySource + 'static>(
         let _ = std::fs::remove_file(&summary.path);
     }
     Ok((summary, cycle?))
+}
+
+/// What live viewers are sent about a run.
+fn about(info: &RecordingInfo) -> BTreeMap<String, String> {
+    let mut about = info.extra.clone();
+    about.insert("program".to_owned(), info.program.clone());
+    about.insert("started".to_owned(), rfc3339(info.started));
+    if let Some((name, sha256)) = &info.policy {
+        about.insert("policy_name".to_owned(), name.clone());
+        about.insert("policy_sha256".to_owned(), sha256.clone());
+    }
+    about
 }
 
 /// The folder for recordings and its limits, as configured.

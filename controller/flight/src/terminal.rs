@@ -105,7 +105,7 @@ impl FlightSummary {
             "oscillation faster than 3 s",
             oscillation(self.repetition_pos),
             oscillation(self.repetition_neg),
-            "kPa every s",
+            "kPa / period",
         );
     }
 
@@ -168,7 +168,7 @@ fn signed_cell(kpa: f64) -> String {
 fn oscillation(repetition: Option<RepetitionFigures>) -> String {
     match repetition {
         Some(RepetitionFigures { oscillating: true, period_s, amplitude_kpa, .. }) => {
-            format!("{amplitude_kpa:.2}/{period_s:.2} s")
+            format!("{amplitude_kpa:.2} / {period_s:.2}s")
         }
         Some(_) | None => "none".to_owned(),
     }

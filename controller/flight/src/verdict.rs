@@ -39,10 +39,14 @@ pub(crate) fn findings(summary: &FlightSummary, options: &StatisticsOptions) -> 
         }
     };
     let (bad, look) = (Verdict::Bad, Verdict::Look);
-    find(bad, summary.rmse_pos_kpa.is_none() || summary.rmse_neg_kpa.is_none(), &|| {
+    // A run that was not meant to be longer is no failure; one that never came so far is.
+    let short = summary.seconds < summary.settling_s + SHORTEST_S && summary.faults == 0;
+    let untold = summary.rmse_pos_kpa.is_none() || summary.rmse_neg_kpa.is_none();
+    find(if short { look } else { bad }, untold, &|| {
         format!(
-            "no figure for tracking: nothing was steered with a sound reading for longer than the {} of settling",
-            wording::seconds(summary.settling_s)
+            "no figure for tracking: the rig was not under control with a sound reading for longer than the {} of settling{}",
+            wording::seconds(summary.settling_s),
+            if short { "; a longer run says more" } else { "" }
         )
     });
     for (channel, rmse, limit) in channels(summary) {
@@ -108,6 +112,9 @@ pub(crate) fn findings(summary: &FlightSummary, options: &StatisticsOptions) -> 
     let worst = found.first().map_or(Verdict::Good, |(level, _)| *level);
     (worst, found.into_iter().map(|(_, text)| text).collect())
 }
+
+/// Beside the settling time, a run that is no longer than this (s) was not meant to say how well it tracks.
+const SHORTEST_S: f64 = 1.0;
 
 fn against_fallback(channel: &str, rmse_kpa: f64, fallback_kpa: Option<f64>, on: OnWhichRig) -> String {
     let fallback_kpa = fallback_kpa.unwrap_or(f64::NAN);

@@ -4,6 +4,7 @@ mod check;
 mod console;
 mod demo;
 mod experiment;
+mod live;
 mod report;
 mod rt_test;
 mod run;
@@ -40,6 +41,7 @@ enum Command {
     Experiment(experiment::ExperimentArgs),
     Report(report::ReportArgs),
     Export(report::ExportArgs),
+    Live(live::LiveArgs),
     /// Says what is wrong with a configuration and with everything it names, or that all is sound.
     Check {
         /// Configuration file (TOML).
@@ -124,6 +126,7 @@ impl Arguments {
             Command::Experiment(experiment) => experiment.run(),
             Command::Report(report) => report.run(),
             Command::Export(export) => export.run(),
+            Command::Live(live) => live.run(),
             Command::Check { config, json } => check::check(&config, json),
             Command::CheckPolicy { file, json } => check::check_policy(&file, json),
             Command::RtTest(test) => test.run(),

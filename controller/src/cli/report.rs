@@ -8,7 +8,7 @@ use flight::{
     ComparedRun, FlightInfo, FlightStatistics, FlightSummary, StatisticsOptions, Verdict, comparison_report,
     flight_report,
 };
-use proto::recording::{Recording, short_name, tick_table};
+use proto::recording::{Recording, TickRecord, short_name, tick_table};
 use serde_json::json;
 
 use super::Failure;
@@ -146,6 +146,17 @@ fn judge(run: RunFile, name: String) -> Judged {
     Judged { run, name, info, summary }
 }
 
+/// The ticks that a table with references can hold, where most of a run has one: standing by has none.
+fn with_references(ticks: &[TickRecord]) -> (Vec<TickRecord>, Option<String>) {
+    let has = |tick: &&TickRecord| tick.ref_pos_kpa.is_finite() && tick.ref_neg_kpa.is_finite();
+    let kept: Vec<TickRecord> = ticks.iter().filter(has).copied().collect();
+    let left_out = ticks.len() - kept.len();
+    if 2 * kept.len() < ticks.len() || left_out == 0 {
+        return (ticks.to_vec(), None);
+    }
+    (kept, Some(format!("{left_out} ticks without a reference (standing by, vented) left out; --all has every tick")))
+}
+
 impl ExportArgs {
     pub(super) fn run(self) -> Result<(), Failure> {
         // The flag says the format, so that others can come beside it.
@@ -154,9 +165,9 @@ impl ExportArgs {
         let (text, rows, notes) = if all {
             (tick_table(&run.content.ticks), run.content.ticks.len(), run.content.notes.clone())
         } else {
-            let table =
-                Recording::from_ticks(&recording.display().to_string(), &run.content.ticks).map_err(Failure::input)?;
-            let notes = run.content.notes.iter().chain(table.notes()).cloned().collect();
+            let (ticks, note) = with_references(&run.content.ticks);
+            let table = Recording::from_ticks(&recording.display().to_string(), &ticks).map_err(Failure::input)?;
+            let notes = run.content.notes.iter().chain(table.notes()).cloned().chain(note).collect();
             (table.to_csv(), table.rows(), notes)
         };
         for note in &notes {
