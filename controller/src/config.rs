@@ -6,13 +6,13 @@
 use std::path::{Path, PathBuf};
 
 use proto::regular_file;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// The largest configuration file that is read, in bytes.
 const MOST_BYTES: u64 = 1 << 20;
 
 /// The whole configuration.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
     /// The link to the cRIO.
@@ -41,7 +41,7 @@ pub struct Config {
 }
 
 /// `[link]`
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Link {
     /// Host and port of the cRIO.
@@ -52,7 +52,7 @@ pub struct Link {
 }
 
 /// How time passes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Pacing {
     /// The cRIO sends 50 frames a second; one that does not come in time is missed.
@@ -63,7 +63,7 @@ pub enum Pacing {
 }
 
 /// `[rig]`
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RigChoice {
     /// Name of a built-in rig, or a rig file.
@@ -77,7 +77,7 @@ impl Default for RigChoice {
 }
 
 /// `[policy]`
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PolicyChoice {
     /// Folder with `NAME.onnx` files.
@@ -93,7 +93,7 @@ pub struct PolicyChoice {
 }
 
 /// What happens to a policy that is published into the folder.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Follow {
     /// It is checked and waits for `controller swap`.
@@ -121,7 +121,7 @@ impl Default for PolicyChoice {
 }
 
 /// `[reference]`
-#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ReferenceChoice {
     /// CSV file `time_s,ref_pos_kpa,ref_neg_kpa`; absent means `reference.csv` where there is one, else the
@@ -130,7 +130,7 @@ pub struct ReferenceChoice {
 }
 
 /// `[record]`
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Record {
     /// Folder for recordings; made if it is not there.
@@ -176,7 +176,7 @@ impl Record {
 }
 
 /// `[control]`
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Control {
     /// Unix socket for `controller status`, `arm`, `disarm`.
@@ -192,7 +192,7 @@ impl Default for Control {
 }
 
 /// `[safety]`
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Safety {
     /// Above this gauge pressure (kPa) the positive chamber is vented.
@@ -208,7 +208,7 @@ impl Default for Safety {
 }
 
 /// `[realtime]`
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Realtime {
     /// SCHED_FIFO priority of the tick, 1 … 95.
@@ -319,6 +319,12 @@ impl Config {
         Ok(config)
     }
 
+    /// The configuration with every key, as a file: what [`Config::parse`] reads back.
+    pub fn to_toml(&self) -> String {
+        // Tables of plain values: there is nothing in it that TOML has no word for.
+        toml::to_string(self).unwrap_or_default()
+    }
+
     fn check(&self, file: &Path) -> Result<(), ConfigError> {
         let wrong = |key, problem: String| Err(ConfigError::Value { file: file.to_owned(), key, problem });
         let address = &self.link.address;
@@ -379,6 +385,15 @@ mod tests {
         let config = parse("[link]\naddress = \"10.0.0.2:50500\"\n").unwrap();
         assert_eq!(config, Config::for_address("10.0.0.2:50500"));
         assert_eq!((config.safety.max_pos_kpa, config.safety.min_neg_kpa), (160.0, -95.0));
+    }
+
+    #[test]
+    fn a_configuration_comes_back_from_its_own_text() {
+        let mut config = Config::for_address("10.0.0.2:50500");
+        config.control.auto_arm = true;
+        config.link.pacing = Pacing::Lockstep;
+        config.safety.max_pos_kpa = 123.456_789_012_345_68;
+        assert_eq!(Config::parse(&config.to_toml(), Path::new("c.toml")).unwrap(), config);
     }
 
     #[test]

@@ -212,6 +212,7 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
     let mut attachments = options.attachments;
     attachments.push(attachment(attached::MODEL, "application/toml", rig_text));
     attachments.push(attachment(attached::CONFIG, "application/toml", options.config_text));
+    attachments.push(attachment(attached::EFFECTIVE, "application/toml", config.to_toml()));
     attachments.push(attachment(attached::REFERENCE, "text/csv", reference.to_csv()));
     attachments.extend(policy_bytes.map(|bytes| attachment(attached::POLICY, "application/onnx", bytes)));
     let unflyable = |problem| DaemonError::Unflyable { name: config.rig.file.clone(), problem };

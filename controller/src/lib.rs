@@ -15,6 +15,7 @@
 //! | [`pacing`] | when a frame is due |
 //! | [`link`] | TCP to the cRIO |
 //! | [`session`] | the tick's thread |
+//! | [`replay`] | a recorded run again, bit for bit |
 //! | [`run_file`] | a recorded run, read back |
 //! | [`run_length`] | when a run of so many seconds is over |
 //! | [`machine_check`], [`tick_trial`] | whether this machine has what a configuration needs; how long a tick takes |
@@ -60,6 +61,7 @@ pub mod realtime;
 pub mod reference_limits;
 pub mod reference_tracking;
 pub mod reload;
+pub mod replay;
 pub mod rt_test;
 pub mod run_file;
 pub mod run_length;

@@ -18,8 +18,10 @@ use crate::yardstick::{Trial, yardstick};
 pub mod attached {
     /// The model behind predictions and feed-forward.
     pub const MODEL: &str = "model_rig.toml";
-    /// The configuration.
+    /// The configuration as it was written.
     pub const CONFIG: &str = "controller.toml";
+    /// The configuration as it counted, with every key.
+    pub const EFFECTIVE: &str = "controller-effective.toml";
     /// The reference at the start.
     pub const REFERENCE: &str = "reference.csv";
     /// The policy at the start.

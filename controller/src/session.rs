@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use flight::RecordSink;
-use proto::recording::{Arrival, TickRecord};
+use proto::recording::{Arrival, TickInput, TickRecord};
 use proto::wire::{ByeReason, Command, DEFAULT_TTL_TICKS, RawFrame, Sense};
 
 use crate::clock::now_ns;
@@ -29,6 +29,8 @@ const LOCKSTEP_PATIENCE_NS: u64 = 5_000_000_000;
 const STOP_CHECK_NS: u64 = 100_000_000;
 /// Pauses between attempts to connect, the last for ever after.
 const PAUSES_MS: [u64; 5] = [100, 200, 500, 1000, 2000];
+/// How often a person is reminded that there is still no link: once a minute.
+const REMIND_NS: u64 = 60_000_000_000;
 
 /// What the tick's thread works with.
 pub struct Session<H> {
@@ -44,6 +46,8 @@ pub struct Session<H> {
     pub stop: Arc<AtomicBool>,
     /// How long it lasts.
     pub length: RunLength,
+    /// What reached the next tick beside frames, for its record.
+    pub inputs: u32,
     /// Told, outside of sessions only, what a person should know.
     pub say: Box<dyn FnMut(String) + Send>,
 }
@@ -80,6 +84,7 @@ pub fn run_session<H: DutySource>(mut session: Session<H>) -> Result<Cycle<H>, L
     let mut counts = Counts::default();
     let mut attempt = 0;
     let mut told = String::new();
+    let mut told_ns = 0;
     session.length.started(now_ns());
     while !session.stop.load(Ordering::Relaxed) && !session.length.is_over(now_ns()) {
         match Link::open(&session.config.link.address) {
@@ -94,11 +99,11 @@ pub fn run_session<H: DutySource>(mut session: Session<H>) -> Result<Cycle<H>, L
             }
             Err(error) if H::ONE_SESSION => return Err(error),
             Err(error) => {
-                // The same trouble is told once, not with every attempt.
+                // The same trouble is said once and then now and again, not with every attempt.
                 let text = error.to_string();
-                if text != told {
+                if text != told || now_ns().saturating_sub(told_ns) >= REMIND_NS {
                     (session.say)(format!("{text} (trying again)"));
-                    told = text;
+                    (told, told_ns) = (text, now_ns());
                 }
                 pause(&session.stop, PAUSES_MS.get(attempt).or(PAUSES_MS.last()).copied().unwrap_or(1000));
                 attempt += 1;
@@ -119,6 +124,7 @@ fn pause(stop: &AtomicBool, ms: u64) {
 fn one_session<H: DutySource>(session: &mut Session<H>, link: &mut Link, counts: &mut Counts) -> Ending {
     let realtime = session.config.link.pacing == Pacing::Realtime;
     session.cycle.session_opened();
+    TickInput::SessionOpened.append(&mut session.inputs);
     tell(&mut session.sink, Notice::SessionOpened { session: link.session() });
     let mut grid: Option<Grid> = None;
     let mut damaged = 0;
@@ -193,6 +199,7 @@ fn one_session<H: DutySource>(session: &mut Session<H>, link: &mut Link, counts:
         }
         counts.slowest_ns = counts.slowest_ns.max(u64::from(record.compute_ns));
         session.cycle.settle();
+        record.inputs = std::mem::take(&mut session.inputs);
         let armed = if record.state == State::Run.code() { Armed::Yes } else { Armed::No };
         session.length.tick(armed, sent_ns);
         show(session, link, &record, counts);
@@ -262,15 +269,23 @@ fn part(link: &mut Link, tick: u32) {
 fn lost<H: DutySource>(session: &mut Session<H>) -> Ending {
     let Session { cycle, sink, .. } = session;
     cycle.link_lost(&mut |notice| tell(sink, notice));
+    TickInput::LinkLost.append(&mut session.inputs);
     Ending::Lost
 }
 
 fn serve_requests<H: DutySource>(session: &mut Session<H>) {
     while let Some(request) = session.mailbox.request() {
         match request {
-            Request::Arm => session.cycle.arm(),
-            Request::Disarm => session.cycle.disarm(),
+            Request::Arm => {
+                TickInput::Arm.append(&mut session.inputs);
+                session.cycle.arm();
+            }
+            Request::Disarm => {
+                TickInput::Disarm.append(&mut session.inputs);
+                session.cycle.disarm();
+            }
             Request::Reference(reference) => {
+                TickInput::Reference.append(&mut session.inputs);
                 let old = session.cycle.exchange_reference(reference);
                 session.mailbox.retire(old);
             }

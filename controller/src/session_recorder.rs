@@ -192,8 +192,16 @@ pub fn fly_recorded<H: DutySource + 'static>(
     let served = operator.map(|may| serve(&config.control.socket, desk_options(may), Arc::clone(&stop))).transpose()?;
     let speaker = recorder.noter();
     let say = Box::new(move |text: String| speaker.note(now_ns(), EventLevel::Warning, "link", text));
-    let session =
-        Session { config: config.clone(), cycle, sink, mailbox, stop: Arc::clone(&stop), length: logbook.length, say };
+    let session = Session {
+        config: config.clone(),
+        cycle,
+        sink,
+        mailbox,
+        stop: Arc::clone(&stop),
+        length: logbook.length,
+        inputs: 0,
+        say,
+    };
     let thread = std::thread::Builder::new().name("tick".to_owned()).spawn(move || run_session(session))?;
     let mut watch =
         Watch { signals, config, stem, recorder: &recorder, config_file, reloads, reading: None, stalled: false };

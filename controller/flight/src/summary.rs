@@ -31,6 +31,8 @@ pub struct FlightSummary {
     pub seconds: f64,
     /// Settling time that does not count for tracking (s).
     pub settling_s: f64,
+    /// Time under control (s).
+    pub controlled_s: f64,
     /// Ticks that count for tracking.
     pub tracked_ticks: u64,
 
@@ -177,6 +179,7 @@ impl FlightStatistics {
             ticks: counts.ticks,
             seconds: self.seconds(),
             settling_s: self.options.skip_s,
+            controlled_s: counts.steered as f64 / RATE_HZ,
             tracked_ticks: counts.tracked,
             rmse_pos_kpa: pos.rmse_kpa(),
             rmse_neg_kpa: neg.rmse_kpa(),

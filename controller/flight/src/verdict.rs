@@ -40,7 +40,7 @@ pub(crate) fn findings(summary: &FlightSummary, options: &StatisticsOptions) -> 
     };
     let (bad, look) = (Verdict::Bad, Verdict::Look);
     // A run that was not meant to be longer is no failure; one that never came so far is.
-    let short = summary.seconds < summary.settling_s + SHORTEST_S && summary.faults == 0;
+    let short = summary.controlled_s > 0.0 && summary.seconds < summary.settling_s + SHORTEST_S && summary.faults == 0;
     let untold = summary.rmse_pos_kpa.is_none() || summary.rmse_neg_kpa.is_none();
     find(if short { look } else { bad }, untold, &|| {
         format!(
@@ -56,10 +56,12 @@ pub(crate) fn findings(summary: &FlightSummary, options: &StatisticsOptions) -> 
     }
     for (index, (channel, rmse, _)) in channels(summary).into_iter().enumerate() {
         if let (Some(yardstick), Some(rmse)) = (options.yardstick, rmse) {
+            let over_kpa = yardstick.fallback_kpa[index].map_or(0.0, |fallback| rmse - fallback);
+            let proven = summary.tracked_ticks >= PROVEN_TICKS || over_kpa > PLAIN_KPA;
             let level = match yardstick.standing(index, rmse) {
                 Standing::Fair => continue,
-                Standing::Worse => look,
-                Standing::FarWorse => bad,
+                Standing::FarWorse if proven => bad,
+                Standing::Worse | Standing::FarWorse => look,
             };
             find(level, true, &|| against_fallback(channel, rmse, yardstick.fallback_kpa[index], yardstick.on));
         }
@@ -112,6 +114,11 @@ pub(crate) fn findings(summary: &FlightSummary, options: &StatisticsOptions) -> 
     let worst = found.first().map_or(Verdict::Good, |(level, _)| *level);
     (worst, found.into_iter().map(|(_, text)| text).collect())
 }
+
+/// Ticks that must count before an error is called far worse than the fallback's: 10 s, two of the paper's periods.
+const PROVEN_TICKS: u64 = 500;
+/// Unless it is worse by so much (kPa) that no stretch of a reference explains it.
+const PLAIN_KPA: f64 = 0.5;
 
 /// Beside the settling time, a run that is no longer than this (s) was not meant to say how well it tracks.
 const SHORTEST_S: f64 = 1.0;

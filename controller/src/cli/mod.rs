@@ -5,6 +5,7 @@ mod console;
 mod demo;
 mod experiment;
 mod live;
+mod replay;
 mod report;
 mod rt_test;
 mod run;
@@ -42,6 +43,7 @@ enum Command {
     Report(report::ReportArgs),
     Export(report::ExportArgs),
     Live(live::LiveArgs),
+    Replay(replay::ReplayArgs),
     /// Says what is wrong with a configuration and with everything it names, or that all is sound.
     Check {
         /// Configuration file (TOML).
@@ -127,6 +129,7 @@ impl Arguments {
             Command::Report(report) => report.run(),
             Command::Export(export) => export.run(),
             Command::Live(live) => live.run(),
+            Command::Replay(replay) => replay.run(),
             Command::Check { config, json } => check::check(&config, json),
             Command::CheckPolicy { file, json } => check::check_policy(&file, json),
             Command::RtTest(test) => test.run(),

@@ -65,13 +65,14 @@ impl Table {
         out
     }
 
-    /// Whether every filled cell of a column begins like a number, and one is filled.
+    /// Whether every filled cell of a column begins like a number, and one is filled; a time of day is none.
     fn holds_numbers(&self, column: usize) -> bool {
         let mut filled = self.rows.iter().filter_map(|row| row.get(column)).filter(|cell| !cell.is_empty()).peekable();
         filled.peek().is_some()
             && filled.all(|cell| {
                 let rest = cell.trim_start_matches(['-', '+', '\u{2212}', '±', '<', '>', '≤', '≥', ' ']);
-                rest.starts_with(|c: char| c.is_ascii_digit()) || ["–", "—", "n/a"].contains(&cell.as_str())
+                (rest.starts_with(|c: char| c.is_ascii_digit()) && !rest.contains(':'))
+                    || ["–", "—", "n/a"].contains(&cell.as_str())
             })
     }
 }

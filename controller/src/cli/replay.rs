@@ -1,0 +1,90 @@
+//! `controller replay`: the control law again on the recorded inputs.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use controller::replay::{Replay, ReplayError};
+use controller::run_file::RunFile;
+use proto::reference::Reference;
+use serde_json::json;
+
+use super::Failure;
+use super::console::say;
+
+/// Runs the control law again on the recorded inputs and compares every output bit for bit.
+///
+/// Frames as they came, what the operator asked for, and the configuration, model, reference and policy inside the
+/// recording: from these the same program must decide the same, whatever happened. A difference names its first tick and
+/// the stage of the tick that differs first.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Exit status: 0 every bit the same, 1 a difference, or the recording ends before it was all compared, 2 it cannot be replayed.
+
+Example:
+  controller replay recordings/flight-20261120-020405.mcap"
+)]
+pub(crate) struct ReplayArgs {
+    /// Recordings (MCAP) in the order of time; one that goes on where the one before ended continues it
+    #[arg(value_name = "RECORDING", required = true)]
+    recordings: Vec<PathBuf>,
+    /// A reference that was put in while the run went on (CSV); several in their order
+    #[arg(long, value_name = "FILE")]
+    reference: Vec<PathBuf>,
+    /// Print one JSON object, and nothing else on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+impl From<ReplayError> for Failure {
+    fn from(error: ReplayError) -> Self {
+        Failure::input(error)
+    }
+}
+
+impl ReplayArgs {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        let references: Result<Vec<Reference>, _> = self.reference.iter().map(|file| Reference::read(file)).collect();
+        let mut replay = Replay::new(references.map_err(Failure::input)?);
+        for path in &self.recordings {
+            replay.run(&RunFile::read(path)?)?;
+        }
+        let found = replay.found();
+        let first = found.first.as_ref().map(|first| {
+            json!({
+                "index": first.index,
+                "session": first.session,
+                "tick": first.tick,
+                "stage": first.stage.name(),
+                "values": first.values,
+            })
+        });
+        if self.json {
+            say(json!({
+                "ticks": found.ticks,
+                "numbers": found.numbers,
+                "ticks_differing": found.differing,
+                "first_difference": first,
+                "ended_early": found.ended,
+            }));
+        } else {
+            say(format_args!(
+                "{} ticks replayed, {} numbers compared bit for bit, {} ticks differ",
+                found.ticks, found.numbers, found.differing
+            ));
+        }
+        if let Some(first) = &found.first {
+            return Err(Failure::work(format!(
+                "the first difference is at tick {} of session {:08X} (the {}. of the recording), in the {}: {}",
+                first.tick,
+                first.session,
+                first.index + 1,
+                first.stage.name(),
+                first.values
+            )));
+        }
+        match found.ended {
+            Some(why) => Err(Failure::work(format!("not all was compared: {why}"))),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,368 @@
+//! A recorded run again: the control law on the recorded inputs, every output compared bit for bit.
+//!
+//! The inputs of a tick are its SENSE frame as it came (or that it did not come), what reached the tick beside frames
+//! ([`TickInput`]), and the files inside the recording: configuration, model, reference, policy. No clock, no socket and
+//! no random number goes into a decision, so the same inputs must give the same bits; where they do not, the program,
+//! its compiler or the machine decides otherwise than it did, and the first stage that differs says where to look.
+//!
+//! What ends a replay early: ticks that were not recorded, and inputs whose content the recording does not hold. What was
+//! compared until then counts, and the end is told.
+
+use model::rig::{Rig, RigError};
+use policy::{Policy, PolicyError};
+use proto::recording::{LawParts, TickInput, TickRecord};
+use proto::reference::{Reference, ReferenceError};
+use proto::wire::{Frame, Sense};
+
+use crate::config::{Config, ConfigError};
+use crate::cycle::Cycle;
+use crate::daemon::contracts;
+use crate::duty_source::ActuatorCommand;
+use crate::run_file::{RunFile, attached};
+
+/// Why a recording cannot be replayed at all.
+#[derive(Debug, thiserror::Error)]
+pub enum ReplayError {
+    /// A file is missing inside.
+    #[error("{file}: the recording holds no {name}; runs recorded by this version or a later one can be replayed")]
+    Missing {
+        /// The recording.
+        file: String,
+        /// The file inside.
+        name: &'static str,
+    },
+    /// What reached the tick was not recorded.
+    #[error(
+        "{file}: the recording does not begin with a session's first tick; give the recording before it first, in the order of time"
+    )]
+    NoBeginning {
+        /// The recording.
+        file: String,
+    },
+    /// The configuration inside is none.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The model inside is none.
+    #[error("{file}: {name}: {source}")]
+    Model {
+        /// The recording.
+        file: String,
+        /// The file inside.
+        name: &'static str,
+        /// What is wrong.
+        source: RigError,
+    },
+    /// The reference inside is none.
+    #[error(transparent)]
+    Reference(#[from] ReferenceError),
+    /// The policy inside is refused.
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+    /// The policy inside is another than the one that was in control.
+    #[error("{file}: the policy inside has SHA-256 {found}, in control was {expected}")]
+    OtherPolicy {
+        /// The recording.
+        file: String,
+        /// Of the file inside.
+        found: String,
+        /// Of the run.
+        expected: String,
+    },
+}
+
+/// A stage of the tick, in the order in which they run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// Volts to pressures.
+    Sensing,
+    /// State, fault, findings.
+    State,
+    /// Where to go.
+    Reference,
+    /// MPObs.
+    Prediction,
+    /// What the policy was shown.
+    Observation,
+    /// What the policy answered.
+    Policy,
+    /// The control law's terms.
+    Law,
+    /// The safety filter.
+    Filter,
+    /// What was sent.
+    Command,
+}
+
+impl Stage {
+    /// What a person calls it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Stage::Sensing => "sensing (volts to pressures)",
+            Stage::State => "state and findings",
+            Stage::Reference => "reference",
+            Stage::Prediction => "prediction (MPObs)",
+            Stage::Observation => "observation",
+            Stage::Policy => "policy",
+            Stage::Law => "control law",
+            Stage::Filter => "safety filter",
+            Stage::Command => "command",
+        }
+    }
+}
+
+/// The first difference.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Difference {
+    /// Tick since the first of the recording, from 0.
+    pub index: u64,
+    /// Session of the tick.
+    pub session: u32,
+    /// The tick's number.
+    pub tick: u32,
+    /// The first stage that differs.
+    pub stage: Stage,
+    /// Its values, recorded and replayed.
+    pub values: String,
+}
+
+/// What a replay found.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Replayed {
+    /// Ticks compared.
+    pub ticks: u64,
+    /// Numbers compared.
+    pub numbers: u64,
+    /// Ticks that differ in a bit.
+    pub differing: u64,
+    /// The first of them.
+    pub first: Option<Difference>,
+    /// Why it ended before the recording did.
+    pub ended: Option<String>,
+}
+
+impl Replayed {
+    /// Whether all of the recording was compared and nothing differs.
+    pub fn is_clean(&self) -> bool {
+        self.differing == 0 && self.ended.is_none()
+    }
+}
+
+/// A run being replayed, recording after recording.
+pub struct Replay {
+    cycle: Option<Cycle>,
+    /// Session, number and dropped records of the last tick.
+    last: Option<(u32, u32, u32)>,
+    replayed: Replayed,
+    /// References that were exchanged while it ran, in their order, from files beside the recording.
+    references: std::collections::VecDeque<Reference>,
+}
+
+impl Replay {
+    /// A replay; `references` are those that were exchanged while the run went on, in their order.
+    pub fn new(references: Vec<Reference>) -> Self {
+        Replay { cycle: None, last: None, replayed: Replayed::default(), references: references.into() }
+    }
+
+    /// Replays a recording. One whose first tick is the next of the one before continues it; any other is a run of its
+    /// own, by a daemon that began anew.
+    ///
+    /// # Errors
+    /// The recording lacks what a replay needs.
+    pub fn run(&mut self, run: &RunFile) -> Result<(), ReplayError> {
+        for (index, tick) in run.content.ticks.iter().enumerate() {
+            if self.replayed.ended.is_some() {
+                return Ok(());
+            }
+            let continues = self
+                .last
+                .is_some_and(|(session, number, _)| session == tick.session && number.wrapping_add(1) == tick.tick);
+            if index == 0 && !continues {
+                self.cycle = Some(cycle(run)?);
+                if !TickInput::of(tick.inputs).any(|input| input == TickInput::SessionOpened) {
+                    return Err(ReplayError::NoBeginning { file: run.path.display().to_string() });
+                }
+            } else if let Some(why) = self.lost_before(tick, run) {
+                self.replayed.ended = Some(why);
+                return Ok(());
+            }
+            self.tick(tick);
+            self.last = Some((tick.session, tick.tick, tick.records_dropped));
+        }
+        Ok(())
+    }
+
+    /// Why ticks before this one are not in the recording, if any are not. A number that is skipped is no proof: in
+    /// lockstep a frame that never came leaves no tick.
+    fn lost_before(&self, tick: &TickRecord, run: &RunFile) -> Option<String> {
+        let (session, number, dropped) = self.last?;
+        let at = format!("before tick {} of session {:08X}", tick.tick, tick.session);
+        if tick.records_dropped != dropped {
+            return Some(format!(
+                "{} ticks {at} were not recorded: the queue was full",
+                tick.records_dropped.wrapping_sub(dropped)
+            ));
+        }
+        let skipped = session == tick.session && number.wrapping_add(1) != tick.tick;
+        (skipped && !run.content.complete).then(|| format!("the file is damaged {at}"))
+    }
+
+    /// What was found.
+    pub fn found(self) -> Replayed {
+        self.replayed
+    }
+
+    fn tick(&mut self, recorded: &TickRecord) {
+        let Some(cycle) = &mut self.cycle else { return };
+        for input in TickInput::of(recorded.inputs) {
+            let known = match input {
+                TickInput::Arm => Ok(cycle.arm()),
+                TickInput::Disarm => Ok(cycle.disarm()),
+                TickInput::LinkLost => Ok(cycle.link_lost(&mut |_| {})),
+                TickInput::SessionOpened => Ok(cycle.session_opened()),
+                TickInput::Reference => match self.references.pop_front() {
+                    Some(reference) => {
+                        cycle.exchange_reference(Box::new(reference));
+                        Ok(())
+                    }
+                    None => Err(
+                        "another reference was put in, and the recording does not hold it; give its file with --reference",
+                    ),
+                },
+                TickInput::Acknowledge
+                | TickInput::Policy
+                | TickInput::Model
+                | TickInput::Explore
+                | TickInput::Other => Err("something reached the tick that this program cannot replay"),
+            };
+            if let Err(problem) = known {
+                let at = format!("{problem} (session {:08X}, tick {})", recorded.session, recorded.tick);
+                self.replayed.ended = Some(at);
+                return;
+            }
+        }
+        let mut again = TickRecord { session: recorded.session, ..TickRecord::default() };
+        let answer = match sense_of(recorded) {
+            Some(sense) => {
+                cycle.observe(&sense, &mut again, &mut |_| {});
+                cycle.predict(&mut again);
+                cycle.decide(&mut again, &mut |_| {})
+            }
+            None => cycle.frame_missing(0.0, &mut again, &mut |_| {}),
+        };
+        cycle.settle();
+        let replayed = &mut self.replayed;
+        let difference = compare(recorded, &again, &answer, &mut replayed.numbers);
+        if let Some((stage, values)) = difference {
+            replayed.differing += 1;
+            let (index, session, tick) = (replayed.ticks, recorded.session, recorded.tick);
+            replayed.first.get_or_insert(Difference { index, session, tick, stage, values });
+        }
+        replayed.ticks += 1;
+    }
+}
+
+/// The cycle as it was when the recorded daemon began.
+fn cycle(run: &RunFile) -> Result<Cycle, ReplayError> {
+    let file = run.path.display().to_string();
+    let missing = |name| ReplayError::Missing { file: file.clone(), name };
+    let inside = |name| run.attachment(name).ok_or_else(|| missing(name));
+    let text = |name| Ok::<_, ReplayError>(String::from_utf8_lossy(inside(name)?).into_owned());
+    let config = Config::parse(&text(attached::EFFECTIVE)?, std::path::Path::new(attached::EFFECTIVE))?;
+    let model = |source| ReplayError::Model { file: file.clone(), name: attached::MODEL, source };
+    let rig = Rig::from_toml(&text(attached::MODEL)?).map_err(model)?;
+    let reference = Reference::parse(attached::REFERENCE, inside(attached::REFERENCE)?)?;
+    let policy = match run.content.metadata.get("policy_sha256") {
+        None => None,
+        Some(expected) => {
+            let name = run.content.metadata.get("policy_name").cloned().unwrap_or_default();
+            let refused = |fault| PolicyError { file: attached::POLICY.into(), fault };
+            let policy = Policy::from_bytes(name, inside(attached::POLICY)?, &contracts()).map_err(refused)?;
+            let found = policy.hash().to_string();
+            if found != *expected {
+                return Err(ReplayError::OtherPolicy { file: file.clone(), found, expected: expected.clone() });
+            }
+            Some(policy)
+        }
+    };
+    Cycle::new(&rig, policy, reference, config.safety, config.control.auto_arm).map_err(model)
+}
+
+/// The frame that came, where a sound one did.
+fn sense_of(recorded: &TickRecord) -> Option<Sense> {
+    match Frame::decode(recorded.sense_present.then_some(&recorded.sense)?) {
+        Ok(Frame::Sense(sense)) => Some(sense),
+        _ => None,
+    }
+}
+
+/// The first stage in which two ticks differ in a bit, with what it held.
+fn compare(
+    recorded: &TickRecord,
+    again: &TickRecord,
+    answer: &ActuatorCommand,
+    numbers: &mut u64,
+) -> Option<(Stage, String)> {
+    let bits = |values: &[f64]| -> Vec<u64> { values.iter().map(|value| value.to_bits()).collect() };
+    let law = |parts: &LawParts| {
+        [parts.feed_forward, parts.backlash, parts.correction, parts.proportional, parts.integral, parts.u_raw]
+    };
+    let of = |tick: &TickRecord| -> Vec<(Stage, Vec<u64>)> {
+        vec![
+            (Stage::Sensing, bits(&[tick.p_pos_kpa, tick.p_neg_kpa])),
+            (Stage::State, vec![u64::from(tick.tick), u64::from(tick.state), u64::from(tick.fault), tick.findings]),
+            (Stage::Reference, bits(&[tick.ref_pos_kpa, tick.ref_neg_kpa])),
+            (Stage::Prediction, bits(&[tick.predicted_pos_kpa, tick.predicted_neg_kpa].concat())),
+            (Stage::Observation, vec![tick.observation_hash]),
+            (
+                Stage::Policy,
+                tick.policy_output
+                    .iter()
+                    .map(|value| u64::from(value.to_bits()))
+                    .chain([u64::from(tick.policy_stage), tick.authority.to_bits(), u64::from(tick.swap_id)])
+                    .collect(),
+            ),
+            (Stage::Law, bits(&[law(&tick.law_pos), law(&tick.law_neg)].concat())),
+            (
+                Stage::Filter,
+                bits(&tick.command_before_filter).into_iter().chain([u64::from(tick.filter_active)]).collect(),
+            ),
+            (
+                Stage::Command,
+                bits(&[tick.u_pos, tick.u_neg])
+                    .into_iter()
+                    .chain([u64::from(tick.mode), u64::from(tick.pump_on)])
+                    .collect(),
+            ),
+        ]
+    };
+    for ((stage, was), (_, is)) in of(recorded).into_iter().zip(of(again)) {
+        *numbers += was.len() as u64;
+        if was != is {
+            return Some((stage, differing(&was, &is)));
+        }
+    }
+    // What went over the wire, where it did, is what was decided.
+    let Ok(Frame::Command(sent)) = Frame::decode(recorded.command_present.then_some(&recorded.command)?) else {
+        return Some((Stage::Command, "the recorded COMMAND cannot be read".to_owned()));
+    };
+    *numbers += 3;
+    let wire = answer.duty.map(|duty| duty as f32);
+    let same = sent.duty.map(f32::to_bits) == wire.map(f32::to_bits) && sent.mode == answer.mode;
+    (!same)
+        .then(|| (Stage::Command, format!("sent {:?} {:?}, replayed {wire:?} {:?}", sent.duty, sent.mode, answer.mode)))
+}
+
+/// The first number of a stage that differs, as a number where it is one.
+fn differing(was: &[u64], is: &[u64]) -> String {
+    let at = was.iter().zip(is).position(|(was, is)| was != is).unwrap_or(0);
+    let shown = |bits: Option<&u64>| {
+        let bits = bits.copied().unwrap_or(0);
+        // Small whole numbers are codes, single precision or counts; everything else is a double.
+        if bits <= u64::from(u32::MAX) {
+            format!("{bits:#x}")
+        } else {
+            format!("{:e} ({bits:#018x})", f64::from_bits(bits))
+        }
+    };
+    format!("number {} of the stage: recorded {}, replayed {}", at + 1, shown(was.get(at)), shown(is.get(at)))
+}

@@ -1,0 +1,156 @@
+//! `controller live` beside a running daemon: Prometheus over a plain socket, Foxglove's protocol by a client made
+//! elsewhere, the page in a browser; and a viewer that is killed, which the daemon never notices.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use proto::recording::read_mcap;
+use tests::{Folder, Running, Stream, alone, finish, program};
+
+/// Longest wait for a line or an answer on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+struct Scene {
+    folder: Folder,
+    daemon: Running,
+    live: Running,
+    /// Where viewers connect.
+    address: String,
+    // Ends last.
+    _rig: Running,
+}
+
+/// An emulated cRIO, the daemon armed on it, and a viewer's server.
+fn scene() -> Scene {
+    let folder = Folder::new();
+    let rig =
+        Running::start(Command::new(program("trainer")).args(["rig", "--listen", "127.0.0.1:0", "--rig", "bench"]));
+    let line = rig.line(Stream::Out, "127.0.0.1:", PATIENCE);
+    let crio =
+        line.split_whitespace().find(|word| word.starts_with("127.0.0.1:")).unwrap().trim_end_matches([',', ';', '.']);
+    let config = folder.write(
+        "controller.toml",
+        format!("[link]\naddress = \"{crio}\"\n[control]\nauto_arm = true\nsocket = \"c.sock\"\n"),
+    );
+    let daemon = Running::start(Command::new(program("controller")).arg("run").arg("--config").arg(&config));
+    let live = Running::start(
+        Command::new(program("controller")).args(["live", "--listen", "127.0.0.1:0", "--config"]).arg(&config),
+    );
+    let line = live.line(Stream::Out, "http://", PATIENCE);
+    let address = line.split("http://").nth(1).unwrap().split('/').next().unwrap().to_owned();
+    daemon.line(Stream::Err, "armed", PATIENCE);
+    Scene { folder, daemon, live, address, _rig: rig }
+}
+
+fn get(address: &str, host: &str, request: &str) -> String {
+    let mut socket = TcpStream::connect(address).unwrap();
+    socket.set_read_timeout(Some(PATIENCE)).unwrap();
+    socket.write_all(format!("{request} HTTP/1.1\r\nHost: {host}\r\n\r\n").as_bytes()).unwrap();
+    let mut answer = String::new();
+    socket.read_to_string(&mut answer).unwrap();
+    answer
+}
+
+/// A sample of the metrics by its name and labels.
+fn sample(address: &str, name: &str) -> Option<f64> {
+    let text = get(address, address, "GET /metrics");
+    let line = text.lines().find(|line| line.strip_prefix(name).is_some_and(|rest| rest.starts_with(' ')))?.to_owned();
+    line.rsplit_once(' ')?.1.parse().ok()
+}
+
+fn wait_for(what: &str, mut done: impl FnMut() -> bool) {
+    let until = Instant::now() + PATIENCE;
+    while !done() {
+        assert!(Instant::now() < until, "{what}");
+        std::thread::sleep(Duration::from_millis(100));
+    }
+}
+
+#[test]
+fn a_run_is_watched_from_beside_and_a_killed_viewer_is_nothing_to_it() {
+    let _alone = alone();
+    let Scene { folder, daemon, live, address, _rig } = scene();
+    wait_for("ticks at the viewer", || sample(&address, "controller_ticks_total").is_some_and(|ticks| ticks > 20.0));
+    let before = sample(&address, "controller_ticks_total").unwrap();
+    wait_for("more ticks", || sample(&address, "controller_ticks_total").is_some_and(|ticks| ticks > before + 20.0));
+    assert_eq!(sample(&address, "controller_up"), Some(1.0));
+    assert!(sample(&address, "controller_pressure_kpa{channel=\"positive\"}").unwrap().abs() < 200.0);
+    // Read-only, and for this machine's own names.
+    assert!(get(&address, &address, "POST /metrics").contains("405"));
+    assert!(get(&address, "evil.example", "GET /metrics").contains("403"));
+    assert!(get(&address, &address, "GET /layout.json").contains("/tick.p_pos_kpa"));
+    let page = get(&address, &address, "GET /");
+    assert!(page.contains("EventSource") && !page.contains("https://"), "one page that loads nothing from elsewhere");
+
+    live.signal("KILL");
+    drop(live);
+    std::thread::sleep(Duration::from_millis(500));
+    daemon.terminate();
+    let ended = daemon.wait(PATIENCE);
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    assert!(!folder.join("c.live.sock").exists(), "the stream's socket is gone with its daemon");
+    let name = folder.names("recordings").into_iter().find(|name| name.ends_with(".mcap")).unwrap();
+    let content = read_mcap(&folder.join("recordings").join(name)).unwrap();
+    assert!(content.complete && content.ticks.iter().all(|tick| tick.records_dropped == 0));
+}
+
+/// Python with the package `websockets`, which is nobody's of this project; `None` after a line that says so.
+fn client() -> Option<&'static str> {
+    let there = Command::new("python3").args(["-c", "import websockets"]).stderr(Stdio::null()).status();
+    let there = there.is_ok_and(|status| status.success());
+    if !there {
+        println!("SKIPPED: no python3 with the package websockets here, so no foreign viewer");
+    }
+    there.then_some("python3")
+}
+
+#[test]
+fn a_foreign_client_of_foxgloves_protocol_sees_every_tick() {
+    let Some(python) = client() else { return };
+    let _alone = alone();
+    let scene = scene();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/live_client.py");
+    let ended = finish(Command::new(python).arg(&script).args(["foxglove", &scene.address]));
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    for line in [
+        "subprotocol foxglove.websocket.v1",
+        "op serverInfo",
+        "channel /tick protobuf pneumatic.Tick protobuf True",
+        "channel /event protobuf foxglove.Log protobuf True",
+        "age_below_10_s True",
+        "ticks 50",
+    ] {
+        assert!(ended.stdout.lines().any(|found| found == line), "{line} is not in {}", ended.stdout);
+    }
+}
+
+#[test]
+fn the_page_moves_in_a_browser() {
+    let Some(python) = client() else { return };
+    let Some(chromium) = ["chromium", "chromium-browser", "google-chrome"].into_iter().find(|name| {
+        Command::new(name)
+            .arg("--version")
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .status()
+            .is_ok_and(|s| s.success())
+    }) else {
+        println!("SKIPPED: no chromium here, so the live page is not looked at in a browser");
+        return;
+    };
+    let _alone = alone();
+    let scene = scene();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/live_client.py");
+    let ended = finish(Command::new(python).arg(&script).args(["page", &scene.address, chromium]));
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    let shown: Vec<Vec<&str>> = ended.stdout.lines().map(|line| line.split(' ').collect()).collect();
+    let ticks: Vec<u64> = shown.iter().map(|words| words[1].parse().unwrap()).collect();
+    assert!(ticks.len() == 2 && ticks[1] > ticks[0] + 50, "{}", ended.stdout);
+    // 420 pixels wide, and nothing sticks out.
+    assert!(shown.iter().all(|words| words.last() == Some(&"420")), "{}", ended.stdout);
+    assert!(shown[1][3].parse::<f64>().is_ok(), "a pressure: {}", ended.stdout);
+}

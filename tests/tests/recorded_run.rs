@@ -1,0 +1,145 @@
+//! What a run leaves behind, worked with as a person would: replayed, reported, compared, exported.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+
+use proto::recording::{Recording, TickInput, read_mcap};
+use serde_json::Value;
+use tests::{Folder, RunStatus, Running, alone, finish, program};
+
+/// A wire that is broken for 40 ms after ten seconds: the rig is vented, and a person has to arm it again.
+const FAULTS: &str = "
+[[fault]]
+kind = \"sensor\"
+sensor = \"positive\"
+effect = \"broken_wire\"
+ticks = [500, 501]
+";
+
+fn demo(folder: &Folder, name: &str, arguments: &[&str]) -> (RunStatus, PathBuf) {
+    let out = folder.join(name);
+    let mut command = Command::new(program("controller"));
+    command.args(["demo", "--fast", "--out"]).arg(&out).args(arguments);
+    // A demo that waits for a person would be here for ever.
+    (Running::start(&mut command).wait(Duration::from_secs(60)), out.join("flight.mcap"))
+}
+
+fn controller(arguments: &[&str]) -> RunStatus {
+    finish(Command::new(program("controller")).args(arguments))
+}
+
+fn replayed(recording: &Path) -> (RunStatus, Value) {
+    let ended = controller(&["replay", "--json", recording.to_str().unwrap()]);
+    let found = serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"));
+    (ended, found)
+}
+
+#[test]
+fn a_demo_whose_rig_stands_by_still_ends_with_table_recording_and_report() {
+    let _alone = alone();
+    let folder = Folder::new();
+    let faults = folder.write("faults.toml", FAULTS);
+    let (ended, recording) = demo(&folder, "out", &["--seconds", "10", "--faults", faults.to_str().unwrap()]);
+    assert_eq!(ended.status, Some(1), "{ended:?}");
+    for words in ["Verdict: not good", "vented for", "recording  ", "report     "] {
+        assert!(ended.stdout.contains(words), "{words} is not in {}", ended.stdout);
+    }
+    assert!(ended.stderr.contains("the run was not good"), "{}", ended.stderr);
+    let content = read_mcap(&recording).unwrap();
+    let faulty = content.ticks.iter().filter(|tick| tick.fault != 0).count();
+    // Ten seconds and the second before them, whatever happened in them.
+    assert!(faulty > 0 && (500..=560).contains(&content.ticks.len()), "{faulty} of {}", content.ticks.len());
+    assert!(recording.with_file_name("report.html").is_file());
+    let (ended, found) = replayed(&recording);
+    assert_eq!((ended.status, &found["ticks_differing"]), (Some(0), &Value::from(0)), "across the fault: {found}");
+}
+
+#[test]
+fn a_run_is_replayed_bit_for_bit_and_a_changed_bit_is_found() {
+    let _alone = alone();
+    let folder = Folder::new();
+    let (ended, recording) = demo(&folder, "out", &["--seconds", "12"]);
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    let (ended, found) = replayed(&recording);
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    let ticks = read_mcap(&recording).unwrap().ticks;
+    assert_eq!((&found["ticks"], &found["ticks_differing"]), (&Value::from(ticks.len()), &Value::from(0)));
+
+    // Another model inside, and nothing else changed: the first prediction under control must differ, and be named.
+    let bytes = std::fs::read(&recording).unwrap();
+    let from = b"temperature_k = 293.15";
+    if let Some(at) = bytes.windows(from.len()).position(|window| window == from) {
+        let mut changed = bytes.clone();
+        changed[at..at + from.len()].copy_from_slice(b"temperature_k = 303.15");
+        let other = folder.write("other.mcap", changed);
+        let (ended, found) = replayed(&other);
+        assert_eq!(ended.status, Some(1), "{found}");
+        let armed = ticks.iter().find(|tick| tick.state == 1).unwrap().tick;
+        assert_eq!(found["first_difference"]["tick"], Value::from(armed), "{found}");
+    }
+    let inputs: Vec<TickInput> = TickInput::of(ticks[0].inputs).collect();
+    assert_eq!(inputs, [TickInput::SessionOpened]);
+}
+
+#[test]
+fn any_run_gets_the_demos_report_and_several_are_compared() {
+    let _alone = alone();
+    let folder = Folder::new();
+    let (_, policy) = demo(&folder, "policy", &["--seconds", "12"]);
+    let (_, fallback) = demo(&folder, "fallback", &["--seconds", "12", "--policy", "fallback"]);
+    let ended = controller(&["report", policy.to_str().unwrap(), "--json"]);
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    let told: Value = serde_json::from_str(&ended.stdout).unwrap();
+    assert!(policy.with_extension("html").is_file());
+    // The fallback's own run is what the yardstick says, to the last digit: same rig, seed, reference and law.
+    let measured = controller(&["report", fallback.to_str().unwrap(), "--json"]);
+    let measured: Value = serde_json::from_str(&measured.stdout).unwrap();
+    for channel in ["pos", "neg"] {
+        let yardstick = told["runs"][0][format!("fallback_rmse_{channel}_kpa")].as_f64().unwrap();
+        let flown = measured["runs"][0][format!("rmse_{channel}_kpa")].as_f64().unwrap();
+        // Another first noise: the emulated cRIO draws once more before the first tick.
+        assert!((yardstick / flown - 1.0).abs() < 0.15, "{channel}: {yardstick} {flown}");
+    }
+    let page = folder.join("both.html");
+    let both = ["report", policy.to_str().unwrap(), fallback.to_str().unwrap(), "--out", page.to_str().unwrap()];
+    let ended = controller(&both);
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    let html = std::fs::read_to_string(page).unwrap();
+    for name in ["policy/flight.mcap", "fallback/flight.mcap", "Runs over each other"] {
+        assert!(html.contains(name), "{name}");
+    }
+    let ended = controller(&["report", folder.join("nowhere.mcap").to_str().unwrap()]);
+    assert_eq!((ended.status, ended.stderr.contains("nowhere.mcap")), (Some(2), true), "{ended:?}");
+}
+
+#[test]
+fn a_table_holds_what_the_recording_does() {
+    let _alone = alone();
+    let folder = Folder::new();
+    let (_, recording) = demo(&folder, "out", &["--seconds", "8"]);
+    let ended = controller(&["export", recording.to_str().unwrap(), "--csv"]);
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    let table = Recording::read(&recording.with_extension("csv")).unwrap();
+    let content = read_mcap(&recording).unwrap();
+    let steered: Vec<_> = content.ticks.iter().filter(|tick| tick.ref_pos_kpa.is_finite()).collect();
+    assert_eq!(table.rows(), steered.len());
+    for (name, of) in [
+        ("p_pos_kpa", (|tick| tick.p_pos_kpa) as fn(&proto::recording::TickRecord) -> f64),
+        ("u_neg", |tick| tick.u_neg),
+        ("ref_neg_kpa", |tick| tick.ref_neg_kpa),
+    ] {
+        let column = table.column(name).unwrap();
+        assert!(column.iter().zip(&steered).all(|(cell, tick)| cell.to_bits() == of(tick).to_bits()), "{name}");
+    }
+    let all = folder.join("all.csv");
+    let ended = controller(&["export", recording.to_str().unwrap(), "--csv", "--all", "--out", all.to_str().unwrap()]);
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    let text = std::fs::read_to_string(all).unwrap();
+    assert_eq!(text.lines().count(), 1 + content.ticks.len());
+    let header = text.lines().next().unwrap();
+    for name in ["policy_output_12", "predicted_pos_kpa_5", "law_neg_integral", "findings", "compute_ns"] {
+        assert!(header.split(',').any(|column| column == name), "{name} is not in {header}");
+    }
+}
