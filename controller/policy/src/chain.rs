@@ -2,8 +2,8 @@
 //!
 //! A policy's graph is a path: each node takes the running value and constants and makes the next
 //! running value. What is folded at load: `MatMul` with the `Add` after it, `Gemm`'s `alpha`, `beta`,
-//! `transA` (of one row, hence only at width 1) and `transB`, constant nodes, casts and transposes of
-//! constants, and the operators that change nothing at a batch of one (`Identity`, `Flatten` at axis
+//! `transA` (of one row, hence only at width 1) and `transB`, constant nodes, casts, transposes, roots, sums, differences,
+//! products and quotients of constants, and the operators that change nothing at a batch of one (`Identity`, `Flatten` at axis
 //! 1, `Reshape` to the same shape, `Cast` to float32).
 //!
 //! | operator | computes (ONNX standard, opsets 13 to 20) |
@@ -11,6 +11,7 @@
 //! | Gemm | alpha A B + beta C, B or its transpose constant |
 //! | MatMul | A B, B constant |
 //! | Add, Sub, Mul, Div | with a constant on either side, one number or one per value |
+//! | Sqrt | of a constant |
 //! | Relu, LeakyRelu, Elu, Tanh, Sigmoid, Softplus, Clip | each value by itself |
 
 use std::collections::{HashMap, HashSet};
@@ -25,7 +26,7 @@ use crate::kernel::{Arithmetic, Dense, Layer};
 use crate::node::Node;
 
 /// The operators that a policy may use.
-pub const SUPPORTED_OPS: [&str; 19] = [
+pub const SUPPORTED_OPS: [&str; 20] = [
     "Add",
     "Cast",
     "Clip",
@@ -42,6 +43,7 @@ pub const SUPPORTED_OPS: [&str; 19] = [
     "Reshape",
     "Sigmoid",
     "Softplus",
+    "Sqrt",
     "Sub",
     "Tanh",
     "Transpose",
@@ -152,8 +154,29 @@ impl<'a> Builder<'a> {
                 self.constant(node, 0)?.cast_f32(node.input(0))
             }
             "Transpose" => self.transpose(node),
+            "Add" => self.combine(node, |a, b| a + b),
+            "Sub" => self.combine(node, |a, b| a - b),
+            "Mul" => self.combine(node, |a, b| a * b),
+            "Div" => self.combine(node, |a, b| a / b),
+            "Sqrt" => {
+                node.allow(&[])?;
+                self.constant(node, 0)?.rooted(node.input(0))
+            }
             _ => Err(node.not_a_chain("does not read the running value")),
         }
+    }
+
+    /// An operation on two constants, such as the `std + eps` of a normalisation.
+    fn combine(&self, node: &Node<'a>, operation: impl Fn(f32, f32) -> f32) -> Result<Constant, Fault> {
+        node.allow(&[])?;
+        if node.inputs().len() != 2 {
+            return Err(node.arity("inputs", node.inputs().len()));
+        }
+        let (left, right) = (self.constant(node, 0)?, self.constant(node, 1)?);
+        let combined = left.combined([node.input(0), node.input(1)], right, operation)?;
+        combined.ok_or_else(|| {
+            self.sizes(node, right, "two constants are combined where both have one shape or one of them is one number")
+        })
     }
 
     fn transpose(&self, node: &Node<'a>) -> Result<Constant, Fault> {
@@ -195,6 +218,7 @@ impl<'a> Builder<'a> {
             "Flatten" => unchanged(node, 1).and_then(|()| check_flatten(node)),
             "Reshape" => self.reshape(node, place),
             "Transpose" => Err(node.not_a_chain("turns the running value into a column")),
+            "Sqrt" => Err(node.not_a_chain("takes the root of the running value")),
             // `check_op` lets nothing else through; a `Constant` reads no running value.
             _ => Err(node.arity("inputs", node.inputs().len())),
         }

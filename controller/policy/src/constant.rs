@@ -104,6 +104,45 @@ impl Constant {
         Ok(cast)
     }
 
+    /// An operation on two float32 constants of one shape, or of which one is a single number; `None` for other shapes.
+    ///
+    /// # Errors
+    /// [`Fault::WeightType`] for any other type, [`Fault::WeightNotFinite`] where the result is none that a policy may hold.
+    pub(crate) fn combined(
+        &self,
+        names: [&str; 2],
+        other: &Self,
+        operation: impl Fn(f32, f32) -> f32,
+    ) -> Result<Option<Self>, Fault> {
+        let (left, right) = (self.f32s(names[0])?, other.f32s(names[1])?);
+        let (dims, values): (_, Vec<f32>) = match (left, right) {
+            (&[one], _) if self.dims.len() <= other.dims.len() => {
+                (&other.dims, right.iter().map(|&b| operation(one, b)).collect())
+            }
+            (_, &[one]) if other.dims.len() <= self.dims.len() => {
+                (&self.dims, left.iter().map(|&a| operation(a, one)).collect())
+            }
+            _ if self.dims == other.dims => {
+                (&self.dims, left.iter().zip(right).map(|(&a, &b)| operation(a, b)).collect())
+            }
+            _ => return Ok(None),
+        };
+        let combined = Self { dims: dims.clone(), data: Data::F32(values) };
+        combined.check_finite(names[0])?;
+        Ok(Some(combined))
+    }
+
+    /// The square roots of a float32 constant.
+    ///
+    /// # Errors
+    /// As [`Constant::combined`].
+    pub(crate) fn rooted(&self, name: &str) -> Result<Self, Fault> {
+        let values = self.f32s(name)?.iter().map(|x| x.sqrt()).collect();
+        let rooted = Self { dims: self.dims.clone(), data: Data::F32(values) };
+        rooted.check_finite(name)?;
+        Ok(rooted)
+    }
+
     /// The transpose of a float32 matrix; `None` if it is none.
     pub(crate) fn transposed(&self) -> Option<Self> {
         let (Data::F32(values), &[rows, columns]) = (&self.data, self.dims.as_slice()) else {

@@ -68,6 +68,9 @@ pub enum Fault {
     /// A directory, pipe or device.
     #[error("is not a regular file; name the .onnx file itself")]
     NotRegular,
+    /// A symbolic link in a watched directory.
+    #[error("is a symbolic link; put the file itself into the directory")]
+    Link,
     /// More than [`MAX_FILE_BYTES`].
     #[error("has {bytes} bytes, more than the {limit} a policy may have; export the actor network alone", limit = MAX_FILE_BYTES)]
     TooLarge {
@@ -339,6 +342,21 @@ pub enum Fault {
         /// The most a policy may need.
         limit: u64,
     },
+    /// The file is not the one that its exporter wrote.
+    #[error(
+        "says sha256 {stated:.16} of itself and has {found:.16}: a byte has changed since it was exported; copy or export it again"
+    )]
+    ContentHash {
+        /// What its metadata say.
+        stated: String,
+        /// What its bytes give.
+        found: String,
+    },
+    /// A file of an exporter that writes a hash, without one.
+    #[error(
+        "lost the hash of itself that its exporter wrote (metadata key \"content_sha256\"); copy or export it again"
+    )]
+    ContentHashMissing,
     /// A metadata key given twice.
     #[error("metadata key {key:?} stands twice; keep one")]
     MetadataTwice {

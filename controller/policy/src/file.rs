@@ -11,6 +11,8 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+use rustix::fs::{Mode, OFlags};
+use rustix::io::Errno;
 use sha2::{Digest, Sha256};
 
 use crate::error::Fault;
@@ -39,19 +41,39 @@ impl fmt::Debug for PolicyHash {
     }
 }
 
-/// Reads a policy file.
+/// Whether a name may stand for a file elsewhere.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Links {
+    /// A symbolic link is followed: a person named the file.
+    Follow,
+    /// A symbolic link is refused: the name was found in a watched directory.
+    Refuse,
+}
+
+/// Reads a policy file: a regular file of at most [`MAX_FILE_BYTES`]; a pipe or a device never holds it up.
 ///
 /// # Errors
-/// [`Fault::Unreadable`], [`Fault::NotRegular`], [`Fault::TooLarge`], [`Fault::Empty`].
-pub(crate) fn read(path: &Path) -> Result<Vec<u8>, Fault> {
+/// [`Fault::Unreadable`], [`Fault::Link`], [`Fault::NotRegular`], [`Fault::TooLarge`], [`Fault::Empty`].
+pub fn read(path: &Path, links: Links) -> Result<Vec<u8>, Fault> {
     let unreadable = |source| Fault::Unreadable { source };
-    // Before opening, because opening a pipe waits for a writer that may never come.
-    let regular = std::fs::metadata(path).map_err(unreadable)?.is_file();
-    if !regular {
+    // Without O_NONBLOCK, opening a pipe waits for a writer that may never come; what kind of file it is, is asked of the
+    // open file, so that nobody can put another in its place in between.
+    let mut flags = OFlags::NONBLOCK | OFlags::CLOEXEC | OFlags::NOCTTY;
+    if links == Links::Refuse {
+        flags |= OFlags::NOFOLLOW;
+    }
+    let opened = rustix::fs::open(path, flags | OFlags::RDONLY, Mode::empty());
+    let file = File::from(opened.map_err(|errno| match errno {
+        Errno::LOOP if links == Links::Refuse => Fault::Link,
+        // A socket, or a device without a driver.
+        Errno::NXIO | Errno::NODEV => Fault::NotRegular,
+        errno => unreadable(errno.into()),
+    })?);
+    let about = file.metadata().map_err(unreadable)?;
+    if !about.is_file() {
         return Err(Fault::NotRegular);
     }
-    let file = File::open(path).map_err(unreadable)?;
-    let bytes = file.metadata().map_err(unreadable)?.len();
+    let bytes = about.len();
     if bytes > MAX_FILE_BYTES {
         return Err(Fault::TooLarge { bytes });
     }
@@ -66,7 +88,7 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>, Fault> {
 }
 
 /// The identity of a file's bytes.
-pub(crate) fn hash(bytes: &[u8]) -> PolicyHash {
+pub fn hash(bytes: &[u8]) -> PolicyHash {
     PolicyHash(Sha256::digest(bytes).into())
 }
 

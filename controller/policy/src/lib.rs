@@ -21,6 +21,7 @@
 //! | --- | --- |
 //! | [`policy_signature`] | what a policy must take and give |
 //! | `file` | reads at most 16 MiB of a regular file, tells a truncated file from a foreign one |
+//! | `content_hash` | whether the bytes are still those that were exported |
 //! | `metadata` | the keys of `metadata_props`; golden pairs |
 //! | `signature`, `constant`, `node`, `chain` | the graph's outside, weights, nodes; the graph as a chain of layers, or why it is none |
 //! | `activation`, `kernel` | the arithmetic, the same bits on every machine |
@@ -28,11 +29,12 @@
 //! | `policy` | [`Policy::load`] and [`Policy::run`] |
 //!
 //! Left out: recurrent cells, convolutions and branching graphs (residuals, attention); float16 and
-//! quantised weights; weights in side files; signatures over the file.
+//! quantised weights; weights in side files; signatures over the file (`admission`).
 
 mod activation;
 mod chain;
 mod constant;
+mod content_hash;
 mod error;
 mod file;
 mod graph_signature;
@@ -47,7 +49,7 @@ mod rounding;
 
 pub use chain::SUPPORTED_OPS;
 pub use error::{Fault, PolicyError, Refused};
-pub use file::{MAX_FILE_BYTES, PolicyHash};
+pub use file::{Links, MAX_FILE_BYTES, PolicyHash, hash, read};
 pub use metadata::Metadata;
 pub use policy::{Checks, Policy};
 pub use policy_signature::{Channel, PolicySignature};

@@ -3,8 +3,9 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use crate::content_hash;
 use crate::error::{Fault, PolicyError, Refused};
-use crate::file::{self, PolicyHash};
+use crate::file::{self, Links, PolicyHash};
 use crate::kernel::{Kernel, Layer};
 use crate::metadata::{GoldenPair, Metadata};
 use crate::oracle;
@@ -70,7 +71,7 @@ impl Policy {
     /// Not for the tick: about 0.1 s, most of it tract's, and thousands of allocations. Neither is dropping a policy.
     pub fn load(path: &Path, contracts: &[PolicySignature]) -> Result<Self, PolicyError> {
         let name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-        file::read(path)
+        file::read(path, Links::Follow)
             .and_then(|bytes| Self::from_bytes(name, &bytes, contracts))
             .map_err(|fault| PolicyError { file: path.to_owned(), fault })
     }
@@ -83,6 +84,7 @@ impl Policy {
         file::scan(bytes)?;
         let model = oracle::decode(bytes)?;
         let metadata = Metadata::read(&model)?;
+        content_hash::check(bytes, &metadata)?;
         let named = metadata.contract(contracts)?;
         let Some(assumed) = named.or(contracts.first()) else {
             return Err(Fault::ContractUnknown { found: String::new(), known: Vec::new() });

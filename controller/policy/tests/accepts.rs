@@ -229,6 +229,46 @@ fn the_file_chooses_among_contracts() {
     assert_eq!(load(&named, &contracts).contract().version, 2);
 }
 
+/// `(x − mean) / (std + eps)` and `(x − mean) / sqrt(var + eps)` as exporters leave them without constant folding.
+#[test]
+fn operations_on_constants_are_folded() {
+    let net = Mlp::new(&[84, 16, 12], 5);
+    let plain = net.torch("Relu", "Sigmoid");
+    let mean: Vec<f32> = (0..84).map(|i| 0.5 * i as f32 - 20.0).collect();
+    let std: Vec<f32> = (0..84).map(|i| 3.0 + 0.25 * i as f32).collect();
+    let normalised = |rooted: bool| {
+        let mut onnx = plain.clone();
+        onnx.weight("m", &[84], &mean).weight("eps", &[], &[1e-3]);
+        onnx.weight("s", &[1, 84], &if rooted { std.iter().map(|s| s * s).collect() } else { std.clone() });
+        let mut layers = std::mem::take(&mut onnx.graph().node);
+        layers.iter_mut().flat_map(|n| &mut n.input).filter(|n| *n == "obs").for_each(|n| *n = "own".into());
+        onnx.node("Sub", &["obs", "m"], "less", vec![]).node("Add", &["s", "eps"], "wide", vec![]);
+        if rooted {
+            onnx.node("Sqrt", &["wide"], "root", vec![]);
+        }
+        onnx.node("Div", &["less", if rooted { "root" } else { "wide" }], "own", vec![]);
+        onnx.graph().node.extend(layers);
+        onnx
+    };
+    let mut bare = load(&plain, &paper());
+    for rooted in [false, true] {
+        let mut folded = load(&normalised(rooted), &paper());
+        for seed in 0..20 {
+            let input = observation(&mut Draw(seed), 84);
+            let scaled: Vec<f32> = input
+                .iter()
+                .zip(&mean)
+                .zip(&std)
+                .map(|((x, m), s)| if rooted { (x - m) / (s * s + 1e-3).sqrt() } else { (x - m) / (s + 1e-3) })
+                .collect();
+            let (mut ours, mut expected) = ([0.0; 12], [0.0; 12]);
+            folded.run(&input, &mut ours).unwrap();
+            bare.run(&scaled, &mut expected).unwrap();
+            assert_eq!(ours, expected);
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
     /// Any widths, including those that do not fill a panel or a cache line.

@@ -150,6 +150,33 @@ fn the_two_contracts_are_not_mistaken_for_each_other() {
     assert!(refused.contains("\"input_units\" says \"kPa absolute (value 83)\""), "{refused}");
 }
 
+/// A copy with one byte changed, or cut anywhere, is no copy: the file carries a hash of itself.
+#[test]
+fn every_changed_byte_and_every_cut_is_found() {
+    let ports = Ports::of(Correction);
+    let graph = network(&ports, &[4], 10.0, 2);
+    let bytes = export(&graph, &ports, &golden(&graph, &ports, 1));
+    load(&bytes);
+    let mut draw = Draw(11);
+    for round in 0..1500 {
+        let at = ((f64::from(draw.next()) * 0.5 + 0.5) * bytes.len() as f64) as usize % bytes.len();
+        let mut flipped = bytes.clone();
+        flipped[at] ^= 1 << (round % 8);
+        assert!(Policy::from_bytes("flipped".into(), &flipped, &contracts()).is_err(), "byte {at}, bit {}", round % 8);
+    }
+    for length in (1..bytes.len()).step_by(61).chain(bytes.len() - 120..bytes.len()) {
+        assert!(Policy::from_bytes("cut".into(), &bytes[..length], &contracts()).is_err(), "cut at {length}");
+    }
+    // Swapped weights keep every sum of bytes; the hash is another all the same.
+    let at = bytes.len() / 2;
+    let mut swapped = bytes.clone();
+    swapped.swap(at, at + 4);
+    if swapped != bytes {
+        let refused = Policy::from_bytes("swapped".into(), &swapped, &contracts()).err().unwrap();
+        assert!(matches!(refused, Fault::ContentHash { .. }), "{refused}");
+    }
+}
+
 /// An ONNX file without its `metadata_props`: field 14 of the outermost message.
 fn without_metadata(bytes: &[u8]) -> Vec<u8> {
     use prost::Message as _;

@@ -205,6 +205,36 @@ fn files_that_cannot_be_read() {
     std::fs::remove_file(big).unwrap();
 }
 
+/// In a watched directory: a pipe that nobody writes to, a symbolic link, a directory and a huge sparse file, none of
+/// which holds the reader up.
+#[test]
+fn what_is_no_plain_file_is_refused_at_once() {
+    use policy::{Links, read};
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("kinds");
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    let sound = sound().bytes();
+    std::fs::write(folder.join("sound.onnx"), &sound).unwrap();
+    std::os::unix::fs::symlink("sound.onnx", folder.join("link.onnx")).unwrap();
+    std::os::unix::fs::symlink("/dev/zero", folder.join("zero.onnx")).unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(folder.join("pipe.onnx")).status().unwrap().success());
+    let socket = std::os::unix::net::UnixListener::bind(folder.join("s.onnx")).unwrap();
+    let started = std::time::Instant::now();
+    let read = |name: &str, links| read(&folder.join(name), links);
+    assert_eq!(read("sound.onnx", Links::Refuse).unwrap(), sound);
+    assert_eq!(read("link.onnx", Links::Follow).unwrap(), sound);
+    assert!(matches!(read("link.onnx", Links::Refuse), Err(Fault::Link)));
+    assert!(matches!(read("zero.onnx", Links::Refuse), Err(Fault::Link)));
+    for (name, links) in
+        [("zero.onnx", Links::Follow), ("pipe.onnx", Links::Refuse), ("pipe.onnx", Links::Follow), (".", Links::Refuse)]
+    {
+        assert!(matches!(read(name, links), Err(Fault::NotRegular)), "{name}");
+    }
+    assert!(matches!(read("s.onnx", Links::Refuse), Err(Fault::NotRegular | Fault::Unreadable { .. })));
+    assert!(started.elapsed().as_secs() < 5);
+    drop(socket);
+}
+
 /// A copy that stopped anywhere is refused; nearly everywhere as cut short.
 #[test]
 fn every_truncation_is_refused() {

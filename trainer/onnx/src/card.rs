@@ -8,6 +8,7 @@
 //! | `input_names`, `output_names` | in the order of the tensor |
 //! | `rig`, `rig_hash`, `seed`, `steps`, `variant`, `preset`, `trainer` | where it comes from: [`Provenance`] |
 //! | `golden_input`, `golden_output` | answers to reproduce: [`GoldenPair`] |
+//! | `export_format`, `content_sha256` | the file's hash of itself, see `seal` |
 //!
 //! Lists are parted by commas, golden pairs by semicolons. Numbers are the shortest decimals that read back to the
 //! same f32.
@@ -84,7 +85,8 @@ pub(crate) fn entries(
     }
     let mut entries: Vec<(String, String)> = entries.into_iter().map(|(k, v)| (k.to_owned(), v)).collect();
     for (key, value) in more {
-        if entries.iter().any(|(taken, _)| taken == key) {
+        let sealing = ["export_format", "content_sha256"].contains(&key.as_str());
+        if sealing || entries.iter().any(|(taken, _)| taken == key) {
             return Err(ExportError::KeyTaken { key: key.clone() });
         }
         entries.push((key.clone(), value.clone()));

@@ -14,6 +14,7 @@ use crate::card::{self, GoldenPair, Provenance};
 use crate::error::ExportError;
 use crate::network::{OutputMap, PolicyGraph};
 use crate::protobuf::Message;
+use crate::seal;
 use model::ports::{Port, Ports};
 
 /// Name of the input tensor.
@@ -52,14 +53,14 @@ pub fn to_onnx(
     card::check_golden(graph, golden)?;
     let metadata = card::entries(ports, provenance, golden)?;
     // ModelProto: 1 ir_version, 2 producer_name, 3 producer_version, 7 graph, 8 opset_import, 14 metadata_props.
-    let model = Message::default()
+    let model = seal::promised()
         .number(1, IR_VERSION)
         .text(2, "trainer")
         .text(3, &provenance.trainer)
         .message(7, graph_proto(graph))
         .message(8, Message::default().text(1, "").number(2, OPSET))
         .each(metadata, |model, (key, value)| model.message(14, Message::default().text(1, &key).text(2, &value)));
-    Ok(model.into_bytes())
+    Ok(seal::sealed(model))
 }
 
 fn fits(side: &'static str, found: usize, expected: &[Port], ports: &Ports) -> Result<(), ExportError> {

@@ -15,6 +15,7 @@
 //! | [`network`] | features, dense layers, tanh: what is exported, and an independent forward pass |
 //! | [`card`] | what the file says about itself: contract, provenance, golden pairs |
 //! | `graph` | the network as ONNX operators |
+//! | `seal` | the hash that the file carries of itself |
 //! | `read` | the same back from a file that this crate wrote |
 //! | `protobuf` | the wire format, as far as ONNX needs it |
 //!
@@ -26,6 +27,7 @@ mod graph;
 pub mod network;
 mod protobuf;
 mod read;
+mod seal;
 
 pub use card::{GoldenPair, Provenance};
 pub use error::{ExportError, ImportError};
