@@ -1,9 +1,9 @@
 //! One tick, from volts to duties, without socket, clock or thread.
 //!
 //! ```text
-//! SENSE ─▶ observe: volts checked, limits, state ─▶ predict: MPObs ─▶ decide: law or sequence ─▶ COMMAND
-//!                                                                                   │
-//!                                                        settle: model and integrals move on ◀┘
+//! SENSE ─▶ observe: volts checked, limits, state ─▶ predict: MPObs ─▶ decide: law or sequence ─▶ safety filter ─▶ COMMAND
+//!                                                                                                      │
+//!                                                                           settle: model and integrals move on ◀┘
 //! ```
 //!
 //! Split in four so that the caller can stamp the time between them. What happens to the rig is never an
@@ -16,6 +16,7 @@ use policy::Policy;
 use proto::recording::TickRecord;
 use proto::reference::Reference;
 use proto::wire::{CrioState, Sense, TripBits};
+use safety_filter::{Envelope, Intervention, SafetyFilter, SlewLimit};
 
 use crate::command_sequence::Row;
 use crate::config::Safety;
@@ -28,12 +29,17 @@ use crate::state::{State, Supervisor, Transition};
 
 /// Frames that may be missing in a row before the rig is vented; the plan is followed meanwhile.
 const TOLERATED_MISSING: u32 = 1;
+/// Ticks without an intervention of the safety filter after which the next one is told again.
+const FILTER_TOLD_AGAIN: u32 = 50;
 
 /// The control cycle and everything it remembers.
 pub struct Cycle<H = ReferenceTracking> {
     sensing: Sensing,
     safety: Safety,
     duty_source: H,
+    filter: SafetyFilter,
+    /// Ticks since the safety filter last changed a command, for telling each time once.
+    filter_quiet: u32,
     supervisor: Supervisor,
     tick: u32,
     measured: Pair,
@@ -54,8 +60,9 @@ impl Cycle<ReferenceTracking> {
         safety: Safety,
         auto_arm: bool,
     ) -> Result<Self, RigError> {
-        let sensing = Sensing::of(rig)?;
-        Ok(Cycle::with(ReferenceTracking::new(rig, policy, reference)?, sensing, safety, auto_arm))
+        let filter = SafetyFilter::new(rig, envelope(safety), SlewLimit::DEFAULT)?;
+        let parts = Parts { sensing: Sensing::of(rig)?, filter, safety };
+        Ok(Cycle::with(ReferenceTracking::new(rig, policy, reference)?, parts, auto_arm))
     }
 }
 
@@ -66,16 +73,34 @@ impl Cycle<OpenLoopPlayback> {
     /// # Errors
     /// If the rig lacks one of the two sensors.
     pub fn playing(rig: &Rig, rows: Box<[Row]>, relay: bool, safety: Safety) -> Result<Self, RigError> {
-        Ok(Cycle::with(OpenLoopPlayback::new(rows, relay), Sensing::of(rig)?, safety, false))
+        // Rows are played as they are; only what would leave the envelope is bent.
+        let filter = SafetyFilter::new(rig, envelope(safety), SlewLimit::None)?;
+        let parts = Parts { sensing: Sensing::of(rig)?, filter, safety };
+        Ok(Cycle::with(OpenLoopPlayback::new(rows, relay), parts, false))
     }
 }
 
+/// What the safety filter keeps: the limits beyond which the rig is vented.
+fn envelope(safety: Safety) -> Envelope {
+    Envelope { max_pos_kpa: safety.max_pos_kpa, min_neg_kpa: safety.min_neg_kpa }
+}
+
+/// What stands around any duty source.
+struct Parts {
+    sensing: Sensing,
+    filter: SafetyFilter,
+    safety: Safety,
+}
+
 impl<H: DutySource> Cycle<H> {
-    fn with(duty_source: H, sensing: Sensing, safety: Safety, auto_arm: bool) -> Self {
+    fn with(duty_source: H, parts: Parts, auto_arm: bool) -> Self {
+        let Parts { sensing, filter, safety } = parts;
         Cycle {
             sensing,
             safety,
             duty_source,
+            filter,
+            filter_quiet: FILTER_TOLD_AGAIN,
             supervisor: Supervisor::new(auto_arm),
             tick: 0,
             measured: [0.0; CHANNELS],
@@ -199,9 +224,12 @@ impl<H: DutySource> Cycle<H> {
     /// # Real-time
     /// Runs in the tick; five ticks of the model.
     pub fn predict(&mut self, record: &mut TickRecord) {
+        self.duty_source.exchange_model(&mut self.filter, record);
         if self.state() == State::Run {
             self.duty_source.predict(self.measured, self.answer.duty, record);
         }
+        // Vented as well, so that it stands where the rig is when the rig is armed.
+        self.filter.observe(self.measured);
     }
 
     /// Decides what to send.
@@ -212,7 +240,7 @@ impl<H: DutySource> Cycle<H> {
         self.answer = ActuatorCommand::VENT;
         if self.state() == State::Run {
             match self.duty_source.decide(self.tick, self.measured, record, tell) {
-                Some(answer) => self.answer = answer,
+                Some(answer) => self.answer = self.filtered(answer, record, tell),
                 None => self.vent(Cause::LawNotFinite, f64::NAN, tell),
             }
         }
@@ -228,7 +256,8 @@ impl<H: DutySource> Cycle<H> {
         self.missing += 1;
         if self.missing <= TOLERATED_MISSING && self.state() == State::Run {
             tell(Notice::FrameMissed { tick: self.tick, late_ms });
-            self.answer = self.duty_source.bridge(self.tick);
+            let bridged = self.duty_source.bridge(self.tick);
+            self.answer = self.filtered(bridged, record, tell);
         } else {
             self.vent(Cause::FramesMissing, late_ms, tell);
         }
@@ -248,6 +277,28 @@ impl<H: DutySource> Cycle<H> {
         if self.state() == State::Run {
             self.duty_source.sent(&self.answer);
         }
+        self.filter.sent(self.answer.duty);
+    }
+
+    /// The command that may be sent in place of the one that was asked for.
+    fn filtered(&mut self, asked: ActuatorCommand, record: &mut TickRecord, tell: NoticeSink<'_>) -> ActuatorCommand {
+        let filtered = self.filter.limit(asked.duty);
+        record.command_before_filter = asked.duty;
+        record.filter_active = filtered.intervention != Intervention::None;
+        if filtered.intervention > Intervention::Slew {
+            if self.filter_quiet >= FILTER_TOLD_AGAIN {
+                tell(Notice::Filtered { tick: self.tick, asked: asked.duty, measured: self.measured });
+            }
+            self.filter_quiet = 0;
+        } else {
+            self.filter_quiet = self.filter_quiet.saturating_add(1);
+        }
+        ActuatorCommand { duty: filtered.duty, ..asked }
+    }
+
+    /// Commands that the safety filter has changed since the start.
+    pub fn filter_interventions(&self) -> u64 {
+        self.filter.interventions()
     }
 
     /// Whether the cRIO has tripped and waits for a new session, whatever vented the rig before.

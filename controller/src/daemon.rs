@@ -14,10 +14,11 @@ use proto::reference::Reference;
 use crate::config::{Config, DEFAULT_POLICY, FALLBACK};
 use crate::cycle::Cycle;
 use crate::notice::sentence;
+use crate::policy_service::{self, PolicyHandle};
 use crate::reference_limits::{self, Margin};
 use crate::run_file::attached;
 use crate::run_length::RunLength;
-use crate::session_recorder::{SessionError, SessionRecorder, attachment, fly_recorded};
+use crate::session_recorder::{SessionError, SessionRecorder, StartPolicies, attachment, fly_recorded};
 use crate::socket::{May, Running};
 
 pub use crate::session_recorder::PROGRAM;
@@ -42,6 +43,9 @@ pub enum DaemonError {
     /// The policy cannot be loaded.
     #[error(transparent)]
     Policy(#[from] policy::PolicyError),
+    /// The policy was refused at one of the stages before the rig.
+    #[error(transparent)]
+    Admission(#[from] policy_service::AdmissionError),
     /// There is no such policy.
     #[error("{}: no such policy; put the file there, or set policy.active to one of: {known}", .file.display())]
     NoPolicy {
@@ -104,7 +108,7 @@ pub fn load(config: &Config) -> Result<Loaded, DaemonError> {
             (Reference::paper(), PAPERS_REFERENCE.to_owned())
         }
     };
-    let chosen = load_policy(config, &mut remarks)?;
+    let chosen = load_policy(config, &rig, &mut remarks)?;
     check_reference(config, &reference, &reference_name, &mut remarks)?;
     let rig_text = rig.to_toml().unwrap_or_default();
     let (policy, policy_bytes) = chosen.map_or((None, None), |(policy, bytes)| (Some(policy), Some(bytes)));
@@ -150,14 +154,18 @@ pub fn policy_file(file: &Path) -> Result<(Policy, Vec<u8>), policy::PolicyError
     Ok((same.map_err(|fault| policy::PolicyError { file: file.to_owned(), fault })?, bytes))
 }
 
-fn load_policy(config: &Config, remarks: &mut Vec<String>) -> Result<Option<(Policy, Vec<u8>)>, DaemonError> {
+fn load_policy(
+    config: &Config,
+    rig: &Rig,
+    remarks: &mut Vec<String>,
+) -> Result<Option<(Policy, Vec<u8>)>, DaemonError> {
     let choice = &config.policy;
     if choice.active == FALLBACK {
         return Ok(None);
     }
     let file = choice.directory.join(format!("{}.onnx", choice.active));
     if file.is_file() {
-        return Ok(Some(policy_file(&file)?));
+        return Ok(Some(policy_service::examine_active(config, rig, &file)?));
     }
     if choice.active == DEFAULT_POLICY {
         remarks.push(format!("no policy at {}: the one that ships with the program flies", file.display()));
@@ -214,9 +222,13 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
     attachments.push(attachment(attached::CONFIG, "application/toml", options.config_text));
     attachments.push(attachment(attached::EFFECTIVE, "application/toml", config.to_toml()));
     attachments.push(attachment(attached::REFERENCE, "text/csv", reference.to_csv()));
-    attachments.extend(policy_bytes.map(|bytes| attachment(attached::POLICY, "application/onnx", bytes)));
     let unflyable = |problem| DaemonError::Unflyable { name: config.rig.file.clone(), problem };
     let policy_id = policy.as_ref().map(|p| (p.name().to_owned(), p.hash().to_string()));
+    let active = policy.as_ref().zip(policy_bytes.as_ref()).map(|(policy, bytes)| {
+        // An operator calls it what the configuration does.
+        (config.policy.active.clone(), policy.hash(), Arc::from(bytes.as_slice()))
+    });
+    attachments.extend(policy_bytes.map(|bytes| attachment(attached::POLICY, "application/onnx", bytes)));
     let cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.auto_arm).map_err(unflyable)?;
     remarks.extend(cycle.duty_source().out_of_reach().map(out_of_reach_text));
     let (policy_name, policy_sha256) = policy_id.clone().unwrap_or_else(|| (FALLBACK.to_owned(), String::new()));
@@ -227,6 +239,15 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
         reference: reference_name.clone(),
         armed_by: None,
     };
+    let policies: Option<StartPolicies> = options.socket.then(|| {
+        let (config, rig, end, models) =
+            (config.clone(), rig.clone(), cycle.duty_source().policies(), cycle.duty_source().models());
+        let start: StartPolicies = Box::new(move |say, stop| {
+            let store = policy_service::start(&config, &rig, active, end, stop, say)?;
+            Ok(PolicyHandle { policies: store.desk(), models })
+        });
+        start
+    });
     let mut extra = vec![("model_rig".to_owned(), rig.name.clone()), ("reference".to_owned(), reference_name)];
     extra.extend(options.extra);
     let logbook = SessionRecorder {
@@ -239,6 +260,7 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
         event_text: sentence,
         operator: options.socket.then_some(May::Fly),
         running,
+        policies,
         config_file: options.config_file,
         observer: options.observer,
         stop: options.stop,

@@ -16,12 +16,15 @@ use crate::config::Safety;
 use crate::mailbox::{Fate, OperatorMailbox, Request, Status, Ticket};
 use crate::operator_protocol::{Ask, EFFECT_TIME, Reply, Running};
 use crate::peer::Peer;
+use crate::policy_service::PolicyHandle;
 use crate::reference_limits::{self, Margin};
 use crate::reload::Reloaded;
 use crate::state::State;
 
 /// Time that reading and checking a reference may take.
 const READ_TIME: Duration = Duration::from_millis(1500);
+/// Time that loading a policy or comparing a model may take on a busy machine.
+const WORK_TIME: Duration = Duration::from_secs(35);
 
 /// What an operator may do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,6 +49,8 @@ pub struct DeskOptions {
     pub may: May,
     /// What the daemon runs with.
     pub running: Running,
+    /// Policies and models, where they can be changed.
+    pub policies: Option<PolicyHandle>,
     /// Age from which a status no longer tells what is: there is no session.
     pub stale: Duration,
     /// Configurations that were read again.
@@ -58,7 +63,12 @@ pub struct Desk {
     newest: Option<(Status, u64)>,
     /// A reference is being read; at most one at a time.
     reading: bool,
+    /// A policy is being loaded or a model compared; at most one at a time.
+    working: bool,
 }
+
+/// Answered where policies and models cannot be changed.
+const NO_POLICIES: &str = "policies and models cannot be changed in this run";
 
 /// What is asked for and not yet answered.
 pub struct Pending {
@@ -72,6 +82,7 @@ enum What {
     Arm(Ticket),
     Disarm,
     Reading { from: Receiver<Result<Reference, String>>, name: String },
+    Aside { from: Receiver<Result<String, String>>, what: String },
     Reference { ticket: Ticket, name: String },
 }
 
@@ -86,7 +97,7 @@ pub enum Step {
 impl Desk {
     /// A desk for a daemon.
     pub fn new(options: DeskOptions) -> Self {
-        Desk { options, newest: None, reading: false }
+        Desk { options, newest: None, reading: false, working: false }
     }
 
     /// Takes in a line that a client sent.
@@ -100,7 +111,10 @@ impl Desk {
         let pending = |what, within| Step::Pending(Pending { what, peer, asked_ns, until: Instant::now() + within });
         match ask {
             Ask::Status {} => self.done(Ok(())),
-            Ask::Arm {} | Ask::Reference { .. } if self.options.may == May::OnlyStop => {
+            Ask::Policies {} => self.list_policies(),
+            Ask::Arm {} | Ask::Reference { .. } | Ask::Swap { .. } | Ask::Rollback {} | Ask::Model { .. }
+                if self.options.may == May::OnlyStop =>
+            {
                 self.done(Err("an experiment is under way; wait for its end, or disarm to stop it".to_owned()))
             }
             Ask::Arm {} => match self.start_arming() {
@@ -110,6 +124,19 @@ impl Desk {
             Ask::Disarm {} => {
                 self.options.mailbox.disarm();
                 pending(What::Disarm, EFFECT_TIME)
+            }
+            Ask::Swap { name } => {
+                self.aside(format!("swap {name}"), peer, move |handle, who| handle.policies.swap(&name, who))
+            }
+            Ask::Rollback {} => match &self.options.policies {
+                Some(handle) => {
+                    let outcome = handle.policies.rollback(&peer.to_string());
+                    self.over_saying("rollback", peer, outcome)
+                }
+                None => self.over("rollback", peer, Err(NO_POLICIES.to_owned())),
+            },
+            Ask::Model { file } => {
+                self.aside(format!("model {}", file.display()), peer, move |handle, _| handle.models.change(&file))
             }
             Ask::Reference { .. } if self.reading => {
                 self.over("reference", peer, Err("another reference is being read; try again".to_owned()))
@@ -150,6 +177,20 @@ impl Desk {
                     self.over("reference", peer, Err(why))
                 }
             },
+            What::Aside { from, what } => match from.try_recv() {
+                Ok(outcome) => {
+                    self.working = false;
+                    self.over_saying(&what, peer, outcome)
+                }
+                Err(TryRecvError::Empty) if !late => {
+                    Step::Pending(Pending { what: What::Aside { from, what }, peer, asked_ns, until })
+                }
+                Err(_) => {
+                    self.working = false;
+                    let why = format!("it was not done within {} s", WORK_TIME.as_secs());
+                    self.over(&what, peer, Err(why))
+                }
+            },
             What::Reference { ticket, name } => match self.options.mailbox.fate(ticket) {
                 Fate::Taken => {
                     self.options.running.reference.clone_from(&name);
@@ -185,6 +226,11 @@ impl Desk {
                 self.reading = false;
                 self.record("reference", peer, &Err(withdrawn));
             }
+            What::Aside { what, .. } => {
+                self.working = false;
+                let unknown = "the client went away before it was told what came of it".to_owned();
+                self.record(&what, peer, &Err(unknown));
+            }
             What::Reference { ticket, name } => {
                 let outcome = if self.options.mailbox.withdraw(ticket) { Err(withdrawn) } else { Ok(()) };
                 self.record(&format!("reference {name}"), peer, &outcome);
@@ -218,6 +264,54 @@ impl Desk {
     pub fn refuse(&mut self, why: &str) -> Reply {
         self.refresh();
         self.reply(Err(why.to_owned()))
+    }
+
+    fn list_policies(&mut self) -> Step {
+        let Some(handle) = &self.options.policies else { return self.done(Err(NO_POLICIES.to_owned())) };
+        let (entries, _) = handle.policies.list();
+        let problem = handle.policies.problem();
+        let mut reply = self.reply(Ok(()));
+        reply.policies = Some(entries);
+        reply.policies_problem = problem;
+        Step::Done(Box::new(reply))
+    }
+
+    /// Starts work on policies or models on a thread of its own: it takes up to some seconds, and disarming waits for nobody.
+    fn aside(
+        &mut self,
+        what: String,
+        peer: Peer,
+        work: impl FnOnce(PolicyHandle, &str) -> Result<String, String> + Send + 'static,
+    ) -> Step {
+        let Some(handle) = self.options.policies.clone() else {
+            return self.over(&what, peer, Err(NO_POLICIES.to_owned()));
+        };
+        if self.working {
+            return self.over(&what, peer, Err("another policy or model is being loaded; try again".to_owned()));
+        }
+        let (answer, from) = channel();
+        let started = std::thread::Builder::new().name("change".to_owned()).spawn(move || {
+            // Who asked may have gone.
+            let _ = answer.send(work(handle, &peer.to_string()));
+        });
+        if let Err(error) = started {
+            return self.over(&what, peer, Err(format!("no thread can be started for it: {error}")));
+        }
+        self.working = true;
+        let until = Instant::now() + WORK_TIME;
+        Step::Pending(Pending { what: What::Aside { from, what }, peer, asked_ns: now_ns(), until })
+    }
+
+    /// As [`Desk::over`], with a line that says what was done.
+    fn over_saying(&mut self, what: &str, peer: Peer, outcome: Result<String, String>) -> Step {
+        let (done, outcome) = match outcome {
+            Ok(text) => (Some(text), Ok(())),
+            Err(why) => (None, Err(why)),
+        };
+        self.record(what, peer, &outcome);
+        let mut reply = self.reply(outcome);
+        reply.done = done;
+        Step::Done(Box::new(reply))
     }
 
     fn start_arming(&mut self) -> Result<Ticket, String> {
@@ -348,6 +442,10 @@ impl Desk {
         let runs = live.is_some_and(|s| s.state == State::Run.code());
         let mut running = self.options.running.clone();
         running.armed_by = running.armed_by.filter(|_| runs);
+        if let Some(handle) = &self.options.policies {
+            (running.policy, running.policy_sha256) = handle.policies.active();
+            running.model = handle.models.name();
+        }
         Reply {
             ok: outcome.is_ok(),
             error: outcome.err(),
@@ -356,6 +454,9 @@ impl Desk {
             status: live.or(self.newest.map(|(s, _)| Status { can_arm: false, reference_kpa: None, ..s })),
             age_ms: self.age().map(|age| u64::try_from(age.as_millis()).unwrap_or(u64::MAX)),
             running,
+            done: None,
+            policies: None,
+            policies_problem: None,
             recording_problem: self.options.health.error().or_else(|| self.options.health.why_not_arm()),
         }
     }

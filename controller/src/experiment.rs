@@ -118,6 +118,7 @@ impl Experiment {
         let (seen, mut observer) = (Arc::clone(&witness), options.observer);
         let name = self.sequence.source().to_owned();
         let logbook = SessionRecorder {
+            policies: None,
             file: options.recording,
             stem: "experiment",
             policy: None,

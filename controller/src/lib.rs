@@ -8,7 +8,6 @@
 //! | [`cycle`] | one tick: frame in, command out; no socket, no clock |
 //! | [`duty_source`] | who decides the duties while the rig is armed |
 //! | [`reference_tracking`] | a reference, closed loop |
-//! | [`policy_or_fallback`] | policy or fallback |
 //! | [`open_loop_playback`] | a sequence of commands, open loop |
 //! | [`settling`] | whether the pressures stand still |
 //! | [`command_sequence`], [`preflight_simulation`], [`playback_report`] | commands from a file; what the model says they will do; what they did |
@@ -26,13 +25,16 @@
 //! | [`signals`], [`reload`], [`console`] | signals, the configuration read again, lines for a person |
 //! | [`reference_limits`] | how near a reference may come to the safety envelope |
 //! | [`notice`] | what a person is told |
+//! | [`policy_service`] | policies beside the tick: what controls from the start, the watched directory |
+//! | [`model_change`] | another model, put in at a tick's edge |
 //! | [`policy_signatures`] | the observation layouts for the policy loader |
 //! | [`session_recorder`] | a flight with its recording, from the file made to the file finished |
 //! | [`daemon`] | puts it all together for a reference |
 //! | [`experiment`] | and for a sequence |
 //! | [`yardstick`] | what the fallback reaches on a rig and a reference |
 //!
-//! Beside this crate: `law` (control laws, shared with the trainer), `policy` (ONNX), `flight` (recorder,
+//! Beside this crate: `law` (control laws, shared with the trainer), `policy` (ONNX), `admission`, `handover` and
+//! `policy_store` (from a published policy to an active one), `safety_filter`, `flight` (recorder,
 //! figures, report). Nothing in the tick allocates, locks, or touches a file.
 
 pub mod clock;
@@ -48,13 +50,14 @@ pub mod link;
 pub mod live_stream;
 pub mod machine_check;
 pub mod mailbox;
+pub mod model_change;
 pub mod notice;
 pub mod open_loop_playback;
 pub mod operator_protocol;
 pub mod pacing;
 pub mod peer;
 pub mod playback_report;
-pub mod policy_or_fallback;
+pub mod policy_service;
 pub mod policy_signatures;
 pub mod preflight_simulation;
 pub mod realtime;

@@ -44,6 +44,9 @@ pub struct Status {
     pub frames_missed: u64,
     /// Longest computation since the start, in ms.
     pub slowest_ms: f64,
+    /// Commands that the safety filter has changed since the start.
+    #[serde(default)]
+    pub filter_interventions: u64,
 }
 
 /// What the operator wants.

@@ -1,6 +1,9 @@
 //! What the daemon tells a person: numbered notices, made in the tick without text, told outside it.
 
 use flight::Event;
+use handover::stages::LEVELS;
+use handover::{Loss, PolicyEvent, PolicyTag, StageNow};
+use model::observation::Pair;
 use proto::recording::EventLevel;
 use proto::wire::TripBits;
 
@@ -89,10 +92,21 @@ pub enum Notice {
         /// How many since the session began.
         count: u64,
     },
-    /// The policy refused to answer; the fallback flies.
-    PolicyRefused {
+    /// Something happened to a policy.
+    Policy {
         /// Tick.
         tick: u32,
+        /// What.
+        event: PolicyEvent,
+    },
+    /// The safety filter bent a command toward vent, for the first time in a second.
+    Filtered {
+        /// Tick.
+        tick: u32,
+        /// Duties that were asked for.
+        asked: Pair,
+        /// Measured pressures, kPa gauge.
+        measured: Pair,
     },
     /// The last row of a sequence was played.
     Played {
@@ -118,16 +132,55 @@ impl Notice {
             Notice::FrameMissed { tick, late_ms } => (5, [f64::from(tick), late_ms, 0.0, 0.0]),
             Notice::DeadlineMissed { tick, took_ms } => (6, [f64::from(tick), took_ms, 0.0, 0.0]),
             Notice::FrameDamaged { count } => (7, [count as f64, 0.0, 0.0, 0.0]),
-            Notice::PolicyRefused { tick } => (8, [f64::from(tick), 0.0, 0.0, 0.0]),
+            Notice::Policy { tick, event } => policy_numbers(tick, event),
+            Notice::Filtered { tick, asked, measured } => (20, [f64::from(tick), asked[0], asked[1], measured[0]]),
             Notice::Played { tick } => (10, [f64::from(tick), 0.0, 0.0, 0.0]),
             Notice::FlightOver { tick } => (9, [f64::from(tick), 0.0, 0.0, 0.0]),
         };
         let level = match code {
             100.. => EventLevel::Error,
-            5..=8 => EventLevel::Warning,
+            5..=8 | 20 | 24 => EventLevel::Warning,
             _ => EventLevel::Info,
         };
         Event { at_ns, level, part: "tick", code, values }
+    }
+}
+
+/// Code and numbers of what happened to a policy: tick, upper half of its hash, stage, reason.
+fn policy_numbers(tick: u32, event: PolicyEvent) -> (u16, [f64; 4]) {
+    let numbers =
+        |tag: PolicyTag, stage: u8, loss: f64| [f64::from(tick), f64::from(tag.short()), f64::from(stage), loss];
+    match event {
+        PolicyEvent::Refused(tag) => (8, numbers(tag, 0, 0.0)),
+        PolicyEvent::Taken(tag) => (21, numbers(tag, 0, 0.0)),
+        PolicyEvent::Passed(tag, stage) => (22, numbers(tag, stage, 0.0)),
+        PolicyEvent::Active(tag) => (23, numbers(tag, 0, 0.0)),
+        PolicyEvent::Lost(tag, stage, loss) => (24, numbers(tag, stage, f64::from(loss as u8))),
+        PolicyEvent::NothingBefore => (25, numbers(PolicyTag::FALLBACK, 0, 0.0)),
+    }
+}
+
+fn policy_sentence(event: &Event) -> String {
+    let [tick, hash, stage, loss] = event.values;
+    let name = if hash == 0.0 { "the fallback".to_owned() } else { format!("policy {:08x}", hash as u32) };
+    let at = format!("at tick {tick:.0}");
+    let stage = match StageNow::of_code(stage as u8) {
+        StageNow::Shadow => "shadow".to_owned(),
+        StageNow::Ramp(level) => {
+            format!("ramp, {:.0} % authority", 100.0 * LEVELS.get(level).copied().unwrap_or(1.0))
+        }
+        StageNow::Probation => "probation, full authority".to_owned(),
+    };
+    match event.code {
+        8 => format!("{name} refused to answer {at}; the fallback decides from this tick on"),
+        21 => format!("{name} is a candidate from tick {tick:.0} on"),
+        22 => format!("{name} goes on to {stage} {at}"),
+        23 => format!("{name} is active {at}"),
+        24 => match Loss::of_code(loss as u8) {
+            Some(Loss::Withdrawn) => format!("{name} is withdrawn {at}"),
+            loss => format!("{name} lost its authority {at} ({stage}): {}", loss.map_or("unknown", Loss::reason)),
+        },
+        _ => format!("there is no policy to go back to ({at})"),
     }
 }
 
@@ -186,8 +239,14 @@ pub fn sentence(event: &Event) -> String {
         5 => format!("frame {a:.0} did not come ({b:.1} ms late); following the plan for one tick"),
         6 => format!("deadline missed {at}: the command left {b:.1} ms after its frame was due"),
         7 => format!("a frame came damaged and was dropped ({a:.0} in this session)"),
-        8 => format!("the policy refused to answer {at}; the fallback flies on"),
+        8 | 21..=25 => policy_sentence(event),
         9 => format!("the run is over {at}; vents open"),
+        20 => {
+            let [_, pos, neg, _] = event.values;
+            format!(
+                "the safety filter acts {at}: duties {pos:.3} and {neg:.3} would have left the envelope and were bent toward vent"
+            )
+        }
         10 => format!("the last row was played {at}; both vents open"),
         code @ 101..=109 => {
             let next = match code - 100 {

@@ -20,6 +20,8 @@ pub const REQUEST_TIME: Duration = Duration::from_millis(1000);
 pub const EFFECT_TIME: Duration = Duration::from_millis(500);
 /// Time that a client waits for its whole answer: request and effect, and as much again for a busy machine.
 const CLIENT_PATIENCE: Duration = Duration::from_millis(3000);
+/// Time that a client waits where policies are loaded or models compared on a busy machine.
+const WORK_PATIENCE: Duration = Duration::from_secs(40);
 /// Bytes that a request may have; a reference of an hour, row by row, is 5 MB.
 pub const MOST_REQUEST_BYTES: usize = 8 << 20;
 /// Bytes that an answer may have.
@@ -35,6 +37,20 @@ pub enum Ask {
     Arm {},
     /// Open the vents.
     Disarm {},
+    /// Which policies are there, and how far are they?
+    Policies {},
+    /// Send a policy to the rig, or back to it.
+    Swap {
+        /// Its name, or `fallback`.
+        name: String,
+    },
+    /// Take a candidate back, or go back to what controlled before.
+    Rollback {},
+    /// Put another model behind predictions, feed-forward and safety filter.
+    Model {
+        /// Absolute path of the rig file, or the name of a built-in rig.
+        file: PathBuf,
+    },
     /// Follow another reference.
     Reference {
         /// Absolute path of the CSV file: its name, and where the daemon reads it if `csv` is not given.
@@ -65,6 +81,15 @@ pub struct Reply {
     /// What the daemon runs with.
     #[serde(default)]
     pub running: Running,
+    /// What was done, one line, where it is not plain.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub done: Option<String>,
+    /// All policies, where they were asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub policies: Option<Vec<policy_store::Entry>>,
+    /// What is wrong with the policies' directory, if anything.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub policies_problem: Option<String>,
     /// What is wrong with the recording, if anything.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording_problem: Option<String>,
@@ -142,7 +167,11 @@ pub(crate) fn connect(path: &Path) -> io::Result<UnixStream> {
 pub fn ask(path: &Path, ask: &Ask) -> Result<Reply, SocketError> {
     let silent = |source| SocketError::Silent { path: path.to_owned(), source };
     let nonsense = || SocketError::Nonsense { path: path.to_owned() };
-    let until = Instant::now() + CLIENT_PATIENCE;
+    let patience = match ask {
+        Ask::Swap { .. } | Ask::Model { .. } => WORK_PATIENCE,
+        _ => CLIENT_PATIENCE,
+    };
+    let until = Instant::now() + patience;
     let mut socket = connect(path).map_err(silent)?;
     let mut line = serde_json::to_string(ask).map_err(|_| nonsense())?;
     line.push('\n');
@@ -182,6 +211,10 @@ mod tests {
             (r#"{"ask":"status"}"#, Ask::Status {}),
             (r#"{"ask":"arm"}"#, Ask::Arm {}),
             (r#"{"ask":"disarm"}"#, Ask::Disarm {}),
+            (r#"{"ask":"policies"}"#, Ask::Policies {}),
+            (r#"{"ask":"swap","name":"run-7"}"#, Ask::Swap { name: "run-7".into() }),
+            (r#"{"ask":"rollback"}"#, Ask::Rollback {}),
+            (r#"{"ask":"model","file":"/r.toml"}"#, Ask::Model { file: "/r.toml".into() }),
             (r#"{"ask":"reference","file":"/r.csv"}"#, Ask::Reference { file: "/r.csv".into(), csv: None }),
         ] {
             assert_eq!(serde_json::from_str::<Ask>(text).unwrap(), ask);

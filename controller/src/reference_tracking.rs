@@ -2,18 +2,21 @@
 
 use std::sync::Arc;
 
+use admission::model_comparison::Sample;
+use handover::{Arbiter, Candidate, Loss, PolicyEvent, StoreEnd, channel};
 use law::{ControlInput, SoftStart, TICK_S};
 use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
 use model::predict::Predictor;
 use model::rig::{Rig, RigError};
 use model::steady::SteadyMap;
 use policy::Policy;
-use proto::recording::{LawParts, TickRecord};
+use proto::recording::{LawParts, TickInput, TickRecord};
 use proto::reference::Reference;
+use safety_filter::SafetyFilter;
 
 use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, SensorSample, VENT};
+use crate::model_change::{self, ModelDesk, ModelTickEnd};
 use crate::notice::{Cause, Notice};
-use crate::policy_or_fallback::PolicyOrFallback;
 
 /// How often a reference is looked at for places out of reach, in s, and at how many places at most.
 const REACH_EVERY_S: f64 = 0.25;
@@ -25,7 +28,17 @@ const REACH_SLACK: f64 = 0.03;
 pub struct ReferenceTracking {
     predictor: Predictor,
     map: Arc<SteadyMap>,
-    control: PolicyOrFallback,
+    control: Arbiter,
+    /// The other end of the arbiter's queues, for whoever publishes policies.
+    policies: StoreEnd,
+    /// What happened to a policy after the last command was out, to be told with the next.
+    policy_event: Option<PolicyEvent>,
+    /// Where models come from, and its other end.
+    models: ModelTickEnd,
+    model_desk: ModelDesk,
+    /// The tick and its readings, for comparisons of models.
+    measured: Pair,
+    tick: u32,
     reference: Box<Reference>,
     approach: SoftStart,
     start_tick: u32,
@@ -40,9 +53,17 @@ impl ReferenceTracking {
     /// If the rig cannot be flown: unsound, or without the valves and sensors the controller needs.
     pub fn new(rig: &Rig, policy: Option<Policy>, reference: Reference) -> Result<Self, RigError> {
         let map = Arc::new(SteadyMap::new(rig)?);
+        let (tick_end, policies) = channel();
+        let (models, model_desk) = model_change::ends(rig);
         Ok(ReferenceTracking {
             predictor: Predictor::new(rig)?,
-            control: PolicyOrFallback::new(Arc::clone(&map), policy),
+            control: Arbiter::new(Arc::clone(&map), policy.map(Candidate::new), tick_end),
+            policies,
+            policy_event: None,
+            models,
+            model_desk,
+            measured: [0.0; CHANNELS],
+            tick: 0,
             map,
             reference: Box::new(reference),
             approach: SoftStart::new([0.0; CHANNELS], [0.0; CHANNELS]),
@@ -50,6 +71,16 @@ impl ReferenceTracking {
             predicted: [[f64::NAN; CHANNELS]; AHEAD],
             trajectory: ActionTrajectory::held(VENT),
         })
+    }
+
+    /// Where policies are published to this loop.
+    pub fn policies(&self) -> StoreEnd {
+        self.policies.clone()
+    }
+
+    /// Where models are changed.
+    pub fn models(&self) -> ModelDesk {
+        self.model_desk.clone()
     }
 
     /// The first place of the reference that no duty holds, by the model: time in s, pressures in kPa gauge.
@@ -71,6 +102,18 @@ impl ReferenceTracking {
 
 impl DutySource for ReferenceTracking {
     const ONE_SESSION: bool = false;
+
+    fn exchange_model(&mut self, filter: &mut SafetyFilter, record: &mut TickRecord) {
+        let Some(mut change) = self.models.take() else { return };
+        TickInput::Model.append(&mut record.inputs);
+        std::mem::swap(&mut self.predictor, &mut change.predictor);
+        self.control.exchange_map(&change.map);
+        // What was in force goes back whole; nothing of it is freed here.
+        std::mem::swap(&mut self.map, &mut change.map);
+        change.filter.continue_from(filter);
+        std::mem::swap(filter, &mut change.filter);
+        self.models.retire(change);
+    }
 
     fn on_sample(&mut self, _seen: &SensorSample) -> ModeRequest {
         ModeRequest::None
@@ -102,6 +145,7 @@ impl DutySource for ReferenceTracking {
         record: &mut TickRecord,
         tell: NoticeSink<'_>,
     ) -> Option<ActuatorCommand> {
+        (self.tick, self.measured) = (tick, measured);
         let time_s = f64::from(tick.wrapping_sub(self.start_tick)) * TICK_S;
         let goals_kpa = std::array::from_fn(|j| {
             let at = time_s + j as f64 * TICK_S;
@@ -111,14 +155,23 @@ impl DutySource for ReferenceTracking {
         // What a person compares with is the reference as given, not the way to it.
         [record.ref_pos_kpa, record.ref_neg_kpa] = self.reference.at(time_s);
         let arbitrated = self.control.decide(&ControlInput { measured_kpa: measured, goals_kpa }, &self.predicted);
-        if arbitrated.refused {
-            tell(Notice::PolicyRefused { tick });
+        let ordered = matches!(
+            arbitrated.event,
+            Some(PolicyEvent::Taken(_) | PolicyEvent::NothingBefore | PolicyEvent::Lost(_, _, Loss::Withdrawn))
+        );
+        if ordered {
+            TickInput::Policy.append(&mut record.inputs);
+        }
+        for event in [self.policy_event.take(), arbitrated.event].into_iter().flatten() {
+            tell(Notice::Policy { tick, event });
         }
         if let Some(answer) = arbitrated.answer {
             record.observation_hash = answer.observation_hash;
             record.policy_output = answer.outputs;
-            record.authority = 1.0;
+            record.policy_stage = answer.stage;
+            record.authority = answer.authority;
         }
+        record.swap_id = self.control.swaps();
         let decision = arbitrated.decision;
         [record.law_pos, record.law_neg] = decision.parts.map(|p| LawParts {
             feed_forward: p.feed_forward + p.play + p.correction,
@@ -138,16 +191,28 @@ impl DutySource for ReferenceTracking {
     fn bridge(&mut self, _tick: u32) -> ActuatorCommand {
         let rest = self.trajectory.remaining();
         self.trajectory = ActionTrajectory(std::array::from_fn(|j| rest[j.min(AHEAD - 1)]));
+        self.control.bridged(self.trajectory.now());
         ActuatorCommand::run(self.trajectory.now(), true)
     }
 
     /// Moves model and integrals on through the tick.
     fn sent(&mut self, answer: &ActuatorCommand) {
-        self.control.applied(answer.duty);
+        self.policy_event = self.control.applied(answer.duty);
+        self.models.keep(Sample {
+            tick: self.tick,
+            measured_kpa: self.measured,
+            duty: answer.duty,
+            pump_on: answer.pump_on,
+        });
         self.predictor.advance(answer.duty, answer.pump_on);
     }
 
-    fn stopped(&mut self, _cause: Option<(Cause, f64)>) {}
+    /// A candidate that had a part in what left the envelope is refused; after anything else it begins again in shadow.
+    fn stopped(&mut self, cause: Option<(Cause, f64)>) {
+        if matches!(cause, Some((Cause::OverPressure | Cause::OverVacuum | Cause::LawNotFinite, _))) {
+            self.control.vented();
+        }
+    }
 
     /// A reference has no end: its last row is held.
     fn is_over(&self) -> bool {

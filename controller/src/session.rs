@@ -309,6 +309,7 @@ fn show<H: DutySource>(session: &mut Session<H>, link: &Link, record: &TickRecor
         deadline_misses: counts.deadline_misses,
         frames_missed: counts.frames_missed,
         slowest_ms: counts.slowest_ns as f64 * 1e-6,
+        filter_interventions: session.cycle.filter_interventions(),
     });
 }
 

@@ -30,6 +30,7 @@ use crate::link::LinkError;
 use crate::live_stream::{self, StreamError};
 use crate::mailbox::mailbox;
 use crate::operator_protocol::Running;
+use crate::policy_service::{PolicyHandle, ServiceError};
 use crate::realtime::lock_memory;
 use crate::reload::{ReloadError, Reloaded, needs_restart, read_aside};
 use crate::run_length::RunLength;
@@ -88,6 +89,9 @@ pub enum SessionError {
     /// There is no link, for a flight that does not wait for one.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// The watched directory cannot be served.
+    #[error(transparent)]
+    Policies(#[from] ServiceError),
     /// A thread or signal handler cannot be set up.
     #[error("cannot start: {0}")]
     System(#[from] std::io::Error),
@@ -116,6 +120,8 @@ pub struct SessionRecorder {
     pub operator: Option<May>,
     /// What the daemon runs with, for those who ask.
     pub running: Running,
+    /// Starts what serves policies and models beside the tick; `None`: nothing does.
+    pub policies: Option<StartPolicies>,
     /// The configuration file, to be read again on `SIGHUP`.
     pub config_file: Option<PathBuf>,
     /// Sees every tick and event, in the recorder's thread.
@@ -125,6 +131,10 @@ pub struct SessionRecorder {
     /// How long the run lasts.
     pub length: RunLength,
 }
+
+/// Starts the service of policies, given where its lines go and what ends it.
+pub type StartPolicies =
+    Box<dyn FnOnce(Box<dyn FnMut(String) + Send>, Arc<AtomicBool>) -> Result<PolicyHandle, ServiceError>>;
 
 /// A file of text for [`SessionRecorder::attachments`].
 pub fn attachment(name: &str, media_type: &str, data: impl Into<Vec<u8>>) -> Attachment {
@@ -147,7 +157,17 @@ pub fn fly_recorded<H: DutySource + 'static>(
         check_free(&config.control.socket)?;
     }
     let SessionRecorder {
-        file, stem, attachments, remarks, event_text, operator, running, config_file, observer, ..
+        file,
+        stem,
+        attachments,
+        remarks,
+        event_text,
+        operator,
+        running,
+        policies,
+        config_file,
+        observer,
+        ..
     } = logbook;
     let mut info = RecordingInfo::new(PROGRAM, now_ns());
     info.log_time = if config.link.pacing == Pacing::Lockstep { LogTime::Tick } else { LogTime::Arrival };
@@ -177,6 +197,13 @@ pub fn fly_recorded<H: DutySource + 'static>(
     for remark in remarks.into_iter().chain(lock_memory()) {
         recorder.note(now_ns(), EventLevel::Warning, "start", remark);
     }
+    let noter = recorder.noter();
+    let policies = policies
+        .map(|start| {
+            let say = move |text| noter.note(now_ns(), EventLevel::Info, "policies", text);
+            start(Box::new(say), Arc::clone(&stop))
+        })
+        .transpose()?;
     let (mailbox, desk) = mailbox();
     let (reloads, inbox) = channel();
     let desk_options = |may| DeskOptions {
@@ -186,6 +213,7 @@ pub fn fly_recorded<H: DutySource + 'static>(
         notes: recorder.noter(),
         may,
         running: running.clone(),
+        policies: policies.clone(),
         stale: if config.link.pacing == Pacing::Lockstep { STALE_LOCKSTEP } else { STALE },
         reloads: inbox,
     };

@@ -4,6 +4,8 @@
 //! ones; what is not measured (cylinder pressures, crank angle, memory of mechanisms) stays the model's own.
 //! From there the actions planned one tick ago for τ … τ+4 roll a copy forward to õ(τ+1) … õ(τ+5).
 
+mod averaged;
+
 use std::sync::Arc;
 
 use crate::observation::{AHEAD, CHANNELS};

@@ -15,6 +15,7 @@ use controller::config::Safety;
 use controller::cycle::Cycle;
 use controller::duty_source::DutySource;
 use controller::state::State;
+use handover::{Candidate, Command, Haste};
 use model::observation::Pair;
 use model::rig::Rig;
 use proto::recording::TickRecord;
@@ -134,6 +135,43 @@ fn five_hundred_ticks_in_run_allocate_nothing() {
     });
     assert_eq!(broken, 0, "while venting");
     assert!(matches!(cycle.state(), State::Vented(_)));
+}
+
+/// Policies that come, gain authority, are withdrawn and go: boxes in and boxes out, nothing made or freed in between.
+#[test]
+fn policies_that_come_and_go_allocate_nothing() {
+    let rig = Rig::builtin("dual_pressure").unwrap();
+    let shipped = || Candidate::new(controller::daemon::shipped_policy().unwrap().0);
+    let mut cycle = Cycle::new(&rig, None, Reference::paper(), Safety::default(), true).unwrap();
+    let policies = cycle.duty_source().policies();
+    cycle.session_opened();
+    let (mut kpa, mut notices, mut number) = ([0.0, 0.0], 0, 0);
+    while number < 600 {
+        tick(&mut cycle, number, &mut kpa, &mut notices);
+        number += 1;
+    }
+    for round in 0..6 {
+        // Even rounds are taken back; odd ones are replaced by the next.
+        assert!(policies.ask(Command::Try(shipped(), Haste::Straight)).is_ok());
+        let allocations = counted(|| {
+            for _ in 0..40 {
+                tick(&mut cycle, number, &mut kpa, &mut notices);
+                number += 1;
+            }
+            if round % 2 == 0 {
+                assert!(policies.ask(Command::Rollback).is_ok());
+            }
+            for _ in 0..40 {
+                tick(&mut cycle, number, &mut kpa, &mut notices);
+                number += 1;
+            }
+        });
+        assert_eq!(allocations, 0, "round {round}");
+    }
+    assert_eq!(cycle.state(), State::Run);
+    assert!(policies.sweep() >= 5, "what went came back through the queue");
+    let told = std::iter::from_fn(|| policies.event()).count();
+    assert!(told >= 10, "{told}");
 }
 
 #[test]

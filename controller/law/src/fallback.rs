@@ -97,6 +97,14 @@ impl Fallback {
         }
     }
 
+    /// Takes its feed-forward and gains from another model from now on, and hands back the one in force.
+    ///
+    /// # Real-time
+    /// May run in the tick: nothing is freed as long as somebody else holds what is handed back.
+    pub fn exchange_map(&mut self, map: Arc<SteadyMap>) -> Arc<SteadyMap> {
+        std::mem::replace(&mut self.map, map)
+    }
+
     /// Forgets integral and direction; keeps what was learned about the valves' play.
     pub fn restart(&mut self) {
         self.integral.set([0.0; CHANNELS]);

@@ -70,6 +70,28 @@ impl PolicyLaw {
         }
     }
 
+    /// The same law with the same past for a policy of another layout, whose own integral begins at zero.
+    ///
+    /// # Real-time
+    /// A copy without allocation: may run in the tick.
+    #[must_use]
+    pub fn for_layout(&self, contract: ObservationLayout) -> Self {
+        PolicyLaw {
+            contract,
+            integral: IntegralAction::new(IntegralSettings::default()),
+            pending: None,
+            ..self.clone()
+        }
+    }
+
+    /// Takes the fallback's feed-forward and gains from another model from now on, and hands back the one in force.
+    ///
+    /// # Real-time
+    /// As [`Fallback::exchange_map`].
+    pub fn exchange_map(&mut self, map: Arc<SteadyMap>) -> Arc<SteadyMap> {
+        self.fallback.exchange_map(map)
+    }
+
     /// What the policy is told and answers.
     pub fn contract(&self) -> ObservationLayout {
         self.contract

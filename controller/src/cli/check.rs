@@ -1,13 +1,12 @@
-//! `controller check` and `controller check-policy`.
+//! `controller check`.
 
 use std::path::Path;
 
 use controller::config::Config;
 use controller::cycle::Cycle;
-use controller::daemon::{self, contracts};
+use controller::daemon;
 use controller::machine_check;
 use controller::tick_trial::TickTrial;
-use policy::Policy;
 use serde_json::json;
 
 use super::Failure;
@@ -62,26 +61,6 @@ fn sound(file: &Path) -> Result<Sound, Failure> {
         ));
     }
     Ok(Sound { summary, remarks, trial })
-}
-
-pub(super) fn check_policy(file: &Path, as_json: bool) -> Result<(), Failure> {
-    let loaded = Policy::load(file, &contracts()).map_err(Failure::input);
-    answer(
-        as_json,
-        loaded,
-        |policy| say(format_args!("{}: sound. {}", file.display(), policy.describe())),
-        |policy| {
-            json!({
-                "sound": true,
-                "name": policy.name(),
-                "contract": policy.contract().version,
-                "inputs": policy.inputs(),
-                "outputs": policy.outputs(),
-                "sha256": policy.hash().to_string(),
-                "description": policy.describe(),
-            })
-        },
-    )
 }
 
 /// Prints what was found as text or as one JSON object, also where it is bad.

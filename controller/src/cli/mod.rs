@@ -1,10 +1,12 @@
 //! The command line.
 
 mod check;
+mod check_policy;
 mod console;
 mod demo;
 mod experiment;
 mod live;
+mod policies;
 mod replay;
 mod report;
 mod rt_test;
@@ -53,14 +55,7 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Says what is wrong with a policy, or that it is sound.
-    CheckPolicy {
-        /// ONNX file.
-        file: PathBuf,
-        /// Print one JSON object.
-        #[arg(long)]
-        json: bool,
-    },
+    CheckPolicy(check_policy::CheckPolicy),
     RtTest(rt_test::RtTestArgs),
     /// What a running daemon is doing.
     Status(talk::Target),
@@ -68,6 +63,24 @@ enum Command {
     Arm(talk::Target),
     /// Opens both vents.
     Disarm(talk::Target),
+    /// Lists the policies: state, provenance, figures, and why one was refused.
+    Policies(talk::Target),
+    /// Sends a policy that has passed its checks to the rig, or back to it.
+    Swap {
+        /// The policy's name, without .onnx, or `fallback`.
+        name: String,
+        #[command(flatten)]
+        target: talk::Target,
+    },
+    /// Takes a candidate back, or goes back to what controlled before.
+    Rollback(talk::Target),
+    /// Puts another model behind predictions, feed-forward and safety filter.
+    Model {
+        /// Rig file, or the name of a built-in rig.
+        file: PathBuf,
+        #[command(flatten)]
+        target: talk::Target,
+    },
     /// Follows another reference, from its start.
     Reference {
         /// CSV file: time_s,ref_pos_kpa,ref_neg_kpa.
@@ -109,6 +122,7 @@ impl From<DaemonError> for Failure {
             | DaemonError::Unflyable { .. }
             | DaemonError::Reference(_)
             | DaemonError::Policy(_)
+            | DaemonError::Admission(_)
             | DaemonError::NoPolicy { .. }
             | DaemonError::ReferenceBeyond { .. } => Failure::input(error),
             _ => Failure::work(error),
@@ -131,11 +145,15 @@ impl Arguments {
             Command::Live(live) => live.run(),
             Command::Replay(replay) => replay.run(),
             Command::Check { config, json } => check::check(&config, json),
-            Command::CheckPolicy { file, json } => check::check_policy(&file, json),
+            Command::CheckPolicy(check) => check.run(),
             Command::RtTest(test) => test.run(),
             Command::Status(target) => target.status(),
             Command::Arm(target) => target.arm(),
             Command::Disarm(target) => target.disarm(),
+            Command::Policies(target) => target.policies(),
+            Command::Swap { name, target } => target.swap(&name),
+            Command::Rollback(target) => target.rollback(),
+            Command::Model { file, target } => target.model(&file),
             Command::Reference { file, target } => target.reference(&file),
         }
     }

@@ -60,6 +60,39 @@ impl Target {
         self.done(&format!("following {}", file.display()))
     }
 
+    pub(super) fn policies(&self) -> Result<(), Failure> {
+        let reply = self.ask(&Ask::Policies {})?;
+        if !self.json {
+            super::policies::print(reply.policies.as_deref().unwrap_or_default());
+            if let Some(problem) = &reply.policies_problem {
+                say(format_args!("problem: {problem}"));
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn swap(&self, name: &str) -> Result<(), Failure> {
+        let reply = self.ask(&Ask::Swap { name: name.to_owned() })?;
+        self.done(reply.done.as_deref().unwrap_or("done"))
+    }
+
+    pub(super) fn rollback(&self) -> Result<(), Failure> {
+        let reply = self.ask(&Ask::Rollback {})?;
+        self.done(reply.done.as_deref().unwrap_or("done"))
+    }
+
+    pub(super) fn model(&self, file: &Path) -> Result<(), Failure> {
+        let builtin = file.to_str().is_some_and(|name| model::rig::Rig::builtin_text(name).is_some());
+        let file = if builtin {
+            file.to_owned()
+        } else {
+            // The daemon has another working directory.
+            std::path::absolute(file).map_err(|e| Failure::input(format!("{}: {e}", file.display())))?
+        };
+        let reply = self.ask(&Ask::Model { file })?;
+        self.done(reply.done.as_deref().unwrap_or("done"))
+    }
+
     fn done(&self, text: &str) -> Result<(), Failure> {
         if !self.json {
             say(format_args!("{text}"));
@@ -124,4 +157,10 @@ fn print_tick(s: &Status, reply: &Reply) {
         "deadlines  {} missed, {} frames missed, slowest tick {:.2} ms",
         s.deadline_misses, s.frames_missed, s.slowest_ms
     ));
+    if s.filter_interventions > 0 {
+        say(format_args!(
+            "filter     {} commands changed to keep the envelope or the slew limit",
+            s.filter_interventions
+        ));
+    }
 }

@@ -1,0 +1,170 @@
+//! Two models on the same minutes of a run: which one foresees what came?
+//!
+//! Each model runs along with what was measured and sent, as MPObs does, and predicts the readings one and five ticks
+//! ahead under the duties that were then really sent; the errors are compared.
+
+use model::observation::{AHEAD, CHANNELS, Pair};
+use model::predict::Predictor;
+use model::rig::{Rig, RigError};
+use serde::{Deserialize, Serialize};
+
+/// Ticks at the beginning of a stretch that do not count: what the models remember settles.
+const SETTLING_TICKS: usize = 25;
+/// Least ticks that count; below them nothing is said.
+const LEAST_TICKS: usize = 500;
+/// Most that a new model's errors may be of the old one's, and what is all one, in kPa.
+const MOST_RATIO: f64 = 1.2;
+const FLOOR_KPA: Pair = [0.02, 0.01];
+
+/// A tick of a run: what was measured and what was sent.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Tick of the cRIO; a jump begins a new stretch.
+    pub tick: u32,
+    /// Measured pressures, kPa gauge.
+    pub measured_kpa: Pair,
+    /// Duties that were sent.
+    pub duty: Pair,
+    /// Whether the pump was asked to run, 1 or 0.
+    pub pump_on: bool,
+}
+
+/// Root mean square errors of two models' predictions, in kPa.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ModelFigures {
+    /// Ticks that were compared.
+    pub ticks: usize,
+    /// Of the model in force, one tick ahead and five.
+    pub before_kpa: [Pair; 2],
+    /// Of the new one.
+    pub after_kpa: [Pair; 2],
+}
+
+impl ModelFigures {
+    /// Why the new model must not replace the old one, one line; `None` if it may.
+    pub fn refusal(&self) -> Option<String> {
+        let worse = |c: usize| {
+            let of = |errors: [Pair; 2]| errors[1][c].hypot(FLOOR_KPA[c]);
+            // Written so that what is not finite counts as worse.
+            !(of(self.after_kpa) <= MOST_RATIO * of(self.before_kpa))
+        };
+        let c = (0..CHANNELS).find(|&c| worse(c))?;
+        Some(format!(
+            "foresees the last {:.0} s worse than the model in force: five ticks ahead {:.3} kPa instead of {:.3} in the {} pressure",
+            self.ticks as f64 * 0.02,
+            self.after_kpa[1][c],
+            self.before_kpa[1][c],
+            if c == 0 { "positive" } else { "negative" }
+        ))
+    }
+}
+
+/// Compares `new` with `old` on a run; `None` where the run is too short to say anything.
+///
+/// # Errors
+/// If one of the rigs cannot be compiled.
+pub fn compare(old: &Rig, new: &Rig, run: &[Sample]) -> Result<Option<ModelFigures>, RigError> {
+    let (before, ticks) = errors(old, run)?;
+    let (after, _) = errors(new, run)?;
+    Ok((ticks >= LEAST_TICKS).then_some(ModelFigures { ticks, before_kpa: before, after_kpa: after }))
+}
+
+/// A predictor that has run along with the newest stretch of a run.
+///
+/// # Errors
+/// If the rig cannot be compiled.
+pub fn warmed(rig: &Rig, run: &[Sample]) -> Result<Predictor, RigError> {
+    let mut predictor = Predictor::new(rig)?;
+    if let Some(newest) = stretches(run).last() {
+        run_along(&mut predictor, newest, |_, _| {});
+    }
+    Ok(predictor)
+}
+
+fn errors(rig: &Rig, run: &[Sample]) -> Result<([Pair; 2], usize), RigError> {
+    let mut predictor = Predictor::new(rig)?;
+    let (mut squares, mut count) = ([[0.0; CHANNELS]; 2], 0);
+    for stretch in stretches(run) {
+        let mut at = 0;
+        run_along(&mut predictor, stretch, |predicted, ahead| {
+            at += 1;
+            if at > SETTLING_TICKS && ahead.len() >= AHEAD {
+                count += 1;
+                for (sum, place) in squares.iter_mut().zip([0, AHEAD - 1]) {
+                    for c in 0..CHANNELS {
+                        sum[c] += (predicted[place][c] - ahead[place].measured_kpa[c]).powi(2);
+                    }
+                }
+            }
+        });
+    }
+    Ok((squares.map(|sum| sum.map(|s: f64| (s / count.max(1) as f64).sqrt())), count))
+}
+
+/// Runs a predictor along a stretch; `seen` gets each tick's predictions and the samples that follow it.
+fn run_along(predictor: &mut Predictor, stretch: &[Sample], mut seen: impl FnMut(&[Pair; AHEAD], &[Sample])) {
+    let Some(first) = stretch.first() else { return };
+    predictor.restart(first.measured_kpa, first.duty);
+    for (at, sample) in stretch.iter().enumerate() {
+        predictor.observe(sample.measured_kpa);
+        let ahead = stretch.get(at + 1..).unwrap_or_default();
+        // What was sent at τ … τ+4 leads to what was read at τ+1 … τ+5.
+        let plan = std::array::from_fn(|j| stretch.get(at + j).or(stretch.last()).map_or(sample.duty, |s| s.duty));
+        if ahead.len() >= AHEAD {
+            seen(&predictor.predict(&plan, sample.pump_on), ahead);
+        }
+        predictor.advance(sample.duty, sample.pump_on);
+    }
+}
+
+/// Parts of a run without a gap.
+fn stretches(run: &[Sample]) -> impl Iterator<Item = &[Sample]> {
+    run.chunk_by(|a, b| b.tick == a.tick.wrapping_add(1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::predict::DualPressureRig;
+
+    /// A run of `bench` with duties that move, in two stretches.
+    fn run(ticks: u32) -> Vec<Sample> {
+        let mut plant = DualPressureRig::new(&Rig::builtin("bench").unwrap()).unwrap();
+        (0..ticks)
+            .map(|t| {
+                let duty = [0.85 + 0.08 * (0.05 * f64::from(t)).sin(), 0.85 + 0.06 * (0.037 * f64::from(t)).cos()];
+                let sample = Sample {
+                    tick: t + 9 * u32::from(t > 400),
+                    measured_kpa: plant.readings_kpa(),
+                    duty,
+                    pump_on: true,
+                };
+                plant.tick(duty, true);
+                sample
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_rig_itself_is_the_better_model_and_a_wrong_one_is_refused() {
+        let (bench, nominal) = (Rig::builtin("bench").unwrap(), Rig::builtin("dual_pressure").unwrap());
+        let run = run(1200);
+        let better = compare(&nominal, &bench, &run).unwrap().unwrap();
+        println!("{better:?}");
+        assert!(better.refusal().is_none());
+        assert!((0..2).all(|c| better.after_kpa[1][c] < 0.5 * better.before_kpa[1][c]), "{better:?}");
+        // The other way round it is worse, and one of another size is much worse.
+        assert!(compare(&bench, &nominal, &run).unwrap().unwrap().refusal().is_some());
+        let mut large = nominal.clone();
+        large.volumes.values_mut().for_each(|v| v.volume_l *= 2.0);
+        let refused = compare(&nominal, &large, &run).unwrap().unwrap().refusal().unwrap();
+        assert!(refused.contains("worse than the model in force"), "{refused}");
+    }
+
+    #[test]
+    fn a_short_run_says_nothing() {
+        let nominal = Rig::builtin("dual_pressure").unwrap();
+        assert_eq!(compare(&nominal, &nominal, &run(300)).unwrap(), None);
+        assert!(warmed(&nominal, &[]).is_ok());
+    }
+}

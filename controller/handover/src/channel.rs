@@ -1,0 +1,198 @@
+//! Queues between the tick and the thread that publishes policies.
+//!
+//! Every queue is bounded and lock-free. A policy goes into the tick as a box and comes back as a box; the tick takes one
+//! only while what it may have to hand back finds room.
+
+use std::sync::Arc;
+
+use crossbeam::queue::ArrayQueue;
+use policy::Policy;
+use serde::{Deserialize, Serialize};
+
+/// Commands that may wait.
+const COMMANDS: usize = 8;
+/// Policies that may wait to be dropped: at most three go in a tick (candidate, incumbent, the one before it).
+const RETIRED: usize = 16;
+const MOST_AT_ONCE: usize = 3;
+/// Events that may wait; the publishing thread looks ten times a second.
+const EVENTS: usize = 256;
+
+/// The first eight bytes of a policy's SHA-256; 0 for the fallback.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+pub struct PolicyTag(pub u64);
+
+impl PolicyTag {
+    /// No policy: the fallback.
+    pub const FALLBACK: PolicyTag = PolicyTag(0);
+
+    /// The tag of a policy.
+    pub fn of(policy: &Policy) -> Self {
+        let [a, b, c, d, e, f, g, h, ..] = policy.hash().0;
+        PolicyTag(u64::from_be_bytes([a, b, c, d, e, f, g, h]))
+    }
+
+    /// The upper half, which events carry in a number.
+    pub fn short(self) -> u32 {
+        (self.0 >> 32) as u32
+    }
+}
+
+/// How a candidate comes to its authority.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Haste {
+    /// Shadow, ramp, probation.
+    Proving,
+    /// Straight into probation, over half a second: it has been active before.
+    Straight,
+}
+
+/// A policy on its way into the tick.
+pub struct Candidate {
+    /// The policy; `None` for the fallback.
+    pub policy: Option<Policy>,
+    /// Its tag.
+    pub tag: PolicyTag,
+}
+
+impl Candidate {
+    /// A policy.
+    pub fn new(policy: Policy) -> Box<Self> {
+        let tag = PolicyTag::of(&policy);
+        Box::new(Candidate { policy: Some(policy), tag })
+    }
+
+    /// The fallback.
+    pub fn fallback() -> Box<Self> {
+        Box::new(Candidate { policy: None, tag: PolicyTag::FALLBACK })
+    }
+}
+
+/// What the publishing thread asks of the tick.
+pub enum Command {
+    /// To try a candidate; one that is on its way already is withdrawn.
+    Try(Box<Candidate>, Haste),
+    /// To go back to what was active before, or from a candidate to the incumbent.
+    Rollback,
+}
+
+/// Something that happened to a policy in the tick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum PolicyEvent {
+    /// A candidate was taken in.
+    Taken(PolicyTag),
+    /// A candidate passed into a stage, by [`crate::StageNow::code`].
+    Passed(PolicyTag, u8),
+    /// A candidate became active.
+    Active(PolicyTag),
+    /// A candidate lost its authority at a stage, by [`crate::StageNow::code`], for a reason.
+    Lost(PolicyTag, u8, crate::Loss),
+    /// The active policy refused to answer; the fallback took over.
+    Refused(PolicyTag),
+    /// There is nothing to roll back to.
+    NothingBefore,
+}
+
+/// What flies, as of the newest tick.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Snapshot {
+    /// The incumbent.
+    pub incumbent: PolicyTag,
+    /// The candidate, if one is on its way.
+    pub candidate: Option<PolicyTag>,
+    /// Its stage, by [`crate::StageNow::code`].
+    pub stage: u8,
+    /// Ticks in it.
+    pub stage_ticks: u32,
+    /// Its share of the command, 0 … 1.
+    pub authority: f64,
+    /// Λ of the sequential test for both channels: +4.6 refuses, −4.6 passes.
+    pub log_ratio: [f64; 2],
+    /// Root mean square of the incumbent's errors over the last minute, in kPa.
+    pub incumbent_rms_kpa: [f64; 2],
+}
+
+/// The tick's end.
+pub struct TickEnd {
+    commands: Arc<ArrayQueue<Command>>,
+    retired: Arc<ArrayQueue<Box<Candidate>>>,
+    events: Arc<ArrayQueue<PolicyEvent>>,
+    snapshot: Arc<ArrayQueue<Snapshot>>,
+}
+
+/// The publishing thread's end.
+#[derive(Clone)]
+pub struct StoreEnd {
+    commands: Arc<ArrayQueue<Command>>,
+    retired: Arc<ArrayQueue<Box<Candidate>>>,
+    events: Arc<ArrayQueue<PolicyEvent>>,
+    snapshot: Arc<ArrayQueue<Snapshot>>,
+}
+
+/// Makes both ends.
+pub fn channel() -> (TickEnd, StoreEnd) {
+    let commands = Arc::new(ArrayQueue::new(COMMANDS));
+    let retired = Arc::new(ArrayQueue::new(RETIRED));
+    let events = Arc::new(ArrayQueue::new(EVENTS));
+    let snapshot = Arc::new(ArrayQueue::new(1));
+    let store = StoreEnd {
+        commands: Arc::clone(&commands),
+        retired: Arc::clone(&retired),
+        events: Arc::clone(&events),
+        snapshot: Arc::clone(&snapshot),
+    };
+    (TickEnd { commands, retired, events, snapshot }, store)
+}
+
+impl TickEnd {
+    /// The next command, if there is one and what it may retire finds room.
+    ///
+    /// # Real-time
+    /// Runs in the tick.
+    pub(crate) fn command(&self) -> Option<Command> {
+        let room = self.retired.capacity() - self.retired.len();
+        if room < 2 * MOST_AT_ONCE { None } else { self.commands.pop() }
+    }
+
+    /// Hands a policy back, to be dropped elsewhere.
+    ///
+    /// # Real-time
+    /// Runs in the tick. Where there is no room the memory is lost rather than freed here; `command` sees to it that there is.
+    pub(crate) fn retire(&self, candidate: Box<Candidate>) {
+        if let Err(candidate) = self.retired.push(candidate) {
+            std::mem::forget(candidate);
+        }
+    }
+
+    pub(crate) fn tell(&self, event: PolicyEvent) {
+        self.events.force_push(event);
+    }
+
+    pub(crate) fn show(&self, snapshot: Snapshot) {
+        self.snapshot.force_push(snapshot);
+    }
+}
+
+impl StoreEnd {
+    /// Puts a command to the next tick.
+    ///
+    /// # Errors
+    /// The command, if too many wait: nothing ticks.
+    pub fn ask(&self, command: Command) -> Result<(), Command> {
+        self.commands.push(command)
+    }
+
+    /// The next event.
+    pub fn event(&self) -> Option<PolicyEvent> {
+        self.events.pop()
+    }
+
+    /// What flies, if a tick has passed since the last call.
+    pub fn snapshot(&self) -> Option<Snapshot> {
+        self.snapshot.pop()
+    }
+
+    /// Drops what the tick has handed back; how many.
+    pub fn sweep(&self) -> usize {
+        std::iter::from_fn(|| self.retired.pop()).count()
+    }
+}

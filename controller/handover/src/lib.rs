@@ -1,0 +1,31 @@
+//! From one policy to the next while the rig is controlled, without a bump and with a way back.
+//!
+//! ```text
+//!            250 ticks and a record          6 levels, each passed           500 ticks in full
+//!  candidate ── SHADOW ───────────▶ RAMP 5 … 100 % ───────────▶ PROBATION ───────────▶ active
+//!                 │                     │                           │
+//!                 └────────── refused: the incumbent alone decides from this very tick ──────
+//! ```
+//!
+//! | module | subject |
+//! | --- | --- |
+//! | [`conditions`] | what kind of tick it is: rest, motion, a jump; errors are only compared in like conditions |
+//! | [`record`] | the incumbent's own errors, by condition |
+//! | [`sequential_test`] | Wald's test: as good as the incumbent, or half as much error again? |
+//! | [`stages`] | shadow, ramp, probation: how much authority a candidate has, and why it loses it |
+//! | [`arbiter`] | incumbent and candidate side by side, blended; what is left of a bump decays |
+//! | [`channel`] | queues between the tick and the thread that publishes: policies in, retired ones out |
+//!
+//! All of it but the making of queues and policies runs in the tick: no allocation, no lock, bounded time. Every policy
+//! that goes is handed back through a queue, to be dropped elsewhere.
+
+pub mod arbiter;
+pub mod channel;
+pub mod conditions;
+pub mod record;
+pub mod sequential_test;
+pub mod stages;
+
+pub use arbiter::{Arbiter, ArbitratedCommand, PolicyAnswer};
+pub use channel::{Candidate, Command, Haste, PolicyEvent, PolicyTag, Snapshot, StoreEnd, TickEnd, channel};
+pub use stages::{Loss, StageNow};

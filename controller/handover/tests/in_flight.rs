@@ -1,0 +1,142 @@
+//! Policies change while the loop is closed: good ones arrive, bad ones lose, nothing bumps.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+#[path = "../../admission/tests/corpus/mod.rs"]
+mod corpus;
+mod loop_on_bench;
+
+use corpus::{bad_networks, network, perturbed, shipped};
+use handover::{Candidate, Command, Haste, Loss, PolicyEvent, PolicyTag, StageNow};
+use loop_on_bench::{ENVELOPE, Loop, policy};
+use proto::reference::Reference;
+
+/// What the converter's noise makes of a limit of the envelope: five standard deviations, 0.06 and 0.006 kPa each.
+const SCATTER_KPA: [f64; 2] = [0.3, 0.03];
+/// The largest change of a duty while one controller decides on the paper's reference (0.025), and twice that for the blend.
+const CALM_DUTY: f64 = 0.05;
+
+fn rms(errors: &[[f64; 2]], c: usize) -> f64 {
+    (errors.iter().map(|e| e[c] * e[c]).sum::<f64>() / errors.len() as f64).sqrt()
+}
+
+/// The shipped policy over the fallback on `bench`: through all stages, without a bump, and better in the end.
+#[test]
+fn a_better_policy_comes_to_full_authority_within_ten_minutes() {
+    let mut run = Loop::new(None, Reference::paper(), 1);
+    run.ticks(400);
+    run.steepest = 0.0;
+    let candidate = Candidate::new(policy(&shipped()));
+    let tag = candidate.tag;
+    assert!(run.store.ask(Command::Try(candidate, Haste::Proving)).is_ok());
+    let active = run.until(30_000, |run| run.arbiter.active() == tag);
+    println!("{:?}", run.events);
+    assert!(active, "not active after ten minutes: {:?}", run.snapshot());
+    let stages: Vec<u8> = run
+        .events
+        .iter()
+        .filter_map(|(_, event)| if let PolicyEvent::Passed(_, stage) = event { Some(*stage) } else { None })
+        .collect();
+    assert_eq!(stages, [1, 2, 3, 4, 5, 6, 7]);
+    println!("active after {} ticks, steepest change {:.4} of duty", run.errors.len() - 400, run.steepest);
+    assert!(run.steepest < CALM_DUTY, "{}", run.steepest);
+    let (before, after) = (run.errors[400..1400].to_vec(), run.errors.len());
+    run.ticks(3000);
+    let after = run.errors[after..].to_vec();
+    println!(
+        "before {:.3}/{:.3} kPa, after {:.3}/{:.3}",
+        rms(&before, 0),
+        rms(&before, 1),
+        rms(&after, 0),
+        rms(&after, 1)
+    );
+    assert!(rms(&after, 1) < rms(&before, 1));
+
+    // And back: the fallback takes over within half a second, without a bump.
+    run.steepest = 0.0;
+    assert!(run.store.ask(Command::Rollback).is_ok());
+    assert!(run.until(600, |run| run.arbiter.active() == PolicyTag::FALLBACK));
+    assert!(run.steepest < CALM_DUTY, "{}", run.steepest);
+    assert!(run.store.ask(Command::Rollback).is_ok());
+    assert!(run.until(600, |run| run.arbiter.active() == tag));
+    assert!(run.steepest < CALM_DUTY, "{}", run.steepest);
+}
+
+/// Thrown straight at the rig, past all the stages that would have refused them: none gets more than a fifth of the
+/// command, none leaves the envelope, the incumbent flies on. Constant corrections are left out: the fallback's integral
+/// takes them up, so they are as good as the fallback.
+#[test]
+fn bad_policies_lose_before_they_have_a_fifth_of_the_command() {
+    for (name, bytes) in bad_networks()
+        .into_iter()
+        .filter(|(name, _)| !["correct_shut", "correct_open", "correct_nothing"].contains(&name.as_str()))
+    {
+        let mut run = Loop::new(None, Reference::paper(), 2);
+        run.ticks(300);
+        let tag = Candidate::new(policy(&bytes)).tag;
+        assert!(run.store.ask(Command::Try(Candidate::new(policy(&bytes)), Haste::Proving)).is_ok());
+        let mut most = 0.0_f64;
+        let lost = run.until(12_000, |run| {
+            most = most.max(run.snapshot().authority);
+            matches!(run.events.last(), Some((_, PolicyEvent::Lost(..))))
+        });
+        println!("{name}: at most {:.0} %, {:?} at tick {}", 100.0 * most, run.events.last(), run.errors.len());
+        assert!(lost, "{name}: still there, {:?}", run.events);
+        assert!(most <= 0.2, "{name}: {most}");
+        let (_, event) = *run.events.last().unwrap();
+        assert!(matches!(event, PolicyEvent::Lost(of, _, _) if of == tag));
+        run.steepest = 0.0;
+        run.ticks(100);
+        assert!(run.steepest < CALM_DUTY, "{name}: a bump of {} when it went", run.steepest);
+        assert!(run.farthest[0] <= ENVELOPE.max_pos_kpa + SCATTER_KPA[0], "{name}: {:?}", run.farthest);
+        assert!(run.farthest[1] >= ENVELOPE.min_neg_kpa - SCATTER_KPA[1], "{name}: {:?}", run.farthest);
+    }
+}
+
+/// In full authority at once, as an operator may want it of what was active before: the filter and the watch hold it.
+#[test]
+fn a_bad_policy_in_full_authority_is_taken_back_in_the_same_tick() {
+    let (layout, graph) = network(&shipped());
+    let good = corpus::export(layout, &perturbed(&graph, 1.0, 9));
+    for (name, bytes) in bad_networks().into_iter().filter(|(name, _)| name.contains("bang") || name.contains("wrong"))
+    {
+        let mut run = Loop::new(Some(policy(&good)), Reference::paper(), 3);
+        let incumbent = run.arbiter.active();
+        run.ticks(1500);
+        assert!(run.store.ask(Command::Try(Candidate::new(policy(&bytes)), Haste::Straight)).is_ok());
+        assert!(run.until(2000, |run| matches!(run.events.last(), Some((_, PolicyEvent::Lost(..))))), "{name}");
+        println!("{name}: {:?}, farthest {:.1?} kPa", run.events.last(), run.farthest);
+        assert_eq!(run.arbiter.active(), incumbent);
+        assert!(run.steepest <= 0.1 + 1e-12, "{name}: beyond the slew limit: {}", run.steepest);
+        assert!(
+            run.farthest[0] <= ENVELOPE.max_pos_kpa + SCATTER_KPA[0]
+                && run.farthest[1] >= ENVELOPE.min_neg_kpa - SCATTER_KPA[1]
+        );
+        run.ticks(600);
+        let end = run.errors.len();
+        let back = rms(&run.errors[end - 200..], 0);
+        assert!(back < 1.0, "{name}: {back} kPa after the incumbent took over");
+    }
+}
+
+/// An operator takes a candidate back; a second candidate replaces the first; everything that went comes back by the queue.
+#[test]
+fn candidates_can_be_withdrawn_and_replaced_and_nothing_is_freed_in_the_tick() {
+    let mut run = Loop::new(None, Reference::constant(85.0, -71.0), 4);
+    run.ticks(10);
+    let mut taken = 0;
+    for round in 0..40 {
+        assert!(run.store.ask(Command::Try(Candidate::new(policy(&shipped())), Haste::Straight)).is_ok());
+        run.ticks(3 + round % 5);
+        taken += run.store.sweep();
+    }
+    assert_eq!(taken, 39, "each but the last came back");
+    assert!(run.store.ask(Command::Rollback).is_ok());
+    run.ticks(2);
+    assert!(
+        matches!(run.events.last(), Some((_, PolicyEvent::Lost(_, _, Loss::Withdrawn)))),
+        "{:?}",
+        run.events.last()
+    );
+    assert_eq!((run.store.sweep(), run.arbiter.active()), (1, PolicyTag::FALLBACK));
+    assert_eq!(StageNow::of_code(StageNow::Probation.code()), StageNow::Probation);
+}

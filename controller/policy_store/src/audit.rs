@@ -1,0 +1,93 @@
+//! Who did what to which policy: one JSON object a line, each with the SHA-256 of the line before it.
+//!
+//! The file stands beside the recordings and is only ever appended to. A line that was taken out or changed shows at the
+//! next one; the file proves nothing against somebody who rewrites all of it.
+
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use proto::recording::rfc3339;
+use serde_json::json;
+
+/// Most of a file that is read for its last line, in bytes.
+const MOST_TAIL_BYTES: u64 = 64 << 10;
+
+/// The audit record of a daemon.
+#[derive(Debug)]
+pub struct Audit {
+    file: PathBuf,
+    last: String,
+}
+
+impl Audit {
+    /// Goes on in `file`, which need not be there yet.
+    pub fn open(file: PathBuf) -> Self {
+        let last = last_line(&file).map_or_else(String::new, |line| policy::hash(line.as_bytes()).to_string());
+        Audit { file, last }
+    }
+
+    /// Appends a line.
+    ///
+    /// # Errors
+    /// What the system said, with the file; the daemon goes on without.
+    pub fn note(&mut self, who: &str, what: &str, policy: &str, sha256: &str, detail: &str) -> Result<(), String> {
+        let line = json!({
+            "time": rfc3339(SystemTime::now()),
+            "who": who,
+            "what": what,
+            "policy": policy,
+            "sha256": sha256,
+            "detail": detail,
+            "previous": self.last,
+        })
+        .to_string();
+        let written = OpenOptions::new()
+            .append(true)
+            .create(true)
+            .mode(0o640)
+            .open(&self.file)
+            .and_then(|mut file| file.write_all(format!("{line}\n").as_bytes()));
+        written.map_err(|error| format!("{}: cannot be written: {error}", self.file.display()))?;
+        self.last = policy::hash(line.as_bytes()).to_string();
+        Ok(())
+    }
+}
+
+fn last_line(file: &Path) -> Option<String> {
+    use std::io::{Read, Seek, SeekFrom};
+    let mut file = std::fs::File::open(file).ok()?;
+    let length = file.metadata().ok().filter(std::fs::Metadata::is_file)?.len();
+    file.seek(SeekFrom::Start(length.saturating_sub(MOST_TAIL_BYTES))).ok()?;
+    let mut tail = Vec::new();
+    file.take(MOST_TAIL_BYTES).read_to_end(&mut tail).ok()?;
+    let text = String::from_utf8_lossy(&tail).into_owned();
+    text.lines().next_back().map(str::to_owned)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_line_names_the_one_before_it_also_after_a_restart() {
+        let file = std::env::temp_dir().join(format!("audit-{}.jsonl", std::process::id()));
+        let _ = std::fs::remove_file(&file);
+        let mut audit = Audit::open(file.clone());
+        audit.note("alice (uid 1000, pid 1)", "swap", "a", "ff", "").unwrap();
+        audit.note("follow", "swap", "b", "ee", "").unwrap();
+        Audit::open(file.clone()).note("bob", "rollback", "a", "ff", "\"quoted\"\nand broken").unwrap();
+        let text = std::fs::read_to_string(&file).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines.len(), 3, "{text}");
+        let mut before = String::new();
+        for line in lines {
+            let object: serde_json::Value = serde_json::from_str(line).unwrap();
+            assert_eq!(object["previous"], before.as_str());
+            before = policy::hash(line.as_bytes()).to_string();
+        }
+        std::fs::remove_file(&file).unwrap();
+    }
+}

@@ -1,0 +1,247 @@
+//! All policies that are known, and what the tick says flies.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::sync::Arc;
+
+use admission::{Admitted, Refusal, Stage, Tally};
+use handover::{Loss, PolicyEvent, PolicyTag, Snapshot, StageNow};
+
+use crate::entry::{Entry, EntryState, provenance};
+
+/// Policies whose bytes are kept for a swap; of more the oldest must be read again.
+const MOST_KEPT: usize = 64;
+
+/// The board.
+#[derive(Default)]
+pub struct Board {
+    /// By name.
+    entries: BTreeMap<String, Entry>,
+    /// Bytes of what has passed, by tag, in the order of passing.
+    bytes: Vec<(PolicyTag, Arc<[u8]>)>,
+    /// Flights of the trial, by tag.
+    tallies: HashMap<PolicyTag, Vec<Tally>>,
+    /// What has been active in this run.
+    proven: HashSet<PolicyTag>,
+    snapshot: Snapshot,
+    /// What is active by the tick's own word, and what was before it.
+    active: PolicyTag,
+    previous: Option<PolicyTag>,
+    /// What is wrong with directory or files.
+    pub problem: Option<String>,
+}
+
+/// What became of a policy, for audit and files.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Change {
+    /// Its name.
+    pub name: String,
+    /// Its SHA-256.
+    pub sha256: String,
+    /// What happened, one word or a few.
+    pub what: &'static str,
+    /// Why, if it was refused.
+    pub refusal: Option<Refusal>,
+}
+
+impl Board {
+    /// All entries, by name.
+    pub fn entries(&self) -> impl Iterator<Item = &Entry> {
+        self.entries.values()
+    }
+
+    /// The entry of a name.
+    pub fn entry(&self, name: &str) -> Option<&Entry> {
+        self.entries.get(name)
+    }
+
+    /// What flies, as of the newest tick.
+    pub fn snapshot(&self) -> Snapshot {
+        self.snapshot
+    }
+
+    /// The bytes of a policy that has passed.
+    pub fn bytes(&self, tag: PolicyTag) -> Option<Arc<[u8]>> {
+        self.bytes.iter().find(|(of, _)| *of == tag).map(|(_, bytes)| Arc::clone(bytes))
+    }
+
+    /// Whether a policy has been active since the daemon started.
+    pub fn is_proven(&self, tag: PolicyTag) -> bool {
+        tag == PolicyTag::FALLBACK || self.proven.contains(&tag)
+    }
+
+    /// The trial's flights of what flies now; `None` for the fallback's.
+    pub fn incumbent_tallies(&self) -> Option<&Vec<Tally>> {
+        self.tallies.get(&self.snapshot.incumbent)
+    }
+
+    /// The name of what flies, `fallback` where none does.
+    pub fn active_name(&self) -> String {
+        self.name_of(self.snapshot.incumbent)
+    }
+
+    /// The name of a tag.
+    pub fn name_of(&self, tag: PolicyTag) -> String {
+        if tag == PolicyTag::FALLBACK {
+            return "fallback".to_owned();
+        }
+        let named = self.entries.values().filter(|entry| entry.tag() == Some(tag));
+        // A file that was copied has two names; one that is not gone is the better one.
+        let named = named.min_by_key(|entry| entry.state == EntryState::Gone);
+        named.map_or_else(|| format!("{:016x}", tag.0), |entry| entry.name.clone())
+    }
+
+    /// The name of what was active before what is.
+    pub fn previous_name(&self) -> Option<String> {
+        self.previous.map(|tag| self.name_of(tag))
+    }
+
+    /// The policy that flies from the start.
+    pub fn begin(&mut self, mut entry: Entry, bytes: Option<Arc<[u8]>>) {
+        entry.state = EntryState::Active;
+        if let Some(tag) = entry.tag() {
+            self.proven.insert(tag);
+            self.snapshot.incumbent = tag;
+            self.active = tag;
+            self.keep(tag, bytes);
+        }
+        self.entries.insert(entry.name.clone(), entry);
+    }
+
+    /// A file has appeared or changed. What flies under its name goes on flying under a name with its hash.
+    pub fn checking(&mut self, name: &str) {
+        let before = self.entries.insert(name.to_owned(), Entry::checking(name));
+        let Some(mut before) = before else { return };
+        if !matches!(before.state, EntryState::Checking | EntryState::Refused | EntryState::Passed | EntryState::Gone) {
+            before.name = format!("{name}@{:.8}", before.sha256);
+            self.entries.insert(before.name.clone(), before);
+        }
+    }
+
+    /// A file is gone; what flies goes on flying.
+    pub fn gone(&mut self, name: &str) {
+        let Some(entry) = self.entries.get_mut(name) else { return };
+        match entry.state {
+            EntryState::Checking | EntryState::Refused | EntryState::Passed | EntryState::Gone => {
+                self.entries.remove(name);
+            }
+            _ => {}
+        }
+    }
+
+    /// A policy has passed all stages before the rig.
+    pub fn passed(&mut self, name: &str, admitted: Admitted, bytes: Arc<[u8]>) -> Change {
+        let sha256 = admitted.policy.hash().to_string();
+        let tag = PolicyTag::of(&admitted.policy);
+        let state = if self.snapshot.incumbent == tag { EntryState::Active } else { EntryState::Passed };
+        let entry = Entry {
+            state,
+            sha256: sha256.clone(),
+            figures: Some(admitted.figures),
+            inference_us: Some(admitted.inference_us),
+            provenance: provenance(&admitted.policy),
+            ..Entry::checking(name)
+        };
+        self.entries.insert(name.to_owned(), entry);
+        self.tallies.insert(tag, admitted.tallies);
+        self.keep(tag, Some(bytes));
+        Change { name: name.to_owned(), sha256, what: "passed", refusal: None }
+    }
+
+    /// The trial's flights of a policy that was not examined here.
+    pub fn flown(&mut self, tag: PolicyTag, tallies: Vec<Tally>) {
+        self.tallies.insert(tag, tallies);
+    }
+
+    /// A policy was refused.
+    pub fn refused(&mut self, name: &str, refusal: Refusal) -> Change {
+        let entry = self.entries.entry(name.to_owned()).or_insert_with(|| Entry::checking(name));
+        entry.state = EntryState::Refused;
+        entry.authority_percent = None;
+        if let Some(sha256) = &refusal.sha256 {
+            entry.sha256.clone_from(sha256);
+        }
+        entry.figures = refusal.figures.or(entry.figures);
+        entry.refusal = Some(refusal.clone());
+        Change { name: name.to_owned(), sha256: entry.sha256.clone(), what: "refused", refusal: Some(refusal) }
+    }
+
+    /// What the tick shows.
+    pub fn show(&mut self, snapshot: Snapshot) {
+        self.snapshot = snapshot;
+        if let Some(candidate) = snapshot.candidate {
+            let percent = 100.0 * snapshot.authority;
+            let state = EntryState::of_stage(StageNow::of_code(snapshot.stage));
+            for entry in self.entries.values_mut().filter(|e| e.tag() == Some(candidate)) {
+                entry.state = state;
+                entry.authority_percent = Some(percent);
+            }
+        }
+    }
+
+    /// What happened in the tick.
+    pub fn happened(&mut self, event: PolicyEvent) -> Option<Change> {
+        match event {
+            PolicyEvent::Taken(tag) => self.changed(tag, EntryState::Shadow, "in shadow"),
+            PolicyEvent::Passed(tag, stage) => {
+                let stage = StageNow::of_code(stage);
+                let what = match stage {
+                    StageNow::Shadow => "in shadow",
+                    StageNow::Ramp(_) => "next level of the ramp",
+                    StageNow::Probation => "in probation",
+                };
+                self.changed(tag, EntryState::of_stage(stage), what)
+            }
+            PolicyEvent::Active(tag) => {
+                for entry in self.entries.values_mut() {
+                    entry.state = match entry.state {
+                        EntryState::Active => EntryState::Previous,
+                        EntryState::Previous => EntryState::Passed,
+                        other => other,
+                    };
+                }
+                self.previous = Some(std::mem::replace(&mut self.active, tag));
+                self.proven.insert(tag);
+                self.changed(tag, EntryState::Active, "active")
+            }
+            PolicyEvent::Lost(tag, _, Loss::Withdrawn) => {
+                let state = if self.is_proven(tag) { EntryState::Previous } else { EntryState::Passed };
+                self.changed(tag, state, "withdrawn")
+            }
+            PolicyEvent::Lost(tag, stage, loss) => {
+                let stage = EntryState::of_stage(StageNow::of_code(stage)).stage();
+                self.lost(tag, stage, loss.reason())
+            }
+            PolicyEvent::Refused(tag) => {
+                self.active = PolicyTag::FALLBACK;
+                let reason = "answered something that is not finite; the fallback took over in that tick";
+                self.lost(tag, Stage::Probation, reason)
+            }
+            PolicyEvent::NothingBefore => None,
+        }
+    }
+
+    fn changed(&mut self, tag: PolicyTag, state: EntryState, what: &'static str) -> Option<Change> {
+        let entry = self.entries.values_mut().find(|entry| entry.tag() == Some(tag))?;
+        entry.state = state;
+        if matches!(state, EntryState::Active | EntryState::Passed | EntryState::Previous) {
+            entry.authority_percent = None;
+        }
+        Some(Change { name: entry.name.clone(), sha256: entry.sha256.clone(), what, refusal: None })
+    }
+
+    fn lost(&mut self, tag: PolicyTag, stage: Stage, reason: &str) -> Option<Change> {
+        self.proven.remove(&tag);
+        let entry = self.entries.values().find(|entry| entry.tag() == Some(tag))?;
+        let (name, sha256, figures) = (entry.name.clone(), entry.sha256.clone(), entry.figures);
+        Some(self.refused(&name, Refusal { stage, reason: reason.to_owned(), sha256: Some(sha256), figures }))
+    }
+
+    fn keep(&mut self, tag: PolicyTag, bytes: Option<Arc<[u8]>>) {
+        let Some(bytes) = bytes else { return };
+        self.bytes.retain(|(of, _)| *of != tag);
+        self.bytes.push((tag, bytes));
+        if self.bytes.len() > MOST_KEPT {
+            self.bytes.remove(0);
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! What operators ask of policies: list, swap, rollback. Called from the socket's threads.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use handover::{Candidate, Command, Haste, PolicyTag, Snapshot, StoreEnd};
+use policy::{Policy, PolicySignature};
+
+use crate::audit::Audit;
+use crate::board::Board;
+use crate::entry::{Entry, EntryState};
+
+/// The name that stands for no policy at all.
+pub const FALLBACK: &str = "fallback";
+
+/// A handle to the policies of a running daemon; cheap to clone.
+#[derive(Clone)]
+pub struct PolicyDesk {
+    pub(crate) board: Arc<Mutex<Board>>,
+    pub(crate) audit: Arc<Mutex<Audit>>,
+    pub(crate) end: StoreEnd,
+    pub(crate) signatures: Arc<[PolicySignature]>,
+}
+
+/// A lock that a panic elsewhere does not take away.
+pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl PolicyDesk {
+    /// All policies, by name, and what flies as of the newest tick.
+    pub fn list(&self) -> (Vec<Entry>, Snapshot) {
+        let board = locked(&self.board);
+        (board.entries().cloned().collect(), board.snapshot())
+    }
+
+    /// Name and SHA-256 of what flies; `fallback` and nothing where no policy does.
+    pub fn active(&self) -> (String, String) {
+        let board = locked(&self.board);
+        let tag = board.snapshot().incumbent;
+        let sha256 = board.entries().find(|entry| entry.tag() == Some(tag)).map(|entry| entry.sha256.clone());
+        (board.active_name(), sha256.unwrap_or_default())
+    }
+
+    /// What is wrong with the directory, if anything.
+    pub fn problem(&self) -> Option<String> {
+        locked(&self.board).problem.clone()
+    }
+
+    /// Sends a policy that has passed its stages on to the rig, or back to it; `who` asked.
+    ///
+    /// # Errors
+    /// Why not, one line.
+    pub fn swap(&self, name: &str, who: &str) -> Result<String, String> {
+        let (tag, sha256, haste, bytes) = self.ready(name)?;
+        let candidate = match bytes {
+            None => Candidate::fallback(),
+            Some(bytes) => {
+                // Read again rather than kept: the tick owns the one that flies.
+                let policy = Policy::from_bytes(name.to_owned(), &bytes, &self.signatures);
+                Candidate::new(policy.map_err(|fault| format!("{name}: {fault}"))?)
+            }
+        };
+        self.end.sweep();
+        self.end
+            .ask(Command::Try(candidate, haste))
+            .map_err(|_| "too many requests wait; is the cRIO there?".to_owned())?;
+        self.note(who, "swap", name, &sha256);
+        let _ = tag;
+        Ok(match haste {
+            Haste::Straight => format!("{name} takes over within half a second, and is on probation for 10 s"),
+            Haste::Proving => {
+                format!(
+                    "{name} is in shadow; once armed it comes to full authority step by step (`controller policies`)"
+                )
+            }
+        })
+    }
+
+    /// Goes back: from a candidate to what flies, or from what flies to what flew before; `who` asked.
+    ///
+    /// # Errors
+    /// Why not, one line.
+    pub fn rollback(&self, who: &str) -> Result<String, String> {
+        let (candidate, previous) = {
+            let board = locked(&self.board);
+            (board.snapshot().candidate.map(|tag| board.name_of(tag)), board.previous_name())
+        };
+        let (name, text) = match (candidate, previous) {
+            (Some(name), _) => (name.clone(), format!("{name} is withdrawn")),
+            (None, Some(name)) => (name.clone(), format!("back to {name}")),
+            (None, None) => return Err("nothing flew before; swap to a policy or to fallback by name".to_owned()),
+        };
+        self.end.ask(Command::Rollback).map_err(|_| "too many requests wait; is the cRIO there?".to_owned())?;
+        self.note(who, "rollback", &name, "");
+        Ok(text)
+    }
+
+    /// Whether a name may go to the tick, and what is needed for it.
+    #[allow(clippy::type_complexity)] // one place, and a struct would be read here only
+    fn ready(&self, name: &str) -> Result<(PolicyTag, String, Haste, Option<Arc<[u8]>>), String> {
+        let board = locked(&self.board);
+        if name == FALLBACK {
+            return if board.snapshot().incumbent == PolicyTag::FALLBACK {
+                Err("the fallback flies already".to_owned())
+            } else {
+                Ok((PolicyTag::FALLBACK, String::new(), Haste::Straight, None))
+            };
+        }
+        let Some(entry) = board.entry(name) else {
+            let known: Vec<&str> = board.entries().map(|e| e.name.as_str()).collect();
+            return Err(format!(
+                "no policy {name}; there are: {}",
+                [known.as_slice(), &[FALLBACK]].concat().join(", ")
+            ));
+        };
+        let known = entry.tag().and_then(|tag| Some((tag, board.bytes(tag)?)));
+        match (entry.state, known) {
+            (EntryState::Active, _) => Err(format!("{name} flies already")),
+            (EntryState::Shadow | EntryState::Ramp | EntryState::Probation, _) => {
+                Err(format!("{name} is on its way already ({})", entry.state.name()))
+            }
+            (EntryState::Checking, _) => Err(format!("{name} is still being checked; ask again in some seconds")),
+            (EntryState::Refused, _) => Err(match &entry.refusal {
+                Some(refusal) => format!("{name} was refused, {refusal}"),
+                None => format!("{name} was refused"),
+            }),
+            (EntryState::Passed | EntryState::Previous | EntryState::Gone, Some((tag, bytes))) => {
+                let haste = if board.is_proven(tag) { Haste::Straight } else { Haste::Proving };
+                Ok((tag, entry.sha256.clone(), haste, Some(bytes)))
+            }
+            (_, None) => Err(format!("{name} is no longer held; publish it again")),
+        }
+    }
+
+    fn note(&self, who: &str, what: &str, name: &str, sha256: &str) {
+        let noted = locked(&self.audit).note(who, what, name, sha256, "");
+        if let Err(problem) = noted {
+            locked(&self.board).problem = Some(problem);
+        }
+    }
+}

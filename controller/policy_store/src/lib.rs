@@ -1,0 +1,23 @@
+//! The watched directory of policies, beside the tick.
+//!
+//! | module | subject |
+//! | --- | --- |
+//! | [`watch`] | which files of the directory are whole: renamed into place, or unchanged for a while |
+//! | [`entry`] | what is known of a policy: state, provenance, figures, why it was refused |
+//! | [`board`] | all entries, and what flies |
+//! | [`audit`] | who did what to which policy, line by line |
+//! | [`store`] | the thread: examines what is published, follows what becomes of it in the tick |
+//! | [`desk`] | what operators ask: list, swap, rollback |
+//!
+//! Nothing of it runs in the tick; to the tick it is two queues ([`handover::channel`]).
+
+pub mod audit;
+pub mod board;
+pub mod desk;
+pub mod entry;
+pub mod store;
+pub mod watch;
+
+pub use desk::PolicyDesk;
+pub use entry::{Entry, EntryState};
+pub use store::{ActivePolicy, Adoption, PolicyStore, StoreSettings};

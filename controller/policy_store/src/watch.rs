@@ -1,0 +1,195 @@
+//! Which files of a directory are whole.
+//!
+//! A publisher writes under another name (`.tmp`, a dot in front) and renames. Not everybody does, and a network file
+//! system tells nobody of a rename on another machine; so the directory is read once a second, and a file counts when
+//! two readings in a row found the same inode, size and time of change. A copy that pauses for longer is told by what
+//! it holds: the store waits for a file that ends too early ([`crate::store`]).
+
+use std::collections::HashMap;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+
+/// Ending of policies.
+pub const ENDING: &str = "onnx";
+/// Most names that are looked at: a directory of a million files must not hold anybody up.
+const MOST_NAMES: usize = 4096;
+
+/// What a file looks like from outside.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Look {
+    inode: u64,
+    size: u64,
+    changed_s: i64,
+    changed_ns: i64,
+    mode: u32,
+}
+
+impl Look {
+    /// Looks at a name, without following links and without opening anything.
+    pub fn at(path: &Path) -> Option<Self> {
+        let about = std::fs::symlink_metadata(path).ok()?;
+        Some(Look {
+            inode: about.ino(),
+            size: about.size(),
+            changed_s: about.mtime(),
+            changed_ns: about.mtime_nsec(),
+            mode: about.mode(),
+        })
+    }
+
+    /// Seconds since 1970 at which it was last written.
+    pub fn written_s(&self) -> i64 {
+        self.changed_s
+    }
+}
+
+/// A file that has come to rest.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Settled {
+    /// Its name without `.onnx`.
+    pub name: String,
+    /// Its path.
+    pub path: PathBuf,
+    /// How it looked.
+    pub look: Look,
+}
+
+/// Watches a directory.
+#[derive(Debug)]
+pub struct Watcher {
+    directory: PathBuf,
+    known: HashMap<String, Known>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Known {
+    look: Look,
+    /// Whether it has been handed out as it is now.
+    handed: bool,
+}
+
+/// What a reading of the directory found.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Reading {
+    /// Files that have come to rest since the last reading, the one written last at the end.
+    pub settled: Vec<Settled>,
+    /// Names that are no longer there.
+    pub gone: Vec<String>,
+    /// Why the directory cannot be read, if it cannot.
+    pub problem: Option<String>,
+}
+
+impl Watcher {
+    /// Watches `directory`, which need not be there yet.
+    pub fn new(directory: PathBuf) -> Self {
+        Watcher { directory, known: HashMap::new() }
+    }
+
+    /// The directory.
+    pub fn directory(&self) -> &Path {
+        &self.directory
+    }
+
+    /// Reads the directory; to be called once a second.
+    pub fn read(&mut self) -> Reading {
+        let mut reading = Reading::default();
+        let entries = match std::fs::read_dir(&self.directory) {
+            Ok(entries) => entries,
+            // Nobody has published anything yet.
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return self.all_gone(),
+            Err(error) => {
+                reading.problem = Some(format!("{}: cannot be read: {error}", self.directory.display()));
+                return reading;
+            }
+        };
+        let mut seen = HashMap::new();
+        for path in entries.take(MOST_NAMES).flatten().map(|entry| entry.path()) {
+            if let (Some(name), Some(look)) = (policy_name(&path), Look::at(&path)) {
+                seen.insert(name, (path, look));
+            }
+        }
+        reading.gone = self.known.keys().filter(|name| !seen.contains_key(*name)).cloned().collect();
+        self.known.retain(|name, _| seen.contains_key(name));
+        for (name, (path, look)) in seen {
+            let before = self.known.get(&name).copied();
+            let same = before.is_some_and(|known| known.look == look);
+            let handed = same && before.is_some_and(|known| known.handed);
+            self.known.insert(name.clone(), Known { look, handed: same });
+            if same && !handed {
+                reading.settled.push(Settled { name, path, look });
+            }
+        }
+        reading.settled.sort_by_key(|settled| (settled.look.changed_s, settled.look.changed_ns));
+        reading.gone.sort();
+        reading
+    }
+
+    /// Hands a file out again once it has come to rest, although it looks as it did.
+    pub fn again(&mut self, name: &str) {
+        self.known.remove(name);
+    }
+
+    fn all_gone(&mut self) -> Reading {
+        let mut gone: Vec<String> = self.known.drain().map(|(name, _)| name).collect();
+        gone.sort();
+        Reading { gone, ..Reading::default() }
+    }
+}
+
+/// The policy that a name stands for: `NAME.onnx`, without a dot in front, in letters that `swap` takes.
+pub fn policy_name(path: &Path) -> Option<String> {
+    let stem = path.file_stem()?.to_str()?;
+    let sound = !stem.starts_with('.')
+        && !stem.is_empty()
+        && stem.len() <= 128
+        && stem.chars().all(|c| c.is_ascii_alphanumeric() || "._-".contains(c));
+    (path.extension()? == ENDING && sound && !stem.ends_with(".tmp")).then(|| stem.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("watch-{}-{name}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&folder);
+        std::fs::create_dir_all(&folder).unwrap();
+        folder
+    }
+
+    fn names(reading: &Reading) -> Vec<&str> {
+        reading.settled.iter().map(|s| s.name.as_str()).collect()
+    }
+
+    #[test]
+    fn a_file_counts_once_it_is_at_rest_and_once_only() {
+        let folder = folder("rest");
+        let mut watcher = Watcher::new(folder.clone());
+        let file = folder.join("first.onnx");
+        std::fs::write(&file, b"half").unwrap();
+        assert!(names(&watcher.read()).is_empty(), "seen for the first time");
+        std::fs::write(&file, b"half and the rest").unwrap();
+        assert!(names(&watcher.read()).is_empty(), "it has grown meanwhile");
+        assert_eq!(names(&watcher.read()), ["first"]);
+        assert!(names(&watcher.read()).is_empty(), "handed out once");
+        // Published anew under the same name by a rename: another inode.
+        std::fs::write(folder.join(".first.onnx.part"), b"half and the rest").unwrap();
+        std::fs::rename(folder.join(".first.onnx.part"), &file).unwrap();
+        assert!(names(&watcher.read()).is_empty());
+        assert_eq!(names(&watcher.read()), ["first"]);
+        std::fs::remove_file(&file).unwrap();
+        assert_eq!(watcher.read().gone, ["first"]);
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert_eq!(watcher.read(), Reading::default(), "a directory that is not there holds nothing");
+    }
+
+    #[test]
+    fn what_is_no_published_policy_is_passed_over() {
+        for name in
+            [".hidden.onnx", "a.onnx.tmp", "x.tmp.onnx", "notes.txt", "a b.onnx", "ü.onnx", ".onnx", "a.onnx.minisig"]
+        {
+            assert_eq!(policy_name(Path::new(name)), None, "{name}");
+        }
+        assert_eq!(policy_name(Path::new("/p/run-3_v1.2.onnx")).as_deref(), Some("run-3_v1.2"));
+    }
+}

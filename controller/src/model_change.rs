@@ -1,0 +1,166 @@
+//! Another model behind predictions, feed-forward and safety filter, put in at a tick's edge.
+//!
+//! `controller model FILE` compiles a rig off the tick, compares its predictions with those of the model in force on the
+//! last minutes of the run, and hands all that is made of it to the tick in one box; what was in force goes back in the
+//! same box, to be dropped here. The command goes on without a bump: what differs decays within half a second.
+
+use std::collections::VecDeque;
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use admission::model_comparison::{Sample, compare, warmed};
+use crossbeam::queue::ArrayQueue;
+use model::predict::Predictor;
+use model::rig::Rig;
+use model::steady::SteadyMap;
+use proto::emulator::rig_and_crio;
+use safety_filter::{Envelope, SafetyFilter, SlewLimit};
+
+use crate::sensing::Sensing;
+
+/// Samples that the tick keeps for a comparison: 160 s.
+const SAMPLES: usize = 8192;
+/// The newest of them that are compared: a minute takes some seconds of computing.
+const COMPARED: usize = 3000;
+/// How long the tick may take to put a model in.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// All that is made of a model.
+pub struct ModelChange {
+    /// MPObs.
+    pub predictor: Predictor,
+    /// Feed-forward.
+    pub map: Arc<SteadyMap>,
+    /// The safety filter.
+    pub filter: SafetyFilter,
+}
+
+/// The tick's end.
+pub struct ModelTickEnd {
+    shared: Arc<Shared>,
+}
+
+struct Shared {
+    next: ArrayQueue<Box<ModelChange>>,
+    retired: ArrayQueue<Box<ModelChange>>,
+    samples: ArrayQueue<Sample>,
+}
+
+/// The operators' end.
+#[derive(Clone)]
+pub struct ModelDesk {
+    shared: Arc<Shared>,
+    /// The model in force, and samples that were taken off the tick's queue.
+    state: Arc<Mutex<(Rig, VecDeque<Sample>)>>,
+}
+
+/// Makes both ends for a loop that begins with `rig`.
+pub fn ends(rig: &Rig) -> (ModelTickEnd, ModelDesk) {
+    let shared =
+        Arc::new(Shared { next: ArrayQueue::new(1), retired: ArrayQueue::new(4), samples: ArrayQueue::new(SAMPLES) });
+    let state = Arc::new(Mutex::new((rig.clone(), VecDeque::new())));
+    (ModelTickEnd { shared: Arc::clone(&shared) }, ModelDesk { shared, state })
+}
+
+impl ModelTickEnd {
+    /// The next model, if there is one and what is in force finds room on its way back.
+    ///
+    /// # Real-time
+    /// Runs in the tick.
+    pub fn take(&self) -> Option<Box<ModelChange>> {
+        if self.shared.retired.is_full() { None } else { self.shared.next.pop() }
+    }
+
+    /// Hands back what was in force.
+    ///
+    /// # Real-time
+    /// Runs in the tick; `take` has seen to it that there is room.
+    pub fn retire(&self, change: Box<ModelChange>) {
+        if let Err(change) = self.shared.retired.push(change) {
+            std::mem::forget(change);
+        }
+    }
+
+    /// Keeps a tick for later comparisons; the oldest goes.
+    ///
+    /// # Real-time
+    /// Runs in the tick.
+    pub fn keep(&self, sample: Sample) {
+        self.shared.samples.force_push(sample);
+    }
+}
+
+impl ModelDesk {
+    /// The name of the model in force.
+    pub fn name(&self) -> String {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner).0.name.clone()
+    }
+
+    /// Reads a rig file, checks it, compares it, and has the tick put it in. Takes seconds; not for the tick nor for the
+    /// thread that answers other operators.
+    ///
+    /// # Errors
+    /// Why not, one line; nothing has changed then.
+    pub fn change(&self, file: &Path) -> Result<String, String> {
+        let name = file.display();
+        let rig = proto::rig_file::load(&file.to_string_lossy()).map_err(|e| e.to_string())?;
+        let unfit = |problem: model::rig::RigError| format!("{name}: rig {}: {problem}", rig.name);
+        rig_and_crio(&rig).map_err(unfit)?;
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let (old, samples) = &mut *state;
+        if Sensing::of(&rig).map_err(unfit)? != Sensing::of(old).map_err(unfit)? {
+            return Err(format!(
+                "{name}: its sensors have other ranges than those in force; restart the daemon with rig.file"
+            ));
+        }
+        samples.extend(std::iter::from_fn(|| self.shared.samples.pop()));
+        let surplus = samples.len().saturating_sub(SAMPLES);
+        samples.drain(..surplus);
+        let run: Vec<Sample> = samples.iter().skip(samples.len().saturating_sub(COMPARED)).copied().collect();
+        let figures = compare(old, &rig, &run).map_err(unfit)?;
+        if let Some(reason) = figures.as_ref().and_then(|f| f.refusal()) {
+            return Err(format!("{name}: {reason}"));
+        }
+        let change = ModelChange {
+            predictor: warmed(&rig, &run).map_err(unfit)?,
+            map: Arc::new(SteadyMap::new(&rig).map_err(unfit)?),
+            // The tick puts the limits of the filter in force into it.
+            filter: SafetyFilter::new(&rig, Envelope::DEFAULT, SlewLimit::DEFAULT).map_err(unfit)?,
+        };
+        self.hand_over(change)?;
+        *old = rig;
+        Ok(match figures {
+            Some(f) => format!(
+                "model {} is in force; five ticks ahead it errs by {:.3}/{:.3} kPa on the last {:.0} s, the one before by {:.3}/{:.3}",
+                old.name,
+                f.after_kpa[1][0],
+                f.after_kpa[1][1],
+                f.ticks as f64 * 0.02,
+                f.before_kpa[1][0],
+                f.before_kpa[1][1]
+            ),
+            None => format!("model {} is in force; too little was run to compare it with the one before", old.name),
+        })
+    }
+
+    /// Waits until the tick has put it in; takes it back if it does not.
+    fn hand_over(&self, change: ModelChange) -> Result<(), String> {
+        while self.shared.retired.pop().is_some() {}
+        if self.shared.next.push(Box::new(change)).is_err() {
+            return Err("another model is on its way; try again".to_owned());
+        }
+        let until = Instant::now() + PATIENCE;
+        while Instant::now() < until {
+            if self.shared.retired.pop().is_some() {
+                return Ok(());
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        match self.shared.next.pop() {
+            Some(_) => Err("no tick took it; is the cRIO there?".to_owned()),
+            // Taken in the last moment.
+            None => Ok(()),
+        }
+    }
+}
