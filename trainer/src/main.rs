@@ -18,6 +18,7 @@ mod schedule;
 mod simulate;
 mod stdout;
 mod train;
+mod train_bar;
 mod usage;
 mod validate;
 

@@ -1,8 +1,17 @@
 //! Rigs drawn around a nominal one (domain randomisation; Tobin et al., IROS 2017).
+//!
+//! | in the rig's file | in the settings | drawn |
+//! | --- | --- | --- |
+//! | – | `[[mechanisms]]` | within its range, or absent (`none`), each independently of the others |
+//! | yes | `[[mechanisms]]` | around where it stands, by `spread.known_percent` of half the range; never absent |
+//! | yes | – | around where it stands, by `spread.mechanisms_percent` of each number |
+//!
+//! So a rig that diagnosis wrote is never drawn anew but varied and added to.
 
-use std::collections::BTreeMap;
-
-use model::rig::{MechanismInstance, Pump, Rig, RigError};
+use model::mechanism::Mechanism;
+use model::observation::CHANNELS;
+use model::predict::DualPressurePorts;
+use model::rig::{MechanismInstance, Numbers as _, Pump, Rig, RigError};
 use rand::{Rng, RngExt as _};
 
 use crate::EnvironmentError;
@@ -14,6 +23,8 @@ pub struct RigDraw {
     nominal: Rig,
     spread: DomainRandomization,
     mechanisms: Vec<MechanismDraw>,
+    /// For each of these the place of the nominal rig's own, where it has one.
+    known: Vec<Option<usize>>,
 }
 
 impl RigDraw {
@@ -22,19 +33,26 @@ impl RigDraw {
     /// # Errors
     /// If a mechanism, a component or a range is not one of the rig's, by name.
     pub fn new(nominal: &Rig, settings: &EnvironmentSettings) -> Result<Self, EnvironmentError> {
-        let draw = RigDraw {
-            nominal: nominal.clone(),
-            spread: settings.spread.clone(),
-            mechanisms: settings.mechanisms.clone(),
+        let mut mechanisms = settings.mechanisms.clone();
+        for mechanism in &mut mechanisms {
+            mechanism.component = component(nominal, &mechanism.component);
+        }
+        let is = |m: &MechanismInstance, draw: &MechanismDraw| {
+            m.enabled && m.component == draw.component && m.mechanism.id() == draw.id
         };
+        let known = mechanisms.iter().map(|draw| nominal.mechanisms.iter().position(|m| is(m, draw))).collect();
+        let draw = RigDraw { nominal: nominal.clone(), spread: settings.spread.clone(), mechanisms, known };
         // Both ends of every range must make a sound rig; everything between then does.
         for share in [0.0, 1.0] {
-            for (n, mechanism) in draw.mechanisms.iter().enumerate() {
+            for (n, (mechanism, known)) in draw.mechanisms.iter().zip(&draw.known).enumerate() {
                 let key = format!("environment.mechanisms[{n}]");
                 let setting = |problem: String| EnvironmentError::Setting { key: key.clone(), problem };
                 let attached = attached(mechanism, |[low, high]| low + share * (high - low)).map_err(setting)?;
                 let mut rig = nominal.clone();
-                rig.mechanisms.push(attached);
+                match known.and_then(|at| rig.mechanisms.get_mut(at)) {
+                    Some(slot) => *slot = attached,
+                    None => rig.mechanisms.push(attached),
+                }
                 rig.check().map_err(|error| setting(error.to_string()))?;
             }
         }
@@ -71,23 +89,95 @@ impl RigDraw {
                 vary(&mut piston.outlet_check_area_mm2, self.spread.check_valves_percent);
             }
         }
-        let mut fates = BTreeMap::new();
-        for mechanism in &self.mechanisms {
-            let presence_draw = match mechanism.none {
-                0.0 => 1.0,
-                _ => *fates.entry(&mechanism.component).or_insert_with(|| random.random_range(0.0..1.0)),
-            };
-            let drawn = attached(mechanism, |[low, high]| {
-                let share: f64 = random.random_range(0.0..=1.0);
-                if presence_draw < mechanism.none { low } else { low + share * (high - low) }
-            });
-            let sound = drawn.map_err(|problem| RigError::at("mechanisms", problem));
-            rig.mechanisms.push(sound.map_err(EnvironmentError::rig(&self.nominal))?);
+        for (mechanism, known) in self.mechanisms.iter().zip(&self.known) {
+            match known.and_then(|at| rig.mechanisms.get_mut(at)) {
+                Some(there) => self.vary_around(&mut there.mechanism, mechanism, random),
+                None => rig.mechanisms.push(self.added(mechanism, random)?),
+            }
+        }
+        let drawn = |at: usize| self.known.contains(&Some(at));
+        for (_, m) in
+            rig.mechanisms.iter_mut().take(self.nominal.mechanisms.len()).enumerate().filter(|(at, _)| !drawn(*at))
+        {
+            self.vary_known(&mut m.mechanism, random);
         }
         rig.name = format!("{} (drawn)", self.nominal.name);
         rig.check().map_err(EnvironmentError::rig(&self.nominal))?;
         Ok(rig)
     }
+
+    /// A mechanism that the rig's file does not have.
+    fn added(&self, mechanism: &MechanismDraw, random: &mut impl Rng) -> Result<MechanismInstance, EnvironmentError> {
+        let presence_draw: f64 = if mechanism.none > 0.0 { random.random_range(0.0..1.0) } else { 1.0 };
+        let drawn = attached(mechanism, |[low, high]| {
+            let share: f64 = random.random_range(0.0..=1.0);
+            if presence_draw < mechanism.none { low } else { low + share * (high - low) }
+        });
+        let sound = drawn.map_err(|problem| RigError::at("mechanisms", problem));
+        sound.map_err(EnvironmentError::rig(&self.nominal))
+    }
+
+    /// Moves the numbers that a draw names, by a share of half their range.
+    fn vary_around(&self, there: &mut Mechanism, draw: &MechanismDraw, random: &mut impl Rng) {
+        for (index, number) in there.numbers().iter().enumerate() {
+            let Some([low, high]) = draw.ranges.get(number.key) else { continue };
+            let share: f64 = random.random_range(-1.0..=1.0);
+            let off = 0.01 * self.spread.known_percent * share * 0.5 * (high - low);
+            // Not below the lowest of the range (no effect at all), unless it stands there.
+            let least = low.min(there.number(index));
+            if let Some(slot) = there.number_mut(index) {
+                *slot = (*slot + off).max(least).clamp(number.accepted[0], number.accepted[1]);
+            }
+        }
+    }
+
+    /// Moves every number of a mechanism that nothing else is said about.
+    fn vary_known(&self, there: &mut Mechanism, random: &mut impl Rng) {
+        let is_residual = matches!(there, Mechanism::ResidualFlow(_) | Mechanism::ResidualResponse(_));
+        // Nothing is drawn where nothing is spread: rigs drawn around a rig keep their numbers.
+        if is_residual || self.spread.mechanisms_percent == 0.0 {
+            return;
+        }
+        for (index, number) in there.numbers().iter().enumerate() {
+            let share: f64 = random.random_range(-1.0..=1.0);
+            let neutral = neutral(number.key);
+            if let Some(slot) = there.number_mut(index) {
+                let factor = 1.0 + 0.01 * self.spread.mechanisms_percent * share;
+                *slot = (neutral + (*slot - neutral) * factor).clamp(number.accepted[0], number.accepted[1]);
+            }
+        }
+    }
+}
+
+/// Value at which a mechanism's number has no effect.
+fn neutral(key: &str) -> f64 {
+    match key {
+        "gain" | "falling_over_rising" => 1.0,
+        // (2/(κ+1))^(κ/(κ−1)) of air.
+        "ratio" => 0.528,
+        _ => 0.0,
+    }
+}
+
+/// The component that a name means on this rig: itself, or the one in that role.
+fn component(rig: &Rig, name: &str) -> String {
+    let exists = rig.valves.contains_key(name)
+        || rig.volumes.contains_key(name)
+        || rig.pumps.contains_key(name)
+        || rig.lines.contains_key(name)
+        || rig.sensors.contains_key(name);
+    let roles: [[&str; CHANNELS]; 2] = [["valve_pos", "valve_neg"], ["positive", "negative"]];
+    let role = roles.iter().enumerate().find_map(|(kind, names)| Some((kind, names.iter().position(|n| *n == name)?)));
+    let found = match role {
+        Some((0, c)) if !exists => {
+            rig.valves.iter().find(|(_, v)| v.command == DualPressurePorts::DUTY[c]).map(|(n, _)| n)
+        }
+        Some((_, c)) if !exists => {
+            rig.sensors.values().find(|s| s.column == DualPressurePorts::READING[c]).map(|s| &s.volume)
+        }
+        _ => None,
+    };
+    found.cloned().unwrap_or_else(|| name.to_owned())
 }
 
 /// A mechanism with every parameter chosen from its range, through the same reader as rig files.
@@ -131,8 +221,9 @@ mod tests {
         assert!((0.01..0.011).contains(&low) && (0.049..=0.05).contains(&high), "{low} … {high}");
     }
 
+    /// With two mechanisms absent in a quarter of the rigs each: either alone, both and none occur as often as chance says.
     #[test]
-    fn some_valves_have_nothing_of_their_mechanisms_and_then_of_all_of_them() {
+    fn mechanisms_are_absent_independently_of_each_other() {
         let nominal = Rig::builtin("dual_pressure").unwrap();
         let settings: EnvironmentSettings = toml::from_str(
             "[[mechanisms]]\nid = \"valve_hysteresis\"\ncomponent = \"valve_neg\"\nnone = 0.25\nhalf_width_duty = [0.0, 0.05]\n\
@@ -141,18 +232,67 @@ mod tests {
         .unwrap();
         settings.check().unwrap();
         let draw = RigDraw::new(&nominal, &settings).unwrap();
-        let mut plain = 0;
-        for episode in 0..400 {
+        let mut counts = [0; 4];
+        for episode in 0..1600 {
             use model::mechanism::Mechanism::{CommandDelay, ValveHysteresis};
             let rig = draw.draw(&mut stream(1, Purpose::Rig, episode, 0)).unwrap();
             let [ValveHysteresis(play), CommandDelay(delay)] = [0, 1].map(|n| &rig.mechanisms[n].mechanism) else {
                 panic!()
             };
-            assert_eq!(play.half_width_duty == 0.0, delay.delay_ms == 0.0);
-            plain += usize::from(play.half_width_duty == 0.0);
+            counts[usize::from(play.half_width_duty > 0.0) + 2 * usize::from(delay.delay_ms > 0.0)] += 1;
         }
-        // 100 of 400 expected; the binomial's standard deviation is 8.7.
-        assert!((70..=130).contains(&plain), "{plain}");
+        // Expected 100, 300, 300, 900 of 1600; four binomial standard deviations.
+        for (found, expected) in counts.into_iter().zip([100.0, 300.0, 300.0, 900.0f64]) {
+            let deviation = (expected * (1.0 - expected / 1600.0)).sqrt();
+            assert!((f64::from(found) - expected).abs() < 4.0 * deviation, "{counts:?}");
+        }
+    }
+
+    /// What a rig file holds is varied, never drawn anew or removed, and the rest is added to it.
+    #[test]
+    fn what_stands_in_the_file_is_drawn_around_and_added_to() {
+        let mut nominal = Rig::builtin("dual_pressure").unwrap();
+        let file = "[[mechanisms]]\nid = \"command_delay\"\ncomponent = \"valve_pos\"\ndelay_ms = 60.0\n\
+                    [[mechanisms]]\nid = \"sensor_gain\"\ncomponent = \"p_pos\"\ngain = 1.02\n";
+        let sensor = nominal.sensors.keys().next().unwrap().clone();
+        let text = nominal.to_toml().unwrap() + &file.replace("p_pos", &sensor);
+        nominal = Rig::from_toml(&text).unwrap();
+        let settings: EnvironmentSettings = toml::from_str(
+            "[spread]\nmechanisms_percent = 10.0\nknown_percent = 25.0\n\
+             [[mechanisms]]\nid = \"command_delay\"\ncomponent = \"valve_pos\"\nnone = 0.5\ndelay_ms = [0.0, 40.0]\n\
+             [[mechanisms]]\nid = \"command_delay\"\ncomponent = \"valve_neg\"\nnone = 0.5\ndelay_ms = [0.0, 40.0]\n",
+        )
+        .unwrap();
+        let draw = RigDraw::new(&nominal, &settings).unwrap();
+        let (mut delays, mut gains) = (Vec::new(), Vec::new());
+        for episode in 0..200 {
+            use model::mechanism::Mechanism::{CommandDelay, SensorGain};
+            let rig = draw.draw(&mut stream(1, Purpose::Rig, episode, 0)).unwrap();
+            let [CommandDelay(known), SensorGain(gain), CommandDelay(_)] =
+                [0, 1, 2].map(|n| &rig.mechanisms[n].mechanism)
+            else {
+                panic!("{:?}", rig.mechanisms)
+            };
+            assert_eq!((rig.mechanisms.len(), rig.mechanisms[2].component.as_str()), (3, "valve_neg"));
+            delays.push(known.delay_ms);
+            gains.push(gain.gain);
+        }
+        let ends = |values: &[f64]| values.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+        // A quarter of half of 40 ms to either side; a tenth of 0.02. The ends of 200 draws lie within 5 % of them.
+        let (low, high) = ends(&delays);
+        assert!((55.0..55.5).contains(&low) && (64.5..=65.0).contains(&high), "{low} {high}");
+        let (low, high) = ends(&gains);
+        assert!((1.018..1.0182).contains(&low) && (1.0218..=1.022).contains(&high), "{low} {high}");
+    }
+
+    /// Rigs of others name their valves as they like.
+    #[test]
+    fn a_role_is_found_under_any_name() {
+        let text = Rig::builtin_text("dual_pressure").unwrap();
+        let rig = Rig::from_toml(&text.replace("valve_pos", "vent_left")).unwrap();
+        let draw = RigDraw::new(&rig, &settings()).unwrap();
+        let drawn = draw.draw(&mut stream(1, Purpose::Rig, 0, 0)).unwrap();
+        assert_eq!(drawn.mechanisms[0].component, "vent_left");
     }
 
     #[test]

@@ -99,6 +99,19 @@ pub struct DomainRandomization {
     pub valves_percent: f64,
     /// The pump's check valves.
     pub check_valves_percent: f64,
+    /// Mechanisms that stand in the rig's file: each number's distance from where the mechanism does nothing. Residual terms
+    /// stay as they are.
+    pub mechanisms_percent: f64,
+    /// Mechanisms that stand in the rig's file and are drawn as well ([`EnvironmentSettings::mechanisms`]): how far from
+    /// where they stand, as a share of half the width of the range they are drawn from elsewhere.
+    pub known_percent: f64,
+}
+
+impl DomainRandomization {
+    /// Whether anything is spread.
+    pub fn is_any(&self) -> bool {
+        *self != DomainRandomization::default()
+    }
 }
 
 /// A mechanism that is drawn for every rig: each parameter uniformly within its range.
@@ -106,10 +119,12 @@ pub struct DomainRandomization {
 pub struct MechanismDraw {
     /// The mechanism's id, as in rig files.
     pub id: String,
-    /// What it is attached to.
+    /// What it is attached to. Where the rig has no component of that name, `valve_pos`, `valve_neg`, `positive` and
+    /// `negative` mean the valve that `u_pos` or `u_neg` commands and the chamber that `p_pos_kpa` or `p_neg_kpa` is read in.
     pub component: String,
-    /// Share of rigs in which every parameter stands at its lowest (no play, no lag, no delay); drawn once for a component,
-    /// so that some valves have nothing of it at all, as in the paper's simulation. Ranges alone hardly ever draw that.
+    /// Share of rigs in which every parameter stands at its lowest (no backlash, no lag, no delay). Each mechanism is drawn
+    /// independently of the others, so that some valves have a delay alone, some a lag alone, some nothing at all, as in the
+    /// paper's simulation. Ranges alone hardly ever draw that.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub none: f64,
     /// Each parameter's lowest and highest value, under the name that rig files use.
@@ -161,9 +176,11 @@ impl EnvironmentSettings {
             ("volumes_percent", s.volumes_percent),
             ("valves_percent", s.valves_percent),
             ("check_valves_percent", s.check_valves_percent),
+            ("mechanisms_percent", s.mechanisms_percent),
         ] {
             within(&format!("spread.{key}"), percent, 0.0, 50.0, " %")?;
         }
+        within("spread.known_percent", s.known_percent, 0.0, 100.0, " %")?;
         for (n, mechanism) in self.mechanisms.iter().enumerate() {
             within(&format!("mechanisms[{n}].none"), mechanism.none, 0.0, 1.0, "")?;
             for (name, [low, high]) in &mechanism.ranges {

@@ -23,6 +23,7 @@ pub fn rigs_around(rig: &Rig, count: usize, seed: u64) -> Result<Vec<Rig>, Envir
             volumes_percent: PARAMETERS,
             valves_percent: PARAMETERS,
             check_valves_percent: PARAMETERS,
+            ..DomainRandomization::default()
         },
         ..EnvironmentSettings::default()
     };

@@ -18,6 +18,7 @@ use crate::settings::{Settings, SettingsError, Shape, TemperatureRule};
 use crate::workers::{Temperature, read, write};
 
 const LEARNER: &[u8; 8] = b"SACLEARN";
+const CORE: &[u8; 8] = b"SACCORE1";
 const POLICY: &[u8; 8] = b"SACPOLIC";
 const VERSION: u32 = 1;
 
@@ -86,11 +87,40 @@ impl Learner {
     /// Whatever the writer says.
     pub fn save_to(&self, writer: impl Write) -> io::Result<()> {
         let mut sink = Sink::new(writer);
-        let frame = &self.shared.frame;
         sink.header(LEARNER, VERSION)?;
-        write_shape(&mut sink, &frame.shape)?;
-        write_features(&mut sink, &frame.features)?;
-        write_settings(&mut sink, &frame.settings)?;
+        self.write_core(&mut sink)?;
+        sink.floats(read(&self.shared.replay).filled())?;
+        sink.finish()
+    }
+
+    /// The state but for the replay's rows, of which only the number ever written is kept: small, and quick to save.
+    /// Rows come out by [`Self::copy_replay_rows`] and go back in by [`Self::restore_replay_rows`].
+    pub fn save_core(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut sink = Sink::new(&mut bytes);
+        // Writing to memory cannot fail.
+        drop(sink.header(CORE, VERSION).and_then(|()| self.write_core(&mut sink)).and_then(|()| sink.finish()));
+        bytes
+    }
+
+    /// A learner of a core, and the number of rows that its replay had ever been given; the replay is empty until they
+    /// are put back.
+    ///
+    /// # Errors
+    /// Bytes that are no core, of another version or damaged.
+    pub fn restore_core(bytes: &[u8], machine: Machine) -> Result<(Self, u64), CheckpointError> {
+        let mut source = Source::new(bytes);
+        check_header(&mut source, CORE, "learner")?;
+        let read = Self::read_core(&mut source, machine)?;
+        source.finish()?;
+        Ok(read)
+    }
+
+    fn write_core<W: Write>(&self, sink: &mut Sink<W>) -> io::Result<()> {
+        let frame = &self.shared.frame;
+        write_shape(sink, &frame.shape)?;
+        write_features(sink, &frame.features)?;
+        write_settings(sink, &frame.settings)?;
         sink.u64(self.updates)?;
         sink.u64(self.explorations)?;
         sink.floats(&[self.smoothness.temporal, self.smoothness.spatial])?;
@@ -112,10 +142,7 @@ impl Learner {
                 }
             }
         }
-        let replay = read(&self.shared.replay);
-        sink.u64(replay.written())?;
-        sink.floats(replay.filled())?;
-        sink.finish()
+        sink.u64(read(&self.shared.replay).written())
     }
 
     /// A learner that goes on where these bytes were saved, on whatever machine.
@@ -133,9 +160,16 @@ impl Learner {
     pub fn restore_from(reader: impl Read, machine: Machine) -> Result<Self, CheckpointError> {
         let mut source = Source::new(reader);
         check_header(&mut source, LEARNER, "learner")?;
-        let shape = read_shape(&mut source)?;
-        let features = read_features(&mut source)?;
-        let settings = read_settings(&mut source)?;
+        let (learner, written) = Self::read_core(&mut source, machine)?;
+        source.floats(write(&learner.shared.replay).refill(written))?;
+        source.finish()?;
+        Ok(learner)
+    }
+
+    fn read_core<R: Read>(source: &mut Source<R>, machine: Machine) -> Result<(Self, u64), CheckpointError> {
+        let shape = read_shape(source)?;
+        let features = read_features(source)?;
+        let settings = read_settings(source)?;
         let mut learner = Self::new(shape, features, settings, machine)?;
         learner.updates = source.u64()?;
         learner.explorations = source.u64()?;
@@ -165,9 +199,7 @@ impl Learner {
         }
         drop(critics);
         let written = source.u64()?;
-        source.floats(write(&learner.shared.replay).refill(written))?;
-        source.finish()?;
-        Ok(learner)
+        Ok((learner, written))
     }
 }
 

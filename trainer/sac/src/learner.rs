@@ -11,7 +11,7 @@ use crate::policy_sample::{MeanAction, Sample};
 use crate::random::{Purpose, Random};
 use crate::replay::{Replay, Transition, TransitionError};
 use crate::settings::{Settings, SettingsError, Shape, TemperatureRule};
-use crate::workers::{Job, Shared, Sums, Temperature, Workers, read, write};
+use crate::workers::{ActorUpdate, Job, Shared, Sums, Temperature, Workers, read, write};
 
 /// What the learner runs on; no bit of any result depends on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -143,6 +143,27 @@ impl Learner {
         write(&self.shared.replay).push(transition)
     }
 
+    /// Numbers of the rows that the replay keeps, counted from the first that was ever written.
+    pub fn replay_rows(&self) -> std::ops::Range<u64> {
+        let replay = read(&self.shared.replay);
+        replay.oldest()..replay.written()
+    }
+
+    /// Floats of a row of the replay.
+    pub fn replay_width(&self) -> usize {
+        read(&self.shared.replay).width()
+    }
+
+    /// Copies rows of the replay by their numbers `[rows × replay_width]`; those that it does not keep are left out.
+    pub fn copy_replay_rows(&self, rows: std::ops::Range<u64>) -> Vec<f32> {
+        read(&self.shared.replay).copy_rows(rows)
+    }
+
+    /// Puts rows `[rows × replay_width]` back under their numbers, the first of which is `first`; they must come in order.
+    pub fn restore_replay_rows(&mut self, first: u64, floats: &[f32]) {
+        write(&self.shared.replay).restore_rows(first, floats);
+    }
+
     /// Sets λ_T from the next update on (fine-tuning hardens it); a value that is no weight is refused.
     ///
     /// # Errors
@@ -214,6 +235,17 @@ impl Learner {
 
     /// So many updates; does nothing while the replay is empty.
     pub fn update(&mut self, times: u64) -> UpdateReport {
+        self.update_with(times, ActorUpdate::Learns)
+    }
+
+    /// So many updates of the critics alone, under an actor and a temperature that stay as they are: critics that begin
+    /// beside a policy from elsewhere first learn what it is worth (Zhou et al., WSRL, 2024). The report's figures of the
+    /// actor are 0.
+    pub fn update_critics(&mut self, times: u64) -> UpdateReport {
+        self.update_with(times, ActorUpdate::Frozen)
+    }
+
+    fn update_with(&mut self, times: u64, actor: ActorUpdate) -> UpdateReport {
         let times = if self.replay_len() == 0 { 0 } else { times };
         *self.shared.sums.lock().unwrap_or_else(PoisonError::into_inner) = Sums::default();
         self.workers.run(Job {
@@ -221,6 +253,7 @@ impl Learner {
             times,
             smoothness: self.smoothness,
             learning_rate: self.learning_rate,
+            actor,
         });
         self.updates += times;
         let sums = *self.shared.sums.lock().unwrap_or_else(PoisonError::into_inner);

@@ -68,7 +68,7 @@ impl Replay {
         2 * observations + actions + 2
     }
 
-    fn width(&self) -> usize {
+    pub(crate) fn width(&self) -> usize {
         Self::width_of(self.observations, self.actions)
     }
 
@@ -79,6 +79,28 @@ impl Replay {
 
     pub(crate) fn written(&self) -> u64 {
         self.written
+    }
+
+    /// Number of the oldest row that is kept; rows are numbered as they were written, from 0.
+    pub(crate) fn oldest(&self) -> u64 {
+        self.written.saturating_sub(self.capacity as u64)
+    }
+
+    /// Copies rows by their numbers; those that are no longer or not yet kept are left out.
+    pub(crate) fn copy_rows(&self, rows: std::ops::Range<u64>) -> Vec<f32> {
+        let kept = rows.start.max(self.oldest())..rows.end.min(self.written);
+        let slot = |row: u64| (row % self.capacity as u64) as usize;
+        kept.flat_map(|row| self.floats(slot(row)).iter().copied()).collect()
+    }
+
+    /// Puts rows back under their numbers, the first of which is `first`; rows must come in order.
+    pub(crate) fn restore_rows(&mut self, first: u64, floats: &[f32]) {
+        let (width, capacity) = (self.width(), self.capacity as u64);
+        for (row, floats) in (first..).zip(floats.chunks_exact(width)) {
+            let at = (row % capacity) as usize * width;
+            self.floats[at..at + width].copy_from_slice(floats);
+            self.written = row + 1;
+        }
     }
 
     pub(crate) fn push(&mut self, transition: &Transition<'_>) -> Result<(), TransitionError> {

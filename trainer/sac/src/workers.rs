@@ -97,6 +97,15 @@ pub(crate) struct Shared {
     barrier: Barrier,
 }
 
+/// Whether the actor takes part in an update.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ActorUpdate {
+    /// Actor and temperature take their steps.
+    Learns,
+    /// Both stay; the critics alone learn.
+    Frozen,
+}
+
 /// So many updates, the first of which has this number (from 0).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Job {
@@ -104,6 +113,7 @@ pub(crate) struct Job {
     pub(crate) times: u64,
     pub(crate) smoothness: Smoothness,
     pub(crate) learning_rate: f32,
+    pub(crate) actor: ActorUpdate,
 }
 
 impl Shared {
@@ -165,6 +175,18 @@ impl Shared {
                 step_critic(&self.frame, &blocks, room, &mut write(&self.critics[thread])[c], adam);
             }
             self.barrier.wait();
+        }
+        if job.actor == ActorUpdate::Frozen {
+            if thread == 0 {
+                let blocks: Vec<_> = self.blocks.iter().map(read).collect();
+                let records = blocks.iter().flat_map(|block| &block.panels).map(|panel| &panel.records);
+                let loss: f64 = records.flat_map(|r| &r.critic_loss).flat_map(|line| line.0).map(f64::from).sum();
+                let mut sums = self.sums.lock().unwrap_or_else(PoisonError::into_inner);
+                sums.critic_loss += loss / settings.batch as f64;
+            }
+            // The next update writes the panels that the first thread reads here.
+            self.barrier.wait();
+            return;
         }
         {
             let (actor, critics) = (self.actor.iter().map(read).collect::<Vec<_>>(), self.read_critics());

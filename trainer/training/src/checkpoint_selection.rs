@@ -14,6 +14,7 @@ use sac::{Network, Workspace};
 use serde::{Deserialize, Serialize};
 
 use crate::TrainingError;
+use crate::metrics::Evaluated;
 
 /// Seed of the rigs, references and noise that select; training counts its seeds from 1 up.
 pub(crate) const SELECTION_SEED: u64 = 0x005E_1EC7_1046_0000;
@@ -29,35 +30,81 @@ pub struct BestCheckpoint {
     pub score_kpa: f64,
 }
 
+/// The best policy so far.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Best {
+    /// How good it was, and when.
+    pub(crate) kept: BestCheckpoint,
+    /// The policy.
+    pub(crate) network: Network,
+    /// What it did on the rigs of the learning curve.
+    pub(crate) evaluated: Vec<Evaluated>,
+}
+
+impl Best {
+    /// Everything but the network. The score keeps all its bits: another would decide another tie.
+    pub(crate) fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = self.kept.step.to_le_bytes().to_vec();
+        bytes.extend(self.kept.score_kpa.to_bits().to_le_bytes());
+        // Only a summary's figures; without them the flights are missing there, nothing else.
+        bytes.extend(serde_json::to_vec(&self.evaluated).unwrap_or_default());
+        bytes
+    }
+
+    /// What was written by [`Self::to_bytes`].
+    pub(crate) fn from_bytes(bytes: &[u8], network: Network) -> Option<Self> {
+        let (step, rest) = bytes.split_first_chunk::<8>()?;
+        let (score, evaluated) = rest.split_first_chunk::<8>()?;
+        let score_kpa = f64::from_bits(u64::from_le_bytes(*score));
+        let kept = BestCheckpoint { step: u64::from_le_bytes(*step), score_kpa };
+        Some(Best { kept, network, evaluated: serde_json::from_slice(evaluated).ok()? })
+    }
+}
+
 /// Judges policies, and keeps the best.
 pub(crate) struct CheckpointSelection {
     env: VectorEnv,
-    best: Option<(BestCheckpoint, Network)>,
+    best: Option<Best>,
 }
 
 impl CheckpointSelection {
     /// A selection by flights of `env`, going on with the best so far.
-    pub(crate) fn new(env: VectorEnv, best: Option<(BestCheckpoint, Network)>) -> Self {
+    pub(crate) fn new(env: VectorEnv, best: Option<Best>) -> Self {
         CheckpointSelection { env, best }
     }
 
     /// The best so far.
-    pub(crate) fn best(&self) -> Option<&(BestCheckpoint, Network)> {
+    pub(crate) fn best(&self) -> Option<&Best> {
         self.best.as_ref()
     }
 
-    /// Takes in the policy after so many steps, and answers its score.
-    pub(crate) fn judge(&mut self, step: u64, policy: Network) -> Result<f64, TrainingError> {
-        let score_kpa = score_kpa(&mut self.env, &policy)?;
-        // Written so that a NaN is never kept.
-        if score_kpa.is_finite() && self.best.as_ref().is_none_or(|(kept, _)| score_kpa < kept.score_kpa) {
-            self.best = Some((BestCheckpoint { step, score_kpa }, policy));
+    /// Keeps a policy if it is better than the best so far.
+    pub(crate) fn consider(&mut self, candidate: Best) {
+        if is_better(&candidate, self.best.as_ref()) {
+            self.best = Some(candidate);
         }
-        Ok(score_kpa)
+    }
+
+    /// The score of a policy in kPa; nothing where `stop` asks to leave it.
+    pub(crate) fn score_kpa(
+        &mut self,
+        policy: &Network,
+        stop: &mut dyn FnMut() -> bool,
+    ) -> Result<Option<f64>, TrainingError> {
+        score_kpa(&mut self.env, policy, stop)
     }
 }
 
-fn score_kpa(env: &mut VectorEnv, policy: &Network) -> Result<f64, TrainingError> {
+/// Whether a policy is to be kept instead of the best so far; one without a finite score never is.
+pub(crate) fn is_better(candidate: &Best, best: Option<&Best>) -> bool {
+    candidate.kept.score_kpa.is_finite() && best.is_none_or(|best| candidate.kept.score_kpa < best.kept.score_kpa)
+}
+
+fn score_kpa(
+    env: &mut VectorEnv,
+    policy: &Network,
+    stop: &mut dyn FnMut() -> bool,
+) -> Result<Option<f64>, TrainingError> {
     let mut workspace = Workspace::default();
     let length = env.observations().len() / SIDE_BY_SIDE;
     let (mut logarithms, mut count) = (0.0, 0.0);
@@ -66,6 +113,9 @@ fn score_kpa(env: &mut VectorEnv, policy: &Network) -> Result<f64, TrainingError
         let (mut squares, mut ticks) = ([[0.0; CHANNELS]; SIDE_BY_SIDE], 0.0);
         let mut actions = Vec::with_capacity(SIDE_BY_SIDE * ACTION_LEN);
         while !env.is_truncated() {
+            if stop() {
+                return Ok(None);
+            }
             actions.clear();
             for told in env.observations().chunks_exact(length) {
                 actions.extend_from_slice(policy.mean_action_with(&mut workspace, told));
@@ -82,5 +132,5 @@ fn score_kpa(env: &mut VectorEnv, policy: &Network) -> Result<f64, TrainingError
             count += 1.0;
         }
     }
-    Ok((logarithms / count).exp())
+    Ok(Some((logarithms / count).exp()))
 }

@@ -6,16 +6,17 @@
 //! | [`features`] | how observations are put to the network |
 //! | [`run`] | acting and learning in turns; stop, checkpoint, resume |
 //! | `average` | the actor's weights averaged over the last updates |
-//! | `checkpoint` | what a run goes on from |
+//! | `checkpoint`, `replay_files` | what a run goes on from |
+//! | [`policy_start`] | a policy that a run starts from |
 //! | [`run_files`] | the folder of a run |
 //! | [`trained_policy`] | a policy as it was trained: network, features, contract; flown and exported |
 //! | [`metrics`] | the learning curve: JSON lines, TensorBoard |
 //! | [`event_file`] | TensorBoard's file format |
 //! | [`run_report`] | the learning curve as a page |
 //!
-//! A run is a function of its settings: the same settings give the same bytes, whatever the machine does meanwhile
-//! and however many threads learn. Episodes begin and end together and are drawn from seed and number, so a
-//! checkpoint between two episodes needs nothing of the environment but the number of the next.
+//! A run is a function of its settings: the same settings give the same bytes, whatever the machine does meanwhile,
+//! however many threads learn, and wherever it was stopped and gone on with. An episode is drawn from seed and number; a
+//! checkpoint in its midst holds the actions taken so far, from which the rigs come to stand where they stood.
 
 mod average;
 mod checkpoint;
@@ -23,6 +24,8 @@ mod checkpoint_selection;
 pub mod event_file;
 pub mod features;
 pub mod metrics;
+pub mod policy_start;
+mod replay_files;
 pub mod run;
 pub mod run_files;
 pub mod run_report;
@@ -30,7 +33,8 @@ pub mod settings;
 pub mod trained_policy;
 
 pub use checkpoint_selection::BestCheckpoint;
-pub use run::{Progress, Run, RunStatus, TrainingCallback};
+pub use policy_start::PolicyStart;
+pub use run::{Phase, Progress, Run, RunStatus, TrainingCallback};
 pub use run_files::RunFiles;
 pub use settings::{TrainingSettings, Variant};
 pub use trained_policy::TrainedPolicy;

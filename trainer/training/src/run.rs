@@ -1,18 +1,20 @@
 //! A training run: acting and learning in turns, until it is over, stopped or diverged.
 //!
 //! In each turn eight rigs take one step, and eight updates follow, so there is one update for every step, as in the
-//! paper. Between two episodes nothing of the environment is left but the number of the next, so that is where
-//! checkpoints are written, where the run can stop, and where it goes on from as if it had never stopped.
+//! paper. After every turn the run can write a checkpoint and stop, and it goes on from there as if it had never stopped;
+//! where it is parted, and how far it was planned at first, changes no bit of it.
 
 mod callback;
 mod curve;
 mod episode;
+mod pace;
+mod taken;
 
 use std::path::Path;
 use std::sync::Arc;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
-use environment::{RigDraw, VectorEnv};
+use environment::{RigDraw, SIDE_BY_SIDE, VectorEnv};
 use model::rig::Rig;
 use model::steady::SteadyMap;
 use proto::rig_file::{self, RigFileError};
@@ -20,23 +22,30 @@ use sac::{Learner, Machine, Network};
 
 use crate::TrainingError;
 use crate::average::Average;
-use crate::checkpoint::{self, Checkpoint, Position};
-use crate::checkpoint_selection::{BestCheckpoint, CheckpointSelection, SELECTION_SEED};
-use crate::metrics::{Metrics, Point};
+use crate::checkpoint::{self, Position, Standing};
+use crate::checkpoint_selection::{Best, CheckpointSelection, SELECTION_SEED};
+use crate::metrics::{Evaluated, Metrics, Point};
+use crate::policy_start::PolicyStart;
+use crate::replay_files::ReplayFiles;
 use crate::run_files::RunFiles;
 use crate::run_report;
 use crate::settings::TrainingSettings;
 use crate::trained_policy::{Origin, TrainedPolicy};
 
-pub use callback::{Progress, RunStatus, Summary, TrainingCallback};
-use curve::Window;
+pub use callback::{Phase, Progress, RunStatus, Summary, TrainingCallback};
+use curve::Occasion;
+pub(crate) use curve::Window;
+use episode::EpisodeUnderWay;
+use pace::Pace;
 
 /// A training run.
 pub struct Run {
     settings: TrainingSettings,
     files: RunFiles,
+    replay: ReplayFiles,
     threads: usize,
     origin: Origin,
+    trained_on: Rig,
     model: Rig,
     map: Arc<SteadyMap>,
     evaluated_on: Vec<(String, Rig)>,
@@ -44,39 +53,62 @@ pub struct Run {
     learner: Learner,
     average: Average,
     selection: Option<CheckpointSelection>,
+    /// The last policy, where the run ended between two planned points and it is better than the best of those.
+    end_best: Option<Best>,
     metrics: Metrics,
     points: Vec<Point>,
+    fallback: Vec<Evaluated>,
     position: Position,
     window: Window,
+    /// The episode under way.
+    episode: Option<EpisodeUnderWay>,
+    /// Actions of a checkpoint's episode, which are taken again first.
+    to_redo: Vec<f32>,
+    pace: Pace,
+    /// Until when the time of this sitting is counted.
+    counted_until: Instant,
 }
 
 impl Run {
-    /// Begins a run in a new folder.
+    /// Begins a run in a new folder, from nothing or from a policy.
     ///
     /// # Errors
-    /// Settings, rigs or folder that do not do; nothing is left half-written.
-    pub fn begin(settings: TrainingSettings, folder: &Path, threads: usize) -> Result<Self, TrainingError> {
+    /// Settings, rigs, policy or folder that do not do; nothing is left half-written.
+    pub fn begin(
+        settings: TrainingSettings,
+        start: Option<&PolicyStart>,
+        folder: &Path,
+        threads: usize,
+    ) -> Result<Self, TrainingError> {
+        let mut settings = settings;
+        settings.rig.model.get_or_insert_with(|| settings.rig.trained_on.clone());
+        if let Some(start) = start {
+            start.adopt_into(&mut settings)?;
+        }
         settings.check().map_err(|problem| TrainingError::Settings { file: "settings".into(), line: None, problem })?;
         let trained_on = rig_file::load(&settings.rig.trained_on)?;
-        let model = rig_file::load(&settings.rig.model)?;
+        let model = rig_file::load(settings.rig.model())?;
         // Everything that can be refused is made before the folder is.
         let origin = Origin::of(&trained_on)?;
-        let learner = Learner::new(
+        let mut learner = Learner::new(
             settings.shape(),
             settings.feature_map()?,
             settings.learner_settings(),
             Machine::with_threads(threads),
         )
         .map_err(|error| TrainingError::learner("settings", &error))?;
-        let (average, position, points) = (Average::default(), Position::default(), Vec::new());
-        let parts = Parts { trained_on, model, learner, average, best: None, position, points, origin };
+        if let Some(start) = start {
+            learner.warm_start(start.network()).map_err(|error| TrainingError::learner("--from", &error))?;
+        }
+        let parts = Parts { trained_on, model, learner, standing: Standing::default(), points: Vec::new(), origin };
         let env = parts.env(&settings, settings.run.seed)?;
         let evaluated_on = evaluated_on(&settings)?;
         let files = RunFiles::create(folder)?;
         RunFiles::write(&files.settings(), settings.to_toml()?.as_bytes())?;
         rig_file::save(&files.rig(), &parts.trained_on)?;
         rig_file::save(&files.model(), &parts.model)?;
-        Self::assemble(settings, files, threads, parts, env, evaluated_on)
+        let replay = ReplayFiles::new(files.replay(), settings.sac.replay, 0);
+        Self::assemble(settings, files, replay, threads, parts, env, evaluated_on)
     }
 
     /// Goes on with a run; `steps` plans another length.
@@ -90,11 +122,15 @@ impl Run {
         let load = |path: std::path::PathBuf| rig_file::load(&path.display().to_string());
         let (trained_on, model) = (load(files.rig())?, load(files.model())?);
         let origin = Origin::of(&trained_on)?;
-        let Checkpoint { position, average, best, learner } = checkpoint::read(&files, &settings, threads)?;
-        // Points after the checkpoint belong to work that was lost; they will be made again.
-        let points =
-            if files.metrics().exists() { crate::metrics::read(&files.metrics(), position.steps)? } else { Vec::new() };
-        let parts = Parts { trained_on, model, learner, average, best, position, points, origin };
+        let (standing, replay, learner) = checkpoint::read(&files, &settings, threads)?;
+        // Points after the checkpoint belong to work that was lost and will be made again; points that are not planned
+        // stand where the run once ended.
+        let mut points = match files.metrics().exists() {
+            true => crate::metrics::read(&files.metrics(), standing.position.steps)?,
+            false => Vec::new(),
+        };
+        points.retain(|point| settings.is_evaluated_at(point.step));
+        let parts = Parts { trained_on, model, learner, standing, points, origin };
         let env = parts.env(&settings, settings.run.seed)?;
         let evaluated_on = evaluated_on(&settings)?;
         let mut lines = String::new();
@@ -104,28 +140,33 @@ impl Run {
             lines.push('\n');
         }
         RunFiles::write(&files.metrics(), lines.as_bytes())?;
-        Self::assemble(settings, files, threads, parts, env, evaluated_on)
+        RunFiles::write(&files.settings(), settings.to_toml()?.as_bytes())?;
+        Self::assemble(settings, files, replay, threads, parts, env, evaluated_on)
     }
 
     fn assemble(
         settings: TrainingSettings,
         files: RunFiles,
+        replay: ReplayFiles,
         threads: usize,
         parts: Parts,
         env: VectorEnv,
         evaluated_on: Vec<(String, Rig)>,
     ) -> Result<Self, TrainingError> {
         let aside = settings.run.keep_best.then(|| parts.env(&settings, SELECTION_SEED)).transpose()?;
-        let Parts { model, learner, average, best, position, points, origin, .. } = parts;
+        let Parts { trained_on, model, learner, standing, points, origin } = parts;
+        let Standing { position, window, actions, average, best } = standing;
         let selection = aside.map(|env| CheckpointSelection::new(env, best));
         let map = SteadyMap::new(&model)
-            .map_err(|problem| RigFileError::Rig { file: settings.rig.model.clone(), problem })?;
+            .map_err(|problem| RigFileError::Rig { file: settings.rig.model().to_owned(), problem })?;
         let metrics = Metrics::open(&files.metrics(), &files.events(), unix_s())?;
         Ok(Run {
             settings,
             files,
+            replay,
             threads,
             origin,
+            trained_on,
             model,
             map: Arc::new(map),
             evaluated_on,
@@ -133,10 +174,16 @@ impl Run {
             learner,
             average,
             selection,
+            end_best: None,
             metrics,
             points,
+            fallback: Vec::new(),
             position,
-            window: Window::default(),
+            window,
+            episode: None,
+            to_redo: actions,
+            pace: Pace::default(),
+            counted_until: Instant::now(),
         })
     }
 
@@ -147,8 +194,7 @@ impl Run {
 
     /// The policy that is kept: the best so far, or the last, as the settings say.
     pub fn policy(&self) -> TrainedPolicy {
-        let best = self.selection.as_ref().and_then(|selection| selection.best());
-        self.trained(best.map_or_else(|| self.last(), |(_, network)| network.clone()))
+        self.trained(self.best().map_or_else(|| self.last(), |best| best.network.clone()))
     }
 
     fn trained(&self, network: Network) -> TrainedPolicy {
@@ -160,50 +206,93 @@ impl Run {
         self.average.get().cloned().unwrap_or_else(|| self.learner.policy())
     }
 
-    /// Acts and learns until all steps are done or the observer wants to stop.
+    /// Acts and learns until all steps are done or the callback wants to stop.
     ///
     /// # Errors
     /// A loss that is not finite, or a file that cannot be written; the last checkpoint is kept.
-    pub fn go(&mut self, observer: &mut dyn TrainingCallback) -> Result<RunStatus, TrainingError> {
-        let mut ended = RunStatus::Finished;
-        while self.position.steps < self.settings.run.steps {
-            self.episode(observer)?;
-            let run = &self.settings.run;
-            let over = self.position.steps >= run.steps;
-            let passed = |every: u64| self.position.steps / every > self.position.steps_before / every;
-            let (evaluate, keep) = (passed(run.evaluate_every_steps), passed(run.checkpoint_every_steps));
-            if evaluate || over {
-                self.evaluate(true)?;
-            }
-            if keep && !over {
-                self.checkpoint()?;
-            }
-            if !over && observer.stop() {
-                ended = RunStatus::Stopped;
-                break;
-            }
+    pub fn go(&mut self, callback: &mut dyn TrainingCallback) -> Result<RunStatus, TrainingError> {
+        self.counted_until = Instant::now();
+        let to_redo = std::mem::take(&mut self.to_redo);
+        if !self.redo(&to_redo, callback)? {
+            // The checkpoint that the run was to go on from is still the newest.
+            return Ok(RunStatus::Stopped);
         }
-        if self.points.last().is_none_or(|p| p.step != self.position.steps) {
-            // Where a run is stopped must not tell on what it keeps, or going on would not end where going through does.
-            self.evaluate(false)?;
+        if !self.files.checkpoint().exists() {
+            self.checkpoint()?;
         }
+        let status = self.work(callback)?;
         self.checkpoint()?;
-        if ended == RunStatus::Finished {
-            let policy = self.policy();
-            RunFiles::write(&self.files.onnx(), &policy.to_onnx(&[])?)?;
+        match status {
+            RunStatus::Stopped => callback.is_kept(),
+            RunStatus::Finished => RunFiles::write(&self.files.onnx(), &self.policy().to_onnx(&[])?)?,
         }
-        let figures = self.summary()?;
+        let figures = self.summary();
         let summary = serde_json::to_string_pretty(&figures)
             .map_err(|error| TrainingError::file(&self.files.summary(), &error.to_string()))?;
         RunFiles::write(&self.files.summary(), format!("{summary}\n").as_bytes())?;
         RunFiles::write(&self.files.report(), run_report::page(&self.settings, &figures, &self.points).as_bytes())?;
-        Ok(ended)
+        Ok(status)
+    }
+
+    /// Turns, evaluations and checkpoints, up to the end or a stop.
+    fn work(&mut self, callback: &mut dyn TrainingCallback) -> Result<RunStatus, TrainingError> {
+        loop {
+            if callback.stop() {
+                return Ok(RunStatus::Stopped);
+            }
+            let steps = self.position.steps;
+            let is_made = self.points.last().is_some_and(|point| point.step == steps);
+            let is_over = steps >= self.settings.run.steps;
+            if self.settings.is_evaluated_at(steps) && !is_made {
+                if !self.evaluate(Occasion::Planned, callback)? {
+                    return Ok(RunStatus::Stopped);
+                }
+            } else if is_over && !is_made && !self.evaluate(Occasion::End, callback)? {
+                return Ok(RunStatus::Stopped);
+            }
+            if is_over {
+                return Ok(RunStatus::Finished);
+            }
+            let every = self.settings.run.checkpoint_every_steps;
+            if steps > 0 && passes(steps, every) {
+                self.checkpoint()?;
+            }
+            self.turn(callback)?;
+        }
     }
 
     fn checkpoint(&mut self) -> Result<(), TrainingError> {
-        let best = self.selection.as_ref().and_then(|selection| selection.best());
-        checkpoint::write(&self.files, &self.position, &self.average, best, &self.learner)?;
+        self.account();
+        let standing = Standing {
+            position: self.position.clone(),
+            window: self.window.clone(),
+            actions: self.episode.as_ref().map_or_else(Vec::new, |episode| episode.actions.clone()),
+            average: self.average.clone(),
+            best: self.selection.as_ref().and_then(|selection| selection.best()).cloned(),
+        };
+        checkpoint::write(&self.files, &mut self.replay, &standing, &self.learner)?;
         RunFiles::write(&self.files.policy(), &self.policy().to_bytes()?)
+    }
+
+    /// Counts the time since the last call.
+    fn account(&mut self) {
+        self.position.wall_s += self.counted_until.elapsed().as_secs_f64();
+        self.counted_until = Instant::now();
+    }
+
+    /// Tells the callback where the run stands.
+    fn tell(&self, callback: &mut dyn TrainingCallback, phase: Phase, episode: Option<&EpisodeUnderWay>) {
+        let (steps, planned) = (self.position.steps, self.settings.run.steps);
+        callback.progress(&Progress {
+            phase,
+            steps,
+            steps_planned: planned,
+            steps_per_s: self.pace.steps_per_s(),
+            left_s: self.pace.left_s(planned.saturating_sub(steps), self.settings.evaluations_between(steps, planned)),
+            reward: episode.map(EpisodeUnderWay::mean_reward),
+            acting_rmse_kpa: episode.map_or([0.0; 2], EpisodeUnderWay::rmse_kpa),
+            last_evaluation: self.points.last().and_then(|p| p.evaluated.last().cloned()),
+        });
     }
 
     fn diverged(&self, what: &str) -> TrainingError {
@@ -216,14 +305,17 @@ impl Run {
     }
 }
 
+/// Whether the turn that ended at `steps` passed a multiple of `every`.
+fn passes(steps: u64, every: u64) -> bool {
+    steps / every > steps.saturating_sub(SIDE_BY_SIDE as u64) / every
+}
+
 /// What a run is made of, new or gone on with.
 struct Parts {
     trained_on: Rig,
     model: Rig,
     learner: Learner,
-    average: Average,
-    best: Option<(BestCheckpoint, Network)>,
-    position: Position,
+    standing: Standing,
     points: Vec<Point>,
     origin: Origin,
 }

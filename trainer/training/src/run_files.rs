@@ -5,7 +5,7 @@
 //! | `settings.toml` | the settings in force, every key |
 //! | `rig.toml`, `model.toml` | what was trained on, and the model behind MPObs |
 //! | `metrics.jsonl`, `events.out.tfevents.*` | the learning curve |
-//! | `checkpoint.bin` | everything to go on from; replaced as a whole or not at all |
+//! | `checkpoint.bin`, `replay/` | everything to go on from; replaced as a whole or not at all |
 //! | `policy.bin` | the policy of the last checkpoint or of the end |
 //! | `policy.onnx` | the same for the daemon, once the run has ended |
 //! | `report.html` | the learning curve as a page |
@@ -28,15 +28,39 @@ impl RunFiles {
     /// The folder of a new run.
     ///
     /// # Errors
-    /// If it cannot be made, or holds a run already: nothing is overwritten.
+    /// If it cannot be made or written, or holds a run or a file of one already: nothing is overwritten, and nothing old is
+    /// left to be taken for new.
     pub fn create(folder: &Path) -> Result<Self, TrainingError> {
         let files = RunFiles { folder: folder.to_owned() };
         let problem = |problem: String| TrainingError::File { file: folder.display().to_string(), problem };
-        if files.settings().exists() || files.checkpoint().exists() {
+        if files.checkpoint().exists() {
             return Err(problem("holds a run already; go on with --resume, or give --out another folder".into()));
+        }
+        if let Some(old) = files.outputs().into_iter().find(|path| path.exists()) {
+            let name = old.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            return Err(problem(format!(
+                "holds {name} of an older run already; give --out another folder, or remove what is in it"
+            )));
         }
         std::fs::create_dir_all(folder).map_err(|error| problem(format!("cannot be made: {error}")))?;
         Ok(files)
+    }
+
+    /// Every file that a run writes.
+    fn outputs(&self) -> [PathBuf; 11] {
+        [
+            self.settings(),
+            self.rig(),
+            self.model(),
+            self.metrics(),
+            self.events(),
+            self.replay(),
+            self.checkpoint(),
+            self.policy(),
+            self.onnx(),
+            self.report(),
+            self.summary(),
+        ]
     }
 
     /// The folder of a run that was begun.
@@ -87,6 +111,11 @@ impl RunFiles {
     /// Everything to go on from.
     pub fn checkpoint(&self) -> PathBuf {
         self.folder.join("checkpoint.bin")
+    }
+
+    /// The replay's rows, in pieces.
+    pub fn replay(&self) -> PathBuf {
+        self.folder.join("replay")
     }
 
     /// The policy.

@@ -10,33 +10,40 @@ use crate::settings::TrainingSettings;
 pub fn page(settings: &TrainingSettings, summary: &Summary, points: &[Point]) -> String {
     let title = format!("Training: {} after {} steps", summary.variant, summary.steps);
     let mut page = Report::new(&title).subtitle(&format!(
-        "trained on {}{}; seed {}; {:.0} steps/s with {} threads, environment {:.0} % of the time; {:.0} MiB",
-        settings.rig.trained_on,
-        if settings.environment.mechanisms.is_empty() { "" } else { ", drawn" },
+        "{}; seed {}; {:.0} steps/s with {} threads, environment {:.0} % of the time; {:.0} MiB",
+        summary.taken,
         summary.seed,
         summary.steps_per_s,
         summary.threads,
         100.0 * summary.environment_share,
         summary.memory_mib
     ));
-    page = page.summary(summary.evaluated.iter().map(|e| {
+    page = page.summary(summary.evaluated.iter().enumerate().map(|(n, e)| {
+        let fallback = summary.fallback.get(n);
+        let than =
+            fallback.map_or(String::new(), |f| format!("; fallback {:.3} / {:.3}", f.rmse_kpa[0], f.rmse_kpa[1]));
         KeyFigure::new(&format!("RMSE on {}", e.rig), &format!("{:.3} / {:.3} kPa", e.rmse_kpa[0], e.rmse_kpa[1]))
-            .note("positive / negative, paper's reference after 5 s")
+            .note(&format!("positive / negative, paper's reference after 5 s{than}"))
     }));
     if let Some(kept) = summary.kept {
-        let note = format!("after {} steps; geometric mean RMSE on drawn rigs set aside for that", kept.step);
-        page = page.summary([KeyFigure::new("BestCheckpoint", &format!("{:.3} kPa", kept.score_kpa)).note(&note)]);
+        let note = format!("after {} steps; geometric mean RMSE on randomised rigs set aside for that", kept.step);
+        page = page.summary([KeyFigure::new("Best checkpoint", &format!("{:.3} kPa", kept.score_kpa)).note(&note)]);
     }
     let x: Vec<f64> = points.iter().map(|p| p.step as f64 / 1000.0).collect();
     let curve = |value: &dyn Fn(&Point) -> f64| points.iter().map(value).collect::<Vec<f64>>();
     let colors = [Color::Blue, Color::Vermilion, Color::Green, Color::Purple, Color::Black];
     let mut evaluation = Plot::new("Evaluated on the paper's reference", "thousand steps")
-        .caption("RMSE of the measured pressures after the first 5 s, mean action, without exploration.");
+        .caption("RMSE of the measured pressures after the first 5 s, mean action, without exploration. Dashed: the fallback on the same rig under the same noise.");
     for (c, channel) in ["positive RMSE (kPa)", "negative RMSE (kPa)"].into_iter().enumerate() {
         let mut panel = Panel::new(channel).log_y();
         for (n, e) in summary.evaluated.iter().enumerate() {
             let y = curve(&|p| p.evaluated.get(n).map_or(f64::NAN, |e| e.rmse_kpa[c]));
-            panel = panel.line(Line::new(&e.rig, &x, &y).color(colors.get(n).copied().unwrap_or(Color::Black)));
+            let color = colors.get(n).copied().unwrap_or(Color::Black);
+            panel = panel.line(Line::new(&e.rig, &x, &y).color(color));
+            if let Some(f) = summary.fallback.get(n) {
+                let flat = vec![f.rmse_kpa[c]; x.len()];
+                panel = panel.line(Line::new(&format!("{}, fallback", e.rig), &x, &flat).color(color).dashed());
+            }
         }
         evaluation = evaluation.panel(panel);
     }
@@ -51,7 +58,7 @@ pub fn page(settings: &TrainingSettings, summary: &Summary, points: &[Point]) ->
     page = page.heading("Learning curve").plot(evaluation.panel(change));
     let line = |name: &str, value: &dyn Fn(&Point) -> f64, color| Line::new(name, &x, &curve(value)).color(color);
     page = page.plot(
-        Plot::new("While acting, with exploration, on drawn references", "thousand steps")
+        Plot::new("While acting, with exploration, on random references", "thousand steps")
             .panel(Panel::new("mean reward").line(line("reward", &|p| p.reward, Color::Blue)))
             .panel(
                 Panel::new("RMSE (kPa)")

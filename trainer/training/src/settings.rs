@@ -3,7 +3,7 @@
 //! One TOML file; every key has a default, which is the paper's (Table IV) where the paper has one. Presets are
 //! such files built in.
 
-use environment::EnvironmentSettings;
+use environment::{EnvironmentSettings, SIDE_BY_SIDE};
 use model::observation::{ACTION_LEN, GOAL_LEN, OBSERVATION_LEN, ObservationLayout, STATE_LEN};
 use serde::{Deserialize, Serialize};
 
@@ -37,6 +37,12 @@ pub struct RunSettings {
     pub seed: u64,
     /// Steps with random actions before learning begins.
     pub random_steps: u64,
+    /// Policy that the run started from; left out, it started from nothing. Command lines set it (`--from`).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<String>,
+    /// Steps in which the policy that a run starts from acts and stays as it is while the critics learn what it is worth;
+    /// there are no steps with random actions then.
+    pub critic_warm_up_steps: u64,
     /// Steps between evaluations, which are also the points of the learning curve.
     pub evaluate_every_steps: u64,
     /// Steps between checkpoints.
@@ -54,6 +60,8 @@ impl Default for RunSettings {
             steps: 512_000,
             seed: 1,
             random_steps: 4_000,
+            from: None,
+            critic_warm_up_steps: 4_000,
             evaluate_every_steps: 32_000,
             checkpoint_every_steps: 128_000,
             average_over_steps: 0,
@@ -68,17 +76,25 @@ impl Default for RunSettings {
 pub struct RigSettings {
     /// What is flown in training, or drawn around.
     pub trained_on: String,
-    /// The model behind MPObs and the fallback's feed-forward.
-    pub model: String,
+    /// The model behind MPObs and the fallback's feed-forward; left out, it is the rig that is trained on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<String>,
     /// What is flown in evaluations.
     pub evaluated_on: Vec<String>,
+}
+
+impl RigSettings {
+    /// The model, by name or file.
+    pub fn model(&self) -> &str {
+        self.model.as_deref().unwrap_or(&self.trained_on)
+    }
 }
 
 impl Default for RigSettings {
     fn default() -> Self {
         RigSettings {
             trained_on: "dual_pressure".into(),
-            model: "dual_pressure".into(),
+            model: None,
             evaluated_on: vec!["dual_pressure".into(), "bench".into()],
         }
     }
@@ -182,9 +198,12 @@ impl Default for PolicySettings {
 pub struct SacSettings {
     /// Adam's learning rate, of all three losses.
     pub learning_rate: f64,
-    /// Share of the learning rate that is left at the last step, towards which it falls linearly; the paper's rate is
-    /// constant, 1.
+    /// Share of the learning rate that is left after `annealed_over_steps`, towards which it falls linearly; the paper's
+    /// rate is constant, 1.
     pub annealed_to: f64,
+    /// Steps over which the learning rate falls. Not the run's length: a run must not depend on how far it was planned, or
+    /// going on with it would not be the run that was planned so far at once.
+    pub annealed_over_steps: u64,
     /// Discount γ.
     pub discount: f64,
     /// Target smoothing τ.
@@ -204,6 +223,7 @@ impl Default for SacSettings {
         SacSettings {
             learning_rate: 3e-4,
             annealed_to: 1.0,
+            annealed_over_steps: 512_000,
             discount: 0.9,
             soft_update: 0.005,
             batch: 128,
@@ -233,6 +253,9 @@ impl Default for CapsSettings {
         CapsSettings { temporal: 1.0, spatial: 0.4, sigma_kpa: 1.5, sigma_duty: 0.0 }
     }
 }
+
+/// Steps from the policy's first change to the first evaluation after it (chosen: a tenth of a minute's run).
+pub const FIRST_INTERVAL_STEPS: u64 = 4_000;
 
 /// Built-in presets: name and text.
 pub const PRESETS: [(&str, &str); 3] = [
@@ -309,8 +332,32 @@ impl TrainingSettings {
 
     /// The learning rate after so many steps.
     pub fn learning_rate(&self, steps: u64) -> f32 {
-        let done = (steps as f64 / self.run.steps.max(1) as f64).min(1.0);
+        let done = (steps as f64 / self.sac.annealed_over_steps.max(1) as f64).min(1.0);
         (self.sac.learning_rate * (1.0 - (1.0 - self.sac.annealed_to) * done)) as f32
+    }
+
+    /// Steps before the policy changes for the first time.
+    fn first_change(&self) -> u64 {
+        if self.run.from.is_some() { self.run.critic_warm_up_steps } else { self.run.random_steps }
+    }
+
+    /// Whether the learning curve has a point after so many steps: before the first, at intervals that double from
+    /// [`FIRST_INTERVAL_STEPS`] once the policy changes, and every `run.evaluate_every_steps`. Steps come eight at a time;
+    /// a point belongs to the first that reaches it. Nothing of this depends on the run's length.
+    pub fn is_evaluated_at(&self, steps: u64) -> bool {
+        steps == 0 || self.planned_between(steps.saturating_sub(SIDE_BY_SIDE as u64), steps) > 0
+    }
+
+    /// Points of the learning curve after `steps`, up to the end of a run of `end` steps.
+    pub fn evaluations_between(&self, steps: u64, end: u64) -> u64 {
+        self.planned_between(steps, end) + u64::from(!self.is_evaluated_at(end))
+    }
+
+    /// Planned points after `from`, up to `until`.
+    fn planned_between(&self, from: u64, until: u64) -> u64 {
+        let every = self.run.evaluate_every_steps;
+        let early = (0..32).map(|k| self.first_change() + (FIRST_INTERVAL_STEPS << k)).take_while(|at| *at < every);
+        early.filter(|at| (from + 1..=until).contains(at)).count() as u64 + (until / every).saturating_sub(from / every)
     }
 
     /// What the learner is told.
@@ -371,6 +418,7 @@ impl TrainingSettings {
         within("policy.first_log_std", self.policy.first_log_std, -10.0, 2.0)?;
         let sac = &self.sac;
         within("sac.learning_rate", sac.learning_rate, 1e-7, 0.1)?;
+        within("sac.annealed_over_steps", sac.annealed_over_steps as f64, 1.0, 1e10)?;
         within("sac.annealed_to", sac.annealed_to, 1e-3, 1.0)?;
         within("sac.discount", sac.discount, 0.0, 0.9999)?;
         within("sac.soft_update", sac.soft_update, 1e-6, 1.0)?;
@@ -414,8 +462,18 @@ mod tests {
         assert_eq!([0, 256_000, 512_000].map(|steps| paper.learning_rate(steps)), [3e-4; 3]);
         let mut settings = paper;
         settings.sac.annealed_to = 0.1;
-        settings.run.steps = 100;
+        settings.sac.annealed_over_steps = 100;
         assert_eq!([0, 50, 100, 200].map(|steps| settings.learning_rate(steps)), [3e-4, 1.65e-4, 3e-5, 3e-5]);
+    }
+
+    #[test]
+    fn the_curve_has_early_points_whatever_the_length() {
+        let settings = TrainingSettings::preset("correction").unwrap();
+        let at: Vec<u64> = (0..=6000).map(|turn| 8 * turn).filter(|steps| settings.is_evaluated_at(*steps)).collect();
+        assert_eq!(at, [0, 8_000, 12_000, 16_000, 32_000, 48_000]);
+        assert_eq!(settings.evaluations_between(0, 20_000), 4);
+        assert_eq!(settings.evaluations_between(8_000, 32_000), 3);
+        assert_eq!(settings.evaluations_between(32_000, 32_000), 0);
     }
 
     #[test]

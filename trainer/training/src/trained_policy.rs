@@ -137,16 +137,9 @@ impl TrainedPolicy {
             told("steps")?.parse().map_err(|_| "does not say its steps in digits; export it again".to_owned())?;
         let origin = Origin { rig: told("rig")?, rig_hash: told("rig_hash")? };
         let feature = |f: &FeatureTerm| sac::Feature { plus: f.plus, minus: f.minus, offset: f.offset, scale: f.scale };
-        let layer = |l: &Dense| sac::Dense {
-            inputs: l.inputs,
-            outputs: l.outputs,
-            weights: l.weights.clone(),
-            bias: l.biases.clone(),
-        };
         let graph = &exported.graph;
         let features = sac::FeatureMap::new(graph.inputs, graph.features.iter().map(feature).collect());
-        let features = features.map_err(|error| error.to_string())?;
-        let network = Network { features, layers: graph.layers.iter().map(layer).collect(), log_std: None };
+        let network = network_of(graph, features.map_err(|error| error.to_string())?);
         network.check().map_err(|error| error.to_string())?;
         let policy = TrainedPolicy { settings, origin, steps, network };
         match policy.graph() == *graph {
@@ -202,15 +195,20 @@ impl TrainedPolicy {
             weights: l.weights.clone(),
             biases: l.bias.clone(),
         };
+        PolicyGraph {
+            inputs: self.settings.contract().observation_len(),
+            features: self.network.features.features().iter().map(term).collect(),
+            layers: self.network.layers.iter().map(layer).collect(),
+            outputs: vec![self.output_map(); ACTION_LEN],
+        }
+    }
+
+    /// How an action within −1 … 1 becomes a duty or a correction.
+    pub(crate) fn output_map(&self) -> OutputMap {
         let contract = self.settings.contract();
         let at = |action: f32| vector_env::outputs(contract, &self.settings.environment, &[action; ACTION_LEN])[0];
         let (low, middle) = (at(-1.0), at(0.0));
-        PolicyGraph {
-            inputs: contract.observation_len(),
-            features: self.network.features.features().iter().map(term).collect(),
-            layers: self.network.layers.iter().map(layer).collect(),
-            outputs: vec![OutputMap { scale: middle - low, shift: middle }; ACTION_LEN],
-        }
+        OutputMap { scale: middle - low, shift: middle }
     }
 
     /// The policy as an ONNX file, with golden pairs answered by the trainer's own network; `more` are further
@@ -238,6 +236,17 @@ impl TrainedPolicy {
         onnx_file::to_onnx(&self.graph(), &Ports::of(contract), &provenance, &golden)
             .map_err(|error| TrainingError::learner("export", &error))
     }
+}
+
+/// The network of a graph, without a deviation.
+pub(crate) fn network_of(graph: &PolicyGraph, features: sac::FeatureMap) -> Network {
+    let layer = |l: &Dense| sac::Dense {
+        inputs: l.inputs,
+        outputs: l.outputs,
+        weights: l.weights.clone(),
+        bias: l.biases.clone(),
+    };
+    Network { features, layers: graph.layers.iter().map(layer).collect(), log_std: None }
 }
 
 /// A policy that answers in the units of its contract.

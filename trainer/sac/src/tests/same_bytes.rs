@@ -66,6 +66,43 @@ fn a_replay_that_is_not_full_is_restored_too() {
     assert_eq!(straight.update(2), restored.update(2));
 }
 
+/// A core with the rows put back in pieces is the whole state, over the ring's end, too; a piece that was never needed
+/// does no harm.
+#[test]
+fn a_core_and_its_rows_are_the_whole_state() {
+    let mut straight = learner(SMALL, settings(SMALL), Machine::with_threads(2));
+    push(&mut straight, SMALL, 13, &mut Dice(5));
+    straight.update(3);
+    let (mut restored, written) = Learner::restore_core(&straight.save_core(), Machine::with_threads(1)).unwrap();
+    assert_eq!(restored.replay_len(), 0);
+    let rows = straight.replay_rows();
+    assert_eq!(rows.end, written);
+    let middle = rows.start + 5;
+    for piece in [rows.start..middle, middle..rows.end] {
+        let floats = straight.copy_replay_rows(piece.clone());
+        assert_eq!(floats.len() as u64, (piece.end - piece.start) * straight.replay_width() as u64);
+        restored.restore_replay_rows(piece.start, &floats);
+    }
+    assert!(restored.save() == straight.save());
+    assert_eq!(straight.update(2), restored.update(2));
+}
+
+/// While the actor is frozen not a bit of it moves and the critics learn, on any number of threads.
+#[test]
+fn critics_learn_beside_a_frozen_actor() {
+    let run = |threads| {
+        let mut learner = learner(SMALL, settings(SMALL), Machine::with_threads(threads));
+        let (policy, temperature) = (learner.policy(), learner.temperature());
+        let first = learner.update_critics(1).critic_loss;
+        let last = learner.update_critics(200).critic_loss;
+        assert_eq!((learner.policy(), learner.temperature()), (policy, temperature));
+        assert!(last < first, "{last} {first}");
+        learner.update(2);
+        learner.save()
+    };
+    assert!(run(1) == run(2));
+}
+
 #[test]
 fn other_seeds_give_other_bytes() {
     let run = |seed| {

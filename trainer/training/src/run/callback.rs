@@ -6,17 +6,32 @@ use serde::{Deserialize, Serialize};
 use crate::checkpoint_selection::BestCheckpoint;
 use crate::metrics::Evaluated;
 
+/// What a run is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// The episode that a checkpoint was in the midst of is taken again.
+    GoingOn,
+    /// Acting and learning.
+    Learning,
+    /// The policy is flown with its mean action.
+    Evaluating,
+}
+
 /// Where a run stands.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Progress {
+    /// What is being done.
+    pub phase: Phase,
     /// Steps done.
     pub steps: u64,
     /// Steps planned.
     pub steps_planned: u64,
-    /// Steps per second over the last episodes.
+    /// Steps per second while learning, in this sitting; 0 until it is known.
     pub steps_per_s: f64,
-    /// Mean reward per step of this episode.
-    pub reward: f64,
+    /// Seconds that learning and evaluations will still take; nothing until a pace is known.
+    pub left_s: Option<f64>,
+    /// Mean reward per step of this episode; nothing before its first step.
+    pub reward: Option<f64>,
     /// RMSE while acting in this episode, in kPa.
     pub acting_rmse_kpa: [f64; CHANNELS],
     /// The last evaluation on the last rig of the list.
@@ -27,8 +42,10 @@ pub struct Progress {
 pub trait TrainingCallback {
     /// Called some times a second.
     fn progress(&mut self, progress: &Progress);
-    /// Whether the run is to stop after this episode.
+    /// Whether the run is to stop: it writes a checkpoint and ends.
     fn stop(&self) -> bool;
+    /// Called when the checkpoint of a stop is written: from here on nothing can be lost.
+    fn is_kept(&mut self) {}
 }
 
 /// How a run ended.
@@ -51,6 +68,9 @@ pub struct Summary {
     pub seed: u64,
     /// Variant.
     pub variant: String,
+    /// Plant, model and start of the run, in one line.
+    #[serde(default)]
+    pub taken: String,
     /// Seconds of work, over all sittings.
     pub wall_s: f64,
     /// Steps per second over all.
@@ -66,4 +86,7 @@ pub struct Summary {
     pub kept: Option<BestCheckpoint>,
     /// Evaluations of the policy that is kept.
     pub evaluated: Vec<Evaluated>,
+    /// The fallback on the same rigs under the same noise: what a policy must beat.
+    #[serde(default)]
+    pub fallback: Vec<Evaluated>,
 }

@@ -1,18 +1,21 @@
 //! Points of the learning curve, and the figures of a run.
 
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use environment::closed_loop::{FlightPlan, PolicyController};
+use environment::closed_loop::{Controller, FlightPlan, PolicyController};
 use environment::{SIDE_BY_SIDE, Score, fly};
-use law::PolicyLaw;
+use law::{Fallback, FallbackSettings, PolicyLaw};
 use model::observation::CHANNELS;
+use model::rig::Rig;
 use proto::reference::Reference;
 use sac::UpdateReport;
+use serde::{Deserialize, Serialize};
 
-use super::{Run, Summary, unix_s};
+use super::{Phase, Run, Summary, TrainingCallback, unix_s};
 use crate::TrainingError;
 use crate::checkpoint::Position;
+use crate::checkpoint_selection::{Best, BestCheckpoint, is_better};
 use crate::metrics::{Evaluated, Point};
 use crate::trained_policy::TrainedPolicy;
 
@@ -22,14 +25,14 @@ const EVALUATED_S: f64 = 60.0;
 const EVALUATION_SEED: u64 = 1;
 
 /// Sums since the last point of the learning curve.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Window {
-    pub(super) began: Option<Instant>,
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Window {
+    work_s: f64,
     environment_s: f64,
     steps: u64,
     reward: f64,
     squares: [f64; CHANNELS],
-    pub(super) tripped: u64,
+    tripped: u64,
     updates: f64,
     losses: [f64; 7],
 }
@@ -52,60 +55,132 @@ impl Window {
         }
     }
 
-    /// Adds an episode: its steps, the seconds that the environment took, and per turn its summed reward and squared errors in kPa².
-    pub(super) fn add_steps(&mut self, steps: u64, environment_s: f64, reward: f64, squares: [f64; CHANNELS]) {
-        self.environment_s += environment_s;
-        self.steps += steps;
+    /// Adds a turn: its mean reward, its mean squared errors in kPa², and how many rigs left their envelope.
+    pub(super) fn add_turn(&mut self, reward: f64, squares: [f64; CHANNELS], tripped: usize) {
+        self.steps += SIDE_BY_SIDE as u64;
         self.reward += reward * SIDE_BY_SIDE as f64;
+        self.tripped += tripped as u64;
         for (sum, s) in self.squares.iter_mut().zip(squares) {
             *sum += s * SIDE_BY_SIDE as f64;
         }
     }
+
+    /// Adds time in the environment.
+    pub(super) fn add_environment(&mut self, took: Duration) {
+        self.environment_s += took.as_secs_f64();
+    }
+
+    /// Adds time of acting and learning, environment included.
+    pub(super) fn add_work(&mut self, took: Duration) {
+        self.work_s += took.as_secs_f64();
+    }
+}
+
+/// Why a point of the curve is made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Occasion {
+    /// The settings plan it: it belongs to the run, however the run is parted.
+    Planned,
+    /// The run ends here, between two planned points: going on must lead to where going through does.
+    End,
 }
 
 impl Run {
-    /// Flights with the mean action on the paper's reference, on every rig of the list.
-    fn flown(&self, policy: &TrainedPolicy) -> Result<Vec<Evaluated>, TrainingError> {
+    /// A flight on the paper's reference.
+    fn flight(&self, name: &str, rig: &Rig, controller: &mut impl Controller) -> Result<Evaluated, TrainingError> {
         let predicts = self.settings.policy.variant.predicts();
         let reference = Reference::paper();
-        let mut evaluated = Vec::with_capacity(self.evaluated_on.len());
-        for (name, rig) in &self.evaluated_on {
-            let plan = FlightPlan {
-                rig,
-                model: predicts.then_some(&self.model),
-                reference: &reference,
-                seconds: EVALUATED_S,
-                noise_v_rms: self.settings.environment.noise_v_rms,
-                seed: EVALUATION_SEED,
-            };
-            let law = PolicyLaw::new(Arc::clone(&self.map), self.settings.contract());
-            let mut runner = policy.runner();
-            let flown = fly(&plan, &mut PolicyController::new(law, |observation: &[f32]| runner.outputs(observation)))?;
-            evaluated.push(Evaluated::of(name, &Score::of(&flown.ticks)));
-        }
-        Ok(evaluated)
+        let plan = FlightPlan {
+            rig,
+            model: predicts.then_some(&self.model),
+            reference: &reference,
+            seconds: EVALUATED_S,
+            noise_v_rms: self.settings.environment.noise_v_rms,
+            seed: EVALUATION_SEED,
+        };
+        Ok(Evaluated::of(name, &Score::of(&fly(&plan, controller)?.ticks)))
     }
 
-    /// A point of the learning curve, of the policy as it stands.
-    pub(super) fn evaluate(&mut self, selects: bool) -> Result<(), TrainingError> {
-        let window = std::mem::take(&mut self.window);
-        let took_s = window.began.map_or(0.0, |began| began.elapsed().as_secs_f64());
+    /// Flights with the mean action on every rig of the list; nothing where a stop is asked for.
+    fn flown(
+        &self,
+        policy: &TrainedPolicy,
+        callback: &dyn TrainingCallback,
+    ) -> Result<Option<Vec<Evaluated>>, TrainingError> {
+        let mut evaluated = Vec::with_capacity(self.evaluated_on.len());
+        for (name, rig) in &self.evaluated_on {
+            if callback.stop() {
+                return Ok(None);
+            }
+            let law = PolicyLaw::new(Arc::clone(&self.map), self.settings.contract());
+            let mut runner = policy.runner();
+            let mut controller = PolicyController::new(law, |observation: &[f32]| runner.outputs(observation));
+            evaluated.push(self.flight(name, rig, &mut controller)?);
+        }
+        Ok(Some(evaluated))
+    }
+
+    /// The fallback's flights, once for a sitting; answers whether they are there.
+    fn fallback_is_flown(&mut self, callback: &dyn TrainingCallback) -> Result<bool, TrainingError> {
+        while let Some((name, rig)) = self.evaluated_on.get(self.fallback.len()) {
+            if callback.stop() {
+                return Ok(false);
+            }
+            let mut fallback = Fallback::new(Arc::clone(&self.map), FallbackSettings::default());
+            let evaluated = self.flight(name, rig, &mut fallback)?;
+            self.fallback.push(evaluated);
+        }
+        Ok(true)
+    }
+
+    /// A point of the learning curve, of the policy as it stands; answers whether it was made, or a stop asked for.
+    pub(super) fn evaluate(
+        &mut self,
+        occasion: Occasion,
+        callback: &mut dyn TrainingCallback,
+    ) -> Result<bool, TrainingError> {
+        let began = Instant::now();
+        self.tell(callback, Phase::Evaluating, None);
+        if !self.fallback_is_flown(callback)? {
+            return Ok(false);
+        }
         let last = self.last();
-        let selection = self.selection.as_mut().filter(|_| selects);
-        let selection = selection.map(|s| s.judge(self.position.steps, last.clone()));
-        let selection_kpa = selection.transpose()?;
-        let evaluated = self.flown(&self.trained(last))?;
-        let whole_s = window.began.map_or(0.0, |began| began.elapsed().as_secs_f64());
-        self.position.wall_s += whole_s;
-        self.position.environment_s += window.environment_s;
+        let Some(evaluated) = self.flown(&self.trained(last.clone()), callback)? else { return Ok(false) };
+        let mut selection_kpa = None;
+        if let Some(selection) = &mut self.selection {
+            let Some(score_kpa) = selection.score_kpa(&last, &mut || callback.stop())? else { return Ok(false) };
+            selection_kpa = Some(score_kpa);
+            let kept = BestCheckpoint { step: self.position.steps, score_kpa };
+            let candidate = Best { kept, network: last, evaluated: evaluated.clone() };
+            match occasion {
+                Occasion::Planned => selection.consider(candidate),
+                // Where a run ends must not tell on what going on keeps.
+                Occasion::End => self.end_best = is_better(&candidate, selection.best()).then_some(candidate),
+            }
+        }
+        self.pace.add_evaluation(began.elapsed());
+        self.account();
+        let point = self.point(selection_kpa, evaluated);
+        if occasion == Occasion::Planned {
+            self.position.environment_s += self.window.environment_s;
+            self.window = Window::default();
+        }
+        self.metrics.add(unix_s(), &point)?;
+        self.points.push(point);
+        Ok(true)
+    }
+
+    /// The sums since the last point as means, with these evaluations.
+    fn point(&self, selection_kpa: Option<f64>, evaluated: Vec<Evaluated>) -> Point {
+        let window = &self.window;
         let (steps, updates) = (window.steps.max(1) as f64, window.updates.max(1.0));
         let [critic_loss, actor_loss, mean_q, temperature, entropy, caps_temporal, caps_spatial] =
             window.losses.map(|sum| sum / updates);
-        let point = Point {
+        Point {
             step: self.position.steps,
             wall_s: self.position.wall_s,
-            steps_per_s: steps / took_s.max(1e-9),
-            environment_share: window.environment_s / took_s.max(1e-9),
+            steps_per_s: window.steps as f64 / window.work_s.max(1e-9),
+            environment_share: window.environment_s / window.work_s.max(1e-9),
             reward: window.reward / steps,
             acting_rmse_kpa: window.squares.map(|s| (s / steps).sqrt()),
             tripped: window.tripped,
@@ -118,36 +193,36 @@ impl Run {
             caps_spatial,
             selection_kpa,
             evaluated,
-        };
-        self.metrics.add(unix_s(), &point)?;
-        self.points.push(point);
-        Ok(())
+        }
+    }
+
+    /// The best policy so far, where the settings keep it: of the planned points, and of the end.
+    pub(super) fn best(&self) -> Option<&Best> {
+        self.end_best.as_ref().or(self.selection.as_ref().and_then(|selection| selection.best()))
     }
 
     /// Figures of the run so far.
-    ///
-    /// # Errors
-    /// If the policy that is kept cannot be flown.
-    pub fn summary(&self) -> Result<Summary, TrainingError> {
+    pub fn summary(&self) -> Summary {
         let Position { steps, wall_s, environment_s, .. } = self.position;
-        let best = self.selection.as_ref().and_then(|selection| selection.best());
-        let evaluated = match best {
-            Some((_, network)) => self.flown(&self.trained(network.clone()))?,
-            None => self.points.last().map_or_else(Vec::new, |p| p.evaluated.clone()),
-        };
-        Ok(Summary {
+        let best = self.best();
+        Summary {
             steps,
             steps_planned: self.settings.run.steps,
             seed: self.settings.run.seed,
             variant: self.settings.policy.variant.name().into(),
+            taken: self.taken(),
             wall_s,
             steps_per_s: steps as f64 / wall_s.max(1e-9),
-            environment_share: environment_s / wall_s.max(1e-9),
+            environment_share: (environment_s + self.window.environment_s) / wall_s.max(1e-9),
             threads: self.threads,
             memory_mib: peak_memory_mib(),
-            kept: best.map(|(kept, _)| *kept),
-            evaluated,
-        })
+            kept: best.map(|best| best.kept),
+            evaluated: match best {
+                Some(best) => best.evaluated.clone(),
+                None => self.points.last().map_or_else(Vec::new, |p| p.evaluated.clone()),
+            },
+            fallback: self.fallback.clone(),
+        }
     }
 }
 

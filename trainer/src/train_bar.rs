@@ -1,0 +1,107 @@
+//! How far a training run is: one bar over all of it on a terminal, plain lines elsewhere.
+
+use std::io::{IsTerminal, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use training::{Phase, Progress, TrainingCallback};
+
+const BAR_EVERY: Duration = Duration::from_millis(200);
+const LINE_EVERY: Duration = Duration::from_secs(15);
+const BAR_WIDTH: usize = 20;
+
+/// Shows a run's progress, and tells it to stop when a signal came.
+pub(crate) struct TrainBar {
+    stop: Arc<AtomicBool>,
+    kept: Arc<AtomicBool>,
+    terminal: bool,
+    next: Instant,
+    is_shown: bool,
+    phase: Option<Phase>,
+}
+
+impl TrainBar {
+    /// A bar that stops the run once `stop` is set, and sets `kept` once nothing can be lost any more.
+    pub(crate) fn new(stop: Arc<AtomicBool>, kept: Arc<AtomicBool>) -> Self {
+        let terminal = std::io::stderr().is_terminal();
+        TrainBar { stop, kept, terminal, next: Instant::now(), is_shown: false, phase: None }
+    }
+
+    /// Leaves a clean line.
+    pub(crate) fn clear(&mut self) {
+        if self.is_shown {
+            write("\r\x1b[K");
+            self.is_shown = false;
+        }
+    }
+}
+
+impl TrainingCallback for TrainBar {
+    fn progress(&mut self, p: &Progress) {
+        let now = Instant::now();
+        // On a terminal a change of what is done shows at once: an evaluation takes some seconds.
+        let is_new = self.terminal && self.phase != Some(p.phase);
+        if now < self.next && !is_new {
+            return;
+        }
+        self.phase = Some(p.phase);
+        if self.terminal {
+            let percent = 100 * p.steps / p.steps_planned.max(1);
+            let full = BAR_WIDTH * usize::try_from(percent.min(100)).unwrap_or(100) / 100;
+            let bar = format!("[{}{}] {percent:3} %", "#".repeat(full), "-".repeat(BAR_WIDTH - full));
+            write(&format!("\r\x1b[K{bar} {}", figures(p)));
+            self.is_shown = true;
+            self.next = now + BAR_EVERY;
+        } else {
+            write(&format!("step {} of {}: {}\n", p.steps, p.steps_planned, figures(p)));
+            self.next = now + LINE_EVERY;
+        }
+    }
+
+    fn stop(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    fn is_kept(&mut self) {
+        self.kept.store(true, Ordering::Relaxed);
+    }
+}
+
+/// What is being done, how well, and how long it will take still; within 57 characters, so that bar and figures fit 80.
+fn figures(p: &Progress) -> String {
+    let left = p.left_s.map_or(String::new(), |s| format!(", {}:{:02} left", s as u64 / 60, s as u64 % 60));
+    let last = p.last_evaluation.as_ref();
+    let evaluated = last.map_or(String::new(), |e| format!(", RMSE {:.2}/{:.2} kPa", e.rmse_kpa[0], e.rmse_kpa[1]));
+    match p.phase {
+        Phase::GoingOn => "going back into the episode".to_owned(),
+        Phase::Evaluating => format!("evaluating{evaluated}{left}"),
+        Phase::Learning => format!("{:.0} steps/s{evaluated}{left}", p.steps_per_s),
+    }
+}
+
+fn write(text: &str) {
+    // Progress that cannot be shown is no reason to stop the work.
+    let _ = std::io::stderr().lock().write_all(text.as_bytes());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_line_fits_a_terminal_and_says_what_is_left() {
+        let progress = Progress {
+            phase: Phase::Evaluating,
+            steps: 1,
+            steps_planned: 2,
+            steps_per_s: 1234.0,
+            left_s: Some(3661.0),
+            reward: None,
+            acting_rmse_kpa: [0.0; 2],
+            last_evaluation: None,
+        };
+        assert_eq!(figures(&progress), "evaluating, 61:01 left");
+        assert_eq!(figures(&Progress { phase: Phase::Learning, left_s: None, ..progress }), "1234 steps/s");
+    }
+}

@@ -1,0 +1,56 @@
+//! What a run took, in one line: plant, model, start.
+
+use model::rig::{Numbers as _, Rig};
+
+use super::Run;
+
+impl Run {
+    /// Plant, model behind MPObs and feed-forward, and where the policy starts, in one line.
+    pub fn taken(&self) -> String {
+        let settings = &self.settings;
+        let is_randomised = !settings.environment.mechanisms.is_empty() || settings.environment.spread.is_any();
+        let plant = format!(
+            "plant {}{}{}",
+            settings.rig.trained_on,
+            mechanisms(&self.trained_on),
+            if is_randomised { ", randomised around that" } else { "" }
+        );
+        let model = if self.model == self.trained_on {
+            "model the same rig".to_owned()
+        } else {
+            format!("model {}{}", settings.rig.model(), mechanisms(&self.model))
+        };
+        let start = match &settings.run.from {
+            Some(from) => format!("policy from {from}"),
+            None => "policy from nothing".to_owned(),
+        };
+        format!("{plant}; {model}; {start}")
+    }
+}
+
+/// The mechanisms of a rig with their first number each; empty where it has none.
+fn mechanisms(rig: &Rig) -> String {
+    let named: Vec<String> = rig
+        .mechanisms
+        .iter()
+        .filter(|m| m.enabled)
+        .map(|m| {
+            let numbers = m.mechanism.numbers();
+            let first = numbers.first().map(|n| format!(" {} {}", significant(m.mechanism.number(0)), n.unit));
+            format!("{} {}{}", m.mechanism.id(), m.component, first.unwrap_or_default().trim_end())
+        })
+        .collect();
+    if named.is_empty() { String::new() } else { format!(" ({})", named.join(", ")) }
+}
+
+/// Three significant digits.
+fn significant(value: f64) -> String {
+    match value.abs() {
+        0.0 => "0".to_owned(),
+        size if (1e-3..1e4).contains(&size) => {
+            let digits = (2 - size.log10().floor() as i32).clamp(0, 6) as usize;
+            format!("{value:.digits$}")
+        }
+        _ => format!("{value:.2e}"),
+    }
+}
