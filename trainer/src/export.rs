@@ -1,4 +1,4 @@
-//! `trainer export`: a trained policy as the file that the daemon flies.
+//! `trainer export`: a trained policy as the file that the daemon runs.
 
 use std::path::PathBuf;
 
@@ -24,6 +24,9 @@ pub(crate) struct ExportArgs {
     /// File to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// Ties the plan (outputs for later ticks, what MPObs rolls ahead) to what the policy then does; half a minute
+    #[arg(long)]
+    fit_plan: bool,
     /// A further key and value for the file's metadata; may be given several times
     #[arg(long, value_name = "KEY=VALUE", value_parser = note)]
     note: Vec<(String, String)>,
@@ -40,7 +43,10 @@ fn note(text: &str) -> Result<(String, String), String> {
 }
 
 pub(crate) fn run(args: &ExportArgs) -> Result<(), Failure> {
-    let policy = TrainedPolicy::load(&args.policy)?;
+    let mut policy = TrainedPolicy::load(&args.policy)?;
+    if args.fit_plan {
+        policy = policy.with_fitted_plan()?;
+    }
     let bytes = policy.to_onnx(&args.note)?;
     atomic_file::write(&args.out, &bytes)?;
     let settings = policy.settings();

@@ -140,6 +140,17 @@ impl PolicyLaw {
         }
     }
 
+    /// Share of a correction that acts, 0 … 1: all of it on the goal, nothing far from it.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn authority(situation: &ControlInput) -> Pair {
+        std::array::from_fn(|c| {
+            let error_kpa = situation.goals_kpa[0][c] - situation.measured_kpa[c];
+            (2.0 - error_kpa.abs() / AUTHORITY_KPA[c]).clamp(0.0, 1.0)
+        })
+    }
+
     /// Turns the policy's answer into a decision.
     ///
     /// # Real-time
@@ -162,10 +173,7 @@ impl PolicyLaw {
                 ControlOutput { parts, trajectory }
             }
             ObservationLayout::Correction => {
-                let authority: Pair = std::array::from_fn(|c| {
-                    let error_kpa = situation.goals_kpa[0][c] - situation.measured_kpa[c];
-                    (2.0 - error_kpa.abs() / AUTHORITY_KPA[c]).clamp(0.0, 1.0)
-                });
+                let authority = Self::authority(situation);
                 let within = |d: f64| d.clamp(-CORRECTION_LIMIT, CORRECTION_LIMIT);
                 let correction = actions.0.map(|a| std::array::from_fn(|c| authority[c] * within(a[c])));
                 let mut decision = self.base;

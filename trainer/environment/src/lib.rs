@@ -10,6 +10,7 @@
 //! | [`env`] | eight rigs side by side, each with its reference, noise and law: what a learner acts on |
 //! | [`closed_loop`] | one rig, one controller, one reference: what a table's row is made of |
 //! | [`score`] | tracking error, action change, hunting |
+//! | [`plan_check`] | whether the plan that MPObs rolls ahead is what is then done |
 //!
 //! A tick runs exactly as in the daemon: measure, predict (MPObs), observe, decide, limit, apply; the same
 //! [`law::PolicyLaw`] flies here and there. Everything is a function of a seed and an episode's number, so that
@@ -17,6 +18,7 @@
 
 pub mod closed_loop;
 pub mod draws;
+pub mod plan_check;
 pub mod reference_draw;
 pub mod reward;
 pub mod rig_draw;

@@ -9,6 +9,11 @@ use crate::closed_loop::FlownTick;
 /// The first seconds of a flight, which are not counted: the rig comes from rest.
 pub const SKIPPED_S: f64 = 5.0;
 
+/// The same in ticks.
+pub(crate) fn skipped_ticks() -> usize {
+    (SKIPPED_S / TICK_S) as usize
+}
+
 /// Figures of one flight, positive and negative channel.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Score {
@@ -25,7 +30,7 @@ pub struct Score {
 impl Score {
     /// Scores a flight from [`SKIPPED_S`] on; NaN everywhere if it is shorter.
     pub fn of(ticks: &[FlownTick]) -> Self {
-        let skipped = (SKIPPED_S / TICK_S) as usize;
+        let skipped = skipped_ticks();
         let mut score = Score {
             rmse_kpa: [0.0; CHANNELS],
             offset_kpa: [0.0; CHANNELS],

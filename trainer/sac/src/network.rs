@@ -113,6 +113,24 @@ impl Network {
     }
 }
 
+impl Network {
+    /// Values of the last hidden layer for one raw observation, which the last layer takes.
+    pub fn last_hidden(&self, observation: &[f32]) -> Vec<f32> {
+        let mut front = vec![0.0; self.features.features().len()];
+        self.features.apply(observation, &mut front);
+        let hidden = self.layers.split_last().map_or(&[][..], |(_, hidden)| hidden);
+        for layer in hidden {
+            let mut back = layer.bias.clone();
+            for (x, weights) in front.iter().zip(layer.weights.chunks_exact(layer.outputs)) {
+                back.iter_mut().zip(weights).for_each(|(y, w)| *y += w * x);
+            }
+            back.iter_mut().for_each(|y| *y = y.max(0.0));
+            front = back;
+        }
+        front
+    }
+}
+
 struct Pass<'a> {
     network: &'a Network,
     observation: &'a [f32],

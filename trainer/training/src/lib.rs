@@ -8,6 +8,7 @@
 //! | `average` | the actor's weights averaged over the last updates |
 //! | `checkpoint`, `replay_files` | what a run goes on from |
 //! | [`policy_start`] | a policy that a run starts from |
+//! | `plan_fit` | outputs for later ticks tied to what is then applied |
 //! | [`run_files`] | the folder of a run |
 //! | [`trained_policy`] | a policy as it was trained: network, features, contract; flown and exported |
 //! | [`metrics`] | the learning curve: JSON lines, TensorBoard |
@@ -24,6 +25,7 @@ mod checkpoint_selection;
 pub mod event_file;
 pub mod features;
 pub mod metrics;
+mod plan_fit;
 pub mod policy_start;
 mod replay_files;
 pub mod run;

@@ -10,7 +10,8 @@ use onnx_file::{Exported, FeatureTerm, OutputMap};
 use sac::{Feature, FeatureMap, Network};
 
 use crate::TrainingError;
-use crate::settings::{Features, TrainingSettings, Variant};
+use crate::plan_fit;
+use crate::settings::{Features, Plan, TrainingSettings, Variant};
 use crate::trained_policy::{TrainedPolicy, network_of};
 
 /// A policy that a run starts from.
@@ -68,9 +69,20 @@ impl PolicyStart {
         &self.label
     }
 
-    /// Its weights.
-    pub(crate) fn network(&self) -> &Network {
-        &self.network
+    /// The preset that policies of its layout are trained with.
+    pub(crate) fn preset(&self) -> &'static str {
+        match self.layout {
+            ObservationLayout::Paper => "paper",
+            ObservationLayout::Correction => "correction",
+        }
+    }
+
+    /// Its weights, for an actor that answers as much as `plan` says.
+    pub(crate) fn network(&self, plan: Plan) -> Network {
+        match plan {
+            Plan::Learned => self.network.clone(),
+            Plan::Fitted => plan_fit::without_plan(&self.network),
+        }
     }
 
     /// Lets the settings describe this policy: layout, features, widths, range of answers.

@@ -25,11 +25,12 @@ use crate::average::Average;
 use crate::checkpoint::{self, Position, Standing};
 use crate::checkpoint_selection::{Best, CheckpointSelection, SELECTION_SEED};
 use crate::metrics::{Evaluated, Metrics, Point};
+use crate::plan_fit::{self, PlanModel};
 use crate::policy_start::PolicyStart;
 use crate::replay_files::ReplayFiles;
 use crate::run_files::RunFiles;
 use crate::run_report;
-use crate::settings::TrainingSettings;
+use crate::settings::{Plan, TrainingSettings};
 use crate::trained_policy::{Origin, TrainedPolicy};
 
 pub use callback::{Phase, Progress, RunStatus, Summary, TrainingCallback};
@@ -98,7 +99,9 @@ impl Run {
         )
         .map_err(|error| TrainingError::learner("settings", &error))?;
         if let Some(start) = start {
-            learner.warm_start(start.network()).map_err(|error| TrainingError::learner("--from", &error))?;
+            learner
+                .warm_start(&start.network(settings.policy.plan))
+                .map_err(|error| TrainingError::learner("--from", &error))?;
         }
         let parts = Parts { trained_on, model, learner, standing: Standing::default(), points: Vec::new(), origin };
         let env = parts.env(&settings, settings.run.seed)?;
@@ -203,7 +206,23 @@ impl Run {
 
     /// The policy as it stands.
     fn last(&self) -> Network {
-        self.average.get().cloned().unwrap_or_else(|| self.learner.policy())
+        let last = self.average.get().cloned().unwrap_or_else(|| self.learner.policy());
+        match self.settings.policy.plan {
+            Plan::Learned => last,
+            Plan::Fitted => plan_fit::held(&last),
+        }
+    }
+
+    /// The policy that is kept, with its plan fitted where the settings say so.
+    fn with_plan(&self) -> Result<TrainedPolicy, TrainingError> {
+        let policy = self.policy();
+        match self.settings.policy.plan {
+            Plan::Learned => Ok(policy),
+            Plan::Fitted => {
+                let model = PlanModel { rig: &self.model, map: &self.map };
+                Ok(self.trained(plan_fit::fitted(policy.network(), &self.settings, &model)?))
+            }
+        }
     }
 
     /// Acts and learns until all steps are done or the callback wants to stop.
@@ -224,7 +243,11 @@ impl Run {
         self.checkpoint()?;
         match status {
             RunStatus::Stopped => callback.is_kept(),
-            RunStatus::Finished => RunFiles::write(&self.files.onnx(), &self.policy().to_onnx(&[])?)?,
+            RunStatus::Finished => {
+                let policy = self.with_plan()?;
+                RunFiles::write(&self.files.policy(), &policy.to_bytes()?)?;
+                RunFiles::write(&self.files.onnx(), &policy.to_onnx(&[])?)?;
+            }
         }
         let figures = self.summary();
         let summary = serde_json::to_string_pretty(&figures)

@@ -4,10 +4,10 @@
 //! such files built in.
 
 use environment::{EnvironmentSettings, SIDE_BY_SIDE};
-use model::observation::{ACTION_LEN, GOAL_LEN, OBSERVATION_LEN, ObservationLayout, STATE_LEN};
+use model::observation::{GOAL_LEN, OBSERVATION_LEN, ObservationLayout, STATE_LEN};
 use serde::{Deserialize, Serialize};
 
-use crate::{TrainingError, features};
+use crate::{TrainingError, features, plan_fit};
 
 /// A training run.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -161,6 +161,16 @@ pub enum Features {
     Errors,
 }
 
+/// Where the plan comes from that MPObs rolls ahead: a policy's outputs for the next five ticks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Plan {
+    /// From the rewards, as in the paper.
+    Learned,
+    /// The actor answers for now alone; what comes later is fitted at the end to what the policy then does.
+    Fitted,
+}
+
 /// What the policy is told and answers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -171,6 +181,8 @@ pub struct PolicySettings {
     pub variant: Variant,
     /// How observations are put to the network.
     pub features: Features,
+    /// Where the plan comes from.
+    pub plan: Plan,
     /// Units of the hidden layers.
     pub hidden: [usize; 2],
     /// Factor of the actor's last layer at the start: a small one starts with hardly any action.
@@ -185,6 +197,7 @@ impl Default for PolicySettings {
             contract: 1,
             variant: Variant::Both,
             features: Features::Plain,
+            plan: Plan::Learned,
             hidden: [256, 256],
             first_output_scale: 1.0,
             first_log_std: 0.0,
@@ -311,7 +324,11 @@ impl TrainingSettings {
     /// Sizes of the learning problem.
     pub fn shape(&self) -> sac::Shape {
         let observations = self.contract().observation_len();
-        sac::Shape { observations, goal: STATE_LEN..STATE_LEN + GOAL_LEN, actions: ACTION_LEN }
+        sac::Shape {
+            observations,
+            goal: STATE_LEN..STATE_LEN + GOAL_LEN,
+            actions: plan_fit::acting_len(self.policy.plan),
+        }
     }
 
     /// How observations are put to the network.

@@ -7,14 +7,20 @@
 use environment::vector_env;
 use model::observation::{ACTION_LEN, AHEAD, CHANNELS, CORRECTION_LIMIT, GOALS_AHEAD, ObservationLayout, PAST};
 use model::rig::Rig;
+use model::steady::SteadyMap;
 use onnx_file::{Dense, Exported, FeatureTerm, GoldenPair, OutputMap, PolicyGraph, Ports, Provenance};
 use sac::{Network, Workspace};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+use std::sync::Arc;
+
+use proto::rig_file::{self, RigFileError};
 
 use crate::TrainingError;
 use crate::checkpoint::part;
-use crate::settings::TrainingSettings;
+use crate::plan_fit::{self, PlanModel};
+use crate::policy_start::PolicyStart;
+use crate::settings::{Plan, TrainingSettings};
 
 const MAGIC: &[u8; 8] = b"DPPOL001";
 /// In the folder of a run: the policy, the same as it is published, and the settings of its training.
@@ -82,6 +88,11 @@ impl TrainedPolicy {
         &self.network
     }
 
+    /// The same policy with another network of the same widths.
+    pub fn with_network(&self, network: Network) -> Self {
+        TrainedPolicy { network, ..self.clone() }
+    }
+
     /// Whether a folder is that of a run with a policy to fly.
     pub fn is_in(folder: &Path) -> bool {
         let has = |name: &str| folder.join(name).is_file();
@@ -114,11 +125,30 @@ impl TrainedPolicy {
             std::fs::read(file).map_err(|error| TrainingError::file(file, &format!("cannot be read: {error}")))
         };
         let beside = path.with_file_name(SETTINGS);
+        if !beside.exists() {
+            return Self::load_alone(path, &read(path)?);
+        }
         let settings = String::from_utf8_lossy(&read(&beside)?).into_owned();
         let settings = TrainingSettings::parse(&beside.display().to_string(), &settings)?;
         let exported =
             onnx_file::from_onnx(&read(path)?).map_err(|error| TrainingError::file(path, &error.to_string()))?;
         Self::published(settings, &exported).map_err(|problem| TrainingError::file(path, &problem))
+    }
+
+    /// Reads a policy that was published without the settings beside it: those that describe it, the rest as in the preset of
+    /// its layout.
+    fn load_alone(path: &Path, bytes: &[u8]) -> Result<Self, TrainingError> {
+        let exported = onnx_file::from_onnx(bytes).map_err(|error| TrainingError::file(path, &error.to_string()))?;
+        let told = |key: &str| exported.metadata.get(key).cloned().unwrap_or_default();
+        let start = PolicyStart::load(path)?;
+        let mut settings = TrainingSettings::preset(start.preset())?;
+        settings.policy.variant = told("variant").parse().unwrap_or(settings.policy.variant);
+        settings.run.seed = told("seed").parse().unwrap_or(settings.run.seed);
+        start.adopt_into(&mut settings)?;
+        settings.run.from = None;
+        let origin = Origin { rig: told("rig"), rig_hash: told("rig_hash") };
+        let steps = told("steps").parse().unwrap_or_default();
+        Ok(TrainedPolicy::new(settings, origin, steps, start.network(Plan::Learned)))
     }
 
     /// The policy of a file that was exported, and the settings that it was trained with.
@@ -184,6 +214,22 @@ impl TrainedPolicy {
     /// Flies it.
     pub fn runner(&self) -> Runner<'_> {
         Runner { policy: self, workspace: Workspace::default() }
+    }
+
+    /// The same policy with a plan that is what it then does: outputs for later ticks fitted to runs of it on the model that it
+    /// was trained with; the duties of now keep every bit.
+    ///
+    /// # Errors
+    /// If a rig of its settings cannot be read or run.
+    pub fn with_fitted_plan(&self) -> Result<Self, TrainingError> {
+        let rig = rig_file::load(self.settings.rig.model())?;
+        let map = SteadyMap::new(&rig)
+            .map_err(|problem| RigFileError::Rig { file: self.settings.rig.model().to_owned(), problem })?;
+        let model = PlanModel { rig: &rig, map: &Arc::new(map) };
+        let mut settings = self.settings.clone();
+        settings.policy.plan = Plan::Fitted;
+        let network = plan_fit::fitted(&self.network, &settings, &model)?;
+        Ok(TrainedPolicy { settings, network, ..self.clone() })
     }
 
     /// The policy as a graph: pressures in, duties or corrections out.

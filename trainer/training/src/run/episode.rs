@@ -15,6 +15,7 @@ use sac::Transition;
 use super::{Phase, Run, TrainingCallback};
 use crate::TrainingError;
 use crate::average::EVERY_STEPS;
+use crate::plan_fit::{self, whole_plans};
 
 /// Numbers of the actions of one turn.
 const TURN_ACTIONS: usize = SIDE_BY_SIDE * ACTION_LEN;
@@ -68,6 +69,11 @@ enum Stage {
 }
 
 impl Run {
+    /// Numbers of an answer of the actor.
+    fn acting_len(&self) -> usize {
+        plan_fit::acting_len(self.settings.policy.plan)
+    }
+
     fn stage(&self, steps: u64) -> Stage {
         let run = &self.settings.run;
         match run.from {
@@ -101,7 +107,7 @@ impl Run {
                 return Ok(false);
             }
             if self.stage(first_step + (turn * SIDE_BY_SIDE) as u64) == Stage::Random {
-                for _ in 0..TURN_ACTIONS {
+                for _ in 0..SIDE_BY_SIDE * self.acting_len() {
                     let _: f32 = episode.random.random_range(-1.0f32..1.0);
                 }
             }
@@ -123,11 +129,12 @@ impl Run {
         };
         let stage = self.stage(self.position.steps);
         let before = self.env.observations().to_vec();
-        let actions = self.actions(stage, &before, &mut episode)?;
+        let answers = self.actions(stage, &before, &mut episode)?;
+        let actions = whole_plans(answers.clone(), self.settings.policy.plan);
         let simulating = Instant::now();
         let step = self.env.step(&actions);
         self.window.add_environment(simulating.elapsed());
-        self.remember(&before, &actions, &step)?;
+        self.remember(&before, &answers, &step)?;
         self.position.steps += SIDE_BY_SIDE as u64;
         episode.take_in(&actions, &step);
         self.window.add_turn(mean_reward(&step), mean_squares(&step), step.terminal.iter().filter(|t| **t).count());
@@ -161,10 +168,10 @@ impl Run {
         if actions.iter().all(|a| a.is_finite()) { Ok(actions) } else { Err(self.diverged("an action")) }
     }
 
-    fn remember(&mut self, before: &[f32], actions: &[f32], step: &Step) -> Result<(), TrainingError> {
+    fn remember(&mut self, before: &[f32], answers: &[f32], step: &Step) -> Result<(), TrainingError> {
         let length = self.settings.contract().observation_len();
         let rows = before.chunks_exact(length).zip(self.env.next_observation().chunks_exact(length));
-        for (lane, ((observation, next), action)) in rows.zip(actions.chunks_exact(ACTION_LEN)).enumerate() {
+        for (lane, ((observation, next), action)) in rows.zip(answers.chunks_exact(self.acting_len())).enumerate() {
             let transition = Transition {
                 observation,
                 action,
