@@ -76,6 +76,7 @@ fn figures(p: &Progress) -> String {
     match p.phase {
         Phase::GoingOn => "going back into the episode".to_owned(),
         Phase::Evaluating => format!("evaluating{evaluated}{left}"),
+        Phase::FittingPlan => "fitting the plan".to_owned(),
         Phase::Learning => format!("{:.0} steps/s{evaluated}{left}", p.steps_per_s),
     }
 }

@@ -110,6 +110,18 @@ pub struct FlightPlan<'a> {
 /// # Errors
 /// If the rig or the model cannot be flown.
 pub fn fly(plan: &FlightPlan<'_>, controller: &mut impl Controller) -> Result<Flown, EnvironmentError> {
+    Ok(fly_while(plan, controller, &mut || true)?.unwrap_or(Flown { ticks: Vec::new() }))
+}
+
+/// As [`fly`], as long as `goes_on` says so, which is asked in every tick; nothing where it ends the flight.
+///
+/// # Errors
+/// As [`fly`].
+pub fn fly_while(
+    plan: &FlightPlan<'_>,
+    controller: &mut impl Controller,
+    goes_on: &mut dyn FnMut() -> bool,
+) -> Result<Option<Flown>, EnvironmentError> {
     let scales = sensor_scales(plan.rig)?;
     let mut plant = DualPressureRig::new(plan.rig).map_err(EnvironmentError::rig(plan.rig))?;
     let mut predictor = match plan.model {
@@ -122,6 +134,9 @@ pub fn fly(plan: &FlightPlan<'_>, controller: &mut impl Controller) -> Result<Fl
     let mut trajectory = ActionTrajectory::held(VENT);
     let mut approach = None;
     for tick in 0..count {
+        if !goes_on() {
+            return Ok(None);
+        }
         let true_kpa = plant.readings_kpa();
         let volts = sensors.sample(true_kpa, [&[], &[]]);
         let measured_kpa: Pair = std::array::from_fn(|c| scales[c].gauge_kpa(f64::from(volts[c])));
@@ -154,5 +169,5 @@ pub fn fly(plan: &FlightPlan<'_>, controller: &mut impl Controller) -> Result<Fl
         ticks.push(FlownTick { measured_kpa, true_kpa, goal_kpa: plan.reference.at(tick as f64 * TICK_S), duty });
         plant.tick(duty, true);
     }
-    Ok(Flown { ticks })
+    Ok(Some(Flown { ticks }))
 }

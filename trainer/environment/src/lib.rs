@@ -26,7 +26,7 @@ pub mod score;
 pub mod settings;
 pub mod vector_env;
 
-pub use closed_loop::{Controller, Flown, fly};
+pub use closed_loop::{Controller, Flown, fly, fly_while};
 pub use rig_draw::RigDraw;
 pub use score::Score;
 pub use settings::{DomainRandomization, EnvironmentSettings, MechanismDraw, RewardSettings};

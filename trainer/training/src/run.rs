@@ -241,9 +241,11 @@ impl Run {
         }
         let status = self.work(callback)?;
         self.checkpoint()?;
+        callback.is_kept();
         match status {
-            RunStatus::Stopped => callback.is_kept(),
+            RunStatus::Stopped => {}
             RunStatus::Finished => {
+                self.tell(callback, Phase::FittingPlan, None);
                 let policy = self.with_plan()?;
                 RunFiles::write(&self.files.policy(), &policy.to_bytes()?)?;
                 RunFiles::write(&self.files.onnx(), &policy.to_onnx(&[])?)?;

@@ -13,8 +13,10 @@ pub enum Phase {
     GoingOn,
     /// Acting and learning.
     Learning,
-    /// The policy is flown with its mean action.
+    /// The policy is run with its mean action.
     Evaluating,
+    /// All steps are done and kept; the plan is fitted and the policy exported.
+    FittingPlan,
 }
 
 /// Where a run stands.
@@ -44,7 +46,7 @@ pub trait TrainingCallback {
     fn progress(&mut self, progress: &Progress);
     /// Whether the run is to stop: it writes a checkpoint and ends.
     fn stop(&self) -> bool;
-    /// Called when the checkpoint of a stop is written: from here on nothing can be lost.
+    /// Called when the last checkpoint is written, of a stop or of the end: from here on nothing can be lost.
     fn is_kept(&mut self) {}
 }
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use environment::closed_loop::{Controller, FlightPlan, PolicyController};
-use environment::{SIDE_BY_SIDE, Score, fly};
+use environment::{SIDE_BY_SIDE, Score, fly_while};
 use law::{Fallback, FallbackSettings, PolicyLaw};
 use model::observation::CHANNELS;
 use model::rig::Rig;
@@ -86,8 +86,13 @@ pub(super) enum Occasion {
 }
 
 impl Run {
-    /// A flight on the paper's reference.
-    fn flight(&self, name: &str, rig: &Rig, controller: &mut impl Controller) -> Result<Evaluated, TrainingError> {
+    /// A run on the paper's reference; nothing where a stop is asked for.
+    fn flight(
+        &self,
+        (name, rig): (&str, &Rig),
+        controller: &mut impl Controller,
+        callback: &dyn TrainingCallback,
+    ) -> Result<Option<Evaluated>, TrainingError> {
         let predicts = self.settings.policy.variant.predicts();
         let reference = Reference::paper();
         let plan = FlightPlan {
@@ -98,7 +103,8 @@ impl Run {
             noise_v_rms: self.settings.environment.noise_v_rms,
             seed: EVALUATION_SEED,
         };
-        Ok(Evaluated::of(name, &Score::of(&fly(&plan, controller)?.ticks)))
+        let flown = fly_while(&plan, controller, &mut || !callback.stop())?;
+        Ok(flown.map(|flown| Evaluated::of(name, &Score::of(&flown.ticks))))
     }
 
     /// Flights with the mean action on every rig of the list; nothing where a stop is asked for.
@@ -109,13 +115,13 @@ impl Run {
     ) -> Result<Option<Vec<Evaluated>>, TrainingError> {
         let mut evaluated = Vec::with_capacity(self.evaluated_on.len());
         for (name, rig) in &self.evaluated_on {
-            if callback.stop() {
-                return Ok(None);
-            }
             let law = PolicyLaw::new(Arc::clone(&self.map), self.settings.contract());
             let mut runner = policy.runner();
             let mut controller = PolicyController::new(law, |observation: &[f32]| runner.outputs(observation));
-            evaluated.push(self.flight(name, rig, &mut controller)?);
+            match self.flight((name, rig), &mut controller, callback)? {
+                Some(figures) => evaluated.push(figures),
+                None => return Ok(None),
+            }
         }
         Ok(Some(evaluated))
     }
@@ -123,12 +129,11 @@ impl Run {
     /// The fallback's flights, once for a sitting; answers whether they are there.
     fn fallback_is_flown(&mut self, callback: &dyn TrainingCallback) -> Result<bool, TrainingError> {
         while let Some((name, rig)) = self.evaluated_on.get(self.fallback.len()) {
-            if callback.stop() {
-                return Ok(false);
-            }
             let mut fallback = Fallback::new(Arc::clone(&self.map), FallbackSettings::default());
-            let evaluated = self.flight(name, rig, &mut fallback)?;
-            self.fallback.push(evaluated);
+            match self.flight((name, rig), &mut fallback, callback)? {
+                Some(figures) => self.fallback.push(figures),
+                None => return Ok(false),
+            }
         }
         Ok(true)
     }
