@@ -19,6 +19,8 @@ use crate::peer::Peer;
 use crate::policy_service::PolicyHandle;
 use crate::reference_limits::{self, Margin};
 use crate::reload::Reloaded;
+use crate::run_file::attached;
+use crate::session_recorder::attachment;
 use crate::state::State;
 
 /// Time that reading and checking a reference may take.
@@ -83,7 +85,8 @@ enum What {
     Disarm,
     Reading { from: Receiver<Result<Reference, String>>, name: String },
     Aside { from: Receiver<Result<String, String>>, what: String },
-    Reference { ticket: Ticket, name: String },
+    /// The text is what goes into the recording once the tick has taken it.
+    Reference { ticket: Ticket, name: String, csv: String },
 }
 
 /// What comes of a request for now.
@@ -191,16 +194,16 @@ impl Desk {
                     self.over(&what, peer, Err(why))
                 }
             },
-            What::Reference { ticket, name } => match self.options.mailbox.fate(ticket) {
+            What::Reference { ticket, name, csv } => match self.options.mailbox.fate(ticket) {
                 Fate::Taken => {
-                    self.options.running.reference.clone_from(&name);
+                    self.reference_taken(&name, csv);
                     self.over(&format!("reference {name}"), peer, Ok(()))
                 }
                 Fate::Waiting if !late => {
-                    Step::Pending(Pending { what: What::Reference { ticket, name }, peer, asked_ns, until })
+                    Step::Pending(Pending { what: What::Reference { ticket, name, csv }, peer, asked_ns, until })
                 }
                 Fate::Waiting if !self.options.mailbox.withdraw(ticket) => {
-                    self.options.running.reference.clone_from(&name);
+                    self.reference_taken(&name, csv);
                     self.over(&format!("reference {name}"), peer, Ok(()))
                 }
                 Fate::Waiting | Fate::Withdrawn => {
@@ -231,8 +234,13 @@ impl Desk {
                 let unknown = "the client went away before it was told what came of it".to_owned();
                 self.record(&what, peer, &Err(unknown));
             }
-            What::Reference { ticket, name } => {
-                let outcome = if self.options.mailbox.withdraw(ticket) { Err(withdrawn) } else { Ok(()) };
+            What::Reference { ticket, name, csv } => {
+                let outcome = if self.options.mailbox.withdraw(ticket) {
+                    Err(withdrawn)
+                } else {
+                    self.reference_taken(&name, csv);
+                    Ok(())
+                };
                 self.record(&format!("reference {name}"), peer, &outcome);
             }
         }
@@ -245,11 +253,12 @@ impl Desk {
             let (Some(reference), Some(file)) = (reference, config.reference.file) else { continue };
             let name = file.display().to_string();
             let runs = self.live_status().is_some_and(|s| s.state == State::Run.code());
+            let csv = reference.to_csv();
             let taken = !runs
                 && self.live_status().is_some()
                 && self.options.mailbox.ask(Request::Reference(Box::new(reference)), u64::MAX).is_some();
             let text = if taken {
-                self.options.running.reference.clone_from(&name);
+                self.reference_taken(&name, csv);
                 format!("reference {name} taken over")
             } else {
                 format!(
@@ -377,15 +386,22 @@ impl Desk {
         };
         let asked_ns = now_ns();
         let until_ns = asked_ns.saturating_add(EFFECT_TIME.as_nanos() as u64);
+        let csv = reference.to_csv();
         match self.options.mailbox.ask(Request::Reference(Box::new(reference)), until_ns) {
             Some(ticket) => Step::Pending(Pending {
-                what: What::Reference { ticket, name },
+                what: What::Reference { ticket, name, csv },
                 peer,
                 asked_ns,
                 until: Instant::now() + EFFECT_TIME,
             }),
             None => self.over("reference", peer, Err("too many requests wait; try again".to_owned())),
         }
+    }
+
+    /// The tick follows another reference: those who ask are told, and the recording holds it.
+    fn reference_taken(&mut self, name: &str, csv: String) {
+        name.clone_into(&mut self.options.running.reference);
+        self.options.notes.attach(attachment(attached::REFERENCE, "text/csv", csv));
     }
 
     /// Records and answers a request that is over.

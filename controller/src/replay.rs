@@ -8,6 +8,8 @@
 //! What ends a replay early: ticks that were not recorded, and inputs whose content the recording does not hold. What was
 //! compared until then counts, and the end is told.
 
+use std::collections::VecDeque;
+
 use model::rig::{Rig, RigError};
 use policy::{Policy, PolicyError};
 use proto::recording::{LawParts, TickInput, TickRecord};
@@ -153,14 +155,35 @@ pub struct Replay {
     /// Session, number and dropped records of the last tick.
     last: Option<(u32, u32, u32)>,
     replayed: Replayed,
-    /// References that were exchanged while it ran, in their order, from files beside the recording.
-    references: std::collections::VecDeque<Reference>,
+    /// References that were exchanged while it ran, in their order: from files beside the recording, where given.
+    references: VecDeque<Reference>,
+    /// Whether they were given.
+    given: Given,
+    /// References of this run that are known from the recordings so far, the first one counted.
+    known: usize,
+}
+
+/// Where references that were exchanged come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Given {
+    /// Files beside the recording.
+    Beside,
+    /// The recording itself.
+    Inside,
 }
 
 impl Replay {
     /// A replay; `references` are those that were exchanged while the run went on, in their order.
     pub fn new(references: Vec<Reference>) -> Self {
-        Replay { cycle: None, last: None, replayed: Replayed::default(), references: references.into() }
+        let given = if references.is_empty() { Given::Inside } else { Given::Beside };
+        Replay {
+            cycle: None,
+            last: None,
+            replayed: Replayed::default(),
+            references: references.into(),
+            given,
+            known: 0,
+        }
     }
 
     /// Replays a recording. One whose first tick is the next of the one before continues it; any other is a run of its
@@ -176,8 +199,16 @@ impl Replay {
             let continues = self
                 .last
                 .is_some_and(|(session, number, _)| session == tick.session && number.wrapping_add(1) == tick.tick);
-            if index == 0 && !continues {
+            let first = index == 0;
+            let goes_on = continues || (self.cycle.is_some() && is_later_part(run));
+            if first && !goes_on {
                 self.cycle = Some(cycle(run)?);
+                self.known = 1;
+            }
+            if first {
+                self.take_references(run)?;
+            }
+            if first && !goes_on {
                 if !TickInput::of(tick.inputs).any(|input| input == TickInput::SessionOpened) {
                     return Err(ReplayError::NoBeginning { file: run.path.display().to_string() });
                 }
@@ -188,6 +219,19 @@ impl Replay {
             self.tick(tick);
             self.last = Some((tick.session, tick.tick, tick.records_dropped));
         }
+        Ok(())
+    }
+
+    /// Takes over the references that were exchanged in this recording; a later part repeats those before it.
+    fn take_references(&mut self, run: &RunFile) -> Result<(), ReplayError> {
+        if self.given == Given::Beside {
+            return Ok(());
+        }
+        let inside: Vec<&[u8]> = run.attachments(attached::REFERENCE).collect();
+        for bytes in inside.iter().skip(self.known) {
+            self.references.push_back(Reference::parse(attached::REFERENCE, bytes)?);
+        }
+        self.known = self.known.max(inside.len());
         Ok(())
     }
 
@@ -259,6 +303,11 @@ impl Replay {
         }
         replayed.ticks += 1;
     }
+}
+
+/// Whether a recording is a later one of several of a run.
+fn is_later_part(run: &RunFile) -> bool {
+    run.content.metadata.get("part").and_then(|part| part.parse::<u32>().ok()).is_some_and(|part| part > 1)
 }
 
 /// The cycle as it was when the recorded daemon began.

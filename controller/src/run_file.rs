@@ -22,7 +22,7 @@ pub mod attached {
     pub const CONFIG: &str = "controller.toml";
     /// The configuration as it counted, with every key.
     pub const EFFECTIVE: &str = "controller-effective.toml";
-    /// The reference at the start.
+    /// The reference at the start, and after it each that was put in while the run went on.
     pub const REFERENCE: &str = "reference.csv";
     /// The policy at the start.
     pub const POLICY: &str = "policy.onnx";
@@ -82,9 +82,14 @@ impl RunFile {
         if lockstep { Pacing::Lockstep } else { Pacing::Realtime }
     }
 
-    /// The bytes of a file inside, by its name; the last of that name counts.
+    /// The bytes of a file inside, by its name; the first of that name counts.
     pub fn attachment(&self, name: &str) -> Option<&[u8]> {
-        self.content.attachments.iter().rfind(|file| file.name == name).map(|file| file.data.as_slice())
+        self.attachments(name).next()
+    }
+
+    /// The bytes of all files of a name inside, in the order in which they came.
+    pub fn attachments(&self, name: &str) -> impl Iterator<Item = &[u8]> {
+        self.content.attachments.iter().filter(move |file| file.name == name).map(|file| file.data.as_slice())
     }
 
     /// The model that was behind predictions and feed-forward.

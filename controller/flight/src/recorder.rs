@@ -184,6 +184,14 @@ pub struct Noter {
 }
 
 impl Noter {
+    /// Puts a file into the recording, and into those that go on after it.
+    ///
+    /// # Real-time
+    /// Not in the tick: it allocates and locks.
+    pub fn attach(&self, file: Attachment) {
+        self.state.attach.lock().unwrap_or_else(PoisonError::into_inner).push(file);
+    }
+
     /// Adds a text; one that finds too many waiting is counted and dropped.
     ///
     /// # Real-time
@@ -377,6 +385,10 @@ mod tests {
 
         fn event(&mut self, _: u64, _: EventLevel, part: &str, message: &str) -> Result<(), RecordError> {
             self.log.lock().unwrap().push(format!("{part}:{message}"));
+            Ok(())
+        }
+
+        fn attach(&mut self, _: &Attachment) -> Result<(), RecordError> {
             Ok(())
         }
 

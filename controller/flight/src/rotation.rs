@@ -45,6 +45,8 @@ pub(crate) trait TapeSource: Send {
     fn destination(&self) -> Option<&Destination> {
         None
     }
+    /// Keeps a file for the tapes after this one, where there are any.
+    fn keep(&mut self, _file: Attachment) {}
     /// Takes other limits, where there are any.
     fn redirect(&mut self, _destination: Destination) {}
 }
@@ -113,6 +115,10 @@ impl TapeSource for Rotating {
 
     fn destination(&self) -> Option<&Destination> {
         Some(&self.destination)
+    }
+
+    fn keep(&mut self, file: Attachment) {
+        self.attachments.push(file);
     }
 
     fn redirect(&mut self, destination: Destination) {

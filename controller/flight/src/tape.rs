@@ -3,7 +3,7 @@
 use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 
-use proto::recording::{EventLevel, RecordingWriter, TickRecord};
+use proto::recording::{Attachment, EventLevel, RecordingWriter, TickRecord};
 
 use crate::record_error::RecordError;
 
@@ -11,6 +11,8 @@ use crate::record_error::RecordError;
 pub(crate) trait Tape: Send {
     fn tick(&mut self, tick: &TickRecord) -> Result<(), RecordError>;
     fn event(&mut self, at_ns: u64, level: EventLevel, part: &str, message: &str) -> Result<(), RecordError>;
+    /// Puts a file inside.
+    fn attach(&mut self, file: &Attachment) -> Result<(), RecordError>;
     fn flush(&mut self) -> Result<(), RecordError>;
     /// Looks whether what was written is still there.
     fn check(&mut self) -> Result<(), RecordError>;
@@ -44,6 +46,10 @@ impl Tape for McapTape {
 
     fn event(&mut self, at_ns: u64, level: EventLevel, part: &str, message: &str) -> Result<(), RecordError> {
         Ok(self.writer.event(at_ns, level, part, message)?)
+    }
+
+    fn attach(&mut self, file: &Attachment) -> Result<(), RecordError> {
+        Ok(self.writer.attach(file)?)
     }
 
     fn flush(&mut self) -> Result<(), RecordError> {

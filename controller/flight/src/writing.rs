@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime};
 
-use proto::recording::{EventLevel, TickRecord};
+use proto::recording::{Attachment, EventLevel, TickRecord};
 
 use crate::disk::free_bytes;
 use crate::record_error::RecordError;
@@ -44,6 +44,8 @@ pub(crate) struct State {
     pub(crate) lost: AtomicU64,
     pub(crate) notes_dropped: AtomicU64,
     pub(crate) files: Mutex<Vec<PathBuf>>,
+    /// Files that are to go into the recording.
+    pub(crate) attach: Mutex<Vec<Attachment>>,
     /// Limits to be kept from now on.
     pub(crate) redirected: Mutex<Option<Destination>>,
     begun: Instant,
@@ -64,6 +66,7 @@ impl State {
             lost: AtomicU64::new(0),
             notes_dropped: AtomicU64::new(0),
             files: Mutex::new(Vec::new()),
+            attach: Mutex::new(Vec::new()),
             redirected: Mutex::new(None),
             begun: Instant::now(),
             busy_since: AtomicU64::new(0),
@@ -203,6 +206,11 @@ impl Writing {
         }
         while let Ok(note) = self.inbox.try_recv() {
             self.event(note);
+        }
+        let files = std::mem::take(&mut *self.state.attach.lock().unwrap_or_else(PoisonError::into_inner));
+        for file in files {
+            self.on_tape(|tape| tape.attach(&file));
+            self.source.keep(file);
         }
     }
 

@@ -217,15 +217,7 @@ impl RecordingWriter {
         let unix_ns = wall_clock::unix_ns(info.started);
         writer.write_metadata(&info.metadata()).map_err(write)?;
         for attachment in attachments {
-            writer
-                .attach(&mcap::Attachment {
-                    log_time: unix_ns,
-                    create_time: unix_ns,
-                    name: attachment.name.clone(),
-                    media_type: attachment.media_type.clone(),
-                    data: attachment.data.as_slice().into(),
-                })
-                .map_err(write)?;
+            writer.attach(&as_mcap(attachment, unix_ns)).map_err(write)?;
         }
         let channels = add_channels(&mut writer).map_err(write)?;
         let clock = LogClock::new(info);
@@ -280,6 +272,15 @@ impl RecordingWriter {
         self.put(self.channels.event, unix_ns)
     }
 
+    /// Puts a file inside, as of the last tick written.
+    ///
+    /// # Errors
+    /// As [`RecordingWriter::write`].
+    pub fn attach(&mut self, attachment: &Attachment) -> Result<(), WriteMcapError> {
+        let unix_ns = wall_clock::unix_ns(std::time::SystemTime::now());
+        self.writer.attach(&as_mcap(attachment, unix_ns)).map_err(|source| write_error(&self.path, source))
+    }
+
     /// Ends the chunk and waits until it is on the disk; once a second is enough.
     ///
     /// # Errors
@@ -324,6 +325,16 @@ fn add_channels(writer: &mut Writer<NoSeek<BufWriter<File>>>) -> Result<Channels
         command: writer.add_channel(frame, topic::COMMAND, ENCODING, &none)?,
         event: writer.add_channel(log, topic::EVENT, ENCODING, &none)?,
     })
+}
+
+fn as_mcap(attachment: &Attachment, unix_ns: u64) -> mcap::Attachment<'_> {
+    mcap::Attachment {
+        log_time: unix_ns,
+        create_time: unix_ns,
+        name: attachment.name.clone(),
+        media_type: attachment.media_type.clone(),
+        data: attachment.data.as_slice().into(),
+    }
 }
 
 fn write_error(path: &Path, error: McapError) -> WriteMcapError {
