@@ -83,10 +83,20 @@ pub struct Pending {
 enum What {
     Arm(Ticket),
     Disarm,
-    Reading { from: Receiver<Result<Reference, String>>, name: String },
-    Aside { from: Receiver<Result<String, String>>, what: String },
+    Reading {
+        from: Receiver<Result<Reference, String>>,
+        name: String,
+    },
+    Aside {
+        from: Receiver<Result<String, String>>,
+        what: String,
+    },
     /// The text is what goes into the recording once the tick has taken it.
-    Reference { ticket: Ticket, name: String, csv: String },
+    Reference {
+        ticket: Ticket,
+        name: String,
+        csv: String,
+    },
 }
 
 /// What comes of a request for now.

@@ -272,11 +272,11 @@ impl Replay {
                         "another reference was put in, and the recording does not hold it; give its file with --reference",
                     ),
                 },
-                TickInput::Acknowledge
-                | TickInput::Policy
-                | TickInput::Model
-                | TickInput::Explore
-                | TickInput::Other => Err("something reached the tick that this program cannot replay"),
+                TickInput::Policy => Err("another policy took part, and the recording does not hold its file"),
+                TickInput::Model => Err("another model took over, and the recording does not hold its file"),
+                TickInput::Acknowledge | TickInput::Explore | TickInput::Other => {
+                    Err("something reached the tick that this program cannot replay")
+                }
             };
             if let Err(problem) = known {
                 let at = format!("{problem} (session {:08X}, tick {})", recorded.session, recorded.tick);

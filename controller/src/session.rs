@@ -146,6 +146,8 @@ fn one_session<H: DutySource>(session: &mut Session<H>, link: &mut Link, counts:
         };
         let mut record =
             TickRecord { session: link.session(), records_dropped: session.sink.dropped(), ..TickRecord::default() };
+        // Kept until a tick has taken them: what the cycle itself takes in is appended there.
+        record.inputs = session.inputs;
         let incoming = link.receive(Some(until));
         if link.damaged() != damaged {
             damaged = link.damaged();
@@ -199,7 +201,7 @@ fn one_session<H: DutySource>(session: &mut Session<H>, link: &mut Link, counts:
         }
         counts.slowest_ns = counts.slowest_ns.max(u64::from(record.compute_ns));
         session.cycle.settle();
-        record.inputs = std::mem::take(&mut session.inputs);
+        session.inputs = 0;
         let armed = if record.state == State::Run.code() { Armed::Yes } else { Armed::No };
         session.length.tick(armed, sent_ns);
         show(session, link, &record, counts);
