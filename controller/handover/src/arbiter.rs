@@ -274,7 +274,9 @@ impl Arbiter {
     fn serve(&mut self) -> Option<PolicyEvent> {
         match self.end.command()? {
             Command::Try(candidate, haste) => {
-                self.lose(Loss::Withdrawn);
+                if self.lose(Loss::Withdrawn).is_some() {
+                    self.remainder_from_sent();
+                }
                 let law = self.incumbent.law.for_layout(layout_of(Some(&candidate)));
                 let tag = candidate.tag;
                 let stages = match haste {

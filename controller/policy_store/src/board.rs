@@ -171,7 +171,10 @@ impl Board {
         if let Some(candidate) = snapshot.candidate {
             let percent = 100.0 * snapshot.authority;
             let state = EntryState::of_stage(StageNow::of_code(snapshot.stage));
-            for entry in self.entries.values_mut().filter(|e| e.tag() == Some(candidate)) {
+            let on_its_way = [EntryState::Shadow, EntryState::Ramp, EntryState::Probation];
+            // A snapshot may be older than the event that ended the way.
+            let entries = self.entries.values_mut().filter(|e| e.tag() == Some(candidate));
+            for entry in entries.filter(|e| on_its_way.contains(&e.state)) {
                 entry.state = state;
                 entry.authority_percent = Some(percent);
             }
