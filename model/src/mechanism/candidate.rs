@@ -41,6 +41,8 @@ pub struct CandidateParameter {
     pub low: f64,
     /// Highest plausible value.
     pub high: f64,
+    /// Lowest and highest value that a rig file may hold: how far a range that is too narrow can be widened.
+    pub accepted: [f64; 2],
     /// First magnitudes, weak to strong, both signs where it has two; at least one.
     pub starts: Vec<f64>,
     /// Whether it can be negative.
@@ -51,6 +53,16 @@ pub struct CandidateParameter {
     pub power: f64,
     /// Whether what fits best at its lowest value is something faster.
     pub slow: bool,
+}
+
+impl CandidateParameter {
+    /// Sets the range, as far as a rig file may hold it, and keeps the first magnitudes inside.
+    fn limit(&mut self, low: f64, high: f64) {
+        let [least, most] = self.accepted;
+        (self.low, self.high) = (low.clamp(least, most), high.clamp(least, most));
+        let (low, high) = (self.low, self.high);
+        self.starts.iter_mut().for_each(|start| *start = start.clamp(low, high));
+    }
 }
 
 impl Candidate {
@@ -96,6 +108,7 @@ impl Form {
                 unit: number.unit,
                 low: number.plausible[0],
                 high: number.plausible[1],
+                accepted: number.accepted,
                 starts: number.starts.to_vec(),
                 signed: number.is_signed(),
                 usual: number.usual,
@@ -122,11 +135,22 @@ impl Form {
         Form { beside, ..self }
     }
 
+    /// The same with the range and the first magnitudes of parameter `index` times `scale` ([`super::scale`]).
+    pub(crate) fn scaled(mut self, index: usize, scale: f64) -> Self {
+        if let Some(parameter) = self.parameters.get_mut(index)
+            && scale != 1.0
+        {
+            parameter.starts.iter_mut().for_each(|start| *start *= scale);
+            parameter.limit(scale * parameter.low, scale * parameter.high);
+        }
+        self
+    }
+
     /// The same with a range and first magnitudes of parameter `index` that suit the component's size.
     pub(crate) fn ranging(mut self, index: usize, range: [f64; 2], starts: Vec<f64>) -> Self {
         if let Some(parameter) = self.parameters.get_mut(index) {
-            (parameter.low, parameter.high) = (range[0], range[1]);
             parameter.starts = starts;
+            parameter.limit(range[0], range[1]);
         }
         self
     }

@@ -38,7 +38,8 @@ impl Physics for ChamberThermal {
     const PLACES: &'static [Place] = &[Place::Volume];
     const SETTLED: bool = false;
 
-    fn forms(_rig: &Rig, _component: &str) -> Vec<Form> {
-        vec![Form::of("", Mechanism::ChamberThermal(ChamberThermal { wall_conductance_w_per_k: 1000.0 }), &[0])]
+    fn forms(rig: &Rig, component: &str) -> Vec<Form> {
+        let isothermal = Mechanism::ChamberThermal(ChamberThermal { wall_conductance_w_per_k: 1000.0 });
+        vec![Form::of("", isothermal, &[0]).scaled(0, super::scale::of_wall(rig, component))]
     }
 }

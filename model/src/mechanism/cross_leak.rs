@@ -50,7 +50,8 @@ impl Physics for CrossLeak {
         others
             .map(|to| {
                 let tight = CrossLeak { to: to.clone(), conductance_kg_per_s_pa2: 0.0 };
-                Form::of("", Mechanism::CrossLeak(tight), &[0])
+                let (range, starts) = super::chamber_leak::scaled(rig, component);
+                Form::of("", Mechanism::CrossLeak(tight), &[0]).ranging(0, range, starts)
             })
             .collect()
     }

@@ -102,7 +102,8 @@ impl Physics for LineResistance {
             ],
             Some(Pump::Flow(_)) => Vec::new(),
             None if matches!(rig.lines.get(component), Some(Line::Laminar { .. })) => {
-                vec![Form::of("", line(None), &[0]).ranging(0, [0.1, 1e3], vec![100.0, 30.0, 10.0, 3.0])]
+                let form = Form::of("", line(None), &[0]).ranging(0, [0.1, 1e3], vec![100.0, 30.0, 10.0, 3.0]);
+                vec![form.scaled(0, super::scale::of_line(rig, component))]
             }
             None => Vec::new(),
         }

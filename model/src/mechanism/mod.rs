@@ -37,6 +37,7 @@ mod pump_droop;
 mod pump_speed;
 mod residual_flow;
 mod residual_response;
+mod scale;
 mod sensor_bias;
 mod sensor_drift;
 mod sensor_gain;

@@ -38,8 +38,9 @@ impl Physics for PistonBlowby {
         needs_pistons(Self::ID, rig, component, key)
     }
 
-    fn forms(_rig: &Rig, _component: &str) -> Vec<Form> {
-        vec![Form::of("", Mechanism::PistonBlowby(PistonBlowby { conductance_kg_per_s_pa2: 0.0 }), &[0])]
+    fn forms(rig: &Rig, component: &str) -> Vec<Form> {
+        let tight = Mechanism::PistonBlowby(PistonBlowby { conductance_kg_per_s_pa2: 0.0 });
+        vec![Form::of("", tight, &[0]).scaled(0, super::scale::of_blowby(rig, component))]
     }
 }
 

@@ -41,7 +41,11 @@ impl Physics for PumpDroop {
         let form = Form::of("", Mechanism::PumpDroop(PumpDroop { speed_loss_per_bar: 0.0 }), &[0]);
         match rig.pumps.get(component) {
             // Small pumps without pistons stall anywhere between 5 and 500 kPa.
-            Some(Pump::Flow(_)) => vec![form.ranging(0, [0.0, 20.0], vec![0.2, 0.5, 1.0, 2.0, 6.0])],
+            Some(Pump::Flow(pump)) => {
+                // One that its sensor's range is made for stalls no lower than at a fifth of it.
+                let at_a_fifth = super::scale::load_kpa(rig, &pump.outlet).map_or(0.0, |kpa| 500.0 / kpa);
+                vec![form.ranging(0, [0.0, at_a_fifth.clamp(20.0, 100.0)], vec![0.2, 0.5, 1.0, 2.0, 6.0])]
+            }
             _ => vec![form],
         }
     }

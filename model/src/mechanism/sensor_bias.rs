@@ -30,7 +30,8 @@ impl Physics for SensorBias {
     const PLACES: &'static [Place] = &[Place::Sensor];
     const SETTLED: bool = false;
 
-    fn forms(_rig: &Rig, _component: &str) -> Vec<Form> {
-        vec![Form::of("", Mechanism::SensorBias(SensorBias { bias_kpa: 0.0 }), &[0])]
+    fn forms(rig: &Rig, component: &str) -> Vec<Form> {
+        let none = Mechanism::SensorBias(SensorBias { bias_kpa: 0.0 });
+        vec![Form::of("", none, &[0]).scaled(0, super::scale::of_sensor(rig, component))]
     }
 }

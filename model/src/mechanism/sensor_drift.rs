@@ -37,9 +37,11 @@ impl Physics for SensorDrift {
     const PLACES: &'static [Place] = &[Place::Sensor];
     const SETTLED: bool = false;
 
-    fn forms(_rig: &Rig, _component: &str) -> Vec<Form> {
+    fn forms(rig: &Rig, component: &str) -> Vec<Form> {
         let none = |time_constant_s| Mechanism::SensorDrift(SensorDrift { rate_kpa_per_min: 0.0, time_constant_s });
-        vec![Form::of("steady", none(0.0), &[0]), Form::of("relaxing", none(60.0), &[0, 1])]
+        let scale = super::scale::of_sensor(rig, component);
+        let [steady, relaxing] = [Form::of("steady", none(0.0), &[0]), Form::of("relaxing", none(60.0), &[0, 1])];
+        vec![steady.scaled(0, scale), relaxing.scaled(0, scale)]
     }
 }
 
