@@ -44,6 +44,19 @@ pub struct FoundParameter {
     pub low: f64,
     /// Upper end.
     pub high: f64,
+    /// The end of the range that was searched at which the value stands, if it does: no answer then, only "this or more".
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_end_of_range: Option<RangeEnd>,
+}
+
+/// An end of the range in which a number was searched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RangeEnd {
+    /// The lowest value.
+    Low,
+    /// The highest one.
+    High,
 }
 
 /// What speaks for a mechanism.
@@ -119,6 +132,83 @@ pub struct Fits {
     pub extended: Fit,
 }
 
+/// The unexplained residual of one channel with the rig that was written, beyond the noise.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Unexplained {
+    /// Column of the recordings.
+    pub channel: String,
+    /// `positive`, `negative`, or the volume's name in a rig of other volumes.
+    #[serde(rename = "where")]
+    pub side: String,
+    /// Root mean square on validation data, the noise's share taken out, in kPa.
+    pub kpa: f64,
+    /// Standard deviation of the noise in kPa.
+    pub noise_kpa: f64,
+    /// `kpa` as a multiple of the noise.
+    pub times_noise: f64,
+    /// The operating region that holds most of it, in words and numbers.
+    pub region: String,
+}
+
+/// A parameter of the written rig that went where nobody would believe it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DoubtfulParameter {
+    /// Dotted key of the rig file.
+    pub parameter: String,
+    /// Its unit.
+    pub unit: String,
+    /// Value in the rig file that was given.
+    pub stated: f64,
+    /// Value in the rig file that was written.
+    pub fitted: f64,
+    /// Distance in standard deviations of what such a part scatters by.
+    pub deviations: f64,
+}
+
+/// A lasting change of the mismatch at a moment.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ChangeInTime {
+    /// The file.
+    pub recording: String,
+    /// Column of the recordings.
+    pub channel: String,
+    /// When, in s of that recording.
+    pub time_s: f64,
+    /// Jump of the error (recorded less simulated) in kPa.
+    pub jump_kpa: f64,
+}
+
+/// Which rig a diagnosis has written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RigKind {
+    /// The rig as it was given, for nothing was better on validation data.
+    #[default]
+    AsGiven,
+    /// The same rig with its parameters fitted.
+    Fitted,
+    /// The rig with what was found, named or not.
+    Extended,
+}
+
+/// The rig file that was written.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct WrittenRig {
+    /// Its name.
+    pub name: String,
+    /// How it differs from the one that was given.
+    pub kind: RigKind,
+}
+
+/// What to do next.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct NextStep {
+    /// The reason, in one sentence.
+    pub why: String,
+    /// Lines for a shell, in order; empty where no command would help.
+    pub commands: Vec<String>,
+}
+
 /// A diagnosis, as `diagnosis.json` holds it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Diagnosis {
@@ -138,6 +228,24 @@ pub struct Diagnosis {
     pub next_experiment: Option<String>,
     /// Plain words on recordings that are too short, flat, clipped, or otherwise poor.
     pub notes: Vec<String>,
+    /// Unexplained residual by channel, on validation data, with the rig that was written.
+    #[serde(default)]
+    pub unexplained: Vec<Unexplained>,
+    /// Terms of the written rig that have no name of their own, as the rig file states them, with all their numbers.
+    #[serde(default)]
+    pub unnamed_terms: Vec<serde_json::Value>,
+    /// Parameters that went where nobody would believe them.
+    #[serde(default)]
+    pub doubtful_parameters: Vec<DoubtfulParameter>,
+    /// Lasting changes at a moment.
+    #[serde(default)]
+    pub changes: Vec<ChangeInTime>,
+    /// The rig file that was written.
+    #[serde(default)]
+    pub rig: WrittenRig,
+    /// What to do next.
+    #[serde(default)]
+    pub next_step: NextStep,
 }
 
 impl Diagnosis {
@@ -171,7 +279,13 @@ mod tests {
             summary: "It has play.".to_owned(),
             parameters: BTreeMap::from([(
                 "half_width_duty".to_owned(),
-                FoundParameter { value: 0.031, unit: "duty".to_owned(), low: 0.028, high: 0.034 },
+                FoundParameter {
+                    value: 0.031,
+                    unit: "duty".to_owned(),
+                    low: 0.028,
+                    high: 0.034,
+                    at_end_of_range: None,
+                },
             )]),
             evidence: FoundEvidence { delta_log_likelihood: 1234.5, held_out_rmse_gain: 0.62 },
             rivals: vec!["valve_stiction".to_owned()],
@@ -185,6 +299,19 @@ mod tests {
             rivals: vec![vec!["chamber_leak:positive".to_owned(), "piston_blowby:both".to_owned()]],
             next_experiment: None,
             notes: Vec::new(),
+            unexplained: vec![Unexplained {
+                channel: "p_pos_kpa".to_owned(),
+                side: "positive".to_owned(),
+                kpa: 0.75,
+                noise_kpa: 0.06,
+                times_noise: 12.5,
+                region: "rising u_pos between 0.70 and 0.85".to_owned(),
+            }],
+            unnamed_terms: Vec::new(),
+            doubtful_parameters: Vec::new(),
+            changes: Vec::new(),
+            rig: WrittenRig { name: "dual_pressure_extended".to_owned(), kind: RigKind::Extended },
+            next_step: NextStep::default(),
         };
         let text = diagnosis.to_json().unwrap();
         assert_eq!(Diagnosis::from_json(&text).unwrap(), diagnosis);
