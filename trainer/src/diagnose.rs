@@ -1,16 +1,19 @@
 //! `trainer diagnose`: what physics is missing from a rig's model, where, and how much better the model is with it.
 
-use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use clap::Args;
-use diagnose::{Diagnosis, NEXT_EXPERIMENT, Request};
+use diagnose::{Diagnosis, Request, check_out_dir, work_out};
+use model::rig::Rig;
+use proto::diagnosis::RigKind;
 use proto::recording::Recording;
 use proto::rig_file;
 
 use crate::failure::{Failure, tell};
+use crate::interruptible::Interruptible;
 use crate::stdout;
+use crate::work_shown::WorkShown;
 
 /// Finds the physics that a rig's model leaves out: locates it, names it, models it, and shows the fit improve.
 ///
@@ -42,39 +45,47 @@ pub(crate) fn run(args: &DiagnoseArgs) -> Result<(), Failure> {
     let rig = rig_file::load(&args.rig)?;
     let recordings =
         args.recordings.iter().map(|path| Recording::read_for(path, &rig)).collect::<Result<Vec<_>, _>>()?;
-    // The paper's rig has its two sides; any other one its sensors' names.
-    let channels = if rig.sensors.len() == 2 && rig.volumes.contains_key("positive") {
-        vec!["positive".to_owned(), "negative".to_owned()]
-    } else {
-        rig.sensors.keys().take(2).cloned().collect()
+    let work = Interruptible::begin()?;
+    work.undisturbed(|| check_out_dir(&args.out))?;
+    let channels = channels(&rig);
+    let request =
+        Request { rig, rig_argument: args.rig.clone(), recordings, out_dir: args.out.clone(), quick: args.quick };
+    let outcome = {
+        let mut shown = Shown::new(args.quick);
+        work_out(&request, &mut |what, _| shown.show(what))?
     };
-    let request = Request { rig, recordings, out_dir: args.out.clone(), quick: args.quick };
-    let diagnosis = {
-        let mut shown = Shown::new();
-        diagnose::run(&request, &mut |what, share| shown.show(what, share))?
-    };
+    work.write(|| outcome.write(&args.out))?;
+    let diagnosis = &outcome.diagnosis;
     if args.json {
         return stdout::say(&diagnosis.to_json().map_err(Failure::Json)?);
     }
     for note in &diagnosis.notes {
         tell(note);
     }
-    stdout::say(&text(&diagnosis, args, &channels))
+    stdout::say(&text(diagnosis, args, &channels))
+}
+
+/// Names of the channels: the paper's rig has its two sides, any other one its sensors' names.
+fn channels(rig: &Rig) -> Vec<String> {
+    if rig.sensors.len() == 2 && rig.volumes.contains_key("positive") {
+        vec!["positive".to_owned(), "negative".to_owned()]
+    } else {
+        rig.sensors.keys().take(2).cloned().collect()
+    }
 }
 
 /// The answer for people.
 fn text(diagnosis: &Diagnosis, args: &DiagnoseArgs, channels: &[String]) -> String {
     let mut text = format!("{}: {}\n\n", diagnosis.verdict.as_str(), diagnosis.summary);
-    text.push_str(&format!("{:<30}", "free run on held-out stretches"));
+    text.push_str(&format!("{:<30}", "open loop, validation data"));
     for channel in channels {
         text.push_str(&format!(" {:>14}", format!("{channel} kPa")));
     }
     text.push('\n');
-    let fits = [
-        ("rig as given", &diagnosis.fit.nominal),
-        ("parameters fitted", &diagnosis.fit.reidentified),
-        ("with what was found", &diagnosis.fit.extended),
-    ];
+    let mut fits = vec![("rig as given", &diagnosis.fit.nominal), ("parameters fitted", &diagnosis.fit.reidentified)];
+    if diagnosis.rig.kind == RigKind::Extended {
+        fits.push(("with what was found", &diagnosis.fit.extended));
+    }
     for (name, fit) in fits {
         text.push_str(&format!("{name:<30}"));
         for (channel, rmse) in channels.iter().zip([fit.pos_rmse_kpa, fit.neg_rmse_kpa]) {
@@ -87,46 +98,48 @@ fn text(diagnosis: &Diagnosis, args: &DiagnoseArgs, channels: &[String]) -> Stri
         text.push_str(&format!("\nnot told apart: {}", group.join(", ")));
     }
     text.push_str(&format!("\nreport: {}\n", args.out.join("report.html").display()));
-    if diagnosis.next_experiment.is_some() {
-        let path = args.out.join(NEXT_EXPERIMENT);
-        text.push_str(&format!("next: controller experiment {} --config FILE\n", path.display()));
+    text.push_str(&format!("rig:    {} ({})\n", args.out.join("rig.toml").display(), written(diagnosis)));
+    text.push_str(&format!("next:   {}\n", diagnosis.next_step.why));
+    for command in &diagnosis.next_step.commands {
+        text.push_str(&format!("        {command}\n"));
     }
     text
 }
 
-/// What is being done: one line that is written over on a terminal, a line a stage elsewhere.
-struct Shown {
-    terminal: bool,
-    what: String,
-    next: Instant,
+fn written(diagnosis: &Diagnosis) -> String {
+    match diagnosis.rig.kind {
+        RigKind::AsGiven => "as given".to_owned(),
+        RigKind::Fitted => format!("{}, parameters fitted", diagnosis.rig.name),
+        RigKind::Extended => format!("{}, with what was found", diagnosis.rig.name),
+    }
 }
 
-const EVERY: Duration = Duration::from_millis(100);
+/// The stage whose time tells how fast this machine is on these recordings.
+const FIRST_FIT: &str = "fitting the rig's own parameters";
+/// Times that stage's time that all of a search took, short and whole: medians over the eight open sets (docs/diagnose-results.md).
+const SHORT_OVER_FIRST_FIT: f64 = 5.0;
+const WHOLE_OVER_FIRST_FIT: f64 = 10.0;
+
+/// What is being done, and how long it will take.
+struct Shown {
+    work: WorkShown,
+    begun: Instant,
+    over_first_fit: f64,
+    first_fit: Option<Instant>,
+}
 
 impl Shown {
-    fn new() -> Self {
-        Shown { terminal: std::io::stderr().is_terminal(), what: String::new(), next: Instant::now() }
+    fn new(quick: bool) -> Self {
+        let over_first_fit = if quick { SHORT_OVER_FIRST_FIT } else { WHOLE_OVER_FIRST_FIT };
+        Shown { work: WorkShown::begin("reading"), begun: Instant::now(), over_first_fit, first_fit: None }
     }
 
-    fn show(&mut self, what: &str, share: f64) {
-        let now = Instant::now();
-        let fresh = what != self.what;
-        if !fresh && (!self.terminal || now < self.next) {
-            return;
-        }
-        self.next = now + EVERY;
-        what.clone_into(&mut self.what);
-        let percent = (100.0 * share.clamp(0.0, 1.0)).round();
-        let text = if self.terminal { format!("\r\x1b[K{what} {percent:.0} %") } else { format!("trainer: {what}\n") };
-        // Progress that cannot be shown is no reason to stop the work.
-        let _ = std::io::stderr().lock().write_all(text.as_bytes());
-    }
-}
-
-impl Drop for Shown {
-    fn drop(&mut self) {
-        if self.terminal {
-            let _ = std::io::stderr().lock().write_all(b"\r\x1b[K");
+    fn show(&mut self, what: &str) {
+        self.work.stage(what);
+        if what == FIRST_FIT {
+            self.first_fit = Some(Instant::now());
+        } else if let Some(first_fit) = self.first_fit.take() {
+            self.work.expect(self.begun.elapsed() + first_fit.elapsed().mul_f64(self.over_first_fit));
         }
     }
 }

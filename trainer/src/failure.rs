@@ -8,6 +8,7 @@ use diagnose::DiagnoseError;
 use fit::FitError;
 use proto::atomic_file::AtomicFileError;
 use proto::emulator::{EmulatorError, FaultScriptError};
+use proto::output::OutputError;
 use proto::recording::RecordingError;
 use proto::rig_file::RigFileError;
 use training::TrainingError;
@@ -40,6 +41,8 @@ pub(crate) enum Failure {
     #[error(transparent)]
     Emulator(#[from] EmulatorError),
     #[error(transparent)]
+    Output(#[from] OutputError),
+    #[error(transparent)]
     Write(#[from] AtomicFileError),
     #[error(transparent)]
     Lanes(#[from] LanesDiffer),
@@ -53,6 +56,11 @@ pub(crate) enum Failure {
     OverInputs { out: String },
     #[error("{out}: this is one of the recordings, which would be lost; give --out another name")]
     OverRecording { out: String },
+    #[error(
+        "the identified rig is off by {after_kpa:.2} kPa on validation data where the rig as it was given is off by \
+         {before_kpa:.2} kPa: worse than before, so {out} is not written; `trainer diagnose` looks for what the rig file lacks"
+    )]
+    WorseThanBefore { before_kpa: f64, after_kpa: f64, out: String },
     #[error("standard output cannot be written: {0}")]
     Stdout(io::Error),
     #[error("SIGINT and SIGTERM cannot be caught: {0}")]
@@ -70,11 +78,11 @@ impl Failure {
             Self::Fit(FitError::NotFinite { .. })
             | Self::Diagnose(
                 DiagnoseError::Fit(FitError::NotFinite { .. })
-                | DiagnoseError::Write(_)
-                | DiagnoseError::Directory { .. }
+                | DiagnoseError::Output(OutputError::Write(_) | OutputError::Remove { .. })
                 | DiagnoseError::Format { .. },
             ) => FAILED,
-            Self::Diagnose(_) => BAD_INPUT,
+            Self::Output(OutputError::Write(_) | OutputError::Remove { .. }) => FAILED,
+            Self::Diagnose(_) | Self::Output(_) => BAD_INPUT,
             Self::Fit(_)
             | Self::Rig(_)
             | Self::Recording(_)
@@ -93,7 +101,8 @@ impl Failure {
             | Self::Learner(_)
             | Self::Json(_)
             | Self::Stdout(_)
-            | Self::Signals(_) => FAILED,
+            | Self::Signals(_)
+            | Self::WorseThanBefore { .. } => FAILED,
         }
     }
 

@@ -10,6 +10,7 @@ mod export;
 mod failure;
 mod free_run;
 mod identify;
+mod interruptible;
 mod progress;
 mod rig;
 mod rig_choice;
@@ -21,6 +22,7 @@ mod train;
 mod train_bar;
 mod usage;
 mod validate;
+mod work_shown;
 
 use std::process::ExitCode;
 

@@ -43,6 +43,9 @@ fn a_rig_that_is_as_stated_is_adequate_and_every_file_is_there() {
     let folder = Folder::new("diagnose");
     let [a, b] = [recorded(&folder, "a.csv", 1), recorded(&folder, "b.csv", 2)];
     let out = folder.path("found");
+    // An older answer was undecided; its experiment must not be played for this one.
+    std::fs::create_dir_all(&out).unwrap();
+    std::fs::write(format!("{out}/next_experiment.csv"), "older").unwrap();
     let said = sound(["diagnose", "--quick", "--json", "--out", &out, &a, &b]);
     let said: serde_json::Value = serde_json::from_str(&said).unwrap();
     assert_eq!(said["verdict"], "adequate", "{said:#}");
@@ -55,6 +58,9 @@ fn a_rig_that_is_as_stated_is_adequate_and_every_file_is_there() {
             assert!(said["fit"][rig][format!("{channel}_accuracy")].as_f64().unwrap() > 0.99);
         }
     }
+    assert_eq!((&said["rig"]["name"], &said["rig"]["kind"]), (&"dual_pressure".into(), &"as_given".into()));
+    let left = said["unexplained"].as_array().unwrap();
+    assert!(left.len() == 2 && left.iter().all(|u| u["times_noise"].as_f64().unwrap() < 1.0), "{said:#}");
     let file = |name: &str| std::fs::read_to_string(format!("{out}/{name}")).unwrap();
     let written: serde_json::Value = serde_json::from_str(&file("diagnosis.json")).unwrap();
     assert_eq!(written, said);

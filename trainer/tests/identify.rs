@@ -160,10 +160,11 @@ fn results_are_said_in_words() {
     let said = run(["identify", "--rig", &file, &path, "--out", &out, "--threads", "1"]);
     assert_eq!(said.status, 0, "{}", said.err);
     for words in [
-        "1 recording: 17 s fitted, 5 s kept back",
+        "1 recording: 17 s fitted, 5 s of validation data",
         "p_pos_kpa: noise of a reading 0.0",
         "volumes.positive.volume_l",
-        "free run",
+        "open loop",
+        "What these recordings determine:",
         "What these recordings do not determine:",
         "nothing more to explain",
         "lab.toml: written",

@@ -6,6 +6,7 @@ use model::rig::Rig;
 
 use crate::bench::{Bench, Explanation};
 use crate::candidate::Candidate;
+use crate::ends;
 use crate::error::DiagnoseError;
 use crate::figures::{Figures, figures};
 use crate::judge::{Judgement, judge};
@@ -48,6 +49,8 @@ pub(crate) struct Answer {
     pub(crate) given: Figures,
     /// The recordings less the pump's strokes: what was searched on.
     pub(crate) reduced: Records,
+    /// What was searched for, with ranges as wide as they came to be.
+    pub(crate) candidates: Vec<Candidate>,
     pub(crate) found: Found,
     pub(crate) missing: Missing,
     pub(crate) judgement: Judgement,
@@ -80,11 +83,13 @@ impl Answer {
         let bench = recorded.reduced(&reduced);
         let mut found = search(&bench, &asked.candidates, start, &asked.settings, progress)?;
         found.best = switched::at_work(&bench, &asked.candidates, found.best)?;
+        let mut candidates = asked.candidates.clone();
+        found.best = ends::widened(&bench, &mut candidates, found.best);
         progress("reconstructing what is missing", 0.0);
         let missing = reconstruct(&bench, &found.nominal.fitted.rig, &found.nominal.trace, !asked.quick)?;
-        let judgement = judge(&bench, &asked.candidates, &found, &bench.free_run(asked.given)?, progress)?;
+        let judgement = judge(&bench, &candidates, &found, &bench.free_run(asked.given)?, progress)?;
         let (cost, cost_of_choice) = (cost(&bench, &found.best), cost_of_choice(&bench, &found.best));
-        Ok(Answer { given, reduced, found, missing, judgement, cost, cost_of_choice })
+        Ok(Answer { given, reduced, candidates, found, missing, judgement, cost, cost_of_choice })
     }
 }
 

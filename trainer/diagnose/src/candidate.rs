@@ -4,9 +4,12 @@
 //! is fitted as a logarithm, with a prior so wide that it only keeps it in sight; what may have either sign, or has
 //! its neutral value in the middle of its range, is fitted as it is.
 
+use std::collections::BTreeMap;
+
 use fit::parameters::{Knowledge, Parameter, Transform};
 use model::mechanism::{Candidate as Offered, CandidateParameter};
 use model::rig::{MechanismInstance, Rig};
+use proto::diagnosis::RangeEnd;
 
 use crate::place::side;
 
@@ -21,6 +24,9 @@ const ONSET: &str = "begins_s";
 
 /// A number within a hundredth of an end of its range is at it.
 const AT_ITS_END: f64 = 1.01;
+
+/// Factor by which the range of a magnitude is widened at a time.
+const WIDER: f64 = 30.0;
 
 /// Whether a mechanism lets air pass where the paper's rig has none.
 pub(crate) fn leaks(id: &str) -> bool {
@@ -54,6 +60,8 @@ pub struct Candidate {
     /// `positive`, `negative` or `both`.
     pub side: String,
     offered: Offered,
+    /// Ranges that have been widened, by place among the parameters.
+    widened: BTreeMap<usize, [f64; 2]>,
     /// Values that fits may start from, one list per start, in the order of the parameters.
     pub starts: Vec<Vec<f64>>,
 }
@@ -174,7 +182,61 @@ impl Candidate {
 
     /// The free parameters when it is mechanism number `at` of the rig.
     pub fn parameters(&self, at: usize) -> Vec<Parameter> {
-        self.offered.parameters.iter().map(|p| parameter(&self.id, p, format!("mechanisms.{at}.{}", p.key))).collect()
+        let of = |(place, p): (usize, &CandidateParameter)| {
+            let free = parameter(&self.id, p, format!("mechanisms.{at}.{}", p.key));
+            let bounds = self.widened.get(&place).copied().unwrap_or(free.bounds);
+            Parameter { bounds, ..free }
+        };
+        self.offered.parameters.iter().enumerate().map(of).collect()
+    }
+
+    /// The end of its range at which the number at `place` stands, if it does and that is no end of nature: a share of nothing or of
+    /// all, the value at which a mechanism does nothing, the moment at which something begins, or a time constant that is asked
+    /// for by itself ([`Candidate::too_fast`]).
+    pub fn end_of_range(&self, place: usize, value: f64) -> Option<RangeEnd> {
+        let offered = self.offered.parameters.get(place)?;
+        let free = self.parameters(0).into_iter().nth(place)?;
+        if offered.key == ONSET {
+            return None;
+        }
+        let [low, high] = free.bounds;
+        let end = match free.transform {
+            Transform::Log if value <= AT_ITS_END * low => RangeEnd::Low,
+            Transform::Log if AT_ITS_END * value >= high => RangeEnd::High,
+            Transform::Linear if value - low <= (AT_ITS_END - 1.0) * (high - low) => RangeEnd::Low,
+            Transform::Linear if high - value <= (AT_ITS_END - 1.0) * (high - low) => RangeEnd::High,
+            _ => return None,
+        };
+        let [least, most] = offered.accepted;
+        let (bound, of_nature) = if end == RangeEnd::Low { (low, low <= least) } else { (high, high >= most) };
+        let does_nothing =
+            neutral(&self.id, offered).is_some_and(|neutral| (neutral - bound).abs() <= 1e-9 * (high - low));
+        let asked_elsewhere = offered.slow && end == RangeEnd::Low;
+        (!(does_nothing || asked_elsewhere || place > 0 && of_nature)).then_some(end)
+    }
+
+    /// A new end for the range of the number at `place`, as far beyond the old one as a rig file may hold; `None` where that is no
+    /// further.
+    pub fn wider(&self, place: usize, end: RangeEnd) -> Option<f64> {
+        let free = self.parameters(0).into_iter().nth(place)?;
+        let ([low, high], [least, most]) = (free.bounds, self.offered.parameters.get(place)?.accepted);
+        let wider = match (free.transform, end) {
+            (Transform::Log, RangeEnd::Low) => low / WIDER,
+            (Transform::Log, RangeEnd::High) => high * WIDER,
+            (Transform::Linear, RangeEnd::Low) => low - (high - low),
+            (Transform::Linear, RangeEnd::High) => high + (high - low),
+        };
+        let wider = wider.clamp(least, most);
+        // A logarithm needs something to begin with.
+        let there = free.transform == Transform::Linear || wider > 0.0;
+        (there && (wider < low || wider > high)).then_some(wider)
+    }
+
+    /// Moves one end of the range of the number at `place`.
+    pub fn widen(&mut self, place: usize, end: RangeEnd, to: f64) {
+        let Some(free) = self.parameters(0).into_iter().nth(place) else { return };
+        let [low, high] = free.bounds;
+        self.widened.insert(place, if end == RangeEnd::Low { [to, high] } else { [low, to] });
     }
 }
 
@@ -194,6 +256,7 @@ pub fn candidates(rig: &Rig) -> Vec<Candidate> {
             component: offered.component.clone(),
             side: side(rig, std::slice::from_ref(&offered.component)),
             starts: starts(&offered.parameters),
+            widened: BTreeMap::new(),
             offered,
         })
         .collect()

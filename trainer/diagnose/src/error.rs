@@ -2,7 +2,7 @@
 
 use fit::FitError;
 use model::rig::RigError;
-use proto::atomic_file::AtomicFileError;
+use proto::output::OutputError;
 use proto::recording::RecordingError;
 
 /// Why there is no diagnosis, in one line.
@@ -22,16 +22,20 @@ pub enum DiagnoseError {
         /// Key and problem.
         problem: RigError,
     },
-    /// A result cannot be written.
+    /// The folder for the results cannot be used, or a result not be written.
     #[error(transparent)]
-    Write(#[from] AtomicFileError),
-    /// The folder for the results cannot be made.
-    #[error("{directory}: {source}; give --out another folder")]
-    Directory {
-        /// The folder.
-        directory: String,
-        /// Why.
-        source: std::io::Error,
+    Output(#[from] OutputError),
+    /// Nothing in the rig can have made what was recorded.
+    #[error(
+        "{rig}: nothing in this rig file can move a pressure, and {channel} {moves}; name the pump, the source or the valve that did, and its column under [recording]"
+    )]
+    Immovable {
+        /// The rig's name.
+        rig: String,
+        /// The column.
+        channel: String,
+        /// What it does.
+        moves: String,
     },
     /// A result cannot be put into its format.
     #[error("{file}: {problem}")]

@@ -197,7 +197,7 @@ fn means(energy: &[f64], span: &Range<usize>) -> [f64; 2] {
 }
 
 /// Whether what every input does inside (but for its furthest twentieth) lies within what it does outside.
-fn asked_outside(inputs: &[Vec<f64>], rows: &Range<usize>) -> bool {
+pub(crate) fn asked_outside(inputs: &[Vec<f64>], rows: &Range<usize>) -> bool {
     inputs.iter().all(|input| {
         let outside = || input.iter().enumerate().filter(|(row, _)| !rows.contains(row)).map(|(_, v)| *v);
         let (low, high) = outside().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));

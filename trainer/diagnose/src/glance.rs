@@ -14,6 +14,7 @@ use model::rig::RigError;
 
 use crate::bench::{Bench, Explanation, LOSS};
 use crate::error::DiagnoseError;
+use crate::search::GLANCE_ROUNDS;
 
 /// Steps tried at once.
 const TRIALS: usize = 8;
@@ -127,6 +128,18 @@ impl Footing {
     ) -> Option<Glanced> {
         let behind = self.cost + FAR_BEHIND;
         self.glance(bench, set, starts, rounds, behind).filter(|glanced| glanced.cost <= behind)
+    }
+
+    /// The same where it may be behind by as much as `behind`, if that is more.
+    pub fn contender_within(
+        &self,
+        bench: &Bench<'_>,
+        set: &ParameterSet,
+        starts: &[Vec<f64>],
+        behind: f64,
+    ) -> Option<Glanced> {
+        let behind = self.cost + behind.max(FAR_BEHIND);
+        self.glance(bench, set, starts, GLANCE_ROUNDS, behind).filter(|glanced| glanced.cost <= behind)
     }
 }
 

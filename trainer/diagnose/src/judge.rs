@@ -9,15 +9,18 @@ use fit::data::Role;
 use proto::diagnosis::Verdict;
 
 use crate::bench::{Bench, Effort, Explanation};
-use crate::candidate::{Candidate, is_leak};
+use crate::candidate::{Candidate, DRIFT, is_leak};
 use crate::error::DiagnoseError;
 use crate::evidence::evidence;
 use crate::glance::Footing;
 use crate::much::UNKNOWN_KPA;
-use crate::search::{Found, GLANCE_ROUNDS, cost, starts, twins, with, without};
+use crate::place::volumes_at;
+use crate::search::{Found, cost, starts, twins, with, without};
 use crate::switched::{REACH_KPA, reaches_kpa, stands_somewhere};
 
+mod alike;
 mod moved;
+use alike::{alike_on_validation_data, cost_of_alike, leaves_several_times_the_noise};
 use moved::{instead_of_moved, nothing_named};
 
 /// Error beyond the noise, in kPa, below which a model is as good as the recordings can tell.
@@ -37,6 +40,7 @@ const LONG_GLANCE_ROUNDS: usize = 10;
 pub const MOVED: &str = "parameters_moved:both";
 
 /// A verdict and what it rests on.
+#[derive(Clone)]
 pub struct Judgement {
     /// The answer.
     pub verdict: Verdict,
@@ -88,6 +92,9 @@ pub struct Contest {
     pub rivals: Vec<usize>,
     /// Log-likelihood lost without the term, everything else fitted again.
     pub gain: f64,
+    /// Share of the error on validation data that goes with the term, everything else fitted again without it (1 is all); `None`
+    /// where the rig cannot be run without it.
+    pub validation_gain: Option<f64>,
 }
 
 /// Judges what a search found. `given` is the free run of the rig as it was given.
@@ -142,7 +149,7 @@ fn something_named(
     let asked: Vec<usize> = best.terms.iter().copied().filter(|term| !small.contains(term)).collect();
     let footing = Footing::of(bench, best)?;
     let contest = |term: &usize| contest(bench, candidates, &footing, found, *term);
-    let contests = side_by_side_telling(&asked, contest, &mut |share| tell("looking for rivals", share));
+    let contests = side_by_side_telling(&asked, contest, &mut |share| tell("comparing hypotheses", share));
     let mut contested = Vec::new();
     let mut rivals = vec![best.clone()];
     let mut groups = Vec::new();
@@ -205,11 +212,22 @@ fn contest(
 ) -> Result<(Contest, Vec<Explanation>), DiagnoseError> {
     let best = &found.best;
     let rest = without(&best.terms, term);
-    let gain = lost_without(bench, candidates, footing, best, &rest, found)?;
+    let (gain, validation_gain) = lost_without(bench, candidates, footing, best, &rest, found)?;
     let mut tied = Vec::new();
     let mut rivals = Vec::new();
     // Of what explains as much, nothing else is there on the other side already and asks for no number of its own.
-    let close = if found.by_likeness.contains(&term) { Vec::new() } else { close_to(found, term) };
+    let several = leaves_several_times_the_noise(bench, best);
+    let mut close = if found.by_likeness.contains(&term) { Vec::new() } else { close_to(found, term) };
+    if several {
+        close.extend(next_best(found, term));
+    }
+    // A reading that falls slowly is a drift or a leak, and neither is told without the other beside it.
+    close.extend(other_side_of_a_slow_fall(bench, candidates, term));
+    close.sort_unstable();
+    close.dedup();
+    // What is alike on validation data may be behind by more than what a likelihood tells apart.
+    let readings = bench.fit_weights().iter().filter(|w| **w != 0.0).count() as f64;
+    let behind = if several { cost_of_alike(readings) } else { 0.0 };
     for k in close {
         // Another shape of the same mechanism at the same place is no other answer.
         if candidates[k].name() == candidates[term].name() {
@@ -228,7 +246,7 @@ fn contest(
                 let starts = starts(bench, candidates, best, &terms, &values, false);
                 // What is far behind after a glance is no rival, whatever a fit would still mend.
                 let set = bench.set_of(candidates, &terms)?;
-                let Some(close) = footing.contender(bench, &set, &starts, GLANCE_ROUNDS) else { continue };
+                let Some(close) = footing.contender_within(bench, &set, &starts, behind) else { continue };
                 let Ok(fitted) = bench.fit(candidates, &terms, &[close.point], Effort::Polish) else { continue };
                 fitted
             }
@@ -238,7 +256,34 @@ fn contest(
             rivals.push(rival);
         }
     }
-    Ok((Contest { term, rivals: tied, gain }, rivals))
+    Ok((Contest { term, rivals: tied, gain, validation_gain }, rivals))
+}
+
+/// How many candidates beyond those that came close are asked where likelihoods are no measure.
+const NEXT_BEST: usize = 4;
+
+/// The candidates that came next in the rounds in which `term` was ranked.
+fn next_best(found: &Found, term: usize) -> Vec<usize> {
+    let of_term = found.rounds.iter().filter(|round| round.ranked.iter().any(|r| r.candidate == term));
+    let ranked =
+        of_term.flat_map(|round| round.ranked.iter().filter(|r| r.candidate != term && r.gain > 0.0).take(NEXT_BEST));
+    ranked.map(|r| r.candidate).collect()
+}
+
+/// For a sensor that drifts the leaks of its volume, and the other way round.
+fn other_side_of_a_slow_fall(bench: &Bench<'_>, candidates: &[Candidate], term: usize) -> Vec<usize> {
+    let found = &candidates[term];
+    let volumes = |candidate: &Candidate| volumes_at(bench.rig, &candidate.component);
+    let of = |id: &str| {
+        let meets = |other: &Candidate| volumes(other).iter().any(|volume| volumes(found).contains(volume));
+        let all = candidates.iter().enumerate().filter(|(_, other)| other.id == id && meets(other));
+        all.map(|(k, _)| k).collect::<Vec<usize>>()
+    };
+    match found.id.as_str() {
+        DRIFT => of("chamber_leak"),
+        "chamber_leak" => of(DRIFT),
+        _ => Vec::new(),
+    }
 }
 
 /// Leaks among the terms that a pump at rest shows and nothing else would: they are in the rig, and not worth a name beside what is.
@@ -253,7 +298,8 @@ fn small_leaks(bench: &Bench<'_>, candidates: &[Candidate], best: &Explanation) 
     Ok(if small.len() < best.terms.len() { small } else { Vec::new() })
 }
 
-/// Log-likelihood that `best` has more than what is left of it with the terms `rest`, fitted again.
+/// Log-likelihood that `best` has more than what is left of it with the terms `rest`, fitted again, and the share of the error on
+/// validation data that goes with what `rest` lacks.
 fn lost_without(
     bench: &Bench<'_>,
     candidates: &[Candidate],
@@ -261,18 +307,23 @@ fn lost_without(
     best: &Explanation,
     rest: &[usize],
     found: &Found,
-) -> Result<f64, DiagnoseError> {
+) -> Result<(f64, Option<f64>), DiagnoseError> {
+    let share = |without: &[f64]| {
+        let [with_kpa, without_kpa] = [&best.trace[..], without].map(|trace| bench.validation_kpa(trace));
+        (without_kpa > 0.0).then(|| 1.0 - with_kpa / without_kpa).filter(|share| share.is_finite())
+    };
     if let Some(known) = found.tried.iter().chain([&found.nominal]).find(|e| e.terms == rest) {
-        return Ok(evidence(bench, best, known).fitted);
+        return Ok((evidence(bench, best, known).fitted, share(&known.trace)));
     }
     let set = bench.set_of(candidates, rest)?;
     let starts = starts(bench, candidates, best, rest, &[], false);
     let Some(glanced) = footing.glance(bench, &set, &starts, LONG_GLANCE_ROUNDS, f64::INFINITY) else {
-        return Ok(f64::INFINITY);
+        return Ok((f64::INFINITY, None));
     };
     let rig = set.rig_at(&glanced.point).map_err(DiagnoseError::rig(set.rig()))?;
     let score = |trace: &[f64]| bench.score(trace, Role::Fit, best.errors(bench));
-    Ok(score(&best.trace).gain_over(&score(&bench.free_run(&rig)?)).0)
+    let trace = bench.free_run(&rig)?;
+    Ok((score(&best.trace).gain_over(&score(&trace)).0, share(&trace)))
 }
 
 /// Whether the recordings cannot tell `rival` from `best`.
@@ -280,7 +331,7 @@ fn is_rival(bench: &Bench<'_>, best: &Explanation, rival: &Explanation) -> bool 
     let e = evidence(bench, best, rival);
     let both = e.fitted + e.chosen;
     let se = e.fitted_se.hypot(e.chosen_se);
-    both < TIE || both < TIE_SE * se && both < 5.0 * TIE
+    both < TIE || both < TIE_SE * se && both < 5.0 * TIE || alike_on_validation_data(bench, best, rival)
 }
 
 /// Where a candidate did best at a glance.

@@ -1,14 +1,13 @@
 //! `report.html`.
 
-use proto::diagnosis::{Diagnosis, Verdict};
-use proto::recording::short_name;
-use report::{KeyFigure, Report, Verdict as Sign};
+use proto::diagnosis::{Diagnosis, RigKind, Verdict};
+use report::{KeyFigure, Report, Table, Verdict as Sign};
 
 use crate::figures::Figures;
 use crate::findings::Findings;
 use crate::words::{in_words, short};
 use plots::{experiment, flows, regions, traces};
-use tables::{found_table, horizons, parameters, separation, suspects, tried};
+use tables::{found_table, horizons, hypotheses, parameters, separation, suspects, tried};
 
 mod plots;
 mod tables;
@@ -21,14 +20,14 @@ pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, rig_toml:
         .records()
         .iter()
         .map(|r| {
-            let name = short_name(&r.source, bench.records.records().iter().map(|r| r.source.as_str()));
             let seconds = r.time_s.last().unwrap_or(&0.0) - r.time_s.first().unwrap_or(&0.0);
-            format!("{name} ({seconds:.0} s)")
+            format!("{} ({seconds:.0} s)", findings.shown_as(&r.source))
         })
         .collect();
     let mut report = Report::new(title(diagnosis))
         .subtitle(&format!("rig {} · {}", bench.rig.name, sources.join(", ")))
         .text(&diagnosis.summary)
+        .text(&next_in_words(diagnosis))
         .summary(key_figures(findings, diagnosis));
     if !diagnosis.notes.is_empty() {
         report = report.heading("About the recordings").list(diagnosis.notes.clone());
@@ -39,14 +38,19 @@ pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, rig_toml:
     if !diagnosis.rivals.is_empty() {
         report = report
             .heading("What these recordings cannot tell apart")
-            .list(diagnosis.rivals.iter().flatten().map(|name| format!("{} ({name})", in_words(findings, name))));
+            .list(diagnosis.rivals.iter().flatten().map(|name| format!("{} ({name})", in_words(findings, name))))
+            .table(hypotheses(findings));
     }
     let windows =
         if findings.given.one_second.is_empty() { "" } else { " 10 s, 1 s: started anew from smoothed readings." };
     report = report.heading("Before and after").text(&format!(
-        "Rows that nothing was fitted to. Free run: from the start of each recording, commands alone decide.{windows}"
+        "On validation data, rows that nothing was fitted to. Open-loop simulation: from the start of each recording, commands alone \
+         decide.{windows}"
     ));
     report = report.table(horizons(findings)).plot(traces(findings));
+    if !diagnosis.unexplained.is_empty() {
+        report = report.heading("Unexplained residual").table(left(diagnosis));
+    }
     if !diagnosis.location.is_empty() {
         let undecided = diagnosis.verdict == Verdict::Undecided && diagnosis.mechanisms.is_empty();
         report = report.heading("Where the mismatch lives").list(diagnosis.location.iter().map(|l| {
@@ -109,7 +113,7 @@ fn key_figures(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Vec<KeyFig
             Sign::Bad
         };
         KeyFigure::new(label, &format!("{kpa:.3} kPa"))
-            .note(&format!("free run, held out; noise {noise:.3} kPa"))
+            .note(&format!("open-loop simulation, validation data; noise {noise:.3} kPa"))
             .verdict(sign)
     };
     let mut all = vec![figure("As given", &findings.given), figure("Parameters fitted", &findings.reidentified)];
@@ -119,9 +123,34 @@ fn key_figures(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Vec<KeyFig
     all
 }
 
+/// The next step as a line of text.
+fn next_in_words(diagnosis: &Diagnosis) -> String {
+    let next = &diagnosis.next_step;
+    if next.commands.is_empty() {
+        format!("Next: {}", next.why)
+    } else {
+        format!("Next: {} {}", next.why, next.commands.join("   then   "))
+    }
+}
+
+/// Unexplained residual by channel.
+fn left(diagnosis: &Diagnosis) -> Table {
+    let mut table = Table::new(["reading", "unexplained, kPa", "noise, kPa", "times the noise", "most of it at"]);
+    for u in &diagnosis.unexplained {
+        table.push([
+            u.channel.clone(),
+            format!("{:.3}", u.kpa),
+            format!("{:.3}", u.noise_kpa),
+            format!("{:.1}", u.times_noise),
+            u.region.clone(),
+        ]);
+    }
+    table
+}
+
 /// Whether there is an extended rig to show.
 fn shows_extended(findings: &Findings<'_, '_>) -> bool {
-    findings.unknown.is_some() || !findings.found.best.terms.is_empty()
+    findings.kind == RigKind::Extended
 }
 
 /// A rival of the judgement, for tables and legends.

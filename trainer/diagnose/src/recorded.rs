@@ -8,6 +8,7 @@ use proto::recording::Recording;
 use crate::closed;
 use crate::error::DiagnoseError;
 use crate::event::{self, Event};
+use crate::immovable::refuse_what_nothing_moves;
 use crate::pieces::{pieces, taken};
 use crate::switched;
 
@@ -29,16 +30,18 @@ impl Recorded {
     /// They cannot be used, and why.
     pub(crate) fn of(rig: &Rig, recordings: &[Recording]) -> Result<Self, DiagnoseError> {
         let records = Records::new(rig, recordings)?;
-        let quality = Quality::of(rig, &records, &noise(&records))?;
+        let noise = noise(&records);
+        let quality = Quality::of(rig, &records, &noise)?;
         if let Some(refusal) = quality.refusal() {
             return Err(fit::FitError::Unusable(refusal).into());
         }
+        refuse_what_nothing_moves(rig, &records, &noise)?;
         let mut notes: Vec<String> = recordings.iter().flat_map(|r| r.notes().to_vec()).collect();
         notes.extend(quality.doubts().map(|finding| finding.text.clone()));
         // What was checked whole is run in pieces where a meter's error would add up.
         if let Some(source) = closed::accumulates(rig) {
             notes.push(format!(
-                "{source} fills a closed volume, in which an error of its meter adds up: free runs start anew every 4 s"
+                "{source} fills a closed volume, in which an error of its meter adds up: simulations start anew every 4 s"
             ));
             let (pieces, places) = pieces(&records);
             let mut usable = taken(&quality.usable, &places);
@@ -49,7 +52,7 @@ impl Recorded {
             return Ok(Recorded { records, usable: quality.usable, switched: false, notes });
         };
         notes.push(
-            "the pump was switched: free runs start anew 0.6 s after each change, since no motor stops or starts at once"
+            "the pump was switched: simulations start anew 0.6 s after each change, since no motor stops or starts at once"
                 .to_owned(),
         );
         let usable = taken(&quality.usable, &places);

@@ -4,26 +4,29 @@ use std::path::PathBuf;
 
 use fit::cores::side_by_side;
 use model::rig::Rig;
-use proto::diagnosis::{Diagnosis, Verdict};
-use proto::recording::Recording;
+use proto::diagnosis::{Diagnosis, RigKind, Verdict};
+use proto::recording::{Recording, short_name};
 
 use crate::answer::{Answer, Asked};
 use crate::bench::{Bench, Explanation};
 use crate::candidate::{Candidate, candidates, names_of};
+use crate::changes::{self, changes};
+use crate::doubtful::{self, doubtful, own};
 use crate::error::DiagnoseError;
 use crate::event::{self, Event};
 use crate::experiment::{can_be_shut_in, plan};
 use crate::figures::{Figures, figures};
-use crate::files::{summed_up, write};
+use crate::files::{Outcome, under_its_own_name};
 use crate::findings::Findings;
 use crate::glance::settled;
 use crate::hidden;
 use crate::judge::{Judgement, MOVED, judge_without};
 use crate::recorded::{Recorded, without};
-use crate::search::SearchSettings;
+use crate::search::{Found, SearchSettings};
 use crate::switched::REACH_KPA;
 use crate::turning::answered;
-use crate::unknown::{self, Formula, fit_unknown};
+use crate::unexplained::unexplained;
+use crate::unknown::{self, Formula, UnknownTerm, fit_unknown};
 use crate::unnamed::variance_beyond_noise;
 use crate::unsettled::variance_of_steps;
 use crate::untold::unname;
@@ -34,6 +37,8 @@ use crate::withheld::{are_leaks_too_small, objection};
 pub struct Request {
     /// The rig as it is known.
     pub rig: Rig,
+    /// What was written behind `--rig`: a name or a path, for commands that are proposed.
+    pub rig_argument: String,
     /// What was recorded on it.
     pub recordings: Vec<Recording>,
     /// Where the results go.
@@ -49,6 +54,16 @@ pub struct Request {
 /// # Errors
 /// Recordings that cannot be used, a rig that cannot be simulated, files that cannot be written.
 pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Diagnosis, DiagnoseError> {
+    let outcome = work_out(request, progress)?;
+    outcome.write(&request.out_dir)?;
+    Ok(outcome.diagnosis)
+}
+
+/// Diagnoses, and writes nothing.
+///
+/// # Errors
+/// As [`run`], but for files.
+pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Outcome, DiagnoseError> {
     progress("reading", 0.0);
     let Recorded { records, usable, switched, mut notes } = Recorded::of(&request.rig, &request.recordings)?;
     let mut asked = asked(request, switched);
@@ -58,7 +73,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     let rig = &turning.rig;
     let whole = turning.bench(&usable, request.quick);
 
-    let (mut formula, mut event) = unexplained(&whole, &answer);
+    let (mut formula, mut event) = something_else(&whole, &answer);
     // What known physics leaves unexplained may be something that happened; then the rest is asked by itself.
     let rest = event.as_ref().map(|event| without(event, rig, &turning.records, &usable));
     let rest = rest.as_ref().map(|(records, usable)| whole.over(records, usable, whole.simulator.fidelity()));
@@ -67,7 +82,7 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         answer = Answer::of(rest, &asked, &turning.point, turning.strokes_of.as_ref(), progress)?;
     }
     let bench = rest.as_ref().unwrap_or(&whole);
-    let Answer { given, reduced, mut found, mut missing, mut judgement, .. } = answer;
+    let Answer { given, reduced, candidates, mut found, mut missing, mut judgement, .. } = answer;
     let searched = bench.reduced(&reduced);
 
     progress("running before and after", 0.0);
@@ -83,28 +98,24 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
     let mut both = side_by_side(&both, shown).into_iter();
     let (nominal, fitted) = both.next().unwrap_or_else(|| shown(&&found.nominal))?;
     let (mut best, mut extended) = both.next().unwrap_or_else(|| Ok((nominal.clone(), fitted.clone())))?;
-    if judgement.is_of_names() || are_leaks_too_small(&searched, &asked.candidates, &found.best)? {
-        if let Some(objection) = objection(&searched, &asked.candidates, &found, [&fitted, &extended])? {
+    if judgement.is_of_names() || are_leaks_too_small(&searched, &candidates, &found.best)? {
+        if let Some(objection) = objection(&searched, &candidates, &found, [&fitted, &extended])? {
             notes.push(objection.note);
             formula = objection.formula;
             judgement = if objection.missing {
                 judgement.of_no_name()
             } else {
-                judge_without(&searched, &asked.candidates, &found, &searched.free_run(asked.given)?)?
+                judge_without(&searched, &candidates, &found, &searched.free_run(asked.given)?)?
             };
             (best, extended) = (nominal.clone(), fitted.clone());
         } else if judgement.verdict == Verdict::MissingPhysics {
-            notes.extend(beside_what_is_named(&asked.candidates, &judgement, &best));
+            notes.extend(beside_what_is_named(&candidates, &judgement, &best));
         }
     }
     (found.nominal, found.best) = (nominal, best);
     turning.judged(&mut judgement);
     if found.best.jumps && judgement.verdict == Verdict::MissingPhysics {
-        notes.push(
-            "where a valve sticks, one jump that comes late throws the free run off until the next: what is left was judged by the \
-             middle one of all stretches of 2 s"
-                .to_owned(),
-        );
+        notes.push(JUDGED_IN_THE_MIDDLE.to_owned());
     }
 
     let mut unknown = None;
@@ -130,9 +141,13 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         }
     }
 
+    let kind = kind_of_rig(bench, &found, unknown.as_ref(), [&given, &extended], &mut judgement, &mut notes);
+    if kind == RigKind::AsGiven {
+        (unknown, extended) = (None, given.clone());
+    }
     if can_be_shut_in(rig, bench.records.inputs()) {
         let base = if judgement.is_of_names() { &found.best } else { &found.nominal };
-        tell_what_could_hide(&searched, &asked.candidates, base, &mut judgement, &mut notes);
+        tell_what_could_hide(&searched, &candidates, base, &mut judgement, &mut notes);
     }
     progress("planning", 0.0);
     let plan = match judgement.verdict {
@@ -140,39 +155,102 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
         _ => None,
     };
     if judgement.verdict == Verdict::MissingPhysics {
-        let beyond_noise = variance_beyond_noise(&searched, &asked.candidates, &found.best);
+        let beyond_noise = variance_beyond_noise(&searched, &candidates, &found.best);
         found.best.fitted.widen(&beyond_noise);
-        let of_steps = variance_of_steps(&searched, &asked.candidates, &found.best);
+        let of_steps = variance_of_steps(&searched, &candidates, &found.best);
         found.best.fitted.widen(&of_steps);
-        let untold = unname(&searched, &asked.candidates, &found.best, turning.heard.is_some(), &mut judgement);
-        notes.extend(may_be_nothing(&asked.candidates, &untold));
+        let untold = unname(&searched, &candidates, &found.best, turning.heard.is_some(), &mut judgement);
+        notes.extend(may_be_nothing(&candidates, &untold));
     }
     if let Some(event) = &mut event {
         event.change = event::what_changed(&whole, &found.best.fitted.rig, event)?;
     }
 
-    let findings = Findings {
+    progress("writing", 0.0);
+    let by = unknown.as_ref().map_or(&found.best, |term| &term.explanation);
+    let rig = match kind {
+        RigKind::AsGiven => request.rig.clone(),
+        _ => under_its_own_name(turning.as_begun(&by.fitted.rig), kind, &sources(request)),
+    };
+    let doubtful = if kind == RigKind::AsGiven { Vec::new() } else { doubtful(&own(&by.fitted.estimates)) };
+    notes.extend(doubtful.iter().map(doubtful::in_words));
+    let changes = if bench.is_much(&extended.beyond_noise_kpa(&bench.sigma_kpa())) {
+        changes(bench, &extended.trace)
+    } else {
+        Vec::new()
+    };
+    let sources_of = || bench.records.records().iter().map(|r| r.source.as_str());
+    notes.extend(changes.iter().skip(1).map(|c| changes::in_words(c, &short_name(&c.recording, sources_of()))));
+    Outcome::of(&Findings {
+        request,
+        reidentified: turning.reidentified(bench, fitted.clone(), !request.quick)?,
+        unexplained: unexplained(bench, &extended),
         given,
-        reidentified: turning.reidentified(bench, fitted, !request.quick)?,
+        fitted,
         extended,
         unknown: unknown.as_ref(),
         bench,
-        candidates: &asked.candidates,
+        candidates: &candidates,
         found: &found,
         judgement: &judgement,
         missing: &missing,
         plan,
         heard: turning.heard.as_ref(),
         event,
+        changes,
+        doubtful,
+        rig,
+        kind,
         notes,
+    })
+}
+
+const JUDGED_IN_THE_MIDDLE: &str = "where a valve sticks, one jump that comes late throws the open-loop simulation off until the next: what \
+                                    is left was judged by the middle one of all stretches of 2 s";
+
+/// Ratio of two errors on validation data that are equal but for chance.
+const CHANCE: f64 = 1.05;
+
+/// Which rig is written. What is worse on validation data than the rig as it was given is no answer: it loses its name, and the given
+/// rig stays.
+fn kind_of_rig(
+    bench: &Bench<'_>,
+    found: &Found,
+    unknown: Option<&UnknownTerm>,
+    [given, extended]: [&Figures; 2],
+    judgement: &mut Judgement,
+    notes: &mut Vec<String>,
+) -> RigKind {
+    if judgement.verdict == Verdict::Adequate {
+        return RigKind::AsGiven;
+    }
+    let [before_kpa, after_kpa] = [given, extended].map(Figures::total_rmse_kpa);
+    if after_kpa <= CHANCE * before_kpa {
+        let extends = unknown.is_some() || !found.best.terms.is_empty();
+        return if extends { RigKind::Extended } else { RigKind::Fitted };
+    }
+    let what = if found.best.terms.is_empty() && unknown.is_none() {
+        "the rig with its parameters fitted"
+    } else {
+        "what was found"
     };
-    let diagnosis = summed_up(&findings);
-    let rig = match diagnosis.verdict {
-        Verdict::Adequate => request.rig.clone(),
-        _ => turning.as_begun(&findings.extended_by().fitted.rig),
-    };
-    write(&request.out_dir, &findings, &diagnosis, &rig)?;
-    Ok(diagnosis)
+    notes.push(format!(
+        "{what} is off by {after_kpa:.2} kPa on validation data where the rig as it was given is off by {before_kpa:.2} kPa: worse \
+         than before, so the rig as given is kept"
+    ));
+    if judgement.verdict != Verdict::Undecided {
+        let much = bench.is_much(&given.beyond_noise_kpa(&bench.sigma_kpa()));
+        let unnamed = judgement.clone().of_no_name();
+        let verdict = if much { Verdict::UnknownMechanism } else { Verdict::Adequate };
+        *judgement = Judgement { verdict, ..unnamed };
+    }
+    RigKind::AsGiven
+}
+
+/// Names of the recordings' files.
+fn sources(request: &Request) -> Vec<String> {
+    let all = || request.recordings.iter().map(Recording::source);
+    all().map(|source| short_name(source, all())).collect()
 }
 
 /// What a search over the recordings of a request is asked; `switched`, whether a pump was.
@@ -185,14 +263,14 @@ fn asked(request: &Request, switched: bool) -> Asked<'_> {
     }
 }
 
-/// What may be there where no known physics explains the recordings: a formula for a reading, or something that happened.
-fn unexplained(whole: &Bench<'_>, answer: &Answer) -> (Option<Formula>, Option<Event>) {
-    if answer.judgement.verdict != Verdict::UnknownMechanism {
-        return (None, None);
-    }
-    let searched = whole.reduced(&answer.reduced);
-    let formula = unknown::formula(&searched, &answer.found.nominal);
+/// What may be there beside known physics, or instead of it: a formula for a reading, or something that happened. The second is looked
+/// for also where something was named and leaves much: what is named holds for all recordings.
+fn something_else(whole: &Bench<'_>, answer: &Answer) -> (Option<Formula>, Option<Event>) {
     let left = whole.is_much(&answer.judgement.excess_kpa[2]);
+    let searched = whole.reduced(&answer.reduced);
+    let formula = (answer.judgement.verdict == Verdict::UnknownMechanism)
+        .then(|| unknown::formula(&searched, &answer.found.nominal))
+        .flatten();
     let asked = left && !formula.as_ref().is_some_and(|formula| formula.suffices);
     let event = if asked { event::find(&searched, &answer.found.best.trace) } else { None };
     (formula, event)
@@ -224,7 +302,7 @@ fn may_be_nothing(candidates: &[Candidate], untold: &[usize]) -> Option<String> 
 /// What to say of a term without a name that makes rows worse that nothing was fitted to.
 fn does_not_hold(depends_on: &str, [fitted, with_it]: [&Figures; 2]) -> String {
     format!(
-        "{depends_on} was tried and does not hold on the rows kept back ({:.2} kPa instead of {:.2}): it is not in the rig file",
+        "{depends_on} was tried and does not hold on validation data ({:.2} kPa instead of {:.2}): it is not in the rig file",
         with_it.total_rmse_kpa(),
         fitted.total_rmse_kpa()
     )

@@ -1,7 +1,6 @@
 //! What was found, as sentences and as entries of `diagnosis.json`.
 
-use proto::diagnosis::{FoundEvidence, FoundMechanism, FoundParameter, Verdict};
-use proto::recording::short_name;
+use proto::diagnosis::{FoundEvidence, FoundMechanism, FoundParameter, RigKind, Verdict};
 use std::collections::BTreeMap;
 
 use crate::event::Event;
@@ -11,22 +10,35 @@ use crate::locate::{Suspect, Suspicion};
 use crate::place::side_of;
 use crate::search::position_of;
 use crate::words::{called, does, does_at, in_words, plain, three};
+use crate::{changes, doubtful, unexplained};
 
-/// The answer in one sentence, after what happened if something did.
+/// The answer in a few sentences: what happened if something did, the verdict, what stays unexplained and where, and what in it nobody
+/// would believe.
 pub(crate) fn summary(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) -> String {
     let answer = verdict_in_words(findings, mechanisms);
-    let sources = || findings.bench.records.records().iter().map(|piece| piece.source.as_str());
-    findings.event.as_ref().map_or(answer.clone(), |event| {
-        format!("{} For the rest: {answer}", happened(event, &short_name(&event.source, sources())))
-    })
+    let mut all: Vec<String> = Vec::new();
+    match &findings.event {
+        Some(event) => all.push(format!("{} For the rest: {answer}", happened(findings, event))),
+        None => all.push(answer),
+    }
+    if findings.kind == RigKind::AsGiven && findings.judgement.verdict != Verdict::Adequate {
+        all.push("No rig file was better on validation data: rig.toml is the rig as it was given.".to_owned());
+    }
+    if let Some(change) = findings.changes.first() {
+        all.push(changes::in_words(change, &findings.shown_as(&change.recording)));
+    }
+    all.extend(unexplained::in_words(&findings.unexplained));
+    all.extend(doubtful::headline(&findings.doubtful));
+    all.join(" ")
 }
 
-/// An event in words, and the file that it is in.
-fn happened(event: &Event, file: &str) -> String {
+/// An event in words.
+fn happened(findings: &Findings<'_, '_>, event: &Event) -> String {
     let [from, to] = event.time_s;
+    let file = findings.shown_as(&event.source);
     let [inside, outside] = event.rmse_kpa;
     let span = format!("Something happened between {from:.1} and {to:.1} s of {file}");
-    let off = format!("the free run is off by {inside:.2} kPa there and by {outside:.2} kPa outside");
+    let off = format!("the open-loop simulation is off by {inside:.2} kPa there and by {outside:.2} kPa outside");
     match &event.change {
         Some(change) => {
             let key = change.path.rsplit('.').next().unwrap_or_default();
@@ -61,22 +73,21 @@ fn shows_in(findings: &Findings<'_, '_>) -> Option<String> {
     let pieces = records.records().iter().enumerate().map(|(at, piece)| (at, piece, rmse(&without.trace, at)));
     let drops = pieces.map(|(at, piece, before)| (piece, before, rmse(&with.trace, at)));
     let (piece, before, after) = drops.max_by(|a, b| (a.1 - a.2).total_cmp(&(b.1 - b.2)))?;
-    let file = short_name(&piece.source, records.records().iter().map(|piece| piece.source.as_str()));
+    let file = findings.shown_as(&piece.source);
     let from = piece.time_s.first().filter(|s| **s > 1.0).map_or_else(String::new, |s| format!(" from {s:.1} s on"));
     (before - after > AS_GOOD_KPA).then(|| format!("in {file}{from}: off by {after:.2} kPa instead of {before:.2} kPa"))
 }
 
 fn verdict_in_words(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) -> String {
     let judgement = findings.judgement;
-    let before = findings.reidentified.total_rmse_kpa();
-    let after = findings.extended.total_rmse_kpa();
+    let [before, after] = findings.before_and_after_kpa();
     match judgement.verdict {
         Verdict::Adequate => {
             "The model as it stands explains these recordings to within their noise; nothing is missing.".to_owned()
         }
         Verdict::ParametersMoved => format!(
-            "Nothing is missing, but the rig's parameters are not those of the file: with them fitted the free run is \
-             off by {before:.2} kPa instead of {:.2} kPa. {}",
+            "Nothing is missing, but the rig's parameters are not those of the file: with them fitted the open-loop simulation is \
+             off by {before:.2} kPa instead of {:.2} kPa on validation data. {}",
             findings.given.total_rmse_kpa(),
             moved(findings)
         ),
@@ -87,11 +98,12 @@ fn verdict_in_words(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) 
             let what = what.join(" ");
             match shows_in(findings) {
                 Some(shows) if before - after < AS_GOOD_KPA => format!(
-                    "{what} It shows {shows}; on the rows kept back the free run is off by {after:.2} kPa with it and by \
+                    "{what} It shows {shows}; on validation data the open-loop simulation is off by {after:.2} kPa with it and by \
                      {before:.2} kPa without (noise {noise:.2} kPa)."
                 ),
                 _ => format!(
-                    "{what} With this the free run is off by {after:.2} kPa instead of {before:.2} kPa (noise {noise:.2} kPa)."
+                    "{what} With this the open-loop simulation is off by {after:.2} kPa instead of {before:.2} kPa on validation data \
+                     (noise {noise:.2} kPa)."
                 ),
             }
         }
@@ -116,7 +128,9 @@ fn verdict_in_words(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) 
         Verdict::UnknownMechanism => {
             let at = findings.missing.suspicions.first();
             let place = at.map_or_else(|| "its place is unclear".to_owned(), |s| place_of(findings, s));
-            let figures = format!("the free run is off by {after:.2} kPa instead of {before:.2} kPa");
+            let figures = format!(
+                "the open-loop simulation is off by {after:.2} kPa instead of {before:.2} kPa on validation data"
+            );
             let stand_ins: Vec<String> = findings
                 .found
                 .best
@@ -127,7 +141,7 @@ fn verdict_in_words(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) 
                 .collect();
             let written = match findings.unknown {
                 Some(term) => format!(" The rig file now has {}; {figures}.", term.depends_on),
-                None if stand_ins.is_empty() => String::new(),
+                None if stand_ins.is_empty() || findings.kind == RigKind::AsGiven => String::new(),
                 None => format!(
                     " The rig file has the nearest of what is known in its place ({}), which is not what it is; {figures}.",
                     stand_ins.join(", ")
@@ -205,12 +219,13 @@ pub(crate) fn mechanisms(findings: &Findings<'_, '_>) -> Vec<FoundMechanism> {
 /// What the pump's ripple told.
 fn heard_off_the_ripple(findings: &Findings<'_, '_>, heard: &Heard, told: &Told) -> FoundMechanism {
     let id = told.attached.mechanism.id();
-    let before = findings.reidentified.total_rmse_kpa();
-    let after = findings.extended.total_rmse_kpa();
+    // Its own part: the ripple goes with it, and nothing else.
+    let [before, after] = [&findings.reidentified, &findings.fitted].map(|figures| figures.total_rmse_kpa());
     let (mut parameters, mut numbers) = (BTreeMap::new(), Vec::new());
     for Number { key, unit, value, interval: [low, high] } in &told.numbers {
         numbers.push(format!("{} {} ({} … {}) {unit}", plain(key), three(*value), three(*low), three(*high)));
-        let parameter = FoundParameter { value: *value, unit: (*unit).to_owned(), low: *low, high: *high };
+        let parameter =
+            FoundParameter { value: *value, unit: (*unit).to_owned(), low: *low, high: *high, at_end_of_range: None };
         parameters.insert((*key).to_owned(), parameter);
     }
     let numbers = numbers.join(", ");
@@ -248,29 +263,31 @@ fn mechanism(findings: &Findings<'_, '_>, term: usize) -> FoundMechanism {
     let mut parameters = BTreeMap::new();
     let mut told = Vec::new();
     if let Some(at) = position_of(findings.bench, findings.candidates, best, term) {
-        for estimate in best.fitted.estimates.iter().skip(at).take(candidate.len()) {
+        for (place, estimate) in best.fitted.estimates.iter().skip(at).take(candidate.len()).enumerate() {
             let [low, high] = estimate.interval();
             let unit = estimate.parameter.unit();
             let key = estimate.parameter.path.rsplit('.').next().unwrap_or_default().to_owned();
-            let value = format!("{} {} ({} … {}) {unit}", plain(&key), three(estimate.value), three(low), three(high));
+            let at_end_of_range = candidate.end_of_range(place, estimate.value);
+            let end = if at_end_of_range.is_some() { ", the end of the range that was searched" } else { "" };
+            let value =
+                format!("{} {} ({} … {}{end}) {unit}", plain(&key), three(estimate.value), three(low), three(high));
             // A share or a factor has no unit.
             told.push(value.trim_end().to_owned());
-            parameters.insert(key, FoundParameter { value: estimate.value, unit: unit.to_owned(), low, high });
+            let unit = unit.to_owned();
+            parameters.insert(key, FoundParameter { value: estimate.value, unit, low, high, at_end_of_range });
         }
     }
     let contest = findings.judgement.contested.iter().find(|c| c.term == term);
-    let before = findings.reidentified.total_rmse_kpa();
-    let after = findings.extended.total_rmse_kpa();
+    // Its own part, everything else fitted again without it; all that was set right where the rig cannot be run without it.
+    let [before, after] = findings.before_and_after_kpa();
+    let own_gain = contest.and_then(|c| c.validation_gain).unwrap_or(1.0 - after / before.max(1e-9));
     FoundMechanism {
         id: candidate.id.clone(),
         side: candidate.side.clone(),
         component: candidate.component.clone(),
         summary: format!("{} {} ({}).", called(findings, candidate), does_at(findings, candidate), told.join(", ")),
         parameters,
-        evidence: FoundEvidence {
-            delta_log_likelihood: contest.map_or(0.0, |c| c.gain),
-            held_out_rmse_gain: 1.0 - after / before.max(1e-9),
-        },
+        evidence: FoundEvidence { delta_log_likelihood: contest.map_or(0.0, |c| c.gain), held_out_rmse_gain: own_gain },
         rivals: contest.map(|c| c.rivals.iter().map(|k| findings.candidates[*k].name()).collect()).unwrap_or_default(),
     }
 }

@@ -2,11 +2,13 @@
 
 use proto::diagnosis::{Location, Verdict};
 
+use crate::axes::axes;
 use crate::event::Event;
 use crate::findings::Findings;
 use crate::locate::Suspect;
-use crate::locate::region::{Stretch, region};
+use crate::locate::region::{Stretch, most_telling};
 use crate::place::{channel_of, side_of, volumes_at};
+use crate::unexplained::off_most;
 
 /// Where the mismatch lives: first the span of an event, then what is off all along.
 pub(crate) fn locations(findings: &Findings<'_, '_>) -> Vec<Location> {
@@ -42,7 +44,7 @@ fn lasting(findings: &Findings<'_, '_>) -> Vec<Location> {
         side: side_of(findings.bench.rig, &told.attached.component),
         component: told.attached.component.clone(),
         share_of_residual: heard.share.clamp(0.0, 1.0),
-        region: "everywhere".to_owned(),
+        region: "while the pump turns".to_owned(),
         time_s: whole(findings),
         time_scale_s: proto::recording::PERIOD_S,
         enters: "mass balance".to_owned(),
@@ -136,17 +138,25 @@ fn places_of_rivals(findings: &Findings<'_, '_>) -> Vec<Location> {
         let squares = |channel: usize| findings.given.free.get(channel).map_or(0.0, |e| e.rmse_kpa.powi(2));
         let total: f64 = (0..findings.given.free.len()).map(squares).sum();
         let reading = findings.bench.rig.sensors.contains_key(&candidate.component);
+        let (region, time_s) = region_of_given(findings, &candidate.component, &channels);
         all.push(Location {
             side: candidate.side.clone(),
             component: candidate.component.clone(),
             share_of_residual: channels.iter().map(|c| squares(*c)).sum::<f64>() / total.max(1e-12),
-            region: "everywhere".to_owned(),
-            time_s: whole(findings),
+            region,
+            time_s,
             time_scale_s: 0.0,
             enters: if reading { "reading" } else { "mass balance" }.to_owned(),
         });
     }
     all
+}
+
+/// Where the rig as it was given is off most, in words; and when.
+fn region_of_given(findings: &Findings<'_, '_>, component: &str, channels: &[usize]) -> (String, [f64; 2]) {
+    let own = command_of(findings, component);
+    let found = off_most(findings.bench, &findings.given.trace, channels, own.as_deref());
+    found.map_or_else(|| ("everywhere alike".to_owned(), whole(findings)), |found| (found.in_words(), found.time_s))
 }
 
 /// First and last time of all recordings.
@@ -185,20 +195,17 @@ pub(crate) fn command_of(findings: &Findings<'_, '_>, component: &str) -> Option
 }
 
 fn words_of_region(findings: &Findings<'_, '_>, component: &str, channels: &[usize]) -> (String, [f64; 2]) {
-    let Some(command) = command_of(findings, component) else { return ("everywhere".to_owned(), [0.0, 0.0]) };
     let energies = energies(findings, channels);
     let records = findings.bench.records;
     let stretches: Vec<Stretch<'_>> = energies
         .iter()
         .enumerate()
-        .filter_map(|(record, energy)| {
-            let r = records.records().get(record)?;
-            Some(Stretch { energy, command: records.input(record, &command)?, time_s: &r.time_s })
-        })
+        .filter_map(|(record, energy)| Some(Stretch { energy, time_s: &records.records().get(record)?.time_s }))
         .collect();
-    match region(&stretches) {
-        Some(found) => (found.in_words(&command), found.time_s),
-        None => ("everywhere".to_owned(), [0.0, 0.0]),
+    let axes = axes(findings.bench, command_of(findings, component).as_deref(), channels);
+    match most_telling(&stretches, &axes) {
+        Some(found) => (found.in_words(), found.time_s),
+        None => ("everywhere alike".to_owned(), whole(findings)),
     }
 }
 

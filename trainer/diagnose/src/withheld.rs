@@ -7,6 +7,7 @@ use fit::parameters::ParameterSet;
 
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::{Candidate, is_leak, names_of};
+use crate::ends::at_an_end;
 use crate::error::DiagnoseError;
 use crate::evidence::{Bar, CERTAIN, Evidence, evidence, root_of_drop};
 use crate::figures::Figures;
@@ -46,7 +47,7 @@ pub(crate) fn objection(
     let names = || names_of(candidates, &found.best.terms);
     if !extended.holds_against(fitted, &searched.sigma_kpa()) {
         let note = format!(
-            "{} fits what was fitted, but errs more than nothing on the rows kept back ({:.2} kPa instead of {:.2}, or \
+            "{} fits what was fitted, but errs more than nothing on validation data ({:.2} kPa instead of {:.2}, or \
              one pressure for the other): something like it, not it",
             names(),
             extended.total_rmse_kpa(),
@@ -58,12 +59,15 @@ pub(crate) fn objection(
     // One jump that comes late throws a free run off, right as its cause may be.
     if !found.best.jumps && left_kpa.iter().any(|kpa| *kpa > UNKNOWN_KPA) && !explains_most(&before_kpa, &left_kpa) {
         let note = format!(
-            "{} fits what was fitted, but leaves more than a name may on the rows kept back ({:.2} kPa of {:.2}): something like it, \
+            "{} fits what was fitted, but leaves more than a name may on validation data ({:.2} kPa of {:.2}): something like it, \
              not it",
             names(),
             extended.total_rmse_kpa(),
             fitted.total_rmse_kpa()
         );
+        return Ok(Some(Objection { note, missing: true, formula: None }));
+    }
+    if let Some(note) = at_an_end(searched, candidates, &found.best) {
         return Ok(Some(Objection { note, missing: true, formula: None }));
     }
     if let Some(note) = too_fast(searched, candidates, &found.best) {
@@ -79,7 +83,7 @@ pub(crate) fn objection(
     // Far from where the rig works (a shut-in, a pump at rest) every model is off a little.
     Ok((little && removed_kpa(fitted, extended) < least_kpa).then(|| Objection {
         note: format!(
-            "{} would fit what was fitted better by {:.2} kPa and changes next to nothing on the rows kept back: \
+            "{} would fit what was fitted better by {:.2} kPa and changes next to nothing on validation data: \
              too little to be named",
             names(),
             found_for.removed_kpa

@@ -41,6 +41,7 @@ pub(crate) fn does_at(findings: &Findings<'_, '_>, candidate: &Candidate) -> &'s
         "line_resistance" if line => {
             "loses more pressure than in proportion to its flow: part of it grows with the square"
         }
+        "chamber_leak" if findings.bench.rig.valves.is_empty() => "leaks to the outside",
         "volume_change" if candidate.onset().is_some() => "takes on another volume while a recording runs",
         id => does(id),
     }

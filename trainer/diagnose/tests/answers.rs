@@ -257,7 +257,13 @@ fn recordings_without_excitation_are_refused_in_words() {
     let still = [vec![0.8; 200], vec![0.8; 200]];
     let short = recording("short.csv", &still, [vec![90.0; 200], vec![-70.0; 200]]);
     let out_dir = std::env::temp_dir().join(format!("diagnose-short-{}", std::process::id()));
-    let request = Request { rig, recordings: vec![short], out_dir: out_dir.clone(), quick: true };
+    let request = Request {
+        rig,
+        rig_argument: "rig.toml".to_owned(),
+        recordings: vec![short],
+        out_dir: out_dir.clone(),
+        quick: true,
+    };
     let error = run(&request, &mut |_, _| ()).unwrap_err().to_string();
     assert!(error.len() > 20 && error.lines().count() == 1, "{error}");
     assert!(!out_dir.exists());

@@ -19,7 +19,8 @@ fn noise_kpa() -> f64 {
 fn diagnosed(name: &str, rig: Rig, truth: &Rig, seed: u64) -> (Diagnosis, Rig) {
     let out_dir = std::env::temp_dir().join(format!("diagnose-{name}-{}", std::process::id()));
     let recordings = made(truth, 2, seed);
-    let request = Request { rig, recordings, out_dir: out_dir.clone(), quick: true };
+    let request =
+        Request { rig, rig_argument: "rig.toml".to_owned(), recordings, out_dir: out_dir.clone(), quick: true };
     let found = run(&request, &mut |_, _| ()).unwrap();
     let written = Rig::from_toml(&std::fs::read_to_string(out_dir.join("rig.toml")).unwrap()).unwrap();
     std::fs::remove_dir_all(&out_dir).unwrap();

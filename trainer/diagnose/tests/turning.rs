@@ -13,7 +13,8 @@ use proto::recording::Recording;
 /// A short diagnosis, its files removed.
 fn diagnosed(name: &str, rig: Rig, recordings: Vec<Recording>) -> Diagnosis {
     let out_dir = std::env::temp_dir().join(format!("diagnose-{name}-{}", std::process::id()));
-    let request = Request { rig, recordings, out_dir: out_dir.clone(), quick: true };
+    let request =
+        Request { rig, rig_argument: "rig.toml".to_owned(), recordings, out_dir: out_dir.clone(), quick: true };
     let found = run(&request, &mut |_, _| ()).unwrap();
     std::fs::remove_dir_all(&out_dir).unwrap();
     found
@@ -27,7 +28,13 @@ fn a_pump_that_slows_under_load_is_named_off_its_ripple() {
     truth.mechanisms.push(droop.attached(&[0.1]));
     let out_dir = std::env::temp_dir().join(format!("diagnose-droop-{}", std::process::id()));
     let recordings = made(&truth, 2, 4);
-    let request = Request { rig: rig.clone(), recordings, out_dir: out_dir.clone(), quick: true };
+    let request = Request {
+        rig: rig.clone(),
+        rig_argument: "rig.toml".to_owned(),
+        recordings,
+        out_dir: out_dir.clone(),
+        quick: true,
+    };
     let found = run(&request, &mut |_, _| ()).unwrap();
     let written = Rig::from_toml(&std::fs::read_to_string(out_dir.join("rig.toml")).unwrap()).unwrap();
     std::fs::remove_dir_all(&out_dir).unwrap();
@@ -116,7 +123,8 @@ fn a_pump_that_slows_is_heard_beside_a_valve_that_sticks() {
     truth.mechanisms.extend([droop.attached(&[0.1]), sticks.attached(&[0.036, 0.25])]);
     let out_dir = std::env::temp_dir().join(format!("diagnose-hidden-droop-{}", std::process::id()));
     let recordings = made_after(200, 3000, &truth, 2, 6);
-    let request = Request { rig, recordings, out_dir: out_dir.clone(), quick: true };
+    let request =
+        Request { rig, rig_argument: "rig.toml".to_owned(), recordings, out_dir: out_dir.clone(), quick: true };
     let found = run(&request, &mut |_, _| ()).unwrap();
     std::fs::remove_dir_all(&out_dir).unwrap();
     let mut named: Vec<&str> = found.mechanisms.iter().map(|m| m.id.as_str()).collect();

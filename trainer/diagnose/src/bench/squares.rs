@@ -20,6 +20,15 @@ impl Bench<'_> {
         sum / f64::max(rows, 1.0)
     }
 
+    /// What a trace is off on validation data, channels together: root mean square in kPa on the rows kept back, or on all where none
+    /// are.
+    pub fn validation_kpa(&self, trace: &[f64]) -> f64 {
+        let roles = if self.split.rows(Role::HeldOut) > 0 { &[Role::HeldOut][..] } else { &[Role::Fit, Role::Select] };
+        let rows: Vec<f64> = roles.iter().map(|role| self.split.rows(*role) as f64).collect();
+        let sum: f64 = roles.iter().zip(&rows).map(|(role, rows)| rows * self.squares(trace, *role)).sum();
+        (sum / rows.iter().sum::<f64>().max(1.0)).sqrt()
+    }
+
     /// Mean square of what a trace is off by channel on the rows that are fitted or choose, in kPa²; `in_the_middle`, that of the
     /// middle one of all stretches of 2 s.
     pub fn squares_by_channel(&self, trace: &[f64], in_the_middle: bool) -> Vec<f64> {

@@ -2,7 +2,6 @@
 
 use model::rig::ATMOSPHERE;
 use proto::diagnosis::Diagnosis;
-use proto::recording::short_name;
 use report::{Band, Color, Line, Panel, Plot, Scatter};
 
 use super::{rival_name, shows_extended};
@@ -42,10 +41,9 @@ pub(super) fn traces(findings: &Findings<'_, '_>) -> Plot {
     let (record, rows) = window(findings);
     let r = records.records().get(record);
     let time_s: Vec<f64> = r.and_then(|r| r.time_s.get(rows.clone())).unwrap_or_default().to_vec();
-    let sources = || records.records().iter().map(|r| r.source.as_str());
-    let name = r.map_or_else(String::new, |r| short_name(&r.source, sources()));
+    let name = r.map_or_else(String::new, |r| findings.shown_as(&r.source));
     let mut plot = Plot::new("Recorded, and simulated from the commands alone", "time (s)").caption(&format!(
-        "{name}: the held-out stretch on which the fitted rig is worst. Below each pressure: simulated less recorded."
+        "{name}: the stretch of validation data on which the fitted rig is worst. Below each pressure: simulated less recorded."
     ));
     for (channel, column) in records.sensors().iter().enumerate() {
         let cut = |trace: &[f64]| -> Vec<f64> {
@@ -176,7 +174,7 @@ pub(super) fn flows(findings: &Findings<'_, '_>) -> Option<Plot> {
 }
 
 pub(super) fn experiment(findings: &Findings<'_, '_>) -> Plot {
-    let mut plot = Plot::new("Commands, and what each rival predicts", "time (s)");
+    let mut plot = Plot::new("Commands, and what each competing hypothesis predicts", "time (s)");
     let Some(plan) = &findings.plan else { return plot };
     let time_s = plan.time_s();
     let rows = time_s.len();

@@ -12,8 +12,16 @@ use proto::diagnosis::Diagnosis;
 const MOST_SHOWN: usize = 6;
 
 pub(super) fn found_table(diagnosis: &Diagnosis) -> Table {
-    let mut table =
-        Table::new(["mechanism", "where", "parameter", "value", "90 % interval", "unit", "gain in log-likelihood"]);
+    let mut table = Table::new([
+        "mechanism",
+        "where",
+        "parameter",
+        "value",
+        "90 % interval",
+        "unit",
+        "gain in log-likelihood",
+        "own gain on validation data",
+    ]);
     for m in &diagnosis.mechanisms {
         for (at, (name, p)) in m.parameters.iter().enumerate() {
             // What belongs to the mechanism as a whole stands once.
@@ -26,6 +34,7 @@ pub(super) fn found_table(diagnosis: &Diagnosis) -> Table {
                 format!("{} … {}", three(p.low), three(p.high)),
                 p.unit.clone(),
                 once(format!("{:+.0}", m.evidence.delta_log_likelihood)),
+                once(format!("{:.0} %", 100.0 * m.evidence.held_out_rmse_gain)),
             ]);
         }
     }
@@ -35,11 +44,11 @@ pub(super) fn found_table(diagnosis: &Diagnosis) -> Table {
 pub(super) fn horizons(findings: &Findings<'_, '_>) -> Table {
     // A quick search leaves the windows out.
     let windows = !findings.given.one_second.is_empty();
-    let mut head = vec!["RMSE in kPa", "rig", "free run"];
+    let mut head = vec!["RMSE in kPa", "rig", "open loop"];
     if windows {
         head.extend(["10 s", "1 s"]);
     }
-    head.push("accuracy, free run");
+    head.push("accuracy, open loop");
     let mut table = Table::new(head);
     for (channel, column) in findings.bench.records.sensors().iter().enumerate() {
         let mut rigs = vec![("as given", &findings.given), ("parameters fitted", &findings.reidentified)];
@@ -104,6 +113,19 @@ pub(super) fn tried(findings: &Findings<'_, '_>) -> Table {
             let gain = round.evidence.map_or(String::new(), |e| format!("{:+.1}", e.posterior));
             table.push([base, names, gain, became.to_owned()]);
         }
+    }
+    table
+}
+
+/// What each competing hypothesis is off by on validation data.
+pub(super) fn hypotheses(findings: &Findings<'_, '_>) -> Table {
+    let mut table = Table::new(["hypothesis", "off by on validation data, kPa", "on other rows, kPa"]);
+    for (at, rival) in findings.judgement.rivals.iter().enumerate() {
+        let bench = findings.bench;
+        let squares = bench.squares_by_channel(&rival.trace, false);
+        let others_kpa = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
+        let validation_kpa = bench.validation_kpa(&rival.trace);
+        table.push([rival_name(findings, at), format!("{validation_kpa:.3}"), format!("{others_kpa:.3}")]);
     }
     table
 }

@@ -22,6 +22,9 @@ pub struct IdentifySettings {
     pub fit: FitSettings,
 }
 
+/// Ratio of two errors on some tens of seconds that are equal but for chance.
+const CHANCE: f64 = 1.05;
+
 /// What is being done, for a progress line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Step {
@@ -78,6 +81,21 @@ pub struct Identified {
 }
 
 impl Identified {
+    /// Root mean square errors on validation data in kPa, all channels together: of the rig as it came, and of the identified one.
+    pub fn before_and_after_kpa(&self) -> [f64; 2] {
+        [&self.before, &self.after].map(|accuracy| {
+            let rows: f64 = accuracy.free.iter().map(|e| e.rows as f64).sum();
+            let squares: f64 = accuracy.free.iter().map(|e| e.rmse_kpa.powi(2) * e.rows as f64).sum();
+            (squares / rows.max(1.0)).sqrt()
+        })
+    }
+
+    /// Whether the identified rig is worse on validation data than the rig as it came, by more than chance.
+    pub fn is_worse(&self) -> bool {
+        let [before_kpa, after_kpa] = self.before_and_after_kpa();
+        after_kpa > CHANCE * before_kpa
+    }
+
     /// How far the identified rig's free run is from the true pressures, by channel in kPa: what the error exceeds the
     /// noise by. Below about a fifth of the noise it is zero within its own uncertainty.
     pub fn distance_from_truth_kpa(&self) -> Vec<f64> {

@@ -3,11 +3,19 @@
 use std::fmt::Write as _;
 
 use super::run::Identified;
+use crate::least_squares::Direction;
 use crate::objective::{Estimate, Fitted};
 use crate::simulate::ChannelError;
 
-/// A parameter whose standard error is still this share of what was known beforehand is not determined.
+/// A combination whose standard error is still this share of what was known beforehand is not determined.
 const HARDLY: f64 = 0.5;
+/// A parameter of which recordings say next to nothing, as the same share.
+const AS_BEFORE: f64 = 0.9;
+/// Combinations that are told of those that are determined best.
+const MOST_TOLD: usize = 3;
+/// Share of a combination's largest component from which on a parameter belongs to it, and the most that are told.
+const BELONGS: f64 = 0.35;
+const MOST_PARTS: usize = 4;
 /// A free run off by less than so many times the noise leaves nothing to explain.
 const EXPLAINED: f64 = 1.3;
 /// Costs of starts that differ by less are along one flat valley, whose ground is rough: check valves of a piston pump
@@ -28,7 +36,7 @@ pub fn table(identified: &Identified) -> String {
     );
     for e in &identified.fitted.estimates {
         let digits = decimals(e.sd);
-        let mark = if e.undetermined > HARDLY { "  hardly determined" } else { "" };
+        let mark = if e.undetermined > AS_BEFORE { "  as known before" } else { "" };
         let _ = writeln!(
             text,
             "{:<width$}  {:>10.digits$}  {:>10.digits$}  {:>9.digits$}  {:<7}  {}{mark}",
@@ -58,14 +66,11 @@ fn decimals(sd: f64) -> usize {
 
 /// Errors on the rows that were kept back, before and after, at three horizons.
 pub fn figures(identified: &Identified) -> String {
-    let rows = if identified.tested_on_fitted {
-        "the fitted rows (too few to keep any back)"
-    } else {
-        "rows that were not fitted"
-    };
+    let rows =
+        if identified.tested_on_fitted { "the fitted rows (too few to keep any back)" } else { "validation data" };
     let mut text = format!("error in kPa rms on {rows}, simulated from the commands alone\n");
     let width = identified.channels.iter().map(|c| c.chars().count()).max().unwrap_or(0);
-    let _ = writeln!(text, "{:width$}  {:<10}  {:>9}  {:>9}  {:>9}", "", "", "free run", "10 s", "1 s");
+    let _ = writeln!(text, "{:width$}  {:<10}  {:>9}  {:>9}  {:>9}", "", "", "open loop", "10 s", "1 s");
     for (index, channel) in identified.channels.iter().enumerate() {
         for (name, accuracy) in [("rig file", &identified.before), ("identified", &identified.after)] {
             let at = |errors: &[ChannelError]| errors.get(index).map_or(f64::NAN, |e| e.rmse_kpa);
@@ -88,10 +93,7 @@ pub fn undetermined(fitted: &Fitted) -> Vec<String> {
         if (1.0 / (1.0 + direction.information)).sqrt() < HARDLY {
             break;
         }
-        let mut parts: Vec<(usize, f64)> = direction.components.iter().copied().enumerate().collect();
-        parts.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
-        let largest = parts.first().map_or(0.0, |p| p.1.abs());
-        let shown: Vec<(usize, f64)> = parts.into_iter().filter(|(_, c)| c.abs() > 0.35 * largest).take(4).collect();
+        let shown = parts_of(&direction.components);
         match shown.as_slice() {
             [(one, _)] => said.push(format!("these recordings do not determine {}", name(*one))),
             [(first, sign), rest @ ..] => {
@@ -108,6 +110,55 @@ pub fn undetermined(fitted: &Fitted) -> Vec<String> {
             }
             [] => {}
         }
+    }
+    said
+}
+
+/// The parameters that make up most of a combination, the largest first.
+fn parts_of(components: &[f64]) -> Vec<(usize, f64)> {
+    let mut parts: Vec<(usize, f64)> = components.iter().copied().enumerate().collect();
+    parts.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+    let largest = parts.first().map_or(0.0, |p| p.1.abs());
+    parts.into_iter().filter(|(_, c)| c.abs() > BELONGS * largest).take(MOST_PARTS).collect()
+}
+
+/// What the recordings determine, one sentence a line: how many combinations of the parameters, which by themselves, and the best
+/// combinations with how well they are known.
+///
+/// Recordings of a closed machine hardly ever determine one parameter: a wider valve and a weaker spring move the pressures alike.
+/// What they do determine are combinations, some of them to a thousandth; the standard errors of single parameters hide that.
+pub fn determined(fitted: &Fitted) -> Vec<String> {
+    let Some(information) = &fitted.information else { return Vec::new() };
+    let name = |i: usize| fitted.estimates.get(i).map_or("?", |e| e.parameter.path.as_str());
+    // The posterior's deviation in prior deviations.
+    let sd = |direction: &Direction| (1.0 / (1.0 + direction.information)).sqrt();
+    let mut directions = information.directions();
+    directions.reverse();
+    directions.retain(|direction| sd(direction) < HARDLY);
+    let alone: Vec<&str> =
+        fitted.estimates.iter().filter(|e| e.undetermined < HARDLY).map(|e| e.parameter.path.as_str()).collect();
+    let mut said = vec![format!(
+        "{} of {} combinations of parameters are known better than half of what was known before; by themselves {}",
+        directions.len(),
+        fitted.estimates.len(),
+        if alone.is_empty() { "none is".to_owned() } else { alone.join(", ") }
+    )];
+    for direction in directions.iter().take(MOST_TOLD) {
+        let parts = parts_of(&direction.components);
+        let Some((first, largest)) = parts.first().copied() else { continue };
+        let Some(estimate) = fitted.estimates.get(first) else { continue };
+        let known = sd(direction) * estimate.parameter.scale() / largest.abs();
+        let known = match estimate.parameter.transform {
+            crate::parameters::Transform::Log => format!("{:.2} %", 100.0 * known),
+            crate::parameters::Transform::Linear => format!("{known:.3} {}", estimate.parameter.unit()),
+        };
+        let others: Vec<String> = parts
+            .iter()
+            .skip(1)
+            .map(|(i, c)| format!("{}{}", if c * largest > 0.0 { "" } else { "less " }, name(*i)))
+            .collect();
+        let with = if others.is_empty() { String::new() } else { format!(" together with {}", others.join(", ")) };
+        said.push(format!("{}{with}: to {known} of {}", name(first), name(first)));
     }
     said
 }
@@ -134,15 +185,15 @@ pub fn verdict(identified: &Identified) -> Vec<String> {
     let mut said = Vec::new();
     for ((channel, error), noise) in identified.channels.iter().zip(&identified.after.free).zip(&identified.noise) {
         let ratio = error.rmse_kpa / noise.sigma_kpa;
-        let rows = if identified.tested_on_fitted { "the fitted rows" } else { "rows that were not fitted" };
+        let rows = if identified.tested_on_fitted { "the fitted rows" } else { "validation data" };
         if ratio < EXPLAINED {
             said.push(format!(
-                "{channel}: the free run is off by {:.3} kPa rms on {rows}, the noise is {:.3}: nothing more to explain",
+                "{channel}: the open-loop simulation is off by {:.3} kPa rms on {rows}, the noise is {:.3}: nothing more to explain",
                 error.rmse_kpa, noise.sigma_kpa
             ));
         } else {
             said.push(format!(
-                "{channel}: the free run is off by {:.3} kPa rms on {rows}, {ratio:.1} times the noise: the rig file \
+                "{channel}: the open-loop simulation is off by {:.3} kPa rms on {rows}, {ratio:.1} times the noise: the rig file \
                  lacks something; `trainer diagnose` looks for it",
                 error.rmse_kpa
             ));

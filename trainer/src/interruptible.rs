@@ -1,0 +1,68 @@
+//! Ctrl-C and SIGTERM in work that writes its results at the end: over at once, and nothing half-written.
+//!
+//! Until the results are written there is nothing to save, so the program ends within a tenth of a second. While they are
+//! written (some milliseconds) it waits for that, and says so.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+use crate::failure::{Failure, tell};
+
+/// Time between two looks at the signals.
+const LOOK: Duration = Duration::from_millis(50);
+/// Exit status of a program that a signal ended, less the signal's number: what shells expect.
+const BY_SIGNAL: i32 = 128;
+
+/// Work that may be interrupted at any time but while it writes.
+pub(crate) struct Interruptible {
+    /// Held while results are written; whether they are.
+    written: Arc<Mutex<bool>>,
+}
+
+impl Interruptible {
+    /// Begins to listen for Ctrl-C and SIGTERM.
+    pub(crate) fn begin() -> Result<Self, Failure> {
+        let caught = Arc::new(AtomicUsize::new(0));
+        for signal in [SIGINT, SIGTERM] {
+            let number = usize::try_from(signal).unwrap_or_default();
+            signal_hook::flag::register_usize(signal, Arc::clone(&caught), number).map_err(Failure::Signals)?;
+        }
+        let written = Arc::new(Mutex::new(false));
+        let seen = Arc::clone(&written);
+        std::thread::spawn(move || {
+            loop {
+                std::thread::sleep(LOOK);
+                let signal = caught.load(Ordering::Relaxed);
+                if signal != 0 {
+                    let done = *seen.lock().unwrap_or_else(PoisonError::into_inner);
+                    tell(if done { "stopped; the results are written" } else { STOPPED });
+                    std::process::exit(BY_SIGNAL + i32::try_from(signal).unwrap_or_default());
+                }
+            }
+        });
+        Ok(Interruptible { written })
+    }
+
+    /// Does what must not be interrupted: a check that leaves a file for a moment.
+    pub(crate) fn undisturbed<T>(&self, work: impl FnOnce() -> T) -> T {
+        let _held = self.hold();
+        work()
+    }
+
+    /// Writes results.
+    pub(crate) fn write<E>(&self, work: impl FnOnce() -> Result<(), E>) -> Result<(), E> {
+        let mut held = self.hold();
+        work()?;
+        *held = true;
+        Ok(())
+    }
+
+    fn hold(&self) -> MutexGuard<'_, bool> {
+        self.written.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+const STOPPED: &str = "stopped; nothing was written, and older results are as they were";
