@@ -168,7 +168,7 @@ fn load_policy(
         return Ok(Some(policy_service::examine_active(config, rig, &file)?));
     }
     if choice.active == DEFAULT_POLICY {
-        remarks.push(format!("no policy at {}: the one that ships with the program flies", file.display()));
+        remarks.push(format!("no policy at {}: the one that ships with the program runs", file.display()));
         return shipped_policy().map(Some);
     }
     let mut known = vec![FALLBACK.to_owned()];

@@ -44,6 +44,35 @@ fn every_command_has_help() {
 }
 
 #[test]
+fn help_fits_a_terminal_and_wrong_use_is_two_lines() {
+    let mut commands = vec![vec!["--help"], vec!["help"]];
+    let top = controller(&["--help"]);
+    let text = String::from_utf8_lossy(&top.stdout).into_owned();
+    let list = text.split("Commands:").nth(1).unwrap().split("Options:").next().unwrap().to_owned();
+    let names: Vec<&str> = list
+        .lines()
+        .filter(|l| l.starts_with("  ") && !l.starts_with("   "))
+        .filter_map(|l| l.split_whitespace().next())
+        .collect();
+    assert!(names.len() >= 12, "{names:?}");
+    commands.extend(names.iter().map(|name| vec![*name, "--help"]));
+    for arguments in commands {
+        let output = controller(&arguments);
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(output.status.success() && text.contains("Usage:"), "{arguments:?}: {text}");
+        for line in text.lines() {
+            assert!(line.chars().count() <= 80, "{arguments:?}: {line}");
+        }
+    }
+    for arguments in [&["fly"][..], &["run"], &["run", "--config", "x", "--speed", "3"], &[]] {
+        let output = controller(arguments);
+        let said = said(&output);
+        assert_eq!((output.status.code(), said.lines().count()), (Some(2), 2), "{arguments:?}: {said}");
+        assert!(said.contains("see controller"), "{said}");
+    }
+}
+
+#[test]
 fn bad_input_is_status_2_and_one_line() {
     let unknown = Scratch::new("unknown.toml", "[link]\naddress = \"127.0.0.1:1\"\nspeed = 1\n");
     let no_rig = Scratch::new("norig.toml", "[link]\naddress = \"127.0.0.1:1\"\n[rig]\nfile = \"nowhere.toml\"\n");

@@ -61,6 +61,8 @@ pub(crate) enum Failure {
          {before_kpa:.2} kPa: worse than before, so {out} is not written; `trainer diagnose` looks for what the rig file lacks"
     )]
     WorseThanBefore { before_kpa: f64, after_kpa: f64, out: String },
+    #[error("{folder}: manual pages and completions cannot be written: {source}")]
+    Generate { folder: String, source: io::Error },
     #[error("standard output cannot be written: {0}")]
     Stdout(io::Error),
     #[error("SIGINT and SIGTERM cannot be caught: {0}")]
@@ -100,6 +102,7 @@ impl Failure {
             | Self::Lanes(_)
             | Self::Learner(_)
             | Self::Json(_)
+            | Self::Generate { .. }
             | Self::Stdout(_)
             | Self::Signals(_)
             | Self::WorseThanBefore { .. } => FAILED,

@@ -20,13 +20,13 @@ mod simulate;
 mod stdout;
 mod train;
 mod train_bar;
-mod usage;
 mod validate;
 mod work_shown;
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 /// Offline companion of the dual-pressure controller: emulates the cRIO, simulates rigs, fits and checks a
 /// rig's model against recordings.
@@ -35,7 +35,7 @@ use clap::{Parser, Subcommand};
 /// MCAP file or CSV with the header time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa, rows 20 ms apart. Exit
 /// status: 0 done, 1 the work failed, 2 wrong usage or bad input.
 #[derive(Debug, Parser)]
-#[command(name = "trainer", version, after_help = EXAMPLES, disable_help_subcommand = true)]
+#[command(name = "trainer", version, after_help = EXAMPLES)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -60,12 +60,18 @@ enum Command {
     Train(train::TrainArgs),
     Evaluate(evaluate::EvaluateArgs),
     Export(export::ExportArgs),
+    /// Writes manual pages and shell completions, for packages
+    #[command(hide = true)]
+    Generate {
+        /// Folder
+        folder: PathBuf,
+    },
 }
 
 fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
-        Err(error) => return usage::explain::<Cli>(&error),
+        Err(error) => return explain(&error),
     };
     let done = match &cli.command {
         Command::Rig(args) => rig::run(args),
@@ -77,10 +83,26 @@ fn main() -> ExitCode {
         Command::Train(args) => train::run(args),
         Command::Evaluate(args) => evaluate::run(args),
         Command::Export(args) => export::run(args),
+        Command::Generate { folder } => manual::write(Cli::command(), folder)
+            .map_err(|source| failure::Failure::Generate { folder: folder.display().to_string(), source }),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => failure.told(),
+    }
+}
+
+/// Help where it was asked for, two lines where the command line is wrong; the exit status.
+fn explain(error: &clap::Error) -> ExitCode {
+    match manual::explain(&Cli::command(), error) {
+        manual::Explained::Help(text) => match stdout::say(&text) {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(failure) => failure.told(),
+        },
+        manual::Explained::Wrong(lines) => {
+            lines.iter().for_each(|line| failure::tell(line));
+            ExitCode::from(failure::BAD_INPUT)
+        }
     }
 }
 

@@ -15,13 +15,24 @@ mod talk;
 
 use std::path::PathBuf;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use controller::config::ConfigError;
 use controller::daemon::DaemonError;
 
-/// Flies the dual-pressure rig: +100 kPa and −75 kPa from one two-piston pump, 50 times a second.
+/// First steps, below the list of commands.
+const EXAMPLES: &str = "Examples:
+  controller demo --fast                      the whole loop, no hardware
+  controller rt-test                          is this machine fit for it?
+  controller check --config controller.toml   is this configuration?
+  controller run --config controller.toml     the daemon, vents open
+  controller arm --config controller.toml     in another terminal: start
+  controller disarm --config controller.toml  vents open
+
+Exit status: 0 good; 1 the work failed or is not good; 2 wrong use or input.";
+
+/// Controls the dual-pressure rig: +100 kPa and −75 kPa from one two-piston pump, 50 times a second
 #[derive(Debug, Parser)]
-#[command(name = "controller", version, about, max_term_width = 110)]
+#[command(name = "controller", version, about, after_help = EXAMPLES)]
 pub(crate) struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -87,6 +98,12 @@ enum Command {
         file: PathBuf,
         #[command(flatten)]
         target: talk::Target,
+    },
+    /// Writes manual pages and shell completions, for packages.
+    #[command(hide = true)]
+    Generate {
+        /// Folder.
+        folder: PathBuf,
     },
 }
 
@@ -155,6 +172,8 @@ impl Arguments {
             Command::Rollback(target) => target.rollback(),
             Command::Model { file, target } => target.model(&file),
             Command::Reference { file, target } => target.reference(&file),
+            Command::Generate { folder } => manual::write(Arguments::command(), &folder)
+                .map_err(|e| Failure::work(format!("{}: {e}", folder.display()))),
         }
     }
 }

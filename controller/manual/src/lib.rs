@@ -1,0 +1,122 @@
+//! Help, manual pages and shell completions, made from the same definitions that parse the command line.
+
+mod usage;
+
+use std::io;
+use std::path::Path;
+
+use clap::Command;
+use clap_complete::Shell;
+
+pub use usage::{Explained, explain};
+
+/// Writes `man1/PROGRAM.1`, `man1/PROGRAM-SUBCOMMAND.1` and completions for bash, zsh and fish into a folder.
+///
+/// # Errors
+/// If a folder or file cannot be made.
+pub fn write(command: Command, folder: &Path) -> io::Result<()> {
+    let name = command.get_name().to_owned();
+    let pages = folder.join("man1");
+    std::fs::create_dir_all(&pages)?;
+    clap_mangen::generate_to(command.clone().disable_help_subcommand(true), &pages)?;
+    for (shell, place) in [
+        (Shell::Bash, format!("bash/{name}")),
+        (Shell::Zsh, format!("zsh/_{name}")),
+        (Shell::Fish, format!("fish/{name}.fish")),
+    ] {
+        let path = folder.join(place);
+        if let Some(parent) = path.parent() {
+            std::fs::create_dir_all(parent)?;
+        }
+        let mut text = Vec::new();
+        clap_complete::generate(shell, &mut command.clone(), &name, &mut text);
+        std::fs::write(path, text)?;
+    }
+    Ok(())
+}
+
+/// Columns of a line of help.
+const WIDTH: usize = 80;
+
+/// Breaks the lines of a help text at 80 columns, further lines as far in as the text of the first.
+///
+/// Where a line has a left part (an option, a command) and its text beside it, two blanks or more apart, the text's
+/// column counts.
+pub fn wrapped(help: &str) -> String {
+    let mut out = String::with_capacity(help.len() + help.len() / 8);
+    for line in help.lines() {
+        if line.chars().count() <= WIDTH {
+            out.push_str(line);
+            out.push('\n');
+            continue;
+        }
+        let margin = text_column(line);
+        let mut column = 0;
+        for (number, word) in line.split(' ').enumerate() {
+            let length = word.chars().count();
+            if column > margin && column + 1 + length > WIDTH {
+                out.push('\n');
+                out.push_str(&" ".repeat(margin));
+                column = margin;
+            } else if number > 0 {
+                out.push(' ');
+                column += 1;
+            }
+            out.push_str(word);
+            column += length;
+        }
+        out.push('\n');
+    }
+    out
+}
+
+/// The column at which a line's text begins; never beyond the middle of a line.
+fn text_column(line: &str) -> usize {
+    let indent = line.chars().take_while(|c| *c == ' ').count();
+    let rest = line.get(indent..).unwrap_or_default();
+    let beside = rest.find("  ").map_or(0, |gap| {
+        let left = rest.get(..gap).unwrap_or_default().chars().count();
+        let blanks = rest.get(gap..).unwrap_or_default().chars().take_while(|c| *c == ' ').count();
+        left + blanks
+    });
+    let column = indent + beside;
+    if column < WIDTH / 2 { column } else { indent }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn help_is_80_columns_wide_and_keeps_its_words() {
+        let long = "very ".repeat(60);
+        let help = format!("Usage: pump\n\n{long}\n  -o, --out <DIR>  {long}\n          {long}\n");
+        let text = wrapped(&help);
+        assert!(text.lines().all(|line| line.chars().count() <= WIDTH), "{text}");
+        assert_eq!(text.split_whitespace().collect::<Vec<_>>(), help.split_whitespace().collect::<Vec<_>>());
+        assert!(text.contains("\n                   very"), "beside the option: {text}");
+        // A word that is longer than a line stays whole.
+        assert_eq!(wrapped(&"x".repeat(100)), format!("{}\n", "x".repeat(100)));
+    }
+    use clap::Arg;
+
+    #[test]
+    fn every_command_has_a_page_and_every_shell_its_file() {
+        let folder = std::env::temp_dir().join(format!("manual-{}", std::process::id()));
+        let command = Command::new("pump")
+            .about("Pumps.")
+            .subcommand(Command::new("fill").about("Fills a chamber.").arg(Arg::new("kpa").long("kpa")));
+        write(command, &folder).unwrap();
+        for (file, word) in [
+            ("man1/pump.1", "Pumps"),
+            ("man1/pump-fill.1", "kpa"),
+            ("bash/pump", "fill"),
+            ("zsh/_pump", "fill"),
+            ("fish/pump.fish", "fill"),
+        ] {
+            let text = std::fs::read_to_string(folder.join(file)).unwrap();
+            assert!(text.contains(word), "{file}");
+        }
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+}
