@@ -326,12 +326,14 @@ fn lost_without(
     Ok((score(&best.trace).gain_over(&score(&trace)).0, share(&trace)))
 }
 
-/// Whether the recordings cannot tell `rival` from `best`.
+/// Whether the recordings cannot tell `rival` from `best`. Where several times the noise is left, a difference is no larger than its scatter
+/// from block to block says, however large it is as a likelihood.
 fn is_rival(bench: &Bench<'_>, best: &Explanation, rival: &Explanation) -> bool {
     let e = evidence(bench, best, rival);
     let both = e.fitted + e.chosen;
     let se = e.fitted_se.hypot(e.chosen_se);
-    both < TIE || both < TIE_SE * se && both < 5.0 * TIE || alike_on_validation_data(bench, best, rival)
+    let scatters = both < TIE_SE * se;
+    both < TIE || scatters && (both < 5.0 * TIE || alike_on_validation_data(bench, best, rival))
 }
 
 /// Where a candidate did best at a glance.

@@ -15,15 +15,17 @@ mod tables;
 /// The page.
 pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, rig_toml: &str) -> String {
     let bench = findings.bench;
-    let sources: Vec<String> = bench
-        .records
-        .records()
-        .iter()
-        .map(|r| {
-            let seconds = r.time_s.last().unwrap_or(&0.0) - r.time_s.first().unwrap_or(&0.0);
-            format!("{} ({seconds:.0} s)", findings.shown_as(&r.source))
-        })
-        .collect();
+    // A recording that is run in pieces is one recording.
+    let mut seconds: Vec<(&str, f64)> = Vec::new();
+    for r in bench.records.records() {
+        let own_s = r.time_s.last().unwrap_or(&0.0) - r.time_s.first().unwrap_or(&0.0);
+        match seconds.iter_mut().find(|(source, _)| *source == r.source) {
+            Some((_, sum)) => *sum += own_s,
+            None => seconds.push((&r.source, own_s)),
+        }
+    }
+    let sources: Vec<String> =
+        seconds.iter().map(|(source, s)| format!("{} ({s:.0} s)", findings.shown_as(source))).collect();
     let mut report = Report::new(title(diagnosis))
         .subtitle(&format!("rig {} · {}", bench.rig.name, sources.join(", ")))
         .text(&diagnosis.summary)

@@ -4,7 +4,7 @@ use proto::diagnosis::Unexplained;
 
 use crate::axes::axes;
 use crate::bench::Bench;
-use crate::figures::Figures;
+use crate::figures::{Figures, held_out};
 use crate::locate::region::{Region, Stretch, most_telling};
 
 /// Rows over which errors are averaged before they are put into regions: 0.2 s.
@@ -14,22 +14,50 @@ const TIMES_NOISE: f64 = 1.0;
 
 /// The unexplained residual of every channel with the rig of `figures`.
 pub(crate) fn unexplained(bench: &Bench<'_>, figures: &Figures) -> Vec<Unexplained> {
-    let sigma_kpa = bench.sigma_kpa();
-    let beyond_kpa = figures.beyond_noise_kpa(&sigma_kpa);
-    let of = |(channel, (kpa, noise_kpa)): (usize, (&f64, &f64))| {
+    let of = |(channel, error): (usize, &fit::simulate::ChannelError)| {
+        // Recordings need not be equally noisy: what counts is the noise of the rows that the error is measured on.
+        let stated_kpa = bench.sigma_kpa().get(channel).copied().unwrap_or(0.0);
+        let noise_kpa = stated_kpa.max(white_kpa(bench, &figures.trace, channel)).min(error.rmse_kpa.max(stated_kpa));
+        let kpa = (error.rmse_kpa.powi(2) - noise_kpa.powi(2)).max(0.0).sqrt();
         let times_noise = kpa / noise_kpa.max(1e-9);
         let worth_it = times_noise > TIMES_NOISE;
         let sensor = bench.rig.sensors.values().nth(channel);
         Unexplained {
             channel: bench.records.sensors().get(channel).cloned().unwrap_or_default(),
             side: sensor.map(|sensor| sensor.volume.clone()).unwrap_or_default(),
-            kpa: *kpa,
-            noise_kpa: *noise_kpa,
+            kpa,
+            noise_kpa,
             times_noise,
             region: if worth_it { region(bench, &figures.trace, channel) } else { "down to the noise".to_owned() },
         }
     };
-    beyond_kpa.iter().zip(&sigma_kpa).enumerate().map(of).collect()
+    figures.free.iter().enumerate().map(of).collect()
+}
+
+/// Standard deviation in kPa of what changes from row to row in a trace's error on validation data: by the median of second differences,
+/// whose standard deviation is `√6` times that of white noise.
+fn white_kpa(bench: &Bench<'_>, trace: &[f64], channel: usize) -> f64 {
+    let weights = held_out(bench);
+    let readings = bench.records.readings_kpa();
+    let mut sizes = Vec::new();
+    for record in 0..bench.records.layout().records() {
+        let range = bench.records.layout().channel(record, channel);
+        for i in range.start + 1..range.end.saturating_sub(1) {
+            let rows = [i - 1, i, i + 1];
+            let error = |i: usize| Some(trace.get(i)? - readings.get(i)?);
+            let counted = rows.iter().all(|i| weights.get(*i).is_some_and(|w| *w != 0.0));
+            let errors = rows.map(error);
+            if let (true, [Some(a), Some(b), Some(c)]) = (counted, errors) {
+                sizes.push((a - 2.0 * b + c).abs());
+            }
+        }
+    }
+    if sizes.is_empty() {
+        return 0.0;
+    }
+    let middle = sizes.len() / 2;
+    // The median of a normal's absolute value is 0.6745 standard deviations.
+    *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745 / 6f64.sqrt()
 }
 
 /// The operating region in which a trace is off most in a channel.

@@ -20,7 +20,7 @@ pub(super) fn found_table(diagnosis: &Diagnosis) -> Table {
         "90 % interval",
         "unit",
         "gain in log-likelihood",
-        "own gain on validation data",
+        "own gain",
     ]);
     for m in &diagnosis.mechanisms {
         for (at, (name, p)) in m.parameters.iter().enumerate() {
