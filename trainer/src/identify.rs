@@ -24,8 +24,8 @@ use crate::work_shown::WorkShown;
 ///
 /// Check valves by the simplex method and valves by linear least squares, as in the paper; then all parameters
 /// together. Every parameter gets an uncertainty, and what the recordings do not determine is said. About a fifth of
-/// the rows is not fitted: free runs on those show how good the rig is. Ordinary recordings will do (random holds,
-/// tracking); 20 s at least, and both duties must move.
+/// the rows is not fitted: open-loop simulations of those (validation data) show how good it is. Ordinary recordings
+/// will do (random holds, tracking); 20 s at least, and both duties must move.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: trainer identify --rig dual_pressure run1.mcap run2.csv --out lab.toml")]
 pub(crate) struct IdentifyArgs {
