@@ -259,10 +259,22 @@ impl Replay {
         let Some(cycle) = &mut self.cycle else { return };
         for input in TickInput::of(recorded.inputs) {
             let known = match input {
-                TickInput::Arm => Ok(cycle.arm()),
-                TickInput::Disarm => Ok(cycle.disarm()),
-                TickInput::LinkLost => Ok(cycle.link_lost(&mut |_| {})),
-                TickInput::SessionOpened => Ok(cycle.session_opened()),
+                TickInput::Arm => {
+                    cycle.arm();
+                    Ok(())
+                }
+                TickInput::Disarm => {
+                    cycle.disarm();
+                    Ok(())
+                }
+                TickInput::LinkLost => {
+                    cycle.link_lost(&mut |_| {});
+                    Ok(())
+                }
+                TickInput::SessionOpened => {
+                    cycle.session_opened();
+                    Ok(())
+                }
                 TickInput::Reference => match self.references.pop_front() {
                     Some(reference) => {
                         cycle.exchange_reference(Box::new(reference));
