@@ -145,10 +145,20 @@ pub enum Next {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stages {
     now: StageNow,
+    judged: Judged,
     ticks: u32,
     test: SequentialTest,
     authority: f64,
     watched: Watched,
+}
+
+/// What a candidate is held against.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Judged {
+    /// The incumbent's errors, besides the rules on hunting, interventions and far-off pressures.
+    Compared,
+    /// Those rules alone: an operator may go back to what errs more than what controls now.
+    Watched,
 }
 
 /// Sums over the ticks watched.
@@ -163,16 +173,16 @@ struct Watched {
 impl Stages {
     /// From the shadow on.
     pub fn from_shadow() -> Self {
-        Stages::at(StageNow::Shadow)
+        Stages::at(StageNow::Shadow, Judged::Compared)
     }
 
     /// Straight into full authority, over half a second: for what has already been active, or by an operator's will.
     pub fn straight() -> Self {
-        Stages::at(StageNow::Probation)
+        Stages::at(StageNow::Probation, Judged::Watched)
     }
 
-    fn at(now: StageNow) -> Self {
-        Stages { now, ticks: 0, test: SequentialTest::default(), authority: 0.0, watched: Watched::default() }
+    fn at(now: StageNow, judged: Judged) -> Self {
+        Stages { now, judged, ticks: 0, test: SequentialTest::default(), authority: 0.0, watched: Watched::default() }
     }
 
     /// The stage.
@@ -227,14 +237,13 @@ impl Stages {
         if let Some(loss) = self.watched.judge(shown, record) {
             return Next::Lost(loss);
         }
-        for c in 0..CHANNELS {
+        for c in (0..CHANNELS).filter(|_| self.judged == Judged::Compared) {
             if let Some(excess) = record.excess(c, shown.kinds[c], shown.error_kpa[c]) {
                 self.test.add(c, excess);
             }
         }
         let verdict = self.test.verdict();
         match self.now {
-            // With a record too short to compare with (an operator's will), only the other rules hold.
             _ if verdict == TestVerdict::Worse => Next::Lost(Loss::Worse),
             StageNow::Ramp(level) if verdict == TestVerdict::AsGood && self.ticks >= LEVEL_TICKS => {
                 let next = if level + 1 < LEVELS.len() { StageNow::Ramp(level + 1) } else { StageNow::Probation };
@@ -247,7 +256,7 @@ impl Stages {
     }
 
     fn pass(&mut self, to: StageNow) -> Next {
-        *self = Stages { authority: self.authority, watched: self.watched, ..Stages::at(to) };
+        *self = Stages { authority: self.authority, watched: self.watched, ..Stages::at(to, self.judged) };
         Next::Passed(to)
     }
 }

@@ -103,7 +103,8 @@ impl Loop {
         let goals_kpa = std::array::from_fn(|j| {
             // The paper's reference forth and back, so that it never jumps.
             let since_s = f64::from(self.tick + j as u32) * TICK_S;
-            let (goal, offset) = (self.reference.at(60.0 - (since_s % 120.0 - 60.0).abs()), approach.offset_kpa(since_s));
+            let (goal, offset) =
+                (self.reference.at(60.0 - (since_s % 120.0 - 60.0).abs()), approach.offset_kpa(since_s));
             std::array::from_fn(|c| goal[c] + offset[c])
         });
         self.predictor.observe(spread(measured_kpa));
