@@ -27,7 +27,7 @@ const MOST_INTERVENTIONS: u32 = 3;
 const CHATTER_DUTY: f64 = 0.025;
 /// Errors beyond this many times the incumbent's RMS, and beyond [`WIDE_KPA`], for [`WIDE_TICKS`] end it at once.
 const WIDE_RATIO: f64 = 6.0;
-const WIDE_KPA: Pair = [2.0, 1.0];
+const WIDE_KPA: Pair = [4.0, 3.0];
 const WIDE_TICKS: u32 = 10;
 
 /// Where a candidate stands.
