@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
-use proto::recording::{Recording, TickInput, read_mcap};
+use proto::recording::{LogTime, Recording, RecordingInfo, RecordingWriter, TickInput, read_mcap};
 use serde_json::Value;
 use tests::{Folder, RunStatus, Running, alone, finish, program};
 
@@ -67,18 +67,25 @@ fn a_run_is_replayed_bit_for_bit_and_a_changed_bit_is_found() {
     let ticks = read_mcap(&recording).unwrap().ticks;
     assert_eq!((&found["ticks"], &found["ticks_differing"]), (&Value::from(ticks.len()), &Value::from(0)));
 
-    // Another model inside, and nothing else changed: the first prediction under control must differ, and be named.
-    let bytes = std::fs::read(&recording).unwrap();
-    let from = b"temperature_k = 293.15";
-    if let Some(at) = bytes.windows(from.len()).position(|window| window == from) {
-        let mut changed = bytes.clone();
-        changed[at..at + from.len()].copy_from_slice(b"temperature_k = 303.15");
-        let other = folder.write("other.mcap", changed);
-        let (ended, found) = replayed(&other);
-        assert_eq!(ended.status, Some(1), "{found}");
-        let armed = ticks.iter().find(|tick| tick.state == 1).unwrap().tick;
-        assert_eq!(found["first_difference"]["tick"], Value::from(armed), "{found}");
+    // The last bit of one term of the law in one tick: found, with its tick and stage.
+    let content = read_mcap(&recording).unwrap();
+    let mut info = RecordingInfo::new("test", 0);
+    info.extra = content.metadata.clone();
+    info.policy = Some((content.metadata["policy_name"].clone(), content.metadata["policy_sha256"].clone()));
+    info.log_time = LogTime::Tick;
+    let other = folder.join("other.mcap");
+    let mut writer = RecordingWriter::create(&other, &info, &content.attachments).unwrap();
+    for (index, mut tick) in content.ticks.iter().copied().enumerate() {
+        if index == 300 {
+            tick.law_neg.integral = f64::from_bits(tick.law_neg.integral.to_bits() ^ 1);
+        }
+        writer.write(&tick).unwrap();
     }
+    writer.finish().unwrap();
+    let (ended, found) = replayed(&other);
+    assert_eq!((ended.status, &found["ticks_differing"]), (Some(1), &Value::from(1)), "{found}");
+    let first = &found["first_difference"];
+    assert_eq!((&first["tick"], &first["stage"]), (&Value::from(ticks[300].tick), &Value::from("control law")));
     let inputs: Vec<TickInput> = TickInput::of(ticks[0].inputs).collect();
     assert_eq!(inputs, [TickInput::SessionOpened]);
 }
