@@ -25,9 +25,11 @@ const WATCHED_TICKS: u32 = 50;
 const MOST_INTERVENTIONS: u32 = 3;
 /// A candidate whose duties change by more than this (RMS a tick, in duty) and by three times the incumbent's hunts.
 const CHATTER_DUTY: f64 = 0.025;
-/// Errors beyond this many times the incumbent's RMS, and beyond [`WIDE_KPA`], for [`WIDE_TICKS`] end it at once.
+/// Errors beyond this many times the incumbent's RMS, and beyond [`WIDE_KPA`], for [`WIDE_TICKS`] end it at once; beyond
+/// [`WIDE_WATCHED_KPA`] where an operator went back to what errs more.
 const WIDE_RATIO: f64 = 6.0;
-const WIDE_KPA: Pair = [4.0, 3.0];
+const WIDE_KPA: Pair = [2.0, 1.0];
+const WIDE_WATCHED_KPA: Pair = [4.0, 3.0];
 const WIDE_TICKS: u32 = 10;
 
 /// Where a candidate stands.
@@ -234,7 +236,7 @@ impl Stages {
             let known = self.ticks >= SHADOW_TICKS && record.ticks() >= RECORD_TICKS;
             return if known { self.pass(StageNow::Ramp(0)) } else { Next::Stay };
         }
-        if let Some(loss) = self.watched.judge(shown, record) {
+        if let Some(loss) = self.watched.judge(shown, record, self.judged) {
             return Next::Lost(loss);
         }
         for c in (0..CHANNELS).filter(|_| self.judged == Judged::Compared) {
@@ -262,14 +264,15 @@ impl Stages {
 }
 
 impl Watched {
-    fn judge(&mut self, shown: &Shown, record: &Record) -> Option<Loss> {
+    fn judge(&mut self, shown: &Shown, record: &Record, judged: Judged) -> Option<Loss> {
         self.ticks += 1;
         // After a jump of the reference the slew limit holds anybody back.
         self.interventions += u32::from(shown.filtered && shown.kinds.iter().all(|kind| *kind < 2));
         let rms_kpa = record.rms_kpa();
+        let wide_kpa = if judged == Judged::Compared { WIDE_KPA } else { WIDE_WATCHED_KPA };
         for c in 0..CHANNELS {
             self.changes[c] += shown.change_duty[c].powi(2);
-            let wide = shown.error_kpa[c].abs() > (WIDE_RATIO * rms_kpa[c]).max(WIDE_KPA[c]);
+            let wide = shown.error_kpa[c].abs() > (WIDE_RATIO * rms_kpa[c]).max(wide_kpa[c]);
             // After a jump of the reference anything may be far off.
             self.wide[c] = if wide && shown.kinds[c] < 2 { self.wide[c] + 1 } else { 0 };
         }
