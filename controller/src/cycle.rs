@@ -1,36 +1,48 @@
 //! One tick, from volts to duties, without socket, clock or thread.
 //!
 //! ```text
-//! SENSE ─▶ observe: volts checked, limits, state ─▶ predict: MPObs ─▶ decide: law or sequence ─▶ safety filter ─▶ COMMAND
-//!                                                                                                      │
-//!                                                                           settle: model and integrals move on ◀┘
+//! SENSE ─▶ observe: volts, limits, plausibility, state ─▶ predict: MPObs ─▶ decide: law or sequence, filter ─▶ COMMAND
+//!                                                                                      │
+//!                                                           settle: models and integrals move on ◀┘
 //! ```
 //!
 //! Split in four so that the caller can stamp the time between them. What happens to the rig is never an
-//! error here but a state with a defined answer: whatever is wrong, the answer is duty 1 on both valves. This is the
-//! watch; what is steered for while all is sound is its [`DutySource`].
+//! error here but a condition: [`monitor`] and the limits find conditions, [`supervisor::next`] makes a state and an action
+//! of them, and this is where the action is done. What is steered for while all is sound is its [`DutySource`].
 
+use handover::PolicyEvent;
 use model::observation::{CHANNELS, Pair};
 use model::rig::{Rig, RigError};
+use monitor::plausibility::{Foresight, Phase};
+use monitor::{Frame, Monitor, SentCommand};
 use policy::Policy;
 use proto::recording::TickRecord;
 use proto::reference::Reference;
 use proto::wire::{CrioState, Sense, TripBits};
 use safety_filter::{Envelope, Intervention, SafetyFilter, SlewLimit};
+use supervisor::transition::Acknowledgement;
+use supervisor::{
+    Action, Actuation, Arming, Condition, ConditionSet, Inputs, Integration, Memory, Request, Severity, State, Tick,
+    Transition, next,
+};
 
 use crate::command_sequence::Row;
 use crate::config::Safety;
 use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, SensorSample};
-use crate::notice::{Cause, Notice};
+use crate::notice::Notice;
 use crate::open_loop_playback::OpenLoopPlayback;
 use crate::reference_tracking::ReferenceTracking;
 use crate::sensing::Sensing;
-use crate::state::{State, Supervisor, Transition};
 
 /// Frames that may be missing in a row before the rig is vented; the plan is followed meanwhile.
 const TOLERATED_MISSING: u32 = 1;
+/// The most that a duty moves in a tick of HOLD (chosen: a tenth of the valve's range, half of what a step of a sound
+/// controller takes).
+const HOLD_SLEW_DUTY: f64 = 0.1;
 /// Ticks without an intervention of the safety filter after which the next one is told again.
 const FILTER_TOLD_AGAIN: u32 = 50;
+/// Ticks between two reminders that venting is in doubt: 5 s (chosen).
+const REMIND_TICKS: u32 = 250;
 
 /// The control cycle and everything it remembers.
 pub struct Cycle<H = ReferenceTracking> {
@@ -40,12 +52,21 @@ pub struct Cycle<H = ReferenceTracking> {
     filter: SafetyFilter,
     /// Ticks since the safety filter last changed a command, for telling each time once.
     filter_quiet: u32,
-    supervisor: Supervisor,
+    monitor: Monitor,
+    memory: Memory,
+    arming: Arming,
+    request: Option<Request>,
+    /// What is wrong in this tick.
+    conditions: ConditionSet,
+    /// What the caller has found since the last tick.
+    reported: ConditionSet,
     tick: u32,
     measured: Pair,
     answer: ActuatorCommand,
+    action: Option<Action>,
     missing: u32,
-    crio_tripped: bool,
+    renew_session: bool,
+    faulted_ticks: u32,
 }
 
 impl Cycle<ReferenceTracking> {
@@ -60,9 +81,12 @@ impl Cycle<ReferenceTracking> {
         safety: Safety,
         auto_arm: bool,
     ) -> Result<Self, RigError> {
+        let arming = if auto_arm { Arming::Automatic } else { Arming::Manual };
+        let duty_source = ReferenceTracking::new(rig, policy, reference)?;
         let filter = SafetyFilter::new(rig, envelope(safety), SlewLimit::DEFAULT)?;
-        let parts = Parts { sensing: Sensing::of(rig)?, filter, safety };
-        Ok(Cycle::with(ReferenceTracking::new(rig, policy, reference)?, parts, auto_arm))
+        let monitor = Monitor::new(rig, Foresight::Judged)?;
+        let parts = Parts { sensing: Sensing::of(rig)?, monitor, filter, safety };
+        Ok(Cycle::with(duty_source, parts, arming))
     }
 }
 
@@ -75,8 +99,9 @@ impl Cycle<OpenLoopPlayback> {
     pub fn playing(rig: &Rig, rows: Box<[Row]>, relay: bool, safety: Safety) -> Result<Self, RigError> {
         // Rows are played as they are; only what would leave the envelope is bent.
         let filter = SafetyFilter::new(rig, envelope(safety), SlewLimit::None)?;
-        let parts = Parts { sensing: Sensing::of(rig)?, filter, safety };
-        Ok(Cycle::with(OpenLoopPlayback::new(rows, relay), parts, false))
+        let monitor = Monitor::new(rig, Foresight::Unjudged)?;
+        let parts = Parts { sensing: Sensing::of(rig)?, monitor, filter, safety };
+        Ok(Cycle::with(OpenLoopPlayback::new(rows, relay), parts, Arming::Manual))
     }
 }
 
@@ -88,25 +113,33 @@ fn envelope(safety: Safety) -> Envelope {
 /// What stands around any duty source.
 struct Parts {
     sensing: Sensing,
+    monitor: Monitor,
     filter: SafetyFilter,
     safety: Safety,
 }
 
 impl<H: DutySource> Cycle<H> {
-    fn with(duty_source: H, parts: Parts, auto_arm: bool) -> Self {
-        let Parts { sensing, filter, safety } = parts;
+    fn with(duty_source: H, parts: Parts, arming: Arming) -> Self {
+        let Parts { sensing, monitor, filter, safety } = parts;
         Cycle {
+            filter,
+            filter_quiet: FILTER_TOLD_AGAIN,
             sensing,
             safety,
             duty_source,
-            filter,
-            filter_quiet: FILTER_TOLD_AGAIN,
-            supervisor: Supervisor::new(auto_arm),
+            monitor,
+            memory: Memory::START,
+            arming,
+            request: None,
+            conditions: ConditionSet::EMPTY,
+            reported: ConditionSet::EMPTY,
             tick: 0,
             measured: [0.0; CHANNELS],
             answer: ActuatorCommand::VENT,
+            action: None,
             missing: 0,
-            crio_tripped: false,
+            renew_session: false,
+            faulted_ticks: 0,
         }
     }
 
@@ -115,105 +148,173 @@ impl<H: DutySource> Cycle<H> {
         &self.duty_source
     }
 
-    /// What is steered for, to be set before the flight.
+    /// What is steered for, to be set before the run.
     pub fn duty_source_mut(&mut self) -> &mut H {
         &mut self.duty_source
     }
 
-    /// Whether there is nothing more to fly.
+    /// Whether there is nothing more to run.
     pub fn is_over(&self) -> bool {
         self.duty_source.is_over()
     }
 
     /// The state.
     pub fn state(&self) -> State {
-        self.supervisor.state()
+        self.memory.state
+    }
+
+    /// Everything that the supervisor remembers.
+    pub fn memory(&self) -> &Memory {
+        &self.memory
+    }
+
+    /// What was wrong in the newest tick.
+    pub fn conditions(&self) -> &ConditionSet {
+        &self.conditions
+    }
+
+    /// The plausibility monitor.
+    pub fn monitor(&self) -> &Monitor {
+        &self.monitor
+    }
+
+    /// The plausibility monitor, to exchange its model at a tick's edge.
+    pub fn monitor_mut(&mut self) -> &mut Monitor {
+        &mut self.monitor
     }
 
     /// Whether the rig can be armed now.
     pub fn can_arm(&self) -> bool {
-        self.supervisor.can_arm()
+        self.memory.can_arm(&self.conditions)
     }
 
-    /// The operator asks to arm.
+    /// Whether a session may be opened: not while a trip of the cRIO waits for a person.
+    pub fn may_open_session(&self) -> bool {
+        self.memory.may_open_session()
+    }
+
+    /// The operator asks to arm; it happens in the next tick or not at all.
     pub fn arm(&mut self) {
-        self.supervisor.arm();
+        self.ask(Request::Arm);
+    }
+
+    /// The operator has looked at what was wrong.
+    pub fn acknowledge(&mut self) {
+        self.ask(Request::Acknowledge);
     }
 
     /// The operator asks to disarm.
     pub fn disarm(&mut self) {
-        self.supervisor.disarm();
+        self.ask(Request::Disarm);
         self.duty_source.stopped(None);
+    }
+
+    /// Of several requests in one tick the safer one counts.
+    fn ask(&mut self, request: Request) {
+        self.request = self.request.max(Some(request));
+    }
+
+    /// Takes in what the caller has found since the last tick: deadlines, losses, rights. It counts in the next tick.
+    ///
+    /// # Real-time
+    /// Runs in the tick.
+    pub fn report(&mut self, condition: Condition, value: f64) {
+        self.reported.insert(condition, value);
     }
 
     /// Puts in another reference, which starts at once, and hands back the old one, to be dropped elsewhere.
     pub fn exchange_reference(&mut self, reference: Box<Reference>) -> Box<Reference> {
-        let running = (self.state() == State::Run).then_some((self.tick, self.measured));
+        let running = self.state().is_controlling().then_some((self.tick, self.measured));
         self.duty_source.exchange_reference(reference, running)
     }
 
-    /// A new session: nothing of the old one counts.
+    /// A new session: nothing of the old one counts but what waits for a person.
     pub fn session_opened(&mut self) {
-        self.supervisor.session_opened();
+        self.monitor.session_opened();
         self.missing = 0;
-        self.crio_tripped = false;
+        self.renew_session = false;
+        self.request = None;
+        self.conditions = ConditionSet::EMPTY;
+        self.reported = ConditionSet::EMPTY;
         self.answer = ActuatorCommand::VENT;
+        self.advance_state(Tick::SessionOpened, &mut |_| ());
     }
 
-    /// Takes in a frame: volts, limits, state.
+    /// Nothing will be armed in this process, for a reason that does not go away.
+    pub fn refuse(&mut self, condition: Condition) {
+        self.duty_source.stopped(Some((condition, 0.0)));
+    }
+
+    /// Still without a session: requests of the operator are taken.
+    pub fn waiting(&mut self, tell: NoticeSink<'_>) {
+        self.advance_state(Tick::Waiting, tell);
+    }
+
+    /// Takes in a frame: volts, limits, plausibility, state.
     ///
     /// # Real-time
     /// Runs in the tick.
     pub fn observe(&mut self, sense: &Sense, record: &mut TickRecord, tell: NoticeSink<'_>) {
         self.tick = sense.tick;
         self.missing = 0;
-        self.crio_tripped = sense.state == CrioState::Tripped;
         record.volts = sense.volts;
         [record.echo_pos, record.echo_neg] = sense.duty;
         record.crio_state = sense.state.code();
         record.crio_trip = sense.trips.bits();
-        match self.sensing.pressures_kpa(&sense.volts) {
-            Ok(pressures) => {
-                self.measured = pressures;
-                [record.p_pos_kpa, record.p_neg_kpa] = pressures;
-            }
-            Err(broken) => {
-                let cause = if broken.channel == 0 { Cause::SensorPositive } else { Cause::SensorNegative };
-                return self.vent(cause, broken.volts, tell);
+        self.conditions = std::mem::take(&mut self.reported);
+        let readings_kpa = self.read(sense);
+        self.check_trips(sense);
+        let phase = if self.state().is_controlling() { Phase::Controlled } else { Phase::Vented };
+        let believed = self.monitor.observe(&Frame { sense, readings_kpa, phase }, &mut self.conditions);
+        if let [Some(positive), Some(negative)] = believed {
+            self.measured = [positive, negative];
+        }
+        [record.p_pos_kpa, record.p_neg_kpa] = readings_kpa.map(|p| p.unwrap_or(f64::NAN));
+        self.advance_state(Tick::Frame, tell);
+        if self.conditions.worst(Severity::Vent).is_none() {
+            self.ask_duty_source(sense.pump_running, tell);
+        }
+    }
+
+    /// Readings, with broken sensors and limits among the conditions.
+    fn read(&mut self, sense: &Sense) -> [Option<f64>; CHANNELS] {
+        let readings = self.sensing.readings_kpa(&sense.volts);
+        for (c, broken) in [Condition::SensorPositive, Condition::SensorNegative].into_iter().enumerate() {
+            if let Err(found) = readings[c] {
+                self.conditions.insert(broken, found.volts);
             }
         }
-        if self.crio_tripped {
+        let readings = readings.map(Result::ok);
+        if let [Some(positive), _] = readings
+            && positive > self.safety.max_pos_kpa
+        {
+            self.conditions.insert(Condition::OverPressure, positive);
+        }
+        if let [_, Some(negative)] = readings
+            && negative < self.safety.min_neg_kpa
+        {
+            self.conditions.insert(Condition::OverVacuum, negative);
+        }
+        readings
+    }
+
+    fn check_trips(&mut self, sense: &Sense) {
+        if sense.state == CrioState::Tripped {
             let ours = sense.trips == TripBits::COMMAND_LOST;
-            let cause = if ours { Cause::CommandsLost } else { Cause::CrioTripped };
-            return self.vent(cause, f64::from(sense.trips.bits()), tell);
+            let cause = if ours { Condition::CommandsLost } else { Condition::CrioTripped };
+            self.conditions.insert(cause, f64::from(sense.trips.bits()));
         }
-        if self.measured[0] > self.safety.max_pos_kpa {
-            return self.vent(Cause::OverPressure, self.measured[0], tell);
-        }
-        if self.measured[1] < self.safety.min_neg_kpa {
-            return self.vent(Cause::OverVacuum, self.measured[1], tell);
-        }
-        match self.supervisor.accept_frame() {
-            Transition::None => {}
-            Transition::Armed { auto } => {
-                self.duty_source.armed(self.tick, self.measured);
-                tell(Notice::Armed { tick: self.tick, auto });
-            }
-            Transition::Disarmed => tell(Notice::Disarmed { tick: self.tick }),
-            Transition::Recovered => tell(Notice::Recovered { tick: self.tick }),
-        }
-        let seen = SensorSample {
-            tick: self.tick,
-            measured: self.measured,
-            pump_running: sense.pump_running,
-            state: self.state(),
-        };
+    }
+
+    /// The duty source sees the sound frame and may ask for a mode.
+    fn ask_duty_source(&mut self, pump_running: bool, tell: NoticeSink<'_>) {
+        let seen = SensorSample { tick: self.tick, measured: self.measured, pump_running, state: self.state() };
         match self.duty_source.on_sample(&seen) {
             ModeRequest::None => {}
-            ModeRequest::Arm => self.supervisor.arm(),
+            ModeRequest::Arm => self.ask(Request::Arm),
             ModeRequest::Disarm(notice) => {
-                self.supervisor.disarm();
-                self.supervisor.accept_frame();
+                self.ask(Request::Disarm);
+                self.advance_state(Tick::Frame, &mut |_| ());
                 tell(notice);
             }
         }
@@ -225,7 +326,7 @@ impl<H: DutySource> Cycle<H> {
     /// Runs in the tick; five ticks of the model.
     pub fn predict(&mut self, record: &mut TickRecord) {
         self.duty_source.exchange_model(&mut self.filter, record);
-        if self.state() == State::Run {
+        if self.state().is_controlling() {
             self.duty_source.predict(self.measured, self.answer.duty, record);
         }
         // Vented as well, so that it stands where the rig is when the rig is armed.
@@ -237,50 +338,46 @@ impl<H: DutySource> Cycle<H> {
     /// # Real-time
     /// Runs in the tick.
     pub fn decide(&mut self, record: &mut TickRecord, tell: NoticeSink<'_>) -> ActuatorCommand {
-        self.answer = ActuatorCommand::VENT;
-        if self.state() == State::Run {
-            match self.duty_source.decide(self.tick, self.measured, record, tell) {
-                Some(answer) => self.answer = self.filtered(answer, record, tell),
-                None => self.vent(Cause::LawNotFinite, f64::NAN, tell),
+        let last = std::mem::replace(&mut self.answer, ActuatorCommand::VENT);
+        if self.state().is_controlling() {
+            let mut refused = false;
+            let mut note = |notice: Notice| {
+                refused |= matches!(notice, Notice::Policy { event: PolicyEvent::Refused(_), .. });
+                tell(notice);
+            };
+            let decided = self.duty_source.decide(self.tick, self.measured, record, &mut note);
+            if refused {
+                self.report(Condition::PolicyRefused, 0.0);
+            }
+            match decided {
+                Some(wanted) => {
+                    let held = self.held(wanted, last);
+                    self.answer = self.filtered(held, record, tell);
+                    let reference = [record.ref_pos_kpa, record.ref_neg_kpa];
+                    self.monitor.decided(reference, self.measured, self.answer.duty);
+                }
+                None => {
+                    self.conditions.insert(Condition::LawNotFinite, f64::NAN);
+                    self.advance_state(Tick::Frame, tell);
+                }
             }
         }
         self.note_answer(record)
     }
 
-    /// No frame came in time. Once the plan or sequence goes on; from then on the vents are open.
-    ///
-    /// # Real-time
-    /// Runs in the tick.
-    pub fn frame_missing(&mut self, late_ms: f64, record: &mut TickRecord, tell: NoticeSink<'_>) -> ActuatorCommand {
-        self.tick = self.tick.wrapping_add(1);
-        self.missing += 1;
-        if self.missing <= TOLERATED_MISSING && self.state() == State::Run {
-            tell(Notice::FrameMissed { tick: self.tick, late_ms });
-            let bridged = self.duty_source.bridge(self.tick);
-            self.answer = self.filtered(bridged, record, tell);
-        } else {
-            self.vent(Cause::FramesMissing, late_ms, tell);
+    /// In HOLD duties move slowly.
+    fn held(&self, wanted: ActuatorCommand, last: ActuatorCommand) -> ActuatorCommand {
+        if self.action.is_none_or(|action| action.integration == Integration::On) {
+            return wanted;
         }
-        self.note_answer(record)
+        let duty = std::array::from_fn(|c| {
+            wanted.duty[c].clamp(last.duty[c] - HOLD_SLEW_DUTY, last.duty[c] + HOLD_SLEW_DUTY).clamp(0.0, 1.0)
+        });
+        ActuatorCommand { duty, ..wanted }
     }
 
-    /// The link is gone; the cRIO vents by itself.
-    pub fn link_lost(&mut self, tell: NoticeSink<'_>) {
-        self.vent(Cause::LinkLost, 0.0, tell);
-    }
-
-    /// Moves model and integrals on through the tick; call it once the answer is out.
-    ///
-    /// # Real-time
-    /// Runs in the tick; one tick of the model.
-    pub fn settle(&mut self) {
-        if self.state() == State::Run {
-            self.duty_source.sent(&self.answer);
-        }
-        self.filter.sent(self.answer.duty);
-    }
-
-    /// The command that may be sent in place of the one that was asked for.
+    /// The command that may be sent in place of the one that was asked for: the one place between whatever decides and the
+    /// valves.
     fn filtered(&mut self, asked: ActuatorCommand, record: &mut TickRecord, tell: NoticeSink<'_>) -> ActuatorCommand {
         let filtered = self.filter.limit(asked.duty);
         record.command_before_filter = asked.duty;
@@ -301,9 +398,62 @@ impl<H: DutySource> Cycle<H> {
         self.filter.interventions()
     }
 
-    /// Whether the cRIO has tripped and waits for a new session, whatever vented the rig before.
-    pub fn crio_tripped(&self) -> bool {
-        self.crio_tripped
+    /// No frame came in time. Once the plan or sequence goes on; from then on the vents are open.
+    ///
+    /// # Real-time
+    /// Runs in the tick.
+    pub fn frame_missing(&mut self, late_ms: f64, record: &mut TickRecord, tell: NoticeSink<'_>) -> ActuatorCommand {
+        self.tick = self.tick.wrapping_add(1);
+        self.missing += 1;
+        self.conditions = std::mem::take(&mut self.reported);
+        let tolerated = self.missing <= TOLERATED_MISSING;
+        let condition = if tolerated { Condition::FrameMissing } else { Condition::FramesMissing };
+        self.conditions.insert(condition, late_ms);
+        self.answer = ActuatorCommand::VENT;
+        self.advance_state(Tick::Missing, tell);
+        if self.action.is_some_and(|action| action.actuation == Actuation::Plan) {
+            tell(Notice::FrameMissed { tick: self.tick, late_ms });
+            let bridged = self.duty_source.bridge(self.tick);
+            self.answer = self.filtered(bridged, record, tell);
+        }
+        self.note_answer(record)
+    }
+
+    /// The link is gone, or is given up for `cause`; the cRIO vents by itself.
+    pub fn link_lost(&mut self, cause: Condition, value: f64, tell: NoticeSink<'_>) {
+        self.conditions = std::mem::take(&mut self.reported);
+        self.conditions.insert(cause, value);
+        self.answer = ActuatorCommand::VENT;
+        self.advance_state(Tick::LinkGone, tell);
+    }
+
+    /// The command that was decided went out under this sequence number.
+    ///
+    /// # Real-time
+    /// Runs in the tick.
+    pub fn sent(&mut self, sequence: u32) {
+        let ActuatorCommand { duty, mode, pump_on } = self.answer;
+        self.monitor.sent(SentCommand { sequence, duty, mode, pump_on });
+    }
+
+    /// Moves models and integrals on through the tick; call it once the answer is out.
+    ///
+    /// # Real-time
+    /// Runs in the tick; two ticks of the model.
+    pub fn settle(&mut self) {
+        if self.state().is_controlling() {
+            match self.action.map(|action| action.integration) {
+                Some(Integration::Off) => self.duty_source.held(&self.answer),
+                _ => self.duty_source.sent(&self.answer),
+            }
+        }
+        self.filter.sent(self.answer.duty);
+        self.monitor.advance(self.answer.duty, self.answer.pump_on);
+    }
+
+    /// Whether the cRIO has tripped and a new HELLO may end that now.
+    pub fn renew_session(&self) -> bool {
+        self.renew_session
     }
 
     /// Frames missing in a row.
@@ -311,11 +461,76 @@ impl<H: DutySource> Cycle<H> {
         self.missing
     }
 
-    fn vent(&mut self, cause: Cause, value: f64, tell: NoticeSink<'_>) {
-        self.answer = ActuatorCommand::VENT;
-        if self.supervisor.fault(cause) {
-            self.duty_source.stopped(Some((cause, value)));
-            tell(Notice::Vented { cause, tick: self.tick, value });
+    /// Calls the supervisor and does what it says.
+    fn advance_state(&mut self, tick: Tick, tell: NoticeSink<'_>) {
+        let was_controlling = self.state().is_controlling();
+        let inputs = Inputs { tick, conditions: &self.conditions, request: self.request.take(), arming: self.arming };
+        let (after, action) = next(&self.memory, &inputs);
+        self.memory = after;
+        self.action = Some(action);
+        self.renew_session = action.renew_session;
+        if was_controlling && !after.state.is_controlling() {
+            self.answer = ActuatorCommand::VENT;
+            self.monitor.vented(self.measured);
+        }
+        self.duty_source.controlled_by(action.controlled_by);
+        self.tell_transition(action.transition, tell);
+        match action.acknowledgement {
+            Acknowledgement::None => {}
+            Acknowledgement::Cleared => tell(Notice::Acknowledged { tick: self.tick }),
+            Acknowledgement::StillHolds(condition) => {
+                tell(Notice::StillHolds { condition, tick: self.tick, value: self.conditions.value(condition) });
+            }
+        }
+        self.remind(tell);
+    }
+
+    fn tell_transition(&mut self, transition: Transition, tell: NoticeSink<'_>) {
+        let tick = self.tick;
+        match transition {
+            Transition::None | Transition::SessionOpened | Transition::Stopped => {}
+            Transition::Armed(arming) => {
+                self.monitor.armed();
+                self.duty_source.armed(tick, self.measured);
+                tell(Notice::Armed { tick, auto: arming == Arming::Automatic });
+            }
+            Transition::Disarmed => tell(Notice::Disarmed { tick }),
+            Transition::Vented(cause) | Transition::Faulted(cause) => {
+                let value = self.conditions.value(cause);
+                self.duty_source.stopped(Some((cause, value)));
+                tell(Notice::Vented { cause, tick, value });
+            }
+            Transition::Disconnected(cause) => {
+                self.duty_source.stopped(Some((cause, self.conditions.value(cause))));
+                tell(Notice::Disconnected { cause, tick });
+            }
+            Transition::Held(condition) => {
+                // A missing frame has a line of its own.
+                if condition != Condition::FrameMissing {
+                    tell(Notice::Held { condition, tick, value: self.conditions.value(condition) });
+                }
+            }
+            Transition::Resumed => {}
+            Transition::Reverted(condition) => {
+                tell(Notice::Reverted { condition, tick, value: self.conditions.value(condition) });
+            }
+            Transition::Returned => tell(Notice::Returned { tick }),
+            Transition::Recovered => tell(Notice::Recovered { tick }),
+        }
+    }
+
+    /// Venting in doubt is told again and again.
+    fn remind(&mut self, tell: NoticeSink<'_>) {
+        if self.state() != State::Fault {
+            self.faulted_ticks = 0;
+            return;
+        }
+        self.faulted_ticks += 1;
+        if self.faulted_ticks.is_multiple_of(REMIND_TICKS)
+            && let Some(cause) = self.memory.cause
+        {
+            let seconds = f64::from(self.faulted_ticks) / 50.0;
+            tell(Notice::StillFaulted { cause, tick: self.tick, seconds, measured_kpa: self.measured });
         }
     }
 
@@ -325,7 +540,8 @@ impl<H: DutySource> Cycle<H> {
         record.mode = self.answer.mode.code();
         record.pump_on = self.answer.pump_on;
         record.state = self.state().code();
-        record.fault = self.state().fault();
+        record.fault = self.state().fault(self.memory.cause);
+        record.findings = self.conditions.bits();
         self.answer
     }
 }
@@ -372,12 +588,12 @@ mod tests {
     #[test]
     fn arms_runs_and_vents_in_the_tick_of_a_fault() {
         for (volts, state, trips, cause) in [
-            ([0.0, 3.85], CrioState::Running, TripBits::NONE, Cause::SensorPositive),
-            ([1.34, f32::NAN], CrioState::Running, TripBits::NONE, Cause::SensorNegative),
-            ([1.65, 3.85], CrioState::Running, TripBits::NONE, Cause::OverPressure),
-            ([1.34, 4.8], CrioState::Running, TripBits::NONE, Cause::OverVacuum),
-            (SOUND, CrioState::Tripped, TripBits::OVER_PRESSURE, Cause::CrioTripped),
-            (SOUND, CrioState::Tripped, TripBits::COMMAND_LOST, Cause::CommandsLost),
+            ([0.0, 3.85], CrioState::Running, TripBits::NONE, Condition::SensorPositive),
+            ([1.34, f32::NAN], CrioState::Running, TripBits::NONE, Condition::SensorNegative),
+            ([1.65, 3.85], CrioState::Running, TripBits::NONE, Condition::OverPressure),
+            ([1.34, 4.8], CrioState::Running, TripBits::NONE, Condition::OverVacuum),
+            (SOUND, CrioState::Tripped, TripBits::OVER_PRESSURE, Condition::CrioTripped),
+            (SOUND, CrioState::Tripped, TripBits::COMMAND_LOST, Condition::CommandsLost),
         ] {
             let mut cycle = cycle();
             for tick in 0..60 {
@@ -394,11 +610,12 @@ mod tests {
     fn a_trip_of_the_crio_is_seen_whatever_vented_before() {
         let mut cycle = cycle();
         answer(&mut cycle, &sense(0, [0.0, 3.85], CrioState::Idle, TripBits::NONE));
-        assert_eq!(cycle.state(), State::Vented(Cause::SensorPositive));
+        assert_eq!(cycle.state(), State::Vent);
         answer(&mut cycle, &sense(1, SOUND, CrioState::Tripped, TripBits::SENSOR));
-        assert!(cycle.crio_tripped());
+        assert_eq!(cycle.memory().cause, Some(Condition::CrioTripped));
+        assert!(!cycle.renew_session() && !cycle.may_open_session(), "a person looks first");
         cycle.session_opened();
-        assert!(!cycle.crio_tripped());
+        assert_eq!(cycle.state(), State::Vent, "and a new session changes nothing about that");
     }
 
     #[test]
@@ -414,7 +631,7 @@ mod tests {
         assert_eq!((vented, record.tick), (ActuatorCommand::VENT, 61));
         assert!(matches!(
             told.as_slice(),
-            [Notice::FrameMissed { .. }, Notice::Vented { cause: Cause::FramesMissing, .. }]
+            [Notice::FrameMissed { .. }, Notice::Vented { cause: Condition::FramesMissing, .. }]
         ));
     }
 }

@@ -82,6 +82,7 @@ pub struct Pending {
 
 enum What {
     Arm(Ticket),
+    Acknowledge(Ticket),
     Disarm,
     Reading {
         from: Receiver<Result<Reference, String>>,
@@ -107,6 +108,11 @@ pub enum Step {
     Pending(Pending),
 }
 
+/// Whether the valves are being controlled.
+fn controls(status: &Status) -> bool {
+    State::from_code(status.state).is_some_and(State::is_controlling)
+}
+
 impl Desk {
     /// A desk for a daemon.
     pub fn new(options: DeskOptions) -> Self {
@@ -125,7 +131,12 @@ impl Desk {
         match ask {
             Ask::Status {} => self.done(Ok(())),
             Ask::Policies {} => self.list_policies(),
-            Ask::Arm {} | Ask::Reference { .. } | Ask::Swap { .. } | Ask::Rollback {} | Ask::Model { .. }
+            Ask::Arm {}
+            | Ask::Acknowledge {}
+            | Ask::Reference { .. }
+            | Ask::Swap { .. }
+            | Ask::Rollback {}
+            | Ask::Model { .. }
                 if self.options.may == May::OnlyStop =>
             {
                 self.done(Err("an experiment is under way; wait for its end, or disarm to stop it".to_owned()))
@@ -133,6 +144,10 @@ impl Desk {
             Ask::Arm {} => match self.start_arming() {
                 Ok(ticket) => pending(What::Arm(ticket), EFFECT_TIME),
                 Err(why) => self.over("arm", peer, Err(why)),
+            },
+            Ask::Acknowledge {} => match self.start_acknowledging() {
+                Ok(ticket) => pending(What::Acknowledge(ticket), EFFECT_TIME),
+                Err(why) => self.over("acknowledge", peer, Err(why)),
             },
             Ask::Disarm {} => {
                 self.options.mailbox.disarm();
@@ -172,6 +187,10 @@ impl Desk {
         match what {
             What::Arm(ticket) => match self.arming(ticket, asked_ns, late) {
                 Some(outcome) => self.over("arm", peer, outcome),
+                None => Step::Pending(Pending { what, peer, asked_ns, until }),
+            },
+            What::Acknowledge(ticket) => match self.acknowledging(ticket, late) {
+                Some(outcome) => self.over("acknowledge", peer, outcome),
                 None => Step::Pending(Pending { what, peer, asked_ns, until }),
             },
             What::Disarm => match self.disarming(asked_ns, late) {
@@ -234,6 +253,10 @@ impl Desk {
                 self.record("arm", peer, &Ok(()));
                 self.options.running.armed_by = Some(stamp(peer));
             }
+            What::Acknowledge(ticket) => {
+                let outcome = if self.options.mailbox.withdraw(ticket) { Err(withdrawn) } else { Ok(()) };
+                self.record("acknowledge", peer, &outcome);
+            }
             What::Disarm => self.record("disarm", peer, &Ok(())),
             What::Reading { .. } => {
                 self.reading = false;
@@ -262,7 +285,7 @@ impl Desk {
             self.refresh();
             let (Some(reference), Some(file)) = (reference, config.reference.file) else { continue };
             let name = file.display().to_string();
-            let runs = self.live_status().is_some_and(|s| s.state == State::Run.code());
+            let runs = self.live_status().is_some_and(|s| controls(&s));
             let csv = reference.to_csv();
             let taken = !runs
                 && self.live_status().is_some()
@@ -333,12 +356,40 @@ impl Desk {
         Step::Done(Box::new(reply))
     }
 
+    fn start_acknowledging(&mut self) -> Result<Ticket, String> {
+        // Also without a session: a trip of the cRIO that waits for a person bars the next one.
+        if self.newest.is_none_or(|(status, _)| status.latched == 0) {
+            return Err("nothing waits to be acknowledged".to_owned());
+        }
+        let until_ns = now_ns().saturating_add(EFFECT_TIME.as_nanos() as u64);
+        let asked = self.options.mailbox.ask(Request::Acknowledge, until_ns);
+        asked.ok_or_else(|| "too many requests wait; try again".to_owned())
+    }
+
+    /// Whether acknowledging is over, and how; `None` while it may still go either way.
+    fn acknowledging(&self, ticket: Ticket, late: bool) -> Option<Result<(), String>> {
+        let waits = self.newest.map_or(0, |(status, _)| status.latched);
+        match self.options.mailbox.fate(ticket) {
+            Fate::Taken if waits == 0 => Some(Ok(())),
+            Fate::Taken if late => {
+                Some(Err(format!("`{}` still holds, and goes on waiting", crate::notice::fault_name(waits))))
+            }
+            Fate::Waiting | Fate::Taken if !late => None,
+            Fate::Waiting if !self.options.mailbox.withdraw(ticket) => Some(Ok(())),
+            Fate::Waiting | Fate::Taken | Fate::Withdrawn => Some(Err("no tick took it in time; try again".to_owned())),
+        }
+    }
+
     fn start_arming(&mut self) -> Result<Ticket, String> {
         let Some(status) = self.live_status() else {
             return Err(format!("nothing to arm: {}", self.no_session()));
         };
-        if status.state == State::Run.code() {
+        if controls(&status) {
             return Err("it is armed already".to_owned());
+        }
+        if status.latched != 0 {
+            let what = crate::notice::fault_name(status.latched);
+            return Err(format!("`{what}` waits for `controller acknowledge`; look at it first, then arm"));
         }
         if !status.can_arm {
             let name = State::name(status.state);
@@ -354,7 +405,7 @@ impl Desk {
     /// Whether arming is over, and how; `None` while it may still go either way.
     fn arming(&mut self, ticket: Ticket, asked_ns: u64, late: bool) -> Option<Result<(), String>> {
         let fate = self.options.mailbox.fate(ticket);
-        let runs = self.newest.is_some_and(|(s, at_ns)| s.state == State::Run.code() && at_ns > asked_ns);
+        let runs = self.newest.is_some_and(|(s, at_ns)| controls(&s) && at_ns > asked_ns);
         match fate {
             Fate::Taken if runs => Some(Ok(())),
             Fate::Withdrawn => {
@@ -374,7 +425,7 @@ impl Desk {
 
     fn disarming(&self, asked_ns: u64, late: bool) -> Option<Result<(), String>> {
         let seen = !self.options.mailbox.disarm_waits();
-        let vents = self.newest.is_some_and(|(s, at_ns)| s.state != State::Run.code() && at_ns > asked_ns);
+        let vents = self.newest.is_some_and(|(s, at_ns)| !controls(&s) && at_ns > asked_ns);
         if seen && vents {
             return Some(Ok(()));
         }
@@ -465,7 +516,7 @@ impl Desk {
 
     fn reply(&mut self, outcome: Result<(), String>) -> Reply {
         let live = self.live_status();
-        let runs = live.is_some_and(|s| s.state == State::Run.code());
+        let runs = live.is_some_and(|s| controls(&s));
         let mut running = self.options.running.clone();
         running.armed_by = running.armed_by.filter(|_| runs);
         if let Some(handle) = &self.options.policies {

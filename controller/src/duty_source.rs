@@ -11,8 +11,9 @@ use proto::reference::Reference;
 use proto::wire::Mode;
 use safety_filter::SafetyFilter;
 
-use crate::notice::{Cause, Notice};
-use crate::state::State;
+use supervisor::{Condition, ControlledBy, State};
+
+use crate::notice::Notice;
 
 /// Both vents open: what is sent whenever the rig is not being controlled.
 pub const VENT: Pair = [1.0, 1.0];
@@ -99,8 +100,18 @@ pub trait DutySource: Send {
     /// What was sent.
     fn sent(&mut self, answer: &ActuatorCommand);
 
+    /// What was sent in a tick of HOLD: models move on, integrators stand still.
+    fn held(&mut self, answer: &ActuatorCommand) {
+        self.sent(answer);
+    }
+
+    /// Whose duties count from now on; nothing to a source that has no policy.
+    fn controlled_by(&mut self, controller: ControlledBy) {
+        let _ = controller;
+    }
+
     /// The rig was vented, or the operator disarms it (no cause).
-    fn stopped(&mut self, cause: Option<(Cause, f64)>);
+    fn stopped(&mut self, cause: Option<(Condition, f64)>);
 
     /// Whether there is nothing more to do.
     fn is_over(&self) -> bool;

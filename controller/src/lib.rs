@@ -24,6 +24,8 @@
 //! | [`mailbox`], [`desk`], [`socket`], [`operator_protocol`], [`peer`] | the operator |
 //! | [`signals`], [`reload`], [`console`] | signals, the configuration read again, lines for a person |
 //! | [`reference_limits`] | how near a reference may come to the safety envelope |
+//! | [`attribution`] | what a missed deadline is put down to |
+//! | [`guard`], [`systemd`] | the watchdogs |
 //! | [`notice`] | what a person is told |
 //! | [`policy_service`] | policies beside the tick: what controls from the start, the watched directory |
 //! | [`model_change`] | another model, put in at a tick's edge |
@@ -37,6 +39,7 @@
 //! `policy_store` (from a published policy to an active one), `safety_filter`, `flight` (recorder,
 //! figures, report). Nothing in the tick allocates, locks, or touches a file.
 
+pub mod attribution;
 pub mod clock;
 pub mod command_sequence;
 pub mod config;
@@ -46,6 +49,7 @@ pub mod daemon;
 pub mod desk;
 pub mod duty_source;
 pub mod experiment;
+pub mod guard;
 pub mod link;
 pub mod live_stream;
 pub mod machine_check;
@@ -70,10 +74,12 @@ pub mod run_file;
 pub mod run_length;
 pub mod sensing;
 pub mod session;
+mod session_loop;
 pub mod session_recorder;
 pub mod settling;
 pub mod signals;
 pub mod socket;
 pub mod state;
+pub mod systemd;
 pub mod tick_trial;
 pub mod yardstick;

@@ -9,17 +9,24 @@ use std::io::{self, Write};
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
+use monitor::{FrameGate, Pacing, Rejection};
 use proto::wire::{
     Bye, ByeReason, Frame, FrameReader, Hello, HelloRefusal, RawFrame, Sense, SequenceCounter, WireError,
 };
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::time::Timespec;
 use socket2::{Domain, Protocol, SockRef, Socket, TcpKeepalive, Type};
+use supervisor::Condition;
 
 use crate::clock::now_ns;
 
 /// How long connecting and each answer of the handshake may take.
 const HANDSHAKE: Duration = Duration::from_millis(1000);
+/// Bytes taken in one tick: a thousand readings, twenty seconds of a machine that stood still. More is a flood.
+const MOST_BYTES: usize = 64 * 1024;
+/// Room for commands that the cRIO has not read yet, in bytes; the kernel doubles it. A second or two of them, so that a
+/// cRIO that stopped reading is noticed.
+const SEND_BUFFER: usize = 4096;
 /// The daemon's name in HELLO.
 const NAME: &str = "controller";
 
@@ -106,8 +113,32 @@ pub enum Incoming {
     },
     /// The deadline passed.
     Timeout,
-    /// The link is gone, or its bytes make no sense any more.
-    Lost,
+    /// The link is gone, or must be closed.
+    Lost(Broken),
+}
+
+/// Why a link is gone or must be closed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Broken {
+    /// The condition.
+    pub condition: Condition,
+    /// The number behind it.
+    pub value: f64,
+}
+
+impl Broken {
+    fn because(condition: Condition, value: f64) -> Self {
+        Broken { condition, value }
+    }
+
+    /// Reason of the BYE that is said before closing.
+    pub fn bye_reason(self) -> ByeReason {
+        match self.condition {
+            Condition::VersionWrong => ByeReason::Version,
+            Condition::LinkLost | Condition::PeerLeft => ByeReason::Normal,
+            _ => ByeReason::ProtocolError,
+        }
+    }
 }
 
 /// A frame did not go out whole: the link is lost.
@@ -120,8 +151,11 @@ pub struct Link {
     reader: FrameReader,
     sequence: SequenceCounter,
     session: u32,
-    last_tick: Option<u32>,
+    gate: FrameGate,
     damaged: u64,
+    rejected: Option<Rejection>,
+    /// Bytes taken since the last reading was asked for.
+    taken: usize,
 }
 
 impl Link {
@@ -132,15 +166,17 @@ impl Link {
     ///
     /// # Real-time
     /// Not for the tick: it waits and allocates.
-    pub fn open(address: &str) -> Result<Self, LinkError> {
+    pub fn open(address: &str, pacing: Pacing) -> Result<Self, LinkError> {
         let socket = connect(address)?;
         let mut link = Link {
             socket,
             reader: FrameReader::new(),
             sequence: SequenceCounter::new(),
             session: fresh_session(),
-            last_tick: None,
+            gate: FrameGate::new(pacing),
             damaged: 0,
+            rejected: None,
+            taken: 0,
         };
         let hello = Hello::new(link.sequence.advance(), now_ns(), link.session, NAME);
         let broken = |source| LinkError::Broken { address: address.to_owned(), source };
@@ -195,7 +231,23 @@ impl Link {
         self.session
     }
 
-    /// Frames dropped as damaged, repeated or of another session.
+    /// A frame since the last call that did not count because its numbering cannot be right.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn take_rejection(&mut self) -> Option<Rejection> {
+        self.rejected.take()
+    }
+
+    /// Whether the cRIO samples at another rate, with the rate in Hz.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn wrong_rate(&self) -> Option<(Condition, f64)> {
+        self.gate.wrong_rate()
+    }
+
+    /// Frames dropped as damaged, or of a kind or session that has no place here.
     pub fn damaged(&self) -> u64 {
         self.damaged
     }
@@ -205,13 +257,14 @@ impl Link {
     /// What has already come is taken first, so a late wake-up of this thread loses nothing.
     ///
     /// # Real-time
-    /// Runs in the tick: waits no longer than asked, allocates nothing.
+    /// Runs in the tick: waits no longer than asked, takes no more than [`MOST_BYTES`], allocates nothing.
     pub fn receive(&mut self, until_ns: Option<u64>) -> Incoming {
+        self.taken = 0;
         loop {
             match self.newest() {
                 Ok(Some((sense, raw))) => return Incoming::Sense { sense, raw, at_ns: now_ns() },
                 Ok(None) => {}
-                Err(()) => return Incoming::Lost,
+                Err(broken) => return Incoming::Lost(broken),
             }
             if !self.wait(until_ns) {
                 return Incoming::Timeout;
@@ -245,35 +298,42 @@ impl Link {
     }
 
     /// Takes everything that has come and answers the newest reading in it.
-    fn newest(&mut self) -> Result<Option<(Sense, RawFrame)>, ()> {
+    fn newest(&mut self) -> Result<Option<(Sense, RawFrame)>, Broken> {
         let mut newest = None;
         loop {
             match self.reader.next_frame() {
                 Ok(Some(received)) => match received.frame {
-                    Frame::Sense(sense) if self.is_next(&sense) => {
-                        self.last_tick = Some(sense.tick);
-                        newest = Some((sense, received.raw));
+                    Frame::Sense(sense) if sense.session == self.session => match self.gate.judge(&sense, now_ns()) {
+                        Ok(()) => newest = Some((sense, received.raw)),
+                        Err(rejection) => self.rejected = Some(rejection),
+                    },
+                    Frame::Bye(bye) => {
+                        return Err(Broken::because(Condition::PeerLeft, f64::from(bye.reason.code())));
                     }
-                    Frame::Bye(_) => return Err(()),
                     _ => self.damaged += 1,
                 },
-                Ok(None) => match self.reader.read_from(&mut self.socket) {
-                    Ok(0) => return newest.map_or(Err(()), |n| Ok(Some(n))),
-                    Ok(_) => {}
-                    Err(e) if e.kind() == io::ErrorKind::WouldBlock => return Ok(newest),
-                    Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
-                    Err(_) => return Err(()),
-                },
-                Err(damage) if damage.is_fatal() => return Err(()),
+                Ok(None) => {
+                    if self.taken > MOST_BYTES {
+                        return Err(Broken::because(Condition::LinkFlooded, self.taken as f64));
+                    }
+                    match self.reader.read_from(&mut self.socket) {
+                        Ok(0) => {
+                            return newest
+                                .map_or(Err(Broken::because(Condition::LinkLost, 0.0)), |newest| Ok(Some(newest)));
+                        }
+                        Ok(bytes) => self.taken += bytes,
+                        Err(e) if e.kind() == io::ErrorKind::WouldBlock => return Ok(newest),
+                        Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                        Err(e) => {
+                            let errno = e.raw_os_error().unwrap_or(0);
+                            return Err(Broken::because(Condition::LinkLost, f64::from(errno)));
+                        }
+                    }
+                }
+                Err(damage) if damage.is_fatal() => return Err(broken_stream(damage.error)),
                 Err(_) => self.damaged += 1,
             }
         }
-    }
-
-    /// Whether a reading belongs to this session and is newer than the last.
-    fn is_next(&self, sense: &Sense) -> bool {
-        let newer = |last: u32| (1..u32::MAX / 2).contains(&sense.tick.wrapping_sub(last));
-        sense.session == self.session && self.last_tick.is_none_or(newer)
     }
 
     /// Waits until there is something to read; `false` at the deadline.
@@ -290,6 +350,17 @@ impl Link {
                 _ => return true,
             }
         }
+    }
+}
+
+fn broken_stream(error: WireError) -> Broken {
+    match error {
+        WireError::Version { found, .. } => Broken::because(Condition::VersionWrong, f64::from(found)),
+        WireError::Magic { header } => {
+            let first = header.as_bytes().iter().take(4).fold(0u32, |word, byte| (word << 8) | u32::from(*byte));
+            Broken::because(Condition::StreamBroken, f64::from(first))
+        }
+        _ => Broken::because(Condition::StreamBroken, f64::from(proto::wire::MAGIC)),
     }
 }
 
@@ -311,6 +382,7 @@ fn connect_to(address: SocketAddr) -> io::Result<TcpStream> {
     socket.connect_timeout(&address.into(), HANDSHAKE)?;
     // With Nagle's algorithm on, a frame can wait 40 ms for an acknowledgement.
     socket.set_tcp_nodelay(true)?;
+    socket.set_send_buffer_size(SEND_BUFFER)?;
     let stream: TcpStream = socket.into();
     // A cRIO that lost its power says nothing; without probes the link would look alive for hours.
     let keepalive = TcpKeepalive::new().with_time(Duration::from_secs(1)).with_interval(Duration::from_secs(1));

@@ -22,10 +22,16 @@ const PLACES: usize = 2 * MOST_WAITING;
 /// What the daemon is doing, as of the newest tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Status {
-    /// State: 0 standby, 1 run, 2 vented.
+    /// State, as [`supervisor::State`] numbers it: 0 standby, 1 run, 2 vented, 3 hold, 4 revert, 5 fault, 6 connecting.
     pub state: u8,
-    /// Fault behind `vented`, 0 for none.
+    /// Condition behind `vented`, `fault` or the end of the last session, 0 for none ([`supervisor::Condition`]).
     pub fault: u16,
+    /// Worst condition that waits for `controller acknowledge`, 0 for none.
+    #[serde(default)]
+    pub latched: u16,
+    /// When the newest frame came, ns of the daemon's monotonic clock; 0 before the first. The pressures are that old.
+    #[serde(default)]
+    pub received_ns: u64,
     /// Session, 0 without one.
     pub session: u32,
     /// Tick of the session.
@@ -56,6 +62,8 @@ pub enum Request {
     Arm,
     /// Open the vents.
     Disarm,
+    /// What was wrong has been looked at; what still holds goes on waiting.
+    Acknowledge,
     /// Follow another reference.
     Reference(Box<Reference>),
 }
@@ -148,6 +156,11 @@ impl TickMailbox {
     /// Runs in the tick: lock-free, allocation-free.
     pub fn show(&self, status: Status) {
         self.shared.status.force_push((status, now_ns()));
+    }
+
+    /// Shows a status whose data is as old as this time, monotonic clock (ns): there is no session.
+    pub fn show_as_of(&self, status: Status, at_ns: u64) {
+        self.shared.status.force_push((status, at_ns));
     }
 
     /// The next request that still counts, if there is one; disarming comes first.

@@ -6,38 +6,9 @@ use handover::{Loss, PolicyEvent, PolicyTag, StageNow};
 use model::observation::Pair;
 use proto::recording::EventLevel;
 use proto::wire::TripBits;
+use supervisor::Condition;
 
-/// Why the rig was vented.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u16)]
-pub enum Cause {
-    /// Frames stopped coming.
-    FramesMissing = 1,
-    /// A sensor's voltage is out of range or not a number; 0 positive, 1 negative.
-    SensorPositive = 2,
-    /// As above, negative sensor.
-    SensorNegative = 3,
-    /// Positive pressure above its limit.
-    OverPressure = 4,
-    /// Negative pressure below its limit.
-    OverVacuum = 5,
-    /// The cRIO tripped by itself.
-    CrioTripped = 6,
-    /// The link is gone.
-    LinkLost = 7,
-    /// The law's answer was not a number.
-    LawNotFinite = 8,
-    /// The cRIO vented because our commands did not reach it in time.
-    CommandsLost = 9,
-}
-
-impl Cause {
-    /// Whether the rig may be armed again by itself (with `auto_arm`) once this is over: only what has to
-    /// do with the link, never what has to do with pressure or sensors.
-    pub fn clears_by_itself(self) -> bool {
-        matches!(self, Cause::FramesMissing | Cause::LinkLost | Cause::CommandsLost)
-    }
-}
+pub use crate::attribution::MissCause;
 
 /// Something that happened in the tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,11 +33,73 @@ pub enum Notice {
     /// The rig was vented.
     Vented {
         /// Why.
-        cause: Cause,
+        cause: Condition,
         /// Tick.
         tick: u32,
         /// The number behind it: volts, kPa, ms, trip bits.
         value: f64,
+    },
+    /// The link is gone while the rig is vented for something worse.
+    Disconnected {
+        /// What ended the link.
+        cause: Condition,
+        /// Tick.
+        tick: u32,
+    },
+    /// Venting is still in doubt.
+    StillFaulted {
+        /// Why.
+        cause: Condition,
+        /// Tick.
+        tick: u32,
+        /// For so long, in s.
+        seconds: f64,
+        /// Pressures now, kPa gauge.
+        measured_kpa: [f64; 2],
+    },
+    /// HOLD began: the plan goes on with integrators still.
+    Held {
+        /// Why.
+        condition: Condition,
+        /// Tick.
+        tick: u32,
+        /// The number behind it.
+        value: f64,
+    },
+    /// The fallback took over from the policy.
+    Reverted {
+        /// Why.
+        condition: Condition,
+        /// Tick.
+        tick: u32,
+        /// The number behind it.
+        value: f64,
+    },
+    /// The policy controls again.
+    Returned {
+        /// Tick.
+        tick: u32,
+    },
+    /// A person acknowledged what was wrong.
+    Acknowledged {
+        /// Tick.
+        tick: u32,
+    },
+    /// A person acknowledged, and it is still wrong.
+    StillHolds {
+        /// What.
+        condition: Condition,
+        /// Tick.
+        tick: u32,
+        /// The number behind it.
+        value: f64,
+    },
+    /// Frames came too seldom.
+    FramesScarce {
+        /// Tick.
+        tick: u32,
+        /// Of the last hundred.
+        missing: u32,
     },
     /// What caused the venting is over.
     Recovered {
@@ -86,6 +119,8 @@ pub enum Notice {
         tick: u32,
         /// Time from the expected frame to the command, in ms.
         took_ms: f64,
+        /// What it is put down to.
+        cause: MissCause,
     },
     /// A frame was damaged and dropped.
     FrameDamaged {
@@ -127,10 +162,26 @@ impl Notice {
             Notice::SessionOpened { session } => (1, [f64::from(session), 0.0, 0.0, 0.0]),
             Notice::Armed { tick, auto } => (2, [f64::from(tick), f64::from(u8::from(auto)), 0.0, 0.0]),
             Notice::Disarmed { tick } => (3, [f64::from(tick), 0.0, 0.0, 0.0]),
-            Notice::Vented { cause, tick, value } => (100 + cause as u16, [f64::from(tick), value, 0.0, 0.0]),
+            Notice::Vented { cause, tick, value } => (100 + cause.code(), [f64::from(tick), value, 0.0, 0.0]),
+            Notice::Disconnected { cause, tick } => (18, [f64::from(tick), f64::from(cause.code()), 0.0, 0.0]),
+            Notice::StillFaulted { cause, tick, seconds, measured_kpa: [pos, neg] } => {
+                (300 + cause.code(), [f64::from(tick), seconds, pos, neg])
+            }
+            Notice::Held { condition, tick, value } => (11, [f64::from(tick), f64::from(condition.code()), value, 0.0]),
+            Notice::Reverted { condition, tick, value } => {
+                (13, [f64::from(tick), f64::from(condition.code()), value, 0.0])
+            }
+            Notice::Returned { tick } => (14, [f64::from(tick), 0.0, 0.0, 0.0]),
+            Notice::Acknowledged { tick } => (15, [f64::from(tick), 0.0, 0.0, 0.0]),
+            Notice::StillHolds { condition, tick, value } => {
+                (16, [f64::from(tick), f64::from(condition.code()), value, 0.0])
+            }
+            Notice::FramesScarce { tick, missing } => (17, [f64::from(tick), f64::from(missing), 0.0, 0.0]),
             Notice::Recovered { tick } => (4, [f64::from(tick), 0.0, 0.0, 0.0]),
             Notice::FrameMissed { tick, late_ms } => (5, [f64::from(tick), late_ms, 0.0, 0.0]),
-            Notice::DeadlineMissed { tick, took_ms } => (6, [f64::from(tick), took_ms, 0.0, 0.0]),
+            Notice::DeadlineMissed { tick, took_ms, cause } => {
+                (6, [f64::from(tick), took_ms, f64::from(cause as u8), 0.0])
+            }
             Notice::FrameDamaged { count } => (7, [count as f64, 0.0, 0.0, 0.0]),
             Notice::Policy { tick, event } => policy_numbers(tick, event),
             Notice::Filtered { tick, asked, measured } => (20, [f64::from(tick), asked[0], asked[1], measured[0]]),
@@ -139,7 +190,7 @@ impl Notice {
         };
         let level = match code {
             100.. => EventLevel::Error,
-            5..=8 | 20 | 24 => EventLevel::Warning,
+            5..=8 | 11 | 13 | 16 | 17 | 20 | 24 => EventLevel::Warning,
             _ => EventLevel::Info,
         };
         Event { at_ns, level, part: "tick", code, values }
@@ -186,41 +237,99 @@ fn policy_sentence(event: &Event) -> String {
 
 /// What a recorded fault is called.
 pub fn fault_name(code: u16) -> &'static str {
-    match code {
-        1 => "frames missing",
-        2 => "positive sensor broken",
-        3 => "negative sensor broken",
-        4 => "over-pressure",
-        5 => "over-vacuum",
-        6 => "cRIO tripped",
-        7 => "link lost",
-        8 => "control law not finite",
-        9 => "commands lost",
-        _ => "unknown fault",
-    }
+    Condition::from_code(code).map_or("unknown fault", Condition::name)
 }
 
 /// A fault with the number behind it, and where to look.
 pub fn fault_text(code: u16, value: f64) -> String {
-    match code {
-        1 => format!("no frame for {value:.0} ms"),
-        2 => format!("the positive sensor reads {value:.3} V, outside 0.8 … 5.2 V; check sensor and wire"),
-        3 => format!("the negative sensor reads {value:.3} V, outside 0.8 … 5.2 V; check sensor and wire"),
-        4 => format!("positive pressure {value:.1} kPa is above safety.max_pos_kpa"),
-        5 => format!("negative pressure {value:.1} kPa is below safety.min_neg_kpa"),
-        6 => format!("the cRIO tripped ({})", TripBits::from_bits(value as u8)),
-        7 => "the link to the cRIO is lost".to_owned(),
-        8 => "the control law gave no finite duty".to_owned(),
-        9 => "the cRIO got no command in time and vented by itself".to_owned(),
-        _ => fault_name(code).to_owned(),
+    use Condition as C;
+    let Some(condition) = Condition::from_code(code) else { return fault_name(code).to_owned() };
+    match condition {
+        C::FramesScarce => {
+            format!("{value:.0} of the last 100 frames did not come in time; look at the link and its load")
+        }
+        C::NotRealtime => "real-time rights are missing, and realtime.enforce = true asks for them".to_owned(),
+        C::FrameMissing | C::FramesMissing => format!("no frame for {value:.0} ms"),
+        C::FrameImplausible => format!("a frame's numbering cannot be right ({value:.0})"),
+        C::DeadlineMissed => format!("a command left {value:.1} ms after its frame was due"),
+        C::ReadingSuspect => format!("a reading jumped {value:+.1} kPa away from what the model foresaw"),
+        C::TrackingPoor => format!("a pressure stays {value:+.1} kPa away from its reference"),
+        C::PolicyRefused => "the policy gave no usable answer".to_owned(),
+        C::FramesLost => format!("{value:.0} of the last 100 frames did not come in time, more than 25"),
+        C::DeadlinesMissed => format!("deadlines missed: {value:.0} of the last 100, or three in a row"),
+        C::CommandsLost => "the cRIO got no command in time and vented by itself".to_owned(),
+        C::ClockImplausible => format!(
+            "the frames' sequence number, clock or tick does not go on as time does ({value:.0}); look at the cRIO's program"
+        ),
+        C::FramesDamaged => format!("{value:.0} of the last 100 frames had a wrong CRC; the link is closed"),
+        C::LinkFlooded => format!("{value:.0} bytes came in one tick; a cRIO sends 64; the link is closed"),
+        C::StreamBroken => format!(
+            "the byte stream is broken: a frame began with wrong magic, type or length (0x{:08X}); the link is closed",
+            value as u32
+        ),
+        C::VersionWrong => {
+            format!("a frame of protocol version {value:.0} came, this program speaks 1; the link is closed")
+        }
+        C::NotRead => "the cRIO no longer reads what is sent to it; the link is closed".to_owned(),
+        C::PeerLeft => "the cRIO said BYE".to_owned(),
+        C::LinkLost => "the link to the cRIO is lost".to_owned(),
+        C::SampleRate => {
+            format!("the cRIO does not sample at 50 Hz (its period now makes {value:.1} Hz); set its loop to 20 ms")
+        }
+        C::LawNotFinite => "the control law gave no finite duty".to_owned(),
+        C::CommandNotInForce => format!(
+            "the cRIO reports command {value:.0} in force, which is none of the last; does it apply what it receives?"
+        ),
+        C::EchoWrong => format!("the cRIO reports a duty of {value:.3} that was not commanded; look at its outputs"),
+        C::CrioIdle => format!("the cRIO reports state {value:.0} although it is told to run"),
+        C::PumpOff => "the cRIO reports the pump off although it is switched on; look at relay and supply".to_owned(),
+        C::Uncontrolled => {
+            format!(
+                "a pressure of {value:.1} kPa stays beyond its reference with the vent open; look at valve and hose"
+            )
+        }
+        C::ModelPositive => format!("positive{}", against_the_model(value)),
+        C::ModelNegative => format!("negative{}", against_the_model(value)),
+        C::FrozenPositive => format!("the positive{}", frozen(value)),
+        C::FrozenNegative => format!("the negative{}", frozen(value)),
+        C::RangePositive => {
+            format!("the positive sensor reads {value:.1} kPa, which no positive chamber has; check sensor and wire")
+        }
+        C::RangeNegative => {
+            format!("the negative sensor reads {value:.1} kPa, which no negative chamber has; check sensor and wire")
+        }
+        C::SensorPositive => {
+            format!("the positive sensor reads {value:.3} V, outside 0.8 … 5.2 V; check sensor and wire")
+        }
+        C::SensorNegative => {
+            format!("the negative sensor reads {value:.3} V, outside 0.8 … 5.2 V; check sensor and wire")
+        }
+        C::TripBits => format!("the cRIO reports {} without having tripped", TripBits::from_bits(value as u8)),
+        C::CrioTripped => format!("the cRIO tripped ({})", TripBits::from_bits(value as u8)),
+        C::OverVacuum => format!("negative pressure {value:.1} kPa is below safety.min_neg_kpa"),
+        C::OverPressure => format!("positive pressure {value:.1} kPa is above safety.max_pos_kpa"),
+        C::VentNotEchoed => format!(
+            "FAULT: both vents were commanded open and the cRIO reports a duty of {value:.3}; switch the pump off by hand"
+        ),
+        C::VentIneffective => format!(
+            "FAULT: the vents are commanded open and {value:.1} kPa does not fall; valve, hose or sensor is stuck: switch the pump off by hand"
+        ),
     }
 }
 
-/// One plain sentence for an event of a flight that is one session: nothing is connected again.
+fn against_the_model(kpa: f64) -> String {
+    format!(" reading and model disagree by {kpa:+.1} kPa: a wrong sensor, a leak, a stuck valve or a burst hose")
+}
+
+fn frozen(ticks: f64) -> String {
+    format!(" sensor's reading has not moved in a single bit for {ticks:.0} ticks; it is stuck")
+}
+
+/// One plain sentence for an event of a run that is one session: nothing is connected again.
 pub fn sentence_of_one_session(event: &Event) -> String {
     let [tick, value, ..] = event.values;
     match event.code {
-        code @ 101..=109 => format!("VENTED at tick {tick:.0}: {}", fault_text(code - 100, value)),
+        code @ 101..=199 => format!("VENTED at tick {tick:.0}: {}", fault_text(code - 100, value)),
         2 => format!("at rest; the first row is played at tick {tick:.0}"),
         _ => sentence(event),
     }
@@ -228,7 +337,7 @@ pub fn sentence_of_one_session(event: &Event) -> String {
 
 /// One plain sentence for an event made by [`Notice::event`].
 pub fn sentence(event: &Event) -> String {
-    let [a, b, ..] = event.values;
+    let [a, b, c, d] = event.values;
     let at = format!("at tick {a:.0}");
     match event.code {
         1 => format!("session {:08X} opened", a as u32),
@@ -237,26 +346,71 @@ pub fn sentence(event: &Event) -> String {
         3 => format!("disarmed {at}; both vents open"),
         4 => format!("sound again {at}; standing by, vents open"),
         5 => format!("frame {a:.0} did not come ({b:.1} ms late); following the plan for one tick"),
-        6 => format!("deadline missed {at}: the command left {b:.1} ms after its frame was due"),
+        6 => format!(
+            "deadline missed {at}: the command left {b:.1} ms after its frame was due ({})",
+            MissCause::text(c as u8)
+        ),
         7 => format!("a frame came damaged and was dropped ({a:.0} in this session)"),
         8 | 21..=25 => policy_sentence(event),
         9 => format!("the run is over {at}; vents open"),
-        20 => {
-            let [_, pos, neg, _] = event.values;
-            format!(
-                "the safety filter acts {at}: duties {pos:.3} and {neg:.3} would have left the envelope and were bent toward vent"
-            )
-        }
+        20 => format!(
+            "the safety filter acts {at}: duties {b:.3} and {c:.3} would have left the envelope and were bent toward vent"
+        ),
         10 => format!("the last row was played {at}; both vents open"),
-        code @ 101..=109 => {
-            let next = match code - 100 {
-                1 => "; waiting for the cRIO",
-                6 | 9 => "; a new session will be opened",
-                7 => "; connecting again",
-                _ => "",
-            };
-            format!("VENTED {at}: {}{next}", fault_text(code - 100, b))
+        11 => format!("holding {at}: {}", fault_text(b as u16, c)),
+        13 => format!("the fallback took over {at}: {}", fault_text(b as u16, c)),
+        14 => format!("the policy controls again {at}"),
+        15 => format!("acknowledged {at}; arm when you are ready"),
+        16 => format!("acknowledged {at}, but it still holds: {}", fault_text(b as u16, c)),
+        17 => format!("{} {at}", fault_text(Condition::FramesScarce.code(), b)),
+        18 => format!("the session ended {at}: {}; the rig stays vented", fault_name(b as u16)),
+        code @ 101..=199 => {
+            let fault = code - 100;
+            format!("VENTED {at}: {}{}", fault_text(fault, b), what_next(fault))
         }
+        code @ 301..=399 => format!(
+            "STILL IN DOUBT after {b:.0} s {at}: {} at {c:.1}/{d:.1} kPa; switch the pump off by hand",
+            fault_name(code - 300)
+        ),
         code => format!("event {code} {:?}", event.values),
+    }
+}
+
+/// What follows by itself, or what a person must do.
+fn what_next(fault: u16) -> &'static str {
+    match Condition::from_code(fault) {
+        Some(Condition::FramesMissing | Condition::FramesLost | Condition::ClockImplausible) => {
+            "; waiting for the cRIO"
+        }
+        Some(Condition::CommandsLost) => "; a new session will be opened",
+        Some(
+            Condition::LinkLost
+            | Condition::PeerLeft
+            | Condition::NotRead
+            | Condition::FramesDamaged
+            | Condition::LinkFlooded
+            | Condition::StreamBroken
+            | Condition::VersionWrong,
+        ) => "; connecting again",
+        Some(condition) if condition.latch() == supervisor::condition::Latch::UntilAcknowledged => {
+            "; `controller acknowledge` once it is mended, then arm"
+        }
+        _ => "",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_condition_has_a_line_of_its_own() {
+        let mut seen = std::collections::BTreeSet::new();
+        for condition in Condition::ALL {
+            let notice = Notice::Vented { cause: *condition, tick: 7, value: 3.0 };
+            let line = sentence(&notice.event(0));
+            assert!(line.contains("tick 7") && !line.contains('\n') && !line.contains("event "), "{line}");
+            assert!(seen.insert(line.clone()) || *condition == Condition::FramesMissing, "twice: {line}");
+        }
     }
 }

@@ -11,10 +11,11 @@
 
 use model::observation::Pair;
 use proto::recording::{EventLevel, TickRecord};
+use supervisor::Condition;
 
 use crate::command_sequence::Row;
 use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, SensorSample};
-use crate::notice::{Cause, Notice, fault_text};
+use crate::notice::{Notice, fault_text};
 use crate::settling::SettlingDetector;
 
 /// How long the pressures may take to stand still before the first row, in ticks: 60 s.
@@ -32,7 +33,7 @@ pub enum Stopped {
     /// The watch vented the rig.
     Vented {
         /// Why.
-        cause: Cause,
+        cause: Condition,
         /// The number behind it: volts, kPa, ms, trip bits.
         value: f64,
     },
@@ -50,7 +51,7 @@ pub enum Stopped {
 impl std::fmt::Display for Stopped {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Stopped::Vented { cause, value } => f.write_str(&fault_text(*cause as u16, *value)),
+            Stopped::Vented { cause, value } => f.write_str(&fault_text(cause.code(), *value)),
             Stopped::Disarmed => f.write_str("disarmed by the operator"),
             Stopped::PumpRuns => f.write_str(
                 "the cRIO reports its pump running although it is asked to stop: it has no pump relay, and the model has",
@@ -130,7 +131,7 @@ impl OpenLoopPlayback {
 
     fn stop(&mut self, why: Stopped) {
         // While the vents are open anyway, frames that came late end nothing: the wait for rest begins anew.
-        if self.phase == Phase::Settle && matches!(why, Stopped::Vented { cause: Cause::FramesMissing, .. }) {
+        if self.phase == Phase::Settle && matches!(why, Stopped::Vented { cause: Condition::FramesMissing, .. }) {
             self.calm = SettlingDetector::new();
             return;
         }
@@ -215,7 +216,7 @@ impl DutySource for OpenLoopPlayback {
 
     fn sent(&mut self, _answer: &ActuatorCommand) {}
 
-    fn stopped(&mut self, cause: Option<(Cause, f64)>) {
+    fn stopped(&mut self, cause: Option<(Condition, f64)>) {
         self.stop(cause.map_or(Stopped::Disarmed, |(cause, value)| Stopped::Vented { cause, value }));
     }
 
@@ -237,9 +238,9 @@ impl DutySource for OpenLoopPlayback {
 #[cfg(test)]
 mod tests {
     use model::observation::CHANNELS;
+    use supervisor::State;
 
     use super::*;
-    use crate::state::State;
 
     const SHUT: Row = Row { duty: [0.25, 0.5], pump_on: true };
 
@@ -299,7 +300,7 @@ mod tests {
         let mut playing = OpenLoopPlayback::new([SHUT; 10].into(), true);
         playing.armed(0, [0.0; CHANNELS]);
         playing.bridge(0);
-        playing.stopped(Some((Cause::OverPressure, 161.0)));
+        playing.stopped(Some((Condition::OverPressure, 161.0)));
         DutySource::stopped(&mut playing, None);
         playing.armed(1, [0.0; CHANNELS]);
         assert_eq!(playing.bridge(1), ActuatorCommand::VENT);
@@ -315,10 +316,10 @@ mod tests {
         for tick in 0..usual {
             assert_eq!(playing.on_sample(&seen(tick, [0.0; CHANNELS], State::Standby)), ModeRequest::None);
         }
-        playing.stopped(Some((Cause::FramesMissing, 26.0)));
+        playing.stopped(Some((Condition::FramesMissing, 26.0)));
         assert_eq!(playing.why_stopped(), None);
         assert_eq!(settles(&mut playing, |_| 0.0), Some(usual), "the whole wait again");
-        playing.stopped(Some((Cause::SensorPositive, 0.0)));
+        playing.stopped(Some((Condition::SensorPositive, 0.0)));
         assert!(playing.why_stopped().is_some());
     }
 

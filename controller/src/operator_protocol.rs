@@ -1,6 +1,6 @@
 //! What is said over the operator's Unix socket: one JSON object per line, asked and answered.
 //!
-//! `{"ask":"status"}`, `{"ask":"arm"}`, `{"ask":"disarm"}`, `{"ask":"reference","file":"/abs/path.csv"}`; the answer is
+//! `{"ask":"status"}`, `{"ask":"arm"}`, `{"ask":"disarm"}`, `{"ask":"acknowledge"}`, `{"ask":"reference","file":"/abs/path.csv"}`; the answer is
 //! `{"ok":true, …}` or `{"ok":false,"error":"one line"}`. A request has to be there whole within [`REQUEST_TIME`] of the
 //! connection. The connection belongs to it: who closes it before the answer withdraws the request.
 
@@ -51,6 +51,8 @@ pub enum Ask {
         /// Absolute path of the rig file, or the name of a built-in rig.
         file: PathBuf,
     },
+    /// What was wrong has been looked at.
+    Acknowledge {},
     /// Follow another reference.
     Reference {
         /// Absolute path of the CSV file: its name, and where the daemon reads it if `csv` is not given.

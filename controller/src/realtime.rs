@@ -1,7 +1,7 @@
 //! Makes the tick's thread a real-time one, as far as the machine allows.
 //!
-//! What it does not allow is told in one line each and does not stop the daemon: on a lab PC without the
-//! rights the loop still runs, just later at times, and the recording shows how much.
+//! What it does not allow is told in one line each, with the limit to raise. With `realtime.enforce` (the default) nothing is
+//! armed then; without it the loop runs all the same, just later at times, and the recording shows how much.
 
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{Resource, geteuid, getrlimit};
@@ -11,26 +11,84 @@ use thread_priority::{
     set_thread_priority_and_policy, thread_native_id,
 };
 
-use crate::config::Realtime;
+use supervisor::Condition;
+
+use crate::config::{Config, Pacing, Realtime};
 
 /// Memory that locking must be allowed for, far above what the daemon uses: 1 GiB.
 const ENOUGH_MEMORY: u64 = 1 << 30;
 
+/// Whether all memory is locked.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum MemoryLock {
+    /// It is.
+    Locked,
+    /// It is not, for this reason.
+    Refused(String),
+}
+
+impl MemoryLock {
+    /// Why it is not locked; `None` where it is.
+    pub fn refusal(self) -> Option<String> {
+        match self {
+            MemoryLock::Locked => None,
+            MemoryLock::Refused(line) => Some(line),
+        }
+    }
+}
+
+/// What this machine refused, and whether that keeps the rig from being armed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Rights {
+    lines: Vec<String>,
+    bars_arming: Option<Condition>,
+}
+
+impl Rights {
+    /// Judges what was refused to the tick's thread and what became of locking memory.
+    pub fn of(refused: Vec<String>, memory: MemoryLock, config: &Config) -> Self {
+        let mut lines = refused;
+        lines.extend(memory.refusal());
+        let enforced = config.realtime.enforce && config.link.pacing == Pacing::Realtime;
+        let bars_arming = (enforced && !lines.is_empty()).then_some(Condition::NotRealtime);
+        if bars_arming.is_some() {
+            lines.push(
+                "NOTHING WILL BE ARMED: realtime.enforce = true asks for all of the above; grant it, or set it to false"
+                    .to_owned(),
+            );
+        }
+        Rights { lines, bars_arming }
+    }
+
+    /// One line for each right that is missing, and what follows.
+    pub fn lines(&self) -> &[String] {
+        &self.lines
+    }
+
+    /// The condition that holds for as long as this process lives, if rights are missing and enforced.
+    pub fn bar_arming(&self) -> Option<Condition> {
+        self.bars_arming
+    }
+}
+
 /// Locks all memory, present and future, so that the tick never waits for a page; call it before threads
 /// are started. Answers what was refused.
-pub fn lock_memory() -> Option<String> {
+pub fn lock_memory() -> MemoryLock {
     // Locking what will come, too, under a small limit would not fail here but when the next thread needs a stack.
     let limit = getrlimit(Resource::Memlock).current.unwrap_or(u64::MAX);
     if limit < ENOUGH_MEMORY && !geteuid().is_root() {
-        return Some(format!(
+        return MemoryLock::Refused(format!(
             "memory is not locked (the limit is {} MiB); a page fault may delay a tick: give the service LimitMEMLOCK=infinity",
             limit >> 20
         ));
     }
     // Stacks and heap of later threads are locked as they are made.
-    mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).err().map(|errno| {
-        format!("memory is not locked ({errno}); a page fault may delay a tick: give the service LimitMEMLOCK=infinity")
-    })
+    match mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE) {
+        Ok(()) => MemoryLock::Locked,
+        Err(errno) => MemoryLock::Refused(format!(
+            "memory is not locked ({errno}); a page fault may delay a tick: give the service LimitMEMLOCK=infinity"
+        )),
+    }
 }
 
 /// Gives the calling thread SCHED_FIFO and one CPU. Answers what was refused.
@@ -64,7 +122,7 @@ pub fn with_priority<T: Send>(priority: u8, start: impl FnOnce() -> T + Send) ->
 }
 
 /// Gives the calling thread SCHED_FIFO.
-fn raise(priority: u8) -> Result<(), String> {
+pub(crate) fn raise(priority: u8) -> Result<(), String> {
     let fifo = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
     let value = ThreadPriorityValue::try_from(priority).map_err(|e| e.to_string())?;
     set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Crossplatform(value), fifo)
@@ -85,4 +143,26 @@ fn pin(wanted: Option<usize>) -> Result<(), String> {
     let mut only = CpuSet::new();
     only.set(cpu);
     sched_setaffinity(None, &only).map_err(|errno| format!("the tick is not pinned to CPU {cpu} ({errno})"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn missing_rights_bar_arming_only_where_they_are_enforced() {
+        let mut config = Config::for_address("127.0.0.1:1");
+        let refused = || vec!["no SCHED_FIFO priority 80".to_owned()];
+        assert_eq!(Rights::of(Vec::new(), MemoryLock::Locked, &config).bar_arming(), None);
+        let rights = Rights::of(refused(), MemoryLock::Locked, &config);
+        assert_eq!(rights.bar_arming(), Some(Condition::NotRealtime));
+        assert!(rights.lines().last().is_some_and(|line| line.contains("realtime.enforce")), "{rights:?}");
+        let unlocked = MemoryLock::Refused("memory is not locked".to_owned());
+        assert!(Rights::of(Vec::new(), unlocked, &config).bar_arming().is_some());
+        config.realtime.enforce = false;
+        assert_eq!(Rights::of(refused(), MemoryLock::Locked, &config).bar_arming(), None);
+        config.realtime.enforce = true;
+        config.link.pacing = Pacing::Lockstep;
+        assert_eq!(Rights::of(refused(), MemoryLock::Locked, &config).bar_arming(), None);
+    }
 }

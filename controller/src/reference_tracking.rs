@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use admission::model_comparison::Sample;
-use handover::{Arbiter, Candidate, Loss, PolicyEvent, StoreEnd, channel};
+use handover::{Arbiter, Candidate, Loss, PolicyEvent, StoreEnd, Trust, channel};
 use law::{ControlInput, SoftStart, TICK_S};
 use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
 use model::predict::Predictor;
@@ -13,10 +13,11 @@ use policy::Policy;
 use proto::recording::{LawParts, TickInput, TickRecord};
 use proto::reference::Reference;
 use safety_filter::SafetyFilter;
+use supervisor::{Condition, ControlledBy};
 
 use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, SensorSample, VENT};
 use crate::model_change::{self, ModelDesk, ModelTickEnd};
-use crate::notice::{Cause, Notice};
+use crate::notice::Notice;
 
 /// How often a reference is looked at for places out of reach, in s, and at how many places at most.
 const REACH_EVERY_S: f64 = 0.25;
@@ -207,9 +208,21 @@ impl DutySource for ReferenceTracking {
         self.predictor.advance(answer.duty, answer.pump_on);
     }
 
+    /// Only the model moves on.
+    fn held(&mut self, answer: &ActuatorCommand) {
+        self.predictor.advance(answer.duty, answer.pump_on);
+    }
+
+    fn controlled_by(&mut self, controller: ControlledBy) {
+        self.control.set_trust(match controller {
+            ControlledBy::Policy => Trust::Policies,
+            ControlledBy::Fallback => Trust::FallbackOnly,
+        });
+    }
+
     /// A candidate that had a part in what left the envelope is refused; after anything else it begins again in shadow.
-    fn stopped(&mut self, cause: Option<(Cause, f64)>) {
-        if matches!(cause, Some((Cause::OverPressure | Cause::OverVacuum | Cause::LawNotFinite, _))) {
+    fn stopped(&mut self, cause: Option<(Condition, f64)>) {
+        if matches!(cause, Some((Condition::OverPressure | Condition::OverVacuum | Condition::LawNotFinite, _))) {
             self.control.vented();
         }
     }

@@ -15,6 +15,7 @@ use policy::{Policy, PolicyError};
 use proto::recording::{LawParts, TickInput, TickRecord};
 use proto::reference::{Reference, ReferenceError};
 use proto::wire::{Frame, Sense};
+use supervisor::Condition;
 
 use crate::config::{Config, ConfigError};
 use crate::cycle::Cycle;
@@ -149,6 +150,18 @@ impl Replayed {
     }
 }
 
+/// Conditions that are found outside the tick and reach it as they are recorded.
+const FOUND_BY_LOOP: [Condition; 8] = [
+    Condition::FramesScarce,
+    Condition::NotRealtime,
+    Condition::FrameImplausible,
+    Condition::DeadlineMissed,
+    Condition::FramesLost,
+    Condition::DeadlinesMissed,
+    Condition::ClockImplausible,
+    Condition::SampleRate,
+];
+
 /// A run being replayed, recording after recording.
 pub struct Replay {
     cycle: Option<Cycle>,
@@ -267,8 +280,15 @@ impl Replay {
                     cycle.disarm();
                     Ok(())
                 }
+                TickInput::Acknowledge => {
+                    cycle.acknowledge();
+                    if cycle.state() == supervisor::State::Connect {
+                        cycle.waiting(&mut |_| {});
+                    }
+                    Ok(())
+                }
                 TickInput::LinkLost => {
-                    cycle.link_lost(&mut |_| {});
+                    cycle.link_lost(Condition::LinkLost, 0.0, &mut |_| {});
                     Ok(())
                 }
                 TickInput::SessionOpened => {
@@ -286,7 +306,7 @@ impl Replay {
                 },
                 TickInput::Policy => Err("another policy took part, and the recording does not hold its file"),
                 TickInput::Model => Err("another model took over, and the recording does not hold its file"),
-                TickInput::Acknowledge | TickInput::Explore | TickInput::Other => {
+                TickInput::Explore | TickInput::Other => {
                     Err("something reached the tick that this program cannot replay")
                 }
             };
@@ -294,6 +314,12 @@ impl Replay {
                 let at = format!("{problem} (session {:08X}, tick {})", recorded.session, recorded.tick);
                 self.replayed.ended = Some(at);
                 return;
+            }
+        }
+        // What the loop around the tick had found: deadlines, losses, numbering, rights.
+        for condition in FOUND_BY_LOOP {
+            if recorded.findings & (1 << condition.rank()) != 0 {
+                cycle.report(condition, 0.0);
             }
         }
         let mut again = TickRecord { session: recorded.session, ..TickRecord::default() };
@@ -305,6 +331,9 @@ impl Replay {
             }
             None => cycle.frame_missing(0.0, &mut again, &mut |_| {}),
         };
+        if let Ok(Frame::Command(sent)) = Frame::decode(&recorded.command) {
+            cycle.sent(sent.sequence);
+        }
         cycle.settle();
         let replayed = &mut self.replayed;
         let difference = compare(recorded, &again, &answer, &mut replayed.numbers);

@@ -40,25 +40,33 @@ impl Sensing {
         Ok(Sensing { scales })
     }
 
+    /// Readings in kPa gauge from the first two voltages of a frame; of each channel by itself, an error where the voltage is
+    /// outside [`LOWEST_V`] … [`HIGHEST_V`], NaN included.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn readings_kpa(&self, volts: &[f32; 4]) -> [Result<f64, BrokenSensor>; CHANNELS] {
+        std::array::from_fn(|channel| {
+            let volts = f64::from(volts[channel]);
+            let (offset, slope) = self.scales[channel];
+            if (LOWEST_V..=HIGHEST_V).contains(&volts) {
+                Ok(offset + slope * volts)
+            } else {
+                Err(BrokenSensor { channel, volts })
+            }
+        })
+    }
+
     /// Pressures in kPa gauge from the first two voltages of a frame.
     ///
     /// # Errors
-    /// The first voltage outside [`LOWEST_V`] … [`HIGHEST_V`], NaN included.
+    /// The first broken channel, as in [`Sensing::readings_kpa`].
     ///
     /// # Real-time
     /// May run in the tick.
     pub fn pressures_kpa(&self, volts: &[f32; 4]) -> Result<Pair, BrokenSensor> {
-        let mut pressures = [0.0; CHANNELS];
-        for (channel, ((pressure, (offset, slope)), volts)) in
-            pressures.iter_mut().zip(self.scales).zip(volts).enumerate()
-        {
-            let volts = f64::from(*volts);
-            if !(LOWEST_V..=HIGHEST_V).contains(&volts) {
-                return Err(BrokenSensor { channel, volts });
-            }
-            *pressure = offset + slope * volts;
-        }
-        Ok(pressures)
+        let [positive, negative] = self.readings_kpa(volts);
+        Ok([positive?, negative?])
     }
 }
 

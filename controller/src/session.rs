@@ -1,36 +1,33 @@
-//! The tick's thread: sessions one after the other (or one only, as the duty source needs), and in each the loop that answers
-//! every frame.
+//! The tick's thread: sessions one after the other (or one only, as the duty source needs). What happens within one stands in
+//! [`crate::session_loop`].
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use flight::RecordSink;
-use proto::recording::{Arrival, TickInput, TickRecord};
-use proto::wire::{ByeReason, Command, DEFAULT_TTL_TICKS, RawFrame, Sense};
+use monitor::Pacing as GatePacing;
+use proto::recording::TickInput;
+use supervisor::State;
 
 use crate::clock::now_ns;
 use crate::config::{Config, Pacing};
 use crate::cycle::Cycle;
-use crate::duty_source::{ActuatorCommand, DutySource};
-use crate::link::{Incoming, Link, LinkError};
+use crate::duty_source::DutySource;
+use crate::guard::Pulse;
+use crate::link::{Link, LinkError};
 use crate::mailbox::{Request, Status, TickMailbox};
 use crate::notice::Notice;
-use crate::pacing::{COMMAND_DEADLINE_NS, Grid};
-use crate::realtime::make_realtime;
-use crate::run_length::{Armed, RunLength};
-use crate::state::State;
+use crate::realtime::{MemoryLock, Rights, make_realtime};
+use crate::run_length::RunLength;
+use crate::session_loop::{Counts, Ending, one_session};
 
-/// Ticks without a frame after which the link counts as lost: 1 s.
-const LINK_LOST_TICKS: u32 = 50;
-/// In lockstep a cRIO that is silent for this long is gone.
-const LOCKSTEP_PATIENCE_NS: u64 = 5_000_000_000;
-/// How often a wait looks whether it should end.
-const STOP_CHECK_NS: u64 = 100_000_000;
 /// Pauses between attempts to connect, the last for ever after.
 const PAUSES_MS: [u64; 5] = [100, 200, 500, 1000, 2000];
 /// How often a person is reminded that there is still no link: once a minute.
 const REMIND_NS: u64 = 60_000_000_000;
+/// How often a pause looks for requests.
+const LOOK_MS: u64 = 20;
 
 /// What the tick's thread works with.
 pub struct Session<H> {
@@ -50,27 +47,15 @@ pub struct Session<H> {
     pub inputs: u32,
     /// Told, outside of sessions only, what a person should know.
     pub say: Box<dyn FnMut(String) + Send>,
+    /// What the guard watches.
+    pub pulse: Arc<Pulse>,
+    /// Whether all memory is locked.
+    pub memory: MemoryLock,
+    /// Newest status, shown on while there is no session.
+    pub status: Status,
 }
 
-/// Why a session ended.
-enum Ending {
-    /// Asked to, or the flight is over.
-    Finished,
-    /// The link is lost.
-    Lost,
-    /// The cRIO tripped and waits for a new HELLO.
-    Tripped,
-}
-
-/// Counts over all sessions.
-#[derive(Default)]
-struct Counts {
-    deadline_misses: u64,
-    frames_missed: u64,
-    slowest_ns: u64,
-}
-
-/// Flies until told to stop, or the flight is over, and hands the cycle back.
+/// Runs until told to stop, or the run is over, and hands the cycle back.
 ///
 /// # Errors
 /// With a duty source of one session: there is no link.
@@ -78,34 +63,47 @@ struct Counts {
 /// # Real-time
 /// This is the real-time thread. Between sessions it waits, allocates and speaks; within one it does not.
 pub fn run_session<H: DutySource>(mut session: Session<H>) -> Result<Cycle<H>, LinkError> {
-    for refused in make_realtime(&session.config.realtime) {
-        (session.say)(refused);
+    session.pulse.begin();
+    let rights = Rights::of(make_realtime(&session.config.realtime), session.memory.clone(), &session.config);
+    for refused in rights.lines() {
+        (session.say)(refused.clone());
     }
-    let mut counts = Counts::default();
+    if let Some(condition) = rights.bar_arming()
+        && H::ONE_SESSION
+    {
+        // A sequence arms itself; it would wait for ever.
+        session.cycle.refuse(condition);
+    }
+    let pacing = match session.config.link.pacing {
+        Pacing::Realtime => GatePacing::RealTime,
+        Pacing::Lockstep => GatePacing::Lockstep,
+    };
+    let mut counts = Counts::new(rights.bar_arming());
     let mut attempt = 0;
-    let mut told = String::new();
-    let mut told_ns = 0;
+    let mut told = (String::new(), 0);
     session.length.started(now_ns());
-    while !session.stop.load(Ordering::Relaxed) && !session.length.is_over(now_ns()) {
-        match Link::open(&session.config.link.address) {
+    while !is_over(&session) {
+        if !session.cycle.may_open_session() {
+            tell_once(&mut session, &mut told, BARRED.to_owned());
+            wait(&mut session, PAUSES_MS[1]);
+            continue;
+        }
+        match Link::open(&session.config.link.address, pacing) {
             Ok(mut link) => {
-                (attempt, told) = (0, String::new());
-                match one_session(&mut session, &mut link, &mut counts) {
+                (attempt, told) = (0, (String::new(), 0));
+                let ending = one_session(&mut session, &mut link, &mut counts);
+                session.pulse.leave_session();
+                match ending {
                     Ending::Finished => break,
                     Ending::Lost | Ending::Tripped if H::ONE_SESSION => break,
-                    Ending::Lost => pause(&session.stop, 100),
-                    Ending::Tripped => pause(&session.stop, 500),
+                    Ending::Lost => wait(&mut session, PAUSES_MS[0]),
+                    Ending::Tripped => wait(&mut session, PAUSES_MS[2]),
                 }
             }
             Err(error) if H::ONE_SESSION => return Err(error),
             Err(error) => {
-                // The same trouble is said once and then now and again, not with every attempt.
-                let text = error.to_string();
-                if text != told || now_ns().saturating_sub(told_ns) >= REMIND_NS {
-                    (session.say)(format!("{text} (trying again)"));
-                    (told, told_ns) = (text, now_ns());
-                }
-                pause(&session.stop, PAUSES_MS.get(attempt).or(PAUSES_MS.last()).copied().unwrap_or(1000));
+                tell_once(&mut session, &mut told, format!("{error} (trying again)"));
+                wait(&mut session, PAUSES_MS.get(attempt).or(PAUSES_MS.last()).copied().unwrap_or(1000));
                 attempt += 1;
             }
         }
@@ -113,220 +111,88 @@ pub fn run_session<H: DutySource>(mut session: Session<H>) -> Result<Cycle<H>, L
     Ok(session.cycle)
 }
 
-fn pause(stop: &AtomicBool, ms: u64) {
-    let until = now_ns() + ms * 1_000_000;
-    while now_ns() < until && !stop.load(Ordering::Relaxed) {
-        std::thread::sleep(Duration::from_millis(20));
+/// Said while a trip of the cRIO waits for a person.
+const BARRED: &str =
+    "the cRIO tripped, and a new session would undo that: `controller acknowledge` once it is looked at";
+
+fn is_over<H>(session: &Session<H>) -> bool {
+    session.stop.load(Ordering::Relaxed) || session.length.is_over(now_ns())
+}
+
+/// The same trouble is said once and then now and again, not with every attempt.
+fn tell_once<H>(session: &mut Session<H>, told: &mut (String, u64), text: String) {
+    if text != told.0 || now_ns().saturating_sub(told.1) >= REMIND_NS {
+        (session.say)(text.clone());
+        *told = (text, now_ns());
     }
 }
 
-/// One session, from the HELLO to its end.
-fn one_session<H: DutySource>(session: &mut Session<H>, link: &mut Link, counts: &mut Counts) -> Ending {
-    let realtime = session.config.link.pacing == Pacing::Realtime;
-    session.cycle.session_opened();
-    TickInput::SessionOpened.append(&mut session.inputs);
-    tell(&mut session.sink, Notice::SessionOpened { session: link.session() });
-    let mut grid: Option<Grid> = None;
-    let mut damaged = 0;
-    let mut last_heard_ns = now_ns();
-    let mut sequence_tick = 0;
+/// Waits without a session; requests of the operator are taken meanwhile.
+fn wait<H: DutySource>(session: &mut Session<H>, ms: u64) {
+    let until = now_ns() + ms * 1_000_000;
     loop {
         serve_requests(session);
-        let run_is_over = session.length.is_over(now_ns());
-        if run_is_over {
-            tell(&mut session.sink, Notice::FlightOver { tick: sequence_tick });
+        let Session { cycle, sink, .. } = session;
+        cycle.waiting(&mut |notice| tell(sink, notice));
+        show_waiting(session);
+        session.pulse.beat();
+        if now_ns() >= until || is_over(session) {
+            return;
         }
-        if run_is_over || session.stop.load(Ordering::Relaxed) {
-            part(link, sequence_tick);
-            return Ending::Finished;
-        }
-        let until = match (&grid, realtime) {
-            (Some(grid), true) => grid.give_up_ns(),
-            _ => now_ns() + STOP_CHECK_NS,
-        };
-        let mut record =
-            TickRecord { session: link.session(), records_dropped: session.sink.dropped(), ..TickRecord::default() };
-        // Kept until a tick has taken them: what the cycle itself takes in is appended there.
-        record.inputs = session.inputs;
-        let incoming = link.receive(Some(until));
-        if link.damaged() != damaged {
-            damaged = link.damaged();
-            record.arrival = Arrival::Damaged;
-            tell(&mut session.sink, Notice::FrameDamaged { count: damaged });
-        }
-        let (answer, due_ns) = match incoming {
-            Incoming::Sense { sense, raw, at_ns } => {
-                last_heard_ns = at_ns;
-                let grid = grid.get_or_insert(Grid::new(at_ns));
-                // After frames went missing the numbering tells how many ticks have passed.
-                let due_ns = if realtime { grid.due_ns().min(at_ns) } else { at_ns };
-                record.arrival_lateness_ns = grid.arrived(at_ns);
-                let late = realtime && record.arrival_lateness_ns > crate::pacing::FRAME_GRACE_NS as i64;
-                record.arrival = if late { Arrival::Late } else { Arrival::InTime };
-                (answer_frame(session, &sense, &raw, at_ns, &mut record), due_ns)
-            }
-            Incoming::Timeout if grid.is_none() || !realtime => {
-                if now_ns() - last_heard_ns > LOCKSTEP_PATIENCE_NS {
-                    return lost(session);
-                }
-                continue;
-            }
-            Incoming::Timeout => {
-                let now = now_ns();
-                let Some(grid) = grid.as_mut() else { continue };
-                let due_ns = grid.due_ns();
-                grid.missed(now);
-                counts.frames_missed += 1;
-                record.receive_ns = now;
-                let late_ms = now.saturating_sub(last_heard_ns) as f64 * 1e-6;
-                let Session { cycle, sink, .. } = session;
-                (cycle.frame_missing(late_ms, &mut record, &mut |notice| tell(sink, notice)), due_ns)
-            }
-            Incoming::Lost => return lost(session),
-        };
-        sequence_tick = record.tick;
-        let sending_ns = now_ns();
-        let command = command(link, &record, &answer);
-        let sent = link.send(&command);
-        let sent_ns = now_ns();
-        record.command = command;
-        record.command_present = sent.is_ok();
-        record.send_ns = short(sent_ns - sending_ns);
-        record.compute_ns = short(sent_ns.saturating_sub(record.receive_ns));
-        let took_ns = sent_ns.saturating_sub(due_ns);
-        record.deadline_missed = realtime && took_ns > COMMAND_DEADLINE_NS;
-        if record.deadline_missed {
-            counts.deadline_misses += 1;
-            tell(&mut session.sink, Notice::DeadlineMissed { tick: record.tick, took_ms: took_ns as f64 * 1e-6 });
-        }
-        counts.slowest_ns = counts.slowest_ns.max(u64::from(record.compute_ns));
-        session.cycle.settle();
-        session.inputs = 0;
-        let armed = if record.state == State::Run.code() { Armed::Yes } else { Armed::No };
-        session.length.tick(armed, sent_ns);
-        show(session, link, &record, counts);
-        keep(session, &record, realtime);
-        if sent.is_err() || session.cycle.missing() > LINK_LOST_TICKS {
-            return lost(session);
-        }
-        if session.cycle.is_over() {
-            part(link, sequence_tick);
-            return Ending::Finished;
-        }
-        if session.cycle.crio_tripped() {
-            link.bye(ByeReason::Fault);
-            return Ending::Tripped;
-        }
+        std::thread::sleep(Duration::from_millis(LOOK_MS));
     }
 }
 
-/// The whole tick from a frame to its answer.
-fn answer_frame<H: DutySource>(
-    session: &mut Session<H>,
-    sense: &Sense,
-    raw: &RawFrame,
-    at_ns: u64,
-    record: &mut TickRecord,
-) -> ActuatorCommand {
-    let Session { cycle, sink, .. } = session;
-    let mut tell = |notice| tell(sink, notice);
-    record.receive_ns = at_ns;
-    for (to, from) in record.sense.iter_mut().zip(raw.as_bytes()) {
-        *to = *from;
-    }
-    record.sense_present = true;
-    cycle.observe(sense, record, &mut tell);
-    let observed_ns = now_ns();
-    cycle.predict(record);
-    let predicted_ns = now_ns();
-    let answer = cycle.decide(record, &mut tell);
-    record.receive_check_ns = short(observed_ns.saturating_sub(at_ns));
-    record.predict_ns = short(predicted_ns.saturating_sub(observed_ns));
-    record.law_ns = short(now_ns().saturating_sub(predicted_ns));
-    answer
+/// The newest numbers with the state that they no longer have.
+fn show_waiting<H: DutySource>(session: &mut Session<H>) {
+    let memory = session.cycle.memory();
+    session.status = Status {
+        state: memory.state.code(),
+        fault: memory.cause.map_or(0, supervisor::Condition::code),
+        latched: memory.latched.worst(supervisor::Severity::Vent).map_or(0, supervisor::Condition::code),
+        session: 0,
+        can_arm: false,
+        reference_kpa: None,
+        // Without a session the cRIO vents by itself.
+        duty: [1.0; 2],
+        ..session.status
+    };
+    session.mailbox.show_as_of(session.status, session.status.received_ns);
 }
 
-fn command(link: &mut Link, record: &TickRecord, answer: &ActuatorCommand) -> [u8; proto::wire::COMMAND_LENGTH] {
-    Command {
-        sequence: link.next_sequence(),
-        clock_ns: now_ns(),
-        session: link.session(),
-        tick: record.tick,
-        duty: answer.duty.map(|u| u as f32),
-        mode: answer.mode,
-        ttl_ticks: DEFAULT_TTL_TICKS,
-        digital_outputs: if answer.pump_on { Command::PUMP_ON } else { 0 },
-    }
-    .encode()
-}
-
-/// Vents, says BYE.
-fn part(link: &mut Link, tick: u32) {
-    let vent = TickRecord { tick, ..TickRecord::default() };
-    let frame = command(link, &vent, &ActuatorCommand::VENT);
-    let _ = link.send(&frame);
-    link.bye(ByeReason::Normal);
-}
-
-fn lost<H: DutySource>(session: &mut Session<H>) -> Ending {
-    let Session { cycle, sink, .. } = session;
-    cycle.link_lost(&mut |notice| tell(sink, notice));
-    TickInput::LinkLost.append(&mut session.inputs);
-    Ending::Lost
-}
-
-fn serve_requests<H: DutySource>(session: &mut Session<H>) {
+/// Takes what the operator asks for, and notes it for the tick's record ([`TickInput`]).
+///
+/// # Real-time
+/// Runs in the tick.
+pub(crate) fn serve_requests<H: DutySource>(session: &mut Session<H>) {
     while let Some(request) = session.mailbox.request() {
         match request {
             Request::Arm => {
-                TickInput::Arm.append(&mut session.inputs);
                 session.cycle.arm();
+                TickInput::Arm.append(&mut session.inputs);
             }
             Request::Disarm => {
-                TickInput::Disarm.append(&mut session.inputs);
                 session.cycle.disarm();
+                TickInput::Disarm.append(&mut session.inputs);
+            }
+            Request::Acknowledge => {
+                session.cycle.acknowledge();
+                TickInput::Acknowledge.append(&mut session.inputs);
             }
             Request::Reference(reference) => {
-                TickInput::Reference.append(&mut session.inputs);
                 let old = session.cycle.exchange_reference(reference);
                 session.mailbox.retire(old);
+                TickInput::Reference.append(&mut session.inputs);
             }
         }
     }
 }
 
-fn show<H: DutySource>(session: &mut Session<H>, link: &Link, record: &TickRecord, counts: &Counts) {
-    let shown = |pair: [f64; 2]| pair.iter().all(|x| x.is_finite()).then_some(pair);
-    let follows = record.state == State::Run.code();
-    let can_arm = session.cycle.can_arm();
-    session.mailbox.show(Status {
-        state: record.state,
-        fault: record.fault,
-        session: link.session(),
-        tick: record.tick,
-        can_arm,
-        pressures_kpa: shown([record.p_pos_kpa, record.p_neg_kpa]),
-        reference_kpa: shown([record.ref_pos_kpa, record.ref_neg_kpa]).filter(|_| follows),
-        duty: [record.u_pos, record.u_neg],
-        deadline_misses: counts.deadline_misses,
-        frames_missed: counts.frames_missed,
-        slowest_ms: counts.slowest_ns as f64 * 1e-6,
-        filter_interventions: session.cycle.filter_interventions(),
-    });
-}
-
-fn keep<H: DutySource>(session: &mut Session<H>, record: &TickRecord, realtime: bool) {
-    // In lockstep nothing is late, so a full queue is waited for; in real time it is counted.
-    while !realtime && session.sink.room() == 0 && !session.stop.load(Ordering::Relaxed) {
-        std::thread::sleep(Duration::from_millis(1));
-    }
-    session.sink.push(record);
-}
-
-fn tell(sink: &mut RecordSink, notice: Notice) {
+pub(crate) fn tell(sink: &mut RecordSink, notice: Notice) {
     sink.event(notice.event(now_ns()));
 }
 
-fn short(ns: u64) -> u32 {
-    u32::try_from(ns).unwrap_or(u32::MAX)
+/// Whether a state counts as under control, for how long a run lasts.
+pub(crate) fn is_armed(state: State) -> crate::run_length::Armed {
+    if state.is_controlling() { crate::run_length::Armed::Yes } else { crate::run_length::Armed::No }
 }

@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | `tick` | the loop of [`crate::session`]; real-time |
 //! | `rec` | recording, figures ([`flight::Recorder`]) |
+//! | `guard` | watches the tick, beats systemd's watchdog ([`crate::guard`]) |
 //! | `ctl` | the Unix socket ([`crate::socket`]) |
 //! | `console` | prints ([`crate::console`]) |
 //! | main | signals, a disk that does not answer |
@@ -17,7 +18,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use flight::recorder::Observer;
-use flight::{Destination, Event, Recorded, Recorder, RecorderOptions, RecordingSummary, Retention};
+use flight::{Destination, Event, Noter, Recorded, Recorder, RecorderOptions, RecordingSummary, Retention};
 use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo, VERDICT, rfc3339};
 
 use crate::clock::now_ns;
@@ -26,9 +27,10 @@ use crate::console::notice;
 use crate::cycle::Cycle;
 use crate::desk::DeskOptions;
 use crate::duty_source::DutySource;
+use crate::guard::{self, OnSilence, Pulse};
 use crate::link::LinkError;
 use crate::live_stream::{self, StreamError};
-use crate::mailbox::mailbox;
+use crate::mailbox::{Status, mailbox};
 use crate::operator_protocol::Running;
 use crate::policy_service::{PolicyHandle, ServiceError};
 use crate::realtime::lock_memory;
@@ -194,7 +196,8 @@ pub fn fly_recorded<H: DutySource + 'static>(
             Recorder::start_in(destination, &info, &attachments, options)?
         }
     };
-    for remark in remarks.into_iter().chain(lock_memory()) {
+    let memory = lock_memory();
+    for remark in remarks {
         recorder.note(now_ns(), EventLevel::Warning, "start", remark);
     }
     let noter = recorder.noter();
@@ -220,6 +223,8 @@ pub fn fly_recorded<H: DutySource + 'static>(
     let served = operator.map(|may| serve(&config.control.socket, desk_options(may), Arc::clone(&stop))).transpose()?;
     let speaker = recorder.noter();
     let say = Box::new(move |text: String| speaker.note(now_ns(), EventLevel::Warning, "link", text));
+    let pulse = Arc::new(Pulse::default());
+    let guard = watch_tick(config, operator, &pulse, &stop, recorder.noter())?;
     let session = Session {
         config: config.clone(),
         cycle,
@@ -229,6 +234,9 @@ pub fn fly_recorded<H: DutySource + 'static>(
         length: logbook.length,
         inputs: 0,
         say,
+        pulse,
+        memory,
+        status: Status::default(),
     };
     let thread = std::thread::Builder::new().name("tick".to_owned()).spawn(move || run_session(session))?;
     let mut watch =
@@ -238,6 +246,10 @@ pub fn fly_recorded<H: DutySource + 'static>(
     stop.store(true, Ordering::Relaxed);
     if let Some(served) = served {
         served.join();
+    }
+    if let Some(guard) = guard {
+        // It sleeps for 30 ms at most between two looks at the stop flag.
+        let _ = guard.join();
     }
     if let Some(Ok(Ok(cycle))) = &flown
         && let Some((level, text)) = cycle.duty_source().verdict()
@@ -267,6 +279,22 @@ fn about(info: &RecordingInfo) -> BTreeMap<String, String> {
         about.insert("policy_sha256".to_owned(), sha256.clone());
     }
     about
+}
+
+/// Starts the guard where time is real; a program that an operator serves ends itself where its tick hangs.
+fn watch_tick(
+    config: &Config,
+    operator: Option<May>,
+    pulse: &Arc<Pulse>,
+    stop: &Arc<AtomicBool>,
+    notes: Noter,
+) -> std::io::Result<Option<JoinHandle<()>>> {
+    if config.link.pacing == Pacing::Lockstep {
+        return Ok(None);
+    }
+    let on_silence = if operator.is_some() { OnSilence::Abort } else { OnSilence::Tell };
+    let say = Box::new(move |text: String| notes.note(now_ns(), EventLevel::Error, "guard", text));
+    guard::start(Arc::clone(pulse), on_silence, Arc::clone(stop), say).map(Some)
 }
 
 /// The folder for recordings and its limits, as configured.

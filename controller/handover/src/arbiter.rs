@@ -94,6 +94,15 @@ impl Seat {
     }
 }
 
+/// Whose answers count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Trust {
+    /// The policies', by their stages.
+    Policies,
+    /// The fallback's alone, which is worked out all along.
+    FallbackOnly,
+}
+
 /// What decides the duties, with everything it remembers.
 pub struct Arbiter {
     incumbent: Seat,
@@ -112,6 +121,7 @@ pub struct Arbiter {
     error_kpa: Pair,
     decided: Pair,
     sent: Pair,
+    trust: Trust,
 }
 
 impl Arbiter {
@@ -134,6 +144,18 @@ impl Arbiter {
             error_kpa: [0.0; CHANNELS],
             decided: [1.0; CHANNELS],
             sent: [1.0; CHANNELS],
+            trust: Trust::Policies,
+        }
+    }
+
+    /// Says whose answers count from now on; the command goes on from where it is.
+    ///
+    /// # Real-time
+    /// Runs in the tick.
+    pub fn set_trust(&mut self, trust: Trust) {
+        if trust != self.trust {
+            self.trust = trust;
+            self.remainder_from_sent();
         }
     }
 
@@ -188,14 +210,19 @@ impl Arbiter {
         let mut event = self.serve();
         self.kinds = self.conditions.kinds(input);
         self.error_kpa = std::array::from_fn(|c| input.goals_kpa[0][c] - input.measured_kpa[c]);
-        let answer = self.incumbent.answer(input, predicted_kpa);
+        let trusted = self.trust == Trust::Policies;
+        let answer = if trusted {
+            self.incumbent.answer(input, predicted_kpa)
+        } else {
+            Answer { decision: self.incumbent.law.observe(input), refused: false, policy: None }
+        };
         if answer.refused {
             event = self.incumbent_refused().or(event);
         }
         let mut decision = answer.decision;
         let mut shown = answer.policy;
         let mut lost = None;
-        if let Some((seat, stages)) = &mut self.candidate {
+        if let Some((seat, stages)) = self.candidate.as_mut().filter(|_| trusted) {
             let candidate = seat.answer(input, predicted_kpa);
             if candidate.refused {
                 lost = Some(Loss::NotFinite);

@@ -26,6 +26,6 @@ pub mod record;
 pub mod sequential_test;
 pub mod stages;
 
-pub use arbiter::{Arbiter, ArbitratedCommand, PolicyAnswer};
+pub use arbiter::{Arbiter, ArbitratedCommand, PolicyAnswer, Trust};
 pub use channel::{Candidate, Command, Haste, PolicyEvent, PolicyTag, Snapshot, StoreEnd, TickEnd, channel};
 pub use stages::{Loss, StageNow};

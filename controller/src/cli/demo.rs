@@ -81,6 +81,7 @@ impl Demo {
         config.link.pacing = if self.fast { Pacing::Lockstep } else { Pacing::Realtime };
         config.rig.file.clone_from(&self.model);
         config.control.auto_arm = true;
+        config.realtime.enforce = false;
         config.policy.active = FALLBACK.to_owned();
         config.reference.file.clone_from(&self.reference);
         let mut loaded = daemon::load(&config)?;

@@ -92,6 +92,8 @@ enum Command {
         #[command(flatten)]
         target: talk::Target,
     },
+    /// Says that a person has looked at what vented the rig; then it can be armed again.
+    Acknowledge(talk::Target),
     /// Follows another reference, from its start.
     Reference {
         /// CSV file: time_s,ref_pos_kpa,ref_neg_kpa.
@@ -171,6 +173,7 @@ impl Arguments {
             Command::Swap { name, target } => target.swap(&name),
             Command::Rollback(target) => target.rollback(),
             Command::Model { file, target } => target.model(&file),
+            Command::Acknowledge(target) => target.acknowledge(),
             Command::Reference { file, target } => target.reference(&file),
             Command::Generate { folder } => manual::write(Arguments::command(), &folder)
                 .map_err(|e| Failure::work(format!("{}: {e}", folder.display()))),

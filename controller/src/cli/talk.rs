@@ -48,6 +48,11 @@ impl Target {
         self.done("disarmed; both vents open")
     }
 
+    pub(super) fn acknowledge(&self) -> Result<(), Failure> {
+        self.ask(&Ask::Acknowledge {})?;
+        self.done("acknowledged; arm when you are ready")
+    }
+
     pub(super) fn reference(&self, file: &Path) -> Result<(), Failure> {
         // The daemon has another working directory.
         let file = std::path::absolute(file).map_err(|e| Failure::input(format!("{}: {e}", file.display())))?;
@@ -145,6 +150,12 @@ fn print_tick(s: &Status, reply: &Reply) {
     say(format_args!("session    {:08X}, tick {}{armable}{old}", s.session, s.tick));
     if s.fault != 0 {
         say(format_args!("fault      {}", controller::notice::fault_name(s.fault)));
+    }
+    if s.latched != 0 {
+        say(format_args!(
+            "waiting    {}: `controller acknowledge`, then arm",
+            controller::notice::fault_name(s.latched)
+        ));
     }
     for (c, name) in ["positive", "negative"].into_iter().enumerate() {
         let shown = |pair: Option<[f64; 2]>| pair.and_then(|p| p.get(c).copied());

@@ -68,7 +68,7 @@ impl RtTest {
     pub fn run(settings: &Realtime, seconds: f64, stop: &dyn Fn() -> bool) -> std::io::Result<Self> {
         let cpu = tick_cpu(settings);
         let machine = Machine::look(cpu);
-        let mut refused: Vec<String> = lock_memory().into_iter().collect();
+        let mut refused: Vec<String> = lock_memory().refusal().into_iter().collect();
         let quiet = phase(settings, cpu, 0.5 * seconds, stop, &mut Vec::new())?;
         let load = Load::start(machine.cpus);
         let loaded = phase(settings, cpu, 0.5 * seconds, stop, &mut refused);

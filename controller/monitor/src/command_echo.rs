@@ -1,0 +1,110 @@
+//! Command in force, duty echo, state, pump and trip bits: whether the cRIO does what it was told.
+
+use model::observation::{CHANNELS, Pair};
+use proto::wire::{CrioState, Mode, Sense};
+use supervisor::{Condition, ConditionSet};
+
+/// Frames in a row that must disagree: the vents are open within three ticks, and one late command is no reason
+/// (study of the daemon, §3.6).
+pub const FRAMES_THAT_DISAGREE: u32 = 3;
+/// The oldest command that may be in force, counted from the newest that was sent: time to live and one tick.
+const OLDEST_IN_FORCE: usize = 3;
+/// How far an echo may differ from the command, in duty: a driver of 8 bits rounds by 0.002 (chosen).
+const ECHO_TOLERANCE: f64 = 0.01;
+/// Commands remembered.
+const REMEMBERED: usize = 8;
+
+/// A command as it went out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SentCommand {
+    /// Its sequence number.
+    pub sequence: u32,
+    /// Duties, positive and negative valve.
+    pub duty: Pair,
+    /// Its mode.
+    pub mode: Mode,
+    /// Whether it switches the pump on.
+    pub pump_on: bool,
+}
+
+/// Compares what the cRIO reports with what it was told.
+#[derive(Debug, Clone, Copy)]
+pub struct CommandEcho {
+    /// The newest first.
+    sent: [Option<SentCommand>; REMEMBERED],
+    force: u32,
+    echo: u32,
+    state: u32,
+    pump: u32,
+}
+
+impl CommandEcho {
+    /// Nothing was sent yet.
+    pub fn new() -> Self {
+        CommandEcho { sent: [None; REMEMBERED], force: 0, echo: 0, state: 0, pump: 0 }
+    }
+
+    /// Remembers a command that went out.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn sent(&mut self, command: SentCommand) {
+        self.sent.rotate_right(1);
+        if let Some(first) = self.sent.first_mut() {
+            *first = Some(command);
+        }
+    }
+
+    /// Compares a frame; what disagrees three frames in a row is found.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn judge(&mut self, sense: &Sense, found: &mut ConditionSet) {
+        if sense.state != CrioState::Tripped && !sense.trips.is_empty() {
+            found.insert(Condition::TripBits, f64::from(sense.trips.bits()));
+        }
+        // Before the cRIO can have taken up three commands there is nothing to compare; in a trip none is in force.
+        if self.sent.get(OLDEST_IN_FORCE).is_none_or(Option::is_none) || sense.state == CrioState::Tripped {
+            (self.force, self.echo, self.state, self.pump) = (0, 0, 0, 0);
+            return;
+        }
+        let place = self.sent.iter().position(|c| c.is_some_and(|c| c.sequence == sense.command_in_force));
+        let fresh = place.is_some_and(|place| place <= OLDEST_IN_FORCE);
+        count(&mut self.force, !fresh);
+        // Where the number is no help, the newest command is what should be in force.
+        let Some(command) = self.sent.get(place.unwrap_or(0)).copied().flatten() else { return };
+        let expected = if command.mode == Mode::Vent { [1.0; CHANNELS] } else { command.duty };
+        let near = |c: usize| {
+            let echo = sense.duty.get(c).copied().map_or(f64::NAN, f64::from);
+            expected.get(c).is_some_and(|duty| (echo - duty).abs() <= ECHO_TOLERANCE)
+        };
+        count(&mut self.echo, !(near(0) && near(1)));
+        count(&mut self.state, command.mode == Mode::Run && sense.state != CrioState::Running);
+        count(&mut self.pump, command.mode == Mode::Run && command.pump_on && !sense.pump_running);
+        for (frames, condition, value) in [
+            (self.force, Condition::CommandNotInForce, f64::from(sense.command_in_force)),
+            (self.echo, Condition::EchoWrong, f64::from(sense.duty[usize::from(near(0))])),
+            (self.state, Condition::CrioIdle, f64::from(sense.state.code())),
+            (self.pump, Condition::PumpOff, 0.0),
+        ] {
+            if frames >= FRAMES_THAT_DISAGREE {
+                found.insert(condition, value);
+            }
+        }
+    }
+
+    /// Frames in a row that did not report what was commanded.
+    pub fn disagreeing(&self) -> u32 {
+        self.echo.max(self.force)
+    }
+}
+
+impl Default for CommandEcho {
+    fn default() -> Self {
+        CommandEcho::new()
+    }
+}
+
+fn count(frames: &mut u32, disagrees: bool) {
+    *frames = if disagrees { frames.saturating_add(1) } else { 0 };
+}

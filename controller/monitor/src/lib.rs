@@ -1,0 +1,31 @@
+//! Plausibility of what the cRIO says, tick by tick: nothing is believed unchecked.
+//!
+//! | module | subject |
+//! | --- | --- |
+//! | [`frame_gate`] | sequence number, clock, tick number and sample rate of the frames |
+//! | [`loss_window`] | how many of the last 100 ticks were bad |
+//! | [`command_echo`] | command in force, duty echo, state, pump, trip bits |
+//! | [`frozen_reading`] | a reading that stands still although it used to scatter |
+//! | [`model_residual`] | readings against what the model foresaw |
+//! | [`lagged_command`] | a command as a slow valve follows it |
+//! | [`tracking`] | pressures that stay away from their references |
+//! | [`vent_check`] | whether venting is reported and the pressure falls |
+//! | [`plausibility`] | all of it for one tick |
+//!
+//! Findings are [`supervisor::Condition`]s; what follows from them is `supervisor`'s business. No socket, no thread, no
+//! clock of its own; bounded and allocation-free after construction, so all of it may run in the tick.
+
+pub mod command_echo;
+pub mod frame_gate;
+pub mod frozen_reading;
+pub mod lagged_command;
+pub mod loss_window;
+pub mod model_residual;
+pub mod plausibility;
+pub mod tracking;
+pub mod vent_check;
+
+pub use command_echo::{CommandEcho, SentCommand};
+pub use frame_gate::{FrameGate, Pacing, Rejection};
+pub use loss_window::LossWindow;
+pub use plausibility::{Frame, Monitor};

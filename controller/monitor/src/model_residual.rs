@@ -1,0 +1,177 @@
+//! Readings against what the model foresaw: one tick, five ticks, half a second.
+//!
+//! Each tick the model is set to the reading and moved on under the command that was sent; what comes one tick later
+//! differs by the residual r. A sensor that jumps shows in one r; one that stands still or drifts while the valves work
+//! against it shows in the sum over half a second: with the true pressure D away from the reading the model, set to the
+//! reading, sees it fall back by D(1 − e^(−T/τ)), and the reading does not.
+//!
+//! A model that is a poor one of its rig has residuals of its own. They are recorded: their mean over ten seconds is taken
+//! off, and the limits are the wider the more they scatter, within [`Limits`].
+
+/// Ticks of the middle sum.
+pub const SHORT: usize = 5;
+/// Ticks of the long sum: half a second.
+pub const LONG: usize = 25;
+/// Ticks in a row in which a jump must stand before it is believed neither way no longer.
+const SUSPECT_TICKS: u32 = 3;
+/// Ticks over which the record of the model's errors goes back: 20 s (chosen: a drift of 1 kPa/s is out of bounds before it
+/// is taken for the model's own).
+const RECORD_TICKS: f64 = 1_000.0;
+/// Ticks of record from which on it narrows the limits: 10 s under control.
+const ENOUGH_RECORD: f64 = 500.0;
+/// Ticks after arming in which the limits are [`ARMING_TIMES`] as wide: 2 s, from the atmosphere's pressure to the reference.
+const ARMING_TICKS: u32 = 100;
+/// What the model leaves out (lag, backlash, warm gas) moves the pressures most while the chambers fill (measured on 6 rigs
+/// around `bench`: at most 9.9 kPa in five ticks and 27 kPa in half a second, against 3.4 and 16 kPa later).
+const ARMING_TIMES: f64 = 3.0;
+/// Limits in multiples of the recorded scatter (chosen; see the figures in `docs/safety.md`).
+const TIMES_SCATTER: f64 = 5.0;
+
+/// How large residuals may be, in kPa.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// Of one tick.
+    pub jump_kpa: f64,
+    /// Of the sum over five ticks: for a model without errors, and for any.
+    pub short_kpa: [f64; 2],
+    /// Of the sum over half a second: for a model without errors, and for any.
+    pub long_kpa: [f64; 2],
+}
+
+impl Limits {
+    /// The limits of the positive channel. Measured with the nominal model: a drift of 4 kPa/s makes 10 to 14 kPa in half a
+    /// second before the true pressure is 15 kPa away, while 6 rigs around `bench` leave 7 kPa in 99 ticks of 100.
+    pub const POSITIVE: Limits = Limits { jump_kpa: 10.0, short_kpa: [4.0, 8.0], long_kpa: [5.0, 12.0] };
+    /// The limits of the negative channel, measured likewise: 20 kPa at 5 kPa away, and 17 kPa before the model's own
+    /// error is known.
+    pub const NEGATIVE: Limits = Limits { jump_kpa: 10.0, short_kpa: [4.0, 8.0], long_kpa: [8.0, 25.0] };
+}
+
+/// What a reading is worth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Worth {
+    /// It agrees with the model.
+    Agrees,
+    /// It jumped; the model's own figure is used meanwhile.
+    Suspect {
+        /// Jump, kPa.
+        kpa: f64,
+    },
+    /// It contradicts the model.
+    Contradicts {
+        /// Residual, kPa.
+        kpa: f64,
+    },
+}
+
+/// The record of one channel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ModelResidual {
+    limits: Limits,
+    last: [f64; LONG],
+    filled: usize,
+    mean: f64,
+    scatter_short: f64,
+    scatter_long: f64,
+    suspect: u32,
+    recorded: f64,
+    since_armed: u32,
+}
+
+impl ModelResidual {
+    /// Nothing seen yet.
+    pub fn new(limits: Limits) -> Self {
+        ModelResidual {
+            limits,
+            last: [0.0; LONG],
+            filled: 0,
+            mean: 0.0,
+            scatter_short: 0.0,
+            scatter_long: 0.0,
+            suspect: 0,
+            recorded: 0.0,
+            since_armed: 0,
+        }
+    }
+
+    /// Begins anew after arming; what is known about the model stays.
+    pub fn restart(&mut self) {
+        (self.filled, self.suspect, self.since_armed) = (0, 0, 0);
+    }
+
+    /// Takes a residual (reading minus foresight, kPa).
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn push(&mut self, residual_kpa: f64) -> Worth {
+        if residual_kpa.abs() > self.limits.jump_kpa {
+            self.suspect += 1;
+            return if self.suspect >= SUSPECT_TICKS {
+                Worth::Contradicts { kpa: residual_kpa }
+            } else {
+                Worth::Suspect { kpa: residual_kpa }
+            };
+        }
+        self.suspect = 0;
+        self.since_armed = self.since_armed.saturating_add(1);
+        self.last.rotate_right(1);
+        self.last[0] = residual_kpa;
+        self.filled = (self.filled + 1).min(LONG);
+        let (short, long) = (self.excess(SHORT), self.excess(LONG));
+        let (narrow, wide) = (
+            self.limit(self.limits.short_kpa, self.scatter_short),
+            self.limit(self.limits.long_kpa, self.scatter_long),
+        );
+        self.record(residual_kpa, short, long);
+        if self.filled >= SHORT && short.abs() > narrow {
+            return Worth::Contradicts { kpa: short };
+        }
+        if self.filled >= LONG && long.abs() > wide {
+            return Worth::Contradicts { kpa: long };
+        }
+        Worth::Agrees
+    }
+
+    /// Sums over five ticks and half a second beyond the recorded mean, and their limits, in kPa: for the figures.
+    pub fn figures_kpa(&self) -> [f64; 4] {
+        let [short, long] = [self.limits.short_kpa, self.limits.long_kpa];
+        [
+            self.excess(SHORT),
+            self.limit(short, self.scatter_short),
+            self.excess(LONG),
+            self.limit(long, self.scatter_long),
+        ]
+    }
+
+    fn excess(&self, ticks: usize) -> f64 {
+        let sum: f64 = self.last.iter().take(ticks.min(self.filled)).sum();
+        sum - self.mean * ticks.min(self.filled) as f64
+    }
+
+    fn limit(&self, [narrowest, widest]: [f64; 2], mean_square: f64) -> f64 {
+        let times = if self.since_armed < ARMING_TICKS { ARMING_TIMES } else { 1.0 };
+        // Of a model that nothing is known about the worst is assumed.
+        if self.recorded < ENOUGH_RECORD {
+            return times * widest;
+        }
+        times * (TIMES_SCATTER * mean_square.sqrt()).clamp(narrowest, widest)
+    }
+
+    /// The model's record; what is beyond the widest limit is no error of a model.
+    fn record(&mut self, residual_kpa: f64, short: f64, long: f64) {
+        if self.since_armed < ARMING_TICKS {
+            return;
+        }
+        self.recorded = (self.recorded + 1.0).min(RECORD_TICKS);
+        let weight = 1.0 / self.recorded;
+        let [_, most] = self.limits.long_kpa;
+        let bounded = |x: f64, most: f64| x.clamp(-most, most);
+        self.mean += weight * (bounded(residual_kpa, most / LONG as f64) - self.mean);
+        if self.filled >= SHORT {
+            self.scatter_short += weight * (bounded(short, most).powi(2) - self.scatter_short);
+        }
+        if self.filled >= LONG {
+            self.scatter_long += weight * (bounded(long, most).powi(2) - self.scatter_long);
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! Whether venting is what it should be: reported by the cRIO, and the pressure falls.
+
+use model::observation::{CHANNELS, Pair};
+use supervisor::{Condition, ConditionSet};
+
+/// Frames after the vent command in which the pressure must have begun to fall: half a second (study of the daemon, §3.4).
+pub const FRAMES_TO_FALL: u32 = 25;
+/// Frames after the vent command from which on the echo must report open vents (study of the daemon, §3.4).
+pub const FRAMES_TO_ECHO: u32 = 3;
+/// Distance from rest below which there is nothing to see fall, in kPa: sensor bias and the balance of a pump that runs on.
+const NEAR_REST_KPA: f64 = 10.0;
+/// Share of the distance to rest that must be gone: a vent empties a chamber in a few tenths of a second, so this is what is
+/// left of it with an exhaust that is ten times too narrow (derived).
+const LEAST_FALL: f64 = 0.05;
+/// Rise above the pressure at the vent command that no vented chamber makes, in kPa: noise and delay stay below (chosen).
+const RISE_KPA: f64 = 5.0;
+/// Frames after which such a rise counts: delay and lag of a valve are over.
+const FRAMES_TO_RISE: u32 = 10;
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Venting {
+    from_kpa: Pair,
+    frames: u32,
+    disagreeing: u32,
+    fallen: [bool; CHANNELS],
+}
+
+/// Watches a rig that was under pressure and is vented now.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VentCheck {
+    rest_kpa: Pair,
+    venting: Option<Venting>,
+}
+
+impl VentCheck {
+    /// A check for a rig that comes to rest at these pressures with both vents open, in kPa gauge.
+    pub fn new(rest_kpa: Pair) -> Self {
+        VentCheck { rest_kpa, venting: None }
+    }
+
+    /// The vents are commanded open from now on, at these pressures.
+    pub fn begin(&mut self, measured_kpa: Pair) {
+        self.venting = Some(Venting { from_kpa: measured_kpa, frames: 0, disagreeing: 0, fallen: [false; CHANNELS] });
+    }
+
+    /// The vents are no longer commanded open, or there is nobody who could say.
+    pub fn end(&mut self) {
+        self.venting = None;
+    }
+
+    /// Takes a frame: echoed duties, and the readings that can be read.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn judge(&mut self, echo: [f32; CHANNELS], readings_kpa: [Option<f64>; CHANNELS], found: &mut ConditionSet) {
+        let Some(venting) = &mut self.venting else { return };
+        venting.frames = venting.frames.saturating_add(1);
+        // A command takes a tick to come back; NaN is not open.
+        let open = echo.iter().all(|duty| *duty >= 0.99);
+        venting.disagreeing = if open { 0 } else { venting.disagreeing.saturating_add(1) };
+        if venting.disagreeing > FRAMES_TO_ECHO {
+            found.insert(Condition::VentNotEchoed, echo.iter().map(|d| f64::from(*d)).fold(1.0, f64::min));
+        }
+        for c in 0..CHANNELS {
+            let Some(now) = readings_kpa[c] else { continue };
+            let distance = |kpa: f64| kpa.abs() - self.rest_kpa[c].abs();
+            let (from, left) = (distance(venting.from_kpa[c]), distance(now));
+            venting.fallen[c] |= left <= NEAR_REST_KPA || left <= from * (1.0 - LEAST_FALL);
+            let late = venting.frames >= FRAMES_TO_FALL && !venting.fallen[c];
+            let rising = venting.frames >= FRAMES_TO_RISE && left > from.max(0.0) + RISE_KPA && left > NEAR_REST_KPA;
+            // Once it has fallen, what counts is the lowest it has reached.
+            if venting.fallen[c] && left < from {
+                venting.from_kpa[c] = now;
+            }
+            if late || rising {
+                found.insert(Condition::VentIneffective, now);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OPEN: [f32; 2] = [1.0, 1.0];
+
+    /// Frames until something is found, over a course of both pressures.
+    fn found(echo: [f32; 2], course: impl Fn(u32) -> Pair) -> Option<(u32, Condition)> {
+        let mut check = VentCheck::new([0.0; 2]);
+        check.begin(course(0));
+        (0..500).find_map(|k| {
+            let mut set = ConditionSet::EMPTY;
+            check.judge(echo, course(k).map(Some), &mut set);
+            set.iter().next().map(|condition| (k, condition))
+        })
+    }
+
+    #[test]
+    fn a_rig_that_empties_is_vented_and_one_that_does_not_is_a_fault() {
+        let empties =
+            |tau: f64| move |k: u32| [90.0 * (-f64::from(k) / tau).exp(), -70.0 * (-f64::from(k) / tau).exp()];
+        assert_eq!(found(OPEN, empties(25.0)), None);
+        assert_eq!(found(OPEN, empties(300.0)), None, "twelve times as slow");
+        assert_eq!(found(OPEN, |_| [0.2, -0.1]), None, "nothing to vent");
+        let stuck = found(OPEN, |k| [90.0, empties(25.0)(k)[1]]);
+        assert!(stuck.is_some_and(|(k, c)| k < FRAMES_TO_FALL && c == Condition::VentIneffective), "{stuck:?}");
+        let rising = found(OPEN, |k| [90.0 + 2.0 * f64::from(k), -70.0]);
+        assert!(rising.is_some_and(|(k, _)| k <= FRAMES_TO_RISE), "{rising:?}");
+        // It falls and comes back: somebody else opens a supply.
+        let back = found(OPEN, |k| if k < 40 { empties(25.0)(k) } else { [60.0, -1.0] });
+        assert_eq!(back.map(|(_, c)| c), Some(Condition::VentIneffective));
+    }
+
+    #[test]
+    fn vents_that_are_not_reported_are_a_fault() {
+        for echo in [[0.3, 1.0], [1.0, f32::NAN], [0.0, 0.0]] {
+            let found = found(echo, |k| [90.0 * (-f64::from(k) / 25.0).exp(), -70.0]);
+            assert!(found.is_some_and(|(k, c)| k <= FRAMES_TO_ECHO && c == Condition::VentNotEchoed), "{found:?}");
+        }
+    }
+
+    #[test]
+    fn a_reading_that_cannot_be_read_is_not_judged() {
+        let mut check = VentCheck::new([0.0; 2]);
+        check.begin([90.0, -70.0]);
+        for k in 0..200 {
+            let mut set = ConditionSet::EMPTY;
+            check.judge(OPEN, [None, Some(-70.0 * (-f64::from(k) / 25.0).exp())], &mut set);
+            assert!(set.is_empty(), "{k}");
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! The conditions that hold in a tick, with the number behind each.
+
+use crate::condition::{Condition, Severity};
+
+/// Room for the number behind every condition.
+const PLACES: usize = 64;
+
+/// A set of conditions, each with the number that a person is told: volts, kPa, ms, a count.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ConditionSet {
+    bits: u64,
+    values: [f64; PLACES],
+}
+
+impl ConditionSet {
+    /// Nothing is wrong.
+    pub const EMPTY: ConditionSet = ConditionSet { bits: 0, values: [0.0; PLACES] };
+
+    /// Adds a condition; a value that is there already stays.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn insert(&mut self, condition: Condition, value: f64) {
+        let rank = condition.rank();
+        if !self.contains(condition)
+            && let Some(slot) = self.values.get_mut(rank)
+        {
+            *slot = value;
+            self.bits |= 1 << rank;
+        }
+    }
+
+    /// Takes a condition out.
+    pub fn remove(&mut self, condition: Condition) {
+        self.bits &= !(1 << condition.rank());
+    }
+
+    /// Whether it is there.
+    pub fn contains(&self, condition: Condition) -> bool {
+        self.bits & (1 << condition.rank()) != 0
+    }
+
+    /// Whether nothing is there.
+    pub fn is_empty(&self) -> bool {
+        self.bits == 0
+    }
+
+    /// One bit per condition, by its place in [`Condition::ALL`].
+    pub fn bits(&self) -> u64 {
+        self.bits
+    }
+
+    /// The number behind a condition; 0 where it is not there.
+    pub fn value(&self, condition: Condition) -> f64 {
+        if self.contains(condition) { self.values.get(condition.rank()).copied().unwrap_or(0.0) } else { 0.0 }
+    }
+
+    /// The worst condition of at least this severity.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn worst(&self, at_least: Severity) -> Option<Condition> {
+        let top = PLACES.checked_sub(1 + self.bits.leading_zeros() as usize)?;
+        let worst = *Condition::ALL.get(top)?;
+        (worst.severity() >= at_least).then_some(worst)
+    }
+
+    /// The conditions, from the least to the worst.
+    pub fn iter(&self) -> impl Iterator<Item = Condition> + '_ {
+        Condition::ALL.iter().copied().filter(|c| self.contains(*c))
+    }
+}
+
+impl Default for ConditionSet {
+    fn default() -> Self {
+        ConditionSet::EMPTY
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_worst_is_the_last_of_the_list() {
+        let mut set = ConditionSet::EMPTY;
+        assert_eq!(set.worst(Severity::Warning), None);
+        for condition in Condition::ALL {
+            set.insert(*condition, 1.0);
+            assert_eq!(set.worst(Severity::Warning), Some(*condition));
+        }
+        assert_eq!(set.iter().count(), Condition::ALL.len());
+        for condition in Condition::ALL.iter().rev() {
+            assert_eq!(set.worst(condition.severity()), Some(*condition));
+            set.remove(*condition);
+        }
+        assert!(set.is_empty());
+    }
+
+    #[test]
+    fn the_first_number_stays() {
+        let mut set = ConditionSet::EMPTY;
+        set.insert(Condition::OverPressure, 161.0);
+        set.insert(Condition::OverPressure, 165.0);
+        assert_eq!((set.value(Condition::OverPressure), set.value(Condition::OverVacuum)), (161.0, 0.0));
+    }
+}

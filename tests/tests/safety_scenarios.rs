@@ -1,0 +1,397 @@
+//! What must never happen, tried on the built daemon over a real socket: a cRIO that lies, falls silent, or has a rig behind
+//! it that does not do what it is told.
+//!
+//! In lockstep, so that nothing hangs on how busy the machine is: SENSE goes out, the answer comes, the plant moves on.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::path::PathBuf;
+use std::process::Command;
+use std::time::Duration;
+
+use proto::emulator::SensorFault;
+use proto::wire::{ByeReason, CrioState, Mode, Sense, TripBits};
+use tests::Stream::Err;
+use tests::raw_crio::{Answer, RawCrio};
+use tests::{Folder, RunStatus, Running, finish, program};
+
+const SOON: Duration = Duration::from_secs(60);
+/// Ticks under control before anything is spoilt: 3.4 s, the soft start is over.
+const UNDER_CONTROL: u32 = 170;
+
+struct Scene {
+    crio: RawCrio,
+    daemon: Running,
+    config: PathBuf,
+    folder: Folder,
+}
+
+impl Scene {
+    /// A daemon that holds 90/−70 kPa on a rig.
+    fn start(rig: &str, more: &str) -> Self {
+        let crio = RawCrio::new(rig);
+        let folder = Folder::new();
+        folder.write("hold.csv", "time_s,ref_pos_kpa,ref_neg_kpa\n0,90,-70\n1,90,-70\n");
+        let config = folder.write(
+            "controller.toml",
+            format!(
+                "[link]\naddress = \"{}\"\npacing = \"lockstep\"\n[policy]\nactive = \"fallback\"\n[reference]\n\
+                 file = \"hold.csv\"\n[record]\ndirectory = \"runs\"\n[control]\nsocket = \"s\"\nauto_arm = true\n{more}",
+                crio.address()
+            ),
+        );
+        let daemon = Running::start(Command::new(program("controller")).args(["run", "--config"]).arg(&config));
+        let mut scene = Scene { crio, daemon, config, folder };
+        scene.crio.open();
+        scene
+    }
+
+    /// The same, armed and settled.
+    fn under_control(rig: &str) -> Self {
+        let mut scene = Scene::start(rig, "");
+        scene.control(UNDER_CONTROL);
+        scene
+    }
+
+    /// Steps until so many ticks in a row were answered with duties.
+    fn control(&mut self, ticks: u32) {
+        let mut run = 0;
+        for _ in 0..ticks + 200 {
+            run = if self.step() == Some(Mode::Run) { run + 1 } else { 0 };
+            if run == ticks {
+                return;
+            }
+        }
+        panic!("not under control: {}", self.daemon.said(Err));
+    }
+
+    /// A sound step; the mode that was answered.
+    fn step(&mut self) -> Option<Mode> {
+        self.spoilt(|_| ())
+    }
+
+    fn spoilt(&mut self, spoil: impl FnOnce(&mut Sense)) -> Option<Mode> {
+        match self.crio.step(spoil) {
+            Answer::Command(command) => {
+                // Whatever is wrong, vented means open.
+                if command.mode == Mode::Vent {
+                    assert_eq!((command.duty, command.digital_outputs), ([1.0, 1.0], 0));
+                }
+                Some(command.mode)
+            }
+            _ => None,
+        }
+    }
+
+    /// Ticks of a fault until the vents are commanded open.
+    fn ticks_to_vent(&mut self, most: u32, mut spoil: impl FnMut(u32, &mut Sense)) -> u32 {
+        for tick in 0..most {
+            if self.spoilt(|sense| spoil(tick, sense)) != Some(Mode::Run) {
+                return tick;
+            }
+        }
+        panic!("not vented within {most} ticks: {}", self.daemon.said(Err));
+    }
+
+    fn ask(&self, question: &str) -> RunStatus {
+        finish(Command::new(program("controller")).args([question, "--config"]).arg(&self.config))
+    }
+
+    /// Asks while the cRIO goes on: requests are answered by the tick.
+    fn ask_while_stepping(&mut self, question: &str) -> RunStatus {
+        let asking = Running::start(Command::new(program("controller")).args([question, "--config"]).arg(&self.config));
+        for _ in 0..100 {
+            self.step();
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        asking.wait(SOON)
+    }
+
+    fn told(&self, words: &str) {
+        self.daemon.line(Err, words, SOON);
+    }
+
+    fn silent_about(&self, words: &str) {
+        let said = self.daemon.said(Err);
+        assert!(!said.contains(words), "`{words}` in: {said}");
+    }
+
+    fn end(self) -> String {
+        self.daemon.terminate();
+        let Scene { mut crio, daemon, folder, .. } = self;
+        // It may wait for a frame.
+        for _ in 0..3 {
+            if let Some(sense) = crio.sense() {
+                crio.write(&sense.encode());
+            }
+        }
+        let ended = daemon.wait(SOON);
+        assert_eq!(ended.status, Some(0), "{ended:?}");
+        drop(folder);
+        ended.stderr
+    }
+}
+
+/// Never armed again by itself, however long all is sound.
+fn check_latched(scene: &mut Scene) {
+    for _ in 0..300 {
+        assert_eq!(scene.step(), Some(Mode::Vent), "armed again by itself: {}", scene.daemon.said(Err));
+    }
+}
+
+#[test]
+fn what_the_crio_reports_is_checked_and_vents_within_three_ticks() {
+    let cases: [(&str, fn(&mut Sense), &str); 8] = [
+        ("echo", |s| s.duty = [0.5, 0.5], "reports a duty of 0.500"),
+        ("one echo", |s| s.duty[1] = (s.duty[1] - 0.2).max(0.0), "that was not commanded"),
+        ("NaN echo", |s| s.duty[0] = f32::NAN, "reports a duty of NaN"),
+        ("no command in force", |s| s.command_in_force = 0, "reports command 0 in force"),
+        ("an old command", |s| s.command_in_force -= 20, "which is none of the last"),
+        ("idle", |s| s.state = CrioState::Idle, "reports state 0 although it is told to run"),
+        ("pump off", |s| s.pump_running = false, "reports the pump off"),
+        ("trip bits", |s| s.trips = TripBits::OVER_PRESSURE, "without having tripped"),
+    ];
+    for (name, spoil, words) in cases {
+        let mut scene = Scene::under_control("dual_pressure");
+        let ticks = scene.ticks_to_vent(10, |_, sense| spoil(sense));
+        assert!(ticks <= 2, "{name}: {ticks}");
+        scene.told("VENTED");
+        scene.told(words);
+        check_latched(&mut scene);
+        scene.end();
+    }
+}
+
+#[test]
+fn one_frame_that_disagrees_is_no_reason() {
+    let mut scene = Scene::under_control("dual_pressure");
+    for k in 0..60 {
+        let mode = scene.spoilt(|sense| {
+            if k % 10 < 2 {
+                sense.duty = [0.5, 0.5];
+            }
+        });
+        assert_eq!(mode, Some(Mode::Run), "tick {k}: {}", scene.daemon.said(Err));
+    }
+    scene.silent_about("VENTED");
+    scene.end();
+}
+
+#[test]
+fn a_stuck_or_wrong_sensor_is_caught_before_the_true_pressure_has_moved_by_15_kpa() {
+    // Offsets by tick: a jump, drifts fast and slow.
+    let ramp = |kpa_per_s: f64| move |tick: u32| vec![SensorFault::Offset(kpa_per_s * 0.02 * f64::from(tick))];
+    type Course = Box<dyn Fn(u32) -> Vec<SensorFault>>;
+    let cases: Vec<(&str, usize, Course)> = vec![
+        ("frozen", 0, Box::new(|_| vec![SensorFault::Stuck])),
+        ("frozen at 60 kPa", 0, Box::new(|_| vec![SensorFault::Reading(60.0)])),
+        ("0.85 V", 0, Box::new(|_| vec![SensorFault::Reading(-37.5)])),
+        ("60 kPa low", 0, Box::new(|_| vec![SensorFault::Offset(-60.0)])),
+        ("60 kPa high", 0, Box::new(|_| vec![SensorFault::Offset(60.0)])),
+        ("falls by 20 kPa/s", 0, Box::new(ramp(-20.0))),
+        ("falls by 5 kPa/s", 0, Box::new(ramp(-5.0))),
+        ("rises by 10 kPa/s", 0, Box::new(ramp(10.0))),
+        ("frozen", 1, Box::new(|_| vec![SensorFault::Stuck])),
+        ("frozen at -40 kPa", 1, Box::new(|_| vec![SensorFault::Reading(-40.0)])),
+        ("0.85 V", 1, Box::new(|_| vec![SensorFault::Reading(3.8)])),
+        ("rises by 10 kPa/s", 1, Box::new(ramp(10.0))),
+        ("falls by 5 kPa/s", 1, Box::new(ramp(-5.0))),
+    ];
+    for rig in ["dual_pressure", "bench"] {
+        for (name, channel, course) in &cases {
+            let mut scene = Scene::under_control(rig);
+            let before = scene.crio.true_kpa()[*channel];
+            let mut moved: f64 = 0.0;
+            let mut vented = None;
+            for tick in 0..500 {
+                scene.crio.faults[*channel] = course(tick);
+                let mode = scene.step();
+                if mode != Some(Mode::Run) {
+                    vented = Some(tick);
+                    break;
+                }
+                moved = moved.max((scene.crio.true_kpa()[*channel] - before).abs());
+            }
+            let context = format!("{rig}, channel {channel}, {name}: {vented:?}, moved by {moved:.1} kPa");
+            println!("{context}");
+            assert!(vented.is_some() && moved < 15.0, "{context}: {}", scene.daemon.said(Err));
+            check_latched(&mut scene);
+            scene.told("VENTED");
+            scene.end();
+        }
+    }
+}
+
+#[test]
+fn an_operators_stop_is_never_undone_by_a_hello() {
+    let mut scene = Scene::under_control("dual_pressure");
+    scene.crio.trip(TripBits::OPERATOR_STOP);
+    assert_eq!(scene.step(), Some(Mode::Vent));
+    scene.told("operator stop");
+    check_latched(&mut scene);
+    assert_eq!(scene.crio.hellos, 1, "{}", scene.daemon.said(Err));
+    // Not even when the link is lost.
+    scene.crio.cut();
+    assert!(!scene.crio.open_within(Duration::from_secs(2)), "a HELLO came: {}", scene.daemon.said(Err));
+    let status = scene.ask("status");
+    assert!(status.stdout.contains("connecting") && status.stdout.contains("acknowledge"), "{status:?}");
+    let acknowledged = scene.ask("acknowledge");
+    assert_eq!(acknowledged.status, Some(0), "{acknowledged:?}");
+    scene.crio.open();
+    for _ in 0..100 {
+        assert_eq!(scene.step(), Some(Mode::Vent), "acknowledged, and still a person arms");
+    }
+    let armed = scene.ask_while_stepping("arm");
+    assert_eq!(armed.status, Some(0), "{armed:?} {}", scene.daemon.said(Err));
+    scene.control(20);
+    scene.end();
+}
+
+#[test]
+fn lost_commands_alone_open_a_new_session() {
+    let mut scene = Scene::under_control("dual_pressure");
+    scene.crio.trip(TripBits::COMMAND_LOST);
+    assert_eq!(scene.step(), Some(Mode::Vent));
+    scene.crio.open();
+    scene.control(20);
+    assert_eq!(scene.crio.hellos, 2);
+    scene.end();
+}
+
+#[test]
+fn a_worse_cause_replaces_a_lesser_one_is_told_and_bars_arming() {
+    let mut scene = Scene::under_control("dual_pressure");
+    // A cause that clears by itself: the cRIO got no command.
+    scene.crio.trip(TripBits::COMMAND_LOST);
+    scene.step();
+    scene.crio.open();
+    for _ in 0..10 {
+        scene.step();
+    }
+    // While it stands by with the vents open a sensor breaks.
+    scene.crio.faults[1] = vec![SensorFault::NotANumber];
+    scene.step();
+    scene.crio.faults[1].clear();
+    scene.told("negative sensor reads NaN V");
+    // And while that is shown, somebody presses stop.
+    for _ in 0..5 {
+        scene.step();
+    }
+    scene.crio.trip(TripBits::OPERATOR_STOP);
+    scene.step();
+    scene.told("operator stop");
+    check_latched(&mut scene);
+    let refused = scene.ask_while_stepping("arm");
+    assert!(refused.status == Some(1) && refused.stderr.contains("acknowledge"), "{refused:?}");
+    scene.end();
+}
+
+#[test]
+fn a_valve_that_sticks_is_a_fault_that_is_told_again_and_again() {
+    let mut scene = Scene::under_control("dual_pressure");
+    // The positive vent shuts for good, whatever is commanded.
+    scene.crio.stuck_duty[0] = Some(0.0);
+    let ticks = scene.ticks_to_vent(200, |_, _| ());
+    // The pump is still on at the cRIO's side: a relay that sticks as well would be told by the pump bit.
+    for _ in 0..700 {
+        assert_eq!(scene.step(), Some(Mode::Vent), "it goes on venting");
+    }
+    scene.told("FAULT");
+    scene.daemon.lines(Err, "STILL IN DOUBT", 2, SOON);
+    println!("stuck vent: vented after {ticks} ticks");
+    let status = scene.ask("status");
+    assert!(status.stdout.contains("state      fault"), "{status:?}");
+    scene.end();
+}
+
+#[test]
+fn one_tick_far_ahead_moves_nothing_and_a_numbering_that_stays_wrong_vents() {
+    let mut scene = Scene::under_control("dual_pressure");
+    let duty = |answer: Answer| match answer {
+        Answer::Command(command) => command.duty,
+        other => panic!("{other:?}"),
+    };
+    let before = duty(scene.crio.step(|_| ()));
+    // The frame is no frame: nothing answers it, and the next one is answered as if it had not been.
+    let mut jumped = scene.crio.sense().unwrap();
+    jumped.tick += 1_500;
+    scene.crio.write(&jumped.encode());
+    scene.crio.advance();
+    let after = duty(scene.crio.step(|_| ()));
+    assert!((0..2).all(|c| (before[c] - after[c]).abs() < 0.1), "{before:?} {after:?}");
+    scene.control(5);
+    scene.end();
+}
+
+#[test]
+fn a_broken_stream_is_vented_said_bye_to_and_named() {
+    let cases: [(&str, fn(&mut Vec<u8>), &str, ByeReason); 3] = [
+        ("magic", |b| b[0] = 0x55, "wrong magic, type or length", ByeReason::ProtocolError),
+        ("length", |b| b[7] = 63, "wrong magic, type or length", ByeReason::ProtocolError),
+        ("version", |b| b[4] = 9, "protocol version 9", ByeReason::Version),
+    ];
+    for (name, spoil, words, reason) in cases {
+        let mut scene = Scene::under_control("dual_pressure");
+        let mut bytes = scene.crio.sense().unwrap().encode().to_vec();
+        spoil(&mut bytes);
+        scene.crio.write(&bytes);
+        let vent = scene.crio.answer(SOON);
+        assert!(matches!(vent, Answer::Command(c) if c.mode == Mode::Vent && c.duty == [1.0, 1.0]), "{name}: {vent:?}");
+        assert_eq!(scene.crio.answer(SOON), Answer::Bye(reason), "{name}");
+        scene.told(words);
+        scene.crio.open();
+        scene.end();
+    }
+}
+
+#[test]
+fn three_wrong_crcs_of_a_hundred_vent_and_close() {
+    let mut scene = Scene::under_control("dual_pressure");
+    let mut sent = 0;
+    let closed = (0..100).find_map(|k| {
+        if k % 20 == 10 {
+            let mut bytes = scene.crio.sense().unwrap().encode();
+            bytes[40] ^= 0x10;
+            scene.crio.write(&bytes);
+            scene.crio.advance();
+            sent += 1;
+        }
+        match scene.crio.step(|_| ()) {
+            Answer::Command(command) if command.mode == Mode::Run => None,
+            _ => Some(k),
+        }
+    });
+    assert_eq!((closed.is_some(), sent), (true, 3), "{}", scene.daemon.said(Err));
+    scene.told("had a wrong CRC");
+    scene.crio.cut();
+    scene.crio.open();
+    scene.end();
+}
+
+#[test]
+fn a_flood_is_closed_and_named() {
+    let mut scene = Scene::under_control("dual_pressure");
+    // The same frame over and over: each is sound, none is new.
+    let bytes = scene.crio.sense().unwrap().encode();
+    let flood: Vec<u8> = bytes.iter().copied().cycle().take(64 * 64 * 64).collect();
+    for _ in 0..8 {
+        scene.crio.write(&flood);
+    }
+    scene.told("bytes came in one tick");
+    scene.crio.cut();
+    scene.crio.open();
+    scene.end();
+}
+
+#[test]
+fn status_without_a_link_says_so() {
+    let mut scene = Scene::under_control("dual_pressure");
+    scene.crio.cut();
+    scene.told("the link to the cRIO is lost");
+    let status = scene.ask("status");
+    assert!(status.stdout.contains("connecting") && !status.stdout.contains("state      run"), "{status:?}");
+    let json = finish(Command::new(program("controller")).args(["status", "--json", "--config"]).arg(&scene.config));
+    assert!(json.stdout.contains("\"duty\":[1.0,1.0]") && json.stdout.contains("received_ns"), "{json:?}");
+    scene.crio.open();
+    scene.control(5);
+    scene.end();
+}
