@@ -1,4 +1,7 @@
-//! Scratch.
+//! Residuals of the plausibility monitor on randomised rigs, without and with faults of a sensor.
+//!
+//! `residuals SECONDS fallback|policy FAULT CHANNEL RIGS`: FAULT 0 lists false trips and the scatter of the sums, 100 freezes the
+//! sensor, anything else drifts it by so many kPa/s from 20 s on; `LIMIT=1000` in the environment takes the limits off.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 use controller::config::Safety;
 use controller::cycle::Cycle;
