@@ -61,7 +61,6 @@ fn shipped() -> TrainedPolicy {
 }
 
 #[test]
-#[ignore = "the shipped policy is not yet exported with its plan fitted (trainer export --fit-plan)"]
 fn the_shipped_policy_does_what_it_plans() {
     let ticks = run(&shipped());
     let again = rolled_again(&ticks);
