@@ -44,6 +44,8 @@ pub struct ReferenceTracking {
     approach: SoftStart,
     start_tick: u32,
     predicted: [Pair; AHEAD],
+    /// What the sensors would read now if none of them lagged, in kPa gauge.
+    undelayed: Pair,
     trajectory: ActionTrajectory,
 }
 
@@ -70,6 +72,7 @@ impl ReferenceTracking {
             approach: SoftStart::new([0.0; CHANNELS], [0.0; CHANNELS]),
             start_tick: 0,
             predicted: [[f64::NAN; CHANNELS]; AHEAD],
+            undelayed: [f64::NAN; CHANNELS],
             trajectory: ActionTrajectory::held(VENT),
         })
     }
@@ -128,11 +131,12 @@ impl DutySource for ReferenceTracking {
     }
 
     fn predict(&mut self, measured: Pair, applied: Pair, record: &mut TickRecord) {
-        self.predictor.observe(measured);
+        self.undelayed = self.predictor.observe(measured);
         self.predicted = self.predictor.predict(&self.trajectory.remaining(), true);
         if !self.predicted.as_flattened().iter().all(|p| p.is_finite()) {
             // A diverged model must not reach the policy; "stays as it is" is the plainest forecast.
             self.predicted = [measured; AHEAD];
+            self.undelayed = measured;
             self.predictor.restart(measured, applied);
         }
         record.predicted_pos_kpa = self.predicted.map(|p| p[0]);
@@ -155,7 +159,10 @@ impl DutySource for ReferenceTracking {
         });
         // What a person compares with is the reference as given, not the way to it.
         [record.ref_pos_kpa, record.ref_neg_kpa] = self.reference.at(time_s);
-        let arbitrated = self.control.decide(&ControlInput { measured_kpa: measured, goals_kpa }, &self.predicted);
+        let arbitrated = self.control.decide(
+            &ControlInput { measured_kpa: measured, undelayed_kpa: self.undelayed, goals_kpa },
+            &self.predicted,
+        );
         let ordered = matches!(
             arbitrated.event,
             Some(PolicyEvent::Taken(_) | PolicyEvent::NothingBefore | PolicyEvent::Lost(_, _, Loss::Withdrawn))

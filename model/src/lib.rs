@@ -8,8 +8,10 @@
 //! | [`mechanism`] | physics beyond the paper's, one file each |
 //! | [`plant`] | a rig compiled into flat arrays; RK4; simulation |
 //! | [`predict`] | MPObs: the model rolled ahead |
+//! | [`observer`] | chambers estimated behind sensors that lag or swing |
 //! | [`averaged`] | pumps averaged over a revolution, for fits |
 //! | [`steady`] | the rig averaged over a revolution; feed-forward |
+//! | [`valve_path`] | delay, lags and play between a duty and its flapper |
 //! | [`observation`] | what a policy sees and answers |
 //! | [`ports`] | names, units and ranges of that, as policy files carry them |
 //!
@@ -19,6 +21,7 @@
 pub mod averaged;
 pub mod mechanism;
 pub mod observation;
+pub mod observer;
 pub mod orifice;
 pub mod plant;
 pub mod ports;
@@ -26,3 +29,4 @@ pub mod predict;
 pub mod real;
 pub mod rig;
 pub mod steady;
+pub mod valve_path;

@@ -1,14 +1,15 @@
 //! Model-predicted observations (MPObs), paper §III-A2.
 //!
 //! The model runs along with the rig since start-up. At tick τ its chamber pressures are set to the measured
-//! ones; what is not measured (cylinder pressures, crank angle, memory of mechanisms) stays the model's own.
-//! From there the actions planned one tick ago for τ … τ+4 roll a copy forward to õ(τ+1) … õ(τ+5).
+//! ones, or, behind a sensor that lags or swings, to what an observer makes of them (`crate::observer`); what is not
+//! measured (cylinder pressures, crank angle, memory of mechanisms) stays the model's own. From there the actions planned one tick ago for τ … τ+4 roll a copy forward to õ(τ+1) … õ(τ+5).
 
 mod averaged;
 
 use std::sync::Arc;
 
 use crate::observation::{AHEAD, CHANNELS};
+use crate::observer::Observer;
 use crate::plant::{FreeRunStart, Plant, Simulated, Simulation};
 use crate::real::{Lanes, Real};
 use crate::rig::{Rig, RigError};
@@ -144,7 +145,7 @@ impl<R: Simulated> DualPressureRig<R> {
         self.simulation.start_from(&readings, &self.ports.inputs(duty, start == FreeRunStart::Running), start);
     }
 
-    /// Sets the chamber pressures to measured ones (kPa gauge) and leaves everything else.
+    /// Sets the chamber pressures to measured ones (kPa gauge) and leaves everything else; sensors that lag with them.
     ///
     /// # Real-time
     /// May run in the tick.
@@ -157,6 +158,7 @@ impl<R: Simulated> DualPressureRig<R> {
 #[derive(Debug, Clone)]
 pub struct Predictor<R = f64> {
     model: DualPressureRig<R>,
+    observer: Observer<R>,
 }
 
 impl Predictor {
@@ -165,7 +167,7 @@ impl Predictor {
     /// # Errors
     /// As [`DualPressureRig::new`].
     pub fn new(rig: &Rig) -> Result<Self, RigError> {
-        Ok(Predictor { model: DualPressureRig::new(rig)? })
+        Ok(Predictor::with(DualPressureRig::new(rig)?))
     }
 }
 
@@ -176,26 +178,31 @@ where
     /// Starts one lane anew, as [`DualPressureRig::restart_lane`] does.
     pub fn restart_lane(&mut self, lane: usize, measured_kpa: [f64; CHANNELS], duty: [f64; CHANNELS]) {
         self.model.restart_lane(lane, measured_kpa, duty);
+        self.observer.restart_lane(lane);
     }
 }
 
 impl<R: Simulated> Predictor<R> {
     /// Predicts with a model that was compiled before.
     pub fn with(model: DualPressureRig<R>) -> Self {
-        Predictor { model }
+        let observer = Observer::of(model.simulation.plant(), model.ports.sensor);
+        Predictor { model, observer }
     }
 
     /// Starts anew from measured pressures (kPa gauge), with the duties that have been in force.
     pub fn restart(&mut self, measured_kpa: [R; CHANNELS], duty: [R; CHANNELS]) {
         self.model.start_from(measured_kpa, duty);
+        self.observer.restart();
     }
 
-    /// Sets the chambers to what was measured at this tick, in kPa gauge.
+    /// Takes in what was measured at this tick, in kPa gauge; answers what the sensors would read if none of them lagged or
+    /// swung: what was measured where none does, what the chambers have been estimated at otherwise.
     ///
     /// # Real-time
-    /// May run in the tick.
-    pub fn observe(&mut self, measured_kpa: [R; CHANNELS]) {
-        self.model.correct(measured_kpa);
+    /// Allocation-free and bounded: may run in the tick.
+    pub fn observe(&mut self, measured_kpa: [R; CHANNELS]) -> [R; CHANNELS] {
+        self.observer.correct(&mut self.model.simulation, measured_kpa);
+        self.observer.undelayed_kpa(&self.model.simulation, measured_kpa)
     }
 
     /// Predicts the readings (kPa gauge) of the next five ticks under the given duties.
@@ -205,7 +212,7 @@ impl<R: Simulated> Predictor<R> {
     pub fn predict(&mut self, duties: &[[R; CHANNELS]; AHEAD], pump_on: bool) -> [[R; CHANNELS]; AHEAD] {
         let now = self.model.simulation.state();
         let predicted = duties.map(|duty| {
-            self.model.tick(duty, pump_on);
+            self.advance(duty, pump_on);
             self.model.readings_kpa()
         });
         self.model.simulation.restore(&now);
@@ -218,6 +225,7 @@ impl<R: Simulated> Predictor<R> {
     /// One tick of the model, allocation-free: it may run in the tick, after the command is out.
     pub fn advance(&mut self, applied: [R; CHANNELS], pump_on: bool) {
         self.model.tick(applied, pump_on);
+        self.observer.disturb(&mut self.model.simulation);
     }
 }
 

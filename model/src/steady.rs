@@ -8,37 +8,49 @@
 //! V/(R T) · Ṗ = ṁ(P) ∓ ṁ_valve(P, u)
 //! ```
 //!
-//! which is solved for `u` (feed-forward: [`SteadyMap::duty_for`]) or, with `Ṗ = 0`, for `P`
+//! Gas that is in the cylinders follows the pressures a little late. While a pressure moves the pump therefore moves less, in
+//! proportion to the rate: the cylinders are a part of the chambers that they are open to,
+//!
+//! ```text
+//! ṁ = ṁ̄(P) − E(P) Ṗ
+//! ```
+//!
+//! a third of the negative chamber's own capacity on the paper's rig. The balance is solved for `u` (feed-forward: [`SteadyMap::duty_for`]) or, with `Ṗ = 0`, for `P`
 //! ([`SteadyMap::settled_kpa`]).
 //!
 //! In it are mechanisms that change the flows of a rig that has settled: of the pump, leaks, another critical ratio,
-//! curved forces, a full opening and whatever is in series with a valve; and another volume or a compliant one. Left out
-//! is what the past decides (play, stiction, lag and delay of a valve; heat of a coil; muscles; warm gas), what one valve
-//! does to the other's supply, tabled flows that are over a valve's duty, and sensors: pressures are the chambers'.
-
-use std::sync::Arc;
+//! curved forces, a full opening and whatever is in series with a valve; and another volume or a compliant one. Gas that
+//! warms is in [`SteadyMap::warm_duty_for`], whose temperatures the caller moves along. Left out is what else the past
+//! decides (stiction; heat of a coil; muscles), what one valve does to the other's supply, and tabled flows that are over a
+//! valve's duty. Play, lag and delay of the valves are beside it ([`SteadyMap::valve_paths`]). Pressures are the chambers';
+//! [`SteadyMap::chamber_kpa`] undoes what a sensor's gain and bias make of them.
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::averaged::PumpTables;
-use crate::mechanism::{Mechanism, Variable};
+use crate::mechanism::Mechanism;
 use crate::observation::{CHANNELS, Pair};
-use crate::plant::{Plant, Simulation, ValveModel};
+use crate::plant::{Plant, ValveModel};
 use crate::predict::DualPressurePorts;
-use crate::real::{Lanes, Real};
 use crate::rig::{ATMOSPHERE, Rig, RigError, Valve};
+use crate::valve_path::ValvePath;
 
-const POSITIVE_KPA: Axis = Axis { low: -5.0, step: 5.0, points: 36 };
-const NEGATIVE_KPA: Axis = Axis { low: -97.5, step: 2.5, points: 41 };
+mod pump_map;
+mod warm_gas;
+
+use pump_map::{NEGATIVE_KPA, POSITIVE_KPA, PumpMap};
+use warm_gas::{Wanted, WarmChamber};
 
 /// Net mass flow into both chambers by pressures, and the valves' inverse.
 #[derive(Debug, Clone)]
 pub struct SteadyMap {
-    /// Net mass flow into each chamber in kg/s with valves shut; `[negative][positive]` flattened.
-    flows: Vec<Pair>,
+    pump: PumpMap,
     valves: [ValveInverse; CHANNELS],
     chambers: [Capacity; CHANNELS],
     atmosphere_pa: f64,
+    warm: [Option<WarmChamber>; CHANNELS],
+    paths: [ValvePath; CHANNELS],
+    /// Gain (a bare number) and bias (kPa) of each sensor.
+    sensors: [(f64, f64); CHANNELS],
 }
 
 /// What a chamber takes up per pressure, V/(R T) of one that may be compliant.
@@ -73,27 +85,6 @@ impl Capacity {
     }
 }
 
-/// A uniform grid in kPa gauge.
-#[derive(Debug, Clone, Copy)]
-struct Axis {
-    low: f64,
-    step: f64,
-    points: usize,
-}
-
-impl Axis {
-    fn value(&self, index: usize) -> f64 {
-        self.low + self.step * index as f64
-    }
-
-    /// Cell and position within it, limited to the grid.
-    fn locate(&self, value: f64) -> (usize, f64) {
-        let position = ((value - self.low) / self.step).clamp(0.0, (self.points - 1) as f64);
-        let cell = (position as usize).min(self.points - 2);
-        (cell, position - cell as f64)
-    }
-}
-
 /// A valve between a chamber and the atmosphere, solved for its duty.
 #[derive(Debug, Clone, Copy)]
 struct ValveInverse {
@@ -121,7 +112,7 @@ impl ValveInverse {
 }
 
 impl SteadyMap {
-    /// Maps a rig; some milliseconds.
+    /// Maps a rig; a tenth of a second.
     ///
     /// # Errors
     /// If the rig is unsound, or is not two chambers each with one valve to the atmosphere.
@@ -131,6 +122,8 @@ impl SteadyMap {
         let mut valves = Vec::new();
         let mut capacities = Vec::new();
         let mut chambers = [0; CHANNELS];
+        let mut warm = [None; CHANNELS];
+        let mut paths = [ValvePath::default(); CHANNELS];
         for (c, column) in DualPressurePorts::DUTY.into_iter().enumerate() {
             let (index, name, valve) = rig
                 .valves
@@ -145,6 +138,8 @@ impl SteadyMap {
                 .ok_or_else(|| RigError::at(format!("valves.{name}"), format!("`{place}` is no volume")))?;
             let model = plant.valve_model(index).ok_or_else(|| RigError::at("valves", column))?;
             capacities.push(Capacity::of(rig, place));
+            warm[c] = WarmChamber::of(rig, place);
+            paths[c] = ValvePath::of(rig, name);
             valves.push(ValveInverse { model, fills });
         }
         let ([Some(positive), Some(negative)], [Some(one), Some(other)]) = (
@@ -154,11 +149,117 @@ impl SteadyMap {
             return Err(RigError::at("valves", "two valves are needed"));
         };
         Ok(SteadyMap {
-            flows: pump_flows(rig, chambers)?,
+            pump: PumpMap::of(rig, chambers)?,
             valves: [positive, negative],
             chambers: [one, other],
             atmosphere_pa: rig.atmosphere.pressure_kpa_abs * 1e3,
+            warm,
+            paths,
+            sensors: DualPressurePorts::READING.map(|column| calibration(rig, column)),
         })
+    }
+
+    /// Delay, lags and play of both valves, as the rig file states them.
+    pub fn valve_paths(&self) -> &[ValvePath; CHANNELS] {
+        &self.paths
+    }
+
+    /// The chambers' pressures at readings that neither lag nor swing, both in kPa gauge.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn chamber_kpa(&self, readings_kpa: Pair) -> Pair {
+        std::array::from_fn(|c| (readings_kpa[c] - self.sensors[c].1) / self.sensors[c].0)
+    }
+
+    /// The rates of the chambers' pressures at rates of the readings, both in kPa/s.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn chamber_rates_kpa_per_s(&self, rates_kpa_per_s: Pair) -> Pair {
+        std::array::from_fn(|c| rates_kpa_per_s[c] / self.sensors[c].0)
+    }
+
+    /// Temperatures in K that the gas in both chambers starts from: those of the walls.
+    pub fn wall_k(&self) -> Pair {
+        self.warm.map(|warm| warm.map_or(f64::NAN, |warm| warm.wall_k()))
+    }
+
+    /// The same as [`SteadyMap::duty_for`] with gas at the given temperatures in K, which count where the rig's chamber
+    /// has an energy balance.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn warm_duty_for(&self, pressures_kpa: Pair, rates_kpa_per_s: Pair, gas_k: Pair) -> Pair {
+        let cold = self.duty_for(pressures_kpa, rates_kpa_per_s);
+        if self.warm.iter().all(Option::is_none) {
+            return cold;
+        }
+        let flows = self.moving_flows(pressures_kpa, rates_kpa_per_s);
+        std::array::from_fn(|c| {
+            let Some(warm) = &self.warm[c] else { return cold[c] };
+            let wanted = self.wanted(c, pressures_kpa, rates_kpa_per_s, flows);
+            let inflow = warm.valve_inflow(&self.chambers[c], &wanted, gas_k[c]);
+            let inflow = if inflow < 0.0 { inflow / warm.thinning(gas_k[c]) } else { inflow };
+            self.valves[c].duty(inflow, wanted.pressure_pa, self.atmosphere_pa)
+        })
+    }
+
+    /// Rate of both pressures in kPa/s at pressures (kPa gauge), duties and gas temperatures in K, which count where the
+    /// rig's chamber has an energy balance.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn warm_rate_kpa_per_s(&self, pressures_kpa: Pair, duty: Pair, gas_k: Pair) -> Pair {
+        self.rates(pressures_kpa, duty, Some(gas_k))
+    }
+
+    /// Rates in kPa/s; without temperatures all gas has that of its walls.
+    fn rates(&self, pressures_kpa: Pair, duty: Pair, gas_k: Option<Pair>) -> Pair {
+        let flows = self.flows(pressures_kpa);
+        let (mut still, mut per_flow) = ([0.0; CHANNELS], [0.0; CHANNELS]);
+        for c in 0..CHANNELS {
+            let chamber = self.atmosphere_pa + pressures_kpa[c] * 1e3;
+            let inflow = self.valves[c].inflow(duty[c], chamber, self.atmosphere_pa);
+            if let (Some(warm), Some(gas_k)) = (&self.warm[c], gas_k) {
+                let inflow = if inflow < 0.0 { inflow * warm.thinning(gas_k[c]) } else { inflow };
+                let rate = |pump| 1e-3 * warm.rate_pa_per_s(&self.chambers[c], chamber, [pump, inflow], gas_k[c]);
+                still[c] = rate(flows[c]);
+                // Straight lines: what is pumped in has one temperature, what is drawn another.
+                per_flow[c] = (rate(2.0 * flows[c]) - still[c]) / flows[c];
+            } else {
+                per_flow[c] = 1e-3 / self.chambers[c].at(chamber);
+                still[c] = (flows[c] + inflow) * per_flow[c];
+            }
+            if !per_flow[c].is_finite() {
+                per_flow[c] = 0.0;
+            }
+        }
+        self.with_cylinders(pressures_kpa, still, per_flow)
+    }
+
+    /// Temperatures in K of the gas `duration_s` later, while pressures change as given.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn warmed_k(&self, pressures_kpa: Pair, rates_kpa_per_s: Pair, gas_k: Pair, duration_s: f64) -> Pair {
+        if self.warm.iter().all(Option::is_none) {
+            return gas_k;
+        }
+        let flows = self.moving_flows(pressures_kpa, rates_kpa_per_s);
+        std::array::from_fn(|c| {
+            let Some(warm) = &self.warm[c] else { return gas_k[c] };
+            let wanted = self.wanted(c, pressures_kpa, rates_kpa_per_s, flows);
+            warm.warmed(&self.chambers[c], &wanted, gas_k[c], duration_s)
+        })
+    }
+
+    fn wanted(&self, c: usize, pressures_kpa: Pair, rates_kpa_per_s: Pair, flows: Pair) -> Wanted {
+        Wanted {
+            pressure_pa: self.atmosphere_pa + pressures_kpa[c] * 1e3,
+            rate_pa_per_s: rates_kpa_per_s[c] * 1e3,
+            pump_kg_per_s: flows[c],
+        }
     }
 
     /// Net mass flow into both chambers with the valves shut, in kg/s, by bilinear interpolation.
@@ -166,12 +267,28 @@ impl SteadyMap {
     /// # Real-time
     /// May run in the tick.
     pub fn flows(&self, pressures_kpa: Pair) -> Pair {
-        let (i, x) = POSITIVE_KPA.locate(pressures_kpa[0]);
-        let (j, y) = NEGATIVE_KPA.locate(pressures_kpa[1]);
-        let at =
-            |i: usize, j: usize| self.flows.get(j * POSITIVE_KPA.points + i).copied().unwrap_or([f64::NAN; CHANNELS]);
-        let (a, b, c, d) = (at(i, j), at(i + 1, j), at(i, j + 1), at(i + 1, j + 1));
-        std::array::from_fn(|n| (1.0 - y) * ((1.0 - x) * a[n] + x * b[n]) + y * ((1.0 - x) * c[n] + x * d[n]))
+        self.pump.flows(pressures_kpa)
+    }
+
+    /// Net mass flow into both chambers with the valves shut while pressures move at rates in kPa/s.
+    fn moving_flows(&self, pressures_kpa: Pair, rates_kpa_per_s: Pair) -> Pair {
+        let (flows, followed) = (self.flows(pressures_kpa), self.pump.followed(pressures_kpa));
+        std::array::from_fn(|c| {
+            flows[c] - 1e3 * (followed[c][0] * rates_kpa_per_s[0] + followed[c][1] * rates_kpa_per_s[1])
+        })
+    }
+
+    /// Rates in kPa/s of pressures whose rates would be `still` if the pump moved what it moves at standing pressures, and
+    /// grow by `per_flow` per kg/s more.
+    fn with_cylinders(&self, pressures_kpa: Pair, still: Pair, per_flow: Pair) -> Pair {
+        let e = self.pump.followed(pressures_kpa);
+        let m: [Pair; CHANNELS] =
+            std::array::from_fn(|c| std::array::from_fn(|j| f64::from(u8::from(c == j)) + 1e3 * per_flow[c] * e[c][j]));
+        let determinant = m[0][0] * m[1][1] - m[0][1] * m[1][0];
+        [
+            (m[1][1] * still[0] - m[0][1] * still[1]) / determinant,
+            (m[0][0] * still[1] - m[1][0] * still[0]) / determinant,
+        ]
     }
 
     /// Rate of both pressures in kPa/s at pressures (kPa gauge) and duties.
@@ -179,12 +296,7 @@ impl SteadyMap {
     /// # Real-time
     /// May run in the tick.
     pub fn rate_kpa_per_s(&self, pressures_kpa: Pair, duty: Pair) -> Pair {
-        let flows = self.flows(pressures_kpa);
-        std::array::from_fn(|c| {
-            let chamber = self.atmosphere_pa + pressures_kpa[c] * 1e3;
-            (flows[c] + self.valves[c].inflow(duty[c], chamber, self.atmosphere_pa)) / self.chambers[c].at(chamber)
-                * 1e-3
-        })
+        self.rates(pressures_kpa, duty, None)
     }
 
     /// The duties at which pressures (kPa gauge) change at the given rates (kPa/s), not limited to 0 … 1.
@@ -194,7 +306,7 @@ impl SteadyMap {
     /// # Real-time
     /// May run in the tick.
     pub fn duty_for(&self, pressures_kpa: Pair, rates_kpa_per_s: Pair) -> Pair {
-        let flows = self.flows(pressures_kpa);
+        let flows = self.moving_flows(pressures_kpa, rates_kpa_per_s);
         std::array::from_fn(|c| {
             let chamber = self.atmosphere_pa + pressures_kpa[c] * 1e3;
             let wanted = self.chambers[c].at(chamber) * rates_kpa_per_s[c] * 1e3 - flows[c];
@@ -208,11 +320,13 @@ impl SteadyMap {
     /// # Real-time
     /// May run in the tick.
     pub fn gain_kpa_per_s(&self, pressures_kpa: Pair) -> Pair {
+        let followed = self.pump.followed(pressures_kpa);
         std::array::from_fn(|c| {
             let valve = &self.valves[c];
             let chamber = self.atmosphere_pa + pressures_kpa[c] * 1e3;
             let (up, down) = valve.ports(chamber, self.atmosphere_pa);
-            valve.fills * valve.model.flow_per_duty(up, down) / self.chambers[c].at(chamber) * 1e-3
+            let capacity = self.chambers[c].at(chamber) + followed[c][c];
+            valve.fills * valve.model.flow_per_duty(up, down) / capacity * 1e-3
         })
     }
 
@@ -240,6 +354,20 @@ impl SteadyMap {
     }
 }
 
+/// Gain (a bare number) and bias (kPa) of the sensor that a column holds.
+fn calibration(rig: &Rig, column: &str) -> (f64, f64) {
+    let mut calibration = (1.0, 0.0);
+    let Some((name, _)) = rig.sensors.iter().find(|(_, sensor)| sensor.column == column) else { return calibration };
+    for mechanism in rig.mechanisms.iter().filter(|m| m.enabled && m.component == *name).map(|m| &m.mechanism) {
+        match mechanism {
+            Mechanism::SensorGain(m) => calibration.0 = m.gain,
+            Mechanism::SensorBias(m) => calibration.1 = m.bias_kpa,
+            _ => {}
+        }
+    }
+    calibration
+}
+
 /// The chamber that a valve joins to the atmosphere, and +1 if the valve fills it, −1 if it empties it.
 fn chamber_of<'v>(name: &str, valve: &'v Valve) -> Result<(&'v str, f64), RigError> {
     match (valve.from.as_str(), valve.to.as_str()) {
@@ -249,107 +377,5 @@ fn chamber_of<'v>(name: &str, valve: &'v Valve) -> Result<(&'v str, f64), RigErr
     }
 }
 
-/// Net mass flow into the two chambers over the grid, valves shut, eight grid points at a time.
-fn pump_flows(rig: &Rig, chambers: [usize; CHANNELS]) -> Result<Vec<Pair>, RigError> {
-    type Eight = Lanes<8>;
-    let plant = Arc::new(Plant::<Eight>::held(&without_valves(rig), &PumpTables::new())?);
-    let on: Vec<Eight> = plant.inputs().iter().map(|i| Eight::splat(i.default.unwrap_or(1.0))).collect();
-    let mut simulation = Simulation::new(Arc::clone(&plant));
-    let cells: Vec<Pair> = (0..NEGATIVE_KPA.points)
-        .flat_map(|j| (0..POSITIVE_KPA.points).map(move |i| [POSITIVE_KPA.value(i), NEGATIVE_KPA.value(j)]))
-        .collect();
-    let mut flows = Vec::with_capacity(cells.len());
-    for eight in cells.chunks(Eight::LANES) {
-        let held = [0, 1].map(|c: usize| {
-            let kpa = Eight::from_lanes(|lane| eight.get(lane).or(eight.last()).map_or(0.0, |p| p[c]));
-            plant.atmosphere_pa() + kpa * Eight::splat(1e3)
-        });
-        let gained = simulation.gains_of_held(&chambers, &held, &on);
-        for lane in 0..eight.len() {
-            flows.push(std::array::from_fn(|c| gained.get(c).map_or(f64::NAN, |flow| flow.lane(lane))));
-        }
-    }
-    Ok(flows)
-}
-
-/// The rig with its valves gone, and only what acts without them in a settled rig.
-fn without_valves(rig: &Rig) -> Rig {
-    let mut shut = rig.clone();
-    shut.valves.clear();
-    let over_a_valve = |mechanism: &Mechanism| match mechanism {
-        Mechanism::ResidualFlow(m) => m.axes.iter().any(|axis| axis.variable != Variable::Pressure),
-        Mechanism::SupplySag(_) => true,
-        _ => false,
-    };
-    shut.mechanisms.retain(|m| {
-        let acts =
-            m.mechanism.acts_when_settled() || matches!(&m.mechanism, Mechanism::VolumeChange(m) if !m.is_later());
-        m.enabled && acts && !rig.valves.contains_key(&m.component) && !over_a_valve(&m.mechanism)
-    });
-    shut
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The full simulation, left alone for 40 s, settles where the map says.
-    #[test]
-    fn settled_pressures_agree_with_the_simulation() {
-        let rig = Rig::builtin("dual_pressure").unwrap();
-        let map = SteadyMap::new(&rig).unwrap();
-        for duty in [[0.6, 0.7], [0.8, 0.8], [1.0, 0.9]] {
-            let mut plant = crate::predict::DualPressureRig::new(&rig).unwrap();
-            for _ in 0..2000 {
-                plant.tick(duty, true);
-            }
-            let (settled, simulated) = (map.settled_kpa(duty).unwrap(), plant.readings_kpa());
-            for c in 0..CHANNELS {
-                // The map gives the mean over a revolution, a reading the instant at top dead centre; the
-                // ripple is 0.53 kPa (positive) and 0.76 kPa (negative) from peak to peak.
-                assert!((settled[c] - simulated[c]).abs() < 0.45, "{duty:?}: {settled:?} against {simulated:?}");
-            }
-        }
-    }
-
-    /// With the pump a little slower readings go through all crank angles, 0.33 times a second: their mean is what the map
-    /// gives, without the ripple. A feed-forward that is off by a tenth of a kPa shows in every reversal.
-    #[test]
-    fn mean_pressures_agree_with_the_simulation() {
-        let mut rig = Rig::builtin("dual_pressure").unwrap();
-        for pump in rig.pumps.values_mut() {
-            if let crate::rig::Pump::Piston(pump) = pump {
-                pump.speed_rpm = 2990.0;
-            }
-        }
-        let map = SteadyMap::new(&rig).unwrap();
-        for duty in [[0.6, 0.7], [0.8, 0.8], [1.0, 0.9]] {
-            let mut plant = crate::predict::DualPressureRig::new(&rig).unwrap();
-            let mut sums = [0.0; CHANNELS];
-            for tick in 0..2300 {
-                plant.tick(duty, true);
-                if tick >= 2000 {
-                    for (sum, kpa) in sums.iter_mut().zip(plant.readings_kpa()) {
-                        *sum += kpa / 300.0;
-                    }
-                }
-            }
-            let settled = map.settled_kpa(duty).unwrap();
-            for c in 0..CHANNELS {
-                assert!((settled[c] - sums[c]).abs() < 0.02, "{duty:?}: {settled:?} against {sums:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn duty_for_inverts_rate() {
-        let map = SteadyMap::new(&Rig::builtin("dual_pressure").unwrap()).unwrap();
-        for (p, rates) in [([90.0, -72.0], [0.0, 0.0]), ([100.0, -75.0], [5.0, -2.0]), ([80.0, -70.0], [-5.0, 2.0])] {
-            let duty = map.duty_for(p, rates);
-            let again = map.rate_kpa_per_s(p, duty);
-            for c in 0..CHANNELS {
-                assert!((again[c] - rates[c]).abs() < 1e-9, "{again:?} against {rates:?}");
-            }
-        }
-    }
-}
+mod tests;

@@ -4,6 +4,7 @@
 //! panicking with what the child said so far: it is the test's own message.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+pub mod hidden_plant;
 pub mod raw_crio;
 
 use std::io::{BufRead, BufReader, Read};

@@ -73,6 +73,15 @@ fn a_published_policy_is_the_one_that_was_trained() {
     let flight = ["--rig", "dual_pressure", "--drawn", "0", "--seconds", "6", "--seeds", "1", "--without-limit"];
     sound([&["evaluate", "ablation", "--runs", &folder.path(""), "--out", &out], flight.as_slice()].concat());
     let settings = Path::new(&run).join("settings.toml");
+    let copy = folder.path("copy");
+    std::fs::create_dir(&copy).unwrap();
+    for file in ["policy.onnx", "settings.toml"] {
+        std::fs::copy(Path::new(&run).join(file), Path::new(&copy).join(file)).unwrap();
+    }
+    let line =
+        refused([&["evaluate", "ablation", "--runs", &folder.path(""), "--out", &out], flight.as_slice()].concat());
+    assert!(line.contains("once more (seed 1)") && line.contains("take one of the two folders away"), "{line}");
+    std::fs::remove_dir_all(&copy).unwrap();
     let text = std::fs::read_to_string(&settings).unwrap();
     std::fs::write(&settings, text.replace("\nseed = ", "\nseed = 7")).unwrap();
     let line = refused(["export", &run, "--out", &after]);

@@ -48,7 +48,7 @@ mod tests {
         let mut kinds = |now: f64, next: f64| {
             let mut goals_kpa = [[next, -70.0]; GOALS_AHEAD + 1];
             goals_kpa[0] = [now, -70.0];
-            conditions.kinds(&ControlInput { measured_kpa: [0.0; 2], goals_kpa })
+            conditions.kinds(&ControlInput::of_measured([0.0; 2], goals_kpa))
         };
         assert_eq!(kinds(80.0, 80.0), [0, 0]);
         assert_eq!(kinds(80.0, 80.1), [1, 0]);

@@ -9,16 +9,28 @@
 //! ẇ = η · s · (± e),      s = direction in −1 … 1, blended over a few ticks at a reversal
 //! ```
 //!
-//! On a rig without play `w` stays near zero. Reversals are taken from the plan, which has no noise, with a
-//! dead band so that rounding of the plan is none.
+//! On a rig without play `w` stays near zero; where the rig file states a width, learning starts from it. Reversals are
+//! taken from the plan, which has no noise, with a dead band so that rounding of the plan is none.
+//!
+//! Between the duty and the flapper's play lies the coil's lag. Where the rig file states it, it is undone, so that the
+//! flapper crosses its play in few ticks instead of several time constants:
+//!
+//! ```text
+//! c(τ+1) = α c(τ) + (1 − α) u(τ)      gives      u(τ) = (c(τ+1) − α c(τ))/(1 − α),      α = e^(−T/τ_coil)
+//! ```
 
 use crate::TICK_S;
 
 /// How far a plan must come back from its last extreme to count as a reversal, in duty.
 const REVERSAL_DUTY: f64 = 0.0015;
-/// Time constant with which the compensation changes sides, in seconds: a step would excite the chamber
-/// before the valve's lag lets it through.
+/// Time constant in seconds with which the compensation changes sides where nothing is known of the valve's lag: a step
+/// would excite the chamber before the valve's lag lets it through.
 const BLEND_S: f64 = 0.1;
+/// The same where the lag is known and undone. Chosen: a tick and a half takes the worst off a lag that is known to some
+/// tens of percent.
+const KNOWN_BLEND_S: f64 = 0.03;
+/// The most that undoing the lag may ask for, in half widths of play.
+const MOST_DRIVE: f64 = 6.0;
 
 /// Direction of one channel's planned duty.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,15 +38,43 @@ pub struct Direction {
     extreme: Option<f64>,
     way: f64,
     blended: f64,
+    drive: f64,
+    /// Share of the way to the other side that is covered in a tick.
+    share: f64,
+    /// α of the coil's lag; 0 where it is not undone.
+    keeps: f64,
 }
 
 impl Default for Direction {
+    /// Of a valve whose lag is not known.
     fn default() -> Self {
-        Direction { extreme: None, way: 0.0, blended: 0.0 }
+        Direction { extreme: None, way: 0.0, blended: 0.0, drive: 0.0, share: TICK_S / BLEND_S, keeps: 0.0 }
     }
 }
 
 impl Direction {
+    /// Of a valve whose coil is known to lag by so much.
+    pub fn behind_lag(coil_lag_s: f64) -> Self {
+        let keeps = if coil_lag_s > 0.0 { (-TICK_S / coil_lag_s).exp() } else { 0.0 };
+        Direction { share: 1.0 - (-TICK_S / KNOWN_BLEND_S).exp(), keeps, ..Direction::default() }
+    }
+
+    /// Undoes another coil's lag from now on; none where nothing is known of it.
+    pub fn take_lag(&mut self, coil_lag_s: Option<f64>) {
+        let other = coil_lag_s.map_or_else(Direction::default, Direction::behind_lag);
+        (self.share, self.keeps) = (other.share, other.keeps);
+    }
+
+    /// Begins anew, with nothing planned yet.
+    pub fn restart(&mut self) {
+        *self = Direction { share: self.share, keeps: self.keeps, ..Direction::default() };
+    }
+
+    /// What to send for the last plan that was taken in, in half widths of play: the direction with the lag undone.
+    pub fn drive(&self) -> f64 {
+        self.drive
+    }
+
     /// Takes in the duty planned for this tick and answers the direction, −1 (falling) … 1 (rising).
     ///
     /// # Real-time
@@ -48,7 +88,10 @@ impl Direction {
             self.way = moved.signum();
             self.extreme = Some(planned);
         }
-        self.blended += (self.way - self.blended) * (TICK_S / BLEND_S);
+        let before = self.blended;
+        self.blended += (self.way - before) * self.share;
+        let undone = (self.blended - self.keeps * before) / (1.0 - self.keeps);
+        self.drive = undone.clamp(-MOST_DRIVE, MOST_DRIVE);
         self.blended
     }
 }
@@ -115,6 +158,11 @@ impl BacklashEstimator {
         BacklashEstimator { rate, widest, half_width: 0.0 }
     }
 
+    /// Starts at a known half width (duty); may widen to one and a half times that where it is more than the widest.
+    pub fn starting_at(rate: f64, widest: f64, half_width: f64) -> Self {
+        BacklashEstimator { rate, widest: widest.max(1.5 * half_width), half_width }
+    }
+
     /// The half width in duty.
     pub fn half_width(&self) -> f64 {
         self.half_width
@@ -142,6 +190,24 @@ mod tests {
         assert!(follow(0.599) > 0.99, "1e-3 back is no reversal");
         assert!(follow(0.598) < -0.99, "2e-3 back is one");
         assert!(follow(0.7) > 0.99);
+    }
+
+    /// What is driven, put through the lag that it undoes, is the direction itself.
+    #[test]
+    fn a_known_lag_is_undone() {
+        let lag_s = 0.05;
+        let (mut direction, mut coil) = (Direction::behind_lag(lag_s), 0.0);
+        let keeps = (-TICK_S / lag_s).exp();
+        for tick in 0..200 {
+            let planned = 0.5 + 0.1 * (f64::from(tick) * 0.05).sin();
+            let way = direction.follow(planned);
+            coil = keeps * coil + (1.0 - keeps) * direction.drive();
+            assert!((coil - way).abs() < 1e-9, "tick {tick}: {coil} for {way}");
+        }
+        let mut plain = Direction::default();
+        plain.follow(0.5);
+        let way = plain.follow(0.6);
+        assert_eq!(plain.drive(), way);
     }
 
     #[test]

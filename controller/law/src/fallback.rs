@@ -5,11 +5,13 @@
 //! ```
 //!
 //! * `u_ff`: duties at which the model, averaged over a revolution, follows goal and slope
-//!   ([`SteadyMap::duty_for`]). Both channels are solved together, which decouples them. It looks
-//!   [`FallbackSettings::lead_ticks`] ahead, about what valve and wire delay.
-//! * `w s`: play of the valve undone at reversals of the plan ([`crate::direction`]); learned, zero at first.
+//!   ([`SteadyMap::duty_for`]). Both channels are solved together, which decouples them. It looks as far ahead as the
+//!   rig file says that valve and wire are late ([`crate::foresight`]).
+//! * `w s`: play of the valve undone at reversals of the plan ([`crate::direction`]); learned, from the width that the rig
+//!   file states or from zero.
 //! * `(K/b) e`: proportional action. `b` is the rate that a unit of duty makes (kPa/s), so `K` in 1/s is a
-//!   bandwidth and the same at all pressures.
+//!   bandwidth and the same at all pressures. The error is that of the chamber: a sensor's lag is undone
+//!   ([`crate::ControlInput::undelayed_kpa`]).
 //! * `I`: the paper's integral and anti-windup ([`crate::integral`]).
 //!
 //! Tuned on `dual_pressure` and `bench` together, holding the paper's two gains; measured in
@@ -17,22 +19,31 @@
 
 use std::sync::Arc;
 
-use model::observation::{ActionTrajectory, CHANNELS, GOALS_AHEAD, Pair};
+use model::observation::{ActionTrajectory, CHANNELS, Pair};
 use model::steady::SteadyMap;
+use model::valve_path::ValvePath;
 
 use crate::direction::{BacklashEstimator, Direction};
+use crate::foresight::{Foresight, is_told};
 use crate::integral::{IntegralAction, IntegralSettings, VENT_SIGN};
+use crate::repetition::Repetition;
 use crate::{ControlInput, ControlOutput, DutyTerms, TICK_S, saturated};
 
 /// Gains of the fallback.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FallbackSettings {
-    /// K in 1/s; a loop with some 80 ms of delay and lag bears about 4.
+    /// K in 1/s where nothing is known of a valve's timing; a loop with some 80 ms of delay and lag bears about 4.
     pub bandwidth_per_s: f64,
-    /// Ticks that the feed-forward looks ahead (1 … 14).
-    pub lead_ticks: usize,
+    /// K in 1/s where the rig file states a valve's timing: the feed-forward then does the tracking, and what more feedback
+    /// would do is to pass on noise and to teach play what is none.
+    pub told_bandwidth_per_s: f64,
+    /// The most that K times what a valve is late may be: how near to swinging the loop is (a bare number; 1.6 swings for
+    /// ever with a pure delay).
+    pub most_lateness: f64,
     /// How fast play is learned, in duty/(kPa s).
     pub play_learning: f64,
+    /// The same where the rig file says anything of the valve's path: what the feed-forward then leaves is hardly play.
+    pub told_play_learning: f64,
     /// The widest play (half width) that is undone, in duty.
     pub widest_play: f64,
     /// Errors beyond these (kPa) are not blamed on play.
@@ -49,8 +60,10 @@ impl Default for FallbackSettings {
     fn default() -> Self {
         FallbackSettings {
             bandwidth_per_s: 3.0,
-            lead_ticks: 2,
+            told_bandwidth_per_s: 1.5,
+            most_lateness: 0.35,
             play_learning: 0.02,
+            told_play_learning: 0.002,
             widest_play: 0.06,
             play_gate_kpa: [3.0, 2.0],
             reset_time_s: 1.5,
@@ -78,74 +91,152 @@ struct Pending {
 pub struct Fallback {
     map: Arc<SteadyMap>,
     settings: FallbackSettings,
+    foresight: Foresight,
+    /// K of each channel in 1/s.
+    bandwidth_per_s: Pair,
     integral: IntegralAction,
     directions: [Direction; CHANNELS],
     play: [BacklashEstimator; CHANNELS],
     pending: [Pending; CHANNELS],
+    repetition: Option<Box<Repetition>>,
 }
 
 impl Fallback {
     /// A fallback for the rig that `map` was made of.
     pub fn new(map: Arc<SteadyMap>, settings: FallbackSettings) -> Self {
+        let paths = *map.valve_paths();
+        let bandwidth_per_s = bandwidths(&paths, &settings);
         Fallback {
+            foresight: Foresight::new(Arc::clone(&map)),
             map,
             settings,
+            bandwidth_per_s,
             integral: IntegralAction::new(settings.integral),
-            directions: [Direction::default(); CHANNELS],
-            play: [BacklashEstimator::new(settings.play_learning, settings.widest_play); CHANNELS],
+            directions: paths
+                .map(|path| if is_told(&path) { Direction::behind_lag(path.coil_lag_s) } else { Direction::default() }),
+            play: paths.map(|path| play(&path, &settings)),
             pending: [Pending::default(); CHANNELS],
+            repetition: None,
         }
     }
 
-    /// Takes its feed-forward and gains from another model from now on, and hands back the one in force.
+    /// Takes its feed-forward and gains from another model from now on, and hands back the one in force. Play begins anew from
+    /// the width that the new model states, where it states one; what repetitions taught is forgotten.
     ///
     /// # Real-time
     /// May run in the tick: nothing is freed as long as somebody else holds what is handed back.
     pub fn exchange_map(&mut self, map: Arc<SteadyMap>) -> Arc<SteadyMap> {
+        let paths = *map.valve_paths();
+        self.bandwidth_per_s = bandwidths(&paths, &self.settings);
+        for c in 0..CHANNELS {
+            self.directions[c].take_lag(is_told(&paths[c]).then_some(paths[c].coil_lag_s));
+            if is_told(&paths[c]) {
+                self.play[c] = play(&paths[c], &self.settings);
+            }
+        }
+        self.foresight = Foresight::new(Arc::clone(&map));
+        if let Some(repetition) = &mut self.repetition {
+            repetition.forget();
+        }
         std::mem::replace(&mut self.map, map)
     }
 
-    /// Forgets integral and direction; keeps what was learned about the valves' play.
+    /// Learns from here on what a reference that is flown again and again leaves ([`crate::repetition`]). Not for the tick.
+    pub fn learn_repetitions(&mut self) {
+        let repetition = Repetition::new(self.map.valve_paths(), self.bandwidth_per_s);
+        self.repetition = Some(Box::new(repetition));
+    }
+
+    /// Says by any number of its own which reference is flown from now on.
+    ///
+    /// # Real-time
+    /// As [`Repetition::set_reference`]: may run in the tick.
+    pub fn set_reference(&mut self, reference: u64) {
+        if let Some(repetition) = &mut self.repetition {
+            repetition.set_reference(reference);
+        }
+    }
+
+    /// Flights that were learned from; 0 where none are.
+    pub fn repeated(&self) -> usize {
+        self.repetition.as_ref().map_or(0, |repetition| repetition.flights())
+    }
+
+    /// Forgets integral and direction; keeps what was learned about the valves' play. A flight of the reference begins.
     pub fn restart(&mut self) {
         self.integral.set([0.0; CHANNELS]);
-        self.directions = [Direction::default(); CHANNELS];
+        self.directions.iter_mut().for_each(Direction::restart);
+        self.foresight.restart();
         self.pending = [Pending::default(); CHANNELS];
+        if let Some(repetition) = &mut self.repetition {
+            repetition.begin();
+        }
     }
 
     /// Decides the duties of a tick.
     ///
     /// # Real-time
-    /// Seven look-ups of the steady map, about 1 µs; may run in the tick.
+    /// Some twenty look-ups of the steady map, a few µs; may run in the tick.
     pub fn decide(&mut self, situation: &ControlInput) -> ControlOutput {
-        let lead = self.settings.lead_ticks.clamp(1, GOALS_AHEAD - 1);
-        let planned = self.planned(situation, lead);
-        let gain = self.map.gain_kpa_per_s(situation.measured_kpa);
+        let (planned, turning) = self.foresight.duties(situation, 0);
+        let gain = self.map.gain_kpa_per_s(self.map.chamber_kpa(situation.undelayed_kpa));
         let integral = self.integral.duty();
+        let learned = self.learned(0);
+        let repeats = self.repeated() > 0;
         let mut parts = [DutyTerms::default(); CHANNELS];
         for c in 0..CHANNELS {
-            let error_kpa = situation.goals_kpa[0][c] - situation.measured_kpa[c];
-            let feed_forward = planned[c].clamp(0.0, 1.0);
-            let direction = self.directions[c].follow(feed_forward);
+            let error_kpa = situation.goals_kpa[0][c] - situation.undelayed_kpa[c];
+            let feed_forward = planned[c].clamp(0.0, 1.0) + learned[c];
+            let direction = self.directions[c].follow(turning[c].clamp(0.0, 1.0));
             parts[c] = DutyTerms {
                 feed_forward,
-                play: self.play[c].half_width() * direction,
+                play: self.play[c].half_width() * self.directions[c].drive(),
                 correction: 0.0,
-                proportional: self.settings.bandwidth_per_s * error_kpa / gain[c],
+                proportional: self.bandwidth_per_s[c] * error_kpa / gain[c],
                 integral: integral[c],
             };
             let raw = parts[c].raw();
-            let reachable = feed_forward == planned[c];
-            if error_kpa.abs() < self.settings.play_gate_kpa[c] && (0.0..=1.0).contains(&raw) {
+            let reachable = (0.0..=1.0).contains(&planned[c]);
+            // What repetitions teach would be learned twice, and the two would drift against each other: the first flight
+            // teaches play, the others the rest.
+            let learns = !repeats && (0.0..=1.0).contains(&raw);
+            if learns && error_kpa.abs() < self.settings.play_gate_kpa[c] {
                 self.play[c].learn(direction, VENT_SIGN[c] * error_kpa);
             }
             let proportional = parts[c].proportional;
             self.pending[c] = Pending { error_kpa, raw, reachable, proportional, flown: false };
         }
-        let trajectory = ActionTrajectory(std::array::from_fn(|j| {
-            let ahead = if j == 0 { planned } else { self.planned(situation, (lead + j).min(GOALS_AHEAD - 1)) };
-            std::array::from_fn(|c| saturated(parts[c].raw() - planned[c].clamp(0.0, 1.0) + ahead[c].clamp(0.0, 1.0)))
-        }));
+        let trajectory = self.trajectory(situation, &parts);
+        self.foresight.advance(situation);
+        if let Some(repetition) = &mut self.repetition {
+            // At a limit nothing that is added acts, and what is left there teaches nothing.
+            let acts = |p: &Pending| repeats && p.reachable && (0.0..=1.0).contains(&p.raw);
+            let errors = self.pending.map(|p| if acts(&p) { p.error_kpa } else { 0.0 });
+            repetition.follow(errors, gain);
+        }
         ControlOutput { parts, trajectory }
+    }
+
+    /// What repetitions have taught for `ahead` ticks from now, in duty.
+    fn learned(&self, ahead: usize) -> Pair {
+        self.repetition.as_ref().map_or([0.0; CHANNELS], |repetition| repetition.duty(ahead))
+    }
+
+    /// The duties of now, and what is planned for the next ticks: feed-forward and play as they will be, feedback as it is.
+    fn trajectory(&self, situation: &ControlInput, parts: &[DutyTerms; CHANNELS]) -> ActionTrajectory {
+        let mut directions = self.directions;
+        ActionTrajectory(std::array::from_fn(|j| {
+            if j == 0 {
+                return parts.map(|p| saturated(p.raw()));
+            }
+            let (ahead, turning) = self.foresight.duties(situation, j);
+            let learned = self.learned(j);
+            std::array::from_fn(|c| {
+                directions[c].follow(turning[c].clamp(0.0, 1.0));
+                let play = self.play[c].half_width() * directions[c].drive();
+                saturated(ahead[c].clamp(0.0, 1.0) + learned[c] + play + parts[c].proportional + parts[c].integral)
+            })
+        }))
     }
 
     /// Tells what a policy has added to the last decision. The anti-windup then does not work against it, and the
@@ -185,12 +276,18 @@ impl Fallback {
     pub fn learned_play(&self) -> Pair {
         self.play.map(|p| p.half_width())
     }
+}
 
-    /// Feed-forward for the goal `ahead` ticks from now, not limited.
-    fn planned(&self, situation: &ControlInput, ahead: usize) -> Pair {
-        let goal = |j: usize| situation.goals_kpa[j.min(GOALS_AHEAD)];
-        let (before, here, after) = (goal(ahead - 1), goal(ahead), goal(ahead + 1));
-        let slope = std::array::from_fn(|c| (after[c] - before[c]) / (2.0 * TICK_S));
-        self.map.duty_for(here, slope)
-    }
+/// K of each channel in 1/s.
+fn bandwidths(paths: &[ValvePath; CHANNELS], settings: &FallbackSettings) -> Pair {
+    paths.map(|path| {
+        let borne = settings.most_lateness / (path.late_s() + 0.5 * TICK_S);
+        if is_told(&path) { borne.min(settings.told_bandwidth_per_s) } else { settings.bandwidth_per_s }
+    })
+}
+
+/// Play as the rig file states it, or none yet.
+fn play(path: &ValvePath, settings: &FallbackSettings) -> BacklashEstimator {
+    let rate = if is_told(path) { settings.told_play_learning } else { settings.play_learning };
+    BacklashEstimator::starting_at(rate, settings.widest_play, path.half_width_duty)
 }

@@ -5,7 +5,9 @@
 //! | [`fallback`] | feed-forward PI: what flies when no policy does |
 //! | [`policy_law`] | what a policy is told, and how its answer becomes a duty |
 //! | [`integral`] | the paper's integral action and anti-windup, on top of a policy or of the fallback |
+//! | [`repetition`] | what a reference flown again and again teaches |
 //! | [`soft_start`] | from where the rig is to where the reference is, without saturating |
+//! | [`foresight`] | feed-forward: the reference, as much ahead as each valve is late |
 //! | [`direction`] | which way a planned duty moves, for play in a valve |
 //!
 //! A law is told the [`ControlInput`] of a tick and answers with a [`ControlOutput`]; once limits have made the duty
@@ -14,8 +16,10 @@
 
 pub mod direction;
 pub mod fallback;
+pub mod foresight;
 pub mod integral;
 pub mod policy_law;
+pub mod repetition;
 pub mod soft_start;
 
 pub use fallback::{Fallback, FallbackSettings};
@@ -33,8 +37,18 @@ pub const TICK_S: f64 = 1.0 / TICKS_PER_S;
 pub struct ControlInput {
     /// Measured pressures in kPa gauge.
     pub measured_kpa: Pair,
+    /// What the sensors would read if none of them lagged or swung, in kPa gauge: see [`model::predict::Predictor::observe`].
+    /// What was measured where nobody knows of a lag.
+    pub undelayed_kpa: Pair,
     /// Goals in kPa gauge: now, and the next fifteen ticks.
     pub goals_kpa: [Pair; GOALS_AHEAD + 1],
+}
+
+impl ControlInput {
+    /// What is known where sensors read what is there.
+    pub fn of_measured(measured_kpa: Pair, goals_kpa: [Pair; GOALS_AHEAD + 1]) -> Self {
+        ControlInput { measured_kpa, undelayed_kpa: measured_kpa, goals_kpa }
+    }
 }
 
 /// What makes up the duty of one channel, before limits.

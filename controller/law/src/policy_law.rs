@@ -232,7 +232,7 @@ mod tests {
     }
 
     fn situation(measured_kpa: Pair) -> ControlInput {
-        ControlInput { measured_kpa, goals_kpa: [[90.0, -72.0]; GOALS_AHEAD + 1] }
+        ControlInput::of_measured(measured_kpa, [[90.0, -72.0]; GOALS_AHEAD + 1])
     }
 
     #[test]

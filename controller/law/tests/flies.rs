@@ -15,11 +15,17 @@ use proto::reference::Reference;
 
 /// RMSE of the measured pressures after `skip_s`, in kPa.
 fn rmse(rig: &str, reference: &Reference, seconds: f64, skip_s: f64, seed: u64) -> Pair {
-    let map = Arc::new(SteadyMap::new(&Rig::builtin("dual_pressure").unwrap()).unwrap());
-    let mut plant = DualPressureRig::new(&Rig::builtin(rig).unwrap()).unwrap();
+    let nominal = SteadyMap::new(&Rig::builtin("dual_pressure").unwrap()).unwrap();
+    let mut law = Fallback::new(Arc::new(nominal), FallbackSettings::default());
+    flown(&Rig::builtin(rig).unwrap(), &mut law, reference, [seconds, skip_s], seed)
+}
+
+/// The same of a law that may have flown before.
+fn flown(rig: &Rig, law: &mut Fallback, reference: &Reference, [seconds, skip_s]: [f64; 2], seed: u64) -> Pair {
+    let mut plant = DualPressureRig::new(rig).unwrap();
     let scales = [PSE540A_R06, PSE541A_R06];
     let mut sensors = Sensors::new(scales, Sensors::ADC_NOISE_V_RMS, seed);
-    let mut law = Fallback::new(map, FallbackSettings::default());
+    law.restart();
     let mut approach = None;
     let (mut squares, mut count) = ([0.0; CHANNELS], 0.0);
     for tick in 0..(seconds / TICK_S) as usize {
@@ -31,7 +37,7 @@ fn rmse(rig: &str, reference: &Reference, seconds: f64, skip_s: f64, seed: u64) 
             let (goal, offset) = (reference.at(time_s), approach.offset_kpa(time_s));
             std::array::from_fn(|c| goal[c] + offset[c])
         });
-        let decision = law.decide(&ControlInput { measured_kpa, goals_kpa });
+        let decision = law.decide(&ControlInput::of_measured(measured_kpa, goals_kpa));
         law.applied(decision.duty());
         let time_s = tick as f64 * TICK_S;
         if time_s >= skip_s {
@@ -65,4 +71,72 @@ fn holds_without_a_limit_cycle() {
         println!("holding {at:?}: {rest:.3?} kPa");
         assert!(rest[0] < 0.15 && rest[1] < 0.05, "holding {at:?}: {rest:?}");
     }
+}
+
+/// `bench` with other mechanisms.
+fn bench_with(mechanisms: &[(&str, &str, &str)]) -> Rig {
+    let mut bare = Rig::builtin("bench").unwrap();
+    bare.mechanisms.clear();
+    let own: String = mechanisms
+        .iter()
+        .map(|(id, component, number)| {
+            format!("\n[[mechanisms]]\nid = \"{id}\"\ncomponent = \"{component}\"\n{number}\n")
+        })
+        .collect();
+    Rig::from_toml(&(bare.to_toml().unwrap() + &own)).unwrap()
+}
+
+/// What acts on the valves' path is in the rig file, and the fallback uses it: on rigs like the study's two (valve lag 80 ms,
+/// play 0.03, warm gas; delay 60 ms, warm gas), and on rigs with one thing each, it leaves at least a third less than one that
+/// is told the nominal rig, once the converter's noise is taken off.
+#[test]
+fn a_told_fallback_tracks_better() {
+    let valves = |id, number| ["valve_pos", "valve_neg"].map(|valve| (id, valve, number));
+    let [lag, play] =
+        [valves("valve_lag", "time_constant_ms = 80.0"), valves("valve_hysteresis", "half_width_duty = 0.03")];
+    let [delay, short] = [valves("command_delay", "delay_ms = 60.0"), valves("command_delay", "delay_ms = 40.0")];
+    let warm = [("chamber_thermal", "positive", "wall_conductance_w_per_k = 0.8")];
+    let rigs = [
+        ("lag 80 ms, play 0.03, warm gas", [lag.as_slice(), &play, &warm].concat()),
+        ("delay 60 ms, warm gas", [delay.as_slice(), &warm].concat()),
+        ("delay 40 ms", short.to_vec()),
+        ("lag 80 ms", lag.to_vec()),
+        ("play 0.03", play.to_vec()),
+    ];
+    let nominal = Arc::new(SteadyMap::new(&Rig::builtin("dual_pressure").unwrap()).unwrap());
+    // Of the emulated converter on both sensors, in kPa RMS: no controller can take it off the readings.
+    let noise_kpa = [0.06, 0.006];
+    for (name, mechanisms) in rigs {
+        let rig = bench_with(&mechanisms);
+        let own = Arc::new(SteadyMap::new(&rig).unwrap());
+        let [untold, told] = [&nominal, &own].map(|map| {
+            let mut law = Fallback::new(Arc::clone(map), FallbackSettings::default());
+            flown(&rig, &mut law, &Reference::paper(), [60.0, 5.0], 1)
+        });
+        println!("{name}: told nominal {untold:.3?}, told its own file {told:.3?} kPa");
+        let beyond = |rmse: Pair| -> Pair {
+            std::array::from_fn(|c| (rmse[c] * rmse[c] - noise_kpa[c] * noise_kpa[c]).max(0.0).sqrt())
+        };
+        let (before, after) = (beyond(untold), beyond(told));
+        assert!(after.iter().zip(before).all(|(a, b)| *a < b * 2.0 / 3.0), "{name}: {before:?} to {after:?}");
+    }
+}
+
+/// The paper's reference flown ten times on `bench` by a fallback that is told it, and by one that is not: what is left is near
+/// the clairvoyant optimum (0.079/0.017 kPa) for the one, and a third and more is taken off for the other.
+#[test]
+fn repetitions_take_off_what_repeats() {
+    let bench = Rig::builtin("bench").unwrap();
+    let fly = |model: &Rig| {
+        let mut law = Fallback::new(Arc::new(SteadyMap::new(model).unwrap()), FallbackSettings::default());
+        law.learn_repetitions();
+        let flights: Vec<Pair> =
+            (1..=10).map(|seed| flown(&bench, &mut law, &Reference::paper(), [60.0, 5.0], seed)).collect();
+        println!("{}: first {:.3?}, last {:.3?} kPa", model.name, flights[0], flights[9]);
+        (flights[0], flights[9])
+    };
+    let (_, told) = fly(&bench);
+    assert!(told[0] < 1.4 * 0.079 && told[1] < 1.4 * 0.017, "{told:?}");
+    let (first, last) = fly(&Rig::builtin("dual_pressure").unwrap());
+    assert!(last[0] < 0.75 * first[0] && last[1] < 0.5 * first[1], "{first:?} {last:?}");
 }

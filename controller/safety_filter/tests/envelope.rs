@@ -159,7 +159,7 @@ fn a_controller_that_means_well_is_left_alone() {
                 let (goal, offset) = (reference.at(time_s), approach.offset_kpa(time_s));
                 std::array::from_fn(|c| goal[c] + offset[c])
             });
-            let duty = law.decide(&ControlInput { measured_kpa, goals_kpa }).duty();
+            let duty = law.decide(&ControlInput::of_measured(measured_kpa, goals_kpa)).duty();
             law.applied(duty);
             steepest = (0..CHANNELS).fold(steepest, |s, c| s.max((duty[c] - before[c]).abs()));
             before = duty;

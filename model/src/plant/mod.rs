@@ -38,6 +38,7 @@ pub(crate) use command::Samples;
 pub use dispatch::{InstructionSet, Simulated};
 pub(crate) use elements::lanes_of;
 pub use simulation::{FreeRunStart, Simulation};
+pub(crate) use simulation::{MOST_SENSED, SensorSystem};
 pub use unobserved::UnobservedInitialState;
 pub(crate) use valve_model::ValveModel;
 

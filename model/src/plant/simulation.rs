@@ -9,9 +9,11 @@ use super::{MEMORY, MOST_DRIVES, NODES, Plant, Scratch, State};
 use crate::mechanism::Heat;
 
 mod coils;
+mod sensed;
 mod start;
 mod warmth;
 
+pub(crate) use sensed::{MOST_SENSED, SensorSystem};
 pub use start::FreeRunStart;
 
 /// A plant with its state and everything a tick needs.
@@ -175,12 +177,42 @@ impl<R: Simulated> Simulation<R> {
 
     /// For a held rig: what each of `chambers` gains in kg/s while they are at `pressures` (absolute, in Pa).
     pub(crate) fn gains_of_held(&mut self, chambers: &[usize], pressures: &[R], inputs: &[R]) -> Vec<R> {
+        self.hold(chambers, pressures);
+        self.run_averaged(inputs);
+        self.gains_in_a_tick(chambers, pressures, inputs)
+    }
+
+    /// The same while the pressures come to these from lower ones by `steps_pa` a tick, over so many ticks.
+    pub(crate) fn gains_of_ramped(
+        &mut self,
+        chambers: &[usize],
+        [pressures, steps_pa]: [&[R]; 2],
+        ticks: usize,
+        inputs: &[R],
+    ) -> Vec<R> {
+        let before = |ticks: usize| -> Vec<R> {
+            let back = R::splat(ticks as f64);
+            pressures.iter().zip(steps_pa).map(|(pressure, step)| *pressure - back * *step).collect()
+        };
+        self.hold(chambers, &before(ticks));
+        self.run_averaged(inputs);
+        for left in (1..ticks).rev() {
+            self.hold(chambers, &before(left));
+            self.tick(inputs);
+        }
+        self.hold(chambers, pressures);
+        self.gains_in_a_tick(chambers, pressures, inputs)
+    }
+
+    fn hold(&mut self, chambers: &[usize], pressures: &[R]) {
         for (chamber, pressure) in chambers.iter().zip(pressures) {
             if let Some(slot) = self.state.x.get_mut(*chamber) {
                 *slot = *pressure;
             }
         }
-        self.run_averaged(inputs);
+    }
+
+    fn gains_in_a_tick(&mut self, chambers: &[usize], pressures: &[R], inputs: &[R]) -> Vec<R> {
         self.tick(inputs);
         let plant = Arc::clone(&self.plant);
         let gain = |chamber: &usize, held: &R| {

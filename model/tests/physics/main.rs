@@ -20,6 +20,7 @@
 //! | `candidate_list` | what could be missing from a rig |
 //! | `refusals` | what wrong mechanisms are told |
 //! | `averaged` | pumps averaged over a revolution against pumps in full detail |
+//! | `observer` | chambers behind sensors that lag or swing |
 //! | `lanes` | many rigs at once against one at a time |
 //! | `no_alloc` | a tick allocates nothing |
 //! | `small_rigs` | what the small rigs share |
@@ -39,6 +40,7 @@ mod golden;
 mod lanes;
 mod mechanisms;
 mod no_alloc;
+mod observer;
 mod pump_mechanisms;
 mod refusals;
 mod series;

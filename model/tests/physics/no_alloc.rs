@@ -10,7 +10,9 @@ use std::cell::Cell;
 use std::hint::black_box;
 use std::sync::Arc;
 
+use model::observation::AHEAD;
 use model::plant::{Plant, Simulated, Simulation};
+use model::predict::Predictor;
 use model::real::Lanes;
 use model::rig::Rig;
 
@@ -75,4 +77,23 @@ fn ticks_allocate_nothing() {
         assert_eq!(calls_in_ticks::<Lanes<4>>(&rig), 0, "{name}, four lanes");
         assert_eq!(calls_in_ticks::<Lanes<8>>(&rig), 0, "{name}, eight lanes");
     }
+}
+
+/// MPObs behind sensors that lag and swing, and what they estimate.
+#[test]
+fn an_observed_tick_allocates_nothing() {
+    let late = "\n[[mechanisms]]\nid = \"sensor_lag\"\ncomponent = \"sensor_pos\"\ntime_constant_ms = 160.0\n\
+                \n[[mechanisms]]\nid = \"residual_response\"\ncomponent = \"sensor_neg\"\n\
+                natural_frequency_hz = 4.0\ndamping_ratio = 0.2\n";
+    let rig = Rig::from_toml(&(model::rig::DUAL_PRESSURE.to_owned() + late)).unwrap();
+    let mut predictor = Predictor::new(&rig).unwrap();
+    predictor.restart([80.0, -70.0], [0.8, 0.8]);
+    let calls = calls_in(|| {
+        for tick in 0..20 {
+            black_box(predictor.observe([80.0 + 0.01 * f64::from(tick), -70.0]));
+            black_box(predictor.predict(&[[0.8, 0.8]; AHEAD], true));
+            predictor.advance([0.8, 0.8], true);
+        }
+    });
+    assert_eq!(calls, 0);
 }

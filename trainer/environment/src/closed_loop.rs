@@ -152,14 +152,14 @@ pub fn fly_while(
             let (goal, offset) = (plan.reference.at(time_s), approach.offset_kpa(time_s));
             std::array::from_fn(|c| goal[c] + offset[c])
         });
-        let predicted = match &mut predictor {
+        let (undelayed_kpa, predicted) = match &mut predictor {
             Some(predictor) => {
-                predictor.observe(measured_kpa);
-                predictor.predict(&trajectory.remaining(), true)
+                let undelayed_kpa = predictor.observe(measured_kpa);
+                (undelayed_kpa, predictor.predict(&trajectory.remaining(), true))
             }
-            None => [measured_kpa; AHEAD],
+            None => (measured_kpa, [measured_kpa; AHEAD]),
         };
-        let decision = controller.decide(&ControlInput { measured_kpa, goals_kpa }, &predicted);
+        let decision = controller.decide(&ControlInput { measured_kpa, undelayed_kpa, goals_kpa }, &predicted);
         let duty = decision.duty();
         trajectory = decision.trajectory;
         controller.applied(duty);

@@ -136,10 +136,7 @@ impl VectorEnv {
                 reference,
                 approach: SoftStart::new([0.0; CHANNELS], [0.0; CHANNELS]),
                 approach_from: 0,
-                situation: ControlInput {
-                    measured_kpa: [0.0; CHANNELS],
-                    goals_kpa: [[0.0; CHANNELS]; GOALS_AHEAD + 1],
-                },
+                situation: ControlInput::of_measured([0.0; CHANNELS], [[0.0; CHANNELS]; GOALS_AHEAD + 1]),
                 predicted: [[0.0; CHANNELS]; AHEAD],
                 trajectory: ActionTrajectory::held([1.0; CHANNELS]),
                 duty: [1.0; CHANNELS],
@@ -220,7 +217,7 @@ impl VectorEnv {
         let reached = self.plant.readings_kpa();
         for lane in 0..SIDE_BY_SIDE {
             let Some(instance) = self.instances.get(lane) else { continue };
-            let ControlInput { measured_kpa, goals_kpa } = &instance.situation;
+            let ControlInput { measured_kpa, goals_kpa, .. } = &instance.situation;
             let predicted = self.predictor.as_ref().map(|_| &instance.predicted);
             let settings = &self.settings.reward;
             let [pos, neg] = reached.map(|p| p.lane(lane));
@@ -306,10 +303,11 @@ impl VectorEnv {
         let instances = &self.instances;
         let of = |value: &dyn Fn(&EnvInstance) -> f64| Eight::from_lanes(|lane| instances.get(lane).map_or(0.0, value));
         if let Some(predictor) = &mut self.predictor {
-            predictor.observe(std::array::from_fn(|c| of(&|m| m.situation.measured_kpa[c])));
+            let undelayed = predictor.observe(std::array::from_fn(|c| of(&|m| m.situation.measured_kpa[c])));
             let plan = std::array::from_fn(|j| std::array::from_fn(|c| of(&|m| m.trajectory.remaining()[j][c])));
             let predicted = predictor.predict(&plan, true);
             for (lane, instance) in self.instances.iter_mut().enumerate() {
+                instance.situation.undelayed_kpa = undelayed.map(|p| p.lane(lane));
                 instance.predicted = predicted.map(|pair| pair.map(|p| p.lane(lane)));
                 if !instance.predicted.as_flattened().iter().all(|p| p.is_finite()) {
                     instance.predicted = [instance.situation.measured_kpa; AHEAD];
@@ -333,6 +331,7 @@ impl EnvInstance {
         let volts = self.sensors.sample(readings_kpa, [&[], &[]]);
         let scales = self.sensors.scales();
         self.situation.measured_kpa = std::array::from_fn(|c| scales[c].gauge_kpa(f64::from(volts[c])));
+        self.situation.undelayed_kpa = self.situation.measured_kpa;
         self.situation.goals_kpa = std::array::from_fn(|j| {
             let goal = self.reference.get(tick + j).or(self.reference.last()).copied().unwrap_or_default();
             let offset = self.approach.offset_kpa((tick + j - self.approach_from) as f64 * TICK_S);

@@ -7,20 +7,55 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use environment::closed_loop::{FlightPlan, Flown, PolicyController};
 use environment::{EnvironmentError, Score, fly};
 use law::{Fallback, FallbackSettings, PolicyLaw};
+use model::mechanism::Mechanism;
 use model::rig::Rig;
 use model::steady::SteadyMap;
 use proto::reference::Reference;
 use training::TrainedPolicy;
 
 use crate::dob::Dob;
+use crate::mpc::{Mpc, TickTimes};
 use crate::optimal_open_loop::OptimalOpenLoop;
 use crate::table::{Cell, LIMIT, Row};
+
+/// What a controller is told of the rig that it flies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Knowledge {
+    /// The comparison's model.
+    Model,
+    /// The rig's own file: a diagnosis that found everything.
+    Rig,
+}
+
+impl Knowledge {
+    /// How tables name it.
+    pub fn label(self) -> &'static str {
+        match self {
+            Knowledge::Model => "",
+            Knowledge::Rig => ", told the rig's own file",
+        }
+    }
+}
 
 /// Who flies.
 #[derive(Clone)]
 pub enum ControllerUnderTest {
     /// The daemon's fallback.
-    Fallback,
+    Fallback(Knowledge),
+    /// The fallback, which has flown the reference before and learned from it.
+    Repeated {
+        /// What it is told of the rig.
+        knowledge: Knowledge,
+        /// Flights, of which the last one counts.
+        flights: usize,
+    },
+    /// Offset-free nonlinear MPC.
+    Mpc {
+        /// What it is told of the rig.
+        knowledge: Knowledge,
+        /// Times of its ticks, for all flights.
+        times: Arc<TickTimes>,
+    },
     /// The disturbance observer, tuned on the model at its linearisation point.
     Dob(Dob),
     /// Policies that differ in nothing but their seed.
@@ -38,7 +73,11 @@ impl ControllerUnderTest {
     /// Its name in tables.
     pub fn label(&self) -> String {
         match self {
-            ControllerUnderTest::Fallback => "fallback PI".into(),
+            ControllerUnderTest::Fallback(knowledge) => format!("fallback PI{}", knowledge.label()),
+            ControllerUnderTest::Repeated { knowledge, flights } => {
+                format!("iterative learning, flight {flights}{}", knowledge.label())
+            }
+            ControllerUnderTest::Mpc { knowledge, .. } => format!("offset-free NMPC{}", knowledge.label()),
             ControllerUnderTest::Dob(dob) => {
                 let [feedback, observer] = dob.bandwidths_per_s();
                 format!("disturbance observer (K {feedback}/s, L {observer}/s)")
@@ -73,6 +112,40 @@ struct Task {
     column: usize,
     rig: usize,
     seed: usize,
+}
+
+/// A model and its steady map.
+struct Told<'a> {
+    model: &'a Rig,
+    map: Arc<SteadyMap>,
+}
+
+impl<'a> Told<'a> {
+    fn of(
+        comparison: &'a Comparison,
+        map: &Arc<SteadyMap>,
+        rig: &'a Rig,
+        knowledge: Knowledge,
+    ) -> Result<Self, EnvironmentError> {
+        Ok(match knowledge {
+            Knowledge::Model => Told { model: &comparison.model, map: Arc::clone(map) },
+            Knowledge::Rig => {
+                let unsound = |error| EnvironmentError::Rig { name: rig.name.clone(), error };
+                Told { model: rig, map: Arc::new(SteadyMap::new(rig).map_err(unsound)?) }
+            }
+        })
+    }
+
+    /// The model, where its sensors need an observer; its predictions are for policies.
+    fn observed_by(&self) -> Option<&'a Rig> {
+        sensors_are_late(self.model).then_some(self.model)
+    }
+}
+
+/// Whether a rig's sensors show pressures late.
+fn sensors_are_late(rig: &Rig) -> bool {
+    let late = |m: &Mechanism| matches!(m, Mechanism::SensorLag(_) | Mechanism::ResidualResponse(_));
+    rig.mechanisms.iter().any(|m| m.enabled && late(&m.mechanism))
 }
 
 impl Comparison {
@@ -164,8 +237,27 @@ impl Comparison {
             seed,
         };
         match entrants.get(task.row).ok_or_else(missing)? {
-            ControllerUnderTest::Fallback => {
-                fly(&plan, &mut Fallback::new(Arc::clone(map), FallbackSettings::default()))
+            ControllerUnderTest::Fallback(knowledge) => {
+                let told = Told::of(self, map, rig, *knowledge)?;
+                let plan = FlightPlan { model: told.observed_by(), ..plan };
+                fly(&plan, &mut Fallback::new(Arc::clone(&told.map), FallbackSettings::default()))
+            }
+            ControllerUnderTest::Repeated { knowledge, flights } => {
+                let told = Told::of(self, map, rig, *knowledge)?;
+                let plan = FlightPlan { model: told.observed_by(), ..plan };
+                let mut fallback = Fallback::new(Arc::clone(&told.map), FallbackSettings::default());
+                fallback.learn_repetitions();
+                // Another noise in every flight: what is learned of it would show as no error at all.
+                let seed = |flight: usize| plan.seed + 1000 * flight as u64;
+                for flight in 1..*flights {
+                    fly(&FlightPlan { seed: seed(flight), ..plan }, &mut fallback)?;
+                }
+                fly(&plan, &mut fallback)
+            }
+            ControllerUnderTest::Mpc { knowledge, times } => {
+                let told = Told::of(self, map, rig, *knowledge)?;
+                let plan = FlightPlan { model: told.observed_by(), ..plan };
+                fly(&plan, &mut Mpc::new(&told.map, Arc::clone(times)))
             }
             ControllerUnderTest::Dob(dob) => fly(&plan, &mut dob.clone()),
             ControllerUnderTest::OptimalOpenLoop => {

@@ -3,7 +3,8 @@
 //! | module | subject |
 //! | --- | --- |
 //! | [`dob`] | the disturbance-observer controller that the paper compares with |
-//! | [`clairvoyant`] | the limit: what any controller could reach that knows rig and reference |
+//! | [`mpc`] | offset-free nonlinear model-predictive control |
+//! | [`optimal_open_loop`] | the limit: what any controller could reach that knows rig and reference |
 //! | [`comparison`] | entrants fly rigs |
 //! | [`table`] | tables as JSON, Markdown and page |
 //! | [`join`] | tables of one kind put together |
@@ -13,10 +14,12 @@
 pub mod comparison;
 pub mod dob;
 pub mod join;
+pub mod mpc;
 pub mod optimal_open_loop;
 pub mod payload;
 pub mod rigs_around;
 pub mod table;
 
 pub use dob::Dob;
+pub use mpc::{Mpc, TickTimes};
 pub use optimal_open_loop::OptimalOpenLoop;

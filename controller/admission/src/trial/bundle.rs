@@ -109,11 +109,12 @@ impl Bundle {
             }
             let predicts = matches!(flyer, Flyer::Policy(_));
             if predicts {
-                predictor.observe(std::array::from_fn(|c| of(&members, &|m| m.input.measured_kpa[c])));
+                let undelayed = predictor.observe(std::array::from_fn(|c| of(&members, &|m| m.input.measured_kpa[c])));
                 let plan =
                     std::array::from_fn(|j| std::array::from_fn(|c| of(&members, &|m| m.plan.remaining()[j][c])));
                 let predicted = predictor.predict(&plan, true);
                 for (lane, member) in members.iter_mut().enumerate() {
+                    member.input.undelayed_kpa = undelayed.map(|p| p.lane(lane));
                     member.predicted(predicted.map(|pair| pair.map(|p| p.lane(lane))));
                 }
             }
@@ -155,7 +156,7 @@ impl Member {
             law: PolicyLaw::new(Arc::clone(map), layout),
             sensors,
             approach: SoftStart::new([0.0; CHANNELS], [0.0; CHANNELS]),
-            input: ControlInput { measured_kpa: [0.0; CHANNELS], goals_kpa: [[0.0; CHANNELS]; GOALS_AHEAD + 1] },
+            input: ControlInput::of_measured([0.0; CHANNELS], [[0.0; CHANNELS]; GOALS_AHEAD + 1]),
             predicted_kpa: [[0.0; CHANNELS]; AHEAD],
             plan: ActionTrajectory::held(VENT),
             duty: VENT,
@@ -179,7 +180,7 @@ impl Member {
             let (goal, offset) = (course.at(tick + j), self.approach.offset_kpa((tick + j) as f64 * TICK_S));
             std::array::from_fn(|c| goal[c] + offset[c])
         });
-        self.input = ControlInput { measured_kpa, goals_kpa };
+        self.input = ControlInput::of_measured(measured_kpa, goals_kpa);
         self.predicted_kpa = [measured_kpa; AHEAD];
     }
 

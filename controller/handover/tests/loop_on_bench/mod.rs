@@ -111,7 +111,7 @@ impl Loop {
         self.filter.observe(measured_kpa);
         let predicted = self.predictor.predict(&self.plan.remaining().map(spread), true);
         let predicted: [Pair; AHEAD] = predicted.map(|pair| pair.map(|p| p.lane(0)));
-        let input = ControlInput { measured_kpa, goals_kpa };
+        let input = ControlInput::of_measured(measured_kpa, goals_kpa);
         let arbitrated = self.arbiter.decide(&input, &predicted);
         self.plan = arbitrated.decision.trajectory;
         let sent = self.filter.limit(arbitrated.decision.duty()).duty;

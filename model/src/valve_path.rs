@@ -1,0 +1,66 @@
+//! What a rig file says lies between a duty that is sent and the flapper that it moves.
+
+use crate::mechanism::{Lags, Mechanism};
+use crate::rig::Rig;
+
+/// Delay, lags and play of one valve, as its rig file states them; all zero where it states none.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ValvePath {
+    /// Pure delay in s (`command_delay`).
+    pub delay_s: f64,
+    /// Lag in front of play in s (`valve_lag` of the coil); where rising and falling differ, their mean.
+    pub coil_lag_s: f64,
+    /// Lag behind play in s (`valve_lag` of the armature).
+    pub armature_lag_s: f64,
+    /// Half width of play in duty (`valve_hysteresis`).
+    pub half_width_duty: f64,
+    /// Whether the file says anything of the valve's timing; where it does not, nothing is known.
+    pub is_timed: bool,
+}
+
+impl ValvePath {
+    /// The path of the valve called `name`.
+    pub fn of(rig: &Rig, name: &str) -> Self {
+        let mut path = ValvePath::default();
+        for mechanism in rig.mechanisms.iter().filter(|m| m.enabled && m.component == name).map(|m| &m.mechanism) {
+            match mechanism {
+                Mechanism::CommandDelay(m) => {
+                    path.delay_s += 1e-3 * m.delay_ms;
+                    path.is_timed = true;
+                }
+                Mechanism::ValveLag(m) => {
+                    let mean_s = 1e-3 * m.time_constant_ms * 0.5 * (1.0 + m.falling_over_rising);
+                    match m.lags {
+                        Lags::Coil => path.coil_lag_s += mean_s,
+                        Lags::Armature => path.armature_lag_s += mean_s,
+                    }
+                    path.is_timed = true;
+                }
+                Mechanism::ValveHysteresis(m) => path.half_width_duty = m.half_width_duty,
+                _ => {}
+            }
+        }
+        path
+    }
+
+    /// By how much a slow duty comes late at the flapper, in s.
+    pub fn late_s(&self) -> f64 {
+        self.delay_s + self.coil_lag_s + self.armature_lag_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_path_is_what_the_file_states() {
+        let bench = ValvePath::of(&Rig::builtin("bench").unwrap(), "valve_pos");
+        assert_eq!((bench.delay_s, bench.coil_lag_s, bench.half_width_duty), (0.02, 0.05, 0.03));
+        assert!((bench.late_s() - 0.07).abs() < 1e-12 && bench.is_timed);
+        assert_eq!(ValvePath::of(&Rig::builtin("dual_pressure").unwrap(), "valve_pos"), ValvePath::default());
+        let mut off = Rig::builtin("bench").unwrap();
+        off.mechanisms.iter_mut().for_each(|m| m.enabled = false);
+        assert_eq!(ValvePath::of(&off, "valve_neg"), ValvePath::default());
+    }
+}
