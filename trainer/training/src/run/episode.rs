@@ -162,7 +162,8 @@ impl Run {
         episode: &mut EpisodeUnderWay,
     ) -> Result<Vec<f32>, TrainingError> {
         if stage == Stage::Random {
-            return Ok((0..TURN_ACTIONS).map(|_| episode.random.random_range(-1.0f32..1.0)).collect());
+            let count = SIDE_BY_SIDE * self.acting_len();
+            return Ok((0..count).map(|_| episode.random.random_range(-1.0f32..1.0)).collect());
         }
         let actions = self.learner.act(observations, true).map_err(|error| TrainingError::learner("act", &error))?;
         if actions.iter().all(|a| a.is_finite()) { Ok(actions) } else { Err(self.diverged("an action")) }
