@@ -104,7 +104,7 @@ impl Reference {
                         value: *value,
                         low: VACUUM_KPA,
                         high: SENSOR_TOP_KPA,
-                        hint: " kPa; references are gauge pressures",
+                        hint: " kPa; references are gauge pressures".to_owned(),
                     }
                     .into());
                 }
@@ -212,6 +212,7 @@ fn check_times(file: &str, table: &Table) -> Result<(), ReferenceError> {
                     file: file.to_owned(),
                     line: *line,
                     position: table.time_position,
+                    column: csv::TIME_COLUMN.to_owned(),
                     value: *time,
                     previous: before,
                 }

@@ -183,3 +183,47 @@ fn the_public_python_reader_sees_every_field() {
     let found = lines.iter().find(|line| line.starts_with("message /tick")).copied();
     assert_eq!(found, Some(expected.as_str()));
 }
+
+/// The lines of `docs/recordings.md`, as they stand there.
+#[test]
+fn the_python_lines_of_the_page_open_a_recording() {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/recordings.md");
+    let page = std::fs::read_to_string(page).unwrap();
+    let (_, from) = page.split_once("```python\n").unwrap();
+    let (lines, _) = from.split_once("```").unwrap();
+    let packages = Command::new("python3").args(["-c", "import mcap, mcap_protobuf, numpy, pandas"]).output();
+    if !packages.is_ok_and(|output| output.status.success()) {
+        println!("skipped: needs python3 with the packages mcap, mcap-protobuf-support, numpy and pandas");
+        return;
+    }
+    let folder = std::env::temp_dir().join(format!("recording-page-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("run.mcap");
+    let mut writer = RecordingWriter::create(&path, &RecordingInfo::new("controller 0.1.0", 0), &[]).unwrap();
+    for k in 0..3 {
+        writer.write(&TickRecord { tick: k, p_pos_kpa: 90.0 + f64::from(k), ..tick() }).unwrap();
+    }
+    writer.finish().unwrap();
+    let output = Command::new("python3").args(["-c", lines]).arg(&path).output().unwrap();
+    std::fs::remove_dir_all(folder).unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(String::from_utf8_lossy(&output.stdout), "3 rows; largest positive pressure 92.0 kPa\n");
+}
+
+/// Every path of the layout is a field of a message that recordings have.
+#[test]
+fn the_foxglove_layout_names_fields_that_are_there() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let layout = std::fs::read_to_string(folder.join("../docs/foxglove-layout.json")).unwrap();
+    let layout: serde_json::Value = serde_json::from_str(&layout).unwrap();
+    let schema = std::fs::read_to_string(folder.join("src/recording/schema.rs")).unwrap();
+    let panels = layout["configById"].as_object().unwrap();
+    let paths = panels.values().filter_map(|panel| panel["paths"].as_array()).flatten();
+    let mut count = 0;
+    for path in paths.map(|path| path["value"].as_str().unwrap()) {
+        let field = path.strip_prefix("/tick.").unwrap().split('[').next().unwrap();
+        assert!(schema.contains(&format!(" {field} = ")), "{path}");
+        count += 1;
+    }
+    assert!(count > 10 && panels["RosOut!events"]["topicToRender"] == "/event");
+}

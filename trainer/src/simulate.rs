@@ -7,6 +7,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use fit::data::quality::within_ranges;
 use model::plant::{FreeRunStart, Plant};
 use proto::atomic_file;
 use proto::recording::Recording;
@@ -25,14 +26,15 @@ use crate::stdout;
 /// Row k holds the pressures at t_k and the commands from t_k to t_{k+1}, 20 ms later. A first row within 0.5 kPa of
 /// the atmosphere starts a rig that stood still; any other one a rig whose pump was running, and whose valves, where they
 /// have play or friction, lie as if the first pressures had settled before. A file without any
-/// pressure column (such as next_experiment.csv) starts at rest. A gap in the rows starts the run anew at the next row.
+/// pressure column (such as next_experiment.csv) starts at rest. Lost rows up to 0.1 s are bridged; a longer gap starts the run anew
+/// at the next row.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: trainer simulate --rig dual_pressure --inputs run.csv --out simulated.csv")]
 pub(crate) struct SimulateArgs {
     #[command(flatten)]
     rig: RigChoice,
-    /// Commands and first pressures: a recording, MCAP or CSV with the header
-    /// time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa (s, duty 0 to 1, gauge kPa), rows 20 ms apart
+    /// Commands and first pressures: a recording, the daemon's MCAP or what a logger wrote, with columns under the rig's names
+    /// (time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa: s, duty 0 to 1, gauge kPa) or as the rig file's [recording] says
     #[arg(long, value_name = "FILE")]
     inputs: PathBuf,
     /// CSV file to write: the same rows and columns, with simulated pressures
@@ -49,6 +51,7 @@ const DIGITS: i32 = 7;
 pub(crate) fn run(args: &SimulateArgs) -> Result<(), Failure> {
     let (rig, plant) = args.rig.compile()?;
     let recording = Recording::read_for(&args.inputs, &rig)?;
+    within_ranges(&rig, std::slice::from_ref(&recording))?;
     if same_file(&args.inputs, &args.out) {
         return Err(Failure::OverInputs { out: args.out.display().to_string() });
     }

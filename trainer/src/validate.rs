@@ -4,14 +4,15 @@ use std::path::PathBuf;
 
 use clap::Args;
 use fit::data::Records;
+use fit::data::quality::within_ranges;
 use fit::simulate::{Arcs, Fidelity, Flapper, Look, Run, Simulator, flappers_of};
 use model::plant::Plant;
 use model::rig::Rig;
-use proto::recording::Recording;
+use proto::recording::{PERIOD_S, Recording};
 use proto::rig_file::RigFileError;
 use serde_json::{Map, Value, json};
 
-use crate::accuracy::Errors;
+use crate::accuracy::{Compared, Errors};
 use crate::failure::{Failure, tell};
 use crate::free_run::{Began, FreeRun, FreeRunError};
 use crate::progress::Progress;
@@ -25,13 +26,16 @@ use crate::stdout;
 /// of it, for a percentage of nearly nothing says nothing, and are counted under `near 0`. RMSE and the largest error
 /// are over all rows. Where a valve's flapper with play or friction lay when a recording began is told by no reading: it is
 /// placed where the first 20 s come out best, and said.
+///
+/// Recordings of any rate are brought to rows of 20 ms; only rows with a sample are compared. Lost rows up to 0.1 s are bridged;
+/// at a longer gap the run begins anew from the recorded pressures, which makes its error smaller: the column `anew` counts that.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: trainer validate --rig dual_pressure run1.mcap run2.csv --json")]
 pub(crate) struct ValidateArgs {
     #[command(flatten)]
     rig: RigChoice,
-    /// Recordings: MCAP or CSV with the header time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa (s, duty 0 to 1, gauge kPa),
-    /// rows 20 ms apart
+    /// Recordings: the daemon's MCAP, what loggers write as text, LabVIEW or MATLAB files; columns under the rig's names
+    /// (time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa: s, duty 0 to 1, gauge kPa) or as the rig file's [recording] says
     #[arg(value_name = "RECORDING", required = true)]
     recordings: Vec<PathBuf>,
     /// Smallest recorded pressure, in kPa above or below the atmosphere, that counts for the accuracy
@@ -46,7 +50,10 @@ pub(crate) struct ValidateArgs {
 struct Figures {
     /// The recording's file; `None` for all recordings together.
     file: Option<String>,
+    recordings: usize,
     segments: usize,
+    /// Rows without a sample.
+    not_measured: usize,
     /// Where flappers lay, by stretch.
     began: Began,
     /// By sensor of the rig.
@@ -58,6 +65,7 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     // All are read before any is run, so that a bad file shows at once.
     let recordings =
         args.recordings.iter().map(|path| Recording::read_for(path, &rig)).collect::<Result<Vec<_>, _>>()?;
+    within_ranges(&rig, &recordings)?;
     let mut free_run = FreeRun::new(&rig, plant.clone())
         .map_err(|problem| RigFileError::Rig { file: args.rig.rig.clone(), problem })?;
     let rows: usize = recordings.iter().map(Recording::rows).sum();
@@ -71,6 +79,9 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     }
     for note in recordings.iter().flat_map(Recording::notes) {
         tell(note);
+    }
+    for note in recordings.iter().filter_map(began_anew) {
+        tell(&note);
     }
     for each in &figures {
         if let (Some(file), Some(first)) = (&each.file, each.began.first().filter(|flappers| !flappers.is_empty())) {
@@ -88,6 +99,24 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     }
     let several = (figures.len() > 1).then_some(&overall);
     stdout::say(&table(figures.iter().chain(several), &plant))
+}
+
+/// How often a recording's run begins anew, and why; `None` where it runs through.
+fn began_anew(recording: &Recording) -> Option<String> {
+    let (segments, time_s) = (recording.segments(), recording.time_s());
+    let gaps: Vec<(f64, f64)> = segments
+        .windows(2)
+        .filter_map(|w| Some((*time_s.get(w[0].end.checked_sub(1)?)?, *time_s.get(w[1].start)?)))
+        .collect();
+    let (from, _) = *gaps.first()?;
+    let longest_s = gaps.iter().map(|(from, to)| to - from).fold(0.0, f64::max);
+    let run_s = segments.iter().map(|rows| rows.len() as f64 * PERIOD_S).fold(0.0, f64::max);
+    let times = if gaps.len() == 1 { "once".to_owned() } else { format!("{} times", gaps.len()) };
+    Some(format!(
+        "{}: the simulation began anew {times}, after gaps of up to {longest_s:.2} s (the first at {from:.2} s), from the pressures recorded \
+         there; the longest run without one is {run_s:.1} s, so the errors are smaller than those of a whole run",
+        recording.source()
+    ))
 }
 
 /// Where flappers lay at the first row of each stretch, by the 20 s after it.
@@ -119,9 +148,21 @@ fn compare(
     let channels = recorded
         .iter()
         .zip(&trace.readings_kpa)
-        .map(|(recorded, simulated)| Errors::of(recording.time_s(), recorded, simulated, least_kpa))
+        .map(|(recorded_kpa, simulated_kpa)| {
+            let (time_s, measured) = (recording.time_s(), recording.measured());
+            Errors::of(Compared { time_s, recorded_kpa, simulated_kpa, measured }, least_kpa)
+        })
         .collect();
-    Ok(Figures { file: Some(recording.source().to_owned()), segments: recording.segments().len(), began, channels })
+    let not_measured = recording.measured().map_or(0, |measured| measured.iter().filter(|m| !**m).count());
+    let (file, segments) = (Some(recording.source().to_owned()), recording.segments().len());
+    Ok(Figures { file, recordings: 1, segments, not_measured, began, channels })
+}
+
+impl Figures {
+    /// How often a simulation began anew within a recording.
+    fn restarts(&self) -> usize {
+        self.segments.saturating_sub(self.recordings)
+    }
 }
 
 fn overall(figures: &[Figures]) -> Figures {
@@ -131,7 +172,9 @@ fn overall(figures: &[Figures]) -> Figures {
     };
     Figures {
         file: None,
+        recordings: figures.len(),
         segments: figures.iter().map(|each| each.segments).sum(),
+        not_measured: figures.iter().map(|each| each.not_measured).sum(),
         began: Began::new(),
         channels: (0..channels).map(sum).collect(),
     }
@@ -144,6 +187,8 @@ fn json_of(figures: &Figures, plant: &Plant<f64>) -> Value {
         object.insert("file".to_owned(), json!(file));
     }
     object.insert("segments".to_owned(), json!(figures.segments));
+    object.insert("began_anew".to_owned(), json!(figures.restarts()));
+    object.insert("rows_without_sample".to_owned(), json!(figures.not_measured));
     if figures.began.iter().any(|flappers| !flappers.is_empty()) {
         let of = |flapper: &Flapper| (flapper.unknown.clone(), json!(flapper.share));
         let began = figures.began.iter().map(|flappers| Value::Object(flappers.iter().map(of).collect()));
@@ -172,7 +217,7 @@ fn channel(column: &str) -> &str {
     column.strip_prefix("p_").and_then(|rest| rest.strip_suffix("_kpa")).unwrap_or(column)
 }
 
-const HEAD: [&str; 8] = ["recording", "channel", "accuracy", "RMSE kPa", "max kPa", "at s", "rows", "near 0"];
+const HEAD: [&str; 9] = ["recording", "channel", "accuracy", "RMSE kPa", "max kPa", "at s", "rows", "near 0", "anew"];
 
 fn table<'a>(figures: impl Iterator<Item = &'a Figures>, plant: &Plant<f64>) -> String {
     let mut lines = vec![HEAD.map(str::to_owned)];
@@ -189,6 +234,7 @@ fn table<'a>(figures: impl Iterator<Item = &'a Figures>, plant: &Plant<f64>) -> 
                 each.file.as_ref().map_or("-".to_owned(), |_| format!("{worst_time_s:.2}")),
                 rows.to_string(),
                 near_zero.to_string(),
+                if index == 0 { each.restarts().to_string() } else { String::new() },
             ]);
         }
     }

@@ -19,7 +19,7 @@ pub use error::RigError;
 pub(crate) use number::numbers;
 pub use number::{Number, Numbers};
 pub use parameters::Parameter;
-pub use recording_map::{RecordingMap, Term, Terms};
+pub use recording_map::{Decimal, RecordingMap, Separator, Term, Terms};
 pub use schema::{
     ATMOSPHERE, Atmosphere, FlowPump, Gas, Integrator, Line, MechanismInstance, PistonPump, Pump, Rig, Sensor, Source,
     Valve, Volume, WHOLE_RIG,

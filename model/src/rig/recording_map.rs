@@ -17,8 +17,20 @@
 //! y = Σ (scale · f(x) + offset),      f(x) = x,  or sign(x) √|x| with `root`
 //! ```
 //!
-//! The root is the law of every flow meter with a throat (ISO 5167: `Q ∝ √Δp`), kept odd for flow that returns. This
-//! module only states the map; `proto::recording` reads files through it and brings them to the rig's rows.
+//! The root is the law of every flow meter with a throat (ISO 5167: `Q ∝ √Δp`), kept odd for flow that returns. With a
+//! `unit` the file's numbers are first brought to the rig's unit. What a file does not tell about itself is said beside
+//! the columns:
+//!
+//! ```toml
+//! [recording]
+//! separator = ";"          # "," ";" "tab" "blank"; found out where it is left out
+//! decimal = ","            # "." or ","; found out where it is left out
+//! header_line = 12         # the line that names the columns, from 1; found out where it is left out
+//! names = ["t", "u", "p"]  # for a file that has no such line
+//! period_ms = 20.0         # for a file that has no column of time: rows so far apart
+//! ```
+//!
+//! This module only states the map; `proto::recording` reads files through it and brings them to the rig's rows.
 
 use std::fmt;
 
@@ -38,10 +50,53 @@ pub struct RecordingMap {
     /// Time in s.
     #[serde(default = "time_s")]
     pub time: Terms,
+    /// Distance between rows in ms, for files without a column of time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub period_ms: Option<f64>,
+    /// Character between cells: `,`, `;`, `tab` or `blank`; found out where it is absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub separator: Option<Separator>,
+    /// Decimal mark: `.` or `,`; found out where it is absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub decimal: Option<Decimal>,
+    /// Line that names the columns, from 1; found out where it is absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub header_line: Option<u64>,
+    /// Names of the columns of files that have no line of names.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub names: Vec<String>,
     /// Columns of the rig (commands, signals, readings of sensors), each by what it is made from; those that are not
     /// here have the same name and unit in the file.
     #[serde(default)]
     pub columns: IndexMap<String, Terms>,
+}
+
+/// Character between the cells of a line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Separator {
+    /// A comma.
+    #[serde(rename = ",", alias = "comma")]
+    Comma,
+    /// A semicolon.
+    #[serde(rename = ";", alias = "semicolon")]
+    Semicolon,
+    /// A tab.
+    #[serde(rename = "tab", alias = "\t")]
+    Tab,
+    /// A run of blanks.
+    #[serde(rename = "blank", alias = " ")]
+    Blank,
+}
+
+/// Mark between the whole and the broken part of a number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Decimal {
+    /// `0.5`
+    #[serde(rename = ".", alias = "point")]
+    Point,
+    /// `0,5`
+    #[serde(rename = ",", alias = "comma")]
+    Comma,
 }
 
 /// A sum of terms: in a rig file a name, a term, or a list of terms.
@@ -63,6 +118,10 @@ pub struct Term {
     /// Whether `sign(x) √|x|` is scaled instead of `x`.
     #[serde(default)]
     pub root: bool,
+    /// Unit of the file's numbers (`kPa`, `bar abs`, `psi`, `V`, `%`, `ms` …), brought to the rig's before anything else;
+    /// absent means as the file says, or the rig's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
 }
 
 fn one() -> f64 {
@@ -76,7 +135,12 @@ fn time_s() -> Terms {
 impl Term {
     /// A column as it is.
     pub fn plain(from: &str) -> Self {
-        Term { from: from.to_owned(), scale: 1.0, offset: 0.0, root: false }
+        Term { from: from.to_owned(), scale: 1.0, offset: 0.0, root: false, unit: None }
+    }
+
+    /// Whether numbers are taken as they stand: no scale, no offset, no root.
+    pub fn is_plain(&self) -> bool {
+        self.scale == 1.0 && self.offset == 0.0 && !self.root
     }
 
     /// What a number of the file contributes.
@@ -113,9 +177,37 @@ impl<'de> Deserialize<'de> for Terms {
     }
 }
 
+impl Default for RecordingMap {
+    fn default() -> Self {
+        RecordingMap {
+            time: time_s(),
+            period_ms: None,
+            separator: None,
+            decimal: None,
+            header_line: None,
+            names: Vec::new(),
+            columns: IndexMap::new(),
+        }
+    }
+}
+
 impl RecordingMap {
+    /// Whether the table says where the time is, rather than leaving it at `time_s`.
+    pub fn names_time(&self) -> bool {
+        self.time != time_s()
+    }
+
     pub(super) fn check(&self, rig: &Rig) -> Result<(), RigError> {
         check_terms("recording.time", &self.time)?;
+        if let Some(period_ms) = self.period_ms.filter(|ms| !(ms.is_finite() && *ms > 0.0)) {
+            return Err(RigError::at("recording.period_ms", format!("{period_ms} ms must be above zero")));
+        }
+        if self.header_line == Some(0) {
+            return Err(RigError::at("recording.header_line", "lines count from 1"));
+        }
+        if self.separator == Some(Separator::Comma) && self.decimal == Some(Decimal::Comma) {
+            return Err(RigError::at("recording.decimal", "a comma cannot both separate cells and stand in numbers"));
+        }
         let known = rig.columns();
         for (column, terms) in &self.columns {
             let key = format!("recording.columns.{column}");
@@ -221,6 +313,12 @@ columns.p_kpa = [{ from = "a", root = true, scale = 3.0, offset = 1.0 }, { from 
         assert_eq!([p[0].of(4.0), p[0].of(-4.0), p[1].of(2.5)], [7.0, -5.0, 2.5]);
         let short = Rig::from_toml(&RIG.replace("{ from = \"PWM\", scale = 0.1 }", "\"PWM\"")).unwrap();
         assert_eq!(short.recording.unwrap().columns["u"], Terms(vec![Term::plain("PWM")]));
+        let keys = "separator = ';'\ndecimal = ','\nheader_line = 3\nnames = ['a']\nperiod_ms = 10.0\n";
+        let told = Rig::from_toml(&RIG.replace("[recording]", &format!("[recording]\n{keys}"))).unwrap();
+        let map = told.recording.clone().unwrap();
+        assert_eq!((map.separator, map.decimal), (Some(Separator::Semicolon), Some(Decimal::Comma)));
+        assert_eq!((map.header_line, map.period_ms, map.names.len()), (Some(3), Some(10.0), 1));
+        assert_eq!(Rig::from_toml(&told.to_toml().unwrap()).unwrap(), told);
     }
 
     #[test]
@@ -231,6 +329,10 @@ columns.p_kpa = [{ from = "a", root = true, scale = 3.0, offset = 1.0 }, { from 
             ("scale = 0.1", "sclae = 0.1", ["sclae", "scale"]),
             ("{ from = \"PWM\", scale = 0.1 }", "[]", ["recording.columns.u", "empty"]),
             ("{ from = \"PWM\", scale = 0.1 }", "7", ["recording.columns.u", "7"]),
+            ("[recording]", "[recording]\nperiod_ms = 0.0", ["recording.period_ms", "above zero"]),
+            ("[recording]", "[recording]\nheader_line = 0", ["recording.header_line", "from 1"]),
+            ("[recording]", "[recording]\nseparator = \"|\"", ["separator", "tab"]),
+            ("[recording]", "[recording]\nseparator = \",\"\ndecimal = \",\"", ["recording.decimal", "comma"]),
         ] {
             let error = Rig::from_toml(&RIG.replacen(good, bad, 1)).expect_err(bad);
             let message = error.to_string();

@@ -1,10 +1,13 @@
-//! CSV bytes to rows of cells, with the line on which each row begins.
+//! The bytes of a text file to rows of cells, with the line on which each row begins.
 //!
-//! Rows end with LF or CRLF. Cells are separated by commas; blanks around them do not count. A cell
-//! in double quotes may hold commas, line ends and, doubled, quotes. Lines with nothing but blanks
-//! are skipped, and still counted: an error must name the line that an editor shows.
+//! Rows end with LF or CRLF. Cells are separated by commas, or by what the grammar says; blanks around them do not count. A
+//! cell in double quotes may hold separators, line ends and, doubled, quotes. Lines with nothing but blanks are skipped, and
+//! still counted: an error must name the line that an editor shows. Loggers' lines of comment are skipped where the grammar
+//! has them; the last of them is kept, since some loggers name the columns in it.
 
 use std::borrow::Cow;
+
+use model::rig::Separator;
 
 /// A break of the grammar.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,16 +20,59 @@ pub(super) struct Broken {
     pub(super) open: bool,
 }
 
+/// How cells are told apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Grammar {
+    /// Character between cells; a blank stands for a run of blanks and tabs.
+    pub(super) separator: Separator,
+    /// Lines that are no rows.
+    pub(super) comments: Comments,
+}
+
+/// Which lines are comment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Comments {
+    /// None.
+    No,
+    /// Those that begin with `#`, `%` or `//`.
+    Marked,
+}
+
+impl Grammar {
+    /// Commas, no comments.
+    pub(super) const CSV: Self = Self { separator: Separator::Comma, comments: Comments::No };
+
+    fn separates(self, byte: u8) -> bool {
+        match self.separator {
+            Separator::Comma => byte == b',',
+            Separator::Semicolon => byte == b';',
+            Separator::Tab => byte == b'\t',
+            Separator::Blank => matches!(byte, b' ' | b'\t'),
+        }
+    }
+}
+
 /// Walks through the rows of a file.
 #[derive(Debug)]
 pub(super) struct Rows<'a> {
     rest: &'a [u8],
     line: u64,
+    grammar: Grammar,
+    comment: Option<(u64, &'a [u8])>,
 }
 
 impl<'a> Rows<'a> {
     pub(super) fn new(bytes: &'a [u8]) -> Self {
-        Self { rest: bytes, line: 1 }
+        Self::with(bytes, Grammar::CSV)
+    }
+
+    pub(super) fn with(bytes: &'a [u8], grammar: Grammar) -> Self {
+        Self { rest: bytes, line: 1, grammar, comment: None }
+    }
+
+    /// The last line of comment that was skipped, without its mark, and where it stands.
+    pub(super) fn last_comment(&self) -> Option<(u64, &'a [u8])> {
+        self.comment
     }
 
     /// Puts the next row's cells into `cells` and returns its line; `None` at the end.
@@ -48,9 +94,18 @@ impl<'a> Rows<'a> {
             };
             cells.push(cell);
             match self.rest.split_first() {
-                Some((b',', rest)) => self.rest = rest,
+                Some((byte, rest)) if self.grammar.separates(*byte) => {
+                    self.rest = rest;
+                    if self.grammar.separator == Separator::Blank {
+                        self.skip_blanks();
+                        if self.ends_here() {
+                            self.skip_line();
+                            return Ok(Some(row_line));
+                        }
+                    }
+                }
                 Some((_, rest)) => {
-                    // Nothing but a comma or a line end stops a cell.
+                    // Nothing but a separator or a line end stops a cell.
                     self.rest = rest;
                     self.line += 1;
                     return Ok(Some(row_line));
@@ -61,27 +116,50 @@ impl<'a> Rows<'a> {
     }
 
     fn skip_blank_lines(&mut self) {
-        while let Some(end) = self.rest.iter().position(|byte| *byte == b'\n') {
-            let (line, rest) = self.rest.split_at(end + 1);
+        while !self.rest.is_empty() {
+            let end = self.rest.iter().position(|byte| *byte == b'\n').map_or(self.rest.len(), |end| end + 1);
+            let (line, rest) = self.rest.split_at(end);
             if !line.iter().all(u8::is_ascii_whitespace) {
-                return;
+                match self.comment_in(line) {
+                    Some(comment) => self.comment = Some((self.line, comment)),
+                    None => return,
+                }
             }
             self.rest = rest;
             self.line += 1;
         }
-        if self.rest.iter().all(u8::is_ascii_whitespace) {
-            self.rest = &[];
+    }
+
+    /// The text of a line that is a comment.
+    fn comment_in(&self, line: &'a [u8]) -> Option<&'a [u8]> {
+        let line = line.trim_ascii();
+        let marked = |mark: &[u8]| line.strip_prefix(mark).map(<[u8]>::trim_ascii);
+        match self.grammar.comments {
+            Comments::No => None,
+            Comments::Marked => marked(b"#").or_else(|| marked(b"%")).or_else(|| marked(b"//")),
         }
     }
 
+    fn ends_here(&self) -> bool {
+        matches!(self.rest, [] | [b'\n', ..] | [b'\r', b'\n', ..] | [b'\r'])
+    }
+
+    fn skip_line(&mut self) {
+        let end = self.rest.iter().position(|byte| *byte == b'\n');
+        self.rest = end.map_or(&[], |end| self.rest.split_at(end + 1).1);
+        self.line += 1;
+    }
+
     fn skip_blanks(&mut self) {
-        let blanks = self.rest.iter().take_while(|byte| matches!(byte, b' ' | b'\t')).count();
+        let tabs = self.grammar.separator != Separator::Tab;
+        let blanks = self.rest.iter().take_while(|byte| **byte == b' ' || (tabs && **byte == b'\t')).count();
         self.rest = self.rest.split_at(blanks).1;
     }
 
-    /// Up to the next comma or line end.
+    /// Up to the next separator or line end.
     fn plain(&mut self) -> &'a [u8] {
-        let stop = |byte: &u8| matches!(byte, b',' | b'\n');
+        let grammar = self.grammar;
+        let stop = |byte: &u8| *byte == b'\n' || grammar.separates(*byte);
         let end = self.rest.iter().position(stop).unwrap_or(self.rest.len());
         let (cell, rest) = self.rest.split_at(end);
         self.rest = rest;
@@ -114,9 +192,12 @@ impl<'a> Rows<'a> {
                 }
             }
         }
-        self.skip_blanks();
+        if self.grammar.separator != Separator::Blank {
+            self.skip_blanks();
+        }
         match self.rest {
-            [] | [b',' | b'\n', ..] => {}
+            [] | [b'\n', ..] => {}
+            [byte, ..] if self.grammar.separates(*byte) => {}
             [b'\r', rest @ ..] if matches!(rest, [] | [b'\n', ..]) => self.rest = rest,
             _ => return Err(Broken { line: self.line, position, open: false }),
         }
@@ -151,6 +232,28 @@ mod tests {
         assert_eq!(all("\"a, \"\"b\"\"\nc\" ,d\r\ne,f").unwrap(), [row(1, &["a, \"b\"\nc", "d"]), row(3, &["e", "f"])]);
         assert_eq!(all(" \n\t\n").unwrap(), []);
         assert_eq!(all("\"\"\"\"").unwrap(), [row(1, &["\""])]);
+    }
+
+    #[test]
+    fn other_separators_and_comments_are_told_apart() {
+        let read = |text: &str, separator| {
+            let mut rows = Rows::with(text.as_bytes(), Grammar { separator, comments: Comments::Marked });
+            let (mut cells, mut found) = (Vec::new(), Vec::new());
+            while let Some(line) = rows.next_row(&mut cells).unwrap() {
+                found.push((line, cells.iter().map(|cell| String::from_utf8(cell.to_vec()).unwrap()).collect()));
+            }
+            let comment = rows.last_comment().map(|(line, text)| (line, String::from_utf8(text.to_vec()).unwrap()));
+            (found, comment)
+        };
+        let (rows, comment) = read("# rig 3\n% t;p\n1,5;\"a;b\"\n", Separator::Semicolon);
+        assert_eq!(rows, [row(3, &["1,5", "a;b"])]);
+        assert_eq!(comment, Some((2, "t;p".to_owned())));
+        assert_eq!(
+            read("a\t\tb\r\n\t\t\n1\t2\t\n", Separator::Tab).0,
+            [row(1, &["a", "", "b"]), row(3, &["1", "2", ""])]
+        );
+        let (rows, _) = read("  t   p \r\n\n 1.5\t -2\n3 4", Separator::Blank);
+        assert_eq!(rows, [row(1, &["t", "p"]), row(3, &["1.5", "-2"]), row(4, &["3", "4"])]);
     }
 
     #[test]

@@ -12,7 +12,8 @@
 //!
 //! Numbers are written in the shortest form that reads back to the same `f64` bit for bit.
 //!
-//! Left out: separators other than the comma (the error says so), decimal commas, comments.
+//! Left out: separators other than the comma (the error says so), decimal commas, comments. What loggers write is read by
+//! [`Recording::read_for`](super::Recording::read_for).
 
 use std::borrow::Cow;
 use std::collections::HashSet;
@@ -53,8 +54,6 @@ pub struct Table {
     pub lines: Vec<u64>,
     /// Position of `time_s` among the file's columns, from 1.
     pub time_position: usize,
-    /// The file's name of the column of times: `time_s`, unless another was asked for.
-    pub time: String,
 }
 
 impl Table {
@@ -67,14 +66,6 @@ impl Table {
     /// [`CsvError`] with line and column: empty file, no rows, wrong or missing header, names
     /// twice, ragged rows, NaN, infinities, text in a column of numbers, bytes that are not UTF-8.
     pub fn parse(file: &str, bytes: &[u8], numeric: &[&str]) -> Result<Self, CsvError> {
-        Self::parse_by(file, bytes, numeric, TIME_COLUMN)
-    }
-
-    /// [`Table::parse`] for a file whose times stand in column `time`, in whatever unit.
-    ///
-    /// # Errors
-    /// As [`Table::parse`].
-    pub fn parse_by(file: &str, bytes: &[u8], numeric: &[&str], time: &str) -> Result<Self, CsvError> {
         let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
         let mut rows = Rows::new(bytes);
         let mut row = Vec::new();
@@ -82,11 +73,11 @@ impl Table {
             Some(line) => (line, header(file, line, &row)?),
             None => return Err(CsvError::Empty { file: file.to_owned() }),
         };
-        let Some(time_index) = names.iter().position(|name| name == time) else {
+        let Some(time_index) = names.iter().position(|name| name == TIME_COLUMN) else {
             return Err(CsvError::MissingColumn {
                 file: file.to_owned(),
                 line: Some(header_line),
-                column: time.to_owned(),
+                column: TIME_COLUMN.to_owned(),
                 found: listed(names.iter().map(String::as_str)),
             });
         };
@@ -101,7 +92,7 @@ impl Table {
                 let place = Place { file, line, position: index + 1, column: name };
                 let text = place.text(cell)?;
                 if lines.is_empty() {
-                    let must = name == time || numeric.contains(&name.as_str());
+                    let must = name == TIME_COLUMN || numeric.contains(&name.as_str());
                     data.push(first_cell(&place, text, must)?);
                     continue;
                 }
@@ -124,7 +115,7 @@ impl Table {
                 data => columns.push(Column { name, data }),
             }
         }
-        Ok(Self { time_s, columns, lines, time_position: time_index + 1, time: time.to_owned() })
+        Ok(Self { time_s, columns, lines, time_position: time_index + 1 })
     }
 
     /// The numbers of a column; `None` when it is absent or holds text.
@@ -137,25 +128,12 @@ impl Table {
 
     /// Position of a column in the file, from 1; `None` when it is absent.
     pub fn position(&self, name: &str) -> Option<usize> {
-        if name == self.time {
+        if name == TIME_COLUMN {
             return Some(self.time_position);
         }
         let index = self.columns.iter().position(|column| column.name == name)?;
         // `columns` leaves time_s out, so those behind it stand one further right in the file.
         Some(if index + 1 < self.time_position { index + 1 } else { index + 2 })
-    }
-}
-
-/// The names of a file's columns.
-///
-/// # Errors
-/// The header is missing or wrong.
-pub(super) fn names(file: &str, bytes: &[u8]) -> Result<Vec<String>, CsvError> {
-    let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
-    let (mut rows, mut row) = (Rows::new(bytes), Vec::new());
-    match next_row(file, &mut rows, &mut row)? {
-        Some(line) => header(file, line, &row),
-        None => Err(CsvError::Empty { file: file.to_owned() }),
     }
 }
 
@@ -251,7 +229,7 @@ fn header(file: &str, line: u64, row: &[Cow<'_, [u8]>]) -> Result<Vec<String>, C
             }
         }
         if name.parse::<f64>().is_ok() {
-            return Err(CsvError::NoHeader { file: file.to_owned(), line, cell: shown(name) });
+            return Err(CsvError::NoHeader { file: file.to_owned(), line, cell: shown(name), mend: "" });
         }
         if name.is_empty() {
             return Err(CsvError::UnnamedColumn { file: file.to_owned(), line, position });
@@ -265,9 +243,10 @@ fn header(file: &str, line: u64, row: &[Cow<'_, [u8]>]) -> Result<Vec<String>, C
     Ok(names)
 }
 
-fn ragged(file: &str, line: u64, row: &[Cow<'_, [u8]>], expected: usize) -> CsvError {
+/// The error of a row of so many cells too few or too many.
+pub(super) fn ragged<C: AsRef<[u8]>>(file: &str, line: u64, row: &[C], expected: usize) -> CsvError {
     let hint = match row {
-        [only] if only.contains(&b';') => "; separate cells by commas",
+        [only] if only.as_ref().contains(&b';') => "; separate cells by commas",
         row if row.len() == 2 * expected => "; write numbers with a point, not a comma",
         _ => "",
     };
@@ -296,7 +275,7 @@ pub(crate) fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
 }
 
 /// A cell short enough for one line of an error.
-fn shown(cell: &str) -> String {
+pub(crate) fn shown(cell: &str) -> String {
     const MOST: usize = 40;
     if cell.chars().count() <= MOST {
         return cell.escape_debug().to_string();

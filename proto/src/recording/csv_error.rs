@@ -38,7 +38,9 @@ pub enum CsvError {
         separator: &'static str,
     },
     /// The first line holds numbers.
-    #[error("{file}: line {line}: \"{cell}\" is a number; the first line must name the columns, beginning with time_s")]
+    #[error(
+        "{file}: line {line}: \"{cell}\" is a number; the first line must name the columns, beginning with time_s{mend}"
+    )]
     NoHeader {
         /// The file.
         file: String,
@@ -46,6 +48,8 @@ pub enum CsvError {
         line: u64,
         /// The number found.
         cell: String,
+        /// What else would help, or nothing.
+        mend: &'static str,
     },
     /// A needed column is not there.
     #[error("{file}: {}column {column} is missing; there are {found}", .line.map(|line| format!("line {line}: ")).unwrap_or_default())]
@@ -145,11 +149,11 @@ pub enum CsvError {
         /// Largest allowed value.
         high: f64,
         /// A guess at the reason, or nothing.
-        hint: &'static str,
+        hint: String,
     },
     /// Time that does not go forward.
     #[error(
-        "{file}: line {line}, column {position} (time_s): {value} s does not come after {previous} s in the row before; sort the rows and leave out repeated ones"
+        "{file}: line {line}, column {position} ({column}): {value} s does not come after {previous} s in the row before; sort the rows and leave out repeated ones"
     )]
     TimeNotForward {
         /// The file.
@@ -158,6 +162,8 @@ pub enum CsvError {
         line: u64,
         /// Column, from 1.
         position: usize,
+        /// Its name.
+        column: String,
         /// Time of this row (s).
         value: f64,
         /// Time of the row before (s).

@@ -1,19 +1,22 @@
 //! A daemon's MCAP file, whole or cut short, back to the ticks that went in.
 //!
 //! The file is read from its beginning, without its index, so a file that a crash cut short reads
-//! the same way: chunk by chunk until something is not whole. What cannot be read is said in a note;
-//! a chunk whose CRC is wrong is left out, those after it are still read. Ticks come back bit for
-//! bit, NaN payloads included.
+//! the same way: record by record until something is not whole. Of a chunk that is cut every whole
+//! message is read. What cannot be read is said in a note; a chunk whose CRC is wrong is left out,
+//! those after it are still read. Ticks come back bit for bit, NaN payloads included.
 //!
-//! Left out: compressed chunks (our writer makes none) and MCAP files of other programs.
+//! Files that another tool saved again are read too: chunks compressed with zstd or lz4, other
+//! channel numbers, other orders of messages (frames are put to their ticks by sequence number).
+//!
+//! Left out: MCAP files of other programs; the error says what is in them.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-use mcap::McapError;
-use mcap::read::{ChunkReader, LinearReader};
-use mcap::records::{ChunkHeader, Record};
+use mcap::read::parse_record;
+use mcap::records::{Record, op};
 
+use super::decompress::{End, decompress};
 use super::mcap_writer::{Event, EventLevel, topic};
 use super::protobuf::DecodeError;
 use super::recording_info::{Attachment, FORMAT, METADATA};
@@ -88,14 +91,19 @@ pub enum ReadMcapError {
     },
 }
 
-/// What an MCAP file of another program lacks.
+/// Why an MCAP file is none of ours.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ForeignMcap {
     /// No topic with ticks.
-    #[error("it has no topic /tick of type pneumatic.Tick")]
-    NoTickTopic,
-    /// Compressed chunks.
-    #[error("its chunks are compressed with {0}; convert it with `mcap compress --compression none`")]
+    #[error(
+        "it has no topic /tick of type pneumatic.Tick; {holds}; write its topics as CSV and name the columns in the rig file, [recording]"
+    )]
+    NoTickTopic {
+        /// What it has instead.
+        holds: String,
+    },
+    /// Chunks compressed in a way that is not known.
+    #[error("its chunks are compressed with {0}; convert it with `mcap compress --compression zstd`")]
     Compressed(String),
 }
 
@@ -122,17 +130,23 @@ pub fn parse_mcap(file: &str, bytes: &[u8]) -> Result<McapContent, ReadMcapError
         return Err(ReadMcapError::NotMcap { file: file.to_owned() });
     }
     let mut gathering = Gathering { file, ..Gathering::default() };
-    let unreadable = gathering.read(bytes)?;
-    let Gathering { mut content, topics, foreign_ticks, ended, .. } = gathering;
+    let end = gathering.read(bytes)?;
+    let Gathering { mut content, topics, foreign_ticks, holds, .. } = gathering;
     let has_tick_topic = topics.values().any(|topic| *topic == Topic::Tick);
-    if let Some(error) = unreadable {
-        content.notes.push(format!("{file}: {}", cut_short(&error, content.ticks.len())));
-    } else if !ended {
-        let ticks = content.ticks.len();
-        content.notes.push(format!("{file}: not finished (its end is missing); read {ticks} ticks"));
+    let ticks = content.ticks.len();
+    let whole = matches!(end, FileEnd::Reached);
+    match end {
+        FileEnd::Reached => {}
+        FileEnd::Missing => {
+            content.notes.push(format!("{file}: not finished (its end is missing); read {ticks} ticks"))
+        }
+        FileEnd::Cut => content.notes.push(format!("{file}: cut short; read the {ticks} ticks that are whole")),
+        FileEnd::Unreadable(error) => {
+            content.notes.push(format!("{file}: unreadable from here on ({error}); read the {ticks} ticks before it"));
+        }
     }
-    if foreign_ticks || (ended && !has_tick_topic) {
-        let problem = ForeignMcap::NoTickTopic;
+    if foreign_ticks || (whole && !has_tick_topic) {
+        let problem = ForeignMcap::NoTickTopic { holds: holds.words() };
         return Err(ReadMcapError::Foreign { file: file.to_owned(), problem });
     }
     if content.ticks.is_empty() {
@@ -140,6 +154,38 @@ pub fn parse_mcap(file: &str, bytes: &[u8]) -> Result<McapContent, ReadMcapError
     }
     content.complete = content.notes.is_empty();
     Ok(content)
+}
+
+/// How the file ended.
+#[derive(Debug)]
+enum FileEnd {
+    /// As it should.
+    Reached,
+    /// Between two records.
+    Missing,
+    /// Within a record.
+    Cut,
+    /// At something that is no record.
+    Unreadable(String),
+}
+
+/// What a file has in it, for one that is none of ours.
+#[derive(Debug, Default)]
+struct Holds {
+    /// Profile and library of its writer.
+    written_by: String,
+    /// Topics with their types.
+    topics: Vec<String>,
+}
+
+impl Holds {
+    fn words(&self) -> String {
+        const TOLD: usize = 6;
+        let more = if self.topics.len() > TOLD { ", …" } else { "" };
+        let topics = self.topics.iter().take(TOLD).map(String::as_str).collect::<Vec<_>>().join(", ");
+        let by = if self.written_by.is_empty() { String::new() } else { format!(" (written by {})", self.written_by) };
+        if topics.is_empty() { format!("it has no topics{by}") } else { format!("it has {topics}{more}{by}") }
+    }
 }
 
 /// Which topic a channel carries.
@@ -158,71 +204,98 @@ struct Gathering<'a> {
     schemas: HashMap<u16, String>,
     topics: HashMap<u16, Topic>,
     foreign_ticks: bool,
-    // Frames of the tick that is still to come, with its sequence number.
-    sense: Option<(u32, [u8; SENSE_BYTES])>,
-    command: Option<(u32, [u8; COMMAND_BYTES])>,
-    ended: bool,
+    holds: Holds,
+    // Frames of ticks that are still to come, and ticks whose frames may be, by sequence number.
+    sense: HashMap<u32, [u8; SENSE_BYTES]>,
+    command: HashMap<u32, [u8; COMMAND_BYTES]>,
+    ticks: HashMap<u32, usize>,
 }
 
 impl Gathering<'_> {
-    /// Reads as far as the file goes; returns what stopped it before its end.
-    fn read(&mut self, bytes: &[u8]) -> Result<Option<McapError>, ReadMcapError> {
-        let options = mcap::read::Options::IgnoreEndMagic.into();
-        let records = match LinearReader::new_with_options(bytes, options) {
-            Ok(records) => records,
-            Err(error) => return Ok(Some(error)),
-        };
-        for record in records {
-            match record {
-                Ok(Record::Chunk { header, data }) => self.chunk(header, &data)?,
-                Ok(Record::DataEnd(_)) => {
-                    // What follows is the index, which repeats what was read.
-                    self.ended = true;
-                    return Ok(None);
+    /// Reads as far as the file goes, and tells how it ended.
+    fn read(&mut self, bytes: &[u8]) -> Result<FileEnd, ReadMcapError> {
+        let mut rest = bytes.get(mcap::MAGIC.len()..).unwrap_or_default();
+        while !rest.is_empty() {
+            let Some((code, body, after)) = next_record(rest) else {
+                if let Some((op::CHUNK, body)) = cut_record(rest) {
+                    self.chunk(body, End::Missing)?;
                 }
-                Ok(record) => self.record(record)?,
-                Err(error) => return Ok(Some(error)),
+                return Ok(FileEnd::Cut);
+            };
+            match code {
+                op::CHUNK => self.chunk(body, End::Reached)?,
+                // What follows is the index, which repeats what was read.
+                op::DATA_END => return Ok(FileEnd::Reached),
+                _ => match parse_record(code, body) {
+                    Ok(record) => self.record(record)?,
+                    Err(error) => return Ok(FileEnd::Unreadable(error.to_string())),
+                },
             }
+            rest = after;
         }
-        Ok(None)
+        Ok(FileEnd::Missing)
     }
 
-    fn chunk(&mut self, header: ChunkHeader, data: &[u8]) -> Result<(), ReadMcapError> {
-        if !header.compression.is_empty() {
-            let problem = ForeignMcap::Compressed(header.compression);
-            return Err(ReadMcapError::Foreign { file: self.file.to_owned(), problem });
+    /// Reads a chunk: all of one that is whole and sound, every whole message of one that is cut.
+    fn chunk(&mut self, body: &[u8], end: End) -> Result<(), ReadMcapError> {
+        let Some(chunk) = Chunk::of(body, end) else {
+            if end == End::Reached {
+                self.note("a chunk is damaged and was left out: its head is no chunk's");
+            }
+            return Ok(());
+        };
+        if chunk.compression.is_empty() {
+            return self.records(chunk.records, chunk.crc, end);
         }
-        let crc = header.uncompressed_crc;
-        if crc != 0 && crc != crc32fast::hash(data) {
+        let decompressed = decompress(chunk.compression, chunk.records, chunk.size).map_err(|unknown| {
+            let problem = ForeignMcap::Compressed(unknown.0);
+            ReadMcapError::Foreign { file: self.file.to_owned(), problem }
+        })?;
+        if end == End::Reached && decompressed.end == End::Missing {
+            self.note("a chunk is damaged and was left out: it cannot be decompressed");
+            return Ok(());
+        }
+        self.records(&decompressed.bytes, chunk.crc, end)
+    }
+
+    /// Reads the records of a chunk.
+    fn records(&mut self, bytes: &[u8], crc: u32, end: End) -> Result<(), ReadMcapError> {
+        if end == End::Reached && crc != 0 && crc != crc32fast::hash(bytes) {
             self.note("a chunk is damaged (its CRC is wrong) and was left out");
             return Ok(());
         }
-        let records = match ChunkReader::new(header, data) {
-            Ok(records) => records,
-            Err(error) => {
-                self.note(&format!("a chunk is damaged and was left out: {error}"));
-                return Ok(());
-            }
-        };
-        for record in records {
-            match record {
+        let mut rest = bytes;
+        while let Some((code, body, after)) = next_record(rest) {
+            match parse_record(code, body) {
                 Ok(record) => self.record(record)?,
                 Err(error) => {
                     self.note(&format!("a chunk is damaged and was read in part: {error}"));
                     return Ok(());
                 }
             }
+            rest = after;
+        }
+        if end == End::Reached && !rest.is_empty() {
+            self.note("a chunk is damaged and was read in part: its last record is cut");
         }
         Ok(())
     }
 
     fn record(&mut self, record: Record<'_>) -> Result<(), ReadMcapError> {
         match record {
+            Record::Header(header) => {
+                let words = [header.profile, header.library].into_iter().filter(|word| !word.is_empty());
+                self.holds.written_by = words.collect::<Vec<_>>().join(", ");
+            }
             Record::Schema { header, .. } => {
                 self.schemas.insert(header.id, header.name);
             }
             Record::Channel(channel) => {
                 let schema = self.schemas.get(&channel.schema_id).map(String::as_str);
+                let held = format!("{} ({})", channel.topic, schema.unwrap_or(&channel.message_encoding));
+                if !self.holds.topics.contains(&held) {
+                    self.holds.topics.push(held);
+                }
                 let topic = match (channel.topic.as_str(), schema) {
                     (topic::TICK, Some(schema::TICK)) => Topic::Tick,
                     (topic::SENSE, Some(schema::FRAME)) => Topic::Sense,
@@ -264,21 +337,32 @@ impl Gathering<'_> {
     fn message(&mut self, topic: Topic, sequence: u32, data: &[u8]) -> Result<(), DecodeError> {
         match topic {
             Topic::Sense => {
-                let frame = schema::decode_frame(data)?;
-                self.sense = Some((sequence, frame.try_into().map_err(|_| DecodeError::Value(1))?));
+                let frame = schema::decode_frame(data)?.try_into().map_err(|_| DecodeError::Value(1))?;
+                match self.ticks.get(&sequence).and_then(|at| self.content.ticks.get_mut(*at)) {
+                    Some(tick) if !tick.sense_present => (tick.sense_present, tick.sense) = (true, frame),
+                    _ => {
+                        self.sense.insert(sequence, frame);
+                    }
+                }
             }
             Topic::Command => {
-                let frame = schema::decode_frame(data)?;
-                self.command = Some((sequence, frame.try_into().map_err(|_| DecodeError::Value(1))?));
+                let frame = schema::decode_frame(data)?.try_into().map_err(|_| DecodeError::Value(1))?;
+                match self.ticks.get(&sequence).and_then(|at| self.content.ticks.get_mut(*at)) {
+                    Some(tick) if !tick.command_present => (tick.command_present, tick.command) = (true, frame),
+                    _ => {
+                        self.command.insert(sequence, frame);
+                    }
+                }
             }
             Topic::Tick => {
                 let mut tick = schema::decode_tick(data)?;
-                if let Some((_, frame)) = self.sense.take_if(|(of, _)| *of == sequence) {
+                if let Some(frame) = self.sense.remove(&sequence) {
                     (tick.sense_present, tick.sense) = (true, frame);
                 }
-                if let Some((_, frame)) = self.command.take_if(|(of, _)| *of == sequence) {
+                if let Some(frame) = self.command.remove(&sequence) {
                     (tick.command_present, tick.command) = (true, frame);
                 }
+                self.ticks.insert(sequence, self.content.ticks.len());
                 self.content.ticks.push(tick);
             }
             Topic::Event => {
@@ -304,9 +388,46 @@ impl Gathering<'_> {
     }
 }
 
-fn cut_short(error: &McapError, ticks: usize) -> String {
-    match error {
-        McapError::UnexpectedEof => format!("cut short within a chunk; read the {ticks} ticks before it"),
-        error => format!("unreadable from here on ({error}); read the {ticks} ticks before it"),
+/// Code, body and what follows of the whole record that bytes begin with.
+fn next_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
+    let (code, rest) = bytes.split_first()?;
+    let (length, rest) = rest.split_first_chunk::<8>()?;
+    let (body, after) = rest.split_at_checked(usize::try_from(u64::from_le_bytes(*length)).ok()?)?;
+    Some((*code, body, after))
+}
+
+/// Code and as much of the body as there is of a record that is cut.
+fn cut_record(bytes: &[u8]) -> Option<(u8, &[u8])> {
+    let (code, rest) = bytes.split_first()?;
+    Some((*code, rest.get(8..)?))
+}
+
+/// The head of a chunk and its records, as they are stored.
+struct Chunk<'a> {
+    /// Bytes that the records come to.
+    size: u64,
+    /// CRC of these; 0 for none.
+    crc: u32,
+    compression: &'a str,
+    records: &'a [u8],
+}
+
+impl<'a> Chunk<'a> {
+    /// Takes a chunk's body apart; `None` where it is none, or its records are not all there though it has its end.
+    fn of(body: &'a [u8], end: End) -> Option<Self> {
+        // Start and end of its messages' times first.
+        let (size, rest) = body.get(16..)?.split_first_chunk::<8>()?;
+        let (crc, rest) = rest.split_first_chunk::<4>()?;
+        let (length, rest) = rest.split_first_chunk::<4>()?;
+        let (compression, rest) = rest.split_at_checked(usize::try_from(u32::from_le_bytes(*length)).ok()?)?;
+        let (stored, rest) = rest.split_first_chunk::<8>()?;
+        let stored = usize::try_from(u64::from_le_bytes(*stored)).ok()?;
+        let records = match (rest.get(..stored), end) {
+            (Some(records), _) => records,
+            (None, End::Missing) => rest,
+            (None, End::Reached) => return None,
+        };
+        let compression = std::str::from_utf8(compression).ok()?;
+        Some(Chunk { size: u64::from_le_bytes(*size), crc: u32::from_le_bytes(*crc), compression, records })
     }
 }

@@ -6,31 +6,46 @@
 //! | [`RecordingWriter`] | `TickRecord`s to an MCAP file, a second at a time |
 //! | [`read_mcap`] | an MCAP file, whole or truncated, back to the same `TickRecord`s |
 //! | [`Recording`] | a table of named columns over time, from MCAP or CSV |
-//! | `mapped` | [`Recording::read_for`]: files that others wrote, as a rig's `[recording]` table says |
+//! | `read_for` | [`Recording::read_for`]: any file for a rig, as its `[recording]` table says; the way in of every command |
+//! | `logger_text`, `labview`, `mat5` | what loggers, LabVIEW and MATLAB write, to a `sheet` of named columns |
+//! | `columns`, `times`, `timestamps`, `units` | a sheet's columns in the rig's units, and its times |
+//! | `resample` | samples of any rate to rows of 20 ms; lost rows bridged |
 //! | [`csv`] | the checked CSV table below it, used for reference files too |
 //!
 //! The time convention of every recording: row *k* holds the reading at `t_k` and the command
 //! applied from `t_k` to `t_{k+1}`; rows are 20 ms apart; pressures are gauge kPa.
 //!
-//! Left out: reading MCAP files of other programs (their messages are not ours), and compression
+//! Left out: reading MCAP files of other programs (their messages are not ours), and writing compressed ones
 //! (see [`RecordingWriter`]).
 
 mod cells;
+mod columns;
 pub mod csv;
 mod csv_error;
+mod decompress;
+mod file_kind;
 mod from_ticks;
+mod labview;
 mod log_clock;
-mod mapped;
+mod logger_text;
+mod mat5;
 mod mcap_reader;
 mod mcap_writer;
 mod messages;
 mod protobuf;
+mod read_for;
 mod recording_info;
+mod repeated;
+mod resample;
 mod schema;
+mod sheet;
 mod short_names;
 mod table;
 mod tick;
 mod tick_table;
+mod times;
+mod timestamps;
+mod units;
 mod wall_clock;
 
 pub use mcap_reader::{ForeignMcap, McapContent, ReadMcapError, parse_mcap, read_mcap};

@@ -1,7 +1,8 @@
 //! A recording as a table: times and named columns, whatever file it came from.
 //!
 //! Row *k* holds the reading at `t_k` and the command applied from `t_k` to `t_{k+1}`. Rows are
-//! 20 ms apart. Two rules say how exactly:
+//! 20 ms apart. Two rules say how exactly, of what a program of ours writes; files of other programs are brought to such rows by
+//! [`Recording::read_for`]:
 //!
 //! - the median step of a file must be 20 ms within 5 %, otherwise the file has another rate (or
 //!   another unit) and is refused;
@@ -16,7 +17,7 @@
 //! `ref_neg_kpa` (gauge kPa, above −101.325; what a sensor reads, above −200) and `pump_on` (0 or 1). All others are kept by name:
 //! numbers as numbers, texts as text (see [`csv`](super::csv)).
 
-mod rules;
+pub(super) mod rules;
 
 use std::ops::Range;
 use std::path::Path;
@@ -53,7 +54,36 @@ pub struct Recording {
     columns: Vec<Column>,
     // Never empty, in order, together all rows.
     segments: Vec<Range<usize>>,
+    // By row; empty where every row is a sample.
+    measured: Vec<bool>,
+    sampling_s: f64,
+    // Whether a rig file's table of columns was asked, and a missing column may be named in it.
+    asked: Asked,
     notes: Vec<String>,
+}
+
+/// Whose columns a recording has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Asked {
+    /// The file's.
+    File,
+    /// Those that a rig asked for.
+    Rig,
+}
+
+/// Rows that another program's samples were brought to.
+#[derive(Debug)]
+pub(super) struct Rows {
+    /// Time of each row (s).
+    pub(super) time_s: Vec<f64>,
+    /// Their columns.
+    pub(super) columns: Vec<Column>,
+    /// By row, whether a sample was taken there; empty where one was in all.
+    pub(super) measured: Vec<bool>,
+    /// Usual distance of samples (s), [`PERIOD_S`] at least.
+    pub(super) sampling_s: f64,
+    /// Line of the file's header.
+    pub(super) header_line: Option<u64>,
 }
 
 /// What is wrong with a recording.
@@ -81,7 +111,67 @@ pub enum RecordingError {
         /// Median step (ms).
         median_ms: f64,
         /// The mend.
-        hint: &'static str,
+        hint: String,
+    },
+    /// The file is of a kind that is not read.
+    #[error("{file}: {what}; {mend}")]
+    Kind {
+        /// The file.
+        file: String,
+        /// What it is.
+        what: String,
+        /// How to get at what is in it.
+        mend: String,
+    },
+    /// A column is not there that a rig needs, or under another name.
+    #[error("{file}: {}column {column} is missing; there are {found}; {mend}", .line.map(|line| format!("line {line}: ")).unwrap_or_default())]
+    NotMapped {
+        /// The file.
+        file: String,
+        /// Line of the header, from 1; none where there is no file of lines.
+        line: Option<u64>,
+        /// The missing column.
+        column: String,
+        /// The columns that are there.
+        found: String,
+        /// The key of the rig file that would help.
+        mend: String,
+    },
+    /// Times whose steps only another unit explains.
+    #[error("{file}: rows are {median_ms} ms apart (median of {column}, taken as s); {mend}")]
+    TimeUnit {
+        /// The file.
+        file: String,
+        /// Column of times.
+        column: String,
+        /// Their median step (ms).
+        median_ms: f64,
+        /// What they seem to be in, and the key of the rig file that would help.
+        mend: String,
+    },
+    /// A unit that a column cannot have.
+    #[error("{file}: column {column}: {problem}")]
+    Unit {
+        /// The file.
+        file: String,
+        /// The column.
+        column: String,
+        /// What is wrong, and the mend.
+        problem: String,
+    },
+    /// Samples too far apart to be a recording.
+    #[error("{file}: samples are {step_s} s apart (median of {column}), more than {most_s} s; {mend}")]
+    TooSparse {
+        /// The file.
+        file: String,
+        /// Column of times.
+        column: String,
+        /// Their median step (s).
+        step_s: f64,
+        /// The most that is read (s).
+        most_s: f64,
+        /// The key of the rig file that would help.
+        mend: String,
     },
     /// A column that the caller needs is a column of text.
     #[error("{file}: column {column} holds text; numbers are needed")]
@@ -139,7 +229,7 @@ impl Recording {
             }
         }
         let lines = (0..time_s.len() as u64).map(|row| row + 2).collect();
-        Self::from_table(source, Table { time_s, columns, lines, time_position: 1, time: csv::TIME_COLUMN.to_owned() })
+        Self::from_table(source, Table { time_s, columns, lines, time_position: 1 })
     }
 
     /// Reads a recording, MCAP or CSV: by its first bytes, whatever it is called.
@@ -151,21 +241,33 @@ impl Recording {
         let bytes = std::fs::read(path).map_err(|source| RecordingError::Read { file: file.clone(), source })?;
         let named_mcap = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("mcap"));
         if bytes.starts_with(mcap::MAGIC) || named_mcap {
-            let content = parse_mcap(&file, &bytes)?;
-            let mut recording = Self::from_ticks(&file, &content.ticks)?;
-            let unfinished = |event: &&Event| event.part == VERDICT && event.level == EventLevel::Error;
-            let aborted = content.events.iter().filter(unfinished).map(|event| format!("{file}: {}", event.message));
-            recording.notes.splice(0..0, content.notes.into_iter().chain(aborted));
-            Ok(recording)
+            Self::parse_mcap(&file, &bytes)
         } else {
             Self::parse_csv(&file, &bytes)
         }
+    }
+
+    /// The recording that the bytes of a daemon's MCAP file are.
+    pub(super) fn parse_mcap(file: &str, bytes: &[u8]) -> Result<Self, RecordingError> {
+        let content = parse_mcap(file, bytes)?;
+        let mut recording = Self::from_ticks(file, &content.ticks)?;
+        let unfinished = |event: &&Event| event.part == VERDICT && event.level == EventLevel::Error;
+        let aborted = content.events.iter().filter(unfinished).map(|event| format!("{file}: {}", event.message));
+        recording.notes.splice(0..0, content.notes.into_iter().chain(aborted));
+        Ok(recording)
+    }
+
+    pub(super) fn columns(&self) -> &[Column] {
+        &self.columns
     }
 
     /// Parses the bytes of a CSV recording; `file` is the name that errors carry.
     ///
     /// # Errors
     /// As [`Recording::read`].
+    ///
+    /// Strict: what a program of ours writes, and what is sent to a rig row by row. Files of other programs, and any rate, are
+    /// read by [`Recording::read_for`].
     pub fn parse_csv(file: &str, bytes: &[u8]) -> Result<Self, RecordingError> {
         let names = rules::KNOWN.map(|(name, ..)| name);
         let mut recording = Self::from_table(file, Table::parse(file, bytes, &names)?)?;
@@ -247,6 +349,17 @@ impl Recording {
         &self.segments
     }
 
+    /// By row, whether a sample was taken there: 1 a sample, 0 a row between sparse samples or in the place of a lost one, whose
+    /// readings are straight lines and no evidence. `None` where every row is a sample.
+    pub fn measured(&self) -> Option<&[bool]> {
+        (!self.measured.is_empty()).then_some(self.measured.as_slice())
+    }
+
+    /// Usual distance of samples (s); [`PERIOD_S`] where they are as close as rows or closer. Nothing that is faster can be told.
+    pub fn sampling_s(&self) -> f64 {
+        self.sampling_s
+    }
+
     /// What a person should know, a line each: a truncated end, damaged chunks, left-out ticks, an aborted experiment.
     pub fn notes(&self) -> &[String] {
         &self.notes
@@ -270,6 +383,27 @@ impl Recording {
         self
     }
 
+    /// The recording that samples were brought to; ranges of columns are for the caller to check.
+    pub(super) fn from_rows(file: &str, rows: Rows) -> Result<Self, RecordingError> {
+        let Rows { time_s, columns, measured, sampling_s, header_line } = rows;
+        if time_s.is_empty() {
+            return Err(CsvError::NoRows { file: file.to_owned() }.into());
+        }
+        let measured = if measured.iter().all(|measured| *measured) { Vec::new() } else { measured };
+        let segments = rules::segments(&time_s);
+        Ok(Self {
+            source: file.to_owned(),
+            header_line,
+            time_s,
+            columns,
+            segments,
+            measured,
+            sampling_s,
+            asked: Asked::Rig,
+            notes: Vec::new(),
+        })
+    }
+
     fn require_one(&self, name: &str) -> Result<&[f64], RecordingError> {
         let column = self.columns.iter().find(|column| column.name == name);
         match column.map(|column| &column.data) {
@@ -277,6 +411,13 @@ impl Recording {
             Some(ColumnData::Text(_)) => {
                 Err(RecordingError::TextColumn { file: self.source.clone(), column: name.to_owned() })
             }
+            None if self.asked == Asked::Rig => Err(RecordingError::NotMapped {
+                file: self.source.clone(),
+                line: self.header_line,
+                column: name.to_owned(),
+                found: csv::listed(std::iter::once(csv::TIME_COLUMN).chain(self.names())),
+                mend: format!("where it has another name say so in the rig file: [recording] columns.{name} = \"…\""),
+            }),
             None => Err(CsvError::MissingColumn {
                 file: self.source.clone(),
                 line: self.header_line,
@@ -295,6 +436,9 @@ impl Recording {
             time_s: table.time_s,
             columns: table.columns,
             segments,
+            measured: Vec::new(),
+            sampling_s: PERIOD_S,
+            asked: Asked::File,
             notes: Vec::new(),
         })
     }

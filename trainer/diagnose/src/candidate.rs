@@ -245,6 +245,29 @@ pub(crate) fn names_of(candidates: &[Candidate], terms: &[usize]) -> String {
     terms.iter().filter_map(|t| candidates.get(*t)).map(Candidate::name).collect::<Vec<_>>().join(" with ")
 }
 
+/// What samples `sampling_s` apart can tell of some candidates: time constants and delays from there on. A kind of which no more
+/// than twice that is plausible is left out; one that fits best as fast as that is something faster.
+pub(crate) fn no_faster_than(candidates: Vec<Candidate>, sampling_s: f64) -> Vec<Candidate> {
+    let least_ms = 1e3 * sampling_s;
+    let of = |mut candidate: Candidate| {
+        for p in candidate.offered.parameters.iter_mut().filter(|p| p.unit == "ms" && p.low < least_ms) {
+            if p.high < 2.0 * least_ms {
+                return None;
+            }
+            p.low = least_ms;
+            p.slow = true;
+            p.usual = p.usual.filter(|[usual, _]| *usual >= least_ms);
+            p.starts.retain(|start| *start > least_ms);
+            if p.starts.is_empty() {
+                p.starts.push((2.0 * least_ms).min(p.high));
+            }
+        }
+        candidate.starts = starts(&candidate.offered.parameters);
+        Some(candidate)
+    };
+    candidates.into_iter().filter_map(of).collect()
+}
+
 /// Everything that may be missing from a rig.
 pub fn candidates(rig: &Rig) -> Vec<Candidate> {
     model::mechanism::candidates(rig)
@@ -351,6 +374,21 @@ fn parameter(id: &str, p: &CandidateParameter, path: String) -> Parameter {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sparse_samples_tell_no_fast_time_constant() {
+        let all = candidates(&Rig::builtin("dual_pressure").unwrap());
+        let lag = |all: &[Candidate]| all.iter().find(|c| c.id == "sensor_lag" && c.form.is_empty()).cloned();
+        let left = no_faster_than(all.clone(), 0.1);
+        let (before, after) = (lag(&all).unwrap(), lag(&left).unwrap());
+        assert!(before.parameters(0)[0].bounds[0] < 10.0 && after.parameters(0)[0].bounds[0] == 100.0);
+        assert!(after.starts.iter().all(|start| start[0] > 100.0) && after.too_fast(&[100.5]).is_some());
+        assert!(after.too_fast(&[150.0]).is_none() && before.too_fast(&[8.0]).is_none());
+        // A tick's delays are not told at 2 Hz at all, and what has no time in it stays.
+        let slow = no_faster_than(all.clone(), 0.5);
+        assert!(slow.iter().all(|c| c.id != "command_delay") && slow.iter().any(|c| c.id == "valve_hysteresis"));
+        assert_eq!(no_faster_than(all.clone(), 0.0), all);
+    }
 
     #[test]
     fn every_candidate_of_the_papers_rig_can_be_put_in_at_each_of_its_starts() {

@@ -9,7 +9,7 @@ use proto::recording::{Recording, short_name};
 
 use crate::answer::{Answer, Asked};
 use crate::bench::{Bench, Explanation};
-use crate::candidate::{Candidate, candidates, names_of};
+use crate::candidate::{Candidate, candidates, names_of, no_faster_than};
 use crate::changes::{self, changes};
 use crate::doubtful::{self, doubtful, own};
 use crate::error::DiagnoseError;
@@ -253,11 +253,16 @@ fn sources(request: &Request) -> Vec<String> {
     all().map(|source| short_name(source, all())).collect()
 }
 
+/// Distance of samples, in s, from which on they are further apart than rows (20 ms and half).
+const SPARSE_S: f64 = 0.03;
+
 /// What a search over the recordings of a request is asked; `switched`, whether a pump was.
 fn asked(request: &Request, switched: bool) -> Asked<'_> {
+    let sampling_s = request.recordings.iter().map(Recording::sampling_s).fold(0.0, f64::max);
+    let all = candidates(&request.rig);
     Asked {
         given: &request.rig,
-        candidates: candidates(&request.rig),
+        candidates: if sampling_s > SPARSE_S { no_faster_than(all, sampling_s) } else { all },
         settings: if request.quick { SearchSettings::short(switched) } else { SearchSettings::whole(switched) },
         quick: request.quick,
     }

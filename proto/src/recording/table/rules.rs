@@ -7,7 +7,7 @@ use crate::recording::csv::{self, ColumnData, CsvError, Table};
 
 /// The least that a reading of a gauge pressure may be (kPa): no pressure is below vacuum, but a line that rings, or a zero that is
 /// off, is read there. Beyond it lie the usual vacuums in mbar, hPa, mmHg and Pa.
-const LEAST_READING_KPA: f64 = -200.0;
+pub(in crate::recording) const LEAST_READING_KPA: f64 = -200.0;
 
 /// Columns whose meaning is fixed: must be numbers, within (least, largest).
 pub(super) const KNOWN: [(&str, f64, f64); 7] = [
@@ -77,6 +77,7 @@ fn check_time(file: &str, table: &Table) -> Result<(), RecordingError> {
                 file: file.to_owned(),
                 line: *line,
                 position: table.time_position,
+                column: csv::TIME_COLUMN.to_owned(),
                 value: *value,
                 previous: *previous,
             }
@@ -97,22 +98,23 @@ fn check_time(file: &str, table: &Table) -> Result<(), RecordingError> {
         file: file.to_owned(),
         // Three digits are enough to see what it is; the full f64 is noise in a message.
         median_ms: (median_s * 1e6).round() / 1e3,
-        hint: time_hint(median_s),
+        hint: time_hint(median_s)
+            .map_or_else(|| "; resample it to 50 Hz".to_owned(), |hint| format!("; time_s seems to {hint}")),
     })
 }
 
-/// What 20 ms are taken for where `time_s` is not in seconds; the mend.
-fn time_hint(median_s: f64) -> &'static str {
+/// What 20 ms are taken for where times are not in seconds; the mend.
+pub(in crate::recording) fn time_hint(median_s: f64) -> Option<&'static str> {
     const OTHERS: [(f64, &str); 6] = [
-        (1e3, "; time_s seems to be in milliseconds: divide it by 1000"),
-        (1e6, "; time_s seems to be in microseconds: divide it by 1e6"),
-        (1e9, "; time_s seems to be in nanoseconds: divide it by 1e9"),
-        (50.0, "; time_s seems to count rows: multiply it by 0.02"),
-        (1.0 / 60.0, "; time_s seems to be in minutes: multiply it by 60"),
-        (1.0 / 3600.0, "; time_s seems to be in hours: multiply it by 3600"),
+        (1e3, "be in milliseconds: divide it by 1000"),
+        (1e6, "be in microseconds: divide it by 1e6"),
+        (1e9, "be in nanoseconds: divide it by 1e9"),
+        (50.0, "count rows: multiply it by 0.02"),
+        (1.0 / 60.0, "be in minutes: multiply it by 60"),
+        (1.0 / 3600.0, "be in hours: multiply it by 3600"),
     ];
     let taken_for = |(factor, _): &&(f64, &str)| (median_s / (factor * PERIOD_S) - 1.0).abs() <= 0.05;
-    OTHERS.iter().find(taken_for).map_or("; resample it to 50 Hz", |(_, hint)| hint)
+    OTHERS.iter().find(taken_for).map(|(_, hint)| *hint)
 }
 
 fn check_range(file: &str, table: &Table, name: &str, low: f64, high: f64) -> Result<(), CsvError> {
@@ -132,19 +134,26 @@ fn check_range(file: &str, table: &Table, name: &str, low: f64, high: f64) -> Re
                 hint: match name {
                     "u_pos" | "u_neg" => "; a duty is a share, not a percentage",
                     "pump_on" => "; the pump is on (1) or off (0)",
-                    // A vacuum of some tens of kPa, in units that are smaller.
-                    _ if *number < -2_000.0 => "; pressures are gauge kPa, and this seems to be Pa",
-                    _ if *number < -200.0 => "; pressures are gauge kPa, and this seems to be mbar, hPa or mmHg",
-                    _ => "; pressures are gauge kPa, and nothing is so far below vacuum",
-                },
+                    _ => below_vacuum(*number),
+                }
+                .to_owned(),
             });
         }
     }
     Ok(())
 }
 
+/// What a number is that no gauge pressure in kPa can be: a vacuum of some tens of kPa, in units that are smaller.
+pub(in crate::recording) fn below_vacuum(number: f64) -> &'static str {
+    match number {
+        ..-2_000.0 => "; pressures are gauge kPa, and this seems to be Pa",
+        ..-200.0 => "; pressures are gauge kPa, and this seems to be mbar, hPa or mmHg",
+        _ => "; pressures are gauge kPa, and nothing is so far below vacuum",
+    }
+}
+
 /// Cuts the rows wherever a step is longer than [`MAX_STEP_S`].
-fn segments(time_s: &[f64]) -> Vec<Range<usize>> {
+pub(in crate::recording) fn segments(time_s: &[f64]) -> Vec<Range<usize>> {
     // A written 30 ms step may read back a rounding error longer.
     const SLACK_S: f64 = 1e-6;
     let mut segments = Vec::new();

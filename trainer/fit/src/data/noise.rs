@@ -1,11 +1,17 @@
-//! What the readings scatter by when nothing happens.
+//! What the readings scatter by when nothing happens, told from samples alone.
 //!
 //! White noise shows in differences of neighbouring rows, which a plant with a time constant of a second hardly
 //! passes; noise of the fourth difference `Δ⁴y` is `√70` times that of a reading, a parabola's is nil. Quantisation is
 //! the smallest step on which (nearly) all readings lie. What noise there is beyond the white is asked of plateaus
 //! alone: residuals of a model that lacks something are coloured too, and would explain away what is to be found.
+//!
+//! Where samples are further apart than rows a fourth difference spans what the plant does; lower ones are taken where commands do
+//! not rest long enough for it, `Δ²y` with `√6` and `Δy` with `√2` times the noise of a reading, and of all sizes the smaller
+//! ones say what is noise.
 
-use super::Records;
+use proto::recording::PERIOD_S;
+
+use super::{Record, Records};
 
 /// The noise of one channel.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,15 +69,20 @@ fn span(numbers: Option<&[f64]>) -> f64 {
 }
 
 fn white(records: &Records, channel: usize) -> f64 {
-    let norm = FOURTH.iter().map(|c| c * c).sum::<f64>().sqrt();
+    if records.records().iter().all(Record::is_sparse) {
+        return white_of_sparse(records, channel);
+    }
     let (mut calm, mut all) = (Vec::new(), Vec::new());
-    for (record, r) in records.records().iter().enumerate() {
+    for (record, r) in records.records().iter().enumerate().filter(|(_, r)| !r.is_sparse()) {
         for rows in &r.segments {
             let values = records.channel_kpa(record, channel).get(rows.clone()).unwrap_or_default();
             for (k, w) in values.windows(FOURTH.len()).enumerate() {
-                let size = (w.iter().zip(FOURTH).map(|(y, c)| y * c).sum::<f64>() / norm).abs();
-                all.push(size);
                 let row = rows.start + k;
+                if !(row..row + FOURTH.len()).all(|row| r.is_measured(row)) {
+                    continue;
+                }
+                let size = difference(w.iter().copied(), &FOURTH);
+                all.push(size);
                 let before = row.saturating_sub(CALM_ROWS).max(rows.start);
                 if r.inputs.iter().all(|input| span(input.get(before..row + FOURTH.len())) < CALM_SPAN) {
                     calm.push(size);
@@ -84,9 +95,20 @@ fn white(records: &Records, channel: usize) -> f64 {
         return 0.0;
     }
     let middle = sizes.len() / 2;
-    let mut sigma = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745;
-    // The median of quantised differences is a multiple of the step over the norm; the mean square of those within
-    // three deviations (0.9733 of the variance of a normal) is not. Steps of a valve fall outside.
+    let sigma = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745;
+    trimmed(&sizes, sigma)
+}
+
+/// Size of a difference in units of a reading's noise.
+fn difference(values: impl Iterator<Item = f64>, coefficients: &[f64]) -> f64 {
+    let norm = coefficients.iter().map(|c| c * c).sum::<f64>().sqrt();
+    (values.zip(coefficients).map(|(y, c)| y * c).sum::<f64>() / norm).abs()
+}
+
+/// The median of quantised differences is a multiple of the step over the norm; the mean square of those within three deviations
+/// (0.9733 of the variance of a normal) is not. Steps of a valve fall outside.
+fn trimmed(sizes: &[f64], first: f64) -> f64 {
+    let mut sigma = first;
     for _ in 0..4 {
         let within: Vec<f64> = sizes.iter().filter(|s| **s <= 3.0 * sigma).map(|s| s * s).collect();
         if within.is_empty() {
@@ -97,9 +119,66 @@ fn white(records: &Records, channel: usize) -> f64 {
     sigma
 }
 
+/// Coefficients of lower differences.
+const SECOND: [f64; 3] = [1.0, -2.0, 1.0];
+const FIRST: [f64; 2] = [1.0, -1.0];
+/// Calm differences that are enough where samples are sparse.
+const SPARSE_LEAST: usize = 40;
+/// Quarter of a normal distribution's sizes that are below this many deviations.
+const LOWER_QUARTER: f64 = 0.3186;
+
+/// The white noise of samples further apart than rows: of the longest difference that fits between changes of commands.
+fn white_of_sparse(records: &Records, channel: usize) -> f64 {
+    let orders: [&[f64]; 3] = [&FOURTH, &SECOND, &FIRST];
+    let mut last = Vec::new();
+    for (order, coefficients) in orders.into_iter().enumerate() {
+        let (calm, all) = sparse_differences(records, channel, coefficients);
+        if calm.len() >= SPARSE_LEAST || order == 2 {
+            last = if calm.is_empty() { all } else { calm };
+            break;
+        }
+    }
+    if last.is_empty() {
+        return 0.0;
+    }
+    // What a chamber still does after a command is in many of the larger ones.
+    let quarter = last.len() / 4;
+    let sigma = *last.select_nth_unstable_by(quarter, f64::total_cmp).1 / LOWER_QUARTER;
+    trimmed(&last, sigma)
+}
+
+/// Differences between samples with no change of command since one sample before them; and all.
+fn sparse_differences(records: &Records, channel: usize, coefficients: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    let (mut calm, mut all) = (Vec::new(), Vec::new());
+    for (record, r) in records.records().iter().enumerate() {
+        let values = records.channel_kpa(record, channel);
+        let usual = (r.sampling_s / PERIOD_S).ceil() as usize;
+        for rows in &r.segments {
+            let samples: Vec<usize> = rows.clone().filter(|row| r.is_measured(*row)).collect();
+            for w in samples.windows(coefficients.len()) {
+                let (Some(first), Some(end)) = (w.first().copied(), w.last().copied()) else { continue };
+                // A lost sample makes the steps uneven.
+                if end - first > (coefficients.len() - 1) * usual + 1 {
+                    continue;
+                }
+                let size = difference(w.iter().filter_map(|row| values.get(*row)).copied(), coefficients);
+                all.push(size);
+                let before = first.saturating_sub(usual).max(rows.start);
+                if r.inputs.iter().all(|input| span(input.get(before..end)) < CALM_SPAN) {
+                    calm.push(size);
+                }
+            }
+        }
+    }
+    (calm, all)
+}
+
 fn quantisation(records: &Records, channel: usize) -> f64 {
-    let mut values: Vec<f64> =
-        (0..records.records().len()).flat_map(|record| records.channel_kpa(record, channel)).copied().collect();
+    let mut values: Vec<f64> = Vec::new();
+    for (record, r) in records.records().iter().enumerate() {
+        let rows = records.channel_kpa(record, channel).iter().enumerate();
+        values.extend(rows.filter(|(row, _)| r.is_measured(*row)).map(|(_, value)| *value));
+    }
     values.sort_by(f64::total_cmp);
     let gaps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > 1e-9).collect();
     // Readings written with few digits scatter around the true grid by their rounding.
@@ -115,7 +194,7 @@ fn quantisation(records: &Records, channel: usize) -> f64 {
 /// Root mean square of residuals from a parabola on stretches where no command moves.
 fn on_plateaus(records: &Records, channel: usize) -> Option<f64> {
     let (mut squares, mut plateaus) = (0.0, 0);
-    for (record, r) in records.records().iter().enumerate() {
+    for (record, r) in records.records().iter().enumerate().filter(|(_, r)| !r.is_sparse()) {
         let values = records.channel_kpa(record, channel);
         let still = |row: usize| {
             r.inputs.iter().all(|input| {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use model::plant::{Input, Plant};
 use model::rig::{Pump, Rig};
-use proto::recording::Recording;
+use proto::recording::{PERIOD_S, Recording};
 
 use super::Layout;
 use crate::FitError;
@@ -25,6 +25,11 @@ pub struct Record {
     pub before: Earlier,
     /// Runs of rows without a gap; in order, never empty, together all rows.
     pub segments: Vec<Range<usize>>,
+    /// By row, whether a sample was taken there; empty where one was in all. Readings elsewhere are straight lines between
+    /// samples and no evidence.
+    pub measured: Vec<bool>,
+    /// Usual distance of samples in s, 20 ms at least: nothing that is faster can be told.
+    pub sampling_s: f64,
     /// Revolutions by which the pump's crank stood past its zero at the first row. No column tells it; zero until the
     /// pump's ripple has ([`crate::simulate::Tachometer`]).
     pub crank_rev: f64,
@@ -76,6 +81,16 @@ impl Record {
         }
     }
 
+    /// Whether a sample was taken at a row.
+    pub fn is_measured(&self, row: usize) -> bool {
+        self.measured.get(row).copied().unwrap_or(true)
+    }
+
+    /// Whether samples are further apart than rows.
+    pub fn is_sparse(&self) -> bool {
+        self.sampling_s > 1.5 * PERIOD_S
+    }
+
     /// Seconds from the file's beginning to a row.
     pub fn elapsed_s(&self, row: usize) -> f64 {
         self.time_s.get(row).map_or(0.0, |time_s| time_s - self.begun_s)
@@ -111,6 +126,8 @@ impl Records {
                 inputs,
                 before: Earlier::default(),
                 segments: recording.segments().to_vec(),
+                measured: recording.measured().unwrap_or_default().to_vec(),
+                sampling_s: recording.sampling_s(),
                 crank_rev: 0.0,
             });
         }
@@ -183,6 +200,8 @@ impl Records {
                     .filter(|s| s.start < s.end)
                     .map(|s| s.start - rows.start..s.end - rows.start)
                     .collect(),
+                measured: whole.measured.get(rows.start..rows.end).unwrap_or_default().to_vec(),
+                sampling_s: whole.sampling_s,
                 // Whole turns do not matter, the rest does.
                 crank_rev: whole.crank_rev,
             })
@@ -234,6 +253,22 @@ impl Records {
         };
         let commands = rig.pumps.values().filter_map(relay).filter_map(|relay| self.input(record, &relay));
         commands.map(|command| command.iter().map(|level| is_on(*level)).collect()).collect()
+    }
+
+    /// Usual distance of samples in s of the recording where it is largest, 20 ms at least.
+    pub fn sampling_s(&self) -> f64 {
+        self.records.iter().map(|record| record.sampling_s).fold(PERIOD_S, f64::max)
+    }
+
+    /// 1 at readings that were taken, 0 at those of rows without a sample; of the recordings' layout.
+    pub fn measured(&self) -> Vec<f64> {
+        let mut measured = Vec::with_capacity(self.layout.len());
+        for record in &self.records {
+            let rows = (0..record.time_s.len()).map(|row| f64::from(u8::from(record.is_measured(row))));
+            let rows: Vec<f64> = rows.collect();
+            (0..self.layout.channels()).for_each(|_| measured.extend_from_slice(&rows));
+        }
+        measured
     }
 
     /// Rows of all recordings together.

@@ -189,7 +189,9 @@ pub fn run(
 /// Narrow lines in the free-run residual, by channel: the strongest recording speaks.
 fn residual_lines(records: &Records, trace: &[f64]) -> Vec<Vec<Line>> {
     let mut found: Vec<Vec<Line>> = vec![Vec::new(); records.layout().channels()];
-    for (record, channel, range) in records.layout().all() {
+    let even = |record: usize| records.records().get(record).is_some_and(|r| r.measured.is_empty());
+    // A line is told from evenly sampled rows alone.
+    for (record, channel, range) in records.layout().all().filter(|(record, ..)| even(*record)) {
         let recorded = records.channel_kpa(record, channel);
         let simulated = trace.get(range).unwrap_or_default();
         let residual: Vec<f64> = recorded.iter().zip(simulated).map(|(r, s)| r - s).collect();

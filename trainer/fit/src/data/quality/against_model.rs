@@ -20,6 +20,12 @@ const COMPARED: usize = 250;
 const NEAR: [f64; 2] = [0.35, 5.0];
 /// … and a single channel that would mean something else than the others.
 const NEARER: [f64; 2] = [0.2, 3.0];
+/// Simulated pressure, in kPa from the atmosphere, from which on units and signs tell.
+const TELLING_KPA: f64 = 15.0;
+/// How far an absolute pressure may be from its file, in share and in kPa …
+const OFF_BY_AIR: [f64; 2] = [0.5, 8.0];
+/// … and a gauge one, in atmospheres, that is taken for one.
+const FAR_FROM_AIR: f64 = 0.5;
 
 pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -> Result<(), FitError> {
     let channels = records.sensors().len();
@@ -47,7 +53,7 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
     );
     let simulator = Simulator::new(records, Fidelity::Coarse);
     let trace = simulator.one(rig, &arcs)?;
-    let mut standings = Vec::new();
+    let (mut standings, mut absolutes) = (Vec::new(), Vec::new());
     for arc in arcs.arcs() {
         let compared = arc.rows.end - COMPARED..arc.rows.end;
         let medians: Vec<(f64, f64)> = (0..channels)
@@ -58,17 +64,28 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
             })
             .collect();
         let source = records.records().get(arc.record).map_or_else(String::new, |r| r.source.clone());
-        standings.push(Recorded { source, telling: telling(rig, records, &medians) });
+        // What a chamber holds that nothing drives is for its leaks to say.
+        if !records.inputs().is_empty() {
+            let telling = standing(rig, records, &medians, |_| true);
+            let (recorded, simulated) =
+                (extremes(records, arc.record, records.readings_kpa()), extremes(records, arc.record, &trace));
+            absolutes.push((Recorded { source: source.clone(), telling }, recorded, simulated));
+        }
+        let far = |simulated: f64| simulated.abs() > TELLING_KPA;
+        standings.push(Recorded { source, telling: standing(rig, records, &medians, far) });
     }
     let compare = Compare { columns: records.sensors(), atmosphere_kpa: rig.atmosphere.pressure_kpa_abs };
     // What the duties do is told by the pressures, so what is sure about those comes first. A duty never turns a
     // pressure's sign, but one that is inverted or exchanged moves what is expected of it, so the rest comes last.
     let before = findings.len();
-    let checks: [Check<'_>; 4] = [
+    let checks: [Check<'_>; 5] = [
         &|found| standings.iter().for_each(|r| found.extend(compare.together(r))),
         &|found| standings.iter().for_each(|r| found.extend(compare.alone(r, |s| s.recorded * s.simulated < 0.0))),
         &|found| duties(rig, records, found),
         &|found| standings.iter().for_each(|r| found.extend(compare.alone(r, |_| true))),
+        &|found| {
+            absolutes.iter().for_each(|(r, recorded, simulated)| found.extend(compare.absolute(r, recorded, simulated)))
+        },
     ];
     for check in checks {
         if findings.len() == before {
@@ -87,12 +104,17 @@ struct Recorded<'a> {
     telling: Vec<Standing<'a>>,
 }
 
-/// Only channels that the rig drives well away from the atmosphere tell anything.
-fn telling<'a>(rig: &'a Rig, records: &Records, medians: &[(f64, f64)]) -> Vec<Standing<'a>> {
+/// Channels whose simulated pressure is one that tells; of units only those that the rig drives well away from the atmosphere do.
+fn standing<'a>(
+    rig: &'a Rig,
+    records: &Records,
+    medians: &[(f64, f64)],
+    tells: impl Fn(f64) -> bool,
+) -> Vec<Standing<'a>> {
     medians
         .iter()
         .enumerate()
-        .filter(|(_, (_, simulated))| simulated.abs() > 15.0)
+        .filter(|(_, (_, simulated))| tells(*simulated))
         .map(|(channel, (recorded, simulated))| Standing {
             channel,
             recorded: *recorded,
@@ -161,6 +183,35 @@ impl Compare<'_> {
             .flatten()
     }
 
+    /// Channels that read an atmosphere too much, in whatever unit: told of rigs near the atmosphere too, since no rig is off by that.
+    ///
+    /// All of a recording must be near what the rig does, not its last seconds alone: least and most by channel, in kPa.
+    fn absolute(&self, recorded: &Recorded<'_>, read: &[[f64; 2]], simulated: &[[f64; 2]]) -> Vec<Finding> {
+        let whole = |s: &Standing<'_>, meaning: Meaning| {
+            let (Some(read), Some([low, high])) = (read.get(s.channel), simulated.get(s.channel)) else { return false };
+            let [share, kpa] = OFF_BY_AIR;
+            let margin = 2.0 * kpa + share * low.abs().max(high.abs());
+            let of = |value: f64| meaning.of(value, s.sensor, self.atmosphere_kpa);
+            read.iter().all(|value| of(*value).is_some_and(|p| (low - margin..=high + margin).contains(&p)))
+        };
+        let near = |s: &Standing<'_>, meaning: Meaning| {
+            meaning.misfit(s, self.atmosphere_kpa, OFF_BY_AIR) < 1.0 && whole(s, meaning)
+        };
+        let closest = |s: &Standing<'_>| {
+            let absolute = Meaning::wrong().filter(|meaning| matches!(meaning, Meaning::Absolute(..)));
+            absolute
+                .filter(|meaning| near(s, *meaning))
+                .map(|meaning| (meaning.misfit(s, self.atmosphere_kpa, OFF_BY_AIR), meaning))
+                .min_by(|a, b| a.0.total_cmp(&b.0))
+                .map(|(_, meaning)| meaning)
+        };
+        let far = |s: &&Standing<'_>| {
+            (s.recorded - s.simulated).abs() > FAR_FROM_AIR * self.atmosphere_kpa && !near(s, RIGHT)
+        };
+        let those = recorded.telling.iter().filter(far);
+        those.filter_map(|s| Some(self.wrong(recorded, s, closest(s)?))).collect()
+    }
+
     /// Channels by themselves, as a person does it sensor by sensor.
     fn alone(&self, recorded: &Recorded<'_>, of: impl Fn(&Standing<'_>) -> bool) -> Vec<Finding> {
         let misfits = |s: &&Standing<'_>| RIGHT.misfit(s, self.atmosphere_kpa, NEAR) >= 1.0 && of(s);
@@ -177,6 +228,16 @@ impl Compare<'_> {
             .filter_map(|standing| Some(self.wrong(recorded, standing, closest(standing)?.1)))
             .collect()
     }
+}
+
+/// Least and most of a vector's readings by channel of a recording, those of rows that were not simulated left out.
+fn extremes(records: &Records, record: usize, vector: &[f64]) -> Vec<[f64; 2]> {
+    let of = |channel: usize| {
+        let part = vector.get(records.layout().channel(record, channel)).unwrap_or_default();
+        let finite = part.iter().copied().filter(|value| value.is_finite());
+        finite.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
+    };
+    (0..records.layout().channels()).map(of).collect()
 }
 
 fn median(values: &[f64]) -> f64 {

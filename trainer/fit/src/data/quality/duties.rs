@@ -1,6 +1,6 @@
 //! Swapped and inverted duties, told by which chamber answers, and which way.
 
-use model::rig::Rig;
+use model::rig::{Pump, Rig};
 
 use super::{Finding, Severity, Trouble};
 use crate::data::Records;
@@ -13,23 +13,34 @@ const SETTLED_ROWS: usize = 100;
 /// Standard errors at which an effect is beyond doubt.
 const SURE: f64 = 8.0;
 
-/// A valve between a chamber with a sensor and anything else: it moves that chamber's pressure in a known direction.
-struct Valve<'r> {
+/// A valve or a pump between a chamber with a sensor and anything else: it moves that chamber's pressure in a known direction.
+struct Actuator<'r> {
     command: &'r str,
     channel: usize,
-    /// Of the effect of opening it.
+    /// Of the effect of opening or driving it.
     sign: f64,
+    is: Is,
+}
+
+/// Kinds of actuators.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Is {
+    Valve,
+    Pump,
 }
 
 /// Tells by which chamber answers first whether two duties are exchanged or one is inverted.
 ///
 /// The rate of pressure `Δp` over 0.2 s is regressed on the duties over that time and the pressures (a first-order
 /// plant); the sign and size of the coefficients are compared with those of the simulated rig by the caller's own
-/// valves: a valve from a chamber lowers its pressure, one into a chamber raises it. A duty is inverted only if pressures averaged
+/// valves: a valve from a chamber lowers its pressure, one into a chamber raises it, and so does a pump. A duty is inverted only if pressures averaged
 /// over 2 s say so as well: a sensor whose line rings swings the wrong way for a while.
 pub(super) fn duties(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) {
-    let valves = valves(rig, records);
-    let [one, other] = valves.as_slice() else { return };
+    let actuators = actuators(rig, records);
+    if let [only] = actuators.as_slice() {
+        inverted_alone(records, only, findings);
+    }
+    let [one, other] = actuators.as_slice() else { return };
     if one.channel == other.channel || records.sensors().len() != 2 {
         return;
     }
@@ -59,40 +70,80 @@ pub(super) fn duties(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) 
         .map_or(own, |[first, second]| [t(&first, 1, one.sign), t(&second, 2, other.sign)]);
     for ((effect, settled), valve) in own.iter().zip(settled).zip(pair) {
         if *effect < -SURE && settled < 0.0 {
-            findings.push(Finding {
-                source: String::new(),
-                column: valve.command.to_owned(),
-                severity: Severity::Unusable,
-                trouble: Trouble::InvertedDuty,
-                text: "opening the valve moves the pressure the wrong way: the duty seems to be inverted (1 is open)"
-                    .to_owned(),
-            });
+            findings.push(inverted(valve));
         }
     }
 }
 
-/// Valves that act on one chamber with a sensor.
-fn valves<'r>(rig: &'r Rig, records: &Records) -> Vec<Valve<'r>> {
+fn inverted(actuator: &Actuator<'_>) -> Finding {
+    let [what, full] = match actuator.is {
+        Is::Valve => ["opening the valve", "open"],
+        Is::Pump => ["driving the pump", "full speed"],
+    };
+    Finding {
+        source: String::new(),
+        column: actuator.command.to_owned(),
+        severity: Severity::Unusable,
+        trouble: Trouble::InvertedDuty,
+        text: format!("{what} moves the pressure the wrong way: the duty seems to be inverted (1 is {full})"),
+    }
+}
+
+/// Tells whether the only duty of a rig is inverted: the rate of its chamber's pressure on it and on that pressure, and the pressure
+/// after two seconds of it.
+fn inverted_alone(records: &Records, only: &Actuator<'_>, findings: &mut Vec<Finding>) {
+    let t = |fit: &LinearFit| only.sign * fit.x[1] / fit.sd[1].max(1e-12);
+    let of = |window: usize, answer: &dyn Fn(&[f64], std::ops::Range<usize>) -> f64| {
+        let (mut columns, mut answers) = (vec![Vec::new(); 3], Vec::new());
+        for record in 0..records.records().len() {
+            let Some(u) = records.input(record, only.command) else { continue };
+            let p = records.channel_kpa(record, only.channel);
+            for segment in records.records().get(record).map_or(&[][..], |r| &r.segments) {
+                let mut row = segment.start;
+                while row + window < segment.end {
+                    let mean = u[row..row + window].iter().sum::<f64>() / window as f64;
+                    columns.iter_mut().zip([1.0, mean, p[row]]).for_each(|(column, value)| column.push(value));
+                    answers.push(answer(p, row..row + window));
+                    row += window;
+                }
+            }
+        }
+        solve(&columns, &answers, "duty").ok().filter(|fit| fit.condition < 1e4).map(|fit| t(&fit))
+    };
+    let fast = of(ANSWER_ROWS, &|p, rows| p[rows.end] - p[rows.start]);
+    let settled = of(SETTLED_ROWS, &|p, rows| p[rows.clone()].iter().sum::<f64>() / rows.len() as f64);
+    if fast.is_some_and(|t| t < -SURE) && settled.is_some_and(|t| t < -SURE) {
+        findings.push(inverted(only));
+    }
+}
+
+/// Valves, and pumps that are commanded, that act on one chamber with a sensor.
+fn actuators<'r>(rig: &'r Rig, records: &Records) -> Vec<Actuator<'r>> {
     let channel_of = |volume: &str| {
         let sensor = rig.sensors.values().find(|s| s.volume == volume)?;
         records.sensors().iter().position(|column| *column == sensor.column)
     };
-    let acting = rig.valves.values().filter_map(|valve| {
-        let (channel, sign) = match (channel_of(&valve.from), channel_of(&valve.to)) {
+    let acting = |is: Is, from: &str, to: &str, command: &'r str| {
+        let (channel, sign) = match (channel_of(from), channel_of(to)) {
             (Some(channel), None) => (channel, -1.0),
             (None, Some(channel)) => (channel, 1.0),
             _ => return None,
         };
-        Some(Valve { command: valve.command.as_str(), channel, sign })
+        Some(Actuator { command, channel, sign, is })
+    };
+    let valves = rig.valves.values().filter_map(|v| acting(Is::Valve, &v.from, &v.to, &v.command));
+    let pumps = rig.pumps.values().filter_map(|pump| match pump {
+        Pump::Flow(p) => acting(Is::Pump, &p.inlet, &p.outlet, p.command.as_deref()?),
+        Pump::Piston(_) => None,
     });
-    acting.collect()
+    valves.chain(pumps).collect()
 }
 
 /// Regresses an `answer` of each valve's chamber over windows of so many rows on a constant, both mean duties and both pressures before
 /// it; where windows are long, on the constant and the duties alone. `None` where the recordings do not tell these apart.
 fn regressed(
     records: &Records,
-    [one, other]: [&Valve<'_>; 2],
+    [one, other]: [&Actuator<'_>; 2],
     window: usize,
     answer: impl Fn(&[f64], std::ops::Range<usize>) -> f64,
 ) -> Option<[LinearFit; 2]> {

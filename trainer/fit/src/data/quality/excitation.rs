@@ -23,19 +23,28 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mu
         text,
     };
     let duties: Vec<&str> = rig.valves.values().map(|valve| valve.command.as_str()).collect();
-    let mut unmoved = 0;
-    for column in &duties {
+    let pumps = rig.pumps.values().filter_map(|pump| match pump {
+        Pump::Flow(pump) => pump.command.as_deref(),
+        Pump::Piston(_) => None,
+    });
+    for column in duties.iter().copied().chain(pumps) {
         let numbers = || (0..records.records().len()).filter_map(|r| records.input(r, column)).flatten().copied();
-        let spread = deviation(numbers());
         let largest = numbers().fold(0.0, f64::max);
-        if largest > 0.0 && largest < SMALLEST_SCALE && spread > 0.0 {
+        if largest > 0.0 && largest < SMALLEST_SCALE && deviation(numbers()) > 0.0 {
             findings.push(everywhere(
                 Severity::Unusable,
                 Trouble::DutyScale,
                 column,
                 format!("never above {largest:.4}: a duty is a share of 1; was it divided once too often?"),
             ));
-        } else if spread < LEAST_DUTY {
+        }
+    }
+    let mut unmoved = 0;
+    for column in &duties {
+        let numbers = || (0..records.records().len()).filter_map(|r| records.input(r, column)).flatten().copied();
+        let spread = deviation(numbers());
+        let scaled_away = findings.iter().any(|f| f.trouble == Trouble::DutyScale && f.column == **column);
+        if spread < LEAST_DUTY && !scaled_away {
             unmoved += 1;
             findings.push(everywhere(
                 Severity::Doubtful,

@@ -42,6 +42,8 @@ pub enum Trouble {
     DutyScale,
     /// Commands or pressures hardly move.
     NoExcitation,
+    /// Pressures move and nothing in the rig can move them.
+    NothingMoves,
     /// The pump never runs.
     PumpOff,
 }

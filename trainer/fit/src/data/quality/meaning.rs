@@ -59,12 +59,16 @@ impl Meaning {
 
     /// The gauge pressure (kPa) that a number is under this meaning; `None` where it cannot have it.
     fn kpa(self, standing: &Standing<'_>, atmosphere_kpa: f64) -> Option<f64> {
-        let recorded = standing.recorded;
+        self.of(standing.recorded, standing.sensor, atmosphere_kpa)
+    }
+
+    /// The same of any number that a sensor's column holds.
+    pub(super) fn of(self, recorded: f64, sensor: Option<&Sensor>, atmosphere_kpa: f64) -> Option<f64> {
         match self {
             Meaning::Gauge(per_kpa, _) => Some(recorded / per_kpa),
             // Nothing is below vacuum.
             Meaning::Absolute(per_kpa, _) => (recorded > 0.0).then_some(recorded / per_kpa - atmosphere_kpa),
-            Meaning::Volts => standing.sensor.map(|sensor| {
+            Meaning::Volts => sensor.map(|sensor| {
                 let ([p0, p1], [v0, v1]) = (sensor.range_kpa_gauge, sensor.range_v);
                 p0 + (recorded - v0) / (v1 - v0) * (p1 - p0)
             }),

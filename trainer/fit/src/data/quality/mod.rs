@@ -8,6 +8,8 @@
 //! | `excitation` | commands that never move, a pump that never runs |
 //! | `against_model` | swapped pressures and wrong units, told by what the rig would do |
 //! | `duties` | swapped and inverted duties, told by which chamber answers, and which way |
+//! | `ranges` | readings outside what their sensor can tell |
+//! | `unmoved` | pressures that move in a rig that nothing moves |
 //! | `meaning` | units and scales that pressures are found in |
 //!
 //! A fit to bad recordings does not fail, it names the wrong parameter. So the checks come first, and each says what a
@@ -19,10 +21,13 @@ mod duties;
 mod excitation;
 mod finding;
 mod meaning;
+mod ranges;
 mod readings;
 mod shape;
+mod unmoved;
 
 pub use finding::{Finding, Severity, Trouble};
+pub use ranges::within_ranges;
 
 use model::rig::Rig;
 
@@ -45,14 +50,20 @@ impl Quality {
     /// The rig cannot be compiled.
     pub fn of(rig: &Rig, records: &Records, noise: &[Noise]) -> Result<Self, FitError> {
         let mut findings = Vec::new();
-        let mut usable = vec![1.0; records.layout().len()];
+        // Rows without a sample are no evidence, whatever stands in them.
+        let mut usable = records.measured();
         shape::check(records, &mut findings);
         readings::check(rig, records, noise, &mut usable, &mut findings);
         // What hardly lasts hardly moves; that need not be told as well.
         if !findings.iter().any(|f| f.trouble == Trouble::TooShort && f.severity == Severity::Unusable) {
             excitation::check(rig, records, noise, &mut findings);
         }
+        unmoved::check(rig, records, noise, &mut findings);
         against_model::check(rig, records, &mut findings)?;
+        // What the model and the duties tell is the closer word.
+        if findings.iter().all(|f| f.severity != Severity::Unusable) {
+            ranges::check(rig, records, &mut findings);
+        }
         findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
         Ok(Quality { findings, usable })
     }

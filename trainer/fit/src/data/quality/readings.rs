@@ -20,36 +20,66 @@ const DISTINCT: usize = 4;
 const WILD: f64 = 10.0;
 /// … and this far away at least, in kPa: more than the plant can do within two rows and go back on.
 const WILD_KPA: f64 = 2.0;
+/// Samples further apart than this, in s, are not asked for wild ones.
+const WILD_SAMPLING_S: f64 = 0.05;
 
 pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], usable: &mut [f64], findings: &mut Vec<Finding>) {
     for (record, r) in records.records().iter().enumerate() {
+        // Rows without a sample repeat and join; what is wrong shows in samples.
+        let rows: Vec<usize> = (0..r.time_s.len()).filter(|row| r.is_measured(*row)).collect();
         for (channel, column) in records.sensors().iter().enumerate() {
-            let values = records.channel_kpa(record, channel);
-            let mask = usable.get_mut(records.layout().channel(record, channel)).unwrap_or_default();
+            let all = records.channel_kpa(record, channel);
+            let values: Vec<f64> = rows.iter().filter_map(|row| all.get(*row)).copied().collect();
+            let mut mask = vec![1.0; values.len()];
             let sigma = noise.get(channel).map_or(0.0, |n| n.sigma_kpa);
-            let mut add = |severity, trouble, text| {
+            let add = |severity, trouble, text| {
                 findings.push(Finding { source: r.source.clone(), column: column.clone(), severity, trouble, text });
             };
-            let mut distinct: Vec<f64> = values.to_vec();
-            distinct.sort_by(f64::total_cmp);
-            distinct.dedup();
-            if distinct.len() < DISTINCT && values.len() >= STUCK_ROWS {
-                let at = distinct.first().copied().unwrap_or(0.0);
-                add(
-                    Severity::Unusable,
-                    Trouble::Flat,
-                    format!("flat: {at:.2} kPa throughout; check the sensor, its cable and its converter's channel"),
-                );
-                mask.fill(0.0);
-                continue;
+            let of = Channel { values: &values, sigma, range: range_of(rig, column), sampling_s: r.sampling_s };
+            of.check(&mut mask, add);
+            let usable = usable.get_mut(records.layout().channel(record, channel)).unwrap_or_default();
+            for (row, kept) in rows.iter().zip(&mask) {
+                if let Some(slot) = usable.get_mut(*row) {
+                    *slot *= kept;
+                }
             }
-            // Noise within a single recording, for another recording's noise is no proof that this one has any.
-            let noisy = scatters(values);
-            if noisy {
-                let range = range_of(rig, column);
-                stuck(values, mask, range, &mut add);
-            }
-            wild(values, sigma, mask, &mut add);
+        }
+    }
+}
+
+/// The samples of one sensor in one recording.
+struct Channel<'a> {
+    values: &'a [f64],
+    /// Noise in kPa.
+    sigma: f64,
+    /// What the sensor can tell, in gauge kPa.
+    range: Option<[f64; 2]>,
+    sampling_s: f64,
+}
+
+impl Channel<'_> {
+    /// Masks what cannot be trusted and tells it.
+    fn check(&self, mask: &mut [f64], mut add: impl FnMut(Severity, Trouble, String)) {
+        let mut distinct: Vec<f64> = self.values.to_vec();
+        distinct.sort_by(f64::total_cmp);
+        distinct.dedup();
+        if distinct.len() < DISTINCT && self.values.len() >= STUCK_ROWS {
+            let at = distinct.first().copied().unwrap_or(0.0);
+            add(
+                Severity::Unusable,
+                Trouble::Flat,
+                format!("flat: {at:.2} kPa throughout; check the sensor, its cable and its converter's channel"),
+            );
+            mask.fill(0.0);
+            return;
+        }
+        // Noise within a single recording, for another recording's noise is no proof that this one has any.
+        if scatters(self.values) {
+            stuck(self.values, mask, self.range, self.sampling_s, &mut add);
+        }
+        // Between samples further apart a plant may well go somewhere and come back.
+        if self.sampling_s < WILD_SAMPLING_S {
+            wild(self.values, self.sigma, mask, &mut add);
         }
     }
 }
@@ -79,7 +109,13 @@ fn range_of(rig: &Rig, column: &str) -> Option<[f64; 2]> {
 }
 
 /// Masks runs of equal readings and tells clipped ones (at the channel's own extreme) from stuck ones.
-fn stuck(values: &[f64], mask: &mut [f64], range: Option<[f64; 2]>, add: &mut impl FnMut(Severity, Trouble, String)) {
+fn stuck(
+    values: &[f64],
+    mask: &mut [f64],
+    range: Option<[f64; 2]>,
+    sampling_s: f64,
+    add: &mut impl FnMut(Severity, Trouble, String),
+) {
     let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
     // The extreme of noise is read once or twice; where a share of all readings stands on it, it is a limit, also where
     // noise lets single readings off it.
@@ -128,7 +164,7 @@ fn stuck(values: &[f64], mask: &mut [f64], range: Option<[f64; 2]>, add: &mut im
                 "stuck: {frozen} readings ({:.1} %) repeat the one before, for up to {:.1} s; they are left out. Look \
                  for a logger that holds the last value",
                 share(frozen),
-                longest as f64 * proto::recording::PERIOD_S
+                longest as f64 * sampling_s
             ),
         );
     }

@@ -1,0 +1,292 @@
+//! The columns that a rig asks of a file: found, brought to the rig's units, checked.
+
+use model::rig::{Pump, RecordingMap, Rig, Sensor, Term, Terms};
+
+use super::csv::{CsvError, TIME_COLUMN};
+use super::resample::Kind;
+use super::sheet::Sheet;
+use super::table::RecordingError;
+use super::table::rules::{LEAST_READING_KPA, below_vacuum};
+use super::units::Unit;
+
+/// A command may be so far beyond 0 … 1, by the rounding of a scale such as 0.00392; it is cut off there.
+const ROUNDING: f64 = 1e-3;
+/// Numbers that loggers write for a command in full, smallest first.
+const FULL_SCALES: [f64; 9] = [100.0, 127.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0];
+
+/// A column that a rig asks for.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Asked {
+    pub(super) name: String,
+    pub(super) kind: Kind,
+    /// Whether the rig does without it.
+    pub(super) default: Presence,
+}
+
+/// Whether a column must be there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Presence {
+    /// It must.
+    Needed,
+    /// The rig knows what to take where it is not.
+    Optional,
+}
+
+/// Every column that a rig takes from recordings, commands first.
+pub(super) fn asked(rig: &Rig) -> Vec<Asked> {
+    let signals = rig.signals();
+    let relays: Vec<&str> = rig
+        .pumps
+        .values()
+        .filter_map(|pump| match pump {
+            Pump::Piston(pump) => pump.relay.as_deref(),
+            Pump::Flow(_) => None,
+        })
+        .collect();
+    let readings: Vec<&str> = rig.sensors.values().map(|sensor| sensor.column.as_str()).collect();
+    let of = |name: String| {
+        let kind = if readings.contains(&name.as_str()) {
+            Kind::Reading
+        } else if signals.contains(&name) {
+            Kind::Signal
+        } else if relays.contains(&name.as_str()) {
+            Kind::Switch
+        } else {
+            Kind::Command
+        };
+        // Readings: a file of commands alone may be simulated from rest; who compares asks for them. Relays are closed.
+        let default = if matches!(kind, Kind::Reading | Kind::Switch) { Presence::Optional } else { Presence::Needed };
+        Asked { name, kind, default }
+    };
+    rig.columns().into_iter().map(of).collect()
+}
+
+/// Whether a column of the map is made from the one of its own name alone: then the map says how, whoever wrote the file.
+fn is_of_its_own_name(name: &str, terms: &Terms) -> bool {
+    terms.0.iter().all(|term| term.from == name)
+}
+
+/// Whether a file has the rig's own names: `time_s` and all that the map would make from others.
+///
+/// # Errors
+/// A name stands twice.
+pub(super) fn is_own(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<bool, CsvError> {
+    let mut all = sheet.find(TIME_COLUMN)?.is_some();
+    let from_others = |name: &&String| map.columns.get(*name).is_some_and(|terms| !is_of_its_own_name(name, terms));
+    for name in rig.columns().iter().filter(from_others) {
+        all = all && sheet.find(name)?.is_some();
+    }
+    Ok(all)
+}
+
+/// A column in the rig's unit.
+#[derive(Debug)]
+pub(super) struct Made {
+    pub(super) numbers: Vec<f64>,
+    /// The units that were taken, in words.
+    pub(super) taken: Vec<String>,
+    /// The places in the file that it was made from.
+    pub(super) from: Vec<usize>,
+}
+
+/// Makes a column of the rig, `own` where the file has the rig's own names; `None` where the file does not have it and the rig does
+/// without.
+///
+/// # Errors
+/// A column that is needed and not there, a cell that is no number, a unit that cannot be.
+pub(super) fn made(
+    sheet: &Sheet<'_>,
+    rig: &Rig,
+    map: &RecordingMap,
+    own: bool,
+    (name, kind, presence): (&str, Kind, Presence),
+) -> Result<Option<Made>, RecordingError> {
+    let own_term = [Term::plain(name)];
+    let asked = map.columns.get(name).filter(|terms| !own || is_of_its_own_name(name, terms));
+    let mapped = asked.map(|terms| terms.0.as_slice());
+    let terms = match mapped {
+        Some(terms) if !all_there(sheet, terms)? && sheet.find(name)?.is_some() => own_term.as_slice(),
+        Some(terms) => terms,
+        None if presence == Presence::Optional && sheet.find(name)?.is_none() => return Ok(None),
+        None => own_term.as_slice(),
+    };
+    let mut made = Made { numbers: vec![0.0; sheet.rows()], taken: Vec::new(), from: Vec::new() };
+    for term in terms {
+        let Some(at) = sheet.find(&term.from)? else { return Err(missing(sheet, name, &term.from)) };
+        let numbers = sheet.numbers(at).map_err(|error| text_column(sheet, &term.from, error))?;
+        let unit = of_unit(sheet, at, term)?;
+        let in_rig_unit = converted(sheet, rig, (name, kind), term, unit.as_ref(), numbers)?;
+        made.taken.extend(in_rig_unit.1);
+        made.from.push(at);
+        for (slot, x) in made.numbers.iter_mut().zip(in_rig_unit.0) {
+            *slot += term.of(x);
+        }
+    }
+    Ok(Some(made))
+}
+
+/// An error of a column of which not even the first cell is a number.
+fn text_column(sheet: &Sheet<'_>, name: &str, error: CsvError) -> RecordingError {
+    match &error {
+        CsvError::NotANumber { line, cell, .. } if sheet.lines.first() == Some(line) && !cell.is_empty() => {
+            RecordingError::TextColumn { file: sheet.file.clone(), column: name.to_owned() }
+        }
+        _ => error.into(),
+    }
+}
+
+fn all_there(sheet: &Sheet<'_>, terms: &[Term]) -> Result<bool, CsvError> {
+    let mut all = true;
+    for term in terms {
+        all = all && sheet.find(&term.from)?.is_some();
+    }
+    Ok(all)
+}
+
+/// The error of a column that is not there, with the key that would name another.
+fn missing(sheet: &Sheet<'_>, name: &str, from: &str) -> RecordingError {
+    let mend = if name == from {
+        format!("where it has another name say so in the rig file: [recording] columns.{name} = \"…\"")
+    } else {
+        format!("the rig file's [recording] columns.{name} asks for it")
+    };
+    RecordingError::NotMapped {
+        file: sheet.file.clone(),
+        line: sheet.header_line,
+        column: from.to_owned(),
+        found: sheet.listed(),
+        mend,
+    }
+}
+
+/// A unit and how the file or the map writes it.
+type Named = (Unit, String);
+
+/// The unit of a term: the map's, or the file's where numbers are taken as they stand.
+fn of_unit(sheet: &Sheet<'_>, column: usize, term: &Term) -> Result<Option<Named>, RecordingError> {
+    if let Some(text) = &term.unit {
+        let unit = Unit::parse(text).ok_or_else(|| RecordingError::Unit {
+            file: sheet.file.clone(),
+            column: term.from.clone(),
+            problem: format!("`unit = \"{text}\"` in [recording] is no unit known here; use kPa, Pa, hPa, mbar, bar, psi, mmHg, V, % … or a scale"),
+        })?;
+        return Ok(Some((unit, text.clone())));
+    }
+    let written = sheet.columns.get(column).and_then(|column| column.unit.as_ref()).filter(|_| term.is_plain());
+    Ok(written.and_then(|text| Some((Unit::parse(text)?, text.clone()))))
+}
+
+/// Numbers in the rig's unit, and what to say of it.
+fn converted(
+    sheet: &Sheet<'_>,
+    rig: &Rig,
+    (name, kind): (&str, Kind),
+    term: &Term,
+    unit: Option<&Named>,
+    mut numbers: Vec<f64>,
+) -> Result<(Vec<f64>, Option<String>), RecordingError> {
+    let Some((unit, text)) = unit else { return Ok((numbers, None)) };
+    let sensor = rig.sensors.values().find(|sensor| sensor.column == name);
+    let line = match (kind, unit, sensor) {
+        (Kind::Reading, Unit::Gauge(kpa), _) => linear(*kpa, 0.0),
+        (Kind::Reading, Unit::Absolute(kpa), _) => linear(*kpa, -rig.atmosphere.pressure_kpa_abs),
+        (Kind::Reading, Unit::Volt(volt), Some(sensor)) => of_volts(sensor, *volt),
+        (Kind::Command | Kind::Switch, Unit::Share(share), _) => linear(*share, 0.0),
+        // A flow's unit is that of the source's own number; a command's volts are of a scale that nothing tells.
+        (Kind::Signal, _, _) => return Ok((numbers, Some(format!("{name} as it stands ({text})")))),
+        (Kind::Command | Kind::Switch, Unit::Volt(_) | Unit::Other, _)
+            if numbers.iter().all(|u| (0.0..=1.0).contains(u)) =>
+        {
+            return Ok((numbers, Some(format!("{name} as it stands, a share of 1 ({text} is said)"))));
+        }
+        _ => {
+            let what = if kind == Kind::Reading { "a pressure" } else { "a command, a share of 1" };
+            return Err(RecordingError::Unit {
+                file: sheet.file.clone(),
+                column: term.from.clone(),
+                problem: format!(
+                    "its unit is {text}, and {name} is {what}; say how it is scaled: [recording] columns.{name} = {{ from = \"{}\", scale = … }}",
+                    term.from
+                ),
+            });
+        }
+    };
+    let [scale, offset] = line;
+    numbers.iter_mut().for_each(|x| *x = scale * *x + offset);
+    Ok((numbers, Some(format!("{name} in {text}"))))
+}
+
+fn linear(scale: f64, offset: f64) -> [f64; 2] {
+    [scale, offset]
+}
+
+/// Gauge kPa per unit, and at zero, of a sensor's output.
+fn of_volts(sensor: &Sensor, volt: f64) -> [f64; 2] {
+    let ([p0, p1], [v0, v1]) = (sensor.range_kpa_gauge, sensor.range_v);
+    let slope = (p1 - p0) / (v1 - v0);
+    [volt * slope, p0 - v0 * slope]
+}
+
+/// Refuses what a column of this kind cannot hold, made from these places of the file.
+///
+/// # Errors
+/// The first number that is out of range, with its line and the key that would help.
+pub(super) fn check(
+    sheet: &Sheet<'_>,
+    (name, kind): (&str, Kind),
+    from: &[usize],
+    numbers: &[f64],
+) -> Result<(), RecordingError> {
+    let [low, high] = match kind {
+        Kind::Command | Kind::Switch => [-ROUNDING, 1.0 + ROUNDING],
+        Kind::Reading => [LEAST_READING_KPA, f64::MAX],
+        Kind::Signal => return Ok(()),
+    };
+    let is_wrong = |number: f64| {
+        !(low..=high).contains(&number) || (kind == Kind::Switch && number.min((number - 1.0).abs()).abs() > ROUNDING)
+    };
+    let Some(row) = numbers.iter().position(|number| is_wrong(*number)) else { return Ok(()) };
+    let value = numbers.get(row).copied().unwrap_or(0.0);
+    let at = from.first().copied().unwrap_or(0);
+    let title = sheet.columns.get(at).map_or_else(String::new, |column| column.title.clone());
+    let hint = match kind {
+        Kind::Reading => below_vacuum(value).to_owned(),
+        Kind::Switch => "; the pump is on (1) or off (0)".to_owned(),
+        _ => of_scale(name, &title, numbers),
+    };
+    Err(CsvError::OutOfRange {
+        file: sheet.file.clone(),
+        line: sheet.lines.get(row).copied().unwrap_or(0),
+        position: at + 1,
+        column: title,
+        value,
+        low: if kind == Kind::Reading { LEAST_READING_KPA } else { 0.0 },
+        high: if kind == Kind::Reading { f64::MAX } else { 1.0 },
+        hint,
+    }
+    .into())
+}
+
+/// What a command beyond 1 is scaled by, and the key that says so.
+fn of_scale(name: &str, title: &str, numbers: &[f64]) -> String {
+    let least = numbers.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let key = |scale: &str| format!("[recording] columns.{name} = {{ from = \"{title}\", scale = {scale} }}");
+    if least < -ROUNDING {
+        let span = format!("{least} … {most}");
+        return format!(
+            "; a duty is a share, not a percentage, and {name} goes over {span}: bring it to 0 … 1 by {}",
+            key("…, offset = …")
+        );
+    }
+    match FULL_SCALES.iter().find(|full| **full >= most).filter(|_| most > 12.0) {
+        Some(100.0) => {
+            format!("; a duty is a share, not a percentage, and {name} reaches {most}: scale it, {}", key("0.01"))
+        }
+        Some(full) => format!(
+            "; {name} is a command, a share of 1, and reaches {most}: scale it, {}",
+            key(&format!("{:.8}", 1.0 / full))
+        ),
+        None => format!("; {name} is a command, a share of 1, and reaches {most}: scale it, {}", key("…")),
+    }
+}

@@ -1,0 +1,466 @@
+//! The text files that loggers write, as they write them.
+//!
+//! Found out, unless the rig file's `[recording]` says so: the separator (tab, semicolon, comma, blanks), the decimal mark, how
+//! many lines stand before the one that names the columns, a row of units below it, comment lines (`#`, `%`, `//`), separators
+//! at the ends of lines, text behind the data, a last row that was cut off, UTF-16, and Latin-1 where a unit has a degree sign.
+//! How each is found:
+//!
+//! ```text
+//! separator   the first with which the lines in the middle of the file have one number of cells, most of them numbers or times
+//! decimal     a comma where cells are digits, a comma and digits, and the separator is another
+//! data        rows that have that number of cells, half of them numbers or times
+//! header      a row of that many cells right above data, without a number in it; above a row of units where there is one; of
+//!             several the one that most data follow
+//! ```
+
+use std::borrow::Cow;
+
+use model::rig::{Decimal, RecordingMap, Separator};
+
+use super::cells::{Broken, Comments, Grammar, Rows};
+use super::csv::CsvError;
+use super::labview;
+use super::sheet::{Cells, Sheet, SheetColumn, is_data};
+use super::units::Unit;
+
+/// Lines of the file's middle that its separator and decimal mark are told from.
+const SAMPLE_LINES: usize = 200;
+/// Share of these lines that must have the same number of cells …
+const ALIKE: f64 = 0.9;
+/// … and of their cells that must be numbers or times.
+const NUMERIC: f64 = 0.5;
+
+/// A row of cells and its line.
+pub(super) type Row<'a> = (u64, Vec<Cow<'a, str>>);
+
+/// Decodes a text file: UTF-8 or UTF-16 with a byte-order mark, and Latin-1 otherwise.
+///
+/// # Errors
+/// The bytes are no text.
+pub(super) fn decode<'a>(file: &str, bytes: &'a [u8]) -> Result<Cow<'a, str>, CsvError> {
+    let wide = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
+        let units: Vec<u16> = bytes.as_chunks::<2>().0.iter().map(|pair| unit(*pair)).collect();
+        String::from_utf16_lossy(&units)
+    };
+    if let Some(rest) = bytes.strip_prefix(b"\xFF\xFE") {
+        return Ok(Cow::Owned(wide(rest, u16::from_le_bytes)));
+    }
+    if let Some(rest) = bytes.strip_prefix(b"\xFE\xFF") {
+        return Ok(Cow::Owned(wide(rest, u16::from_be_bytes)));
+    }
+    let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+    match std::str::from_utf8(bytes) {
+        Ok(text) => Ok(Cow::Borrowed(text)),
+        Err(error) => {
+            let before = bytes.get(..error.valid_up_to()).unwrap_or_default();
+            let line_start = before.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
+            let commas = before.get(line_start..).unwrap_or_default().iter().filter(|byte| **byte == b',').count();
+            // A zero byte is in no text of one byte a character.
+            if bytes.contains(&0) {
+                return Err(CsvError::NotUtf8 {
+                    file: file.to_owned(),
+                    line: before.iter().filter(|byte| **byte == b'\n').count() as u64 + 1,
+                    position: commas + 1,
+                });
+            }
+            Ok(Cow::Owned(bytes.iter().map(|byte| char::from(*byte)).collect()))
+        }
+    }
+}
+
+/// Reads a text file into a sheet.
+///
+/// # Errors
+/// Empty, no header, no rows, ragged rows, broken quotes: with line and column.
+pub(super) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result<Sheet<'a>, CsvError> {
+    if text.trim().is_empty() {
+        return Err(CsvError::Empty { file: file.to_owned() });
+    }
+    let manner = Manner::of(text, map);
+    if labview::is_measurement(text) {
+        return labview::sheet(file, text, map);
+    }
+    let grammar = Grammar { separator: manner.separator, comments: Comments::Marked };
+    let (rows, comment, whole) = rows(file, text, grammar)?;
+    let head = Head::of(file, &rows, &manner, map, comment)?;
+    let mut sheet = Sheet {
+        file: file.to_owned(),
+        header_line: head.line,
+        columns: Vec::new(),
+        lines: Vec::new(),
+        decimal: manner.decimal,
+        manner: manner.words(),
+        notes: Vec::new(),
+    };
+    if head.rows_above > 0 {
+        sheet.manner.push(format!("{} lines before the header", head.rows_above));
+    }
+    if head.in_comment {
+        sheet.manner.push("names of columns in a comment line".to_owned());
+    }
+    let body = rows.get(head.first..).unwrap_or_default();
+    fill(&mut sheet, &head, body, if whole { LastRow::Whole } else { LastRow::MayBeCut })?;
+    Ok(sheet)
+}
+
+/// Whether the last row may have been cut off while it was written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum LastRow {
+    /// A line end follows it.
+    Whole,
+    /// Nothing follows it.
+    MayBeCut,
+}
+
+/// Names, units and where the data begin.
+#[derive(Debug, Default)]
+pub(super) struct Head<'a> {
+    pub(super) line: Option<u64>,
+    pub(super) names: Vec<String>,
+    pub(super) units: Vec<Cow<'a, str>>,
+    /// Index of the first row of data.
+    pub(super) first: usize,
+    /// Rows above the header.
+    pub(super) rows_above: usize,
+    pub(super) in_comment: bool,
+}
+
+/// Separator and decimal mark, and which of them are worth a word.
+#[derive(Debug, Clone, Copy)]
+struct Manner {
+    separator: Separator,
+    decimal: Decimal,
+    /// Cells that most lines have.
+    cells: usize,
+}
+
+impl Manner {
+    fn of(text: &str, map: &RecordingMap) -> Self {
+        let lines: Vec<&str> = text.lines().filter(|line| !line.trim().is_empty() && !is_comment(line)).collect();
+        let from = (lines.len() / 2).min(lines.len().saturating_sub(1));
+        let sample = lines.get(from..lines.len().min(from + SAMPLE_LINES)).unwrap_or_default();
+        let candidates = match map.separator {
+            Some(separator) => vec![separator],
+            None => vec![Separator::Tab, Separator::Semicolon, Separator::Comma, Separator::Blank],
+        };
+        let tried: Vec<(Manner, f64, f64)> =
+            candidates.into_iter().map(|separator| Self::tried(sample, separator, map.decimal)).collect();
+        let splits = |(manner, alike, _): &&(Manner, f64, f64)| manner.cells > 1 && *alike >= ALIKE;
+        let best = tried
+            .iter()
+            .find(|one| splits(one) && one.2 >= NUMERIC)
+            .or_else(|| tried.iter().find(splits))
+            .or_else(|| tried.iter().find(|(manner, ..)| manner.separator == Separator::Comma))
+            .or_else(|| tried.first());
+        best.map_or(Manner { separator: Separator::Comma, decimal: Decimal::Point, cells: 1 }, |(manner, ..)| *manner)
+    }
+
+    /// What lines are with one separator; the share of them that have the usual number of cells; the share of numbers.
+    fn tried(sample: &[&str], separator: Separator, decimal: Option<Decimal>) -> (Self, f64, f64) {
+        let split: Vec<Vec<&str>> = sample.iter().map(|line| cells_of(line, separator)).collect();
+        let cells = usual(split.iter().map(Vec::len));
+        let decimal = decimal.unwrap_or_else(|| decimal_of(&split, separator));
+        let alike = split.iter().filter(|row| row.len() == cells).count() as f64 / split.len().max(1) as f64;
+        let all: Vec<&str> = split.iter().flatten().copied().filter(|cell| !cell.is_empty()).collect();
+        let data = all.iter().filter(|cell| is_data(cell, decimal)).count() as f64 / all.len().max(1) as f64;
+        (Manner { separator, decimal, cells }, alike, data)
+    }
+
+    fn words(self) -> Vec<String> {
+        let separator = match self.separator {
+            Separator::Comma => None,
+            Separator::Semicolon => Some("semicolons between cells"),
+            Separator::Tab => Some("tabs between cells"),
+            Separator::Blank => Some("blanks between cells"),
+        };
+        let decimal = (self.decimal == Decimal::Comma).then_some("decimal commas");
+        separator.into_iter().chain(decimal).map(str::to_owned).collect()
+    }
+}
+
+fn is_comment(line: &str) -> bool {
+    let line = line.trim_start();
+    line.starts_with('#') || line.starts_with('%') || line.starts_with("//")
+}
+
+/// Cells of a line, quotes taken off and empty ones at its end left out; good enough to count and to look at.
+fn cells_of(line: &str, separator: Separator) -> Vec<&str> {
+    let mut quoted = false;
+    let split = |c: char| {
+        quoted ^= c == '"';
+        !quoted
+            && match separator {
+                Separator::Comma => c == ',',
+                Separator::Semicolon => c == ';',
+                Separator::Tab => c == '\t',
+                Separator::Blank => c == ' ' || c == '\t',
+            }
+    };
+    let trimmed = |cell: &'_ str| -> bool { separator != Separator::Blank || !cell.is_empty() };
+    let mut cells: Vec<&str> =
+        line.split(split).map(|cell| cell.trim().trim_matches('"').trim()).filter(|cell| trimmed(cell)).collect();
+    while cells.len() > 1 && cells.last().is_some_and(|cell| cell.is_empty()) {
+        cells.pop();
+    }
+    cells
+}
+
+/// The number that comes most often; of several the largest.
+fn usual(counts: impl Iterator<Item = usize>) -> usize {
+    let mut seen = std::collections::BTreeMap::new();
+    counts.for_each(|count| *seen.entry(count).or_insert(0_usize) += 1);
+    seen.into_iter().max_by_key(|(_, times)| *times).map_or(1, |(count, _)| count)
+}
+
+fn decimal_of(rows: &[Vec<&str>], separator: Separator) -> Decimal {
+    if separator == Separator::Comma {
+        return Decimal::Point;
+    }
+    let marked = |cell: &str, mark: char| {
+        let unsigned = cell.trim_start_matches(['+', '-']);
+        unsigned.split_once(mark).is_some_and(|(whole, broken)| {
+            whole.chars().all(|c| c.is_ascii_digit() || c == '.')
+                && broken.starts_with(|c: char| c.is_ascii_digit())
+                && broken.chars().all(|c| c.is_ascii_digit() || matches!(c, 'e' | 'E' | '+' | '-'))
+        })
+    };
+    let count = |mark| rows.iter().flatten().filter(|cell| marked(cell, mark)).count();
+    if count(',') > count('.') { Decimal::Comma } else { Decimal::Point }
+}
+
+/// All rows of a text, the last comment before the first of them, and whether the last row has a line end.
+fn rows<'a>(
+    file: &str,
+    text: &'a str,
+    grammar: Grammar,
+) -> Result<(Vec<Row<'a>>, Option<(u64, &'a str)>, bool), CsvError> {
+    let mut walk = Rows::with(text.as_bytes(), grammar);
+    let (mut found, mut cells, mut comment) = (Vec::new(), Vec::new(), None);
+    while let Some(row) = next(file, &mut walk, &mut cells)? {
+        if found.is_empty() {
+            comment = walk.last_comment().map(|(line, text)| (line, std::str::from_utf8(text).unwrap_or_default()));
+        }
+        found.push(row);
+    }
+    Ok((found, comment, text.ends_with('\n')))
+}
+
+/// The next row as text.
+pub(super) fn next<'a>(
+    file: &str,
+    walk: &mut Rows<'a>,
+    cells: &mut Vec<Cow<'a, [u8]>>,
+) -> Result<Option<Row<'a>>, CsvError> {
+    let line = walk.next_row(cells).map_err(|Broken { line, position, open }| {
+        let file = file.to_owned();
+        if open {
+            CsvError::OpenQuote { file, line, position }
+        } else {
+            CsvError::TextAfterQuote { file, line, position }
+        }
+    })?;
+    let text = |cell: &Cow<'a, [u8]>| match cell {
+        Cow::Borrowed(bytes) => String::from_utf8_lossy(bytes),
+        Cow::Owned(bytes) => Cow::Owned(String::from_utf8_lossy(bytes).into_owned()),
+    };
+    Ok(line.map(|line| (line, cells.iter().map(text).collect())))
+}
+
+/// Cells of a row without the empty ones at its end.
+fn filled(row: &[Cow<'_, str>]) -> usize {
+    row.iter().rposition(|cell| !cell.is_empty()).map_or(0, |at| at + 1)
+}
+
+impl<'a> Head<'a> {
+    fn of(
+        file: &str,
+        rows: &[Row<'a>],
+        manner: &Manner,
+        map: &RecordingMap,
+        comment: Option<(u64, &'a str)>,
+    ) -> Result<Self, CsvError> {
+        let numbers = |row: &[Cow<'_, str>]| row.iter().filter(|cell| is_data(cell, manner.decimal)).count();
+        // Half of the cells, and not the numbers of a block of settings, which are as many as there are by chance.
+        let as_many = |row: &[Cow<'_, str>]| filled(row) == manner.cells || row.len().abs_diff(manner.cells) == 0;
+        let data = |row: &Row<'_>| as_many(&row.1) && numbers(&row.1) > 0 && 2 * numbers(&row.1) >= filled(&row.1);
+        let is_data: Vec<bool> = rows.iter().map(data).collect();
+        let first = is_data.iter().position(|data| *data).unwrap_or(rows.len());
+        if !map.names.is_empty() {
+            return Ok(Head { names: map.names.clone(), first, ..Head::default() });
+        }
+        let (header, first) = match map.header_line {
+            Some(line) => (rows.iter().position(|(at, _)| *at == line), first),
+            None => found(rows, &is_data, manner).map_or((None, first), |(at, first)| (Some(at), first)),
+        };
+        let Some(at) = header else {
+            return Self::without_row(file, rows, first, manner, comment);
+        };
+        let (line, cells) = rows.get(at).cloned().unwrap_or_default();
+        let units = rows.get(at + 1).filter(|row| is_units(&row.1)).map(|row| row.1.clone());
+        let first =
+            if map.header_line.is_some() || first <= at { at + 1 + usize::from(units.is_some()) } else { first };
+        let (names, rows_above) = (cells.iter().map(|name| name.to_string()).collect(), at);
+        Ok(Head { line: Some(line), names, units: units.unwrap_or_default(), first, rows_above, in_comment: false })
+    }
+
+    /// The head of a file whose rows are all data: names in the comment above, or nowhere.
+    fn without_row(
+        file: &str,
+        rows: &[Row<'a>],
+        first: usize,
+        manner: &Manner,
+        comment: Option<(u64, &'a str)>,
+    ) -> Result<Self, CsvError> {
+        if let Some((line, text)) = comment {
+            let names = cells_of(text, manner.separator);
+            if names.len() == manner.cells && names.iter().all(|name| !is_data(name, manner.decimal)) {
+                let names = names.into_iter().map(str::to_owned).collect();
+                return Ok(Head { line: Some(line), names, first, in_comment: true, ..Head::default() });
+            }
+        }
+        let (line, row) = rows.first().cloned().unwrap_or_default();
+        if first == rows.len() {
+            // Nothing in it looks like data; the first row is taken for the header and says so below.
+            let names = row.iter().map(|name| name.to_string()).collect();
+            return Ok(Head { line: Some(line), names, first: 1, ..Head::default() });
+        }
+        let cell =
+            rows.get(first).and_then(|row| row.1.first()).map(|cell| super::csv::shown(cell)).unwrap_or_default();
+        Err(CsvError::NoHeader {
+            file: file.to_owned(),
+            line: rows.get(first).map_or(line, |row| row.0),
+            cell,
+            mend: "; or give them in the rig file: [recording] names = [\"…\", \"…\"], or header_line = … where they stand elsewhere",
+        })
+    }
+}
+
+/// Indices of the header and of the first row of data: of all places where data follow a header, that with the most data, and of
+/// those with the same names the first.
+fn found(rows: &[Row<'_>], is_data: &[bool], manner: &Manner) -> Option<(usize, usize)> {
+    let begins = |at: &usize| at.checked_sub(1).is_none_or(|before| is_data.get(before) != Some(&true));
+    let starts = (0..rows.len()).filter(|at| is_data.get(*at) == Some(&true)).filter(begins);
+    let mut places: Vec<(usize, usize)> =
+        starts.filter_map(|first| Some((above(rows, first, manner)?, first))).collect();
+    if places.is_empty() {
+        // A header and nothing below it that looks like data: the rows below say what is wrong with them.
+        let texts = |row: &Row<'_>| filled(&row.1) > 0 && row.1.iter().all(|cell| !is_data_cell(cell, manner));
+        places.extend(rows.first().filter(|row| texts(row)).map(|_| (0, 1)));
+    }
+    let end = |place: usize| places.get(place + 1).map_or(rows.len(), |(_, first)| *first);
+    let data_of = |place: usize| {
+        let (_, first) = places.get(place).copied().unwrap_or_default();
+        is_data.get(first..end(place)).unwrap_or_default().iter().filter(|data| **data).count()
+    };
+    let most = (0..places.len()).max_by_key(|place| (data_of(*place), std::cmp::Reverse(*place)))?;
+    let names = |place: &(usize, usize)| rows.get(place.0).map(|row| &row.1);
+    let best = places.get(most)?;
+    places.iter().find(|place| names(place) == names(best)).copied()
+}
+
+fn is_data_cell(cell: &str, manner: &Manner) -> bool {
+    is_data(cell, manner.decimal)
+}
+
+/// Index of the header above the data.
+fn above(rows: &[Row<'_>], first: usize, manner: &Manner) -> Option<usize> {
+    let named = |at: usize| {
+        let row = rows.get(at)?;
+        let cells = row.1.len();
+        let texts = row.1.iter().all(|cell| !is_data(cell, manner.decimal));
+        // One name more is that of a comment which no row has; one less that of an index without a name.
+        (texts && filled(&row.1) > 0 && cells.abs_diff(manner.cells) <= 1).then_some(at)
+    };
+    let directly = first.checked_sub(1).and_then(named)?;
+    let is_of_units = is_units(&rows.get(directly)?.1);
+    match directly.checked_sub(1).and_then(named) {
+        Some(higher) if is_of_units => Some(higher),
+        _ => Some(directly),
+    }
+}
+
+/// Whether a row holds units: at least one, and nothing else but empty cells and dashes.
+fn is_units(row: &[Cow<'_, str>]) -> bool {
+    let units = row.iter().filter(|cell| !cell.is_empty());
+    let mut any = false;
+    for unit in units {
+        match Unit::parse(unit) {
+            Some(_) => any = true,
+            None => return false,
+        }
+    }
+    any
+}
+
+/// Puts the rows below a head into the columns of a sheet.
+pub(super) fn fill<'a>(
+    sheet: &mut Sheet<'a>,
+    head: &Head<'a>,
+    rows: &[Row<'a>],
+    last: LastRow,
+) -> Result<(), CsvError> {
+    let mut width = head.names.len();
+    // Separators at the ends of lines make a last column that has no name and nothing in it.
+    if head.names.last().is_some_and(String::is_empty)
+        && rows.iter().all(|(_, row)| row.get(width - 1).is_none_or(|cell| cell.is_empty()))
+    {
+        width -= 1;
+    }
+    // A comment that rows may have and need not.
+    let spare = head
+        .names
+        .get(width.wrapping_sub(1))
+        .is_some_and(|name| name.is_empty() || name.eq_ignore_ascii_case("comment"));
+    let mut texts: Vec<Vec<Cow<'a, str>>> = vec![Vec::with_capacity(rows.len()); width];
+    let names: Vec<&str> = head.names.iter().map(String::as_str).collect();
+    for (index, (line, row)) in rows.iter().enumerate() {
+        if row.iter().map(AsRef::as_ref).eq(names.iter().copied()) {
+            sheet.notes.push(format!("{}: line {line}: the header stands here again; passed over", sheet.file));
+            continue;
+        }
+        let short = row.len() < width && !(spare && row.len() + 1 == width);
+        let long = filled(row) > width;
+        if short || long {
+            let behind = rows.get(index..).unwrap_or_default();
+            if index > 0 && behind.iter().all(|(_, row)| row.iter().all(|cell| !is_data(cell, sheet.decimal))) {
+                sheet.notes.push(format!(
+                    "{}: {} lines of text behind the data, from line {line} on",
+                    sheet.file,
+                    behind.len()
+                ));
+                break;
+            }
+            if index > 0 && short && index + 1 == rows.len() && last == LastRow::MayBeCut {
+                sheet.notes.push(format!("{}: line {line}: the last row is cut off; left out", sheet.file));
+                break;
+            }
+            let cells: Vec<&str> = row.iter().map(AsRef::as_ref).collect();
+            return Err(super::csv::ragged(&sheet.file, *line, &cells, width));
+        }
+        for (column, texts) in texts.iter_mut().enumerate() {
+            texts.push(row.get(column).cloned().unwrap_or_default());
+        }
+        sheet.lines.push(*line);
+    }
+    if sheet.lines.is_empty() {
+        return Err(CsvError::NoRows { file: sheet.file.clone() });
+    }
+    sheet.columns = texts
+        .into_iter()
+        .enumerate()
+        .map(|(at, texts)| {
+            let title = head
+                .names
+                .get(at)
+                .filter(|name| !name.is_empty())
+                .cloned()
+                .unwrap_or_else(|| format!("column {}", at + 1));
+            let mut column = SheetColumn::new(&title, Cells::Text(texts));
+            if let Some(unit) = head.units.get(at).filter(|unit| !unit.is_empty()) {
+                column.unit = Some(unit.to_string());
+            }
+            column
+        })
+        .collect();
+    Ok(())
+}

@@ -1,0 +1,276 @@
+//! Recordings as a rig wants them, whoever wrote them: one way in for every command.
+//!
+//! ```text
+//! bytes ── MCAP of ours ────────────────────────────┐
+//!       ├─ MATLAB 5 ─┐                              │
+//!       └─ text ─────┴─ sheet ── the rig's columns ─┴─ rows of 20 ms, lost ones bridged ── Recording
+//! ```
+//!
+//! Columns are found under the rig's own names or as its `[recording]` table says ([`RecordingMap`]); rates, lost rows and
+//! jitter are dealt with alike for both. Columns that the rig does not ask for may hold anything; where samples are rows as they
+//! are they are kept by name.
+
+use std::path::Path;
+
+use model::rig::{RecordingMap, Rig};
+
+use super::columns::{Asked, asked, check, is_own};
+use super::csv::{Column, ColumnData, CsvError, TIME_COLUMN};
+use super::resample::{Kind, Resampling};
+use super::sheet::Sheet;
+use super::table::{Recording, RecordingError, Rows};
+use super::times::{Times, times};
+use super::{file_kind, logger_text, repeated};
+
+impl Recording {
+    /// Reads a recording for a rig: MCAP of the daemon, what loggers write as text, MATLAB files.
+    ///
+    /// # Errors
+    /// The file cannot be read, or its content is wrong: one line with file, line and column, and the key of `[recording]` that
+    /// would help.
+    pub fn read_for(path: &Path, rig: &Rig) -> Result<Self, RecordingError> {
+        let file = path.display().to_string();
+        let bytes = std::fs::read(path).map_err(|source| RecordingError::Read { file: file.clone(), source })?;
+        let named_mcap = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("mcap"));
+        if bytes.starts_with(mcap::MAGIC) || named_mcap {
+            return Recording::parse_mcap(&file, &bytes)?.bridged(rig);
+        }
+        Self::parse_for(&file, &bytes, rig)
+    }
+
+    /// Parses the bytes of a file that is no MCAP file, as [`Recording::read_for`] does; `file` is the name that errors carry.
+    ///
+    /// # Errors
+    /// As [`Recording::read_for`].
+    pub fn parse_for(file: &str, bytes: &[u8], rig: &Rig) -> Result<Self, RecordingError> {
+        let map = rig.recording.clone().unwrap_or_default();
+        if let Some(sheet) = file_kind::sheet(file, bytes)? {
+            return from_sheet(&sheet, rig, &map);
+        }
+        let text = logger_text::decode(file, bytes)?;
+        from_sheet(&logger_text::sheet(file, &text, &map)?, rig, &map)
+    }
+
+    /// The same with lost rows bridged, as samples of other programs are.
+    fn bridged(self, rig: &Rig) -> Result<Self, RecordingError> {
+        if self.segments().len() < 2 {
+            return Ok(self);
+        }
+        let kinds = asked(rig);
+        let time_s = self.time_s().to_vec();
+        let resampling = Resampling::new(&time_s);
+        let columns = self.columns().iter().map(|column| {
+            let kind = kinds.iter().find(|one| one.name == column.name).map_or(Kind::Switch, |one| one.kind);
+            Column { name: column.name.clone(), data: rows_of(&resampling, &column.data, kind) }
+        });
+        let rows = Rows {
+            columns: columns.collect(),
+            measured: resampling.measured.clone(),
+            sampling_s: resampling.sampling_s(),
+            header_line: None,
+            time_s: resampling.rows.clone(),
+        };
+        let notes = self.notes().iter().cloned().chain(resampling.notes(self.source())).collect();
+        Ok(Self::from_rows(self.source(), rows)?.with_notes(notes))
+    }
+}
+
+/// A column at the rows.
+fn rows_of(resampling: &Resampling<'_>, data: &ColumnData, kind: Kind) -> ColumnData {
+    match data {
+        ColumnData::Numbers(numbers) => ColumnData::Numbers(resampling.rows_of(numbers, kind)),
+        ColumnData::Text(texts) => ColumnData::Text(resampling.texts_of(texts)),
+    }
+}
+
+/// The recording that a sheet is for a rig.
+fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Recording, RecordingError> {
+    let own = is_own(sheet, rig, map)?;
+    let Times { time_s, columns: of_time, taken } = times(sheet, map, own)?;
+    let mut units = taken;
+    let mut columns = Vec::new();
+    for Asked { name, kind, default } in asked(rig) {
+        let Some(made) = super::columns::made(sheet, rig, map, own, (&name, kind, default))? else { continue };
+        units.extend(made.taken);
+        check(sheet, (&name, kind), &made.from, &made.numbers)?;
+        columns.push((Column { name, data: ColumnData::Numbers(made.numbers) }, kind));
+    }
+    let mut resampling = Resampling::new(&time_s);
+    let readings =
+        columns.iter().filter(|(_, kind)| *kind == Kind::Reading).filter_map(|(column, _)| match &column.data {
+            ColumnData::Numbers(numbers) => Some(numbers.as_slice()),
+            ColumnData::Text(_) => None,
+        });
+    if let Some((fresh, repeats)) = repeated::fresh(&readings.collect::<Vec<_>>()) {
+        resampling.only(&fresh, repeats);
+    }
+    let rows = |(column, kind): &(Column, Kind)| Column {
+        name: column.name.clone(),
+        data: rows_of(&resampling, &column.data, *kind),
+    };
+    let mut made: Vec<Column> = columns.iter().map(rows).collect();
+    if resampling.is_as_it_was() {
+        made = with_others(made, sheet, &of_time, &resampling);
+    }
+    let rows = Rows {
+        columns: made,
+        measured: resampling.measured.clone(),
+        sampling_s: resampling.sampling_s(),
+        header_line: sheet.header_line,
+        time_s: resampling.rows.clone(),
+    };
+    let mut notes = Vec::new();
+    notes.extend(manner(sheet, &units));
+    notes.extend(sheet.notes.iter().cloned());
+    notes.extend(resampling.notes(&sheet.file));
+    Ok(Recording::from_rows(&sheet.file, rows)?.with_notes(notes))
+}
+
+/// The rig's columns and those that nobody asked for, in the file's order where the rig's own names stand in it.
+fn with_others(made: Vec<Column>, sheet: &Sheet<'_>, of_time: &[usize], resampling: &Resampling<'_>) -> Vec<Column> {
+    let mut made: Vec<Option<Column>> = made.into_iter().map(Some).collect();
+    let mut all = Vec::with_capacity(sheet.columns.len());
+    for (at, column) in sheet.columns.iter().enumerate() {
+        if of_time.contains(&at) || column.name == TIME_COLUMN {
+            continue;
+        }
+        let own = made.iter_mut().find(|one| one.as_ref().is_some_and(|one| one.name == column.name));
+        if let Some(own) = own.and_then(Option::take) {
+            all.push(own);
+        } else if all.iter().all(|one: &Column| one.name != column.name) {
+            let data = rows_of(resampling, &sheet.kept(at), Kind::Signal);
+            all.push(Column { name: column.name.clone(), data });
+        }
+    }
+    // Names that the file does not have: those that its map made.
+    let made: Vec<Column> = made.into_iter().flatten().collect();
+    all.retain(|one| made.iter().all(|own| own.name != one.name));
+    made.into_iter().chain(all).collect()
+}
+
+/// How a file was read, where it was not plain CSV in the rig's units.
+fn manner(sheet: &Sheet<'_>, units: &[String]) -> Option<String> {
+    let mut words = sheet.manner.clone();
+    if !units.is_empty() {
+        words.push(format!("units taken: {}", units.join(", ")));
+    }
+    (!words.is_empty()).then(|| format!("{}: read with {}", sheet.file, words.join("; ")))
+}
+
+/// Refuses times that do not go forward.
+///
+/// # Errors
+/// The first row whose time is not after that of the row before, with its line.
+pub(super) fn forward(sheet: &Sheet<'_>, column: usize, time_s: &[f64]) -> Result<(), CsvError> {
+    let steps = time_s.windows(2).zip(sheet.lines.iter().skip(1));
+    for (pair, line) in steps {
+        if pair[1] <= pair[0] {
+            return Err(CsvError::TimeNotForward {
+                file: sheet.file.clone(),
+                line: *line,
+                position: column + 1,
+                column: sheet.columns.get(column).map_or_else(|| TIME_COLUMN.to_owned(), |column| column.title.clone()),
+                value: pair[1],
+                previous: pair[0],
+            });
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RIG: &str = r#"
+format = 1
+name = "line"
+[gas]
+gas_constant_j_per_kg_k = 287.0
+heat_capacity_ratio = 1.4
+[atmosphere]
+pressure_kpa_abs = 101.325
+temperature_k = 293.15
+[volumes.line]
+volume_l = 0.1
+temperature_k = 293.15
+[pumps.pump]
+kind = "flow"
+outlet = "line"
+command = "u"
+flow_l_per_min = 2.0
+[sources.meter]
+kind = "flow"
+to = "line"
+flow_l_per_min = 1.0
+signal = "q"
+[sensors.sensor]
+volume = "line"
+column = "p_kpa"
+range_kpa_gauge = [0.0, 100.0]
+range_v = [0.0, 5.0]
+[recording]
+time = { from = "ms", scale = 1e-3 }
+columns.u = { from = "PWM", scale = 0.01 }
+columns.q = { from = "q_in", scale = 2.0 }
+columns.p_kpa = { from = "P", offset = 1.0 }
+"#;
+
+    fn read(text: &str) -> Result<Recording, RecordingError> {
+        let rig = Rig::from_toml(RIG).unwrap();
+        Recording::parse_for("x.csv", text.as_bytes(), &rig)
+    }
+
+    /// A parabola in time sampled every 7 ms: means and instants are those of calculus, up to what straight lines
+    /// between samples leave out (h²/8 · x'' = 6e-6 of x'' = 1).
+    #[test]
+    fn dense_samples_become_rows_by_their_means() {
+        let mut text = String::from("ms,PWM,q_in,P\n");
+        for k in 0..300 {
+            let t = 7e-3 * f64::from(k);
+            let parabola = 0.5 * t * t;
+            text.push_str(&format!("{},{},{parabola},{parabola}\n", 7 * k, if k < 100 { 0 } else { 100 }));
+        }
+        let recording = read(&text).unwrap();
+        let [u, q, p] = recording.require(["u", "q", "p_kpa"]).unwrap();
+        assert_eq!(recording.rows(), 105);
+        assert!(recording.notes()[0].contains("7.0 ms"), "{:?}", recording.notes());
+        for (row, t) in recording.time_s().iter().enumerate().take(100).skip(1) {
+            let (a, b) = (*t, t + 0.02);
+            assert!((q[row] / 2.0 - (b.powi(3) - a.powi(3)) / 0.12).abs() < 1e-5, "{row}");
+            assert!((p[row] - 1.0 - (0.5 * t * t + 0.01_f64.powi(2) / 6.0)).abs() < 1e-5, "{row}");
+            // The command steps at 0.7 s; the row that holds the step has its share of it.
+            let share = ((b - 0.7) / 0.02).clamp(0.0, 1.0);
+            assert!((u[row] - share).abs() < 1e-9, "{row}");
+        }
+    }
+
+    #[test]
+    fn sparse_jittering_samples_are_joined_by_lines_and_gaps_stay_gaps() {
+        let times: Vec<f64> = (0..50)
+            .map(|k| 20.0 * f64::from(k) + if k % 2 == 0 { 0.0 } else { 0.3 } + if k > 30 { 200.0 } else { 0.0 })
+            .collect();
+        let text: String = times.iter().map(|t| format!("{t},50,0,{}\n", 0.25 * t)).collect();
+        let recording = read(&format!("ms,PWM,q_in,P\n{text}")).unwrap();
+        assert_eq!(recording.segments().len(), 2);
+        assert_eq!(recording.notes().len(), 0, "20.3 and 19.7 ms are near enough");
+        let [p] = recording.require(["p_kpa"]).unwrap();
+        for (t, p) in recording.time_s().iter().zip(p) {
+            assert!((p - 1.0 - 250.0 * t).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn own_columns_are_taken_as_they_are_and_missing_ones_named() {
+        let own = "time_s,u,q,p_kpa\n0,0.1,3,5\n0.02,0.1,3,5\n0.04,0.1,3,5\n";
+        assert_eq!(read(own).unwrap().column("p_kpa").unwrap(), [5.0; 3]);
+        let said = read("ms,PWM,P\n0,1,1\n20,1,1\n").unwrap_err().to_string();
+        assert!(said.contains("q_in") && said.contains("ms,PWM,P"), "{said}");
+        let said = read("s,PWM,q_in,P\n0,1,1,1\n").unwrap_err().to_string();
+        assert!(said.contains("column ms is missing") && said.contains("[recording] time"), "{said}");
+        let said = read("ms,PWM,q_in,P\n0,1,1,1\n0,1,1,1\n").unwrap_err().to_string();
+        assert!(said.contains("line 3"), "{said}");
+        let said = read("ms,PWM,q_in,P\n0,on,1,1\n20,on,1,1\n").unwrap_err().to_string();
+        assert!(said.contains("PWM") && said.contains("text"), "{said}");
+    }
+}

@@ -1,0 +1,281 @@
+//! Times of a file's rows: which column they stand in, and in what unit.
+//!
+//! Looked for in this order: what `[recording] time` names; `time_s`; a column that is called a time; the only column of dates; a
+//! column of dates beside one of times of day. Units are those that the map, the file or the name say. Numbers too large for a
+//! recording's seconds are epochs, in the unit in which they lie between 2001 and 2286. Where nobody says a unit, steps that only
+//! another one explains are refused with the key that says it, and never taken for a slow logger's.
+
+use model::rig::{RecordingMap, Term};
+
+use super::csv::TIME_COLUMN;
+use super::read_for::forward;
+use super::resample::median_step;
+use super::sheet::Sheet;
+use super::table::RecordingError;
+use super::table::rules::time_hint;
+use super::units::Unit;
+
+/// Samples further apart than this (s) are refused: a pump moves a chamber within seconds, and a rate so slow is mostly
+/// milliseconds taken for seconds.
+const MOST_STEP_S: f64 = 5.0;
+/// Epochs in seconds lie between these (2001 and 2286), which no recording's own seconds reach.
+const EPOCH_S: [f64; 2] = [1e9, 1e10];
+
+/// Names that columns of times go by, in the order in which they are preferred, and the s per number that the name says.
+const NAMES: [(&str, Option<f64>); 22] = [
+    ("time", None),
+    ("t", None),
+    ("timestamp", None),
+    ("time stamp", None),
+    ("datetime", None),
+    ("date_time", None),
+    ("date time", None),
+    ("date/time", None),
+    ("x_value", None),
+    ("elapsed", None),
+    ("elapsed time", None),
+    ("elapsed_time", None),
+    ("zeit", None),
+    ("t_s", Some(1.0)),
+    ("seconds", Some(1.0)),
+    ("time_ms", Some(1e-3)),
+    ("t_ms", Some(1e-3)),
+    ("timestamp_ms", Some(1e-3)),
+    ("millis", Some(1e-3)),
+    ("ms", Some(1e-3)),
+    ("time_us", Some(1e-6)),
+    ("micros", Some(1e-6)),
+];
+
+/// Times and where they come from.
+#[derive(Debug)]
+pub(super) struct Times {
+    /// By row (s).
+    pub(super) time_s: Vec<f64>,
+    /// Places of their columns.
+    pub(super) columns: Vec<usize>,
+    /// What was taken for what, in words, where it was not `time_s` in seconds.
+    pub(super) taken: Vec<String>,
+}
+
+/// Where the seconds of a column come from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Said {
+    /// The map, the file or the name says the unit: s per number.
+    Unit(f64),
+    /// The map names the column, which is in s then.
+    Column,
+    /// Nobody.
+    Nothing,
+}
+
+/// The times of a sheet's rows.
+///
+/// # Errors
+/// No column of times, a cell that is no time, times that do not go forward, steps of another unit.
+pub(super) fn times(sheet: &Sheet<'_>, map: &RecordingMap, own: bool) -> Result<Times, RecordingError> {
+    let mapped = map.time.0.iter().map(|term| sheet.find(&term.from)).collect::<Result<Vec<_>, _>>()?;
+    let there: Option<Vec<usize>> = mapped.into_iter().collect();
+    let of_its_own_name = map.time.0.iter().all(|term| term.from == TIME_COLUMN);
+    let times = match there {
+        Some(places) if map.names_time() && (!own || of_its_own_name) => of_terms(sheet, map, &places)?,
+        _ => match place(sheet, map)? {
+            Found::Columns(places) => of_columns(sheet, &places)?,
+            Found::Period(period_s) => Times {
+                time_s: (0..sheet.rows()).map(|row| period_s * row as f64).collect(),
+                columns: Vec::new(),
+                taken: vec![format!("a row every {} ms", 1e3 * period_s)],
+            },
+        },
+    };
+    forward(sheet, times.columns.first().copied().unwrap_or(0), &times.time_s)?;
+    Ok(times)
+}
+
+enum Found {
+    Columns(Vec<usize>),
+    Period(f64),
+}
+
+/// Where the times are, of a map that does not say it, or says what the file does not have.
+fn place(sheet: &Sheet<'_>, map: &RecordingMap) -> Result<Found, RecordingError> {
+    if let Some(at) = sheet.find(TIME_COLUMN)? {
+        return Ok(Found::Columns(vec![at]));
+    }
+    if let Some(period_ms) = map.period_ms {
+        return Ok(Found::Period(1e-3 * period_ms));
+    }
+    if !map.names_time() {
+        if let Some(places) = guessed(sheet) {
+            return Ok(Found::Columns(places));
+        }
+    }
+    let column = map.time.0.iter().map(|term| &term.from).find(|name| !matches!(sheet.find(name), Ok(Some(_))));
+    let mend = if map.names_time() {
+        "the rig file's [recording] time asks for it".to_owned()
+    } else {
+        "where the time has another name say so in the rig file: [recording] time = \"…\"; where there is none, period_ms = …".to_owned()
+    };
+    Err(RecordingError::NotMapped {
+        file: sheet.file.clone(),
+        line: sheet.header_line,
+        column: column.map_or(TIME_COLUMN, String::as_str).to_owned(),
+        found: sheet.listed(),
+        mend,
+    })
+}
+
+/// A column that is called a time, the only one of dates, or a date beside a time of day.
+fn guessed(sheet: &Sheet<'_>) -> Option<Vec<usize>> {
+    let called = |name: &str| sheet.columns.iter().position(|column| column.name.eq_ignore_ascii_case(name));
+    if let (Some(date), Some(time)) = (called("date"), called("time"))
+        && sheet.is_timestamped(date)
+        && sheet.is_timestamped(time)
+    {
+        return Some(vec![date, time]);
+    }
+    if let Some(at) = NAMES.iter().find_map(|(name, _)| called(name)) {
+        return Some(vec![at]);
+    }
+    let dates: Vec<usize> = (0..sheet.columns.len()).filter(|at| sheet.is_timestamped(*at)).collect();
+    (dates.len() == 1).then_some(dates)
+}
+
+/// Times as the map makes them.
+fn of_terms(sheet: &Sheet<'_>, map: &RecordingMap, places: &[usize]) -> Result<Times, RecordingError> {
+    let mut time_s = vec![0.0; sheet.rows()];
+    let mut taken = Vec::new();
+    for (term, at) in map.time.0.iter().zip(places) {
+        let said = said(sheet, *at, Some(term))?;
+        let (numbers, word) = seconds(sheet, *at, said)?;
+        taken.extend(word);
+        time_s.iter_mut().zip(numbers).for_each(|(slot, x)| *slot += term.of(x));
+    }
+    let explicit = map.time.0.iter().any(|term| term.unit.is_some() || !term.is_plain());
+    let said = if explicit { Said::Unit(1.0) } else { Said::Column };
+    plausible(sheet, places, &time_s, said)?;
+    Ok(Times { time_s: from_zero(time_s), columns: places.to_vec(), taken })
+}
+
+/// Times of columns that no map names.
+fn of_columns(sheet: &Sheet<'_>, places: &[usize]) -> Result<Times, RecordingError> {
+    let mut time_s = vec![0.0; sheet.rows()];
+    let (mut taken, mut least) = (Vec::new(), Said::Unit(1.0));
+    for at in places {
+        let said = said(sheet, *at, None)?;
+        let (numbers, word) = seconds(sheet, *at, said)?;
+        taken.extend(word);
+        if said == Said::Nothing && !sheet.is_timestamped(*at) {
+            least = said;
+        }
+        time_s.iter_mut().zip(numbers).for_each(|(slot, x)| *slot += x);
+    }
+    plausible(sheet, places, &time_s, least)?;
+    let names: Vec<&str> = places.iter().filter_map(|at| sheet.columns.get(*at)).map(|c| c.title.as_str()).collect();
+    if taken.is_empty() && names != [TIME_COLUMN] {
+        taken.push(format!("time from {} in s", names.join(" and ")));
+    }
+    Ok(Times { time_s: from_zero(time_s), columns: places.to_vec(), taken })
+}
+
+/// Times since the first row where they are since 1970, so that they stay short.
+fn from_zero(mut time_s: Vec<f64>) -> Vec<f64> {
+    match time_s.first().copied() {
+        Some(first) if first.abs() >= 0.1 * EPOCH_S[0] => {
+            time_s.iter_mut().for_each(|time| *time -= first);
+            time_s
+        }
+        _ => time_s,
+    }
+}
+
+fn said(sheet: &Sheet<'_>, at: usize, term: Option<&Term>) -> Result<Said, RecordingError> {
+    let Some(column) = sheet.columns.get(at) else { return Ok(Said::Nothing) };
+    if let Some(text) = term.and_then(|term| term.unit.as_ref()) {
+        return match Unit::parse(text) {
+            Some(Unit::Time(s)) => Ok(Said::Unit(s)),
+            _ => Err(RecordingError::Unit {
+                file: sheet.file.clone(),
+                column: column.title.clone(),
+                problem: format!(
+                    "`unit = \"{text}\"` in [recording] time is no unit of time; use s, ms, us, ns, min or h"
+                ),
+            }),
+        };
+    }
+    if term.is_some_and(|term| !term.is_plain()) {
+        return Ok(Said::Unit(1.0));
+    }
+    if let Some(Unit::Time(s)) = column.unit.as_ref().and_then(|unit| Unit::parse(unit)) {
+        return Ok(Said::Unit(s));
+    }
+    if term.is_some() {
+        return Ok(Said::Column);
+    }
+    let by_name = NAMES.iter().find(|(name, _)| column.name.eq_ignore_ascii_case(name)).and_then(|(_, s)| *s);
+    Ok(by_name.map_or(Said::Nothing, Said::Unit))
+}
+
+/// The seconds of one column, and a word where they were not seconds already.
+fn seconds(sheet: &Sheet<'_>, at: usize, said: Said) -> Result<(Vec<f64>, Option<String>), RecordingError> {
+    let title = sheet.columns.get(at).map_or("", |column| column.title.as_str());
+    let mut numbers = sheet.times(at)?;
+    if sheet.is_timestamped(at) {
+        return Ok((numbers, Some(format!("{title} as date and time"))));
+    }
+    let (factor, word) = match said {
+        Said::Unit(s) => (s, (s != 1.0).then(|| format!("{title} in {s} s"))),
+        Said::Column | Said::Nothing => {
+            let factor = epoch_unit(numbers.first().copied().unwrap_or(0.0));
+            (factor, (factor != 1.0).then(|| format!("{title} since 1970 in {factor} s")))
+        }
+    };
+    // Differences of times since 1970 keep more digits before they are scaled than after.
+    let first = numbers.first().copied().unwrap_or(0.0);
+    if first.abs() * factor > EPOCH_S[0] {
+        numbers.iter_mut().for_each(|x| *x = (*x - first) * factor);
+    } else {
+        numbers.iter_mut().for_each(|x| *x *= factor);
+    }
+    Ok((numbers, word))
+}
+
+/// s per number of an epoch; 1 where a number is none.
+fn epoch_unit(first: f64) -> f64 {
+    let [from, to] = EPOCH_S;
+    [1.0, 1e-3, 1e-6, 1e-9].into_iter().find(|factor| (from..to).contains(&(first * factor))).unwrap_or(1.0)
+}
+
+/// Refuses steps that only another unit explains.
+fn plausible(sheet: &Sheet<'_>, places: &[usize], time_s: &[f64], said: Said) -> Result<(), RecordingError> {
+    let Some(step_s) = median_step(time_s).filter(|step| *step > 0.0) else { return Ok(()) };
+    let title =
+        places.first().and_then(|at| sheet.columns.get(*at)).map_or(TIME_COLUMN, |column| column.title.as_str());
+    let key = |unit: &str| format!("[recording] time = {{ from = \"{title}\", unit = \"{unit}\" }}");
+    if let Some(hint) = time_hint(step_s).filter(|_| said == Said::Nothing) {
+        return Err(RecordingError::TimeUnit {
+            file: sheet.file.clone(),
+            median_ms: (step_s * 1e6).round() / 1e3,
+            mend: format!("{title} seems to {hint}, or say what it is in the rig file: {}", key(unit_of(hint))),
+            column: title.to_owned(),
+        });
+    }
+    if step_s <= MOST_STEP_S {
+        return Ok(());
+    }
+    let smaller = [("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
+    let likely = smaller.into_iter().find(|(_, s)| step_s * s <= MOST_STEP_S).map_or("ns", |(unit, _)| unit);
+    Err(RecordingError::TooSparse {
+        file: sheet.file.clone(),
+        column: title.to_owned(),
+        step_s: (step_s * 1e3).round() / 1e3,
+        most_s: MOST_STEP_S,
+        mend: format!("{title} seems to be in {likely}: say so in the rig file, {}", key(likely)),
+    })
+}
+
+/// The unit that a hint is about.
+fn unit_of(hint: &str) -> &'static str {
+    let units = [("milli", "ms"), ("micro", "us"), ("nano", "ns"), ("minutes", "min"), ("hours", "h")];
+    units.into_iter().find(|(word, _)| hint.contains(word)).map_or("s", |(_, unit)| unit)
+}

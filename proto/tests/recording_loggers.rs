@@ -1,0 +1,437 @@
+//! Files as loggers write them: each is read as what it is, or refused with the key that would help.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "the helpers of a test fail by panicking, as the test does")]
+
+use model::rig::Rig;
+use proto::recording::{Recording, RecordingError};
+
+const HEADER: &str = "time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa";
+const ROWS: usize = 60;
+
+/// A number that moves and repeats itself nowhere, with four digits.
+fn wave(row: usize, speed: f64) -> f64 {
+    ((row as f64 * speed).sin() * 1e4).round() / 1e4
+}
+
+/// Duties and pressures of a row.
+fn row(k: usize) -> [f64; 4] {
+    [0.7 + 0.1 * wave(k, 0.3), 0.8 + 0.1 * wave(k, 0.2), 90.0 + wave(k, 0.7), -66.0 + wave(k, 0.9)]
+}
+
+/// A table of all rows: what stands before a row's four numbers, between them and behind.
+fn table(head: &str, time: impl Fn(usize) -> String, separator: &str, decimal: &str, end: &str) -> String {
+    let mut text = head.to_owned();
+    for k in 0..ROWS {
+        let cells = row(k).map(|x| format!("{x:.5}").replace('.', decimal));
+        text.push_str(&format!("{}{separator}{}{end}\n", time(k), cells.join(separator)));
+    }
+    text
+}
+
+fn seconds(k: usize) -> String {
+    format!("{:.2}", 0.02 * k as f64)
+}
+
+fn paper() -> Rig {
+    Rig::builtin("dual_pressure").unwrap()
+}
+
+/// The paper's rig with a `[recording]` table.
+fn with(table: &str) -> Rig {
+    Rig::from_toml(&format!("{}\n[recording]\n{table}\n", paper().to_toml().unwrap())).unwrap()
+}
+
+fn read(bytes: impl AsRef<[u8]>, rig: &Rig) -> Result<Recording, RecordingError> {
+    Recording::parse_for("x.csv", bytes.as_ref(), rig)
+}
+
+fn refused(bytes: impl AsRef<[u8]>, rig: &Rig) -> String {
+    let said = read(bytes, rig).unwrap_err().to_string();
+    assert!(said.starts_with("x.csv: ") && !said.contains('\n'), "{said}");
+    said
+}
+
+/// Every row is there, bit for bit what five digits say.
+fn assert_whole(recording: &Recording, what: &str) {
+    assert_eq!((recording.rows(), recording.segments().len()), (ROWS, 1), "{what}: {:?}", recording.notes());
+    assert_eq!(recording.measured(), None, "{what}");
+    let columns = recording.require(["u_pos", "u_neg", "p_pos_kpa", "p_neg_kpa"]).unwrap();
+    for k in 0..ROWS {
+        for (column, expected) in columns.iter().zip(row(k)) {
+            assert!((column[k] - expected).abs() < 6e-6, "{what}: row {k}: {} for {expected}", column[k]);
+        }
+        assert!((recording.time_s()[k] - recording.time_s()[0] - 0.02 * k as f64).abs() < 2e-6, "{what}: row {k}");
+    }
+}
+
+#[test]
+fn separators_decimal_marks_heads_and_ends_are_found_out() {
+    let plain = table(&format!("{HEADER}\n"), seconds, ",", ".", "");
+    let with_head = |head: &str| table(&format!("{head}{HEADER}\n"), seconds, ",", ".", "");
+    let semicolons = HEADER.replace(',', ";");
+    let tabs = HEADER.replace(',', "\t");
+    let day = |k: usize| format!("2026-03-29 01:59:{:06.3}", 58.5 + 0.02 * k as f64);
+    let zone = |k: usize| format!("2026-03-29T23:59:{:06.3}+02:00", 58.5 + 0.02 * k as f64);
+    let stamped = HEADER.replace("time_s", "Timestamp");
+    let cases: Vec<(&str, String, &str)> = vec![
+        ("plain", plain.clone(), ""),
+        ("tabs", table(&format!("{tabs}\n"), seconds, "\t", ".", ""), "tabs"),
+        (
+            "semicolons",
+            table(&format!("{semicolons}\n"), |k| seconds(k).replace('.', ","), ";", ",", ""),
+            "decimal commas",
+        ),
+        ("semicolons and points", table(&format!("{semicolons}\n"), seconds, ";", ".", ""), "semicolons"),
+        (
+            "tabs and commas",
+            table(&format!("{tabs}\n"), |k| seconds(k).replace('.', ","), "\t", ",", ""),
+            "decimal commas",
+        ),
+        ("blanks", table(&format!("{}\n", HEADER.replace(',', "   ")), seconds, "  ", ".", " "), "blanks"),
+        ("trailing", table(&format!("{HEADER},\n"), seconds, ",", ".", ","), ""),
+        ("trailing in rows", table(&format!("{HEADER}\n"), seconds, ",", ".", ","), ""),
+        ("comments", with_head("# rig 3, \"run\n% 5\" tube\n// gauge\n"), ""),
+        ("comment header", table(&format!("# run 7\n# {HEADER}\n"), seconds, ",", ".", ""), "comment line"),
+        (
+            "head",
+            with_head(
+                "Settings:\nfilename,run_1.csv\nTraj times,0.00,100.00,1500.00,1600.00,3000.00\nKP,0.7,1,2,3\nData:\n",
+            ),
+            "5 lines before",
+        ),
+        ("units", with_head("").replacen('\n', "\ns,-,-,kPa,kPa\n", 1), "units taken: u_pos in -"),
+        (
+            "units in names",
+            plain.replace("p_pos_kpa", "p_pos_kpa [kPa]").replace("time_s", "time_s (s)"),
+            "p_pos_kpa in kPa",
+        ),
+        (
+            "pandas",
+            plain
+                .lines()
+                .enumerate()
+                .map(|(k, l)| if k == 0 { format!(",{l}\n") } else { format!("{k},{l}\n") })
+                .collect(),
+            "",
+        ),
+        ("date", table(&format!("{stamped}\n"), day, ",", ".", ""), "Timestamp as date"),
+        ("zone", table(&format!("{stamped}\n"), zone, ",", ".", ""), "Timestamp as date"),
+        (
+            "epoch",
+            table(&format!("{stamped}\n"), |k| format!("{}", 1_774_749_540_000_u64 + 20 * k as u64), ",", ".", ""),
+            "since 1970 in 0.001 s",
+        ),
+        (
+            "ms",
+            table(&format!("{}\n", HEADER.replace("time_s", "time_ms")), |k| (20 * k).to_string(), ",", ".", ""),
+            "time_ms in 0.001 s",
+        ),
+        (
+            "date and time",
+            table(
+                &format!("Date,Time,{}\n", &HEADER[7..]),
+                |k| format!("29.03.2026,10:00:{:06.3}", 0.02 * k as f64),
+                ",",
+                ".",
+                "",
+            ),
+            "as date",
+        ),
+        ("crlf and a byte-order mark", format!("\u{feff}{}", plain.replace('\n', "\r\n")), ""),
+        ("text behind", format!("{plain}End of data\n"), "1 lines of text behind"),
+        (
+            "header again",
+            format!("{}{}", plain.replacen("0.60,", &format!("{HEADER}\n0.60,"), 1), ""),
+            "stands here again",
+        ),
+        (
+            "other columns",
+            plain
+                .lines()
+                .enumerate()
+                .map(|(k, l)| if k == 0 { format!("{l},ambient_c,note\n") } else { format!("{l},NaN,caf\u{e9}\n") })
+                .collect(),
+            "",
+        ),
+    ];
+    for (name, text, told) in cases {
+        let recording = read(&text, &paper()).unwrap_or_else(|error| panic!("{name}: {error}"));
+        assert_whole(&recording, name);
+        let notes = recording.notes().join("\n");
+        assert!(notes.contains(told) && (told.is_empty() == notes.is_empty()), "{name}: {notes}");
+    }
+    // UTF-16, as a spreadsheet's "Unicode text"; Latin-1 in a name that nobody asks for.
+    let wide = |bytes: fn(u16) -> [u8; 2], mark: [u8; 2]| {
+        [mark.to_vec(), plain.encode_utf16().flat_map(bytes).collect::<Vec<u8>>()].concat()
+    };
+    assert_whole(&read(wide(u16::to_le_bytes, [0xFF, 0xFE]), &paper()).unwrap(), "UTF-16 LE");
+    assert_whole(&read(wide(u16::to_be_bytes, [0xFE, 0xFF]), &paper()).unwrap(), "UTF-16 BE");
+    let degrees: Vec<u8> = plain
+        .lines()
+        .enumerate()
+        .flat_map(|(k, l)| [l.as_bytes(), if k == 0 { b",T \xB0C\n" } else { b",21\n" }].concat())
+        .collect();
+    assert_whole(&read(degrees, &paper()).unwrap(), "Latin-1");
+}
+
+#[test]
+fn a_row_that_was_cut_off_is_left_out_and_said() {
+    let text = table(&format!("{HEADER}\n"), seconds, ",", ".", "") + "1.20,0.7,0.8,9";
+    let recording = read(text, &paper()).unwrap();
+    assert_whole(&recording, "cut");
+    assert!(recording.notes()[0].contains("line 62: the last row is cut off"), "{:?}", recording.notes());
+}
+
+#[test]
+fn labview_files_are_read() {
+    let head = |columns: &str, decimal: &str| {
+        format!(
+            "LabVIEW Measurement\t\r\nWriter_Version\t2\r\nSeparator\tTab\r\nDecimal_Separator\t{decimal}\r\nX_Columns\t{columns}\r\n\
+             Time\t01:59:59,98\r\n***End_of_Header***\t\r\n\t\r\nChannels\t4\t\t\t\t\r\nSamples\t60\t60\t60\t60\t\r\n\
+             Y_Unit_Label\tV\tV\tkPa\tkPa\t\r\nX0\t0\t0\t0\t0\t\r\nDelta_X\t0{decimal}02\t0{decimal}02\t0{decimal}02\t0{decimal}02\t\r\n\
+             ***End_of_Header***\t\t\t\t\t\r\nX_Value\tu_pos\tu_neg\tp_pos_kpa\tp_neg_kpa\tComment\r\n"
+        )
+    };
+    let one = table(&head("One", ","), |k| seconds(k).replace('.', ","), "\t", ",", "\r");
+    let recording = read(one, &paper()).unwrap();
+    assert_whole(&recording, "one column of times");
+    let notes = recording.notes().join("\n");
+    for word in ["LabVIEW", "decimal commas", "u_pos as it stands, a share of 1 (V is said)", "p_pos_kpa in kPa"] {
+        assert!(notes.contains(word), "{word}: {notes}");
+    }
+    let none = table(&head("No", "."), |_| String::new(), "\t", ".", "\t\r");
+    assert_whole(&read(none, &paper()).unwrap(), "no column of times");
+}
+
+#[test]
+fn units_are_brought_to_the_rigs() {
+    let volts = |k: usize| {
+        let [a, b, p, n] = row(k);
+        // 1 … 5 V are 0 … 1000 and 0 … −101 kPa.
+        format!("{},{},{},{},{}\n", seconds(k), 100.0 * a, b, 1.0 + 0.004 * p, 1.0 - 4.0 / 101.0 * n)
+    };
+    let text = format!("{HEADER}\ns,%,-,V,V\n") + &(0..ROWS).map(volts).collect::<String>();
+    assert_whole(&read(text, &paper()).unwrap(), "volts and per cent");
+    let absolute = |k: usize| {
+        let [a, b, p, n] = row(k);
+        format!("{};{a};{b};{};{}\n", 20 * k, 10.0 * (p + 101.325), (n + 101.325) / 6.894_757_293_168)
+    };
+    let text = format!("t [ms];a;b;P1 (hPa abs);P2\n") + &(0..ROWS).map(absolute).collect::<String>();
+    let map = "time = \"t\"\ncolumns.u_pos = \"a\"\ncolumns.u_neg = \"b\"\ncolumns.p_pos_kpa = \"P1\"\n\
+               columns.p_neg_kpa = { from = \"P2\", unit = \"psia\" }";
+    assert_whole(&read(text, &with(map)).unwrap(), "absolute");
+    // An explicit scale is of the file's own numbers, whatever unit stands beside them.
+    let scaled = |k: usize| {
+        let [a, b, p, n] = row(k);
+        format!("{},{a},{b},{},{n}\n", seconds(k), 10.0 * p)
+    };
+    let text = format!("{}\n", HEADER.replace("p_pos_kpa", "P [mbar]")) + &(0..ROWS).map(scaled).collect::<String>();
+    assert_whole(&read(&text, &with("columns.p_pos_kpa = { from = \"P\", scale = 0.1 }")).unwrap(), "scale");
+    assert_whole(&read(&text, &with("columns.p_pos_kpa = \"P\"")).unwrap(), "the file's unit");
+}
+
+#[test]
+fn what_cannot_be_found_out_can_be_said() {
+    let bare = table("", |k| k.to_string(), ",", ".", "");
+    let said = refused(&bare, &paper());
+    assert!(said.contains("[recording] names"), "{said}");
+    let names = "names = [\"k\", \"u_pos\", \"u_neg\", \"p_pos_kpa\", \"p_neg_kpa\"]";
+    let said = refused(&bare, &with(names));
+    assert!(said.contains("period_ms"), "{said}");
+    assert_whole(&read(&bare, &with(&format!("{names}\nperiod_ms = 20.0"))).unwrap(), "names and period");
+    // Numbers for names, which only `header_line` tells from data.
+    let numbered = table("9,1,2,3,4\n", seconds, ",", ".", "");
+    let map = "header_line = 1\ntime = \"9\"\ncolumns.u_pos = \"1\"\ncolumns.u_neg = \"2\"\ncolumns.p_pos_kpa = \"3\"\ncolumns.p_neg_kpa = \"4\"";
+    assert_whole(&read(numbered, &with(map)).unwrap(), "header_line");
+    let piped = table(&format!("{}\n", HEADER.replace(',', ";")), |k| seconds(k).replace('.', ","), ";", ",", "");
+    assert_whole(&read(piped, &with("separator = \";\"\ndecimal = \",\"")).unwrap(), "told");
+}
+
+#[test]
+fn every_refusal_names_the_key_that_helps() {
+    let rows = table("", seconds, ",", ".", "");
+    let headed = |header: &str| format!("{header}\n{rows}");
+    let hot = format!("{HEADER}\n0,77,1,1,-1\n0.02,0.5,1,1,-1\n");
+    let cases: [(&str, String, Rig, &[&str]); 9] = [
+        (
+            "no time",
+            headed("a,u_pos,u_neg,p_pos_kpa,p_neg_kpa"),
+            paper(),
+            &["column time_s is missing", "[recording] time", "period_ms"],
+        ),
+        (
+            "no command",
+            headed("t,duty,u_neg,p_pos_kpa,p_neg_kpa"),
+            paper(),
+            &["line 1: column u_pos is missing", "[recording] columns.u_pos"],
+        ),
+        (
+            "mapped away",
+            headed("t,a,u_neg,p_pos_kpa,p_neg_kpa"),
+            with("time = \"t\"\ncolumns.u_pos = \"duty\""),
+            &["column duty is missing", "columns.u_pos asks for it"],
+        ),
+        ("scale", hot, paper(), &["line ", "(u_pos)", "outside 0 … 1", "scale = 0.01"]),
+        (
+            "eight bits",
+            format!("{HEADER}\n0,255,1,1,-1\n0.02,0,1,1,-1\n"),
+            paper(),
+            &["reaches 255", "scale = 0.00392157"],
+        ),
+        (
+            "ms",
+            format!("{HEADER}\n0,1,1,0,0\n20,1,1,0,0\n40,1,1,0,0\n"),
+            paper(),
+            &["rows are 20000 ms apart", "milliseconds", "unit = \"ms\""],
+        ),
+        ("odd ms", format!("{HEADER}\n0,1,1,0,0\n33,1,1,0,0\n66,1,1,0,0\n"), paper(), &["33 s apart", "unit = \"ms\""]),
+        (
+            "other unit",
+            format!("{}\n0,1,1,0,0\n0.02,1,1,0,0\n", HEADER.replace("p_pos_kpa", "p_pos_kpa [L/min]")),
+            paper(),
+            &["its unit is L/min", "scale = …"],
+        ),
+        (
+            "unknown unit",
+            headed(HEADER),
+            with("columns.u_pos = { from = \"u_pos\", unit = \"furlong\" }"),
+            &["furlong", "no unit known"],
+        ),
+    ];
+    for (name, text, rig, words) in cases {
+        let said = refused(text, &rig);
+        for word in words {
+            assert!(said.contains(word), "{name}: `{word}` is not in: {said}");
+        }
+    }
+    for (bytes, word) in [
+        (&b"MATLAB 7.3 MAT-file, Platform: GLNXA64"[..], "'-v7'"),
+        (b"\x89HDF\r\n\x1a\n", "HDF5"),
+        (b"PAR1....", "read_parquet"),
+        (b"PK\x03\x04....", "save the sheet as CSV"),
+        (b"\x1f\x8b\x08", "gunzip"),
+    ] {
+        let said = refused(bytes, &paper());
+        assert!(said.contains(word), "{said}");
+    }
+}
+
+/// What a refusal says to write into the rig file is what makes the file readable.
+#[test]
+fn the_key_that_a_refusal_names_helps() {
+    let percent = |k: usize| {
+        let [a, b, p, n] = row(k);
+        format!("{},{},{b},{},{n}\n", 20 * k, 100.0 * a, p + 101.325)
+    };
+    let text = format!("{HEADER}\n") + &(0..ROWS).map(percent).collect::<String>();
+    let map = "time = { from = \"time_s\", unit = \"ms\" }\ncolumns.u_pos = { from = \"u_pos\", scale = 0.01 }\n\
+               columns.p_pos_kpa = { from = \"p_pos_kpa\", unit = \"kPa abs\" }";
+    assert_whole(&read(text, &with(map)).unwrap(), "own names, other units");
+}
+
+/// What a rig asks for must be a number; what it does not ask for is nobody's business.
+#[test]
+fn nan_matters_only_where_it_is_asked_for() {
+    let text = format!("{HEADER},ambient_c,v\n0,1,1,0,0,21,1.5\n0.02,1,1,0,0,NaN,-\n0.04,1,1,0,0,,inf\n");
+    for rig in [paper(), with("columns.p_pos_kpa = \"p_pos_kpa\"")] {
+        let recording = read(&text, &rig).unwrap();
+        assert_eq!(recording.text_column("ambient_c").unwrap(), ["21", "NaN", ""]);
+        assert_eq!(recording.names().last(), Some("v"));
+    }
+    let said = refused(text.replace("0.04,1,1,0,0", "0.04,1,1,NaN,0"), &paper());
+    assert!(said.contains("line 4, column 4 (p_pos_kpa): NaN is not a finite number"), "{said}");
+}
+
+#[test]
+fn any_rate_is_read_under_own_and_other_names_alike() {
+    let samples = |header: &str, step: f64, count: usize| {
+        let line = |k: usize| {
+            let t = step * k as f64;
+            format!("{t:.4},{},0.8,{:.6},-66\n", if t < 0.5 { 0.2 } else { 0.9 }, 90.0 + 10.0 * t)
+        };
+        format!("{header}\n") + &(0..count).map(line).collect::<String>()
+    };
+    let foreign = with(
+        "time = \"t\"\ncolumns.u_pos = \"a\"\ncolumns.u_neg = \"b\"\ncolumns.p_pos_kpa = \"c\"\ncolumns.p_neg_kpa = \"d\"",
+    );
+    for (step, count, sampling) in
+        [(0.002, 1000, 0.02), (0.01, 200, 0.02), (0.021, 100, 0.02), (0.1, 20, 0.1), (0.5, 5, 0.5)]
+    {
+        let own = read(samples(HEADER, step, count), &paper()).unwrap();
+        let other = read(samples("t,a,b,c,d", step, count), &foreign).unwrap();
+        assert!((own.sampling_s() - sampling).abs() < 1e-9 && own.segments().len() == 1, "{step}");
+        assert_eq!((own.time_s(), own.measured()), (other.time_s(), other.measured()), "{step}");
+        let [p, u] = own.require(["p_pos_kpa", "u_pos"]).unwrap();
+        assert_eq!(other.require(["p_pos_kpa", "u_pos"]).unwrap(), [p, u]);
+        for (row, t) in own.time_s().iter().enumerate().skip(1).take(own.rows() - 2) {
+            // A ramp is what it is however it is averaged or joined.
+            assert!((p[row] - 90.0 - 10.0 * t).abs() < 1e-4, "{step} {t}: {}", p[row]);
+        }
+        let measured = own.measured().map_or(own.rows(), |m| m.iter().filter(|m| **m).count());
+        assert_eq!(measured, if sampling > 0.02 { count } else { own.rows() }, "{step}");
+        assert!(own.notes()[0].contains(&format!("samples {:.1} ms apart", 1e3 * step)), "{:?}", own.notes());
+        assert_eq!(own.notes()[0].contains("nothing faster than"), sampling > 0.02, "{:?}", own.notes());
+    }
+}
+
+/// One row of twenty lost, two in a row here and there; and the clock off by up to 6 ms.
+#[test]
+fn lost_rows_and_jitter_are_bridged_and_told() {
+    let lost = |k: usize| k % 20 == 7 || k % 200 == 8;
+    let line = |k: usize, t: f64| {
+        let ramp = 50.0 + 5.0 * t;
+        format!("{t:.4},{},0.8,{ramp:.5},-66\n", if k % 100 < 50 { 0.3 } else { 0.9 })
+    };
+    let text = |jitter: f64, keep: &dyn Fn(usize) -> bool| {
+        let rows = (0..1000).filter(|k| keep(*k));
+        format!("{HEADER}\n") + &rows.map(|k| line(k, 0.02 * k as f64 + jitter * wave(k, 1.7))).collect::<String>()
+    };
+    let recording = read(text(0.0, &|k| !lost(k)), &paper()).unwrap();
+    assert_eq!((recording.rows(), recording.segments().len()), (1000, 1));
+    assert!(
+        recording.notes()[0].contains("55 rows lost in 50 places (after 0.12, 0.52, 0.92, 1.32 … s)"),
+        "{:?}",
+        recording.notes()
+    );
+    let measured = recording.measured().unwrap();
+    let [u, p] = recording.require(["u_pos", "p_pos_kpa"]).unwrap();
+    for k in 0..1000 {
+        assert_eq!(measured[k], !lost(k), "{k}");
+        assert!((p[k] - 50.0 - 0.1 * k as f64).abs() < 1e-4, "{k}");
+        assert_eq!(u[k], if k % 100 < 50 { 0.3 } else { 0.9 }, "{k}");
+    }
+    let jittered = read(text(0.006, &|_| true), &paper()).unwrap();
+    assert_eq!((jittered.segments().len(), jittered.measured()), (1, None));
+    assert!(
+        jittered.rows().abs_diff(1000) <= 1 && jittered.notes()[0].contains("scatter by"),
+        "{:?}",
+        jittered.notes()
+    );
+    let [p] = jittered.require(["p_pos_kpa"]).unwrap();
+    for (t, p) in jittered.time_s().iter().zip(p).skip(1).take(997) {
+        assert!((p - 50.0 - 5.0 * t).abs() < 2e-3, "stamps are believed: {t} {p}");
+    }
+    let both = read(text(0.006, &|k| !lost(k)), &paper()).unwrap();
+    assert_eq!(both.segments().len(), 1, "{:?}", both.notes());
+    let out = both.measured().unwrap().iter().filter(|measured| !**measured).count();
+    // A hole that the clock shortens to less than 35 ms is no hole.
+    assert!((30..=60).contains(&out), "{out}");
+    // Half a second without rows is a gap, and nothing is made up in it.
+    let gap = read(text(0.0, &|k| !(300..325).contains(&k)), &paper()).unwrap();
+    assert_eq!((gap.rows(), gap.segments().len(), gap.measured()), (975, 2, None));
+}
+
+/// A sensor read at 10 Hz and logged at 50: one row of five is a reading.
+#[test]
+fn readings_that_are_repeated_are_no_readings() {
+    let line = |k: usize| {
+        let [_, _, p, n] = row(k / 5);
+        format!("{:.2},{},0.8,{p:.5},{n:.5}\n", 0.02 * k as f64, if k % 100 < 50 { 0.3 } else { 0.9 })
+    };
+    let text = format!("{HEADER}\n") + &(0..500).map(line).collect::<String>();
+    let recording = read(text, &paper()).unwrap();
+    assert!((recording.sampling_s() - 0.1).abs() < 1e-9, "{:?}", recording.notes());
+    let measured = recording.measured().unwrap();
+    assert!((0..500).all(|k| measured[k] == (k % 5 == 0)));
+    assert!(recording.notes()[0].contains("every reading stands there 5 times"), "{:?}", recording.notes());
+}

@@ -1,0 +1,301 @@
+//! Recordings of the kinds that people publish, through the built program: each is read as what it is or refused for the right
+//! reason. Small ones are made here; handed ones lie beside the repository (`shared/faults/inputs`, or where `FAULT_INPUTS` says),
+//! and their tests say so and end where they are not there.
+
+// What fails here fails the test, helper functions included.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod program;
+
+use std::path::PathBuf;
+
+use program::{Folder, elsewhere, refused, run, sound};
+use serde_json::Value;
+
+fn handed(name: &str) -> Option<PathBuf> {
+    Some(elsewhere("FAULT_INPUTS", "shared/faults/inputs")?.join(name))
+}
+
+fn text(path: PathBuf) -> String {
+    path.to_str().unwrap().to_owned()
+}
+
+fn json(args: &[&str]) -> Value {
+    serde_json::from_str(&sound(args)).unwrap()
+}
+
+/// A pump that drives a leaking box of 0.1 L: `p' = (q u − p/(R C)) / C'` worked out here in steps of 1 ms, with 0.02 kPa of noise.
+const BOX: &str = r#"
+format = 1
+name = "box"
+[gas]
+gas_constant_j_per_kg_k = 287.0
+heat_capacity_ratio = 1.4
+[atmosphere]
+pressure_kpa_abs = 101.325
+temperature_k = 293.15
+[volumes.box]
+volume_l = 0.1
+temperature_k = 293.15
+[pumps.pump]
+kind = "flow"
+outlet = "box"
+command = "u_pump"
+flow_l_per_min = 0.5
+[lines.leak]
+kind = "laminar"
+from = "box"
+to = "atmosphere"
+resistance_kpa_s_per_l = 200.0
+[sensors.gauge]
+volume = "box"
+column = "p_box_kpa"
+range_kpa_gauge = [-5.0, 20.0]
+range_v = [0.0, 5.0]
+[recording]
+time = "t"
+columns.u_pump = "duty"
+columns.p_box_kpa = "kPa"
+"#;
+
+/// Time, duty and gauge pressure of the box, every `step_ms`.
+fn boxed(step_ms: usize, seconds: usize) -> Vec<[f64; 3]> {
+    let (r, t, v, pa) = (287.0, 293.15, 1e-4, 101_325.0);
+    let (mut p, mut u, mut seed) = (pa, 0.0, 5_u64);
+    let mut dice = || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    let mut rows = Vec::new();
+    for ms in 0..1000 * seconds {
+        if ms % 2000 == 0 {
+            u = [0.0, 0.3, 0.5, 0.7, 1.0][(5.0 * dice()) as usize];
+        }
+        if ms % step_ms == 0 {
+            // Sum of twelve even numbers less six: variance 1.
+            let noise = 0.02 * ((0..12).map(|_| dice()).sum::<f64>() - 6.0);
+            rows.push([1e-3 * ms as f64, u, (p - pa) / 1e3 + noise]);
+        }
+        let into = u * 0.5 / 60_000.0 * pa / (r * t);
+        let out = (p * p - pa * pa) / (2.0 * pa) / 200e6 * pa / (r * t);
+        p += 1e-3 * r * t / v * (into - out);
+    }
+    rows
+}
+
+fn csv(header: &str, rows: &[[f64; 3]], of: impl Fn(&[f64; 3]) -> [f64; 3]) -> String {
+    let line = |row: &[f64; 3]| {
+        let [t, u, p] = of(row);
+        format!("{t:.3},{u},{p:.4}\n")
+    };
+    format!("{header}\n") + &rows.iter().map(line).collect::<String>()
+}
+
+#[test]
+fn absolute_pressures_and_scaled_commands_are_refused_on_any_rig() {
+    let folder = Folder::new("any-rig");
+    let rig = folder.with("box.toml", BOX);
+    let rows = boxed(20, 60);
+    let sound_file = folder.with("sound.csv", csv("t,duty,kPa", &rows, |row| *row));
+    assert!(sound(["validate", "--rig", &rig, &sound_file]).contains("p_box_kpa"));
+    let cases: [(&str, [f64; 2], [f64; 2], &[&str]); 5] = [
+        ("absolute", [1.0, 0.0], [1.0, 101.325], &["absolute", "101.3"]),
+        ("absolute_hpa", [1.0, 0.0], [10.0, 1013.25], &["absolute"]),
+        ("pa", [1.0, 0.0], [1000.0, 0.0], &["Pa"]),
+        ("pwm", [255.0, 0.0], [1.0, 0.0], &["outside 0 … 1", "u_pump", "reaches 255", "scale = 0.00392157"]),
+        ("percent", [100.0, 0.0], [1.0, 0.0], &["(duty)", "percentage", "scale = 0.01"]),
+    ];
+    for (name, duty, kpa, words) in cases {
+        let line = |[scale, offset]: [f64; 2], x: f64| scale * x + offset;
+        let file = folder
+            .with(&format!("{name}.csv"), csv("t,duty,kPa", &rows, |[t, u, p]| [*t, line(duty, *u), line(kpa, *p)]));
+        let (out, fitted) = (folder.path("out"), folder.path("fitted.toml"));
+        for said in [
+            refused(["diagnose", "--quick", "--rig", &rig, &file, "--out", &out]),
+            refused(["identify", "--rig", &rig, &file, "--out", &fitted]),
+            refused(["validate", "--rig", &rig, &file]),
+        ] {
+            let said = said.lines().last().unwrap_or_default();
+            for word in words {
+                assert!(said.contains(word), "{name}: `{word}` is not in: {said}");
+            }
+        }
+    }
+    // Driving the pump must not lower the pressure.
+    let file = folder.with("inverted.csv", csv("t,duty,kPa", &rows, |[t, u, p]| [*t, 1.0 - u, *p]));
+    let said = refused(["identify", "--rig", &rig, &file, "--out", &folder.path("fitted.toml")]);
+    assert!(said.contains("u_pump") && said.contains("driving the pump") && said.contains("inverted"), "{said}");
+}
+
+/// Noise, fits and verdicts come from samples: at 10 and at 2 Hz a sound rig is a sound rig.
+#[test]
+fn sparse_samples_are_all_the_evidence_there_is() {
+    let folder = Folder::new("sparse");
+    let rig = folder.with("box.toml", BOX);
+    for (step_ms, seconds, most_noise) in [(20, 60, 0.024), (100, 120, 0.03), (500, 240, 0.05)] {
+        let file = folder.with("run.csv", csv("t,duty,kPa", &boxed(step_ms, seconds), |row| *row));
+        let said = json(&["identify", "--json", "--rig", &rig, &file, "--out", &folder.path("fitted.toml")]);
+        let noise = said["noise"]["p_box_kpa_sigma_kpa"].as_f64().or(said["noise"]["box_sigma_kpa"].as_f64()).unwrap();
+        assert!((0.015..most_noise).contains(&noise), "{step_ms} ms: {noise} kPa for 0.02");
+        let left = &said["after"]["free"];
+        let rmse =
+            left.as_object().unwrap().iter().find(|(key, _)| key.ends_with("rmse_kpa")).unwrap().1.as_f64().unwrap();
+        assert!(rmse < 0.03, "{step_ms} ms: {rmse} kPa are left of 0.02: {said:#}");
+        assert!(!said["remarks"].to_string().contains("times the noise"), "{said:#}");
+    }
+    let file = folder.with("run.csv", csv("t,duty,kPa", &boxed(500, 240), |row| *row));
+    let said = json(&["diagnose", "--quick", "--json", "--rig", &rig, &file, "--out", &folder.path("found")]);
+    assert_eq!(said["mechanisms"].as_array().map(Vec::len), Some(0), "{said:#}");
+}
+
+/// The paper's rig under steps, every 20 ms.
+fn paper(folder: &Folder) -> Vec<String> {
+    let mut commands = String::from("time_s,u_pos,u_neg\n");
+    for k in 0..1500 {
+        commands.push_str(&format!(
+            "{:.2},{},{}\n",
+            0.02 * f64::from(k),
+            0.7 + 0.1 * f64::from(k / 100 % 3),
+            0.75 + 0.05 * f64::from(k / 130 % 4)
+        ));
+    }
+    let (inputs, out) = (folder.with("commands.csv", commands), folder.path("whole.csv"));
+    sound(["simulate", "--rig", "bench", "--refine", "1", "--inputs", &inputs, "--out", &out]);
+    std::fs::read_to_string(out).unwrap().lines().map(str::to_owned).collect()
+}
+
+/// One row of twenty lost changes no figure by much, and is told; gaps begin the simulation anew, and that is told, too.
+#[test]
+fn lost_rows_do_not_flatter() {
+    let folder = Folder::new("lost-rows");
+    let lines = paper(&folder);
+    let file = |name: &str, keep: &dyn Fn(usize) -> bool| {
+        let kept: Vec<&str> =
+            lines.iter().enumerate().filter(|(k, _)| *k == 0 || keep(*k)).map(|(_, l)| l.as_str()).collect();
+        folder.with(name, kept.join("\n") + "\n")
+    };
+    let rmse = |file: &str| {
+        let said = json(&["validate", "--json", "--rig", "dual_pressure", "--refine", "1", file]);
+        (said["overall"]["pos_rmse_kpa"].as_f64().unwrap(), said["overall"]["began_anew"].as_u64().unwrap(), said)
+    };
+    let (whole, _, _) = rmse(&file("all.csv", &|_| true));
+    let lost = file("lost.csv", &|k| k % 20 != 7);
+    let (bridged, anew, said) = rmse(&lost);
+    assert!(whole > 0.2 && (bridged / whole - 1.0).abs() < 0.05, "{whole} {bridged}");
+    assert_eq!((anew, &said["overall"]["rows_without_sample"]), (0, &75.into()), "{said:#}");
+    let told = run(["validate", "--refine", "1", &lost]);
+    assert!(told.err.contains("75 rows lost in 75 places") && told.out.contains("anew"), "{}{}", told.out, told.err);
+    let torn = run(["validate", "--refine", "1", &file("torn.csv", &|k| k % 100 > 25)]);
+    assert!(torn.err.contains("began anew 14 times") && torn.err.contains("gaps of up to 0.5"), "{}", torn.err);
+}
+
+#[test]
+fn a_rig_that_nothing_can_move_is_refused_and_a_leak_test_is_not() {
+    let folder = Folder::new("unmoved");
+    let closed = BOX
+        .replace("[pumps.pump]\nkind = \"flow\"\noutlet = \"box\"\ncommand = \"u_pump\"\nflow_l_per_min = 0.5\n", "")
+        .replace("columns.u_pump = \"duty\"\n", "")
+        .replace("[-5.0, 20.0]", "[-5.0, 50.0]");
+    let rig = folder.with("closed.toml", closed);
+    let rows = |p: &dyn Fn(f64) -> f64| -> String {
+        let line = |k: u32| {
+            let t = 0.1 * f64::from(k);
+            format!("{t:.1},{:.3}\n", p(t) + 0.02 * (37.0 * t).sin())
+        };
+        "t,kPa\n".to_owned() + &(0..360).map(line).collect::<String>()
+    };
+    let pumped = folder
+        .with("cuff.csv", rows(&|t| 30.0 * if t < 6.0 { t / 6.0 } else { 1.03 / (1.0 + ((t - 20.0) / 4.0).exp()) }));
+    for said in [
+        refused(["diagnose", "--quick", "--rig", &rig, &pumped, "--out", &folder.path("out")]),
+        refused(["identify", "--rig", &rig, &pumped, "--out", &folder.path("fitted.toml")]),
+    ] {
+        assert!(said.contains("nothing in this rig can move a pressure"), "{said}");
+    }
+    let leak = folder.with("leak.csv", rows(&|t| 40.0 * (-t / 20.0).exp()));
+    let said = run(["identify", "--rig", &rig, &leak, "--out", &folder.path("leak.toml")]);
+    assert!(!said.err.contains("nothing in this rig"), "{}", said.err);
+}
+
+#[test]
+fn handed_logger_formats_are_read() {
+    let Some(folder) = handed("11_logger_formats") else { return };
+    for name in [
+        "a01_labview.lvm",
+        "a02_tabs.csv",
+        "a03_semicolon_decimal_comma.csv",
+        "a05_units_row.csv",
+        "a13_trailing_comma.csv",
+        "a14_hash_comments.csv",
+        "a16_datetime.csv",
+    ] {
+        let said = json(&["validate", "--json", "--refine", "1", "--rig", "dual_pressure", &text(folder.join(name))]);
+        assert!(said["overall"]["pos_rows"].as_u64().unwrap() > 20, "{name}: {said:#}");
+    }
+    // Its columns are those of another rig, and the header is found below the block of settings.
+    let said = refused(["validate", "--rig", "dual_pressure", &text(folder.join("header_block.csv"))]);
+    assert!(said.contains("time,pressure,error") && said.contains("[recording]"), "{said}");
+}
+
+#[test]
+fn handed_files_under_own_names_are_read_at_any_rate_with_nan_and_lost_rows() {
+    let (Some(nan), Some(rate), Some(gaps), Some(lost)) = (
+        handed("07_nan_in_unused_column"),
+        handed("08_rate_own_names"),
+        handed("09_gaps_flatter_validate"),
+        handed("15_lost_rows_refused"),
+    ) else {
+        return;
+    };
+    let figures = |rig: &str, file: PathBuf| {
+        json(&["validate", "--json", "--refine", "1", "--rig", rig, &text(file)])["overall"].clone()
+    };
+    assert!(figures("dual_pressure", nan.join("run.csv"))["pos_rows"].as_u64().unwrap() > 1000);
+    assert!(figures(&text(rate.join("rig.toml")), rate.join("run_100hz.csv"))["pos_rows"].as_u64().unwrap() > 150);
+    // The whole file comes to 16.43 kPa.
+    let of = figures("dual_pressure", gaps.join("lost_5_percent.csv"));
+    let rmse = of["pos_rmse_kpa"].as_f64().unwrap();
+    assert!((rmse / 16.43 - 1.0).abs() < 0.05 && of["began_anew"] == 0, "{of:#}");
+    for (rig, file) in [("dual_pressure", "jitter.csv"), ("dual_pressure", "lost.csv")] {
+        assert_eq!(figures(rig, lost.join(file))["began_anew"], 0, "{file}");
+    }
+    let [own, other] =
+        [("dual_pressure".to_owned(), "jitter.csv"), (text(lost.join("foreign.toml")), "jitter_foreign_names.csv")]
+            .map(|(rig, file)| figures(&rig, lost.join(file))["pos_rmse_kpa"].as_f64().unwrap());
+    assert!((own / other - 1.0).abs() < 1e-6, "one rule for both: {own} {other}");
+}
+
+#[test]
+fn handed_recordings_of_something_else_are_refused() {
+    let folder = Folder::new("handed-refused");
+    let out = folder.path("out");
+    let refuse = |case: &str, rig: &str, file: &str, words: &[&str]| {
+        let Some(case) = handed(case) else { return };
+        let (rig, file) = (text(case.join(rig)), text(case.join(file)));
+        let said = refused(["diagnose", "--quick", "--rig", &rig, &file, "--out", &out]);
+        for word in words {
+            assert!(said.contains(word), "`{word}` is not in: {said}");
+        }
+    };
+    refuse("03_absolute_pressure_foreign", "rig.toml", "abs_hpa.csv", &["absolute", "101.3"]);
+    refuse("03_absolute_pressure_foreign", "rig_gauge.toml", "pwm255.csv", &["outside 0 … 1", "0.00392157"]);
+    refuse("04_command_scale_forgotten", "rig.toml", "pwm255.csv", &["outside 0 … 1", "0.00392157"]);
+    refuse("14_rig_without_inputs", "rig.toml", "cuff.csv", &["nothing in this rig can move a pressure"]);
+}
+
+#[test]
+fn handed_sparse_recordings_of_a_sound_rig_name_nothing() {
+    let (Some(sparse), Some(rig)) =
+        (handed("05_sparse_rows_noise"), handed("03_absolute_pressure_foreign/rig_gauge.toml"))
+    else {
+        return;
+    };
+    let (folder, rig) = (Folder::new("handed-sparse"), text(rig));
+    for name in ["r50.csv", "r32j.csv", "r10.csv", "r2.csv"] {
+        let file = text(sparse.join(name));
+        let said = json(&["diagnose", "--quick", "--json", "--rig", &rig, &file, "--out", &folder.path("found")]);
+        assert_eq!(said["mechanisms"].as_array().map(Vec::len), Some(0), "{name}: {said:#}");
+        let fitted = json(&["identify", "--json", "--rig", &rig, &file, "--out", &folder.path("fitted.toml")]);
+        assert!(!fitted["remarks"].to_string().contains("times the noise"), "{name}: {fitted:#}");
+    }
+}
