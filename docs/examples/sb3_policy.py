@@ -1,12 +1,13 @@
-"""A Stable-Baselines3 policy that the controller flies: contract 1, trained on a toy rig, exported as ONNX.
+"""A Stable-Baselines3 policy that the controller runs: observation layout v1, trained on the real plant, exported as ONNX.
 
-    pip install stable-baselines3 onnx onnxruntime
+    pip install stable-baselines3 onnx onnxruntime dist/dual_pressure-*.whl     # the wheel: trainer/python/README.md
     python3 sb3_policy.py --steps 20000 --out my_policy.onnx
     controller check-policy my_policy.onnx
+    controller demo --policy my_policy.onnx
 
-The toy rig is two first-order lags, enough to show what a policy is told and what it answers. For a policy worth flying
-put your own environment in its place; what the controller asks for is all in `observation`, `Scaled`, `Answer`
-and `export`. docs/policies.md has the tables.
+`--rig` takes a built-in rig or a rig file; `--rig toy` is two first-order lags and needs no wheel, enough to show what a
+policy reads and answers. What the controller asks for is all in `observation`, `Scaled`, `Answer` and `export`.
+docs/policies.md has the tables.
 """
 
 import argparse
@@ -22,7 +23,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 RATE_HZ = 50
 PAST, AHEAD, GOALS_AHEAD = 10, 5, 15
-# Contract 1, in order: (quantity, first tick, last tick), each tick as positive and negative side.
+# Observation layout v1, in order: (quantity, first tick, last tick), each tick as positive and negative side.
 INPUTS = [("p", -PAST, AHEAD), ("ref", -PAST, GOALS_AHEAD)]
 OUTPUTS = [("u", 0, AHEAD)]
 # What the rig can produce, positive and negative side (kPa gauge).
@@ -107,15 +108,31 @@ class Answer(torch.nn.Module):
         return 0.5 * torch.tanh(self.mean(self.hidden(self.scaled(observed)))) + 0.5
 
 
-def flown(model, episodes=4):
+def environment(rig):
+    """The toy, or a plant whose model knows the paper's rig only, as on a bench."""
+    if rig == "toy":
+        return ToyRig()
+    import dual_pressure
+
+    return dual_pressure.DualPressureEnv(rig=rig, model="dual_pressure", episode_s=10.0)
+
+
+def error_kpa(info):
+    if "error_kpa" in info:
+        return info["error_kpa"]
+    return np.abs([info["p_pos_kpa"] - info["ref_pos_kpa"], info["p_neg_kpa"] - info["ref_neg_kpa"]])
+
+
+def track(model, env, episodes=4):
     """Observations of whole episodes and the mean error (kPa) over them."""
-    rig, seen, errors = ToyRig(), [], []
+    seen, errors = [], []
     for episode in range(episodes):
-        observed, _ = rig.reset(seed=1000 + episode)
-        for _ in range(rig.TICKS):
+        (observed, _), ended = env.reset(seed=1000 + episode), False
+        while not ended:
             seen.append(observed)
-            observed, _, _, _, info = rig.step(model.predict(observed, deterministic=True)[0])
-            errors.append(info["error_kpa"])
+            observed, _, terminated, truncated, info = env.step(model.predict(observed, deterministic=True)[0])
+            errors.append(error_kpa(info))
+            ended = terminated or truncated
     return np.array(seen), np.mean(errors, axis=0)
 
 
@@ -168,21 +185,23 @@ def main():
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     arguments.add_argument("--steps", type=int, default=20_000)
     arguments.add_argument("--seed", type=int, default=0)
+    arguments.add_argument("--rig", default="bench", help="plant: bench, dual_pressure, a rig file, or toy")
     arguments.add_argument("--out", default="sb3_policy.onnx")
     arguments = arguments.parse_args()
     # Networks of this size gain nothing from a second thread, and lose much where cores are shared.
     torch.set_num_threads(1)
-    model = SAC("MlpPolicy", ToyRig(), seed=arguments.seed, batch_size=128, gamma=0.9, device="cpu",
+    env = environment(arguments.rig)
+    model = SAC("MlpPolicy", env, seed=arguments.seed, batch_size=128, gamma=0.9, device="cpu",
                 policy_kwargs={"features_extractor_class": Scaled, "net_arch": [256, 256]})  # fmt: skip
-    _, before_kpa = flown(model)
+    _, before_kpa = track(model, env)
     model.learn(arguments.steps)
-    seen, after_kpa = flown(model)
-    said = {"rig": "toy", "seed": str(arguments.seed), "steps": str(arguments.steps), "variant": "sac"}
+    seen, after_kpa = track(model, env)
+    said = {"rig": arguments.rig, "seed": str(arguments.seed), "steps": str(arguments.steps), "variant": "sac"}
     said["trainer"] = f"stable-baselines3 {stable_baselines3.__version__}"
     export(model, seen, arguments.out, said)
     print(f"{arguments.out}: written; {compare(arguments.out, seen, model)}")
-    told = "mean error on the toy rig, positive/negative: untrained {:.1f}/{:.1f} kPa, trained {:.1f}/{:.1f} kPa"
-    print(told.format(*before_kpa, *after_kpa))
+    line = "mean error on {}, positive/negative: untrained {:.1f}/{:.1f} kPa, trained {:.1f}/{:.1f} kPa"
+    print(line.format(arguments.rig, *before_kpa, *after_kpa))
 
 
 if __name__ == "__main__":

@@ -27,7 +27,12 @@ fn a_policy_of_stable_baselines3_is_taken() {
     }
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/examples/sb3_policy.py");
     let file = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("sb3_policy.onnx");
-    let output = Command::new("python3").arg(script).args(["--steps", "150", "--out"]).arg(&file).output().unwrap();
+    let output = Command::new("python3")
+        .arg(script)
+        .args(["--rig", "toy", "--steps", "150", "--out"])
+        .arg(&file)
+        .output()
+        .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let mut policy = Policy::load(&file, &contracts()).unwrap();
     assert_eq!(policy.contract().version, 1);

@@ -1,0 +1,44 @@
+"""The rig as a Gymnasium environment: what a policy reads and answers on the running daemon, tick by tick."""
+
+import gymnasium
+import numpy as np
+
+from . import _native
+
+
+class DualPressureEnv(gymnasium.Env):
+    """Observation layout v1 (docs/policies.md): 84 numbers in kPa gauge in, 12 duties out, the paper's reward.
+
+    rig           plant: a built-in name ("dual_pressure", "bench") or a rig file
+    model         what MPObs (model-predicted observations) use; left out, the plant's own rig file
+    episode_s     length of an episode in s; its end is a truncation, leaving 160/-95 kPa a terminal state
+    noise_v_rms   noise of the converter in V RMS; left out, that of the emulated cRIO
+    spread        domain randomisation: every episode draws volumes, valves and check valves within +- so many percent
+
+    Each episode draws a reference over the reachable range. The applied duty is sat(action + integral), as in the daemon.
+    """
+
+    metadata = {"render_modes": []}
+
+    def __init__(self, rig="dual_pressure", model=None, episode_s=20.0, noise_v_rms=None, spread=0.0):
+        super().__init__()
+        self._native = _native.Env(
+            str(rig), None if model is None else str(model), float(episode_s), noise_v_rms, float(spread)
+        )
+        low, high = (np.frombuffer(b, dtype="<f4").copy() for b in self._native.bounds())
+        self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float32)
+        self.action_space = gymnasium.spaces.Box(0.0, 1.0, (12,), np.float32)
+
+    def _observation(self, bytes_):
+        # Readings beyond the sensors' physical range (noise at rest, a way out of the envelope) are shown at its end.
+        return np.clip(np.frombuffer(bytes_, dtype="<f4"), self.observation_space.low, self.observation_space.high)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        episode = int(self.np_random.integers(2**63))
+        return self._observation(self._native.reset(episode)), {}
+
+    def step(self, action):
+        duties = np.clip(np.asarray(action, dtype=np.float32), 0.0, 1.0).tolist()
+        observation, reward, terminated, truncated, info = self._native.step(duties)
+        return self._observation(observation), reward, terminated, truncated, dict(info)
