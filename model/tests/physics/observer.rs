@@ -95,8 +95,9 @@ fn a_lag_of_160_ms_is_undone() {
         let (known, unknown) =
             (errors(&lagging, &plain, &lagging, NOISE_KPA), errors(&lagging, &plain, &plain, NOISE_KPA));
         println!("{name}: lag known {known:.3?}, not known {unknown:.3?}");
+        // The positive reading's noise is ten times the negative's, and a steady filter of these gains leaves 0.036 and 0.010.
         assert!(known.ahead[c] < [0.05, 0.015][c], "{name}: {known:?}");
-        assert!(known.ahead[c] < 0.2 * unknown.ahead[c], "{name}: {known:?} {unknown:?}");
+        assert!(known.ahead[c] < [0.5, 0.2][c] * unknown.ahead[c], "{name}: {known:?} {unknown:?}");
         assert!(known.chambers[c] < [0.06, 0.018][c] && known.chambers[c] < 0.2 * unknown.chambers[c], "{known:?}");
     }
 }
@@ -108,7 +109,8 @@ fn a_swinging_line_is_better_known_than_not() {
         let (known, unknown) =
             (errors(&ringing, &plain, &ringing, NOISE_KPA), errors(&ringing, &plain, &plain, NOISE_KPA));
         println!("{sensor}: swing known {known:.3?}, not known {unknown:.3?}");
-        assert!(known.ahead[c] < 0.5 * unknown.ahead[c], "{known:?} {unknown:?}");
+        // Noise that passes the gains is most of what is left of the positive one.
+        assert!(known.ahead[c] < [0.8, 0.5][c] * unknown.ahead[c], "{known:?} {unknown:?}");
         assert!(known.chambers[c] < 0.5 * unknown.chambers[c], "{known:?} {unknown:?}");
     }
 }
