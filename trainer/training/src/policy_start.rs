@@ -93,8 +93,10 @@ impl PolicyStart {
         let refused = |problem: String| TrainingError::File { file: self.label.clone(), problem };
         settings.run.from = Some(self.label.clone());
         settings.policy.contract = self.layout.version();
-        let hidden = self.network.layers.iter().map(|layer| layer.outputs);
-        let hidden: Vec<usize> = hidden.take(self.network.layers.len().saturating_sub(1)).collect();
+        // Of what learns: units that only a fitted plan uses are left behind.
+        let network = self.network(settings.policy.plan);
+        let hidden = network.layers.iter().map(|layer| layer.outputs);
+        let hidden: Vec<usize> = hidden.take(network.layers.len().saturating_sub(1)).collect();
         settings.policy.hidden = hidden.try_into().map_err(|found: Vec<usize>| {
             refused(format!("has {} hidden layers; training goes on from policies with two", found.len()))
         })?;

@@ -14,7 +14,7 @@ use model::predict::Predictor;
 use model::rig::Rig;
 use model::steady::SteadyMap;
 use proto::reference::Reference;
-use training::TrainedPolicy;
+use training::{PolicyStart, Run, TrainedPolicy, TrainingSettings};
 
 /// What the plan may err of what "nothing changes" errs. On the positive channel most of it is the readings' noise: with
 /// the duties then applied in place of the plan it would be 0.24.
@@ -90,6 +90,17 @@ fn a_fitted_plan_foresees_and_changes_no_duty_of_now() {
     let observation: Vec<f32> = (0..124).map(|k| 0.3 * (k as f32 * 0.7).sin()).collect();
     let [was, is] = [&scrambled, &fitted].map(|policy| policy.runner().outputs(&observation));
     assert_eq!(was[..CHANNELS], is[..CHANNELS]);
+    // A run that starts from it starts with that answer, and without the units that only the plan needs.
+    let folder = std::env::temp_dir().join(format!("plan-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let file = folder.join("fitted.onnx");
+    std::fs::write(&file, fitted.to_onnx(&[]).unwrap()).unwrap();
+    let start = PolicyStart::load(&file).unwrap();
+    let settings = TrainingSettings::preset("correction").unwrap();
+    let started = Run::begin(settings, Some(&start), &folder.join("run"), 1).unwrap().policy();
+    assert_eq!(started.runner().outputs(&observation)[..CHANNELS], was[..CHANNELS]);
+    assert!(started.network().widths() < fitted.network().widths(), "{:?}", started.network().widths());
+    std::fs::remove_dir_all(&folder).unwrap();
     // Fitted again it is fitted anew and not widened once more.
     assert_eq!(fitted.with_fitted_plan().unwrap().network().widths(), fitted.network().widths());
 }
