@@ -22,8 +22,8 @@ use proto::wire::{CrioState, Sense, TripBits};
 use safety_filter::{Envelope, Intervention, SafetyFilter, SlewLimit};
 use supervisor::transition::Acknowledgement;
 use supervisor::{
-    Action, Actuation, Arming, Condition, ConditionSet, Inputs, Integration, Memory, Request, Severity, State, Tick,
-    Transition, next,
+    Action, Actuation, Arming, Condition, ConditionSet, Inputs, Integration, Memory, Request, State, Tick, Transition,
+    next,
 };
 
 use crate::command_sequence::Row;
@@ -271,9 +271,8 @@ impl<H: DutySource> Cycle<H> {
         }
         [record.p_pos_kpa, record.p_neg_kpa] = readings_kpa.map(|p| p.unwrap_or(f64::NAN));
         self.advance_state(Tick::Frame, tell);
-        if self.conditions.worst(Severity::Vent).is_none() {
-            self.ask_duty_source(sense.pump_running, tell);
-        }
+        // Also while something is wrong: a sequence that was stopped comes to its end whatever the rig does.
+        self.ask_duty_source(sense.pump_running, tell);
     }
 
     /// Readings, with broken sensors and limits among the conditions.
@@ -306,7 +305,7 @@ impl<H: DutySource> Cycle<H> {
         }
     }
 
-    /// The duty source sees the sound frame and may ask for a mode.
+    /// The duty source sees the frame and may ask for a mode.
     fn ask_duty_source(&mut self, pump_running: bool, tell: NoticeSink<'_>) {
         let seen = SensorSample { tick: self.tick, measured: self.measured, pump_running, state: self.state() };
         match self.duty_source.on_sample(&seen) {

@@ -2,7 +2,7 @@
 //!
 //! [`Cycle`](crate::cycle::Cycle) keeps watch: volts, limits, missing frames, the state. What is steered for is
 //! the duty source's: a reference ([`ReferenceTracking`](crate::reference_tracking::ReferenceTracking)) or the rows of a sequence
-//! ([`OpenLoopPlayback`](crate::open_loop_playback::OpenLoopPlayback)). A duty source never sees a frame that is not sound, and what it decides counts
+//! ([`OpenLoopPlayback`](crate::open_loop_playback::OpenLoopPlayback)). What it decides counts
 //! only while the rig is armed; it cannot keep the watch from venting.
 
 use model::observation::Pair;
