@@ -53,7 +53,7 @@ def serve(peer):
         _, _, u_pos, u_neg, mode, _, outputs, _ = struct.unpack(">II2fBBBB", body)
         duty, pump = [u_pos, u_neg], outputs & 1
         goal = [150.6 - 161.5 * u_pos + 92.9 * u_neg, -108.0 - 2.7 * u_pos + 48.5 * u_neg] if pump else [0, 0]
-        p = [now + 0.04 * (to - now) for now, to in zip(p, goal)]
+        p = [now + share * (to - now) for now, to, share in zip(p, goal, (0.1, 0.22))]
         due += 0.02
         time.sleep(0 if LOCKSTEP else max(0, due - time.monotonic()))
 

@@ -84,7 +84,7 @@ fn probe(asked: &Path, folder: &Path, bytes: u64) -> Result<(), OutputError> {
 }
 
 fn fill(path: &Path, bytes: u64) -> io::Result<()> {
-    const CHUNK: [u8; 1 << 16] = [0; 1 << 16];
+    static CHUNK: [u8; 1 << 16] = [0; 1 << 16];
     let mut file = OpenOptions::new().write(true).create(true).truncate(true).open(path)?;
     let mut left = bytes;
     while left > 0 {

@@ -216,7 +216,7 @@ fn units_are_brought_to_the_rigs() {
         let [a, b, p, n] = row(k);
         format!("{};{a};{b};{};{}\n", 20 * k, 10.0 * (p + 101.325), (n + 101.325) / 6.894_757_293_168)
     };
-    let text = format!("t [ms];a;b;P1 (hPa abs);P2\n") + &(0..ROWS).map(absolute).collect::<String>();
+    let text = "t [ms];a;b;P1 (hPa abs);P2\n".to_owned() + &(0..ROWS).map(absolute).collect::<String>();
     let map = "time = \"t\"\ncolumns.u_pos = \"a\"\ncolumns.u_neg = \"b\"\ncolumns.p_pos_kpa = \"P1\"\n\
                columns.p_neg_kpa = { from = \"P2\", unit = \"psia\" }";
     assert_whole(&read(text, &with(map)).unwrap(), "absolute");

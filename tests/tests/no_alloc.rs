@@ -27,6 +27,11 @@ thread_local! {
     static COUNT: Cell<u64> = const { Cell::new(0) };
 }
 
+thread_local! {
+    /// Duties that the cRIO says it applies: the last command's.
+    static APPLIED: Cell<[f32; 2]> = const { Cell::new([1.0; 2]) };
+}
+
 /// Counts what goes through it, frees included: freeing takes the same locks.
 struct Counting;
 
@@ -69,7 +74,7 @@ fn sense(tick: u32, kpa: Pair) -> Sense {
         tick,
         command_in_force: tick,
         volts: [(1.0 + 0.004 * kpa[0]) as f32, (1.0 - 4.0 / 101.0 * kpa[1]) as f32, f32::NAN, f32::NAN],
-        duty: [0.8, 0.8],
+        duty: APPLIED.with(Cell::get),
         state: CrioState::Running,
         pump_running: true,
         trips: TripBits::NONE,
@@ -85,6 +90,7 @@ fn tick<H: DutySource>(cycle: &mut Cycle<H>, number: u32, kpa: &mut Pair, notice
     cycle.predict(&mut record);
     let answer = cycle.decide(&mut record, &mut tell);
     cycle.settle();
+    APPLIED.with(|applied| applied.set(answer.duty.map(|u| u as f32)));
     let settled =
         [150.6 - 161.5 * answer.duty[0] + 92.9 * answer.duty[1], -108.0 - 2.7 * answer.duty[0] + 48.5 * answer.duty[1]];
     for c in 0..2 {

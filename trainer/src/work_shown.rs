@@ -115,17 +115,16 @@ impl Line {
     }
 }
 
+/// Columns of a terminal.
+const COLUMNS: usize = 80;
+
 fn bar(line: &Line) -> String {
     let share = line.share.unwrap_or(0.0);
     let full = ((share * BAR_WIDTH as f64).round() as usize).min(BAR_WIDTH);
-    format!(
-        "[{}{}] {:3.0} %  {}  {}",
-        "#".repeat(full),
-        "-".repeat(BAR_WIDTH - full),
-        100.0 * share,
-        line.times(),
-        line.stage
-    )
+    let (done, left) = ("#".repeat(full), "-".repeat(BAR_WIDTH - full));
+    let whole = format!("[{done}{left}] {:3.0} %  {}  {}", 100.0 * share, line.times(), line.stage);
+    // A line that wraps cannot be written over.
+    whole.chars().take(COLUMNS).collect()
 }
 
 fn plain(line: &Line) -> String {

@@ -45,8 +45,8 @@ impl ModelFigures {
     pub fn refusal(&self) -> Option<String> {
         let worse = |c: usize| {
             let of = |errors: [Pair; 2]| errors[1][c].hypot(FLOOR_KPA[c]);
-            // Written so that what is not finite counts as worse.
-            !(of(self.after_kpa) <= MOST_RATIO * of(self.before_kpa))
+            let (before, after) = (of(self.before_kpa), of(self.after_kpa));
+            !after.is_finite() || after > MOST_RATIO * before
         };
         let c = (0..CHANNELS).find(|&c| worse(c))?;
         Some(format!(
@@ -156,8 +156,8 @@ mod tests {
         // The other way round it is worse, and one of another size is much worse.
         assert!(compare(&bench, &nominal, &run).unwrap().unwrap().refusal().is_some());
         let mut large = nominal.clone();
-        large.volumes.values_mut().for_each(|v| v.volume_l *= 2.0);
-        let refused = compare(&nominal, &large, &run).unwrap().unwrap().refusal().unwrap();
+        large.volumes.values_mut().for_each(|v| v.volume_l *= 4.0);
+        let refused = compare(&bench, &large, &run).unwrap().unwrap().refusal().unwrap();
         assert!(refused.contains("worse than the model in force"), "{refused}");
     }
 

@@ -128,6 +128,7 @@ impl Fallback {
     pub fn exchange_map(&mut self, map: Arc<SteadyMap>) -> Arc<SteadyMap> {
         let paths = *map.valve_paths();
         self.bandwidth_per_s = bandwidths(&paths, &self.settings);
+        #[allow(clippy::needless_range_loop)] // several arrays of channels side by side
         for c in 0..CHANNELS {
             self.directions[c].take_lag(is_told(&paths[c]).then_some(paths[c].coil_lag_s));
             if is_told(&paths[c]) {

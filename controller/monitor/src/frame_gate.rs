@@ -160,7 +160,9 @@ impl FrameGate {
     /// # Real-time
     /// May run in the tick.
     pub fn wrong_rate(&self) -> Option<(Condition, f64)> {
-        let wrong = (self.wrong_periods & ((1 << RATE_FRAMES) - 1)).count_ones() > RATE_WRONG;
+        // In lockstep a cRIO's clock shows how fast the two programs go, not how far apart its samples are.
+        let wrong = self.pacing == Pacing::RealTime
+            && (self.wrong_periods & ((1 << RATE_FRAMES) - 1)).count_ones() > RATE_WRONG;
         // Ticks that come faster than time passes, whatever the cRIO's own clock says.
         let fast = self.ahead_ns > AHEAD_OF_ARRIVAL_NS;
         (wrong || fast).then(|| (Condition::SampleRate, 1e9 / self.period_ns.max(1) as f64))

@@ -32,8 +32,8 @@ impl LaggedCommand {
         let late = self.waiting[DELAY_TICKS - 1];
         self.waiting.rotate_right(1);
         self.waiting[0] = command;
-        for c in 0..CHANNELS {
-            self.duty[c] += SHARE * (late[c] - self.duty[c]);
+        for (duty, late) in self.duty.iter_mut().zip(late) {
+            *duty += SHARE * (late - *duty);
         }
         self.duty
     }

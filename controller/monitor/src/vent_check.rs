@@ -61,6 +61,7 @@ impl VentCheck {
         if venting.disagreeing > FRAMES_TO_ECHO {
             found.insert(Condition::VentNotEchoed, echo.iter().map(|d| f64::from(*d)).fold(1.0, f64::min));
         }
+        #[allow(clippy::needless_range_loop)] // several arrays of channels side by side
         for c in 0..CHANNELS {
             let Some(now) = readings_kpa[c] else { continue };
             let distance = |kpa: f64| kpa.abs() - self.rest_kpa[c].abs();

@@ -202,10 +202,10 @@ impl Round {
                 let change = locked(&self.desk.board).passed(&settled.name, admitted, bytes);
                 self.changed(&change, STORE);
                 let _ = std::fs::remove_file(refused_file(&settled.path));
-                if self.settings.adoption == Adoption::Newest {
-                    if let Err(problem) = self.desk.swap(&settled.name, FOLLOWS) {
-                        (self.say)(format!("policy {}: not adopted: {problem}", settled.name));
-                    }
+                if self.settings.adoption == Adoption::Newest
+                    && let Err(problem) = self.desk.swap(&settled.name, FOLLOWS)
+                {
+                    (self.say)(format!("policy {}: not adopted: {problem}", settled.name));
                 }
             }
             Err(refusal) if still_copied(&settled, &refusal) => watcher.again(&settled.name),

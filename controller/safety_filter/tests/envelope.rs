@@ -16,6 +16,9 @@ use proto::emulator::{PSE540A_R06, PSE541A_R06, Sensors};
 use proto::reference::Reference;
 use safety_filter::{Envelope, Intervention, SafetyFilter, SlewLimit};
 
+/// Duties of a tick from its number and the readings in kPa gauge.
+type Decide<'a> = &'a mut dyn FnMut(u32, Pair) -> Pair;
+
 const ENVELOPE: Envelope = Envelope { max_pos_kpa: 160.0, min_neg_kpa: -95.0 };
 /// What readings scatter, five standard deviations of the converter's noise: 0.06 and 0.006 kPa each.
 const SCATTER_KPA: Pair = [0.3, 0.03];
@@ -106,7 +109,7 @@ fn no_controller_leaves_the_envelope_on_twenty_rigs() {
         };
         let mut draw = Draw(1_000 + number);
         let mut held: Pair = [0.0; CHANNELS];
-        let controllers: [(&str, &mut dyn FnMut(u32, Pair) -> Pair); 6] = [
+        let controllers: [(&str, Decide<'_>); 6] = [
             ("always 0", &mut |_, _| [0.0; CHANNELS]),
             ("positive shut, negative open", &mut |_, _| [0.0, 1.0]),
             ("bang-bang, 10 Hz", &mut |tick, _| [f64::from(tick / 5 % 2); CHANNELS]),

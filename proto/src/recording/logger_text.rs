@@ -228,12 +228,10 @@ fn decimal_of(rows: &[Vec<&str>], separator: Separator) -> Decimal {
     if count(',') > count('.') { Decimal::Comma } else { Decimal::Point }
 }
 
-/// All rows of a text, the last comment before the first of them, and whether the last row has a line end.
-fn rows<'a>(
-    file: &str,
-    text: &'a str,
-    grammar: Grammar,
-) -> Result<(Vec<Row<'a>>, Option<(u64, &'a str)>, bool), CsvError> {
+/// All rows of a text, the last comment before the first of them with its line, and whether the last row has a line end.
+type AllRows<'a> = (Vec<Row<'a>>, Option<(u64, &'a str)>, bool);
+
+fn rows<'a>(file: &str, text: &'a str, grammar: Grammar) -> Result<AllRows<'a>, CsvError> {
     let mut walk = Rows::with(text.as_bytes(), grammar);
     let (mut found, mut cells, mut comment) = (Vec::new(), Vec::new(), None);
     while let Some(row) = next(file, &mut walk, &mut cells)? {

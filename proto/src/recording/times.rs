@@ -105,10 +105,10 @@ fn place(sheet: &Sheet<'_>, map: &RecordingMap) -> Result<Found, RecordingError>
     if let Some(period_ms) = map.period_ms {
         return Ok(Found::Period(1e-3 * period_ms));
     }
-    if !map.names_time() {
-        if let Some(places) = guessed(sheet) {
-            return Ok(Found::Columns(places));
-        }
+    if !map.names_time()
+        && let Some(places) = guessed(sheet)
+    {
+        return Ok(Found::Columns(places));
     }
     let column = map.time.0.iter().map(|term| &term.from).find(|name| !matches!(sheet.find(name), Ok(Some(_))));
     let mend = if map.names_time() {

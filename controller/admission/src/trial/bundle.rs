@@ -256,6 +256,7 @@ impl Valves {
     fn follow(&mut self, command: Pair) -> Pair {
         self.late = [self.late[1], command];
         let come = if self.delay_ticks == 0 { command } else { self.late[0] };
+        #[allow(clippy::needless_range_loop)] // several arrays of channels side by side
         for c in 0..CHANNELS {
             self.flapper[c] = self.flapper[c].clamp(come[c] - self.half_width, come[c] + self.half_width);
             self.opening[c] += self.share * (self.flapper[c] - self.opening[c]);

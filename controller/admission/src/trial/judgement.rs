@@ -96,6 +96,7 @@ fn refusal(flown: &[Tally], fallback: &[Tally], figures: &TrialFigures) -> Optio
         return Some(format!("leaves the safety envelope on {}, {left_s:.1} s after arming", name(rig)));
     }
     for (rig, (tally, base)) in both() {
+        #[allow(clippy::needless_range_loop)] // several arrays of channels side by side
         for c in 0..CHANNELS {
             let (swing, calm) = (tally.swing_kpa[c], base.swing_kpa[c]);
             if swing > (SWING_RATIO * calm).max(calm + SWING_KPA[c]) {
@@ -173,7 +174,7 @@ mod tests {
             ("negative pressure swings", &|rig, t| t.swing_kpa[1] = if rig == 3 { 0.6 } else { 0.01 }),
             ("positive duty changes by 0.140", &|rig, t| t.chatter_duty[0] = if rig == 0 { 0.14 } else { 0.0 }),
             ("worse than what controls now: 1.", &|_, t| t.rmse_kpa = t.rmse_kpa.map(|e| 2.5 * e)),
-            ("in the positive pressure over rigs around", &|_, t| t.rmse_kpa[0] *= 2.8),
+            ("in the positive pressure over rigs around", &|_, t| t.rmse_kpa[0] *= 2.6),
             ("on one rig around the model", &|rig, t| t.rmse_kpa[1] *= if rig == 5 { 9.0 } else { 1.0 }),
             ("rigs with worn valves", &|rig, t| t.rmse_kpa[0] *= if rig >= LANES { 4.0 } else { 1.0 }),
         ];
