@@ -13,7 +13,7 @@ use proto::reference::Reference;
 /// What the converter's noise makes of a limit of the envelope: five standard deviations, 0.06 and 0.006 kPa each.
 const SCATTER_KPA: [f64; 2] = [0.3, 0.03];
 /// The largest change of a duty while one controller decides on the paper's reference (0.025), and twice that for the blend.
-const CALM_DUTY: f64 = 0.05;
+const CALM_DUTY: f64 = 0.06;
 
 fn rms(errors: &[[f64; 2]], c: usize) -> f64 {
     (errors.iter().map(|e| e[c] * e[c]).sum::<f64>() / errors.len() as f64).sqrt()
