@@ -3,7 +3,7 @@
 //! What a model knows least is how fast a command becomes a flow: delays on the way, the coil, the armature. So the model
 //! is run twice, under the command as sent and under this one; a reading between both forecasts contradicts neither.
 
-use model::observation::{CHANNELS, Pair};
+use model::observation::Pair;
 
 /// Delay in ticks (chosen: one of the wire and one to spare).
 const DELAY_TICKS: usize = 2;
