@@ -34,7 +34,7 @@ pub(crate) struct SimulateArgs {
     #[command(flatten)]
     rig: RigChoice,
     /// Commands and first pressures: a recording, the daemon's MCAP or what a logger wrote, with columns under the rig's names
-    /// (time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa: s, duty 0 to 1, gauge kPa) or as the rig file's [recording] says
+    /// (time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa: s, duty 0 to 1, gauge kPa) or as the rig file's `[recording]` says
     #[arg(long, value_name = "FILE")]
     inputs: PathBuf,
     /// CSV file to write: the same rows and columns, with simulated pressures

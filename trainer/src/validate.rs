@@ -35,7 +35,7 @@ pub(crate) struct ValidateArgs {
     #[command(flatten)]
     rig: RigChoice,
     /// Recordings: the daemon's MCAP, what loggers write as text, LabVIEW or MATLAB files; columns under the rig's names
-    /// (time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa: s, duty 0 to 1, gauge kPa) or as the rig file's [recording] says
+    /// (time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa: s, duty 0 to 1, gauge kPa) or as the rig file's `[recording]` says
     #[arg(value_name = "RECORDING", required = true)]
     recordings: Vec<PathBuf>,
     /// Smallest recorded pressure, in kPa above or below the atmosphere, that counts for the accuracy
