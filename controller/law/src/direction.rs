@@ -19,6 +19,8 @@
 //! c(τ+1) = α c(τ) + (1 − α) u(τ)      gives      u(τ) = (c(τ+1) − α c(τ))/(1 − α),      α = e^(−T/τ_coil)
 //! ```
 
+use model::valve_path::ValvePath;
+
 use crate::TICK_S;
 
 /// How far a plan must come back from its last extreme to count as a reversal, in duty.
@@ -29,8 +31,9 @@ const BLEND_S: f64 = 0.1;
 /// The same where the lag is known and undone. Chosen: a tick and a half takes the worst off a lag that is known to some
 /// tens of percent.
 const KNOWN_BLEND_S: f64 = 0.03;
-/// The most that undoing the lag may ask for, in half widths of play.
-const MOST_DRIVE: f64 = 6.0;
+/// By how much undoing the lag may change a duty in a tick: a little less than what the safety filter lets through (0.1), as the
+/// feed-forward moves as well. What a filter cuts off would leave the flapper short of the other side of its play.
+const MOST_STEP_DUTY: f64 = 0.08;
 
 /// Direction of one channel's planned duty.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,31 +46,44 @@ pub struct Direction {
     share: f64,
     /// α of the coil's lag; 0 where it is not undone.
     keeps: f64,
+    /// The most that the drive may change in a tick, in half widths of play.
+    most_step: f64,
 }
 
 impl Default for Direction {
     /// Of a valve whose lag is not known.
     fn default() -> Self {
-        Direction { extreme: None, way: 0.0, blended: 0.0, drive: 0.0, share: TICK_S / BLEND_S, keeps: 0.0 }
+        Direction {
+            extreme: None,
+            way: 0.0,
+            blended: 0.0,
+            drive: 0.0,
+            share: TICK_S / BLEND_S,
+            keeps: 0.0,
+            most_step: f64::INFINITY,
+        }
     }
 }
 
 impl Direction {
-    /// Of a valve whose coil is known to lag by so much.
-    pub fn behind_lag(coil_lag_s: f64) -> Self {
-        let keeps = if coil_lag_s > 0.0 { (-TICK_S / coil_lag_s).exp() } else { 0.0 };
-        Direction { share: 1.0 - (-TICK_S / KNOWN_BLEND_S).exp(), keeps, ..Direction::default() }
+    /// Of a valve of which the rig file states something: its coil's lag is undone.
+    pub fn told(path: &ValvePath) -> Self {
+        let keeps = if path.coil_lag_s > 0.0 { (-TICK_S / path.coil_lag_s).exp() } else { 0.0 };
+        // Without play it is infinite, and there is nothing to cross.
+        let most_step = MOST_STEP_DUTY / path.half_width_duty;
+        Direction { share: 1.0 - (-TICK_S / KNOWN_BLEND_S).exp(), keeps, most_step, ..Direction::default() }
     }
 
-    /// Undoes another coil's lag from now on; none where nothing is known of it.
-    pub fn take_lag(&mut self, coil_lag_s: Option<f64>) {
-        let other = coil_lag_s.map_or_else(Direction::default, Direction::behind_lag);
-        (self.share, self.keeps) = (other.share, other.keeps);
+    /// Goes on for another valve path.
+    pub fn take_path(&mut self, other: &Direction) {
+        (self.share, self.keeps, self.most_step) = (other.share, other.keeps, other.most_step);
     }
 
     /// Begins anew, with nothing planned yet.
     pub fn restart(&mut self) {
-        *self = Direction { share: self.share, keeps: self.keeps, ..Direction::default() };
+        let path = *self;
+        *self = Direction::default();
+        self.take_path(&path);
     }
 
     /// What to send for the last plan that was taken in, in half widths of play: the direction with the lag undone.
@@ -88,10 +104,10 @@ impl Direction {
             self.way = moved.signum();
             self.extreme = Some(planned);
         }
-        let before = self.blended;
-        self.blended += (self.way - before) * self.share;
-        let undone = (self.blended - self.keeps * before) / (1.0 - self.keeps);
-        self.drive = undone.clamp(-MOST_DRIVE, MOST_DRIVE);
+        let wanted = self.blended + (self.way - self.blended) * self.share;
+        let undone = (wanted - self.keeps * self.blended) / (1.0 - self.keeps);
+        self.drive = undone.clamp(self.drive - self.most_step, self.drive + self.most_step);
+        self.blended = self.keeps * self.blended + (1.0 - self.keeps) * self.drive;
         self.blended
     }
 }
@@ -195,14 +211,18 @@ mod tests {
     /// What is driven, put through the lag that it undoes, is the direction itself.
     #[test]
     fn a_known_lag_is_undone() {
-        let lag_s = 0.05;
-        let (mut direction, mut coil) = (Direction::behind_lag(lag_s), 0.0);
+        let lag_s = 0.08;
+        let path = ValvePath { coil_lag_s: lag_s, half_width_duty: 0.03, is_timed: true, ..ValvePath::default() };
+        let (mut direction, mut coil, mut before) = (Direction::told(&path), 0.0, 0.0);
         let keeps = (-TICK_S / lag_s).exp();
         for tick in 0..200 {
             let planned = 0.5 + 0.1 * (f64::from(tick) * 0.05).sin();
             let way = direction.follow(planned);
             coil = keeps * coil + (1.0 - keeps) * direction.drive();
             assert!((coil - way).abs() < 1e-9, "tick {tick}: {coil} for {way}");
+            let step = path.half_width_duty * (direction.drive() - before);
+            assert!(step.abs() <= MOST_STEP_DUTY + 1e-12, "tick {tick}: {step}");
+            before = direction.drive();
         }
         let mut plain = Direction::default();
         plain.follow(0.5);

@@ -112,8 +112,7 @@ impl Fallback {
             settings,
             bandwidth_per_s,
             integral: IntegralAction::new(settings.integral),
-            directions: paths
-                .map(|path| if is_told(&path) { Direction::behind_lag(path.coil_lag_s) } else { Direction::default() }),
+            directions: paths.map(|path| direction(&path)),
             play: paths.map(|path| play(&path, &settings)),
             pending: [Pending::default(); CHANNELS],
             repetition: None,
@@ -130,7 +129,7 @@ impl Fallback {
         self.bandwidth_per_s = bandwidths(&paths, &self.settings);
         #[allow(clippy::needless_range_loop)] // several arrays of channels side by side
         for c in 0..CHANNELS {
-            self.directions[c].take_lag(is_told(&paths[c]).then_some(paths[c].coil_lag_s));
+            self.directions[c].take_path(&direction(&paths[c]));
             if is_told(&paths[c]) {
                 self.play[c] = play(&paths[c], &self.settings);
             }
@@ -285,6 +284,11 @@ fn bandwidths(paths: &[ValvePath; CHANNELS], settings: &FallbackSettings) -> Pai
         let borne = settings.most_lateness / (path.late_s() + 0.5 * TICK_S);
         if is_told(&path) { borne.min(settings.told_bandwidth_per_s) } else { settings.bandwidth_per_s }
     })
+}
+
+/// Reversals of a valve, as far as the rig file tells of it.
+fn direction(path: &ValvePath) -> Direction {
+    if is_told(path) { Direction::told(path) } else { Direction::default() }
 }
 
 /// Play as the rig file states it, or none yet.

@@ -87,9 +87,8 @@ impl Mpc {
             let whole = timing.delay_ticks.round().min(HORIZON as f64 - 4.0);
             (whole as usize, timing.delay_ticks - whole)
         });
-        let directions = map
-            .valve_paths()
-            .map(|path| if is_told(&path) { Direction::behind_lag(path.coil_lag_s) } else { Direction::default() });
+        let directions =
+            map.valve_paths().map(|path| if is_told(&path) { Direction::told(&path) } else { Direction::default() });
         Mpc {
             weights: Weights { error: ERROR_WEIGHTS, change: change_weights(&model) },
             estimator: Estimator::new(&model),
