@@ -2,8 +2,8 @@
 //!
 //! | module | subject |
 //! | --- | --- |
-//! | [`episode`] | the rig as a learning problem, one rig at a time, for Gymnasium |
-//! | [`tables`] | open-loop simulation and recordings |
+//! | `episode` | the rig as a learning problem, one rig at a time, for Gymnasium |
+//! | `tables` | open-loop simulation and recordings |
 //!
 //! Arrays cross the border as bytes of little-endian numbers: the stable ABI down to Python 3.9 has no buffer
 //! protocol, and a copy of a recording costs nothing beside reading it.
