@@ -120,6 +120,7 @@ fn main() {
                 continue;
             }
             print!("{:18} ref{reference}", rig.name);
+            #[allow(clippy::needless_range_loop)] // both channels, as everywhere
             for c in 0..2 {
                 let f = &figures[c];
                 if f[0].is_empty() {
