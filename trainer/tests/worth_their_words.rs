@@ -236,7 +236,7 @@ fn the_worked_case_is_undecided_and_proposes_an_experiment() {
     let commands = said["next_step"]["commands"].as_array().unwrap();
     assert!(commands[0].as_str().unwrap().starts_with("controller experiment"), "{commands:?}");
     assert!(commands[1].as_str().unwrap().contains("monday.csv"), "{commands:?}");
-    let csv = Csv::read(&format!("{out}/next_experiment.csv"));
+    let csv = Csv::read(format!("{out}/next_experiment.csv"));
     // Two minutes at most, a row every 20 ms.
     assert!(csv.header == ["time_s", "u_pos", "u_neg", "pump_on"] && (500..=6000).contains(&csv.rows.len()));
 }
