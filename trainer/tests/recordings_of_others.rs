@@ -98,6 +98,7 @@ fn absolute_pressures_and_scaled_commands_are_refused_on_any_rig() {
     let rows = boxed(20, 60);
     let sound_file = folder.with("sound.csv", csv("t,duty,kPa", &rows, |row| *row));
     sound(["validate", "--rig", &rig, &sound_file]);
+    #[allow(clippy::type_complexity)] // a table of cases
     let cases: [(&str, [f64; 2], [f64; 2], &[&str]); 5] = [
         ("absolute", [1.0, 0.0], [1.0, 101.325], &["absolute", "101.3"]),
         ("absolute_hpa", [1.0, 0.0], [10.0, 1013.25], &["absolute"]),
