@@ -89,8 +89,8 @@ fn no_rig_makes_the_shipped_policy_hunt() {
         if flown.rmse_kpa.iter().zip(fallback.rmse_kpa).any(|(own, other)| *own > other) {
             behind.push(name);
         }
-        for c in 0..2 {
-            ratios[c].push(flown.rmse_kpa[c] / fallback.rmse_kpa[c]);
+        for (ratios, (own, other)) in ratios.iter_mut().zip(flown.rmse_kpa.iter().zip(fallback.rmse_kpa)) {
+            ratios.push(own / other);
         }
     }
     let mean = |ratios: &[f64]| (ratios.iter().map(|r| r.ln()).sum::<f64>() / ratios.len() as f64).exp();
