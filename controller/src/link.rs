@@ -257,7 +257,7 @@ impl Link {
     /// What has already come is taken first, so a late wake-up of this thread loses nothing.
     ///
     /// # Real-time
-    /// Runs in the tick: waits no longer than asked, takes no more than [`MOST_BYTES`], allocates nothing.
+    /// Runs in the tick: waits no longer than asked, takes no more than a bounded number of bytes, allocates nothing.
     pub fn receive(&mut self, until_ns: Option<u64>) -> Incoming {
         self.taken = 0;
         loop {

@@ -1,5 +1,5 @@
 //! The tick's thread: sessions one after the other (or one only, as the duty source needs). What happens within one stands in
-//! [`crate::session_loop`].
+//! `session_loop`.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -14,7 +14,7 @@
 //! | [`sequential_test`] | Wald's test: as good as the incumbent, or half as much error again? |
 //! | [`stages`] | shadow, ramp, probation: how much authority a candidate has, and why it loses it |
 //! | [`arbiter`] | incumbent and candidate side by side, blended; what is left of a bump decays |
-//! | [`channel`] | queues between the tick and the thread that publishes: policies in, retired ones out |
+//! | [`mod@channel`] | queues between the tick and the thread that publishes: policies in, retired ones out |
 //!
 //! All of it but the making of queues and policies runs in the tick: no allocation, no lock, bounded time. Every policy
 //! that goes is handed back through a queue, to be dropped elsewhere.

@@ -7,7 +7,7 @@
 //! Λ += ½ (x (1 − 1/R) − ln R)
 //! ```
 //!
-//! and the test ends at ±ln(1/ε) (Wald, Sequential Analysis, 1947). Neighbouring ticks err alike: [`ALIKE_TICKS`] of them
+//! and the test ends at ±ln(1/ε) (Wald, Sequential Analysis, 1947). Neighbouring ticks err alike: `ALIKE_TICKS` of them
 //! count as one. The two channels are tested each by itself: a candidate passes when both have passed, and is refused
 //! when either is.
 

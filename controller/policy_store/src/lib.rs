@@ -9,7 +9,7 @@
 //! | [`store`] | the thread: examines what is published, follows what becomes of it in the tick |
 //! | [`desk`] | what operators ask: list, swap, rollback |
 //!
-//! Nothing of it runs in the tick; to the tick it is two queues ([`handover::channel`]).
+//! Nothing of it runs in the tick; to the tick it is two queues ([`mod@handover::channel`]).
 
 pub mod audit;
 pub mod board;
