@@ -28,10 +28,10 @@ use supervisor::{
 
 use crate::command_sequence::Row;
 use crate::config::Safety;
-use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, SensorSample};
+use crate::duty_source::{ActuatorCommand, Afterwards, DutySource, ModeRequest, NoticeSink, SensorSample, Steering};
 use crate::notice::Notice;
 use crate::open_loop_playback::OpenLoopPlayback;
-use crate::reference_tracking::ReferenceTracking;
+use crate::running_source::RunningSource;
 use crate::sensing::Sensing;
 
 /// Frames that may be missing in a row before the rig is vented; the plan is followed meanwhile.
@@ -45,7 +45,7 @@ const FILTER_TOLD_AGAIN: u32 = 50;
 const REMIND_TICKS: u32 = 250;
 
 /// The control cycle and everything it remembers.
-pub struct Cycle<H = ReferenceTracking> {
+pub struct Cycle<H = RunningSource> {
     sensing: Sensing,
     safety: Safety,
     duty_source: H,
@@ -69,7 +69,7 @@ pub struct Cycle<H = ReferenceTracking> {
     faulted_ticks: u32,
 }
 
-impl Cycle<ReferenceTracking> {
+impl Cycle<RunningSource> {
     /// A cycle that follows a reference on the rig that the model is made of.
     ///
     /// # Errors
@@ -82,7 +82,7 @@ impl Cycle<ReferenceTracking> {
         auto_arm: bool,
     ) -> Result<Self, RigError> {
         let arming = if auto_arm { Arming::Automatic } else { Arming::Manual };
-        let duty_source = ReferenceTracking::new(rig, policy, reference)?;
+        let duty_source = RunningSource::new(rig, policy, reference)?;
         let filter = SafetyFilter::new(rig, envelope(safety), SlewLimit::DEFAULT)?;
         let monitor = Monitor::new(rig, Foresight::Judged)?;
         let parts = Parts { sensing: Sensing::of(rig)?, monitor, filter, safety };
@@ -195,7 +195,10 @@ impl<H: DutySource> Cycle<H> {
 
     /// The operator asks to arm; it happens in the next tick or not at all.
     pub fn arm(&mut self) {
-        self.ask(Request::Arm);
+        // An experiment arms by itself, once the rig stands at rest.
+        if self.duty_source.steering() == Steering::ClosedLoop {
+            self.ask(Request::Arm);
+        }
     }
 
     /// The operator has looked at what was wrong.
@@ -207,6 +210,43 @@ impl<H: DutySource> Cycle<H> {
     pub fn disarm(&mut self) {
         self.ask(Request::Disarm);
         self.duty_source.stopped(None);
+    }
+
+    /// Plays an experiment from the next tick on, which first opens both vents; hands it back where that cannot be.
+    ///
+    /// # Real-time
+    /// Runs in the tick.
+    ///
+    /// # Errors
+    /// The experiment: another one is under way, or nothing is steered for that could go on afterwards.
+    pub fn begin_experiment(
+        &mut self,
+        playback: Box<OpenLoopPlayback>,
+        tell: NoticeSink<'_>,
+    ) -> Result<(), Box<OpenLoopPlayback>> {
+        let rows = playback.rows();
+        let controlling = self.state().is_controlling();
+        let afterwards = if controlling { Afterwards::Armed } else { Afterwards::StandingBy };
+        self.duty_source.begin_experiment(playback, afterwards)?;
+        if controlling {
+            self.ask(Request::Disarm);
+        }
+        tell(Notice::ExperimentBegins { tick: self.tick, rows });
+        Ok(())
+    }
+
+    /// The experiment that is over, to be dropped outside the tick.
+    ///
+    /// # Real-time
+    /// Runs in the tick.
+    pub fn take_finished_experiment(&mut self) -> Option<Box<OpenLoopPlayback>> {
+        self.duty_source.take_finished_experiment()
+    }
+
+    /// Ends the experiment that is under way, and hands it back: there will be no further tick.
+    pub fn end_experiment(&mut self) -> Option<Box<OpenLoopPlayback>> {
+        self.duty_source.session_over();
+        self.duty_source.take_finished_experiment()
     }
 
     /// Of several requests in one tick the safer one counts.
@@ -231,6 +271,7 @@ impl<H: DutySource> Cycle<H> {
     /// A new session: nothing of the old one counts but what waits for a person.
     pub fn session_opened(&mut self) {
         self.monitor.session_opened();
+        self.duty_source.session_over();
         self.missing = 0;
         self.renew_session = false;
         self.request = None;
@@ -424,6 +465,7 @@ impl<H: DutySource> Cycle<H> {
         self.conditions.insert(cause, value);
         self.answer = ActuatorCommand::VENT;
         self.advance_state(Tick::LinkGone, tell);
+        self.duty_source.session_over();
     }
 
     /// The command that was decided went out under this sequence number.
@@ -463,7 +505,8 @@ impl<H: DutySource> Cycle<H> {
     /// Calls the supervisor and does what it says.
     fn advance_state(&mut self, tick: Tick, tell: NoticeSink<'_>) {
         let was_controlling = self.state().is_controlling();
-        let inputs = Inputs { tick, conditions: &self.conditions, request: self.request.take(), arming: self.arming };
+        let arming = self.watch_as_steered();
+        let inputs = Inputs { tick, conditions: &self.conditions, request: self.request.take(), arming };
         let (after, action) = next(&self.memory, &inputs);
         self.memory = after;
         self.action = Some(action);
@@ -484,6 +527,17 @@ impl<H: DutySource> Cycle<H> {
         self.remind(tell);
     }
 
+    /// Sets the watch to what is steered for, and answers who may arm.
+    fn watch_as_steered(&mut self) -> Arming {
+        let (foresight, slew, arming) = match self.duty_source.steering() {
+            Steering::ClosedLoop => (Foresight::Judged, SlewLimit::DEFAULT, self.arming),
+            Steering::OpenLoop => (Foresight::Unjudged, SlewLimit::None, Arming::Manual),
+        };
+        self.monitor.set_foresight(foresight);
+        self.filter.set_slew(slew);
+        arming
+    }
+
     fn tell_transition(&mut self, transition: Transition, tell: NoticeSink<'_>) {
         let tick = self.tick;
         match transition {
@@ -491,7 +545,10 @@ impl<H: DutySource> Cycle<H> {
             Transition::Armed(arming) => {
                 self.monitor.armed();
                 self.duty_source.armed(tick, self.measured);
-                tell(Notice::Armed { tick, auto: arming == Arming::Automatic });
+                tell(match self.duty_source.steering() {
+                    Steering::ClosedLoop => Notice::Armed { tick, auto: arming == Arming::Automatic },
+                    Steering::OpenLoop => Notice::FirstRow { tick },
+                });
             }
             Transition::Disarmed => tell(Notice::Disarmed { tick }),
             Transition::Vented(cause) | Transition::Faulted(cause) => {
@@ -541,6 +598,7 @@ impl<H: DutySource> Cycle<H> {
         record.state = self.state().code();
         record.fault = self.state().fault(self.memory.cause);
         record.findings = self.conditions.bits();
+        record.experiment = self.duty_source.experiment().map_or(0, |experiment| experiment.phase.code());
         self.answer
     }
 }

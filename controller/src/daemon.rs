@@ -230,7 +230,7 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
     });
     attachments.extend(policy_bytes.map(|bytes| attachment(attached::POLICY, "application/onnx", bytes)));
     let cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.auto_arm).map_err(unflyable)?;
-    remarks.extend(cycle.duty_source().out_of_reach().map(out_of_reach_text));
+    remarks.extend(cycle.duty_source().tracking().out_of_reach().map(out_of_reach_text));
     let (policy_name, policy_sha256) = policy_id.clone().unwrap_or_else(|| (FALLBACK.to_owned(), String::new()));
     let running = Running {
         policy: policy_name,
@@ -240,8 +240,12 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
         armed_by: None,
     };
     let policies: Option<StartPolicies> = options.socket.then(|| {
-        let (config, rig, end, models) =
-            (config.clone(), rig.clone(), cycle.duty_source().policies(), cycle.duty_source().models());
+        let (config, rig, end, models) = (
+            config.clone(),
+            rig.clone(),
+            cycle.duty_source().tracking().policies(),
+            cycle.duty_source().tracking().models(),
+        );
         let start: StartPolicies = Box::new(move |say, stop| {
             let store = policy_service::start(&config, &rig, active, end, stop, say)?;
             Ok(PolicyHandle { policies: store.desk(), models })

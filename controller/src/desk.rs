@@ -13,6 +13,9 @@ use proto::reference::{Reference, ReferenceError};
 
 use crate::clock::now_ns;
 use crate::config::Safety;
+use crate::experiment::Experiment;
+use crate::experiment_desk::{self, ExperimentDesk};
+use crate::experiment_log::ExperimentLog;
 use crate::mailbox::{Fate, OperatorMailbox, Request, Status, Ticket};
 use crate::operator_protocol::{Ask, EFFECT_TIME, Reply, Running};
 use crate::peer::Peer;
@@ -53,6 +56,8 @@ pub struct DeskOptions {
     pub running: Running,
     /// Policies and models, where they can be changed.
     pub policies: Option<PolicyHandle>,
+    /// Where experiments are recorded, where they can be played within the run.
+    pub experiments: Option<ExperimentLog>,
     /// Age from which a status no longer tells what is: there is no session.
     pub stale: Duration,
     /// Configurations that were read again.
@@ -62,6 +67,7 @@ pub struct DeskOptions {
 /// The operators' desk.
 pub struct Desk {
     options: DeskOptions,
+    experiments: Option<ExperimentDesk>,
     newest: Option<(Status, u64)>,
     /// A reference is being read; at most one at a time.
     reading: bool,
@@ -71,6 +77,11 @@ pub struct Desk {
 
 /// Answered where policies and models cannot be changed.
 const NO_POLICIES: &str = "policies and models cannot be changed in this run";
+
+/// Answered where experiments cannot be played.
+const NO_EXPERIMENTS: &str = "experiments cannot be played in this run";
+/// Answered to what would come between.
+const UNDER_WAY: &str = "an experiment is under way; wait for its end, or disarm to stop it";
 
 /// What is asked for and not yet answered.
 pub struct Pending {
@@ -91,6 +102,14 @@ enum What {
     Aside {
         from: Receiver<Result<String, String>>,
         what: String,
+    },
+    Checking {
+        from: Receiver<Result<Box<Experiment>, String>>,
+        name: String,
+    },
+    Experiment {
+        ticket: Ticket,
+        experiment: Box<Experiment>,
     },
     /// The text is what goes into the recording once the tick has taken it.
     Reference {
@@ -116,7 +135,8 @@ fn controls(status: &Status) -> bool {
 impl Desk {
     /// A desk for a daemon.
     pub fn new(options: DeskOptions) -> Self {
-        Desk { options, newest: None, reading: false, working: false }
+        let experiments = options.experiments.clone().map(ExperimentDesk::new);
+        Desk { options, experiments, newest: None, reading: false, working: false }
     }
 
     /// Takes in a line that a client sent.
@@ -131,16 +151,7 @@ impl Desk {
         match ask {
             Ask::Status {} => self.done(Ok(())),
             Ask::Policies {} => self.list_policies(),
-            Ask::Arm {}
-            | Ask::Acknowledge {}
-            | Ask::Reference { .. }
-            | Ask::Swap { .. }
-            | Ask::Rollback {}
-            | Ask::Model { .. }
-                if self.options.may == May::OnlyStop =>
-            {
-                self.done(Err("an experiment is under way; wait for its end, or disarm to stop it".to_owned()))
-            }
+            _ if self.comes_between(&ask) => self.done(Err(UNDER_WAY.to_owned())),
             Ask::Arm {} => match self.start_arming() {
                 Ok(ticket) => pending(What::Arm(ticket), EFFECT_TIME),
                 Err(why) => self.over("arm", peer, Err(why)),
@@ -165,6 +176,16 @@ impl Desk {
             },
             Ask::Model { file } => {
                 self.aside(format!("model {}", file.display()), peer, move |handle, _| handle.models.change(&file))
+            }
+            Ask::Experiment { file, csv } => {
+                let name = file.display().to_string();
+                match self.start_experiment(&name, csv) {
+                    Ok(from) => {
+                        self.working = true;
+                        pending(What::Checking { from, name }, WORK_TIME)
+                    }
+                    Err(why) => self.over(&format!("experiment {name}"), peer, Err(why)),
+                }
             }
             Ask::Reference { .. } if self.reading => {
                 self.over("reference", peer, Err("another reference is being read; try again".to_owned()))
@@ -223,6 +244,23 @@ impl Desk {
                     self.over(&what, peer, Err(why))
                 }
             },
+            What::Checking { from, name } => match from.try_recv() {
+                Ok(checked) => self.experiment_checked(checked, &name, peer),
+                Err(TryRecvError::Empty) if !late => {
+                    Step::Pending(Pending { what: What::Checking { from, name }, peer, asked_ns, until })
+                }
+                Err(_) => {
+                    self.working = false;
+                    let why = format!("it was not checked within {} s", WORK_TIME.as_secs());
+                    self.over(&format!("experiment {name}"), peer, Err(why))
+                }
+            },
+            What::Experiment { ticket, experiment } => match self.options.mailbox.fate(ticket) {
+                Fate::Waiting if !late => {
+                    Step::Pending(Pending { what: What::Experiment { ticket, experiment }, peer, asked_ns, until })
+                }
+                _ => self.experiment_settled(ticket, &experiment, peer),
+            },
             What::Reference { ticket, name, csv } => match self.options.mailbox.fate(ticket) {
                 Fate::Taken => {
                     self.reference_taken(&name, csv);
@@ -267,6 +305,14 @@ impl Desk {
                 let unknown = "the client went away before it was told what came of it".to_owned();
                 self.record(&what, peer, &Err(unknown));
             }
+            What::Checking { name, .. } => {
+                self.working = false;
+                self.record(&format!("experiment {name}"), peer, &Err(withdrawn));
+            }
+            What::Experiment { ticket, experiment } => {
+                // What a tick has taken goes on without whoever asked for it.
+                let _ = self.experiment_settled(ticket, &experiment, peer);
+            }
             What::Reference { ticket, name, csv } => {
                 let outcome = if self.options.mailbox.withdraw(ticket) {
                     Err(withdrawn)
@@ -300,6 +346,102 @@ impl Desk {
             };
             self.options.notes.note(now_ns(), EventLevel::Info, "reload", text);
         }
+    }
+
+    /// Looks whether an experiment is over, and concludes it.
+    pub fn look_after_experiments(&mut self) {
+        if let Some(experiments) = &mut self.experiments {
+            experiments.look(&self.options.mailbox, &self.options.notes);
+        }
+    }
+
+    /// Whether an experiment is under way and this would come between: everything but looking on and stopping, and where
+    /// something waits for a person after it was stopped, acknowledging.
+    fn comes_between(&self, ask: &Ask) -> bool {
+        let within = self.experiments.as_ref().is_some_and(ExperimentDesk::is_playing);
+        match ask {
+            Ask::Status {} | Ask::Policies {} | Ask::Disarm {} => false,
+            Ask::Acknowledge {} => self.options.may == May::OnlyStop,
+            _ => within || self.options.may == May::OnlyStop,
+        }
+    }
+
+    fn start_experiment(&self, name: &str, csv: String) -> Result<Receiver<Result<Box<Experiment>, String>>, String> {
+        let (Some(experiments), Some(handle)) = (&self.experiments, &self.options.policies) else {
+            return Err(NO_EXPERIMENTS.to_owned());
+        };
+        if !experiments.is_free() {
+            return Err("the recording of the last experiment is being finished; try again".to_owned());
+        }
+        if self.working {
+            return Err("a policy, a model or another experiment is being checked; try again".to_owned());
+        }
+        self.why_no_experiment().map_or(Ok(()), Err)?;
+        let models = handle.models.clone();
+        experiment_desk::check_aside(name.to_owned(), csv, move || models.rig(), self.options.safety)
+    }
+
+    /// Why none can begin now: it begins from standing by or from control, and it is recorded.
+    fn why_no_experiment(&self) -> Option<String> {
+        let Some(status) = self.live_status() else { return Some(self.no_session()) };
+        let ready = status.state == State::Run.code() || status.can_arm;
+        if !ready {
+            let name = State::name(status.state);
+            return Some(format!(
+                "it is {name}; an experiment begins while it stands by and can be armed, or controls (`controller status`)"
+            ));
+        }
+        self.options.health.why_not_arm().map(|problem| format!("it would not be recorded: {problem}"))
+    }
+
+    fn experiment_checked(&mut self, checked: Result<Box<Experiment>, String>, name: &str, peer: Peer) -> Step {
+        self.working = false;
+        let experiment = match checked {
+            Ok(experiment) => experiment,
+            Err(why) => {
+                self.record(&format!("experiment {name}"), peer, &Err(why.clone()));
+                let mut reply = self.reply(Err(why));
+                reply.bad_input = true;
+                return Step::Done(Box::new(reply));
+            }
+        };
+        let asked_ns = now_ns();
+        let until_ns = asked_ns.saturating_add(EFFECT_TIME.as_nanos() as u64);
+        let refused = self.why_no_experiment();
+        let ticket = match (&self.experiments, refused) {
+            (_, Some(why)) => Err(why),
+            (None, None) => Err(NO_EXPERIMENTS.to_owned()),
+            (Some(experiments), None) => {
+                let asked = self.options.mailbox.ask(Request::Experiment(experiments.expect(&experiment)), until_ns);
+                asked.ok_or_else(|| "too many requests wait; try again".to_owned())
+            }
+        };
+        match ticket {
+            Ok(ticket) => Step::Pending(Pending {
+                what: What::Experiment { ticket, experiment },
+                peer,
+                asked_ns,
+                until: Instant::now() + EFFECT_TIME,
+            }),
+            Err(why) => {
+                self.experiments.iter().for_each(ExperimentDesk::not_begun);
+                self.over(&format!("experiment {name}"), peer, Err(why))
+            }
+        }
+    }
+
+    /// The tick has taken the experiment, or never will.
+    fn experiment_settled(&mut self, ticket: Ticket, experiment: &Experiment, peer: Peer) -> Step {
+        let what = format!("experiment {}", experiment.sequence.source());
+        if self.options.mailbox.withdraw(ticket) {
+            self.experiments.iter().for_each(ExperimentDesk::not_begun);
+            return self.over(&what, peer, Err(format!("no tick took it; {}", self.no_session())));
+        }
+        if let Some(experiments) = &mut self.experiments {
+            experiments.begun(experiment, peer);
+        }
+        self.options.notes.attach(attachment(attached::EXPERIMENT, "text/csv", experiment.sequence.bytes()));
+        self.over_saying(&what, peer, Ok("the experiment has begun".to_owned()))
     }
 
     /// An answer to what is no request.
@@ -534,6 +676,8 @@ impl Desk {
             done: None,
             policies: None,
             policies_problem: None,
+            experiment: self.experiments.as_ref().and_then(|e| e.view(live.and_then(|s| s.experiment))),
+            bad_input: false,
             recording_problem: self.options.health.error().or_else(|| self.options.health.why_not_arm()),
         }
     }

@@ -1,8 +1,9 @@
 //! Who decides the duties while the rig is armed.
 //!
 //! [`Cycle`](crate::cycle::Cycle) keeps watch: volts, limits, missing frames, the state. What is steered for is
-//! the duty source's: a reference ([`ReferenceTracking`](crate::reference_tracking::ReferenceTracking)) or the rows of a sequence
-//! ([`OpenLoopPlayback`](crate::open_loop_playback::OpenLoopPlayback)). What it decides counts
+//! the duty source's: a reference ([`ReferenceTracking`](crate::reference_tracking::ReferenceTracking)), the rows of a sequence
+//! ([`OpenLoopPlayback`]), or first the one and then the other
+//! ([`RunningSource`](crate::running_source::RunningSource)). What it decides counts
 //! only while the rig is armed; it cannot keep the watch from venting.
 
 use model::observation::Pair;
@@ -10,10 +11,11 @@ use proto::recording::{EventLevel, TickRecord};
 use proto::reference::Reference;
 use proto::wire::Mode;
 use safety_filter::SafetyFilter;
-
+use serde::{Deserialize, Serialize};
 use supervisor::{Condition, ControlledBy, State};
 
 use crate::notice::Notice;
+use crate::open_loop_playback::OpenLoopPlayback;
 
 /// Both vents open: what is sent whenever the rig is not being controlled.
 pub const VENT: Pair = [1.0, 1.0];
@@ -64,6 +66,58 @@ pub enum ModeRequest {
     Arm,
     /// To be disarmed at once, both vents open; the notice says why.
     Disarm(Notice),
+}
+
+/// What follows an experiment that was played to its end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Afterwards {
+    /// Controlling again, as before it.
+    Armed,
+    /// Standing by, as before it.
+    StandingBy,
+}
+
+/// How the watch takes what a source decides.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Steering {
+    /// Toward a reference: readings are held against the model, duties keep the slew limit, and persons arm.
+    ClosedLoop,
+    /// By rows that are played as they are, often to find out where the model is wrong; the source arms by itself.
+    OpenLoop,
+}
+
+/// How far an experiment is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ExperimentPhase {
+    /// Vents open, pump off, until the pressures stand still.
+    Settling,
+    /// Its rows are sent.
+    Playing,
+    /// Vents open after the last row, or after what stopped it.
+    Resting,
+}
+
+impl ExperimentPhase {
+    /// The number that recordings carry; 0 is no experiment.
+    pub const fn code(self) -> u8 {
+        match self {
+            ExperimentPhase::Settling => 1,
+            ExperimentPhase::Playing => 2,
+            ExperimentPhase::Resting => 3,
+        }
+    }
+}
+
+/// What the tick shows of an experiment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ExperimentProgress {
+    /// How far it is.
+    pub phase: ExperimentPhase,
+    /// Rows that were sent.
+    pub reached: u32,
+    /// Rows that it has.
+    pub rows: u32,
 }
 
 /// Who decides the duties while the rig is armed. All of it but `verdict` runs in the tick: bounded, no allocation.
@@ -122,6 +176,34 @@ pub trait DutySource: Send {
         let _ = running;
         reference
     }
+
+    /// How the watch takes what this source decides now.
+    fn steering(&self) -> Steering {
+        Steering::ClosedLoop
+    }
+
+    /// How far an experiment is, while one is under way.
+    fn experiment(&self) -> Option<ExperimentProgress> {
+        None
+    }
+
+    /// Plays an experiment from now on, and goes on as `afterwards` says; hands it back where that cannot be.
+    fn begin_experiment(
+        &mut self,
+        playback: Box<OpenLoopPlayback>,
+        afterwards: Afterwards,
+    ) -> Result<(), Box<OpenLoopPlayback>> {
+        let _ = afterwards;
+        Err(playback)
+    }
+
+    /// The experiment that is over, to be dropped outside the tick.
+    fn take_finished_experiment(&mut self) -> Option<Box<OpenLoopPlayback>> {
+        None
+    }
+
+    /// The session is over: there are no ticks in which to come to rest.
+    fn session_over(&mut self) {}
 
     /// What the end of the recording says about the flight.
     fn verdict(&self) -> Option<(EventLevel, String)> {

@@ -13,14 +13,15 @@ use model::rig::Rig;
 use proto::recording::PERIOD_S;
 
 use crate::command_sequence::{CommandSequence, CommandSequenceError};
-use crate::config::Config;
+use crate::config::{Config, Safety};
 use crate::cycle::Cycle;
 use crate::notice::sentence_of_one_session;
 use crate::open_loop_playback::{OpenLoopPlayback, Stopped};
 use crate::playback_report::PlaybackReport;
 use crate::preflight_simulation::{Forecast, ForecastError, preflight_simulation};
+use crate::run_file::attached;
 use crate::run_length::RunLength;
-use crate::session_recorder::{SessionError, SessionRecorder, attachment, fly_recorded};
+use crate::session_recorder::{EXPERIMENT_STEM, SessionError, SessionRecorder, attachment, fly_recorded};
 use crate::socket::{May, Running};
 
 /// Why an experiment cannot be made.
@@ -94,8 +95,15 @@ impl Experiment {
     /// The first thing that is wrong, or when and how far the model leaves the safety envelope.
     pub fn load(config: &Config, csv: &Path) -> Result<Self, ExperimentError> {
         let sequence = CommandSequence::read(csv)?;
-        let rig = proto::rig_file::load(&config.rig.file)?;
-        let forecast = preflight_simulation(&rig, &sequence, config.safety)?;
+        Self::check(sequence, proto::rig_file::load(&config.rig.file)?, config.safety)
+    }
+
+    /// Checks a sequence on the model's rig: the envelope, and whether a pump that it switches can be switched.
+    ///
+    /// # Errors
+    /// When and how far the model leaves the safety envelope, or which rows need the pump off.
+    pub fn check(sequence: CommandSequence, rig: Rig, safety: Safety) -> Result<Self, ExperimentError> {
+        let forecast = preflight_simulation(&rig, &sequence, safety)?;
         if !forecast.relay
             && let Some(stretches) = sequence.pump_off()
         {
@@ -120,7 +128,7 @@ impl Experiment {
         let logbook = SessionRecorder {
             policies: None,
             file: options.recording,
-            stem: "experiment",
+            stem: EXPERIMENT_STEM,
             policy: None,
             extra: vec![
                 ("model_rig".to_owned(), self.rig.name.clone()),
@@ -128,9 +136,9 @@ impl Experiment {
                 ("command".to_owned(), options.command),
             ],
             attachments: vec![
-                attachment("experiment.csv", "text/csv", self.sequence.bytes()),
-                attachment("model_rig.toml", "application/toml", self.rig.to_toml().unwrap_or_default()),
-                attachment("controller.toml", "application/toml", options.config_text),
+                attachment(attached::EXPERIMENT, "text/csv", self.sequence.bytes()),
+                attachment(attached::MODEL, "application/toml", self.rig.to_toml().unwrap_or_default()),
+                attachment(attached::CONFIG, "application/toml", options.config_text),
             ],
             remarks: Vec::new(),
             event_text: sentence_of_one_session,
@@ -150,26 +158,28 @@ impl Experiment {
         let playing = cycle.duty_source();
         let witness = witness.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let (rows, reached) = (playing.rows(), playing.reached());
-        Ok(Played { recording, rows, reached, aborted: self.why_aborted(playing), witness })
+        let pump_off = self.sequence.pump_off();
+        let aborted = why_aborted(playing, self.sequence.source(), pump_off.as_deref());
+        Ok(Played { recording, rows, reached, aborted, witness })
     }
+}
 
-    fn why_aborted(&self, playing: &OpenLoopPlayback) -> Option<String> {
-        if playing.is_complete() {
-            return None;
-        }
-        let why = playing.why_stopped().map_or("stopped by hand".to_owned(), |why| why.to_string());
-        let needs = match (playing.why_stopped(), self.sequence.pump_off()) {
-            (Some(Stopped::PumpRuns), Some(stretches)) => {
-                format!("; {} needs the pump off in {stretches}", self.sequence.source())
-            }
-            (Some(Stopped::PumpRuns), None) => {
-                "; leave `relay` out under the pump in the rig file, then the experiment starts with the pump running"
-                    .to_owned()
-            }
-            _ => String::new(),
-        };
-        Some(why + &needs)
+/// Why a sequence did not come to its end, with what would mend it; `None`: it did. `pump_off`: its rows with the pump
+/// off, as [`CommandSequence::pump_off`] names them.
+pub fn why_aborted(playing: &OpenLoopPlayback, file: &str, pump_off: Option<&str>) -> Option<String> {
+    if playing.is_complete() {
+        return None;
     }
+    let why = playing.why_stopped().map_or("stopped by hand".to_owned(), |why| why.to_string());
+    let needs = match (playing.why_stopped(), pump_off) {
+        (Some(Stopped::PumpRuns), Some(stretches)) => format!("; {file} needs the pump off in {stretches}"),
+        (Some(Stopped::PumpRuns), None) => {
+            "; leave `relay` out under the pump in the rig file, then the experiment starts with the pump running"
+                .to_owned()
+        }
+        _ => String::new(),
+    };
+    Some(why + &needs)
 }
 
 impl Played {

@@ -9,6 +9,7 @@
 //! | [`duty_source`] | who decides the duties while the rig is armed |
 //! | [`reference_tracking`] | a reference, closed loop |
 //! | [`open_loop_playback`] | a sequence of commands, open loop |
+//! | [`running_source`] | a reference, with an experiment in between |
 //! | [`settling`] | whether the pressures stand still |
 //! | [`command_sequence`], [`preflight_simulation`], [`playback_report`] | commands from a file; what the model says they will do; what they did |
 //! | [`pacing`] | when a frame is due |
@@ -33,6 +34,7 @@
 //! | [`session_recorder`] | a flight with its recording, from the file made to the file finished |
 //! | [`daemon`] | puts it all together for a reference |
 //! | [`experiment`] | and for a sequence |
+//! | [`experiment_desk`], [`experiment_log`] | a sequence within a run: how it is asked for, what it leaves |
 //! | [`yardstick`] | what the fallback reaches on a rig and a reference |
 //!
 //! Beside this crate: `law` (control laws, shared with the trainer), `policy` (ONNX), `admission`, `handover` and
@@ -49,6 +51,8 @@ pub mod daemon;
 pub mod desk;
 pub mod duty_source;
 pub mod experiment;
+pub mod experiment_desk;
+pub mod experiment_log;
 pub mod guard;
 pub mod link;
 pub mod live_stream;
@@ -72,6 +76,7 @@ pub mod replay;
 pub mod rt_test;
 pub mod run_file;
 pub mod run_length;
+pub mod running_source;
 pub mod sensing;
 pub mod session;
 mod session_loop;

@@ -13,11 +13,16 @@ use proto::reference::Reference;
 use serde::{Deserialize, Serialize};
 
 use crate::clock::now_ns;
+use crate::duty_source::ExperimentProgress;
+use crate::open_loop_playback::OpenLoopPlayback;
 
 /// Requests that may wait for the tick.
 const MOST_WAITING: usize = 8;
 /// Tickets whose outcome is kept: more than may wait, so that a place is only used again once its request is gone.
 const PLACES: usize = 2 * MOST_WAITING;
+
+/// Experiments that may wait for the desk: one is under way at a time, and the next begins only once it was fetched.
+const MOST_PLAYED: usize = 2;
 
 /// What the daemon is doing, as of the newest tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -53,6 +58,9 @@ pub struct Status {
     /// Commands that the safety filter has changed since the start.
     #[serde(default)]
     pub filter_interventions: u64,
+    /// How far the experiment is that is under way.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub experiment: Option<ExperimentProgress>,
 }
 
 /// What the operator wants.
@@ -66,6 +74,28 @@ pub enum Request {
     Acknowledge,
     /// Follow another reference.
     Reference(Box<Reference>),
+    /// Play an experiment, and go on afterwards.
+    Experiment(Box<OpenLoopPlayback>),
+}
+
+/// What the tick must not free.
+#[derive(Debug)]
+pub enum Spent {
+    /// A reference that is no longer followed, or never was.
+    Reference(Box<Reference>),
+    /// An experiment that was not begun.
+    Experiment(Box<OpenLoopPlayback>),
+}
+
+impl Request {
+    /// What a request that is not carried out leaves to be freed.
+    fn spent(self) -> Option<Spent> {
+        match self {
+            Request::Reference(reference) => Some(Spent::Reference(reference)),
+            Request::Experiment(playback) => Some(Spent::Experiment(playback)),
+            Request::Arm | Request::Disarm | Request::Acknowledge => None,
+        }
+    }
 }
 
 /// The number of a request.
@@ -96,7 +126,9 @@ struct Shared {
     /// The newest status with the time at which it was shown, monotonic clock (ns).
     status: ArrayQueue<(Status, u64)>,
     orders: ArrayQueue<Order>,
-    retired: ArrayQueue<Box<Reference>>,
+    retired: ArrayQueue<Spent>,
+    /// Experiments that are over, on their way back.
+    played: ArrayQueue<Box<OpenLoopPlayback>>,
     /// For each place the ticket and what became of it: `ticket << 2 | fate`.
     fates: [AtomicU64; PLACES],
     disarm: AtomicBool,
@@ -141,6 +173,7 @@ pub fn mailbox() -> (TickMailbox, OperatorMailbox) {
         status: ArrayQueue::new(1),
         orders: ArrayQueue::new(MOST_WAITING),
         retired: ArrayQueue::new(2 * MOST_WAITING),
+        played: ArrayQueue::new(MOST_PLAYED),
         fates: std::array::from_fn(|_| AtomicU64::new(WITHDRAWN)),
         disarm: AtomicBool::new(false),
         disarmed_through: AtomicU64::new(0),
@@ -182,8 +215,8 @@ impl TickMailbox {
             if self.shared.settle(order.ticket, fate) && fate == TAKEN {
                 return Some(order.request);
             }
-            if let Request::Reference(reference) = order.request {
-                self.retire(reference);
+            if let Some(spent) = order.request.spent() {
+                self.retire(spent);
             }
         }
         None
@@ -193,9 +226,19 @@ impl TickMailbox {
     ///
     /// # Real-time
     /// Runs in the tick; `request` has seen to it that there is room.
-    pub fn retire(&self, reference: Box<Reference>) {
-        if let Err(reference) = self.shared.retired.push(reference) {
-            std::mem::forget(reference);
+    pub fn retire(&self, spent: Spent) {
+        if let Err(spent) = self.shared.retired.push(spent) {
+            std::mem::forget(spent);
+        }
+    }
+
+    /// Hands back an experiment that is over.
+    ///
+    /// # Real-time
+    /// Runs in the tick; there is room, for the next one begins only once this one was fetched.
+    pub fn hand_back(&self, playback: Box<OpenLoopPlayback>) {
+        if let Err(playback) = self.shared.played.push(playback) {
+            std::mem::forget(playback);
         }
     }
 }
@@ -218,6 +261,11 @@ impl OperatorMailbox {
         self.shared.orders.push(Order { request, ticket, expires_ns: counts_until_ns }).ok()?;
         *last = ticket;
         Some(Ticket(ticket))
+    }
+
+    /// The experiment that is over, once the tick has handed it back.
+    pub fn played(&self) -> Option<Box<OpenLoopPlayback>> {
+        self.shared.played.pop()
     }
 
     /// Disarms at the next tick, whenever that comes, and takes every request before it out of force.

@@ -51,16 +51,18 @@ struct Shared {
 #[derive(Clone)]
 pub struct ModelDesk {
     shared: Arc<Shared>,
-    /// The model in force, and samples that were taken off the tick's queue.
-    state: Arc<Mutex<(Rig, VecDeque<Sample>)>>,
+    /// The model in force; held for a moment only, also by those who answer operators.
+    rig: Arc<Mutex<Rig>>,
+    /// Samples that were taken off the tick's queue; held for as long as a change takes.
+    samples: Arc<Mutex<VecDeque<Sample>>>,
 }
 
 /// Makes both ends for a loop that begins with `rig`.
 pub fn ends(rig: &Rig) -> (ModelTickEnd, ModelDesk) {
     let shared =
         Arc::new(Shared { next: ArrayQueue::new(1), retired: ArrayQueue::new(4), samples: ArrayQueue::new(SAMPLES) });
-    let state = Arc::new(Mutex::new((rig.clone(), VecDeque::new())));
-    (ModelTickEnd { shared: Arc::clone(&shared) }, ModelDesk { shared, state })
+    let rig = Arc::new(Mutex::new(rig.clone()));
+    (ModelTickEnd { shared: Arc::clone(&shared) }, ModelDesk { shared, rig, samples: Arc::default() })
 }
 
 impl ModelTickEnd {
@@ -94,7 +96,12 @@ impl ModelTickEnd {
 impl ModelDesk {
     /// The name of the model in force.
     pub fn name(&self) -> String {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner).0.name.clone()
+        self.rig.lock().unwrap_or_else(PoisonError::into_inner).name.clone()
+    }
+
+    /// The model in force.
+    pub fn rig(&self) -> Rig {
+        self.rig.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Reads a rig file, checks it, compares it, and has the tick put it in. Takes seconds; not for the tick nor for the
@@ -107,9 +114,9 @@ impl ModelDesk {
         let rig = proto::rig_file::load(&file.to_string_lossy()).map_err(|e| e.to_string())?;
         let unfit = |problem: model::rig::RigError| format!("{name}: rig {}: {problem}", rig.name);
         rig_and_crio(&rig).map_err(unfit)?;
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let (old, samples) = &mut *state;
-        if Sensing::of(&rig).map_err(unfit)? != Sensing::of(old).map_err(unfit)? {
+        let mut samples = self.samples.lock().unwrap_or_else(PoisonError::into_inner);
+        let old = self.rig();
+        if Sensing::of(&rig).map_err(unfit)? != Sensing::of(&old).map_err(unfit)? {
             return Err(format!(
                 "{name}: its sensors have other ranges than those in force; restart the daemon with rig.file"
             ));
@@ -118,7 +125,7 @@ impl ModelDesk {
         let surplus = samples.len().saturating_sub(SAMPLES);
         samples.drain(..surplus);
         let run: Vec<Sample> = samples.iter().skip(samples.len().saturating_sub(COMPARED)).copied().collect();
-        let figures = compare(old, &rig, &run).map_err(unfit)?;
+        let figures = compare(&old, &rig, &run).map_err(unfit)?;
         if let Some(reason) = figures.as_ref().and_then(|f| f.refusal()) {
             return Err(format!("{name}: {reason}"));
         }
@@ -129,18 +136,19 @@ impl ModelDesk {
             filter: SafetyFilter::new(&rig, Envelope::DEFAULT, SlewLimit::DEFAULT).map_err(unfit)?,
         };
         self.hand_over(change)?;
-        *old = rig;
+        let new = rig.name.clone();
+        *self.rig.lock().unwrap_or_else(PoisonError::into_inner) = rig;
         Ok(match figures {
             Some(f) => format!(
                 "model {} is in force; five ticks ahead it errs by {:.3}/{:.3} kPa on the last {:.0} s, the one before by {:.3}/{:.3}",
-                old.name,
+                new,
                 f.after_kpa[1][0],
                 f.after_kpa[1][1],
                 f.ticks as f64 * 0.02,
                 f.before_kpa[1][0],
                 f.before_kpa[1][1]
             ),
-            None => format!("model {} is in force; too little was run to compare it with the one before", old.name),
+            None => format!("model {} is in force; too little was run to compare it with the one before", new),
         })
     }
 

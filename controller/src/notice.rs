@@ -143,6 +143,18 @@ pub enum Notice {
         /// Measured pressures, kPa gauge.
         measured: Pair,
     },
+    /// An experiment begins: vents open, pump off, until the pressures stand still.
+    ExperimentBegins {
+        /// Tick before it.
+        tick: u32,
+        /// Rows that it has.
+        rows: u32,
+    },
+    /// The rig stands at rest, and the first row of a sequence is played.
+    FirstRow {
+        /// Tick.
+        tick: u32,
+    },
     /// The last row of a sequence was played.
     Played {
         /// Tick.
@@ -185,6 +197,8 @@ impl Notice {
             Notice::FrameDamaged { count } => (7, [count as f64, 0.0, 0.0, 0.0]),
             Notice::Policy { tick, event } => policy_numbers(tick, event),
             Notice::Filtered { tick, asked, measured } => (20, [f64::from(tick), asked[0], asked[1], measured[0]]),
+            Notice::ExperimentBegins { tick, rows } => (26, [f64::from(tick), f64::from(rows), 0.0, 0.0]),
+            Notice::FirstRow { tick } => (27, [f64::from(tick), 0.0, 0.0, 0.0]),
             Notice::Played { tick } => (10, [f64::from(tick), 0.0, 0.0, 0.0]),
             Notice::FlightOver { tick } => (9, [f64::from(tick), 0.0, 0.0, 0.0]),
         };
@@ -330,7 +344,6 @@ pub fn sentence_of_one_session(event: &Event) -> String {
     let [tick, value, ..] = event.values;
     match event.code {
         code @ 101..=199 => format!("VENTED at tick {tick:.0}: {}", fault_text(code - 100, value)),
-        2 => format!("at rest; the first row is played at tick {tick:.0}"),
         _ => sentence(event),
     }
 }
@@ -357,6 +370,10 @@ pub fn sentence(event: &Event) -> String {
             "the safety filter acts {at}: duties {b:.3} and {c:.3} would have left the envelope and were bent toward vent"
         ),
         10 => format!("the last row was played {at}; both vents open"),
+        26 => {
+            format!("an experiment of {b:.0} rows begins after tick {a:.0}; vents open until the pressures stand still")
+        }
+        27 => format!("at rest; the first row is played {at}"),
         11 => format!("holding {at}: {}", fault_text(b as u16, c)),
         13 => format!("the fallback took over {at}: {}", fault_text(b as u16, c)),
         14 => format!("the policy controls again {at}"),

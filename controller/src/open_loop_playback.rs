@@ -14,7 +14,9 @@ use proto::recording::{EventLevel, TickRecord};
 use supervisor::Condition;
 
 use crate::command_sequence::Row;
-use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, SensorSample};
+use crate::duty_source::{
+    ActuatorCommand, DutySource, ExperimentPhase, ExperimentProgress, ModeRequest, NoticeSink, SensorSample, Steering,
+};
 use crate::notice::{Notice, fault_text};
 use crate::settling::SettlingDetector;
 
@@ -74,6 +76,7 @@ enum Phase {
 }
 
 /// A sequence under way.
+#[derive(Debug)]
 pub struct OpenLoopPlayback {
     rows: Box<[Row]>,
     /// Whether the model's pump can be switched, so that the rig begins at the atmosphere's pressure.
@@ -116,6 +119,21 @@ impl OpenLoopPlayback {
     /// Whether every row had its turn.
     pub fn is_complete(&self) -> bool {
         self.stopped.is_none() && self.reached == self.rows()
+    }
+
+    /// What ended it, for the recording's last line.
+    pub fn ending(&self) -> (EventLevel, String) {
+        let (reached, rows) = (self.reached, self.rows());
+        if self.is_complete() {
+            return (EventLevel::Info, format!("experiment complete: all {rows} rows were played"));
+        }
+        let why = self.stopped.map_or("stopped by hand".to_owned(), |why| why.to_string());
+        (EventLevel::Error, format!("EXPERIMENT ABORTED after {reached} of {rows} rows: {why}"))
+    }
+
+    /// Ends it now, without coming to rest.
+    pub fn end(&mut self) {
+        self.phase = Phase::Over;
     }
 
     /// Why it did not come to its end; `None` also for a flight that was ended from outside.
@@ -225,13 +243,21 @@ impl DutySource for OpenLoopPlayback {
     }
 
     fn verdict(&self) -> Option<(EventLevel, String)> {
-        let (reached, rows) = (self.reached, self.rows());
-        Some(if self.is_complete() {
-            (EventLevel::Info, format!("experiment complete: all {rows} rows were played"))
-        } else {
-            let why = self.stopped.map_or("stopped by hand".to_owned(), |why| why.to_string());
-            (EventLevel::Error, format!("EXPERIMENT ABORTED after {reached} of {rows} rows: {why}"))
-        })
+        Some(self.ending())
+    }
+
+    fn steering(&self) -> Steering {
+        Steering::OpenLoop
+    }
+
+    fn experiment(&self) -> Option<ExperimentProgress> {
+        let phase = match self.phase {
+            Phase::Settle => ExperimentPhase::Settling,
+            Phase::Play { .. } => ExperimentPhase::Playing,
+            Phase::Rest => ExperimentPhase::Resting,
+            Phase::Over => return None,
+        };
+        Some(ExperimentProgress { phase, reached: self.reached, rows: self.rows() })
     }
 }
 

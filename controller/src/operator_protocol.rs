@@ -1,6 +1,7 @@
 //! What is said over the operator's Unix socket: one JSON object per line, asked and answered.
 //!
-//! `{"ask":"status"}`, `{"ask":"arm"}`, `{"ask":"disarm"}`, `{"ask":"acknowledge"}`, `{"ask":"reference","file":"/abs/path.csv"}`; the answer is
+//! `{"ask":"status"}`, `{"ask":"arm"}`, `{"ask":"disarm"}`, `{"ask":"acknowledge"}`, `{"ask":"reference","file":"/abs/path.csv"}`,
+//! `{"ask":"experiment","file":"/abs/path.csv","csv":"…"}`; the answer is
 //! `{"ok":true, …}` or `{"ok":false,"error":"one line"}`. A request has to be there whole within [`REQUEST_TIME`] of the
 //! connection. The connection belongs to it: who closes it before the answer withdraws the request.
 
@@ -12,6 +13,7 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 use socket2::{Domain, SockAddr, Socket, Type};
 
+use crate::experiment_desk::ExperimentView;
 use crate::mailbox::Status;
 
 /// Time that a whole request may take to come.
@@ -61,6 +63,13 @@ pub enum Ask {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         csv: Option<String>,
     },
+    /// Play an experiment, and go on afterwards as before.
+    Experiment {
+        /// Absolute path of the CSV file: its name.
+        file: PathBuf,
+        /// The file's text.
+        csv: String,
+    },
 }
 
 /// An answer.
@@ -92,6 +101,12 @@ pub struct Reply {
     /// What is wrong with the policies' directory, if anything.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub policies_problem: Option<String>,
+    /// The newest experiment of the run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub experiment: Option<ExperimentView>,
+    /// Whether `error` is about what was sent, not about what the daemon is doing.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub bad_input: bool,
     /// What is wrong with the recording, if anything.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording_problem: Option<String>,
@@ -162,6 +177,18 @@ pub(crate) fn connect(path: &Path) -> io::Result<UnixStream> {
     Ok(UnixStream::from(std::os::fd::OwnedFd::from(socket)))
 }
 
+/// Whether somebody answers on a daemon's socket.
+///
+/// # Errors
+/// If that cannot be found out: no right to connect, or too many who wait.
+pub fn is_there(path: &Path) -> Result<bool, SocketError> {
+    match connect(path) {
+        Ok(_) => Ok(true),
+        Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::ConnectionRefused) => Ok(false),
+        Err(source) => Err(SocketError::Silent { path: path.to_owned(), source }),
+    }
+}
+
 /// Asks a running daemon; gives up after three seconds, whatever it does.
 ///
 /// # Errors
@@ -170,7 +197,7 @@ pub fn ask(path: &Path, ask: &Ask) -> Result<Reply, SocketError> {
     let silent = |source| SocketError::Silent { path: path.to_owned(), source };
     let nonsense = || SocketError::Nonsense { path: path.to_owned() };
     let patience = match ask {
-        Ask::Swap { .. } | Ask::Model { .. } => WORK_PATIENCE,
+        Ask::Swap { .. } | Ask::Model { .. } | Ask::Experiment { .. } => WORK_PATIENCE,
         _ => CLIENT_PATIENCE,
     };
     let until = Instant::now() + patience;
@@ -216,6 +243,10 @@ mod tests {
             (r#"{"ask":"policies"}"#, Ask::Policies {}),
             (r#"{"ask":"swap","name":"run-7"}"#, Ask::Swap { name: "run-7".into() }),
             (r#"{"ask":"rollback"}"#, Ask::Rollback {}),
+            (
+                r#"{"ask":"experiment","file":"/e.csv","csv":"x"}"#,
+                Ask::Experiment { file: "/e.csv".into(), csv: "x".into() },
+            ),
             (r#"{"ask":"model","file":"/r.toml"}"#, Ask::Model { file: "/r.toml".into() }),
             (r#"{"ask":"reference","file":"/r.csv"}"#, Ask::Reference { file: "/r.csv".into(), csv: None }),
         ] {

@@ -7,10 +7,10 @@
 use model::observation::CHANNELS;
 use proto::recording::TickRecord;
 use proto::wire::{Frame, Mode};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Figures of a sequence as it was played.
-#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct PlaybackReport {
     /// Rows that were sent.
     pub rows: u32,

@@ -98,6 +98,27 @@ impl ReferenceTracking {
         })
     }
 
+    /// Takes in the tick and its readings, for comparisons of models, while something else decides the duties.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn looked(&mut self, tick: u32, measured: Pair) {
+        (self.tick, self.measured) = (tick, measured);
+    }
+
+    /// Keeps what was sent, for comparisons of models.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn keep_sample(&mut self, answer: &ActuatorCommand) {
+        self.models.keep(Sample {
+            tick: self.tick,
+            measured_kpa: self.measured,
+            duty: answer.duty,
+            pump_on: answer.pump_on,
+        });
+    }
+
     fn start_reference(&mut self, tick: u32, measured: Pair) {
         self.start_tick = tick;
         self.approach = SoftStart::new(measured, self.reference.at(0.0));
@@ -150,7 +171,7 @@ impl DutySource for ReferenceTracking {
         record: &mut TickRecord,
         tell: NoticeSink<'_>,
     ) -> Option<ActuatorCommand> {
-        (self.tick, self.measured) = (tick, measured);
+        self.looked(tick, measured);
         let time_s = f64::from(tick.wrapping_sub(self.start_tick)) * TICK_S;
         let goals_kpa = std::array::from_fn(|j| {
             let at = time_s + j as f64 * TICK_S;
@@ -206,12 +227,7 @@ impl DutySource for ReferenceTracking {
     /// Moves model and integrals on through the tick.
     fn sent(&mut self, answer: &ActuatorCommand) {
         self.policy_event = self.control.applied(answer.duty);
-        self.models.keep(Sample {
-            tick: self.tick,
-            measured_kpa: self.measured,
-            duty: answer.duty,
-            pump_on: answer.pump_on,
-        });
+        self.keep_sample(answer);
         self.predictor.advance(answer.duty, answer.pump_on);
     }
 

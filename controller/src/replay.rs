@@ -12,15 +12,18 @@ use std::collections::VecDeque;
 
 use model::rig::{Rig, RigError};
 use policy::{Policy, PolicyError};
+use proto::emulator::rig_and_crio;
 use proto::recording::{LawParts, TickInput, TickRecord};
 use proto::reference::{Reference, ReferenceError};
 use proto::wire::{Frame, Sense};
 use supervisor::Condition;
 
+use crate::command_sequence::{CommandSequence, CommandSequenceError};
 use crate::config::{Config, ConfigError};
 use crate::cycle::Cycle;
 use crate::daemon::contracts;
 use crate::duty_source::ActuatorCommand;
+use crate::open_loop_playback::OpenLoopPlayback;
 use crate::run_file::{RunFile, attached};
 
 /// Why a recording cannot be replayed at all.
@@ -58,6 +61,9 @@ pub enum ReplayError {
     /// The reference inside is none.
     #[error(transparent)]
     Reference(#[from] ReferenceError),
+    /// The commands of an experiment inside are none.
+    #[error(transparent)]
+    Experiment(#[from] CommandSequenceError),
     /// The policy inside is refused.
     #[error(transparent)]
     Policy(#[from] PolicyError),
@@ -174,6 +180,12 @@ pub struct Replay {
     given: Given,
     /// References of this run that are known from the recordings so far, the first one counted.
     known: usize,
+    /// Experiments that were played while it ran, in their order.
+    experiments: VecDeque<CommandSequence>,
+    /// Those that are known from the recordings so far.
+    known_experiments: usize,
+    /// Whether the pump of the model in force can be switched.
+    relay: bool,
 }
 
 /// Where references that were exchanged come from.
@@ -196,6 +208,9 @@ impl Replay {
             references: references.into(),
             given,
             known: 0,
+            experiments: VecDeque::new(),
+            known_experiments: 0,
+            relay: true,
         }
     }
 
@@ -215,11 +230,15 @@ impl Replay {
             let first = index == 0;
             let goes_on = continues || (self.cycle.is_some() && is_later_part(run));
             if first && !goes_on {
-                self.cycle = Some(cycle(run)?);
-                self.known = 1;
+                let (cycle, relay) = cycle(run)?;
+                self.cycle = Some(cycle);
+                self.relay = relay;
+                (self.known, self.known_experiments) = (1, 0);
+                self.experiments.clear();
             }
             if first {
                 self.take_references(run)?;
+                self.take_experiments(run)?;
             }
             if first && !goes_on {
                 if !TickInput::of(tick.inputs).any(|input| input == TickInput::SessionOpened) {
@@ -245,6 +264,16 @@ impl Replay {
             self.references.push_back(Reference::parse(attached::REFERENCE, bytes)?);
         }
         self.known = self.known.max(inside.len());
+        Ok(())
+    }
+
+    /// Takes over the experiments that were played in this recording; a later part repeats those before it.
+    fn take_experiments(&mut self, run: &RunFile) -> Result<(), ReplayError> {
+        let inside: Vec<&[u8]> = run.attachments(attached::EXPERIMENT).collect();
+        for bytes in inside.iter().skip(self.known_experiments) {
+            self.experiments.push_back(CommandSequence::parse(attached::EXPERIMENT, bytes.to_vec())?);
+        }
+        self.known_experiments = self.known_experiments.max(inside.len());
         Ok(())
     }
 
@@ -304,6 +333,16 @@ impl Replay {
                         "another reference was put in, and the recording does not hold it; give its file with --reference",
                     ),
                 },
+                TickInput::Experiment => match self.experiments.pop_front() {
+                    Some(sequence) => {
+                        let playback = OpenLoopPlayback::new(sequence.rows().into(), self.relay);
+                        // One that is over has been handed back by then, as it was in the run.
+                        let _ = cycle.take_finished_experiment();
+                        let begun = cycle.begin_experiment(Box::new(playback), &mut |_| {});
+                        begun.map_err(|_| "an experiment began while another was under way")
+                    }
+                    None => Err("an experiment was played, and the recording does not hold its commands"),
+                },
                 TickInput::Policy => Err("another policy took part, and the recording does not hold its file"),
                 TickInput::Model => Err("another model took over, and the recording does not hold its file"),
                 TickInput::Explore | TickInput::Other => {
@@ -351,8 +390,8 @@ fn is_later_part(run: &RunFile) -> bool {
     run.content.metadata.get("part").and_then(|part| part.parse::<u32>().ok()).is_some_and(|part| part > 1)
 }
 
-/// The cycle as it was when the recorded daemon began.
-fn cycle(run: &RunFile) -> Result<Cycle, ReplayError> {
+/// The cycle as it was when the recorded daemon began, and whether its model's pump can be switched.
+fn cycle(run: &RunFile) -> Result<(Cycle, bool), ReplayError> {
     let file = run.path.display().to_string();
     let missing = |name| ReplayError::Missing { file: file.clone(), name };
     let inside = |name| run.attachment(name).ok_or_else(|| missing(name));
@@ -374,7 +413,9 @@ fn cycle(run: &RunFile) -> Result<Cycle, ReplayError> {
             Some(policy)
         }
     };
-    Cycle::new(&rig, policy, reference, config.safety, config.control.auto_arm).map_err(model)
+    let (_, crio) = rig_and_crio(&rig).map_err(model)?;
+    let cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.auto_arm).map_err(model)?;
+    Ok((cycle, crio.pump_relay))
 }
 
 /// The frame that came, where a sound one did.
@@ -399,7 +440,16 @@ fn compare(
     let of = |tick: &TickRecord| -> Vec<(Stage, Vec<u64>)> {
         vec![
             (Stage::Sensing, bits(&[tick.p_pos_kpa, tick.p_neg_kpa])),
-            (Stage::State, vec![u64::from(tick.tick), u64::from(tick.state), u64::from(tick.fault), tick.findings]),
+            (
+                Stage::State,
+                vec![
+                    u64::from(tick.tick),
+                    u64::from(tick.state),
+                    u64::from(tick.fault),
+                    tick.findings,
+                    u64::from(tick.experiment),
+                ],
+            ),
             (Stage::Reference, bits(&[tick.ref_pos_kpa, tick.ref_neg_kpa])),
             (Stage::Prediction, bits(&[tick.predicted_pos_kpa, tick.predicted_neg_kpa].concat())),
             (Stage::Observation, vec![tick.observation_hash]),

@@ -24,6 +24,8 @@ pub mod attached {
     pub const EFFECTIVE: &str = "controller-effective.toml";
     /// The reference at the start, and after it each that was put in while the run went on.
     pub const REFERENCE: &str = "reference.csv";
+    /// The commands of an experiment: all of one where the recording is an experiment's, else each in its turn.
+    pub const EXPERIMENT: &str = "experiment.csv";
     /// The policy at the start.
     pub const POLICY: &str = "policy.onnx";
     /// The rig behind the emulated cRIO.
@@ -114,7 +116,8 @@ impl RunFile {
     /// `None` where the recording does not say enough, or the reference changed on the way.
     pub fn yardstick(&self) -> Option<RunYardstick> {
         let changes = |tick: &TickRecord| {
-            TickInput::of(tick.inputs).any(|input| matches!(input, TickInput::Reference | TickInput::Model))
+            TickInput::of(tick.inputs)
+                .any(|input| matches!(input, TickInput::Reference | TickInput::Model | TickInput::Experiment))
         };
         if self.content.ticks.iter().any(changes) {
             return None;

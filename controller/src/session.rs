@@ -16,7 +16,7 @@ use crate::cycle::Cycle;
 use crate::duty_source::DutySource;
 use crate::guard::Pulse;
 use crate::link::{Link, LinkError};
-use crate::mailbox::{Request, Status, TickMailbox};
+use crate::mailbox::{Request, Spent, Status, TickMailbox};
 use crate::notice::Notice;
 use crate::realtime::{MemoryLock, Rights, make_realtime};
 use crate::run_length::RunLength;
@@ -155,6 +155,7 @@ fn show_waiting<H: DutySource>(session: &mut Session<H>) {
         reference_kpa: None,
         // Without a session the cRIO vents by itself.
         duty: [1.0; 2],
+        experiment: None,
         ..session.status
     };
     session.mailbox.show_as_of(session.status, session.status.received_ns);
@@ -181,10 +182,20 @@ pub(crate) fn serve_requests<H: DutySource>(session: &mut Session<H>) {
             }
             Request::Reference(reference) => {
                 let old = session.cycle.exchange_reference(reference);
-                session.mailbox.retire(old);
+                session.mailbox.retire(Spent::Reference(old));
                 TickInput::Reference.append(&mut session.inputs);
             }
+            Request::Experiment(playback) => {
+                let Session { cycle, sink, .. } = session;
+                match cycle.begin_experiment(playback, &mut |notice| tell(sink, notice)) {
+                    Ok(()) => TickInput::Experiment.append(&mut session.inputs),
+                    Err(playback) => session.mailbox.retire(Spent::Experiment(playback)),
+                }
+            }
         }
+    }
+    if let Some(playback) = session.cycle.take_finished_experiment() {
+        session.mailbox.hand_back(playback);
     }
 }
 

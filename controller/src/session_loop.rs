@@ -360,6 +360,7 @@ fn show<H: DutySource>(
         frames_missed: counts.frames_missed,
         slowest_ms: counts.slowest_ns as f64 * 1e-6,
         filter_interventions: session.cycle.filter_interventions(),
+        experiment: session.cycle.duty_source().experiment(),
     };
     session.mailbox.show(session.status);
 }

@@ -27,14 +27,17 @@ use crate::console::notice;
 use crate::cycle::Cycle;
 use crate::desk::DeskOptions;
 use crate::duty_source::DutySource;
+use crate::experiment_log::{ExperimentLog, LogSettings};
 use crate::guard::{self, OnSilence, Pulse};
 use crate::link::LinkError;
 use crate::live_stream::{self, StreamError};
 use crate::mailbox::{Status, mailbox};
+use crate::open_loop_playback::OpenLoopPlayback;
 use crate::operator_protocol::Running;
 use crate::policy_service::{PolicyHandle, ServiceError};
 use crate::realtime::lock_memory;
 use crate::reload::{ReloadError, Reloaded, needs_restart, read_aside};
+use crate::run_file::attached;
 use crate::run_length::RunLength;
 use crate::session::{Session, run_session};
 use crate::signals::{Order, Signals};
@@ -50,7 +53,9 @@ const STALE: Duration = Duration::from_millis(250);
 /// And in lockstep, where the cRIO may be a slow simulation.
 const STALE_LOCKSTEP: Duration = Duration::from_secs(1);
 /// Stems of all recordings that the daemon makes.
-const STEMS: [&str; 3] = ["run", "experiment", "flight"];
+const STEMS: [&str; 3] = ["run", EXPERIMENT_STEM, "flight"];
+/// Stem of recordings of experiments.
+pub(crate) const EXPERIMENT_STEM: &str = "experiment";
 
 /// Program and version, as recordings and reports name it.
 pub const PROGRAM: &str = concat!("controller ", env!("CARGO_PKG_VERSION"));
@@ -180,8 +185,17 @@ pub fn fly_recorded<H: DutySource + 'static>(
         None => None,
     };
     let (tap, live) = live.map_or((None, None), |(tap, live)| (Some(tap), Some(live)));
+    let experiments = (operator == Some(May::Fly) && policies.is_some()).then(|| {
+        let config_file = attachments.iter().find(|file| file.name == attached::CONFIG).cloned();
+        let destination = destination(config, EXPERIMENT_STEM);
+        ExperimentLog::new(LogSettings { destination, log_time: info.log_time, config: config_file })
+    });
     let mut observer = observer;
+    let elsewhere = experiments.clone();
     let observer = move |recorded: Recorded<'_>| {
+        if let Some(experiments) = &elsewhere {
+            experiments.pass(recorded);
+        }
         if let Some(tap) = &tap {
             tap.pass(recorded);
         }
@@ -217,6 +231,7 @@ pub fn fly_recorded<H: DutySource + 'static>(
         may,
         running: running.clone(),
         policies: policies.clone(),
+        experiments: experiments.clone(),
         stale: if config.link.pacing == Pacing::Lockstep { STALE_LOCKSTEP } else { STALE },
         reloads: inbox,
     };
@@ -242,7 +257,7 @@ pub fn fly_recorded<H: DutySource + 'static>(
     let mut watch =
         Watch { signals, config, stem, recorder: &recorder, config_file, reloads, reading: None, stalled: false };
     watch.until_over(&thread, &stop);
-    let flown = thread.is_finished().then(|| thread.join());
+    let mut flown = thread.is_finished().then(|| thread.join());
     stop.store(true, Ordering::Relaxed);
     if let Some(served) = served {
         served.join();
@@ -257,6 +272,11 @@ pub fn fly_recorded<H: DutySource + 'static>(
         recorder.note(now_ns(), level, VERDICT, text);
     }
     let summary = recorder.finish();
+    if let Some(experiments) = &experiments {
+        // Where one was being played, its recording ends here, too; where one is being finished, that is waited for.
+        let cycle = flown.as_mut().and_then(|flown| flown.as_mut().ok()?.as_mut().ok());
+        experiments.close(cycle.map_or_else(|| unfinished(None), |cycle| unfinished(cycle.end_experiment())));
+    }
     if let Some(live) = live {
         live.join();
     }
@@ -267,6 +287,12 @@ pub fn fly_recorded<H: DutySource + 'static>(
         let _ = std::fs::remove_file(&summary.path);
     }
     Ok((summary, cycle?))
+}
+
+/// The last line of an experiment that the end of the run cut short.
+fn unfinished(playback: Option<Box<OpenLoopPlayback>>) -> (EventLevel, String) {
+    let unknown = || (EventLevel::Error, "EXPERIMENT ABORTED: the daemon ended".to_owned());
+    playback.map_or_else(unknown, |playback| playback.ending())
 }
 
 /// What live viewers are sent about a run.

@@ -21,7 +21,7 @@ use crate::operator_protocol::{MOST_REQUEST_BYTES, REQUEST_TIME, connect};
 use crate::peer::Peer;
 
 pub use crate::desk::May;
-pub use crate::operator_protocol::{Ask, Reply, Running, SocketError, ask};
+pub use crate::operator_protocol::{Ask, Reply, Running, SocketError, ask, is_there};
 
 /// Clients at once.
 const MOST_CLIENTS: usize = 64;
@@ -135,6 +135,7 @@ impl Server {
     fn turn(&mut self) {
         self.wait();
         self.desk.take_reloads();
+        self.desk.look_after_experiments();
         // A new client is read at once: what it has sent already counts before it could lose its place.
         for _ in 0..MOST_CLIENTS {
             let Ok((stream, _)) = self.listener.accept() else { break };

@@ -259,6 +259,7 @@ fn requests(time: Duration) {
         may: May::Fly,
         running: Running::default(),
         policies: None,
+        experiments: None,
         stale: Duration::from_millis(250),
         reloads: inbox,
     };

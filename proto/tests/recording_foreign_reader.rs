@@ -71,6 +71,9 @@ fn tick() -> TickRecord {
         swap_id: 17,
         command_before_filter: [0.25, -0.0],
         filter_active: true,
+        experiment: 2,
+        exploration_pos: 0.0125,
+        exploration_neg: -0.02,
     }
 }
 
@@ -158,7 +161,8 @@ fn the_public_python_reader_sees_every_field() {
          mode=2 state=200 fault=65535 arrival_lateness_ns=-1234567890123 receive_check_ns=11 \
          predict_ns=12 law_ns=13 send_ns=14 compute_ns=4294967295 deadline_missed=1 records_dropped=5 {} {} \
          findings=18446744073709551615 inputs=2337 observation_hash=9223372036854775808 policy_output={} \
-         policy_stage=6 authority={} swap_id=17 command_before_filter={} filter_active=1",
+         policy_stage=6 authority={} swap_id=17 command_before_filter={} filter_active=1 \
+         experiment=2 exploration_pos={} exploration_neg={}",
         0xDEAD_BEEF_u32,
         tick.receive_ns,
         hex_all(tick.volts.map(f64::from)),
@@ -179,6 +183,8 @@ fn the_public_python_reader_sees_every_field() {
         hex_all(tick.policy_output.map(f64::from)),
         hex(tick.authority),
         hex_all(tick.command_before_filter),
+        hex(tick.exploration_pos),
+        hex(tick.exploration_neg),
     );
     let found = lines.iter().find(|line| line.starts_with("message /tick")).copied();
     assert_eq!(found, Some(expected.as_str()));

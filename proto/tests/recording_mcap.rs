@@ -73,6 +73,9 @@ fn bits(tick: &TickRecord) -> Vec<u64> {
         tick.authority.to_bits(),
         tick.swap_id.into(),
         tick.filter_active.into(),
+        tick.experiment.into(),
+        tick.exploration_pos.to_bits(),
+        tick.exploration_neg.to_bits(),
     ];
     all.extend(tick.policy_output.map(|v| u64::from(v.to_bits())));
     all.extend(tick.command_before_filter.map(f64::to_bits));
@@ -171,7 +174,7 @@ prop_compose! {
         sense in proptest::option::of(any::<[u8; 32]>()),
         command in proptest::option::of(any::<[u8; 32]>()),
         singles in any::<[u32; 6]>(),
-        doubles in any::<[u64; 16]>(),
+        doubles in any::<[u64; 18]>(),
         laws in (any_law(), any_law()),
         bytes in any::<(u8, u8, u8, u8, u16)>(),
         flags in any::<(bool, bool, bool)>(),
@@ -199,6 +202,7 @@ prop_compose! {
             authority: f64::from_bits(decided.6[0]),
             command_before_filter: [f64::from_bits(decided.6[1]), f64::from_bits(decided.6[2])],
             filter_active: flags.2,
+            experiment: bytes.0 ^ bytes.1, exploration_pos: doubles[16], exploration_neg: doubles[17],
             ..TickRecord::default()
         };
         if let Some(fill) = sense {

@@ -261,8 +261,9 @@ fn collect(from: Box<dyn Read + Send>, to: Arc<Mutex<String>>) -> JoinHandle<()>
 }
 
 fn build(folder: &Path) {
+    // The whole workspace: with the packages alone their dependencies would have other features and be built anew.
     let mut cargo = Command::new(env!("CARGO"));
-    cargo.current_dir(root()).args(["build", "--quiet", "-p", "controller", "-p", "trainer", "--bins"]);
+    cargo.current_dir(root()).args(["build", "--quiet", "--workspace", "--bins"]);
     if folder.file_name().is_some_and(|name| name == "release") {
         cargo.arg("--release");
     }

@@ -13,10 +13,12 @@ use std::hint::black_box;
 use controller::command_sequence::Row;
 use controller::config::Safety;
 use controller::cycle::Cycle;
-use controller::duty_source::DutySource;
+use controller::duty_source::{ActuatorCommand, DutySource};
+use controller::open_loop_playback::OpenLoopPlayback;
 use controller::state::State;
 use handover::{Candidate, Command, Haste};
 use model::observation::Pair;
+use model::predict::DualPressureRig;
 use model::rig::Rig;
 use proto::recording::TickRecord;
 use proto::reference::Reference;
@@ -82,21 +84,27 @@ fn sense(tick: u32, kpa: Pair) -> Sense {
     }
 }
 
-/// One whole tick. The plant is a lag toward pressures that fall with the duties: enough for the law to have work.
-fn tick<H: DutySource>(cycle: &mut Cycle<H>, number: u32, kpa: &mut Pair, notices: &mut u32) -> Mode {
+/// One whole tick, from readings to what is sent.
+fn answer<H: DutySource>(cycle: &mut Cycle<H>, number: u32, kpa: Pair, notices: &mut u32) -> ActuatorCommand {
     let mut record = TickRecord::default();
     let mut tell = |_| *notices += 1;
-    cycle.observe(&sense(number, *kpa), &mut record, &mut tell);
+    cycle.observe(&sense(number, kpa), &mut record, &mut tell);
     cycle.predict(&mut record);
     let answer = cycle.decide(&mut record, &mut tell);
     cycle.settle();
     APPLIED.with(|applied| applied.set(answer.duty.map(|u| u as f32)));
+    black_box(record);
+    answer
+}
+
+/// One whole tick. The plant is a lag toward pressures that fall with the duties: enough for the law to have work.
+fn tick<H: DutySource>(cycle: &mut Cycle<H>, number: u32, kpa: &mut Pair, notices: &mut u32) -> Mode {
+    let answer = answer(cycle, number, *kpa, notices);
     let settled =
         [150.6 - 161.5 * answer.duty[0] + 92.9 * answer.duty[1], -108.0 - 2.7 * answer.duty[0] + 48.5 * answer.duty[1]];
     for c in 0..2 {
         kpa[c] += 0.04 * (settled[c] - kpa[c]);
     }
-    black_box(record);
     answer.mode
 }
 
@@ -149,7 +157,7 @@ fn policies_that_come_and_go_allocate_nothing() {
     let rig = Rig::builtin("dual_pressure").unwrap();
     let shipped = || Candidate::new(controller::daemon::shipped_policy().unwrap().0);
     let mut cycle = Cycle::new(&rig, None, Reference::paper(), Safety::default(), true).unwrap();
-    let policies = cycle.duty_source().policies();
+    let policies = cycle.duty_source().tracking().policies();
     cycle.session_opened();
     let (mut kpa, mut notices, mut number) = ([0.0, 0.0], 0, 0);
     while number < 600 {
@@ -197,4 +205,46 @@ fn an_experiment_allocates_nothing_either() {
     });
     assert_eq!((running, cycle.duty_source().is_complete(), cycle.is_over()), (300, true, true));
     assert_eq!(allocations, 0, "in {number} ticks");
+}
+
+/// From control to an experiment and back, in a running daemon's cycle.
+#[test]
+fn an_experiment_within_a_run_allocates_nothing() {
+    let rig = Rig::builtin("dual_pressure").unwrap();
+    let mut plant = DualPressureRig::new(&rig).unwrap();
+    let mut cycle = Cycle::new(&rig, None, Reference::paper(), Safety::default(), true).unwrap();
+    cycle.session_opened();
+    let (mut notices, mut number) = (0, 0);
+    let mut step = |cycle: &mut Cycle| {
+        // A reading that stands still to the bit would be a frozen sensor's.
+        let noise_kpa = 0.05 * (f64::from(number * 7_919 % 11) - 5.0) / 5.0;
+        let readings = plant.readings_kpa().map(|kpa| kpa + noise_kpa);
+        let answer = answer(cycle, number, readings, &mut notices);
+        plant.tick(answer.duty, answer.pump_on);
+        number += 1;
+        answer.mode
+    };
+    // Ten seconds of control before it.
+    let controlled = (0..600).filter(|_| step(&mut cycle) == Mode::Run).count();
+    assert!(controlled > 500, "{controlled}");
+    let rows = vec![Row { duty: [0.8, 0.8], pump_on: true }; 300];
+    let mut playback = Some(Box::new(OpenLoopPlayback::new(rows.into(), false)));
+    let (mut finished, mut after) = (None, 0);
+    let mut allocations = counted(|| {
+        assert!(cycle.begin_experiment(playback.take().unwrap(), &mut |_| ()).is_ok());
+    });
+    for _ in 0..3_000 {
+        let armed_before = cycle.state() == State::Run;
+        let made = counted(|| {
+            let mode = step(&mut cycle);
+            finished = cycle.take_finished_experiment().or(finished.take());
+            after += u32::from(finished.is_some() && mode == Mode::Run);
+        });
+        // The tick in which the closed loop is armed sets its model up anew, which allocates with or without an experiment.
+        let arms = !armed_before && cycle.state() == State::Run && finished.is_some();
+        allocations += if arms { 0 } else { made };
+    }
+    assert!(finished.is_some_and(|playback| playback.is_complete()), "played to its end");
+    assert!(after > 500 && cycle.state() == State::Run, "and controlling again: {:?}", cycle.memory());
+    assert_eq!(allocations, 0);
 }

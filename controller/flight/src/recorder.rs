@@ -98,7 +98,7 @@ impl std::fmt::Debug for RecorderOptions {
 }
 
 /// What a finished recorder leaves.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RecordingSummary {
     /// The last finished file; empty where nothing was recorded.
     pub path: PathBuf,

@@ -97,6 +97,14 @@ impl Monitor {
         std::mem::replace(&mut self.models, models)
     }
 
+    /// Holds readings against the model from now on, or no more; the model runs along either way.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn set_foresight(&mut self, foresight: Foresight) {
+        self.foresight = foresight;
+    }
+
     /// Sets other limits for residuals: for figures of what residuals a rig has.
     pub fn set_limits(&mut self, limits: Limits) {
         self.residuals = [ModelResidual::new(limits); CHANNELS];

@@ -153,6 +153,14 @@ impl SafetyFilter {
         self.rigs.correct(self.readings_kpa[0].map(Eight::splat));
     }
 
+    /// Sets how far a duty may move in a tick from now on.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn set_slew(&mut self, slew: SlewLimit) {
+        self.slew = slew;
+    }
+
     /// Takes in what was measured at this tick, in kPa gauge.
     ///
     /// # Real-time

@@ -48,7 +48,7 @@ fn sound(file: &Path) -> Result<Sound, Failure> {
         format!("cRIO {}, model {name}, {runs} runs, reference {}", config.link.address, loaded.reference_name);
     let cycle = Cycle::new(&loaded.rig, loaded.policy, loaded.reference, config.safety, false)
         .map_err(|e| Failure::input(format!("rig {}: {e}", config.rig.file)))?;
-    remarks.extend(cycle.duty_source().out_of_reach().map(daemon::out_of_reach_text));
+    remarks.extend(cycle.duty_source().tracking().out_of_reach().map(daemon::out_of_reach_text));
     // Read once more, for the trial uses up what it runs.
     let trial = TickTrial::run(&config, daemon::load(&config)?).map_err(Failure::work)?;
     if trial.vented > 0 {

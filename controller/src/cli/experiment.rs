@@ -1,32 +1,39 @@
 //! `controller experiment`: the commands of a file, played once on the rig, within the safety envelope.
 
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use controller::config::Config;
+use controller::config::{Config, Control};
 use controller::console::overwrite;
 use controller::experiment::{Experiment, ExperimentError, Options, Played};
 use controller::session_recorder::SessionError;
+use controller::socket::is_there;
 use controller::state::State;
 use flight::Recorded;
 use proto::recording::{PERIOD_S, TickRecord};
 use proto::wire::Mode;
 use serde_json::json;
 
-use super::Failure;
 use super::console::{say, tell};
+use super::{Failure, experiment_within_run};
 
 /// Plays the commands of a file once on the rig, open loop, and records what it does.
 ///
 /// For the next_experiment.csv of `trainer diagnose`. First the file is checked and simulated on the configured rig:
 /// commands that would leave the safety envelope there are refused before anything moves. Then, on the rig: vents
 /// open and pump off until both pressures stand still, the rows (20 ms each) exactly as they are, vents open again.
-/// Over-pressure, a lost link, a broken sensor, `controller disarm`, Ctrl-C and SIGTERM open both vents at once, as in
-/// the daemon; what was recorded until then is kept, and the exit status is 1.
+/// Over-pressure, a lost link, a broken sensor and `controller disarm` open both vents at once, as in the daemon; what
+/// was recorded until then is kept, and the exit status is 1.
+///
+/// Where a daemon runs (it answers on control.socket), it plays the file while it stands by or controls, on the model and
+/// within the envelope that it has in force, and goes on afterwards as before: armed again on its reference if it was
+/// armed, standing by if not or if anything stopped the experiment. The recording stands in the daemon's record.directory.
+/// This program only looks on then: leaving it stops nothing, `controller disarm` does. Without a daemon it connects to
+/// the cRIO itself, and Ctrl-C and SIGTERM stop it.
 #[derive(Debug, Args)]
 #[command(after_help = "Example, and what comes next:
   controller experiment found/next_experiment.csv --config controller.toml
@@ -36,10 +43,13 @@ pub(crate) struct ExperimentArgs {
     /// every 20 ms, 120 s at most
     #[arg(value_name = "CSV")]
     csv: PathBuf,
-    /// Configuration file (TOML); link, rig, safety, record and control are used
+    /// Configuration file (TOML), needed where no daemon runs; link, rig, safety, record and control are used
     #[arg(long, value_name = "FILE")]
-    config: PathBuf,
-    /// Recording (MCAP) [default: experiment-DATE-TIME.mcap in record.directory]
+    config: Option<PathBuf>,
+    /// The daemon's socket [default: control.socket of the configuration, or `controller.sock` here]
+    #[arg(long, value_name = "PATH")]
+    socket: Option<PathBuf>,
+    /// Recording (MCAP) [default: experiment-DATE-TIME.mcap in record.directory]; of one that a daemon made, a copy
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Print one JSON object, and nothing else on standard output
@@ -75,27 +85,46 @@ impl ExperimentArgs {
 
     /// Checks and plays; the range foreseen by channel in kPa, and what came of it.
     fn play(&self) -> Result<([[f64; 2]; 2], Played), Failure> {
-        let (config, config_text) = Config::read_with_text(&self.config)?;
-        let experiment = Experiment::load(&config, &self.csv)?;
+        let read =
+            self.config.as_ref().map(|file| Ok::<_, Failure>((file, Config::read_with_text(file)?))).transpose()?;
+        let configured = read.as_ref().map(|(_, (config, _))| config.control.socket.clone());
+        let socket = self.socket.clone().or(configured).unwrap_or_else(|| Control::default().socket);
+        if is_there(&socket).map_err(Failure::work)? {
+            let (forecast_kpa, mut played) = experiment_within_run::play(&socket, &self.csv)?;
+            if let Some(out) = &self.out {
+                experiment_within_run::copy(&mut played, out)?;
+            }
+            return Ok((forecast_kpa, played));
+        }
+        match read {
+            Some((file, (config, text))) => self.play_alone(file, &config, text),
+            None => Err(Failure::input(format!(
+                "no daemon answers on {}: give --config of the one that runs, or of the rig to play it without a daemon",
+                socket.display()
+            ))),
+        }
+    }
+
+    /// Plays it without a daemon.
+    fn play_alone(
+        &self,
+        file: &Path,
+        config: &Config,
+        config_text: String,
+    ) -> Result<([[f64; 2]; 2], Played), Failure> {
+        let experiment = Experiment::load(config, &self.csv)?;
         let forecast_kpa = experiment.forecast.range_kpa;
-        tell(format_args!(
-            "{}: {} rows ({:.2} s); {}; by the model {} positive {}, negative {} kPa",
-            self.csv.display(),
-            experiment.sequence.rows().len(),
-            experiment.sequence.seconds(),
-            experiment.sequence.pump_off().map_or("pump on throughout".to_owned(), |off| format!("pump off in {off}")),
-            experiment.rig.name,
-            range(forecast_kpa[0]),
-            range(forecast_kpa[1]),
-        ));
+        let rows = u32::try_from(experiment.sequence.rows().len()).unwrap_or(u32::MAX);
+        let (name, pump_off) = (self.csv.display().to_string(), experiment.sequence.pump_off());
+        tell(foreseen(&name, rows, pump_off.as_deref(), &experiment.rig.name, forecast_kpa));
         let options = Options {
             recording: self.out.clone(),
-            command: format!("controller experiment {} --config {}", self.csv.display(), self.config.display()),
+            command: format!("controller experiment {name} --config {}", file.display()),
             config_text,
             observer: Box::new(watcher(experiment.sequence.seconds())),
             stop: Arc::new(AtomicBool::new(false)),
         };
-        let played = experiment.run(&config, options)?;
+        let played = experiment.run(config, options)?;
         Ok((forecast_kpa, played))
     }
 
@@ -144,6 +173,23 @@ impl ExperimentArgs {
             "ticks_dropped": played.recording.ticks_dropped,
         })
     }
+}
+
+/// What is going to be played, and what the model says of it.
+pub(super) fn foreseen(
+    file: &str,
+    rows: u32,
+    pump_off: Option<&str>,
+    model: &str,
+    forecast_kpa: [[f64; 2]; 2],
+) -> String {
+    format!(
+        "{file}: {rows} rows ({:.2} s); {}; by the model {model} positive {}, negative {} kPa",
+        f64::from(rows) * PERIOD_S,
+        pump_off.map_or("pump on throughout".to_owned(), |off| format!("pump off in {off}")),
+        range(forecast_kpa[0]),
+        range(forecast_kpa[1]),
+    )
 }
 
 fn range([least, most]: [f64; 2]) -> String {
@@ -195,7 +241,7 @@ fn line(tick: &TickRecord, first: Option<u32>, seconds: f64) -> String {
 }
 
 /// A live line; what cannot be shown must not end an experiment.
-fn show(text: &str, terminal: bool) {
+pub(super) fn show(text: &str, terminal: bool) {
     if terminal {
         overwrite(text);
     } else {

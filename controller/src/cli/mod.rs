@@ -5,6 +5,7 @@ mod check_policy;
 mod console;
 mod demo;
 mod experiment;
+mod experiment_within_run;
 mod live;
 mod policies;
 mod replay;

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use controller::config::{Config, Control};
+use controller::duty_source::ExperimentPhase;
 use controller::mailbox::Status;
 use controller::socket::{Ask, Reply, ask};
 use proto::reference::{MOST_BYTES, Reference};
@@ -155,6 +156,17 @@ fn print_tick(s: &Status, reply: &Reply) {
         say(format_args!(
             "waiting    {}: `controller acknowledge`, then arm",
             controller::notice::fault_name(s.latched)
+        ));
+    }
+    if let Some(experiment) = &s.experiment {
+        let phase = match experiment.phase {
+            ExperimentPhase::Settling => "waiting for rest",
+            ExperimentPhase::Playing => "playing",
+            ExperimentPhase::Resting => "coming to rest",
+        };
+        say(format_args!(
+            "experiment {phase}, {} of {} rows; `controller disarm` stops it",
+            experiment.reached, experiment.rows
         ));
     }
     for (c, name) in ["positive", "negative"].into_iter().enumerate() {

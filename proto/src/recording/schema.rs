@@ -116,6 +116,9 @@ tick_fields! {
     48 swap_id = swap_id;
     49 command_before_filter = command_before_filter;
     50 filter_active = filter_active;
+    51 experiment = experiment;
+    52 exploration_pos = exploration_pos;
+    53 exploration_neg = exploration_neg;
 }
 
 impl FieldValue for Arrival {

@@ -174,6 +174,12 @@ pub struct TickRecord {
     pub command_before_filter: [f64; 2],
     /// True when the safety filter bent the command.
     pub filter_active: bool,
+    /// Phase of the experiment under way: 0 none, 1 waiting for rest, 2 playing its rows, 3 coming to rest after them.
+    pub experiment: u8,
+    /// What exploration added to the positive valve's duty, before the safety filter (duty).
+    pub exploration_pos: f64,
+    /// What exploration added to the negative valve's duty, before the safety filter (duty).
+    pub exploration_neg: f64,
 }
 
 /// What can reach the control law beside frames, as [`TickRecord::inputs`] counts it.
@@ -198,13 +204,15 @@ pub enum TickInput {
     LinkLost = 8,
     /// A session was opened before this tick.
     SessionOpened = 9,
+    /// An experiment begins.
+    Experiment = 10,
     /// Anything else that decides and has no code of its own; a replay stops here and says so.
     Other = 15,
 }
 
 impl TickInput {
     /// All of them.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Arm,
         Self::Disarm,
         Self::Reference,
@@ -214,6 +222,7 @@ impl TickInput {
         Self::Explore,
         Self::LinkLost,
         Self::SessionOpened,
+        Self::Experiment,
         Self::Other,
     ];
 
@@ -299,6 +308,9 @@ impl Default for TickRecord {
             swap_id: 0,
             command_before_filter: [f64::NAN; 2],
             filter_active: false,
+            experiment: 0,
+            exploration_pos: 0.0,
+            exploration_neg: 0.0,
         }
     }
 }

@@ -1,0 +1,291 @@
+//! `controller experiment` through a running daemon: asked over its socket, played by it, recorded apart and in the run, and
+//! the run goes on as before. Emulated cRIO, daemon and operator are processes of their own.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::path::PathBuf;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use proto::recording::{Recording, TickInput, TickRecord, read_mcap};
+use serde_json::Value;
+use tests::Stream::{Err, Out};
+use tests::{Folder, RunStatus, Running, alone, finish, program};
+
+/// Generous: how long anything may take on a machine that does other things as well.
+const SOON: Duration = Duration::from_secs(120);
+const RUN: u8 = 1;
+
+/// A daemon in lockstep with an emulated rig of its own.
+struct Laboratory {
+    folder: Folder,
+    config: PathBuf,
+    rig: Running,
+    daemon: Running,
+}
+
+/// The emulated cRIO with the paper's rig and a mechanism beside, and the address that it listens on.
+fn rig(folder: &Folder, mechanism: &str) -> (Running, String) {
+    let rig = folder.write("rig.toml", format!("{}\n{mechanism}", model::rig::DUAL_PRESSURE));
+    let mut command = Command::new(program("trainer"));
+    command.args(["rig", "--listen", "127.0.0.1:0", "--pace", "lockstep", "--rig"]).arg(rig);
+    let rig = Running::start(&mut command);
+    let address = rig.line(Out, "listening on ", SOON).rsplit_once(' ').unwrap().1.to_owned();
+    (rig, address)
+}
+
+impl Laboratory {
+    fn new(mechanism: &str) -> Self {
+        let folder = Folder::new();
+        let (rig, address) = rig(&folder, mechanism);
+        let config = folder.write(
+            "controller.toml",
+            format!(
+                "[link]\naddress = \"{address}\"\npacing = \"lockstep\"\n[record]\ndirectory = \"kept\"\nmin_free_mib = 16\n\
+                 [control]\nsocket = \"s\"\n[realtime]\nenforce = false\n[policy]\nactive = \"fallback\"\n"
+            ),
+        );
+        let daemon = Running::start(Command::new(program("controller")).args(["run", "--config"]).arg(&config));
+        daemon.line(Err, "opened", SOON);
+        Laboratory { folder, config, rig, daemon }
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(program("controller"));
+        command.args(arguments).arg("--config").arg(&self.config);
+        command
+    }
+
+    fn ask(&self, arguments: &[&str]) -> RunStatus {
+        finish(&mut self.command(arguments))
+    }
+
+    fn status(&self) -> Value {
+        serde_json::from_str(&self.ask(&["status", "--json"]).stdout).unwrap()
+    }
+
+    fn wait_for(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+        let until = Instant::now() + SOON;
+        loop {
+            let status = self.status();
+            if wanted(&status) {
+                return status;
+            }
+            assert!(Instant::now() < until, "not {what} in {SOON:?}: {status}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    fn arm(&self) {
+        self.wait_for("ready to be armed", |status| status["status"]["can_arm"] == true);
+        assert_eq!(self.ask(&["arm"]).status, Some(0));
+    }
+
+    fn experiment(&self, rows: &[(f64, f64, u8)]) -> Command {
+        let file = self.folder.write("e.csv", csv(rows));
+        self.command(&["experiment", file.to_str().unwrap()])
+    }
+
+    fn close(&self) -> Vec<TickRecord> {
+        self.daemon.terminate();
+        let until = Instant::now() + SOON;
+        while self.kept("").iter().any(|name| name.to_str().unwrap().contains("partial")) {
+            assert!(Instant::now() < until, "the recording is not finished");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        self.rig.terminate();
+        self.kept("run-").iter().flat_map(|file| read_mcap(file).unwrap().ticks).collect()
+    }
+
+    fn kept(&self, stem: &str) -> Vec<PathBuf> {
+        let names = self.folder.names("kept");
+        names.iter().filter(|n| n.starts_with(stem)).map(|n| self.folder.join("kept").join(n)).collect()
+    }
+}
+
+fn programme(rows: usize) -> Vec<(f64, f64, u8)> {
+    let row = |k: usize| {
+        let t = k as f64 * 0.02;
+        let pump = u8::from(!(200..250).contains(&k));
+        (0.82 + 0.06 * (1.1 * t).sin(), 0.80 + 0.05 * (0.7 * t).cos(), pump)
+    };
+    (0..rows).map(row).collect()
+}
+
+fn csv(rows: &[(f64, f64, u8)]) -> String {
+    let line = |(k, (pos, neg, pump)): (usize, &(f64, f64, u8))| format!("{:.2},{pos},{neg},{pump}\n", 0.02 * k as f64);
+    format!("time_s,u_pos,u_neg,pump_on\n{}", rows.iter().enumerate().map(line).collect::<String>())
+}
+
+/// The ticks in which rows were sent are the file's rows, one after the other.
+fn check_rows(ticks: &[TickRecord], rows: &[(f64, f64, u8)]) {
+    let sent: Vec<&TickRecord> = ticks.iter().filter(|tick| tick.experiment == 2 && tick.mode == RUN).collect();
+    assert_eq!(sent.len(), rows.len());
+    for (k, (tick, row)) in sent.iter().zip(rows).enumerate() {
+        let is = (tick.tick, tick.u_pos, tick.u_neg, u8::from(tick.pump_on));
+        assert_eq!(is, (sent[0].tick + k as u32, row.0, row.1, row.2), "row {k}");
+    }
+}
+
+fn replayed(files: &[PathBuf]) -> Value {
+    let ended = finish(Command::new(program("controller")).arg("replay").arg("--json").args(files));
+    let found: Value = serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"));
+    assert_eq!((ended.status, &found["ticks_differing"]), (Some(0), &0.into()), "{found}");
+    found
+}
+
+#[test]
+fn an_armed_daemon_plays_it_and_controls_again() {
+    let _alone = alone();
+    let laboratory = Laboratory::new("");
+    laboratory.arm();
+    let rows = programme(500);
+    let ended = finish(laboratory.experiment(&rows).arg("--json"));
+    let result: Value = serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"));
+    assert_eq!((ended.status, &result["completed"]), (Some(0), &true.into()), "{ended:?}");
+    assert_eq!((&result["rows_played"], &result["played"]["not_applied"]), (&500.into(), &0.into()), "{result}");
+    let alone = laboratory.kept("experiment-");
+    assert_eq!(result["recording"], alone[0].to_str().unwrap(), "{result}");
+    // It goes on as before: armed again on its reference, which begins anew.
+    let status = laboratory.wait_for("armed again", |status| status["state"] == "run");
+    assert!(status["status"]["reference_kpa"].is_array(), "{status}");
+
+    // The recording of the experiment alone holds what one without a daemon holds.
+    let content = read_mcap(&alone[0]).unwrap();
+    check_rows(&content.ticks, &rows);
+    assert!(content.ticks.iter().all(|tick| tick.experiment != 0), "nothing of the run around it");
+    let names: Vec<&str> = content.attachments.iter().map(|file| file.name.as_str()).collect();
+    assert_eq!(names, ["experiment.csv", "model_rig.toml", "controller.toml"]);
+    assert_eq!(content.attachments[0].data, csv(&rows).as_bytes());
+    assert!(content.events.iter().any(|event| event.message.contains("experiment complete: all 500 rows")));
+    let as_read = Recording::read(&alone[0]).unwrap();
+    assert_eq!((as_read.rows(), as_read.segments().len()), (content.ticks.len(), 1));
+    let at_rest = |tick: &TickRecord| tick.p_pos_kpa.abs() < 3.0 && tick.p_neg_kpa.abs() < 3.0;
+    let first = content.ticks.iter().position(|tick| tick.experiment == 2).unwrap();
+    assert!(at_rest(&content.ticks[first]) && at_rest(content.ticks.last().unwrap()), "from rest to rest");
+
+    // So does the run's, and it replays to the bit, experiment included.
+    let ticks = laboratory.close();
+    check_rows(&ticks, &rows);
+    let after = ticks.iter().rposition(|tick| tick.experiment != 0).unwrap();
+    assert!(ticks[after..].iter().any(|tick| tick.mode == RUN && tick.ref_pos_kpa.is_finite()));
+    assert!(ticks.iter().any(|tick| TickInput::of(tick.inputs).any(|input| input == TickInput::Experiment)));
+    let found = replayed(&laboratory.kept("run-"));
+    assert_eq!(found["ticks"].as_u64().unwrap(), ticks.len() as u64, "{found}");
+}
+
+#[test]
+fn a_daemon_that_stands_by_plays_it_and_stands_by_again() {
+    let _alone = alone();
+    let laboratory = Laboratory::new("");
+    laboratory.wait_for("standing by", |status| status["status"]["can_arm"] == true);
+    let copy = laboratory.folder.join("copy.mcap");
+    let ended = finish(laboratory.experiment(&programme(300)).arg("--out").arg(&copy));
+    assert!(ended.status == Some(0) && ended.stdout.contains(copy.to_str().unwrap()), "{ended:?}");
+    assert_eq!(read_mcap(&copy).unwrap().ticks.iter().filter(|tick| tick.experiment == 2).count(), 300);
+    let ticks = laboratory.close();
+    let after = ticks.iter().rposition(|tick| tick.experiment != 0).unwrap();
+    assert!(ticks.len() > after + 50 && ticks[after + 1..].iter().all(|tick| tick.mode != RUN), "nobody armed it");
+}
+
+#[test]
+fn disarm_stops_it_leaving_does_not_and_nothing_comes_between() {
+    let _alone = alone();
+    let laboratory = Laboratory::new("");
+    laboratory.arm();
+    // 6,000 rows take a lockstep daemon seconds: enough for everything below.
+    let client = Running::start(&mut laboratory.experiment(&programme(6000)));
+    laboratory.wait_for("playing", |status| status["experiment"]["phase"] == "playing");
+    drop(client);
+    for refused in [&["arm"][..], &["swap", "fallback"], &["model", "bench"], &["rollback"]] {
+        let ended = laboratory.ask(refused);
+        assert!(ended.status == Some(1) && ended.stderr.contains("an experiment is under way"), "{ended:?}");
+    }
+    let second = finish(&mut laboratory.experiment(&programme(100)));
+    assert!(second.status == Some(1) && second.stderr.contains("an experiment is under way"), "{second:?}");
+    let reached = laboratory.status()["experiment"]["reached"].as_u64().unwrap();
+    laboratory.wait_for("going on without its client", |status| {
+        status["experiment"]["reached"].as_u64().unwrap() > reached + 50
+    });
+    assert_eq!(laboratory.ask(&["disarm"]).status, Some(0));
+    let status = laboratory.wait_for("concluded", |status| status["experiment"]["outcome"].is_object());
+    assert_eq!(status["experiment"]["outcome"]["aborted"], "disarmed by the operator", "{status}");
+    let content = read_mcap(&laboratory.kept("experiment-")[0]).unwrap();
+    assert!(content.events.iter().any(|event| event.message.starts_with("EXPERIMENT ABORTED after")));
+    let ticks = laboratory.close();
+    let last = ticks.iter().rposition(|tick| tick.experiment == 2 && tick.mode == RUN).unwrap();
+    assert!(ticks[last + 1..].iter().all(|tick| tick.mode != RUN && tick.u_pos == 1.0), "stopped for good");
+    replayed(&laboratory.kept("run-"));
+}
+
+/// By the model well below the limit; with a clogged muffler behind the valve, far above.
+#[test]
+fn over_pressure_aborts_it_and_waits_for_a_person() {
+    let _alone = alone();
+    let clogged = "[[mechanisms]]\nid = \"exhaust_restriction\"\ncomponent = \"valve_pos\"\narea_mm2 = 0.5\n";
+    let laboratory = Laboratory::new(clogged);
+    laboratory.wait_for("standing by", |status| status["status"]["can_arm"] == true);
+    let ended = finish(&mut laboratory.experiment(&[(0.75, 0.85, 1); 1000]));
+    let line = ended.stderr.lines().last().unwrap();
+    assert!(ended.status == Some(1) && line.contains("above safety.max_pos_kpa"), "{ended:?}");
+    // Nothing is armed, by itself or by hand, before a person has looked at it; then everything is as it was.
+    let refused = laboratory.ask(&["arm"]);
+    assert!(refused.status == Some(1) && refused.stderr.contains("acknowledge"), "{refused:?}");
+    assert_eq!(laboratory.ask(&["acknowledge"]).status, Some(0));
+    laboratory.wait_for("standing by again", |status| status["status"]["can_arm"] == true);
+    let ticks = laboratory.close();
+    let over = ticks.iter().find(|tick| tick.p_pos_kpa > 160.0).unwrap();
+    assert_eq!((over.experiment, over.u_pos, over.mode), (3, 1.0, 0), "vented in the tick of the reading");
+    replayed(&laboratory.kept("run-"));
+}
+
+#[test]
+fn a_lost_link_aborts_it_and_what_was_recorded_is_kept() {
+    let _alone = alone();
+    let laboratory = Laboratory::new("");
+    laboratory.wait_for("standing by", |status| status["status"]["can_arm"] == true);
+    let client = Running::start(&mut laboratory.experiment(&programme(6000)));
+    laboratory.wait_for("playing", |status| status["experiment"]["phase"] == "playing");
+    laboratory.rig.signal("KILL");
+    let ended = client.wait(SOON);
+    assert!(ended.status == Some(1) && ended.stderr.contains("experiment aborted after"), "{ended:?}");
+    let content = read_mcap(&laboratory.kept("experiment-")[0]).unwrap();
+    assert!(content.ticks.iter().any(|tick| tick.experiment == 2));
+    assert!(content.events.iter().any(|event| event.message.starts_with("EXPERIMENT ABORTED after")));
+    laboratory.close();
+    replayed(&laboratory.kept("run-"));
+}
+
+#[test]
+fn a_daemon_that_is_told_to_end_ends_it_and_finishes_both_recordings() {
+    let _alone = alone();
+    let laboratory = Laboratory::new("");
+    laboratory.wait_for("standing by", |status| status["status"]["can_arm"] == true);
+    let _client = Running::start(&mut laboratory.experiment(&programme(6000)));
+    laboratory.wait_for("playing", |status| status["experiment"]["phase"] == "playing");
+    laboratory.close();
+    let content = read_mcap(&laboratory.kept("experiment-")[0]).unwrap();
+    let last = content.events.last().unwrap();
+    assert!(
+        last.message.starts_with("EXPERIMENT ABORTED after") && last.message.contains("stopped by hand"),
+        "{last:?}"
+    );
+}
+
+#[test]
+fn what_the_model_in_force_forbids_is_refused_as_bad_input_and_nothing_moves() {
+    let _alone = alone();
+    let laboratory = Laboratory::new("");
+    laboratory.wait_for("standing by", |status| status["status"]["can_arm"] == true);
+    let shut = finish(&mut laboratory.experiment(&[(0.0, 0.0, 1); 500]));
+    assert!(shut.status == Some(2) && shut.stderr.contains("passes safety."), "{shut:?}");
+    let nobody = finish(
+        Command::new(program("controller"))
+            .arg("experiment")
+            .arg(laboratory.folder.join("e.csv"))
+            .args(["--socket", laboratory.folder.join("nobody").to_str().unwrap()]),
+    );
+    assert!(nobody.status == Some(2) && nobody.stderr.contains("no daemon answers"), "{nobody:?}");
+    let ticks = laboratory.close();
+    assert!(ticks.iter().all(|tick| tick.experiment == 0 && tick.mode != RUN));
+    assert!(laboratory.kept("experiment-").is_empty());
+}
