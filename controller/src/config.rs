@@ -90,6 +90,22 @@ pub struct PolicyChoice {
     pub require_signature: bool,
     /// The public key (minisign, base64) that signatures are checked with.
     pub public_key: String,
+    /// Standard deviation of exploration as a share of the outputs' range, for a policy that states none.
+    pub exploration_std: f64,
+    /// The most that exploration ever adds to a duty.
+    pub exploration_max_duty: f64,
+}
+
+impl PolicyChoice {
+    /// Keys with their values and what those may be.
+    fn ranges(&self) -> [(&'static str, f64, f64, f64); 2] {
+        [
+            // Half of the range is no noise on an answer any more.
+            ("policy.exploration_std", self.exploration_std, 0.0, 0.5),
+            // What a duty may move in a tick: more the slew limit takes off again.
+            ("policy.exploration_max_duty", self.exploration_max_duty, 0.0, 0.1),
+        ]
+    }
 }
 
 /// What happens to a policy that is published into the folder.
@@ -116,6 +132,8 @@ impl Default for PolicyChoice {
             follow: Follow::default(),
             require_signature: false,
             public_key: String::new(),
+            exploration_std: 0.02,
+            exploration_max_duty: 0.02,
         }
     }
 }
@@ -350,6 +368,11 @@ impl Config {
         for (key, value, low, high) in self.record.ranges() {
             if !(low..=high).contains(&value) {
                 return wrong(key, format!("{value} is outside {low} … {high}"));
+            }
+        }
+        for (key, value, low, high) in self.policy.ranges() {
+            if !(low..=high).contains(&value) {
+                return wrong(key, format!("{value} is outside {low:.1} … {high:.1}"));
             }
         }
         if self.policy.require_signature && self.policy.public_key.is_empty() {

@@ -10,7 +10,7 @@
 //! error here but a condition: [`monitor`] and the limits find conditions, [`supervisor::next`] makes a state and an action
 //! of them, and this is where the action is done. What is steered for while all is sound is its [`DutySource`].
 
-use handover::PolicyEvent;
+use handover::{ExplorationRules, ExplorationShown, PolicyEvent};
 use model::observation::{CHANNELS, Pair};
 use model::rig::{Rig, RigError};
 use monitor::plausibility::{Foresight, Phase};
@@ -67,6 +67,8 @@ pub struct Cycle<H = RunningSource> {
     missing: u32,
     renew_session: bool,
     faulted_ticks: u32,
+    /// Exploration as it was last told.
+    exploration: Option<ExplorationShown>,
 }
 
 impl Cycle<RunningSource> {
@@ -140,6 +142,7 @@ impl<H: DutySource> Cycle<H> {
             missing: 0,
             renew_session: false,
             faulted_ticks: 0,
+            exploration: None,
         }
     }
 
@@ -233,6 +236,28 @@ impl<H: DutySource> Cycle<H> {
         }
         tell(Notice::ExperimentBegins { tick: self.tick, rows });
         Ok(())
+    }
+
+    /// Explores around the active policy from the next tick on, or no more; only while the rig is controlled.
+    ///
+    /// # Real-time
+    /// Runs in the tick.
+    pub fn explore(&mut self, rules: Option<ExplorationRules>) {
+        self.duty_source.explore(rules.filter(|_| self.state().is_controlling()));
+    }
+
+    /// Tells once that exploration has begun or has ended, whatever ended it.
+    fn tell_exploration(&mut self, tell: NoticeSink<'_>) {
+        let now = self.duty_source.exploration();
+        if now == self.exploration {
+            return;
+        }
+        self.exploration = now;
+        let tick = self.tick;
+        tell(match now {
+            Some(ExplorationShown { seed, std_duty, .. }) => Notice::Exploring { tick, seed, std_duty },
+            None => Notice::ExplorationOver { tick },
+        });
     }
 
     /// The experiment that is over, to be dropped outside the tick.
@@ -379,6 +404,7 @@ impl<H: DutySource> Cycle<H> {
     /// Runs in the tick.
     pub fn decide(&mut self, record: &mut TickRecord, tell: NoticeSink<'_>) -> ActuatorCommand {
         let last = std::mem::replace(&mut self.answer, ActuatorCommand::VENT);
+        self.tell_exploration(tell);
         if self.state().is_controlling() {
             let mut refused = false;
             let mut note = |notice: Notice| {
@@ -525,6 +551,7 @@ impl<H: DutySource> Cycle<H> {
             }
         }
         self.remind(tell);
+        self.tell_exploration(tell);
     }
 
     /// Sets the watch to what is steered for, and answers who may arm.
@@ -550,7 +577,10 @@ impl<H: DutySource> Cycle<H> {
                     Steering::OpenLoop => Notice::FirstRow { tick },
                 });
             }
-            Transition::Disarmed => tell(Notice::Disarmed { tick }),
+            Transition::Disarmed => {
+                self.duty_source.explore(None);
+                tell(Notice::Disarmed { tick });
+            }
             Transition::Vented(cause) | Transition::Faulted(cause) => {
                 let value = self.conditions.value(cause);
                 self.duty_source.stopped(Some((cause, value)));
@@ -563,6 +593,7 @@ impl<H: DutySource> Cycle<H> {
             Transition::Held(condition) => {
                 // A missing frame has a line of its own.
                 if condition != Condition::FrameMissing {
+                    self.duty_source.explore(None);
                     tell(Notice::Held { condition, tick, value: self.conditions.value(condition) });
                 }
             }

@@ -8,6 +8,7 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use flight::{Noter, RecorderHealth};
+use handover::ExplorationRules;
 use proto::recording::{EventLevel, rfc3339};
 use proto::reference::{Reference, ReferenceError};
 
@@ -16,8 +17,9 @@ use crate::config::Safety;
 use crate::experiment::Experiment;
 use crate::experiment_desk::{self, ExperimentDesk};
 use crate::experiment_log::ExperimentLog;
+use crate::exploration_desk;
 use crate::mailbox::{Fate, OperatorMailbox, Request, Status, Ticket};
-use crate::operator_protocol::{Ask, EFFECT_TIME, Reply, Running};
+use crate::operator_protocol::{Ask, EFFECT_TIME, Reply, Running, Switch};
 use crate::peer::Peer;
 use crate::policy_service::PolicyHandle;
 use crate::reference_limits::{self, Margin};
@@ -58,6 +60,8 @@ pub struct DeskOptions {
     pub policies: Option<PolicyHandle>,
     /// Where experiments are recorded, where they can be played within the run.
     pub experiments: Option<ExperimentLog>,
+    /// How exploration is configured; the seed is each one's own.
+    pub exploration: ExplorationRules,
     /// Age from which a status no longer tells what is: there is no session.
     pub stale: Duration,
     /// Configurations that were read again.
@@ -102,6 +106,10 @@ enum What {
     Aside {
         from: Receiver<Result<String, String>>,
         what: String,
+    },
+    Explore {
+        ticket: Ticket,
+        switch: Switch,
     },
     Checking {
         from: Receiver<Result<Box<Experiment>, String>>,
@@ -177,6 +185,10 @@ impl Desk {
             Ask::Model { file } => {
                 self.aside(format!("model {}", file.display()), peer, move |handle, _| handle.models.change(&file))
             }
+            Ask::Explore { switch, seed } => match self.start_exploring(switch, seed) {
+                Ok(ticket) => pending(What::Explore { ticket, switch }, EFFECT_TIME),
+                Err(why) => self.over("explore", peer, Err(why)),
+            },
             Ask::Experiment { file, csv } => {
                 let name = file.display().to_string();
                 match self.start_experiment(&name, csv) {
@@ -244,6 +256,10 @@ impl Desk {
                     self.over(&what, peer, Err(why))
                 }
             },
+            What::Explore { ticket, switch } => match self.exploring(ticket, switch, asked_ns, late) {
+                Some(outcome) => self.over_saying(exploring_name(switch), peer, outcome),
+                None => Step::Pending(Pending { what, peer, asked_ns, until }),
+            },
             What::Checking { from, name } => match from.try_recv() {
                 Ok(checked) => self.experiment_checked(checked, &name, peer),
                 Err(TryRecvError::Empty) if !late => {
@@ -305,6 +321,10 @@ impl Desk {
                 let unknown = "the client went away before it was told what came of it".to_owned();
                 self.record(&what, peer, &Err(unknown));
             }
+            What::Explore { ticket, switch } => {
+                let outcome = if self.options.mailbox.withdraw(ticket) { Err(withdrawn) } else { Ok(()) };
+                self.record(exploring_name(switch), peer, &outcome);
+            }
             What::Checking { name, .. } => {
                 self.working = false;
                 self.record(&format!("experiment {name}"), peer, &Err(withdrawn));
@@ -360,9 +380,43 @@ impl Desk {
     fn comes_between(&self, ask: &Ask) -> bool {
         let within = self.experiments.as_ref().is_some_and(ExperimentDesk::is_playing);
         match ask {
-            Ask::Status {} | Ask::Policies {} | Ask::Disarm {} => false,
+            Ask::Status {} | Ask::Policies {} | Ask::Disarm {} | Ask::Explore { switch: Switch::Off, .. } => false,
             Ask::Acknowledge {} => self.options.may == May::OnlyStop,
             _ => within || self.options.may == May::OnlyStop,
+        }
+    }
+
+    fn start_exploring(&self, switch: Switch, seed: Option<u32>) -> Result<Ticket, String> {
+        if switch == Switch::On {
+            let Some(handle) = &self.options.policies else { return Err(NO_POLICIES.to_owned()) };
+            exploration_desk::why_not(self.live_status().as_ref(), handle).map_or(Ok(()), Err)?;
+            if let Some(problem) = self.options.health.why_not_arm() {
+                return Err(format!("it would not be recorded: {problem}"));
+            }
+        }
+        let rules = exploration_desk::rules(switch, seed, self.options.exploration);
+        let until_ns = now_ns().saturating_add(EFFECT_TIME.as_nanos() as u64);
+        let asked = self.options.mailbox.ask(Request::Explore(rules), until_ns);
+        asked.ok_or_else(|| "too many requests wait; try again".to_owned())
+    }
+
+    /// Whether switching exploration is over, and how; `None` while it may still go either way.
+    fn exploring(&self, ticket: Ticket, switch: Switch, asked_ns: u64, late: bool) -> Option<Result<String, String>> {
+        let fate = self.options.mailbox.fate(ticket);
+        let shown = self.newest.filter(|(_, at_ns)| *at_ns > asked_ns);
+        let outcome = shown.and_then(|(status, _)| exploration_desk::outcome(switch, &status));
+        match (fate, outcome) {
+            (Fate::Taken, Some(outcome)) => Some(outcome),
+            (Fate::Waiting | Fate::Taken, _) if !late => None,
+            (Fate::Waiting, _) if self.options.mailbox.withdraw(ticket) => {
+                Some(Err(format!("no tick took it in time, so it was withdrawn; {}", self.no_session())))
+            }
+            (Fate::Withdrawn, _) => {
+                Some(Err("it was not carried out: a disarming came after it, or no tick in time".to_owned()))
+            }
+            _ => {
+                Some(Err("no policy has all of the command at this moment; `controller policies` tells why".to_owned()))
+            }
         }
     }
 
@@ -680,6 +734,13 @@ impl Desk {
             bad_input: false,
             recording_problem: self.options.health.error().or_else(|| self.options.health.why_not_arm()),
         }
+    }
+}
+
+fn exploring_name(switch: Switch) -> &'static str {
+    match switch {
+        Switch::On => "explore on",
+        Switch::Off => "explore off",
     }
 }
 

@@ -6,6 +6,7 @@
 //! ([`RunningSource`](crate::running_source::RunningSource)). What it decides counts
 //! only while the rig is armed; it cannot keep the watch from venting.
 
+use handover::{ExplorationRules, ExplorationShown};
 use model::observation::Pair;
 use proto::recording::{EventLevel, TickRecord};
 use proto::reference::Reference;
@@ -199,6 +200,16 @@ pub trait DutySource: Send {
 
     /// The experiment that is over, to be dropped outside the tick.
     fn take_finished_experiment(&mut self) -> Option<Box<OpenLoopPlayback>> {
+        None
+    }
+
+    /// Explores around the active policy from the next tick on, or no more.
+    fn explore(&mut self, rules: Option<ExplorationRules>) {
+        let _ = rules;
+    }
+
+    /// What exploration is on.
+    fn exploration(&self) -> Option<ExplorationShown> {
         None
     }
 

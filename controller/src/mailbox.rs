@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crossbeam::queue::ArrayQueue;
+use handover::{ExplorationRules, ExplorationShown};
 use proto::reference::Reference;
 use serde::{Deserialize, Serialize};
 
@@ -61,6 +62,9 @@ pub struct Status {
     /// How far the experiment is that is under way.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub experiment: Option<ExperimentProgress>,
+    /// What exploration is on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exploration: Option<ExplorationShown>,
 }
 
 /// What the operator wants.
@@ -76,6 +80,8 @@ pub enum Request {
     Reference(Box<Reference>),
     /// Play an experiment, and go on afterwards.
     Experiment(Box<OpenLoopPlayback>),
+    /// Explore around the active policy, or no more.
+    Explore(Option<ExplorationRules>),
 }
 
 /// What the tick must not free.
@@ -93,7 +99,7 @@ impl Request {
         match self {
             Request::Reference(reference) => Some(Spent::Reference(reference)),
             Request::Experiment(playback) => Some(Spent::Experiment(playback)),
-            Request::Arm | Request::Disarm | Request::Acknowledge => None,
+            Request::Arm | Request::Disarm | Request::Acknowledge | Request::Explore(_) => None,
         }
     }
 }

@@ -155,6 +155,20 @@ pub enum Notice {
         /// Tick.
         tick: u32,
     },
+    /// Noise is added to the active policy's answers from now on.
+    Exploring {
+        /// Tick.
+        tick: u32,
+        /// Seed of the noise.
+        seed: u32,
+        /// Standard deviations, duty.
+        std_duty: Pair,
+    },
+    /// Nothing is added any more.
+    ExplorationOver {
+        /// Tick.
+        tick: u32,
+    },
     /// The last row of a sequence was played.
     Played {
         /// Tick.
@@ -199,6 +213,10 @@ impl Notice {
             Notice::Filtered { tick, asked, measured } => (20, [f64::from(tick), asked[0], asked[1], measured[0]]),
             Notice::ExperimentBegins { tick, rows } => (26, [f64::from(tick), f64::from(rows), 0.0, 0.0]),
             Notice::FirstRow { tick } => (27, [f64::from(tick), 0.0, 0.0, 0.0]),
+            Notice::Exploring { tick, seed, std_duty: [pos, neg] } => {
+                (28, [f64::from(tick), f64::from(seed), pos, neg])
+            }
+            Notice::ExplorationOver { tick } => (29, [f64::from(tick), 0.0, 0.0, 0.0]),
             Notice::Played { tick } => (10, [f64::from(tick), 0.0, 0.0, 0.0]),
             Notice::FlightOver { tick } => (9, [f64::from(tick), 0.0, 0.0, 0.0]),
         };
@@ -373,6 +391,10 @@ pub fn sentence(event: &Event) -> String {
         26 => {
             format!("an experiment of {b:.0} rows begins after tick {a:.0}; vents open until the pressures stand still")
         }
+        28 => format!(
+            "exploring {at}: noise of {c:.4}/{d:.4} of duty (standard deviation) on the policy's answers, seed {b:.0}"
+        ),
+        29 => format!("exploration is off {at}"),
         27 => format!("at rest; the first row is played {at}"),
         11 => format!("holding {at}: {}", fault_text(b as u16, c)),
         13 => format!("the fallback took over {at}: {}", fault_text(b as u16, c)),

@@ -1,7 +1,7 @@
 //! What is said over the operator's Unix socket: one JSON object per line, asked and answered.
 //!
 //! `{"ask":"status"}`, `{"ask":"arm"}`, `{"ask":"disarm"}`, `{"ask":"acknowledge"}`, `{"ask":"reference","file":"/abs/path.csv"}`,
-//! `{"ask":"experiment","file":"/abs/path.csv","csv":"…"}`; the answer is
+//! `{"ask":"explore","switch":"on"}`, `{"ask":"experiment","file":"/abs/path.csv","csv":"…"}`; the answer is
 //! `{"ok":true, …}` or `{"ok":false,"error":"one line"}`. A request has to be there whole within [`REQUEST_TIME`] of the
 //! connection. The connection belongs to it: who closes it before the answer withdraws the request.
 
@@ -63,6 +63,14 @@ pub enum Ask {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         csv: Option<String>,
     },
+    /// Add noise to the active policy's answers, or no more.
+    Explore {
+        /// Whether it begins or ends.
+        switch: Switch,
+        /// Seed of the noise; left out, one from the clock.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        seed: Option<u32>,
+    },
     /// Play an experiment, and go on afterwards as before.
     Experiment {
         /// Absolute path of the CSV file: its name.
@@ -70,6 +78,16 @@ pub enum Ask {
         /// The file's text.
         csv: String,
     },
+}
+
+/// On or off.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Switch {
+    /// On.
+    On,
+    /// Off.
+    Off,
 }
 
 /// An answer.
@@ -243,6 +261,8 @@ mod tests {
             (r#"{"ask":"policies"}"#, Ask::Policies {}),
             (r#"{"ask":"swap","name":"run-7"}"#, Ask::Swap { name: "run-7".into() }),
             (r#"{"ask":"rollback"}"#, Ask::Rollback {}),
+            (r#"{"ask":"explore","switch":"off"}"#, Ask::Explore { switch: Switch::Off, seed: None }),
+            (r#"{"ask":"explore","switch":"on","seed":7}"#, Ask::Explore { switch: Switch::On, seed: Some(7) }),
             (
                 r#"{"ask":"experiment","file":"/e.csv","csv":"x"}"#,
                 Ask::Experiment { file: "/e.csv".into(), csv: "x".into() },

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use admission::model_comparison::Sample;
-use handover::{Arbiter, Candidate, Loss, PolicyEvent, StoreEnd, Trust, channel};
+use handover::{Arbiter, Candidate, ExplorationRules, ExplorationShown, Loss, PolicyEvent, StoreEnd, Trust, channel};
 use law::{ControlInput, SoftStart, TICK_S};
 use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
 use model::predict::Predictor;
@@ -119,6 +119,11 @@ impl ReferenceTracking {
         });
     }
 
+    /// Takes the exploration of a recorded tick in place of what would be drawn, in duty: for replays.
+    pub fn impose_exploration(&mut self, noise: Pair) {
+        self.control.impose_noise(noise);
+    }
+
     fn start_reference(&mut self, tick: u32, measured: Pair) {
         self.start_tick = tick;
         self.approach = SoftStart::new(measured, self.reference.at(0.0));
@@ -201,6 +206,7 @@ impl DutySource for ReferenceTracking {
             record.authority = answer.authority;
         }
         record.swap_id = self.control.swaps();
+        [record.exploration_pos, record.exploration_neg] = arbitrated.exploration;
         let decision = arbitrated.decision;
         [record.law_pos, record.law_neg] = decision.parts.map(|p| LawParts {
             feed_forward: p.feed_forward + p.play + p.correction,
@@ -245,9 +251,23 @@ impl DutySource for ReferenceTracking {
 
     /// A candidate that had a part in what left the envelope is refused; after anything else it begins again in shadow.
     fn stopped(&mut self, cause: Option<(Condition, f64)>) {
+        self.control.stop_exploring();
         if matches!(cause, Some((Condition::OverPressure | Condition::OverVacuum | Condition::LawNotFinite, _))) {
             self.control.vented();
         }
+    }
+
+    fn explore(&mut self, rules: Option<ExplorationRules>) {
+        match rules {
+            Some(rules) => {
+                self.control.explore(rules);
+            }
+            None => self.control.stop_exploring(),
+        }
+    }
+
+    fn exploration(&self) -> Option<ExplorationShown> {
+        self.control.exploration()
     }
 
     /// A reference has no end: its last row is held.

@@ -345,9 +345,9 @@ impl Replay {
                 },
                 TickInput::Policy => Err("another policy took part, and the recording does not hold its file"),
                 TickInput::Model => Err("another model took over, and the recording does not hold its file"),
-                TickInput::Explore | TickInput::Other => {
-                    Err("something reached the tick that this program cannot replay")
-                }
+                // What was added stands in each tick's record.
+                TickInput::Explore => Ok(()),
+                TickInput::Other => Err("something reached the tick that this program cannot replay"),
             };
             if let Err(problem) = known {
                 let at = format!("{problem} (session {:08X}, tick {})", recorded.session, recorded.tick);
@@ -361,6 +361,8 @@ impl Replay {
                 cycle.report(condition, 0.0);
             }
         }
+        let explored = [recorded.exploration_pos, recorded.exploration_neg];
+        cycle.duty_source_mut().tracking_mut().impose_exploration(explored);
         let mut again = TickRecord { session: recorded.session, ..TickRecord::default() };
         let answer = match sense_of(recorded) {
             Some(sense) => {
@@ -459,6 +461,7 @@ fn compare(
                     .iter()
                     .map(|value| u64::from(value.to_bits()))
                     .chain([u64::from(tick.policy_stage), tick.authority.to_bits(), u64::from(tick.swap_id)])
+                    .chain(bits(&[tick.exploration_pos, tick.exploration_neg]))
                     .collect(),
             ),
             (Stage::Law, bits(&[law(&tick.law_pos), law(&tick.law_neg)].concat())),

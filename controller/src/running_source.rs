@@ -8,6 +8,7 @@
 //! The hand-over is at a tick's edge, with both vents open on either side: an experiment begins at rest
 //! ([`OpenLoopPlayback`]), and the reference begins anew when the rig is armed after it.
 
+use handover::{ExplorationRules, ExplorationShown};
 use model::observation::Pair;
 use model::rig::{Rig, RigError};
 use policy::Policy;
@@ -55,6 +56,11 @@ impl RunningSource {
     /// The closed loop.
     pub fn tracking(&self) -> &ReferenceTracking {
         &self.tracking
+    }
+
+    /// The closed loop, for replays.
+    pub fn tracking_mut(&mut self) -> &mut ReferenceTracking {
+        &mut self.tracking
     }
 
     /// The experiment that has the duties now.
@@ -191,6 +197,7 @@ impl DutySource for RunningSource {
         if self.playback.is_some() {
             return Err(playback);
         }
+        self.tracking.explore(None);
         self.playback = Some(playback);
         self.afterwards = afterwards;
         self.to_arm = 0;
@@ -199,6 +206,14 @@ impl DutySource for RunningSource {
 
     fn take_finished_experiment(&mut self) -> Option<Box<OpenLoopPlayback>> {
         self.playback.take_if(|playback| playback.is_over())
+    }
+
+    fn explore(&mut self, rules: Option<ExplorationRules>) {
+        self.tracking.explore(rules.filter(|_| !self.is_playing()));
+    }
+
+    fn exploration(&self) -> Option<ExplorationShown> {
+        self.tracking.exploration()
     }
 
     fn session_over(&mut self) {

@@ -156,6 +156,7 @@ fn show_waiting<H: DutySource>(session: &mut Session<H>) {
         // Without a session the cRIO vents by itself.
         duty: [1.0; 2],
         experiment: None,
+        exploration: None,
         ..session.status
     };
     session.mailbox.show_as_of(session.status, session.status.received_ns);
@@ -184,6 +185,10 @@ pub(crate) fn serve_requests<H: DutySource>(session: &mut Session<H>) {
                 let old = session.cycle.exchange_reference(reference);
                 session.mailbox.retire(Spent::Reference(old));
                 TickInput::Reference.append(&mut session.inputs);
+            }
+            Request::Explore(rules) => {
+                session.cycle.explore(rules);
+                TickInput::Explore.append(&mut session.inputs);
             }
             Request::Experiment(playback) => {
                 let Session { cycle, sink, .. } = session;

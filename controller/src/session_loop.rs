@@ -361,6 +361,7 @@ fn show<H: DutySource>(
         slowest_ms: counts.slowest_ns as f64 * 1e-6,
         filter_interventions: session.cycle.filter_interventions(),
         experiment: session.cycle.duty_source().experiment(),
+        exploration: session.cycle.duty_source().exploration(),
     };
     session.mailbox.show(session.status);
 }

@@ -19,6 +19,7 @@ use std::time::{Duration, Instant};
 
 use flight::recorder::Observer;
 use flight::{Destination, Event, Noter, Recorded, Recorder, RecorderOptions, RecordingSummary, Retention};
+use handover::ExplorationRules;
 use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo, VERDICT, rfc3339};
 
 use crate::clock::now_ns;
@@ -232,6 +233,11 @@ pub fn fly_recorded<H: DutySource + 'static>(
         running: running.clone(),
         policies: policies.clone(),
         experiments: experiments.clone(),
+        exploration: ExplorationRules {
+            seed: 0,
+            std_share: config.policy.exploration_std,
+            most_duty: config.policy.exploration_max_duty,
+        },
         stale: if config.link.pacing == Pacing::Lockstep { STALE_LOCKSTEP } else { STALE },
         reloads: inbox,
     };

@@ -21,7 +21,7 @@ use crate::operator_protocol::{MOST_REQUEST_BYTES, REQUEST_TIME, connect};
 use crate::peer::Peer;
 
 pub use crate::desk::May;
-pub use crate::operator_protocol::{Ask, Reply, Running, SocketError, ask, is_there};
+pub use crate::operator_protocol::{Ask, Reply, Running, SocketError, Switch, ask, is_there};
 
 /// Clients at once.
 const MOST_CLIENTS: usize = 64;

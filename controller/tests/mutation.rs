@@ -260,6 +260,7 @@ fn requests(time: Duration) {
         running: Running::default(),
         policies: None,
         experiments: None,
+        exploration: handover::ExplorationRules { seed: 0, std_share: 0.02, most_duty: 0.02 },
         stale: Duration::from_millis(250),
         reloads: inbox,
     };

@@ -21,6 +21,7 @@ use proto::recording::observation_hash;
 
 use crate::channel::{Candidate, Command, Haste, PolicyEvent, PolicyTag, Snapshot, TickEnd};
 use crate::conditions::Conditions;
+use crate::exploration::{Exploration, ExplorationRules, ExplorationShown, NO_NOISE};
 use crate::record::Record;
 use crate::stages::{Loss, Next, Shown, StageNow, Stages};
 
@@ -41,6 +42,8 @@ pub struct ArbitratedCommand {
     /// What the policy was shown and answered, where one did: the candidate's where it has authority, the incumbent's
     /// otherwise.
     pub answer: Option<PolicyAnswer>,
+    /// What exploration added to the answer's duties for now.
+    pub exploration: Pair,
 }
 
 /// A policy's answer, for the recording.
@@ -48,7 +51,7 @@ pub struct ArbitratedCommand {
 pub struct PolicyAnswer {
     /// Hash of the observation ([`observation_hash`]).
     pub observation_hash: u64,
-    /// All of its outputs: now and the next five ticks, positive and negative valve in turn.
+    /// All of its outputs, without exploration: now and the next five ticks, positive and negative valve in turn.
     pub outputs: [f32; ACTION_LEN],
     /// Stage of the policy: 0 active, or one more than [`StageNow::code`].
     pub stage: u8,
@@ -74,7 +77,7 @@ impl Seat {
         self.taken.as_ref().map_or(PolicyTag::FALLBACK, |taken| taken.tag)
     }
 
-    fn answer(&mut self, input: &ControlInput, predicted_kpa: &[Pair; AHEAD]) -> Answer {
+    fn answer(&mut self, input: &ControlInput, predicted_kpa: &[Pair; AHEAD], noise: Pair) -> Answer {
         let fallback = self.law.observe(input);
         let Some(policy) = self.taken.as_mut().and_then(|taken| taken.policy.as_mut()) else {
             return Answer { decision: fallback, refused: false, policy: None };
@@ -87,6 +90,11 @@ impl Seat {
             Ok(()) => {
                 let policy =
                     PolicyAnswer { observation_hash: observation_hash(told), outputs, stage: 0, authority: 1.0 };
+                if noise != NO_NOISE {
+                    for (output, noise) in outputs.iter_mut().zip(noise) {
+                        *output = (f64::from(*output) + noise) as f32;
+                    }
+                }
                 Answer { decision: self.law.decide(input, &outputs), refused: false, policy: Some(policy) }
             }
             Err(_) => Answer { decision: fallback, refused: true, policy: None },
@@ -122,6 +130,10 @@ pub struct Arbiter {
     decided: Pair,
     sent: Pair,
     trust: Trust,
+    exploration: Option<Exploration>,
+    /// Noise of a recorded tick, in place of what would be drawn.
+    imposed_noise: Option<Pair>,
+    noise: Pair,
 }
 
 impl Arbiter {
@@ -145,7 +157,40 @@ impl Arbiter {
             decided: [1.0; CHANNELS],
             sent: [1.0; CHANNELS],
             trust: Trust::Policies,
+            exploration: None,
+            imposed_noise: None,
+            noise: NO_NOISE,
         }
+    }
+
+    /// Explores around the active policy from the next tick on; answers whether it does. It does not where the fallback
+    /// decides or a candidate is on its way.
+    ///
+    /// # Real-time
+    /// Runs in the tick.
+    pub fn explore(&mut self, rules: ExplorationRules) -> bool {
+        let spread = self.incumbent.taken.as_ref().filter(|taken| taken.policy.is_some()).map(|taken| taken.spread);
+        let alone = self.trust == Trust::Policies && self.candidate.is_none();
+        self.exploration = spread.filter(|_| alone).map(|spread| Exploration::new(rules, &spread));
+        self.exploration.is_some()
+    }
+
+    /// Explores no more.
+    ///
+    /// # Real-time
+    /// Runs in the tick.
+    pub fn stop_exploring(&mut self) {
+        self.exploration = None;
+    }
+
+    /// What exploration is on.
+    pub fn exploration(&self) -> Option<ExplorationShown> {
+        self.exploration.as_ref().map(Exploration::shown)
+    }
+
+    /// Takes the noise of a recorded tick in place of what would be drawn, in duty: for replays.
+    pub fn impose_noise(&mut self, noise: Pair) {
+        self.imposed_noise = Some(noise);
     }
 
     /// Says whose answers count from now on; the command goes on from where it is.
@@ -155,6 +200,7 @@ impl Arbiter {
     pub fn set_trust(&mut self, trust: Trust) {
         if trust != self.trust {
             self.trust = trust;
+            self.stop_exploring();
             self.remainder_from_sent();
         }
     }
@@ -164,6 +210,7 @@ impl Arbiter {
     /// # Real-time
     /// Runs in the tick of arming.
     pub fn restart(&mut self, duty: Pair) {
+        self.stop_exploring();
         self.incumbent.law.restart(duty);
         if let Some((seat, stages)) = &mut self.candidate {
             seat.law.restart(duty);
@@ -182,6 +229,7 @@ impl Arbiter {
     /// # Real-time
     /// Runs in the tick.
     pub fn exchange_map(&mut self, map: &Arc<SteadyMap>) {
+        self.stop_exploring();
         let _ = self.incumbent.law.exchange_map(Arc::clone(map));
         if let Some((seat, _)) = &mut self.candidate {
             let _ = seat.law.exchange_map(Arc::clone(map));
@@ -197,6 +245,7 @@ impl Arbiter {
     /// # Real-time
     /// Runs in the tick.
     pub fn vented(&mut self) {
+        self.stop_exploring();
         if self.candidate.as_ref().is_some_and(|(_, stages)| stages.now() != StageNow::Shadow) {
             self.lose(Loss::Vented);
         }
@@ -211,11 +260,18 @@ impl Arbiter {
         self.kinds = self.conditions.kinds(input);
         self.error_kpa = std::array::from_fn(|c| input.goals_kpa[0][c] - input.measured_kpa[c]);
         let trusted = self.trust == Trust::Policies;
+        if self.candidate.is_some() {
+            // A candidate is held against what the incumbent does by itself.
+            self.stop_exploring();
+        }
+        let drawn = self.exploration.as_mut().map_or(NO_NOISE, Exploration::draw);
+        let noise = self.imposed_noise.take().unwrap_or(drawn);
         let answer = if trusted {
-            self.incumbent.answer(input, predicted_kpa)
+            self.incumbent.answer(input, predicted_kpa, noise)
         } else {
             Answer { decision: self.incumbent.law.observe(input), refused: false, policy: None }
         };
+        self.noise = if answer.policy.is_some() { noise } else { NO_NOISE };
         if answer.refused {
             event = self.incumbent_refused().or(event);
         }
@@ -223,7 +279,7 @@ impl Arbiter {
         let mut shown = answer.policy;
         let mut lost = None;
         if let Some((seat, stages)) = self.candidate.as_mut().filter(|_| trusted) {
-            let candidate = seat.answer(input, predicted_kpa);
+            let candidate = seat.answer(input, predicted_kpa, NO_NOISE);
             if candidate.refused {
                 lost = Some(Loss::NotFinite);
             } else {
@@ -242,7 +298,7 @@ impl Arbiter {
         decision = self.with_remainder(decision);
         self.decided = decision.duty();
         self.show();
-        ArbitratedCommand { decision, event, answer: shown }
+        ArbitratedCommand { decision, event, answer: shown, exploration: self.noise }
     }
 
     /// Tells that nothing was decided in this tick, because its frame is missing: the plan was followed.
@@ -269,7 +325,8 @@ impl Arbiter {
         if self.ticks < APPROACH_TICKS {
             return None;
         }
-        let alone = self.candidate.as_ref().is_none_or(|(_, stages)| stages.authority() == 0.0);
+        let alone =
+            self.candidate.as_ref().is_none_or(|(_, stages)| stages.authority() == 0.0) && self.noise == NO_NOISE;
         if alone {
             self.record.add(self.kinds, self.error_kpa, change_duty);
         }
@@ -331,6 +388,7 @@ impl Arbiter {
 
     /// The incumbent gave no answer: from this tick on its law's fallback decides.
     fn incumbent_refused(&mut self) -> Option<PolicyEvent> {
+        self.stop_exploring();
         let taken = self.incumbent.taken.take()?;
         let tag = taken.tag;
         self.end.retire(taken);

@@ -9,6 +9,8 @@ use crossbeam::queue::ArrayQueue;
 use policy::Policy;
 use serde::{Deserialize, Serialize};
 
+use crate::exploration::PolicySpread;
+
 /// Commands that may wait.
 const COMMANDS: usize = 8;
 /// Policies that may wait to be dropped: at most three go in a tick (candidate, incumbent, the one before it).
@@ -52,18 +54,21 @@ pub struct Candidate {
     pub policy: Option<Policy>,
     /// Its tag.
     pub tag: PolicyTag,
+    /// How widely it explores.
+    pub spread: PolicySpread,
 }
 
 impl Candidate {
     /// A policy.
     pub fn new(policy: Policy) -> Box<Self> {
         let tag = PolicyTag::of(&policy);
-        Box::new(Candidate { policy: Some(policy), tag })
+        let spread = PolicySpread::of(&policy);
+        Box::new(Candidate { policy: Some(policy), tag, spread })
     }
 
     /// The fallback.
     pub fn fallback() -> Box<Self> {
-        Box::new(Candidate { policy: None, tag: PolicyTag::FALLBACK })
+        Box::new(Candidate { policy: None, tag: PolicyTag::FALLBACK, spread: PolicySpread::default() })
     }
 }
 

@@ -47,6 +47,18 @@ fn newest(out: &mut String, tick: &TickRecord, hub: &Hub) {
     );
     gauge(out, "controller_duty", "Duty sent, 0 closed to 1 open.", &pair(tick.u_pos, tick.u_neg));
     gauge(out, "controller_authority", "Share of the policy's answer that counts.", &[("", tick.authority)]);
+    gauge(
+        out,
+        "controller_exploration_duty",
+        "Duty that exploration added to the policy's answer.",
+        &pair(tick.exploration_pos, tick.exploration_neg),
+    );
+    gauge(
+        out,
+        "controller_experiment_phase",
+        "Experiment under way: 0 none, 1 waiting for rest, 2 playing, 3 coming to rest.",
+        &[("", f64::from(tick.experiment))],
+    );
     gauge(out, "controller_tick", "Number of the newest tick in its session.", &[("", f64::from(tick.tick))]);
     let state = format!("{{state=\"{}\"}}", label((hub.names.state)(tick.state)));
     gauge(
@@ -151,6 +163,8 @@ mod tests {
             "controller_pressure_kpa{channel=\"negative\"} NaN",
             "controller_fault{fault=\"link lost\"} 7",
             "controller_faults_total 1",
+            "controller_exploration_duty{channel=\"negative\"} 0",
+            "controller_experiment_phase 0",
             "controller_tick_compute_seconds_bucket{le=\"0.0002\"} 1",
             "controller_tick_compute_seconds_bucket{le=\"0.0005\"} 2",
             "controller_tick_compute_seconds_bucket{le=\"0.05\"} 3",

@@ -77,6 +77,8 @@ fn tick(hub: &Hub, seen: &Seen<TickRecord>) -> Value {
         "stage": t.policy_stage,
         "authority": t.authority,
         "swap": t.swap_id,
+        "explored": [t.exploration_pos, t.exploration_neg],
+        "experiment": t.experiment,
         "bent": t.filter_active,
         "findings": t.findings,
         "ms": f64::from(t.compute_ns) * 1e-6,

@@ -93,6 +93,19 @@ enum Command {
         #[command(flatten)]
         target: talk::Target,
     },
+    /// Adds bounded, seeded noise to the active policy's answers, as it was trained with, or no more.
+    ///
+    /// For learning on the rig: the recording holds what was added in each tick. Needs the rig under control by a policy with
+    /// all of the command. Ends by itself with any fault, with disarming, and with another policy or model.
+    Explore {
+        /// Whether it begins or ends.
+        switch: controller::socket::Switch,
+        /// Seed of the noise; left out, one from the clock, which the answer and the recording name
+        #[arg(long)]
+        seed: Option<u32>,
+        #[command(flatten)]
+        target: talk::Target,
+    },
     /// Says that a person has looked at what vented the rig; then it can be armed again.
     Acknowledge(talk::Target),
     /// Follows another reference, from its start.
@@ -174,6 +187,7 @@ impl Arguments {
             Command::Swap { name, target } => target.swap(&name),
             Command::Rollback(target) => target.rollback(),
             Command::Model { file, target } => target.model(&file),
+            Command::Explore { switch, seed, target } => target.explore(switch, seed),
             Command::Acknowledge(target) => target.acknowledge(),
             Command::Reference { file, target } => target.reference(&file),
             Command::Generate { folder } => manual::write(Arguments::command(), &folder)

@@ -6,7 +6,7 @@ use clap::Args;
 use controller::config::{Config, Control};
 use controller::duty_source::ExperimentPhase;
 use controller::mailbox::Status;
-use controller::socket::{Ask, Reply, ask};
+use controller::socket::{Ask, Reply, Switch, ask};
 use proto::reference::{MOST_BYTES, Reference};
 use proto::regular_file;
 
@@ -84,6 +84,11 @@ impl Target {
 
     pub(super) fn rollback(&self) -> Result<(), Failure> {
         let reply = self.ask(&Ask::Rollback {})?;
+        self.done(reply.done.as_deref().unwrap_or("done"))
+    }
+
+    pub(super) fn explore(&self, switch: Switch, seed: Option<u32>) -> Result<(), Failure> {
+        let reply = self.ask(&Ask::Explore { switch, seed })?;
         self.done(reply.done.as_deref().unwrap_or("done"))
     }
 
@@ -180,6 +185,10 @@ fn print_tick(s: &Status, reply: &Reply) {
         "deadlines  {} missed, {} frames missed, slowest tick {:.2} ms",
         s.deadline_misses, s.frames_missed, s.slowest_ms
     ));
+    if let Some(exploration) = &s.exploration {
+        let ([pos, neg], seed) = (exploration.std_duty, exploration.seed);
+        say(format_args!("exploring  noise of {pos:.4}/{neg:.4} of duty (standard deviation), seed {seed}"));
+    }
     if s.filter_interventions > 0 {
         say(format_args!(
             "filter     {} commands changed to keep the envelope or the slew limit",
