@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+pub use proto::recording::attached;
+
 use flight::{CodeNames, FlightInfo, FlightStatistics, Pacing, RunYardstick, StatisticsOptions};
 use model::rig::Rig;
 use proto::recording::{
@@ -13,24 +15,6 @@ use proto::wire::Mode;
 use crate::notice::fault_name;
 use crate::state::State;
 use crate::yardstick::{Trial, yardstick};
-
-/// Names of the files inside a recording.
-pub mod attached {
-    /// The model behind predictions and feed-forward.
-    pub const MODEL: &str = "model_rig.toml";
-    /// The configuration as it was written.
-    pub const CONFIG: &str = "controller.toml";
-    /// The configuration as it counted, with every key.
-    pub const EFFECTIVE: &str = "controller-effective.toml";
-    /// The reference at the start, and after it each that was put in while the run went on.
-    pub const REFERENCE: &str = "reference.csv";
-    /// The commands of an experiment: all of one where the recording is an experiment's, else each in its turn.
-    pub const EXPERIMENT: &str = "experiment.csv";
-    /// The policy at the start.
-    pub const POLICY: &str = "policy.onnx";
-    /// The rig behind the emulated cRIO.
-    pub const PLANT: &str = "emulated_rig.toml";
-}
 
 /// Why a file cannot be read back as a run.
 #[derive(Debug, thiserror::Error)]

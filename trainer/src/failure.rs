@@ -3,7 +3,9 @@
 use std::io::{self, Write};
 use std::process::ExitCode;
 
+use ::adapt::AdaptError;
 use ::evaluate::join::JoinError;
+use ::finetune::FinetuneError;
 use diagnose::DiagnoseError;
 use fit::FitError;
 use proto::atomic_file::AtomicFileError;
@@ -49,6 +51,14 @@ pub(crate) enum Failure {
     #[error(transparent)]
     Training(#[from] TrainingError),
     #[error(transparent)]
+    Finetune(#[from] FinetuneError),
+    #[error(transparent)]
+    Rehearsal(#[from] AdaptError),
+    #[error("{error}{}; go on with: trainer adapt --resume {out}", match .error { AdaptError::NotRestored(_) => "", _ => "; model and policy are as they were" })]
+    Adapt { error: AdaptError, out: String },
+    #[error("the rig does not track better than before; kept: {kept}")]
+    NotBetter { kept: String },
+    #[error(transparent)]
     Join(#[from] JoinError),
     #[error("learning cannot be timed: {0}")]
     Learner(String),
@@ -75,6 +85,14 @@ impl Failure {
         match self {
             Self::Training(TrainingError::Diverged { .. } | TrainingError::Write(_)) => FAILED,
             Self::Training(_) => BAD_INPUT,
+            Self::Finetune(
+                FinetuneError::NothingToLearn { .. }
+                | FinetuneError::Publish(_)
+                | FinetuneError::Training(TrainingError::Diverged { .. } | TrainingError::Write(_)),
+            ) => FAILED,
+            Self::Finetune(_) => BAD_INPUT,
+            Self::Rehearsal(AdaptError::File { .. }) => BAD_INPUT,
+            Self::Rehearsal(_) | Self::Adapt { .. } | Self::NotBetter { .. } => FAILED,
             Self::Rig(RigFileError::Write(_)) | Self::Recording(RecordingError::Write(_)) => FAILED,
             Self::FreeRun(FreeRunError::NotFinite { .. }) => FAILED,
             Self::Fit(FitError::NotFinite { .. })

@@ -3,11 +3,13 @@
 //! One file per command; what several of them need stands in a file named after it.
 
 mod accuracy;
+mod adapt;
 mod bench;
 mod diagnose;
 mod evaluate;
 mod export;
 mod failure;
+mod finetune;
 mod free_run;
 mod identify;
 mod interruptible;
@@ -58,6 +60,8 @@ enum Command {
     Diagnose(diagnose::DiagnoseArgs),
     Bench(bench::BenchArgs),
     Train(train::TrainArgs),
+    Finetune(finetune::FinetuneArgs),
+    Adapt(adapt::AdaptArgs),
     Evaluate(evaluate::EvaluateArgs),
     Export(export::ExportArgs),
     /// Writes manual pages and shell completions, for packages
@@ -81,6 +85,8 @@ fn main() -> ExitCode {
         Command::Diagnose(args) => diagnose::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Train(args) => train::run(args),
+        Command::Finetune(args) => finetune::run(args),
+        Command::Adapt(args) => adapt::run(args),
         Command::Evaluate(args) => evaluate::run(args),
         Command::Export(args) => export::run(args),
         Command::Generate { folder } => manual::write(Cli::command(), folder)

@@ -173,6 +173,11 @@ impl Fallback {
         }
     }
 
+    /// Puts the integral where it is known to have been, in duty. Not for the tick.
+    pub fn set_integral(&mut self, duty: Pair) {
+        self.integral.set(duty);
+    }
+
     /// Decides the duties of a tick.
     ///
     /// # Real-time

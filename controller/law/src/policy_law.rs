@@ -92,6 +92,15 @@ impl PolicyLaw {
         self.fallback.exchange_map(map)
     }
 
+    /// Puts the integral that this layout acts with where it is known to have been, in duty. For a loop that is rebuilt from a
+    /// recording and joins it late; not for the tick.
+    pub fn set_integral(&mut self, duty: Pair) {
+        match self.contract {
+            ObservationLayout::Paper => self.integral.set(duty),
+            ObservationLayout::Correction => self.fallback.set_integral(duty),
+        }
+    }
+
     /// What the policy is told and answers.
     pub fn contract(&self) -> ObservationLayout {
         self.contract

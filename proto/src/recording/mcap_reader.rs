@@ -129,7 +129,7 @@ pub fn parse_mcap(file: &str, bytes: &[u8]) -> Result<McapContent, ReadMcapError
     if !bytes.starts_with(mcap::MAGIC) {
         return Err(ReadMcapError::NotMcap { file: file.to_owned() });
     }
-    let mut gathering = Gathering { file, ..Gathering::default() };
+    let mut gathering = Gathering::of(file);
     let end = gathering.read(bytes)?;
     let Gathering { mut content, topics, foreign_ticks, holds, .. } = gathering;
     let has_tick_topic = topics.values().any(|topic| *topic == Topic::Tick);
@@ -198,9 +198,9 @@ enum Topic {
 }
 
 #[derive(Debug, Default)]
-struct Gathering<'a> {
-    file: &'a str,
-    content: McapContent,
+pub(super) struct Gathering {
+    pub(super) file: String,
+    pub(super) content: McapContent,
     schemas: HashMap<u16, String>,
     topics: HashMap<u16, Topic>,
     foreign_ticks: bool,
@@ -208,32 +208,55 @@ struct Gathering<'a> {
     // Frames of ticks that are still to come, and ticks whose frames may be, by sequence number.
     sense: HashMap<u32, [u8; SENSE_BYTES]>,
     command: HashMap<u32, [u8; COMMAND_BYTES]>,
-    ticks: HashMap<u32, usize>,
+    pub(super) ticks: HashMap<u32, usize>,
 }
 
-impl Gathering<'_> {
+impl Gathering {
+    /// Nothing yet of a file of this name.
+    pub(super) fn of(file: &str) -> Self {
+        Gathering { file: file.to_owned(), ..Gathering::default() }
+    }
+
     /// Reads as far as the file goes, and tells how it ended.
     fn read(&mut self, bytes: &[u8]) -> Result<FileEnd, ReadMcapError> {
         let mut rest = bytes.get(mcap::MAGIC.len()..).unwrap_or_default();
         while !rest.is_empty() {
             let Some((code, body, after)) = next_record(rest) else {
-                if let Some((op::CHUNK, body)) = cut_record(rest) {
-                    self.chunk(body, End::Missing)?;
-                }
+                self.cut(rest)?;
                 return Ok(FileEnd::Cut);
             };
             match code {
-                op::CHUNK => self.chunk(body, End::Reached)?,
                 // What follows is the index, which repeats what was read.
                 op::DATA_END => return Ok(FileEnd::Reached),
-                _ => match parse_record(code, body) {
-                    Ok(record) => self.record(record)?,
-                    Err(error) => return Ok(FileEnd::Unreadable(error.to_string())),
-                },
+                _ => {
+                    if let Some(unreadable) = self.whole_record(code, body)? {
+                        return Ok(FileEnd::Unreadable(unreadable));
+                    }
+                }
             }
             rest = after;
         }
         Ok(FileEnd::Missing)
+    }
+
+    /// Takes in a record that is whole and not the end of the data; what is wrong with one that is no record.
+    pub(super) fn whole_record(&mut self, code: u8, body: &[u8]) -> Result<Option<String>, ReadMcapError> {
+        if code == op::CHUNK {
+            self.chunk(body, End::Reached)?;
+            return Ok(None);
+        }
+        match parse_record(code, body) {
+            Ok(record) => self.record(record).map(|()| None),
+            Err(error) => Ok(Some(error.to_string())),
+        }
+    }
+
+    /// Takes in what is whole of a record that was cut.
+    pub(super) fn cut(&mut self, bytes: &[u8]) -> Result<(), ReadMcapError> {
+        match cut_record(bytes) {
+            Some((op::CHUNK, body)) => self.chunk(body, End::Missing),
+            _ => Ok(()),
+        }
     }
 
     /// Reads a chunk: all of one that is whole and sound, every whole message of one that is cut.
@@ -249,7 +272,7 @@ impl Gathering<'_> {
         }
         let decompressed = decompress(chunk.compression, chunk.records, chunk.size).map_err(|unknown| {
             let problem = ForeignMcap::Compressed(unknown.0);
-            ReadMcapError::Foreign { file: self.file.to_owned(), problem }
+            ReadMcapError::Foreign { file: self.file.clone(), problem }
         })?;
         if end == End::Reached && decompressed.end == End::Missing {
             self.note("a chunk is damaged and was left out: it cannot be decompressed");
@@ -380,7 +403,7 @@ impl Gathering<'_> {
         if found.parse::<u32>().is_ok_and(|found| found <= FORMAT) {
             return Ok(());
         }
-        Err(ReadMcapError::Later { file: self.file.to_owned(), found: found.clone(), known: FORMAT })
+        Err(ReadMcapError::Later { file: self.file.clone(), found: found.clone(), known: FORMAT })
     }
 
     fn note(&mut self, text: &str) {
@@ -389,7 +412,7 @@ impl Gathering<'_> {
 }
 
 /// Code, body and what follows of the whole record that bytes begin with.
-fn next_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
+pub(super) fn next_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
     let (code, rest) = bytes.split_first()?;
     let (length, rest) = rest.split_first_chunk::<8>()?;
     let (body, after) = rest.split_at_checked(usize::try_from(u64::from_le_bytes(*length)).ok()?)?;

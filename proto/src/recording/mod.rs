@@ -5,6 +5,7 @@
 //! | [`TickRecord`] | one tick of the daemon, plain data for a lock-free queue |
 //! | [`RecordingWriter`] | `TickRecord`s to an MCAP file, a second at a time |
 //! | [`read_mcap`] | an MCAP file, whole or truncated, back to the same `TickRecord`s |
+//! | [`McapFollower`] | the same, while the file grows |
 //! | [`Recording`] | a table of named columns over time, from MCAP or CSV |
 //! | `read_for` | [`Recording::read_for`]: any file for a rig, as its `[recording]` table says; the way in of every command |
 //! | `logger_text`, `labview`, `mat5` | what loggers, LabVIEW and MATLAB write, to a `sheet` of named columns |
@@ -18,6 +19,7 @@
 //! Left out: reading MCAP files of other programs (their messages are not ours), and writing compressed ones
 //! (see [`RecordingWriter`]).
 
+pub mod attached;
 mod cells;
 mod columns;
 pub mod csv;
@@ -29,6 +31,7 @@ mod labview;
 mod log_clock;
 mod logger_text;
 mod mat5;
+mod mcap_follower;
 mod mcap_reader;
 mod mcap_writer;
 mod messages;
@@ -48,6 +51,7 @@ mod timestamps;
 mod units;
 mod wall_clock;
 
+pub use mcap_follower::{FollowEnd, McapFollower};
 pub use mcap_reader::{ForeignMcap, McapContent, ReadMcapError, parse_mcap, read_mcap};
 pub use mcap_writer::{Event, EventLevel, RecordingWriter, VERDICT, WriteMcapError, unfinished_path};
 pub use messages::{

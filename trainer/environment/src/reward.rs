@@ -44,6 +44,12 @@ pub fn reward(
     settings.scale * sum
 }
 
+/// The price of a correction (contract 2): of an action's first two numbers, each within −1 … 1.
+pub fn correction_price(settings: &RewardSettings, action: &[f32]) -> f64 {
+    let price: f64 = action.iter().zip(settings.correction).map(|(a, price)| price * f64::from(*a).powi(2)).sum();
+    settings.scale * price
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -17,7 +17,7 @@ use rand::{Rng, RngExt as _};
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::draws::{Purpose, stream};
-use crate::reward::reward;
+use crate::reward::{correction_price, reward};
 use crate::rig_draw::RigDraw;
 use crate::settings::EnvironmentSettings;
 use crate::{EnvironmentError, reference_draw, sensor_scales};
@@ -27,7 +27,7 @@ pub const SIDE_BY_SIDE: usize = 8;
 type Eight = Lanes<SIDE_BY_SIDE>;
 
 /// Pressures beyond which the daemon vents, in kPa gauge: positive above, negative below.
-const ENVELOPE_KPA: Pair = [160.0, -95.0];
+pub const ENVELOPE_KPA: Pair = [160.0, -95.0];
 /// Share of episodes that begin with the rig at rest and vented, as a flight does.
 const FROM_REST: f64 = 0.04;
 /// Share that begins anywhere.
@@ -225,9 +225,7 @@ impl VectorEnv {
             let mut reward_value = reward(settings, goals_kpa, seen_kpa, predicted);
             if self.contract == ObservationLayout::Correction {
                 let row = actions.chunks_exact(ACTION_LEN).nth(lane).unwrap_or_default();
-                let price: f64 =
-                    row.iter().zip(settings.correction).map(|(a, price)| price * f64::from(*a).powi(2)).sum();
-                reward_value += settings.scale * price;
+                reward_value += correction_price(settings, row);
             }
             step.error_kpa[lane] = std::array::from_fn(|c| measured_kpa[c] - goals_kpa[0][c]);
             // Written so that NaN counts as outside.

@@ -10,22 +10,22 @@
 use sac::{Dense, Network};
 
 /// Steps between two contributions; each takes a copy of the weights.
-pub(crate) const EVERY_STEPS: u64 = 64;
+pub const EVERY_STEPS: u64 = 64;
 
 /// A running average of policies.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(crate) struct Average {
+pub struct Average {
     mean: Option<Network>,
 }
 
 impl Average {
     /// Goes on with an average that was kept.
-    pub(crate) fn from(mean: Option<Network>) -> Self {
+    pub fn from(mean: Option<Network>) -> Self {
         Average { mean }
     }
 
     /// Takes in the policy as it stands.
-    pub(crate) fn add(&mut self, policy: Network, over_steps: u64) {
+    pub fn add(&mut self, policy: Network, over_steps: u64) {
         let share = (EVERY_STEPS as f32 / over_steps.max(EVERY_STEPS) as f32).min(1.0);
         match &mut self.mean {
             Some(mean) => {
@@ -39,7 +39,7 @@ impl Average {
     }
 
     /// The average, once there is one.
-    pub(crate) fn get(&self) -> Option<&Network> {
+    pub fn get(&self) -> Option<&Network> {
         self.mean.as_ref()
     }
 }

@@ -5,8 +5,8 @@
 //! | [`settings`] | a run as data; presets |
 //! | [`features`] | how observations are put to the network |
 //! | [`run`] | acting and learning in turns; stop, checkpoint, resume |
-//! | `average` | the actor's weights averaged over the last updates |
-//! | `checkpoint`, `replay_files` | what a run goes on from |
+//! | [`average`] | the actor's weights averaged over the last updates |
+//! | `checkpoint`, [`replay_files`] | what a run goes on from |
 //! | [`policy_start`] | a policy that a run starts from |
 //! | `plan_fit` | outputs for later ticks tied to what is then applied |
 //! | [`run_files`] | the folder of a run |
@@ -19,7 +19,7 @@
 //! however many threads learn, and wherever it was stopped and gone on with. An episode is drawn from seed and number; a
 //! checkpoint in its midst holds the actions taken so far, from which the rigs come to stand where they stood.
 
-mod average;
+pub mod average;
 mod checkpoint;
 mod checkpoint_selection;
 pub mod event_file;
@@ -27,7 +27,7 @@ pub mod features;
 pub mod metrics;
 mod plan_fit;
 pub mod policy_start;
-mod replay_files;
+pub mod replay_files;
 pub mod run;
 pub mod run_files;
 pub mod run_report;
@@ -96,12 +96,13 @@ pub enum TrainingError {
 }
 
 impl TrainingError {
-    fn file(path: &std::path::Path, problem: &str) -> Self {
+    /// A file that cannot be read, with the mend.
+    pub fn file(path: &std::path::Path, problem: &str) -> Self {
         TrainingError::File { file: path.display().to_string(), problem: problem.to_owned() }
     }
 
     /// What the learner refuses.
-    fn learner(what: &str, error: &dyn std::fmt::Display) -> Self {
+    pub fn learner(what: &str, error: &dyn std::fmt::Display) -> Self {
         TrainingError::Settings { file: what.to_owned(), line: None, problem: error.to_string() }
     }
 }

@@ -69,8 +69,13 @@ impl PolicyStart {
         &self.label
     }
 
+    /// CRC-32C of its features and weights, eight hexadecimal digits: which policy it is, wherever it was read from.
+    pub fn crc32c(&self) -> String {
+        format!("{:08x}", crc32c::crc32c(&self.network.save()))
+    }
+
     /// The preset that policies of its layout are trained with.
-    pub(crate) fn preset(&self) -> &'static str {
+    pub fn preset(&self) -> &'static str {
         match self.layout {
             ObservationLayout::Paper => "paper",
             ObservationLayout::Correction => "correction",
@@ -78,7 +83,7 @@ impl PolicyStart {
     }
 
     /// Its weights, for an actor that answers as much as `plan` says.
-    pub(crate) fn network(&self, plan: Plan) -> Network {
+    pub fn network(&self, plan: Plan) -> Network {
         match plan {
             Plan::Learned => self.network.clone(),
             Plan::Fitted => plan_fit::without_plan(&self.network),
@@ -89,7 +94,7 @@ impl PolicyStart {
     ///
     /// # Errors
     /// A policy that no settings describe, with what it has that they have not.
-    pub(crate) fn adopt_into(&self, settings: &mut TrainingSettings) -> Result<(), TrainingError> {
+    pub fn adopt_into(&self, settings: &mut TrainingSettings) -> Result<(), TrainingError> {
         let refused = |problem: String| TrainingError::File { file: self.label.clone(), problem };
         settings.run.from = Some(self.label.clone());
         settings.policy.contract = self.layout.version();

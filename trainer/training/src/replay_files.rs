@@ -25,7 +25,7 @@ const HEADER: usize = 8 + 8 + 4 + 4;
 
 /// The pieces of a run's replay.
 #[derive(Debug, Clone)]
-pub(crate) struct ReplayFiles {
+pub struct ReplayFiles {
     folder: PathBuf,
     piece_rows: u64,
     /// Rows before this one stand in full pieces.
@@ -34,7 +34,7 @@ pub(crate) struct ReplayFiles {
 
 impl ReplayFiles {
     /// The pieces in a folder of a replay of so many rows; all full ones before row `written` are there.
-    pub(crate) fn new(folder: PathBuf, capacity: usize, written: u64) -> Self {
+    pub fn new(folder: PathBuf, capacity: usize, written: u64) -> Self {
         // A piece must still be whole in the ring when it has become full.
         let piece_rows = PIECE_ROWS.min(capacity as u64 / 2).max(1);
         ReplayFiles { folder, piece_rows, full_until: written - written % piece_rows }
@@ -44,7 +44,7 @@ impl ReplayFiles {
     ///
     /// # Errors
     /// If the disk is full, by file.
-    pub(crate) fn keep_full(&mut self, learner: &Learner) -> Result<(), TrainingError> {
+    pub fn keep_full(&mut self, learner: &Learner) -> Result<(), TrainingError> {
         while learner.replay_rows().end >= self.full_until + self.piece_rows {
             let rows = self.full_until..self.full_until + self.piece_rows;
             self.write(&self.full(&rows), rows.clone(), learner)?;
@@ -57,14 +57,14 @@ impl ReplayFiles {
     ///
     /// # Errors
     /// If the disk is full, by file.
-    pub(crate) fn keep_tail(&mut self, learner: &Learner) -> Result<(), TrainingError> {
+    pub fn keep_tail(&mut self, learner: &Learner) -> Result<(), TrainingError> {
         self.keep_full(learner)?;
         let rows = self.full_until..learner.replay_rows().end;
         if rows.is_empty() { Ok(()) } else { self.write(&self.tail(&rows), rows, learner) }
     }
 
     /// Removes what the checkpoint that was just written does not need. What cannot be removed only takes space.
-    pub(crate) fn tidy(&self, needed: &Range<u64>) {
+    pub fn tidy(&self, needed: &Range<u64>) {
         let Ok(entries) = std::fs::read_dir(&self.folder) else { return };
         for path in entries.filter_map(|entry| Some(entry.ok()?.path())) {
             let Some(rows) = rows_of(&path) else { continue };
@@ -79,7 +79,7 @@ impl ReplayFiles {
     ///
     /// # Errors
     /// A piece that is missing or damaged, by name.
-    pub(crate) fn restore(&self, rows: Range<u64>, learner: &mut Learner) -> Result<(), TrainingError> {
+    pub fn restore(&self, rows: Range<u64>, learner: &mut Learner) -> Result<(), TrainingError> {
         let width = learner.replay_width();
         let mut next = rows.start;
         while next < rows.end {

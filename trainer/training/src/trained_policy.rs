@@ -222,10 +222,16 @@ impl TrainedPolicy {
     /// # Errors
     /// If a rig of its settings cannot be read or run.
     pub fn with_fitted_plan(&self) -> Result<Self, TrainingError> {
-        let rig = rig_file::load(self.settings.rig.model())?;
-        let map = SteadyMap::new(&rig)
-            .map_err(|problem| RigFileError::Rig { file: self.settings.rig.model().to_owned(), problem })?;
-        let model = PlanModel { rig: &rig, map: &Arc::new(map) };
+        self.with_plan_fitted_on(&rig_file::load(self.settings.rig.model())?)
+    }
+
+    /// The same with a plan fitted to runs on another model.
+    ///
+    /// # Errors
+    /// If it cannot be run.
+    pub fn with_plan_fitted_on(&self, rig: &Rig) -> Result<Self, TrainingError> {
+        let map = SteadyMap::new(rig).map_err(|problem| RigFileError::Rig { file: rig.name.clone(), problem })?;
+        let model = PlanModel { rig, map: &Arc::new(map) };
         let mut settings = self.settings.clone();
         settings.policy.plan = Plan::Fitted;
         let network = plan_fit::fitted(&self.network, &settings, &model)?;

@@ -1,0 +1,161 @@
+//! `trainer finetune` on recordings of the daemon: the observations that the policy was shown, to the bit; the same policy
+//! from the same recordings, however they were learned from; and beside a daemon that takes what is published.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+
+use serde_json::Value;
+use tests::Stream::{Err, Out};
+use tests::{Folder, Running, alone, finish, program, root};
+
+/// Generous: how long anything may take on a machine that does other things as well.
+const SOON: Duration = Duration::from_secs(120);
+
+fn shipped() -> PathBuf {
+    root().join("controller/policies/default.onnx")
+}
+
+/// A folder of recordings with one flight of the demo in lockstep.
+fn recorded(folder: &Folder, arguments: &[&str]) -> PathBuf {
+    let out = folder.join("recordings");
+    let mut command = Command::new(program("controller"));
+    command.args(["demo", "--fast", "--out"]).arg(&out).args(arguments);
+    let ended = Running::start(&mut command).wait(SOON);
+    assert!(out.join("flight.mcap").is_file(), "{ended:?}");
+    out
+}
+
+/// A run on those recordings: small, two updates a tick.
+fn finetune(folder: &Folder, recordings: &Path, out: &str, more: &[&str]) -> Value {
+    let publish = folder.join(&format!("{out}-published"));
+    std::fs::create_dir_all(&publish).unwrap();
+    let mut command = Command::new(program("trainer"));
+    command.args(["finetune", "--offline", "--json"]);
+    let has = |key: &str| more.contains(&key);
+    let small = ["--updates-per-tick", "2", "--warm-up", "100"];
+    command.args(if has("--warm-up") { &[][..] } else { &small });
+    command.arg("--recordings").arg(recordings).arg("--publish").arg(&publish).arg("--out").arg(folder.join(out));
+    command.arg("--from").arg(shipped()).args(more);
+    json(&mut command)
+}
+
+fn resume(folder: &Folder, out: &str, steps: &str) -> Value {
+    let mut command = Command::new(program("trainer"));
+    json(command.args(["finetune", "--offline", "--json", "--steps", steps, "--resume"]).arg(folder.join(out)))
+}
+
+fn json(command: &mut Command) -> Value {
+    let ended = Running::start(command).wait(SOON);
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    serde_json::from_str(&ended.stdout).unwrap_or_else(|error| panic!("{error}: {ended:?}"))
+}
+
+fn policy(folder: &Folder, out: &str) -> Vec<u8> {
+    std::fs::read(folder.join(out).join("policy.onnx")).unwrap()
+}
+
+#[test]
+fn a_flight_gives_its_observations_to_the_bit_and_one_policy_in_one_sitting_or_two() {
+    let _alone = alone();
+    let folder = Folder::new();
+    let recordings = recorded(&folder, &["--seconds", "14"]);
+    let summary = finetune(&folder, &recordings, "straight", &["--steps", "400", "--threads", "1"]);
+    let tally = &summary["tally"];
+    assert!(tally["compared_observations"].as_u64().unwrap() >= 400, "{summary}");
+    assert_eq!(tally["same_observations"], tally["compared_observations"], "{summary}");
+    assert_eq!((&summary["joined"], &summary["steps"]), (&Value::from(0), &Value::from(400)), "{summary}");
+    assert_eq!(summary["updates"], Value::from(2 * (400 - 127)), "updates begin with the first whole batch: {summary}");
+
+    finetune(&folder, &recordings, "parted", &["--steps", "230", "--threads", "2"]);
+    assert_ne!(policy(&folder, "straight"), policy(&folder, "parted"));
+    resume(&folder, "parted", "400");
+    assert_eq!(policy(&folder, "straight"), policy(&folder, "parted"), "two sittings");
+    assert_ne!(policy(&folder, "straight"), std::fs::read(shipped()).unwrap());
+
+    let published = folder.join("straight-published/finetuned-000400.onnx");
+    let ended = finish(Command::new(program("controller")).arg("check-policy").arg(&published));
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    let graph = onnx_file::from_onnx(&std::fs::read(published).unwrap()).unwrap();
+    assert_eq!(graph.metadata["method"], "finetune");
+    assert_eq!((graph.metadata["steps"].as_str(), graph.metadata["rig"].as_str()), ("400", "dual_pressure"));
+}
+
+/// What the fallback did is a policy that corrects nothing; what the rig did while it was vented is left out.
+#[test]
+fn the_fallback_is_learned_from_and_faults_part_the_trajectory() {
+    let _alone = alone();
+    let folder = Folder::new();
+    let faults = folder.write(
+        "faults.toml",
+        "[[fault]]\nkind = \"sensor\"\nsensor = \"positive\"\neffect = \"broken_wire\"\nticks = [300, 301]\n",
+    );
+    let demo = ["--seconds", "9", "--policy", "fallback", "--faults", faults.to_str().unwrap()];
+    let recordings = recorded(&folder, &demo);
+    let summary = finetune(&folder, &recordings, "out", &[]);
+    let (ticks, steps) = (summary["tally"]["ticks"].as_u64().unwrap(), summary["steps"].as_u64().unwrap());
+    let vented = summary["tally"]["left_out"]["not running"].as_u64().unwrap();
+    assert!(steps > 150 && vented > 100 && steps + vented <= ticks, "{summary}");
+    assert_eq!(summary["tally"]["left_out"].get("not explained by the recorded model"), None, "{summary}");
+}
+
+#[test]
+fn nothing_to_learn_and_wrong_folders_are_told_in_a_line() {
+    let folder = Folder::new();
+    let run = |recordings: &Path, publish: &Path| {
+        let mut command = Command::new(program("trainer"));
+        command.args(["finetune", "--offline", "--from"]).arg(shipped()).arg("--recordings").arg(recordings);
+        finish(command.arg("--publish").arg(publish).arg("--out").arg(folder.join("run")))
+    };
+    let empty = folder.join("empty");
+    std::fs::create_dir(&empty).unwrap();
+    let ended = run(&empty, &folder.join("nowhere"));
+    assert_eq!(ended.status, Some(2), "{ended:?}");
+    assert!(ended.stderr.contains("nowhere: is no folder"), "{}", ended.stderr);
+    let ended = run(&empty, &empty);
+    assert_eq!(ended.status, Some(1), "{ended:?}");
+    assert!(ended.stderr.contains("no tick to learn from in 0 ticks"), "{}", ended.stderr);
+}
+
+/// Beside a daemon in lockstep: it follows the recording that is being written, the daemon takes in what it publishes, a
+/// SIGTERM leaves a checkpoint, and the recordings alone come to the same policy.
+#[test]
+fn beside_a_daemon_it_follows_publishes_stops_and_comes_to_the_same_offline() {
+    let _alone = alone();
+    let folder = Folder::new();
+    std::fs::create_dir(folder.join("policies")).unwrap();
+    std::fs::create_dir(folder.join("recordings")).unwrap();
+    let rig =
+        Running::start(Command::new(program("trainer")).args(["rig", "--listen", "127.0.0.1:0", "--pace", "lockstep"]));
+    let address = rig.line(Out, "listening on ", SOON).rsplit_once(' ').unwrap().1.to_owned();
+    let config = folder.write(
+        "controller.toml",
+        format!(
+            "[link]\naddress = \"{address}\"\npacing = \"lockstep\"\n[record]\ndirectory = \"recordings\"\nmin_free_mib = 16\n\
+             [control]\nsocket = \"s\"\nauto_arm = true\n[realtime]\nenforce = false\n"
+        ),
+    );
+    let daemon = Running::start(Command::new(program("controller")).args(["run", "--config"]).arg(&config));
+    daemon.line(Err, "opened", SOON);
+    let arguments = ["--updates-per-tick", "1", "--warm-up", "100", "--publish-every", "300", "--steps", "100000"];
+    let mut command = Command::new(program("trainer"));
+    command.args(["finetune", "--out"]).arg(folder.join("beside")).arg("--from").arg(shipped()).args(arguments);
+    command.arg("--recordings").arg(folder.join("recordings")).arg("--publish").arg(folder.join("policies"));
+    let beside = Running::start(&mut command);
+    beside.line(Err, "finetuned-000300.onnx", SOON);
+    daemon.line(Err, "finetuned-000300", SOON);
+    beside.terminate();
+    let ended = beside.wait(Duration::from_secs(20));
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    assert!(ended.stdout.contains("go on with"), "{}", ended.stdout);
+    daemon.terminate();
+    assert_eq!(daemon.wait(SOON).status, Some(0));
+    rig.terminate();
+    rig.wait(SOON);
+
+    let offline = ["--updates-per-tick", "1", "--warm-up", "100", "--publish-every", "300", "--steps", "300"];
+    finetune(&folder, &folder.join("recordings"), "again", &offline);
+    let read = |path: &str| std::fs::read(folder.join(path)).unwrap();
+    assert_eq!(read("again-published/finetuned-000300.onnx"), read("policies/finetuned-000300.onnx"));
+}

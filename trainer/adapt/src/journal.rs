@@ -1,0 +1,142 @@
+//! What an adaptation has done: kept after every step, so that it goes on where it was.
+
+use std::path::{Path, PathBuf};
+
+use proto::atomic_file;
+use serde::{Deserialize, Serialize};
+
+use crate::AdaptError;
+use crate::settings::AdaptSettings;
+use crate::tracking::Tracking;
+
+/// Name of the file in the folder of a run.
+const FILE: &str = "journal.json";
+
+/// What was there before anything was changed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Before {
+    /// Policy that controlled, or `fallback`.
+    pub policy: String,
+    /// Model in force.
+    pub model: String,
+    /// Commands that the safety filter had changed.
+    pub interventions: u64,
+    /// Session and tick.
+    pub at: (u32, u32),
+}
+
+/// A run along the reference.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Flown {
+    /// What controlled, in words.
+    pub what: String,
+    /// Figures.
+    pub tracking: Tracking,
+}
+
+/// What the daemon made of the policy.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Verdict {
+    /// The policy's state when it was decided: `active` or `refused`.
+    pub state: String,
+    /// Why it was refused.
+    pub why: String,
+}
+
+/// What has been done.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Journal {
+    /// The run.
+    pub settings: AdaptSettings,
+    /// What was there.
+    pub before: Option<Before>,
+    /// Recordings that diagnosis reads.
+    pub recordings: Vec<PathBuf>,
+    /// Recordings of experiments.
+    pub experiments: Vec<PathBuf>,
+    /// The operator's answer, once given.
+    pub experiment_allowed: Option<bool>,
+    /// Folder of the last diagnosis.
+    pub found: Option<PathBuf>,
+    /// The daemon's line on the new model, once it is in force.
+    pub model_line: Option<String>,
+    /// The policy that was trained.
+    pub trained: Option<PathBuf>,
+    /// Name under which it was published.
+    pub published: Option<String>,
+    /// What the daemon made of it.
+    pub verdict: Option<Verdict>,
+    /// Runs along the reference: before, with the model, with the policy.
+    pub flown: Vec<Flown>,
+    /// What controls at the end, in words.
+    pub kept: Option<String>,
+    /// Ticks of the rig that were used.
+    pub ticks: u64,
+    /// Commands that the safety filter changed meanwhile.
+    pub interventions: Option<u64>,
+}
+
+impl Journal {
+    /// Nothing done yet.
+    pub fn new(settings: AdaptSettings) -> Self {
+        Journal {
+            settings,
+            before: None,
+            recordings: Vec::new(),
+            experiments: Vec::new(),
+            experiment_allowed: None,
+            found: None,
+            model_line: None,
+            trained: None,
+            published: None,
+            verdict: None,
+            flown: Vec::new(),
+            kept: None,
+            ticks: 0,
+            interventions: None,
+        }
+    }
+
+    /// Reads that of a run.
+    ///
+    /// # Errors
+    /// A folder without one.
+    pub fn read(out: &Path) -> Result<Self, AdaptError> {
+        let path = out.join(FILE);
+        let text = std::fs::read_to_string(&path).map_err(|error| {
+            AdaptError::file(
+                &path,
+                format!("cannot be read: {error}; --resume takes the folder of a run that was begun"),
+            )
+        })?;
+        serde_json::from_str(&text).map_err(|error| AdaptError::file(&path, error))
+    }
+
+    /// Whether a folder has one.
+    pub fn is_in(out: &Path) -> bool {
+        out.join(FILE).exists()
+    }
+
+    /// Keeps it.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn keep(&self, out: &Path) -> Result<(), AdaptError> {
+        let path = out.join(FILE);
+        let text = serde_json::to_string_pretty(self).map_err(|error| AdaptError::file(&path, error))?;
+        Ok(atomic_file::write(&path, format!("{text}\n").as_bytes())?)
+    }
+
+    /// Forgets what was changed and has been put back; what was learned stays.
+    pub fn forget_changes(&mut self) {
+        self.model_line = None;
+        self.published = None;
+        self.verdict = None;
+        self.flown.retain(|flown| flown.what == "before");
+    }
+
+    /// The run of a name, once it was made.
+    pub fn flown(&self, what: &str) -> Option<Tracking> {
+        self.flown.iter().find(|flown| flown.what == what).map(|flown| flown.tracking)
+    }
+}

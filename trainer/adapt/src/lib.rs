@@ -1,0 +1,109 @@
+//! From recordings that differ from the model to a controller that tracks better, beside a running daemon.
+//!
+//! | module | subject |
+//! | --- | --- |
+//! | [`settings`] | a run as data |
+//! | [`programs`] | commands as children: shown, timed, stopped |
+//! | [`daemon`] | what the running daemon is asked, through `controller` |
+//! | [`recorded`] | ticks of its recordings |
+//! | [`tracking`] | how well a run tracked |
+//! | [`journal`] | what has been done, to go on from |
+//! | [`run`] | the steps |
+//! | `change` | those that ask the daemon for something, wait, and put back |
+//! | [`outcome`] | what came out: text, JSON, page |
+//! | [`rehearsal`] | a concealed rig and a daemon on this machine |
+//!
+//! Every step is a command that exists by itself. The daemon is never told anything that its operator could not tell it, and
+//! it judges: a model is compared before it takes over, a policy goes through the daemon's own stages. A step that fails
+//! leaves model and policy as they were.
+
+mod change;
+pub mod daemon;
+pub mod journal;
+pub mod outcome;
+pub mod programs;
+pub mod recorded;
+pub mod rehearsal;
+pub mod run;
+pub mod settings;
+pub mod tracking;
+
+pub use outcome::Outcome;
+pub use programs::Console;
+pub use run::Adaptation;
+pub use settings::AdaptSettings;
+
+use std::path::{Path, PathBuf};
+
+use proto::atomic_file::AtomicFileError;
+use proto::recording::ReadMcapError;
+
+/// Why an adaptation does not come to its end.
+#[derive(Debug, thiserror::Error)]
+pub enum AdaptError {
+    /// A file cannot be read, written or understood.
+    #[error("{file}: {problem}")]
+    File {
+        /// The file.
+        file: String,
+        /// What is wrong and the mend.
+        problem: String,
+    },
+    /// A file cannot be written.
+    #[error(transparent)]
+    Write(#[from] AtomicFileError),
+    /// A recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] ReadMcapError),
+    /// A command cannot be started.
+    #[error(
+        "`{command}` cannot be started: {source}; the programs are looked for beside this one (--controller PROGRAM)"
+    )]
+    Start {
+        /// The command.
+        command: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A command failed.
+    #[error("`{command}` failed: {said}")]
+    Failed {
+        /// The command.
+        command: String,
+        /// Its last line.
+        said: String,
+    },
+    /// The rig is not being controlled.
+    #[error("the rig is not being controlled (state {state}); `controller arm`, then go on")]
+    NotRunning {
+        /// The daemon's state.
+        state: String,
+    },
+    /// Something takes longer than it may.
+    #[error("{what} after {seconds} s")]
+    TooLong {
+        /// What has not come.
+        what: String,
+        /// How long was waited.
+        seconds: u64,
+    },
+    /// A step failed, and the daemon would not take back what had been changed.
+    #[error("{0}; not all of what was changed could be put back")]
+    NotRestored(Box<AdaptError>),
+    /// The user stopped it.
+    #[error("stopped")]
+    Stopped,
+}
+
+impl AdaptError {
+    /// A file that cannot be used, with the mend.
+    pub fn file(path: &Path, problem: impl std::fmt::Display) -> Self {
+        AdaptError::File { file: path.display().to_string(), problem: problem.to_string() }
+    }
+}
+
+/// Makes a folder.
+fn make_folder(path: PathBuf) -> Result<PathBuf, AdaptError> {
+    std::fs::create_dir_all(&path).map_err(|error| AdaptError::file(&path, format!("cannot be made: {error}")))?;
+    Ok(path)
+}

@@ -1,0 +1,178 @@
+//! What came of an adaptation: text for a terminal, `adapt.json`, and a page.
+
+use std::path::Path;
+
+use proto::atomic_file;
+use proto::diagnosis::Diagnosis;
+use report::{Color, KeyFigure, Panel, Plot, Report, Scatter, Table};
+use serde::Serialize;
+
+use crate::AdaptError;
+use crate::journal::{Flown, Journal};
+use crate::tracking::Tracking;
+
+const TICKS_PER_MIN: f64 = 3000.0;
+
+/// What came of it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Outcome {
+    /// Whether the rig tracks better than before.
+    pub is_better: bool,
+    /// What controls now.
+    pub kept: String,
+    /// The diagnosis in one sentence.
+    pub missing: String,
+    /// What was learned: a sentence for each mechanism, with its numbers.
+    pub learned: Vec<String>,
+    /// Runs along the reference, in their order.
+    pub flown: Vec<Flown>,
+    /// Before and as it is kept.
+    pub tracking: [Option<Tracking>; 2],
+    /// The daemon's line on the model.
+    pub model: Option<String>,
+    /// What the daemon made of the policy.
+    pub policy: Option<String>,
+    /// Experiments that were played.
+    pub experiments: usize,
+    /// Minutes of the rig from the beginning to the end.
+    pub rig_minutes: f64,
+    /// Highest positive and lowest negative pressure in the runs, in kPa gauge.
+    pub extremes_kpa: [f64; 2],
+    /// Commands that the safety filter changed meanwhile; nothing where the daemon does not say.
+    pub interventions: Option<u64>,
+    /// What had been concealed, in a rehearsal.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub concealed: Option<Vec<String>>,
+    /// The command that made this.
+    pub command: String,
+}
+
+impl Outcome {
+    /// Gathers it from a journal.
+    ///
+    /// # Errors
+    /// A diagnosis that cannot be read.
+    pub fn of(journal: &Journal, out: &Path) -> Result<Self, AdaptError> {
+        let kept = journal.kept.clone().unwrap_or_else(|| "before".to_owned());
+        let (before, after) = (journal.flown("before"), journal.flown(&kept));
+        let diagnosis = match &journal.found {
+            Some(found) => {
+                let path = found.join("diagnosis.json");
+                let text = std::fs::read_to_string(&path).map_err(|error| AdaptError::file(&path, error))?;
+                Some(Diagnosis::from_json(&text).map_err(|error| AdaptError::file(&path, error))?)
+            }
+            None => None,
+        };
+        let learned = diagnosis.iter().flat_map(|d| &d.mechanisms).map(|m| {
+            let numbers: Vec<String> =
+                m.parameters.iter().map(|(name, p)| format!("{name} {:.3} {}", p.value, p.unit)).collect();
+            format!("{} ({})", m.summary, numbers.join(", "))
+        });
+        let extremes = |c: usize, worse: fn(f64, f64) -> f64, start: f64| {
+            journal.flown.iter().map(|flown| flown.tracking.extremes_kpa[c]).fold(start, worse)
+        };
+        let policy = journal.verdict.as_ref().map(|verdict| match verdict.why.as_str() {
+            "" => verdict.state.clone(),
+            why => format!("{} ({why})", verdict.state),
+        });
+        Ok(Outcome {
+            is_better: before.zip(after).is_some_and(|(before, after)| after.over(&before) < 1.0),
+            kept,
+            missing: diagnosis.as_ref().map_or_else(String::new, |d| d.summary.clone()),
+            learned: learned.collect(),
+            flown: journal.flown.clone(),
+            tracking: [before, after],
+            model: journal.model_line.clone(),
+            policy,
+            experiments: journal.experiments.len(),
+            rig_minutes: journal.ticks as f64 / TICKS_PER_MIN,
+            extremes_kpa: [extremes(0, f64::max, f64::MIN), extremes(1, f64::min, f64::MAX)],
+            interventions: journal.interventions,
+            concealed: None,
+            command: format!("trainer adapt --resume {}", out.display()),
+        })
+    }
+
+    /// Writes `adapt.json` and `report.html`.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn write(&self, out: &Path) -> Result<(), AdaptError> {
+        let path = out.join("adapt.json");
+        let text = serde_json::to_string_pretty(self).map_err(|error| AdaptError::file(&path, error))?;
+        atomic_file::write(&path, format!("{text}\n").as_bytes())?;
+        Ok(atomic_file::write(&out.join("report.html"), self.page().as_bytes())?)
+    }
+
+    /// For a terminal.
+    pub fn text(&self) -> String {
+        let mut text = format!("missing: {}\n", if self.missing.is_empty() { "not looked for" } else { &self.missing });
+        for learned in &self.learned {
+            text += &format!("learned: {learned}\n");
+        }
+        for concealed in self.concealed.iter().flatten() {
+            text += &format!("concealed: {concealed}\n");
+        }
+        if let Some(policy) = &self.policy {
+            text += &format!("policy:  {policy}\n");
+        }
+        text += &format!("\n{:<24} {:>14} {:>14}\n", "RMSE after 5 s", "positive kPa", "negative kPa");
+        for Flown { what, tracking } in &self.flown {
+            let [pos, neg] = tracking.rmse_kpa;
+            text += &format!("{what:<24} {pos:>14.3} {neg:>14.3}\n");
+        }
+        if !self.flown.is_empty() {
+            // A loop that swings passes for noise; the calmest run says most of it.
+            let [pos, neg] =
+                [0, 1].map(|c| self.flown.iter().map(|flown| flown.tracking.noise_kpa[c]).fold(f64::MAX, f64::min));
+            text += &format!("{:<24} {pos:>14.3} {neg:>14.3}\n", "noise of the readings");
+        }
+        let [pos, neg] = self.extremes_kpa;
+        text += &format!(
+            "\nkept: {}; {:.1} min of the rig, {} experiments; worst pressures {pos:.1}/{neg:.1} kPa; commands bent by the safety filter: {}\n",
+            self.kept,
+            self.rig_minutes,
+            self.experiments,
+            self.interventions.map_or_else(|| "not known".to_owned(), |n| n.to_string()),
+        );
+        text
+    }
+
+    /// The page.
+    fn page(&self) -> String {
+        let pair = |tracking: &Option<Tracking>| {
+            tracking.map_or_else(|| "–".to_owned(), |t| format!("{:.3} / {:.3} kPa", t.rmse_kpa[0], t.rmse_kpa[1]))
+        };
+        let [before, after] = &self.tracking;
+        let mut page = Report::new("Adaptation to a rig").subtitle(&format!("kept: {}", self.kept)).summary([
+            KeyFigure::new("RMSE before", &pair(before)).note("positive / negative"),
+            KeyFigure::new("RMSE as kept", &pair(after)).note("positive / negative"),
+            KeyFigure::new("Rig time", &format!("{:.1} min", self.rig_minutes)),
+        ]);
+        page = page.heading("What was missing").text(&self.missing).list(self.learned.clone());
+        if let Some(concealed) = &self.concealed {
+            page = page.heading("What had been concealed").list(concealed.clone());
+        }
+        let mut table = Table::new(["run", "positive kPa", "negative kPa", "noise positive", "noise negative"]);
+        for Flown { what, tracking: t } in &self.flown {
+            let numbers = [t.rmse_kpa[0], t.rmse_kpa[1], t.noise_kpa[0], t.noise_kpa[1]];
+            table.push(std::iter::once(what.clone()).chain(numbers.map(|n| format!("{n:.3}"))));
+        }
+        let x: Vec<f64> = (0..self.flown.len()).map(|n| n as f64).collect();
+        let y = |c: usize| self.flown.iter().map(|flown| flown.tracking.rmse_kpa[c]).collect::<Vec<f64>>();
+        let plot = Plot::new("Tracking error, run by run", "run")
+            .x_names(self.flown.iter().map(|flown| flown.what.clone()))
+            .panel(
+                Panel::new("RMSE (kPa)")
+                    .include(0.0)
+                    .scatter(Scatter::new("positive", &x, &y(0)).color(Color::Blue))
+                    .scatter(Scatter::new("negative", &x, &y(1)).color(Color::Vermilion)),
+            );
+        page = page.heading("Tracking").plot(plot).table(table);
+        let lines = [
+            self.model.clone().map(|line| format!("model: {line}")),
+            self.policy.clone().map(|line| format!("policy: {line}")),
+        ];
+        page.heading("What the daemon said").list(lines.into_iter().flatten()).to_html()
+    }
+}

@@ -1,0 +1,177 @@
+//! Ticks of a daemon's recordings: what was flown from one tick to another, and what diagnosis is given.
+
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use proto::atomic_file;
+use proto::recording::{FollowEnd, McapFollower, TickRecord, attached};
+
+use crate::AdaptError;
+
+/// The state's code of a rig that is being controlled.
+const RUN: u8 = 1;
+/// Recordings that are looked through for a run, newest first.
+const LOOKED_THROUGH: usize = 4;
+/// Stretches shorter than this say nothing of a rig, in ticks.
+const SHORTEST: usize = 250;
+const TICK_S: f64 = 0.02;
+
+/// What stands inside the newest recording.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Inside {
+    /// The model in force.
+    pub model: Vec<u8>,
+    /// The reference that is followed.
+    pub reference: Vec<u8>,
+    /// The policy that the daemon began with, where there was one.
+    pub policy: Option<Vec<u8>>,
+}
+
+/// Recordings of a folder, newest first; those of experiments left out.
+///
+/// # Errors
+/// The folder cannot be read.
+fn newest_first(folder: &Path) -> Result<Vec<PathBuf>, AdaptError> {
+    let entries = match std::fs::read_dir(folder) {
+        Ok(entries) => entries,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(AdaptError::file(folder, format!("cannot be read: {error}"))),
+    };
+    let mut found: Vec<(SystemTime, PathBuf)> = Vec::new();
+    for entry in entries.flatten() {
+        let path = entry.path();
+        let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        if !name.ends_with(".mcap") || name.starts_with("experiment") || name.starts_with('.') {
+            continue;
+        }
+        let changed = entry.metadata().and_then(|about| about.modified()).unwrap_or(SystemTime::UNIX_EPOCH);
+        found.push((changed, path));
+    }
+    found.sort();
+    Ok(found.into_iter().rev().map(|(_, path)| path).collect())
+}
+
+/// The ticks of a recording that are wanted, as far as it has been written.
+fn ticks_of(path: &Path, mut wanted: impl FnMut(&TickRecord) -> bool) -> Result<Vec<TickRecord>, AdaptError> {
+    let mut follower = McapFollower::open(path)?;
+    let mut ticks = Vec::new();
+    loop {
+        ticks.extend(follower.read_on()?.into_iter().filter(&mut wanted));
+        if follower.end() != FollowEnd::More {
+            ticks.extend(follower.give_up()?.into_iter().filter(&mut wanted));
+            return Ok(ticks);
+        }
+    }
+}
+
+/// What stands inside the newest recording; nothing where there is none yet.
+///
+/// # Errors
+/// A recording that cannot be read.
+pub fn newest(folder: &Path) -> Result<Option<Inside>, AdaptError> {
+    let Some(path) = newest_first(folder)?.into_iter().next() else { return Ok(None) };
+    let mut follower = McapFollower::open(&path)?;
+    follower.read_on()?;
+    let last = |name: &str| follower.attachments(name).last().map(<[u8]>::to_vec);
+    let lacks = |name: &str| AdaptError::file(&path, format!("holds no {name} yet; a running daemon's recording does"));
+    Ok(Some(Inside {
+        model: last(attached::MODEL).ok_or_else(|| lacks(attached::MODEL))?,
+        reference: last(attached::REFERENCE).ok_or_else(|| lacks(attached::REFERENCE))?,
+        policy: last(attached::POLICY),
+    }))
+}
+
+/// The ticks of a session from one number up to another, as far as they are recorded.
+///
+/// # Errors
+/// A recording that cannot be read.
+pub fn between(folder: &Path, session: u32, ticks: std::ops::Range<u32>) -> Result<Vec<TickRecord>, AdaptError> {
+    let mut parts = Vec::new();
+    for path in newest_first(folder)?.into_iter().take(LOOKED_THROUGH) {
+        let part = ticks_of(&path, |tick| tick.session == session && ticks.contains(&tick.tick))?;
+        let reaches_back = part.first().is_some_and(|first| first.tick <= ticks.start);
+        parts.push(part);
+        if reaches_back {
+            break;
+        }
+    }
+    Ok(parts.into_iter().rev().flatten().collect())
+}
+
+/// The newest stretches of a session up to a tick in which the rig was controlled, in all at most so many seconds, oldest first.
+///
+/// # Errors
+/// A recording that cannot be read.
+pub fn stretches(folder: &Path, session: u32, until: u32, most_s: f64) -> Result<Vec<Vec<TickRecord>>, AdaptError> {
+    let most = (most_s / TICK_S) as u32;
+    let ticks = between(folder, session, until.saturating_sub(most)..until)?;
+    let mut stretches: Vec<Vec<TickRecord>> = Vec::new();
+    for tick in ticks.into_iter().filter(|tick| tick.state == RUN && tick.p_pos_kpa.is_finite()) {
+        match stretches.last_mut() {
+            Some(stretch) if stretch.last().is_some_and(|last| last.tick.wrapping_add(1) == tick.tick) => {
+                stretch.push(tick);
+            }
+            _ => stretches.push(vec![tick]),
+        }
+    }
+    stretches.retain(|stretch| stretch.len() >= SHORTEST);
+    Ok(stretches)
+}
+
+/// Writes stretches as recordings in CSV, which `trainer diagnose` reads.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn write_csv(folder: &Path, stretches: &[Vec<TickRecord>]) -> Result<Vec<PathBuf>, AdaptError> {
+    let mut paths = Vec::new();
+    for (number, stretch) in stretches.iter().enumerate() {
+        let mut text = "time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa,ref_pos_kpa,ref_neg_kpa,pump_on\n".to_owned();
+        for (row, tick) in stretch.iter().enumerate() {
+            text += &format!(
+                "{:.2},{},{},{},{},{},{},{}\n",
+                row as f64 * TICK_S,
+                tick.u_pos,
+                tick.u_neg,
+                tick.p_pos_kpa,
+                tick.p_neg_kpa,
+                tick.ref_pos_kpa,
+                tick.ref_neg_kpa,
+                u8::from(tick.pump_on)
+            );
+        }
+        let path = folder.join(format!("run-{}.csv", number + 1));
+        atomic_file::write(&path, text.as_bytes())?;
+        paths.push(path);
+    }
+    Ok(paths)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proto::recording::{RecordingInfo, RecordingWriter};
+
+    #[test]
+    fn stretches_are_parted_where_the_rig_was_not_controlled() {
+        let folder = std::env::temp_dir().join(format!("adapt-recorded-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let mut writer =
+            RecordingWriter::create(&folder.join("run-1.mcap"), &RecordingInfo::new("test", 0), &[]).unwrap();
+        for tick in 0..1000 {
+            let state = if (300..310).contains(&tick) { 2 } else { RUN };
+            let record =
+                TickRecord { session: 5, tick, state, p_pos_kpa: 1.0, p_neg_kpa: -1.0, ..TickRecord::default() };
+            writer.write(&record).unwrap();
+        }
+        writer.flush().unwrap();
+        let found = stretches(&folder, 5, 900, 1000.0).unwrap();
+        let lengths: Vec<usize> = found.iter().map(Vec::len).collect();
+        assert_eq!(lengths, [300, 590]);
+        let found = stretches(&folder, 5, 900, 8.0).unwrap();
+        assert_eq!(found.iter().map(|s| s.len()).collect::<Vec<_>>(), [400], "no more than was asked for");
+        assert!(stretches(&folder, 6, 900, 8.0).unwrap().is_empty(), "another session");
+        assert_eq!(between(&folder, 5, 995..2000).unwrap().len(), 5);
+        assert_eq!(newest(&folder.join("nowhere")).unwrap(), None);
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+}

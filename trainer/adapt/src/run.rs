@@ -1,0 +1,321 @@
+//! The steps, one after the other, each kept in the journal once it is done.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use proto::atomic_file;
+use proto::diagnosis::{Diagnosis, RigKind};
+use proto::reference::Reference;
+
+use crate::daemon::Daemon;
+use crate::journal::{Before, Flown, Journal};
+use crate::outcome::Outcome;
+use crate::programs::{Console, Programs};
+use crate::recorded::{self, Inside};
+use crate::settings::{AdaptSettings, DaemonFolders, Experiments, Search};
+use crate::tracking::Tracking;
+use crate::{AdaptError, make_folder};
+
+/// Steps that are told.
+const STEPS: usize = 7;
+/// Experiments at most; after two the recordings say what they can.
+const MOST_EXPERIMENTS: usize = 2;
+/// A run this much worse than another is worse (geometric mean over channels; chosen: flights of one controller differ by half of it).
+pub(crate) const WORSE: f64 = 1.05;
+
+/// What can stand still while this machine computes: the rig of a rehearsal.
+pub trait Pausable {
+    /// Stands still.
+    fn pause(&mut self);
+    /// Goes on.
+    fn go_on(&mut self);
+}
+
+/// A rig that goes on.
+#[derive(Debug, Clone, Copy)]
+pub struct GoesOn;
+
+impl Pausable for GoesOn {
+    fn pause(&mut self) {}
+    fn go_on(&mut self) {}
+}
+
+/// An adaptation.
+pub struct Adaptation {
+    pub(crate) out: PathBuf,
+    pub(crate) journal: Journal,
+    pub(crate) daemon: Daemon,
+    pub(crate) folders: DaemonFolders,
+    pub(crate) rig: Box<dyn Pausable>,
+    /// Tick at which the reference was begun last.
+    pub(crate) reference_tick: u32,
+}
+
+impl Adaptation {
+    /// Begins one in a new folder, or goes on with that of `out`.
+    ///
+    /// # Errors
+    /// A configuration that cannot be read, a folder that holds one already.
+    pub fn begin(
+        settings: AdaptSettings,
+        out: &Path,
+        programs: Programs,
+        rig: Box<dyn Pausable>,
+    ) -> Result<Self, AdaptError> {
+        if Journal::is_in(out) {
+            return Err(AdaptError::file(
+                out,
+                "holds an adaptation already; go on with --resume, or give --out another",
+            ));
+        }
+        make_folder(out.to_owned())?;
+        Self::of(Journal::new(settings), out, programs, rig)
+    }
+
+    /// Goes on with one.
+    ///
+    /// # Errors
+    /// A folder that holds none.
+    pub fn resume(out: &Path, programs: Programs, rig: Box<dyn Pausable>) -> Result<Self, AdaptError> {
+        Self::of(Journal::read(out)?, out, programs, rig)
+    }
+
+    fn of(journal: Journal, out: &Path, programs: Programs, rig: Box<dyn Pausable>) -> Result<Self, AdaptError> {
+        let config = journal.settings.config.clone();
+        let folders = DaemonFolders::read(&config)?;
+        let daemon = Daemon { programs, config };
+        Ok(Adaptation { out: out.to_owned(), journal, daemon, folders, rig, reference_tick: 0 })
+    }
+
+    /// All steps; model and policy are as they were where one fails.
+    ///
+    /// # Errors
+    /// The step that failed; [`AdaptError::NotRestored`] where the daemon did not take back what had been changed.
+    pub fn go(&mut self, console: &mut dyn Console) -> Result<Outcome, AdaptError> {
+        match self.steps(console) {
+            Ok(()) => {
+                let outcome = Outcome::of(&self.journal, &self.out)?;
+                outcome.write(&self.out)?;
+                Ok(outcome)
+            }
+            Err(error) => {
+                self.rig.go_on();
+                match self.restore(console) {
+                    true => Err(error),
+                    false => Err(AdaptError::NotRestored(Box::new(error))),
+                }
+            }
+        }
+    }
+
+    fn steps(&mut self, console: &mut dyn Console) -> Result<(), AdaptError> {
+        console.step(1, STEPS, "what is there, and how well it tracks");
+        let before = self.look(console)?;
+        let tracked = self.fly("before", console)?;
+        console.step(2, STEPS, "what the model leaves out");
+        let diagnosis = self.diagnose(console)?;
+        if diagnosis.rig.kind == RigKind::AsGiven {
+            console.say("the model explains what was recorded; nothing is changed");
+            return self.keep_what("before", console);
+        }
+        console.step(3, STEPS, "a policy trained on the model that was found");
+        let policy = self.train(&before, console)?;
+        console.step(4, STEPS, "the model, in the daemon");
+        self.change_model(console)?;
+        let mut best = self.fly("with the model", console)?;
+        let mut kept = "with the model".to_owned();
+        if before.policy != crate::daemon::FALLBACK {
+            console.step(5, STEPS, "the fallback on this model");
+            let fallback = self.try_fallback(&before, console)?;
+            if fallback.over(&best) < 1.0 {
+                (kept, best) = ("fallback on the model".to_owned(), fallback);
+            }
+        }
+        console.step(6, STEPS, "the daemon's verdict on the policy");
+        let verdict = self.publish(&policy, console)?;
+        console.step(7, STEPS, "what came of it");
+        if verdict.state == "active" {
+            let after = self.fly("with the policy", console)?;
+            if after.over(&best) <= WORSE {
+                (kept, best) = ("with the policy".to_owned(), after);
+            } else {
+                console.say("it tracks worse than without; what controlled before it goes on");
+                self.daemon.tell(&["rollback"], console)?;
+                self.wait_until_policy_is_not(&self.journal.published.clone().unwrap_or_default(), console)?;
+            }
+        } else {
+            console.say(&format!("the daemon refused it ({}); the model stays", verdict.why));
+        }
+        if best.over(&tracked) > WORSE {
+            console.say("nothing of it tracks as well as what was there; that is put back");
+            if self.restore(console) {
+                return self.keep_what("before", console);
+            }
+        }
+        self.keep_what(&kept, console)
+    }
+
+    /// What controls on which model, and what stands in the newest recording.
+    fn look(&mut self, console: &mut dyn Console) -> Result<Before, AdaptError> {
+        let status = self.daemon.status(console)?;
+        if !status.is_running() {
+            return Err(AdaptError::NotRunning { state: status.state });
+        }
+        if let Some(before) = &self.journal.before {
+            return Ok(before.clone());
+        }
+        let inside = self.inside(console)?;
+        let folder = make_folder(self.before_folder())?;
+        atomic_file::write(&folder.join("model.toml"), &inside.model)?;
+        atomic_file::write(&folder.join("reference.csv"), &inside.reference)?;
+        let published = self.folders.policies.join(format!("{}.onnx", status.policy));
+        let policy = std::fs::read(&published).ok().or(inside.policy);
+        if let Some(policy) = policy.filter(|_| status.policy != crate::daemon::FALLBACK) {
+            atomic_file::write(&folder.join("policy.onnx"), &policy)?;
+        }
+        console.say(&format!("{} controls on the model {}", status.policy, status.model));
+        let before =
+            Before { policy: status.policy, model: status.model, interventions: status.interventions, at: status.at };
+        self.journal.before = Some(before.clone());
+        self.journal.keep(&self.out)?;
+        Ok(before)
+    }
+
+    /// What stands in the newest recording, which an armed daemon begins within a second.
+    fn inside(&self, console: &mut dyn Console) -> Result<Inside, AdaptError> {
+        let what = "no recording in the daemon's folder";
+        self.wait_for(what, Duration::from_secs(10), console, |this, _| recorded::newest(&this.folders.recordings))
+    }
+
+    pub(crate) fn before_folder(&self) -> PathBuf {
+        self.out.join("before")
+    }
+
+    pub(crate) fn reference(&self) -> Result<Reference, AdaptError> {
+        let path = self.before_folder().join("reference.csv");
+        Reference::read(&path).map_err(|error| AdaptError::file(&path, error))
+    }
+
+    /// Diagnosis of what was recorded; with an experiment where it needs one and may have it.
+    fn diagnose(&mut self, console: &mut dyn Console) -> Result<Diagnosis, AdaptError> {
+        if self.journal.recordings.is_empty() {
+            let status = self.daemon.status(console)?;
+            let most_s = self.journal.settings.diagnose_seconds;
+            let stretches = recorded::stretches(&self.folders.recordings, status.at.0, status.at.1, most_s)?;
+            let folder = make_folder(self.out.join("recordings"))?;
+            self.journal.recordings = recorded::write_csv(&folder, &stretches)?;
+            self.journal.keep(&self.out)?;
+        }
+        loop {
+            let round = self.journal.experiments.len() + 1;
+            let found = self.out.join(if round == 1 { "found".to_owned() } else { format!("found-{round}") });
+            if self.journal.found.as_ref() != Some(&found) {
+                self.diagnose_into(&found, console)?;
+                self.journal.found = Some(found.clone());
+                self.journal.keep(&self.out)?;
+            }
+            let path = found.join("diagnosis.json");
+            let text = std::fs::read_to_string(&path).map_err(|error| AdaptError::file(&path, error))?;
+            let diagnosis = Diagnosis::from_json(&text).map_err(|error| AdaptError::file(&path, error))?;
+            console.say(&format!("{}: {}", diagnosis.verdict.as_str(), diagnosis.summary));
+            let needed = diagnosis.next_experiment.as_ref().map(|name| found.join(name));
+            match needed {
+                Some(csv) if round <= MOST_EXPERIMENTS && self.may_experiment(console)? => {
+                    if !self.experiment(&csv, console)? {
+                        return Ok(diagnosis);
+                    }
+                }
+                _ => return Ok(diagnosis),
+            }
+        }
+    }
+
+    /// Has the daemon play an experiment; `false` where it does not, and the answer is what the recordings gave.
+    fn experiment(&mut self, csv: &Path, console: &mut dyn Console) -> Result<bool, AdaptError> {
+        let is_played = match self.daemon.experiment(csv, console) {
+            Ok(recording) => {
+                self.journal.experiments.push(recording);
+                true
+            }
+            Err(AdaptError::Failed { said, .. }) => {
+                console.say(&format!("no experiment: {said}; the answer is what the recordings give"));
+                self.journal.experiment_allowed = Some(false);
+                false
+            }
+            Err(error) => return Err(error),
+        };
+        self.journal.keep(&self.out)?;
+        Ok(is_played)
+    }
+
+    fn diagnose_into(&mut self, found: &Path, console: &mut dyn Console) -> Result<(), AdaptError> {
+        let text = |path: &Path| path.to_string_lossy().into_owned();
+        let mut arguments = vec!["diagnose".to_owned()];
+        if self.journal.settings.search == Search::Quick {
+            arguments.push("--quick".to_owned());
+        }
+        arguments.extend(["--rig".to_owned(), text(&self.before_folder().join("model.toml"))]);
+        arguments.extend(self.journal.recordings.iter().chain(&self.journal.experiments).map(|path| text(path)));
+        arguments.extend(["--out".to_owned(), text(found)]);
+        self.computed(|this, console| this.daemon.programs.trainer(&arguments).done(console), console)?;
+        Ok(())
+    }
+
+    /// Does what this machine's processors are needed for, while a rig that can stands still.
+    pub(crate) fn computed<T>(
+        &mut self,
+        work: impl FnOnce(&Self, &mut dyn Console) -> Result<T, AdaptError>,
+        console: &mut dyn Console,
+    ) -> Result<T, AdaptError> {
+        self.rig.pause();
+        let done = work(self, console);
+        self.rig.go_on();
+        done
+    }
+
+    /// Whether the rig may be driven by an experiment: as the command line says, or as the operator answers, once.
+    fn may_experiment(&mut self, console: &mut dyn Console) -> Result<bool, AdaptError> {
+        if let Some(allowed) = self.journal.experiment_allowed {
+            return Ok(allowed);
+        }
+        if self.journal.settings.experiments == Experiments::Allowed {
+            return Ok(true);
+        }
+        let allowed = console.ask(
+            "What was recorded does not decide. May the rig be driven by next_experiment.csv (two minutes at most, within the safety limits)?",
+        );
+        if !allowed {
+            console.say("no experiment; the answer is what the recordings give (--allow-experiment allows it)");
+        }
+        self.journal.experiment_allowed = Some(allowed);
+        self.journal.keep(&self.out)?;
+        Ok(allowed)
+    }
+
+    fn change_model(&mut self, console: &mut dyn Console) -> Result<(), AdaptError> {
+        if self.journal.model_line.is_some() {
+            return Ok(());
+        }
+        let rig = self.journal.found.clone().unwrap_or_default().join("rig.toml");
+        let said = self.daemon.tell(&["model", &rig.to_string_lossy()], console)?;
+        let line = said.last_line();
+        console.say(&line);
+        self.journal.model_line = Some(line);
+        self.journal.keep(&self.out)
+    }
+
+    fn keep_what(&mut self, what: &str, console: &mut dyn Console) -> Result<(), AdaptError> {
+        let status = self.daemon.status(console)?;
+        if let Some(before) = self.journal.before.as_ref().filter(|before| before.at.0 == status.at.0) {
+            self.journal.ticks = u64::from(status.at.1.wrapping_sub(before.at.1));
+            self.journal.interventions = status.interventions.checked_sub(before.interventions);
+        }
+        self.journal.kept = Some(what.to_owned());
+        self.journal.keep(&self.out)
+    }
+
+    pub(crate) fn note_flown(&mut self, what: &str, tracking: Tracking) -> Result<(), AdaptError> {
+        self.journal.flown.push(Flown { what: what.to_owned(), tracking });
+        self.journal.keep(&self.out)
+    }
+}

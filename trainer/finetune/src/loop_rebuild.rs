@@ -1,0 +1,292 @@
+//! The control loop of a recording, rebuilt tick by tick: what the policy was shown, and what the loop made of its answer.
+//!
+//! A recording holds readings, predictions, the policy's answer and the duties that were sent, but not what the policy was
+//! shown. That is rebuilt by the daemon's own law ([`law::PolicyLaw`]) and model from the files inside the recording, and
+//! checked in every tick against what was recorded:
+//!
+//! * the hash of the observation, where a policy was asked: equal to the bit as long as everything since the daemon's start
+//!   is known;
+//! * every term of the control law, within [`LAW_AGREES_DUTY`]: otherwise the tick says nothing and is left out.
+//!
+//! After a policy was exchanged the new one's law has gone its own way while in shadow; its integral is then taken from the
+//! recording, and the rest follows from what was applied.
+
+use std::sync::Arc;
+
+use law::{ControlInput, ControlOutput, PolicyLaw, SoftStart, TICK_S};
+use model::observation::{ACTION_LEN, AHEAD, CHANNELS, ObservationLayout, Pair};
+use model::predict::Predictor;
+use model::rig::Rig;
+use model::steady::SteadyMap;
+use proto::recording::{Arrival, LawParts, TickRecord, observation_hash};
+use proto::reference::Reference;
+
+use crate::FinetuneError;
+
+/// How far a rebuilt term of the law may be off, in duty: a thousandth of what a policy adds (chosen; rounding is 1e-15).
+pub const LAW_AGREES_DUTY: f64 = 1e-5;
+/// Codes of the daemon's states, as recordings carry them (docs/recordings.md).
+const RUN: u8 = 1;
+const HOLD: u8 = 3;
+const REVERT: u8 = 4;
+/// Both vents open.
+const VENT: Pair = [1.0; CHANNELS];
+
+/// Who controlled in a tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum ControlledBy {
+    /// A policy of this layout, with full authority.
+    Policy(ObservationLayout),
+    /// A candidate and the incumbent together.
+    Both,
+    /// The fallback.
+    Fallback,
+}
+
+/// Why nothing is learned from a tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum LeftOut {
+    /// The state is not RUN, or a frame is missing.
+    NotRunning,
+    /// The safety filter changed the command.
+    Filtered,
+    /// A candidate had a part of the command: nobody's answer is what was applied.
+    Shared,
+    /// What controlled has another observation layout, or is the fallback where a policy replaces it.
+    OtherLayout,
+    /// The answer is beyond the range of the policy that is trained.
+    BeyondRange,
+    /// The rebuilt law is not the recorded one: another model took over that the recording does not hold, or ticks are missing.
+    LawDiffers,
+}
+
+impl LeftOut {
+    /// What a person is told.
+    pub const fn words(self) -> &'static str {
+        match self {
+            LeftOut::NotRunning => "not running",
+            LeftOut::Filtered => "changed by the safety filter",
+            LeftOut::Shared => "shared between two policies",
+            LeftOut::OtherLayout => "under a controller of another kind",
+            LeftOut::BeyondRange => "answers beyond the policy's range",
+            LeftOut::LawDiffers => "not explained by the recorded model",
+        }
+    }
+}
+
+/// A tick as a policy of the learner's layout saw it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RebuiltTick {
+    /// Session and number.
+    pub at: (u32, u32),
+    /// What the policy is shown.
+    pub observation: Vec<f32>,
+    /// Measured pressures in kPa gauge.
+    pub measured_kpa: Pair,
+    /// Goals of now and the next ticks in kPa gauge.
+    pub goals_kpa: Vec<Pair>,
+    /// Predictions for the next five ticks in kPa gauge.
+    pub predicted_kpa: [Pair; AHEAD],
+    /// The answer that was applied, in the contract's units, or why there is none.
+    pub answer: Result<[f32; ACTION_LEN], LeftOut>,
+    /// Whether the recorded hash of the observation is that of the rebuilt one; nothing where none was recorded.
+    pub is_same_to_the_bit: Option<bool>,
+    /// Whether state and law are sound, so that the observation is what follows from the tick before.
+    pub is_sound: bool,
+}
+
+/// The loop of one run of the daemon.
+pub struct LoopRebuild {
+    layout: ObservationLayout,
+    law: PolicyLaw,
+    predictor: Predictor,
+    model: Rig,
+    reference: Reference,
+    approach: SoftStart,
+    start_tick: u32,
+    is_controlling: bool,
+    measured_kpa: Pair,
+    tick: u32,
+    /// Times that the law's integral had to be taken from the recording.
+    joined: u64,
+}
+
+impl LoopRebuild {
+    /// The loop as it was when the daemon began with `model` and `reference`, for observations of `layout`.
+    ///
+    /// # Errors
+    /// A model that cannot be run.
+    pub fn new(model: Rig, reference: Reference, layout: ObservationLayout) -> Result<Self, FinetuneError> {
+        let unfit = |problem| FinetuneError::Model { name: model.name.clone(), problem };
+        let map = Arc::new(SteadyMap::new(&model).map_err(unfit)?);
+        let predictor = Predictor::new(&model).map_err(unfit)?;
+        Ok(LoopRebuild {
+            layout,
+            law: PolicyLaw::new(map, layout),
+            predictor,
+            model,
+            reference,
+            approach: SoftStart::new([0.0; CHANNELS], [0.0; CHANNELS]),
+            start_tick: 0,
+            is_controlling: false,
+            measured_kpa: [0.0; CHANNELS],
+            tick: 0,
+            joined: 0,
+        })
+    }
+
+    /// The model in force.
+    pub fn model(&self) -> &Rig {
+        &self.model
+    }
+
+    /// Times that the law's integral had to be taken from the recording: 0 for a run without exchanges.
+    pub fn joined(&self) -> u64 {
+        self.joined
+    }
+
+    /// Another reference is followed from the next tick on.
+    pub fn exchange_reference(&mut self, reference: Reference) {
+        self.reference = reference;
+        if self.is_controlling {
+            self.start_reference(self.tick, self.measured_kpa);
+        }
+    }
+
+    /// Another model is behind predictions and feed-forward from the next tick on.
+    ///
+    /// # Errors
+    /// A model that cannot be run.
+    pub fn exchange_model(&mut self, model: Rig) -> Result<(), FinetuneError> {
+        let unfit = |problem| FinetuneError::Model { name: model.name.clone(), problem };
+        let map = Arc::new(SteadyMap::new(&model).map_err(unfit)?);
+        self.predictor = Predictor::new(&model).map_err(unfit)?;
+        self.predictor.restart(self.measured_kpa, VENT);
+        let _ = self.law.exchange_map(map);
+        self.model = model;
+        Ok(())
+    }
+
+    /// Takes in a tick; what a policy saw in it, where anything controlled.
+    pub fn follow(&mut self, record: &TickRecord) -> Option<RebuiltTick> {
+        self.tick = record.tick;
+        let has_reading = record.p_pos_kpa.is_finite() && record.p_neg_kpa.is_finite();
+        let has_frame = matches!(record.arrival, Arrival::InTime | Arrival::Late) && has_reading;
+        if has_frame {
+            self.measured_kpa = [record.p_pos_kpa, record.p_neg_kpa];
+        }
+        let was_controlling = std::mem::replace(&mut self.is_controlling, matches!(record.state, RUN | HOLD | REVERT));
+        if !self.is_controlling {
+            return None;
+        }
+        if !was_controlling {
+            self.start_reference(record.tick, self.measured_kpa);
+            self.predictor.restart(self.measured_kpa, VENT);
+            self.law.restart(VENT);
+        }
+        let rebuilt = has_frame.then(|| self.decide(record));
+        let duty = [record.u_pos, record.u_neg];
+        if record.state != HOLD {
+            self.law.applied(duty);
+        }
+        self.predictor.advance(duty, record.pump_on);
+        rebuilt
+    }
+
+    fn start_reference(&mut self, tick: u32, measured_kpa: Pair) {
+        self.start_tick = tick;
+        self.approach = SoftStart::new(measured_kpa, self.reference.at(0.0));
+    }
+
+    fn decide(&mut self, record: &TickRecord) -> RebuiltTick {
+        let input = self.input(record.tick);
+        let predicted_kpa: [Pair; AHEAD] =
+            std::array::from_fn(|j| [record.predicted_pos_kpa[j], record.predicted_neg_kpa[j]]);
+        let controlled_by = controlled_by(record);
+        let is_own = controlled_by == ControlledBy::Policy(self.layout)
+            || (controlled_by == ControlledBy::Fallback && self.layout == ObservationLayout::Correction);
+        let before = self.law.clone();
+        let mut decision = self.answer(&input, record, controlled_by);
+        if is_own && !integral_agrees(record, &decision) {
+            // The law of a policy that came later: from where it stood.
+            self.law = before;
+            self.law.set_integral([record.law_pos.integral, record.law_neg.integral]);
+            self.joined += 1;
+            decision = self.answer(&input, record, controlled_by);
+        }
+        let mut observation = vec![0.0; self.layout.observation_len()];
+        self.law.write_observation(&input, &predicted_kpa, &mut observation);
+        let is_law = is_own && law_agrees(record, &decision);
+        let is_running = record.state == RUN && predicted_kpa.as_flattened().iter().all(|p| p.is_finite());
+        let answer = match controlled_by {
+            _ if !is_running => Err(LeftOut::NotRunning),
+            _ if record.filter_active => Err(LeftOut::Filtered),
+            ControlledBy::Both => Err(LeftOut::Shared),
+            _ if !is_own => Err(LeftOut::OtherLayout),
+            _ if !is_law => Err(LeftOut::LawDiffers),
+            ControlledBy::Policy(_) => Ok(record.policy_output),
+            // The fallback alone is a policy that corrects nothing.
+            ControlledBy::Fallback => Ok([0.0; ACTION_LEN]),
+        };
+        let asked = controlled_by == ControlledBy::Policy(self.layout);
+        RebuiltTick {
+            at: (record.session, record.tick),
+            is_same_to_the_bit: asked.then(|| observation_hash(&observation) == record.observation_hash),
+            observation,
+            measured_kpa: input.measured_kpa,
+            goals_kpa: input.goals_kpa.to_vec(),
+            predicted_kpa,
+            answer,
+            is_sound: is_running && is_law,
+        }
+    }
+
+    /// What the law was told.
+    fn input(&mut self, tick: u32) -> ControlInput {
+        let measured_kpa = self.measured_kpa;
+        let observed = self.predictor.observe(measured_kpa);
+        let undelayed_kpa = if observed.iter().all(|p| p.is_finite()) { observed } else { measured_kpa };
+        let time_s = f64::from(tick.wrapping_sub(self.start_tick)) * TICK_S;
+        let goals_kpa = std::array::from_fn(|j| {
+            let at = time_s + j as f64 * TICK_S;
+            let (goal, offset) = (self.reference.at(at), self.approach.offset_kpa(at));
+            std::array::from_fn(|c| goal[c] + offset[c])
+        });
+        ControlInput { measured_kpa, undelayed_kpa, goals_kpa }
+    }
+
+    fn answer(&mut self, input: &ControlInput, record: &TickRecord, controlled_by: ControlledBy) -> ControlOutput {
+        let base = self.law.observe(input);
+        match controlled_by {
+            ControlledBy::Policy(layout) if layout == self.layout => self.law.decide(input, &record.policy_output),
+            _ => base,
+        }
+    }
+}
+
+fn controlled_by(record: &TickRecord) -> ControlledBy {
+    if record.observation_hash == 0 || !record.policy_output.iter().all(|x| x.is_finite()) {
+        return ControlledBy::Fallback;
+    }
+    if record.authority < 1.0 {
+        return ControlledBy::Both;
+    }
+    // Under the paper's layout the policy decides alone, and an integral is all that is added.
+    let is_alone = [record.law_pos, record.law_neg].iter().all(|p| p.proportional == 0.0 && p.backlash == 0.0);
+    ControlledBy::Policy(if is_alone { ObservationLayout::Paper } else { ObservationLayout::Correction })
+}
+
+fn integral_agrees(record: &TickRecord, decision: &ControlOutput) -> bool {
+    let recorded = [record.law_pos.integral, record.law_neg.integral];
+    decision.parts.iter().zip(recorded).all(|(parts, recorded)| parts.integral.to_bits() == recorded.to_bits())
+}
+
+fn law_agrees(record: &TickRecord, decision: &ControlOutput) -> bool {
+    let recorded = [record.law_pos, record.law_neg]
+        .map(|LawParts { feed_forward, backlash, correction, .. }| [feed_forward, backlash, correction]);
+    let rebuilt = decision.parts.map(|p| [p.feed_forward + p.play + p.correction, p.play, p.correction]);
+    let raw = [record.law_pos.u_raw, record.law_neg.u_raw];
+    let agrees = |a: f64, b: f64| (a - b).abs() <= LAW_AGREES_DUTY;
+    recorded.as_flattened().iter().zip(rebuilt.as_flattened()).all(|(a, b)| agrees(*a, *b))
+        && raw.iter().zip(decision.raw()).all(|(a, b)| agrees(*a, b))
+}

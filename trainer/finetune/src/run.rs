@@ -1,0 +1,483 @@
+//! A run: transitions come in, so many updates follow each, policies go out.
+
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::{Duration, Instant};
+
+use model::rig::Rig;
+use proto::atomic_file;
+use sac::{Learner, Machine};
+use serde::Serialize;
+use training::average::{Average, EVERY_STEPS};
+use training::replay_files::ReplayFiles;
+use training::settings::Plan;
+use training::trained_policy::Origin;
+use training::{PolicyStart, RunFiles, TrainedPolicy, TrainingError, TrainingSettings};
+
+use crate::FinetuneError;
+use crate::checkpoint::{self, Position};
+use crate::settings::FinetuneSettings;
+use crate::transitions::{Tally, Transition, Transitions};
+
+/// Between two looks at a recording that grows: it is flushed once a second.
+const LOOK: Duration = Duration::from_millis(200);
+/// Between two checkpoints; a crash loses no more work than this.
+const CHECKPOINT: Duration = Duration::from_secs(60);
+/// Ticks that wait, and time since none did, from which learning is behind the rig: 10 s of it, for more than a minute.
+const BEHIND_TICKS: usize = 500;
+const BEHIND: Duration = Duration::from_secs(60);
+/// Weight of the newest transition in the errors that are shown: 20 s.
+const NEWEST: f64 = 1.0 / 1000.0;
+/// In a run's folder: its settings.
+const SETTINGS: &str = "finetune.toml";
+
+/// Where transitions come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// Recordings alone: the run ends with them.
+    Recordings,
+    /// A daemon that goes on writing: the run waits.
+    Daemon,
+}
+
+/// How a sitting ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Status {
+    /// All steps are done.
+    Finished,
+    /// The recordings are used up.
+    UsedUp,
+    /// The callback asked for it.
+    Stopped,
+}
+
+/// How far a run is.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Progress {
+    /// Transitions done.
+    pub steps: u64,
+    /// Transitions planned.
+    pub steps_planned: u64,
+    /// Updates a second in this sitting; 0 until it is known.
+    pub updates_per_s: f64,
+    /// RMSE of about the last 20 s of transitions, in kPa.
+    pub rmse_kpa: [f64; 2],
+    /// What is being done.
+    pub doing: &'static str,
+}
+
+/// Whoever looks on.
+pub trait FinetuneCallback {
+    /// Told after each transition and while waiting.
+    fn progress(&mut self, progress: &Progress);
+    /// Whether to stop; a checkpoint is written then.
+    fn stop(&self) -> bool;
+    /// Told that everything so far is on the disk.
+    fn is_kept(&mut self);
+    /// Told in one line what a person should know.
+    fn say(&mut self, text: &str);
+}
+
+/// Figures of a run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    /// Transitions done.
+    pub steps: u64,
+    /// Transitions planned.
+    pub steps_planned: u64,
+    /// Updates made.
+    pub updates: u64,
+    /// λ_T as it stands.
+    pub lambda_temporal: f64,
+    /// Policies published.
+    pub published: u64,
+    /// The last of them.
+    pub last_published: Option<String>,
+    /// RMSE of about the last 20 s of transitions, in kPa.
+    pub rmse_kpa: [f64; 2],
+    /// Seconds of work.
+    pub wall_s: f64,
+    /// What of the recordings was of use.
+    pub tally: Tally,
+    /// Times that a law had to be joined late.
+    pub joined: u64,
+}
+
+/// A run of fine-tuning.
+pub struct FinetuneRun {
+    settings: FinetuneSettings,
+    training: TrainingSettings,
+    files: RunFiles,
+    transitions: Transitions,
+    learner: Learner,
+    average: Average,
+    replay: ReplayFiles,
+    position: Position,
+    squares: [f64; 2],
+    last_published: Option<String>,
+    sitting: Sitting,
+}
+
+/// Times of this sitting.
+struct Sitting {
+    counted_until: Instant,
+    kept: Instant,
+    caught_up: Instant,
+    told_behind: Option<Instant>,
+    updates: u64,
+    updating: Duration,
+}
+
+impl Sitting {
+    fn begin() -> Self {
+        let now = Instant::now();
+        Sitting {
+            counted_until: now,
+            kept: now,
+            caught_up: now,
+            told_behind: None,
+            updates: 0,
+            updating: Duration::ZERO,
+        }
+    }
+
+    fn updates_per_s(&self) -> f64 {
+        self.updates as f64 / self.updating.as_secs_f64().max(1e-3)
+    }
+}
+
+impl FinetuneRun {
+    /// Begins a run in a new folder.
+    ///
+    /// # Errors
+    /// A policy that training cannot go on from, or a folder that holds a run.
+    pub fn begin(
+        settings: FinetuneSettings,
+        start: &PolicyStart,
+        folder: &Path,
+        threads: usize,
+    ) -> Result<Self, FinetuneError> {
+        let mut training = TrainingSettings::preset(start.preset())?;
+        training.run.seed = settings.seed;
+        training.run.steps = settings.steps;
+        start.adopt_into(&mut training)?;
+        training.check().map_err(|problem| TrainingError::Settings { file: "settings".into(), line: None, problem })?;
+        let mut learner = Learner::new(
+            training.shape(),
+            training.feature_map()?,
+            training.learner_settings(),
+            Machine::with_threads(threads),
+        )
+        .map_err(|error| TrainingError::learner("settings", &error))?;
+        learner
+            .warm_start(&start.network(training.policy.plan))
+            .map_err(|error| TrainingError::learner("--from", &error))?;
+        let files = RunFiles::create(folder)?;
+        RunFiles::write(&files.settings(), training.to_toml()?.as_bytes())?;
+        write_settings(&files, &settings)?;
+        let replay = ReplayFiles::new(files.replay(), training.sac.replay, 0);
+        Ok(Self::assemble(settings, training, files, learner, Average::default(), replay, Position::default()))
+    }
+
+    /// Goes on with a run; `steps` plans another length.
+    ///
+    /// # Errors
+    /// A folder that holds no run of fine-tuning, or whose files are damaged.
+    pub fn resume(folder: &Path, steps: Option<u64>, threads: usize) -> Result<Self, FinetuneError> {
+        let files = RunFiles::open(folder)?;
+        let training = files.read_settings()?;
+        let path = folder.join(SETTINGS);
+        let text = std::fs::read_to_string(&path).map_err(|error| {
+            TrainingError::file(&path, &format!("cannot be read: {error}; --resume takes the folder of a fine-tuning"))
+        })?;
+        let mut settings: FinetuneSettings =
+            toml::from_str(&text).map_err(|error| TrainingError::file(&path, error.message()))?;
+        if let Some(steps) = steps {
+            settings.steps = steps;
+            write_settings(&files, &settings)?;
+        }
+        let checkpoint::Restored { position, average, learner, replay } = checkpoint::read(&files, &training, threads)?;
+        Ok(Self::assemble(settings, training, files, learner, average, replay, position))
+    }
+
+    fn assemble(
+        settings: FinetuneSettings,
+        training: TrainingSettings,
+        files: RunFiles,
+        learner: Learner,
+        average: Average,
+        replay: ReplayFiles,
+        position: Position,
+    ) -> Self {
+        FinetuneRun {
+            transitions: Transitions::new(&settings.recordings, &training),
+            settings,
+            training,
+            files,
+            learner,
+            average,
+            replay,
+            position,
+            squares: [0.0; 2],
+            last_published: None,
+            sitting: Sitting::begin(),
+        }
+    }
+
+    /// The run's settings.
+    pub fn settings(&self) -> &FinetuneSettings {
+        &self.settings
+    }
+
+    /// The run's folder.
+    pub fn files(&self) -> &RunFiles {
+        &self.files
+    }
+
+    /// Learns until all steps are done, the recordings are used up, or the callback wants to stop.
+    ///
+    /// # Errors
+    /// Recordings that cannot be read or hold nothing to learn from, a loss that is not finite, a full disk.
+    pub fn go(&mut self, source: Source, callback: &mut dyn FinetuneCallback) -> Result<Status, FinetuneError> {
+        self.sitting = Sitting::begin();
+        let status = self.work(source, callback)?;
+        self.keep()?;
+        callback.is_kept();
+        if self.position.steps == 0 && status == Status::UsedUp {
+            return Err(self.nothing_to_learn());
+        }
+        let ended = match status {
+            Status::Stopped => status,
+            _ if self.position.published_at != self.position.steps && !self.publish(callback)? => Status::Stopped,
+            _ => status,
+        };
+        let path = self.files.summary();
+        let text = serde_json::to_string_pretty(&self.summary())
+            .map_err(|error| TrainingError::file(&path, &error.to_string()))?;
+        RunFiles::write(&path, format!("{text}\n").as_bytes())?;
+        Ok(ended)
+    }
+
+    fn work(&mut self, source: Source, callback: &mut dyn FinetuneCallback) -> Result<Status, FinetuneError> {
+        let (mut passed_over, mut is_given_up) = (0, false);
+        loop {
+            if callback.stop() {
+                return Ok(Status::Stopped);
+            }
+            let is_caught_up = passed_over == self.position.steps;
+            if is_caught_up && self.is_to_be_published() && !self.publish(callback)? {
+                return Ok(Status::Stopped);
+            }
+            if is_caught_up && self.position.steps >= self.settings.steps {
+                return Ok(Status::Finished);
+            }
+            match self.transitions.next_transition()? {
+                Some(_) if !is_caught_up => {
+                    passed_over += 1;
+                    self.tell(callback, "going on");
+                }
+                Some(transition) => {
+                    self.learn(&transition)?;
+                    passed_over += 1;
+                    self.tell(callback, "learning");
+                    self.tell_behind(source, callback);
+                }
+                None if source == Source::Daemon => {
+                    self.sitting.caught_up = Instant::now();
+                    self.tell(callback, "waiting for the rig");
+                    std::thread::sleep(LOOK);
+                }
+                None if is_given_up => return Ok(Status::UsedUp),
+                None => {
+                    self.transitions.give_up()?;
+                    is_given_up = true;
+                }
+            }
+            if self.sitting.kept.elapsed() >= CHECKPOINT {
+                self.keep()?;
+            }
+        }
+    }
+
+    /// Takes in a transition, and makes its updates.
+    fn learn(&mut self, transition: &Transition) -> Result<(), FinetuneError> {
+        let pushed = self.learner.push(&sac::Transition {
+            observation: &transition.observation,
+            action: &transition.action,
+            reward: transition.reward,
+            next_observation: &transition.next_observation,
+            terminal: transition.terminal,
+        });
+        pushed.map_err(|error| TrainingError::learner("remember", &error))?;
+        self.replay.keep_full(&self.learner)?;
+        self.position.steps += 1;
+        let share = NEWEST.max(1.0 / self.position.steps as f64);
+        for (square, error) in self.squares.iter_mut().zip(transition.error_kpa) {
+            *square += share * (error * error - *square);
+        }
+        if self.learner.replay_len() < self.training.sac.batch {
+            return Ok(());
+        }
+        let steps = self.position.steps;
+        let rate = self.training.learning_rate(steps);
+        self.learner.set_learning_rate(rate).map_err(|error| TrainingError::learner("sac.learning_rate", &error))?;
+        let smooths = self.training.policy.variant.smooths();
+        let lambda = if smooths { self.settings.lambda_at(steps) } else { 0.0 };
+        self.learner.set_lambda_temporal(lambda).map_err(|error| TrainingError::learner("lambda_temporal", &error))?;
+        let (times, began) = (self.settings.updates_per_tick, Instant::now());
+        let report = match steps <= self.settings.critic_warm_up_steps {
+            true => self.learner.update_critics(times),
+            false => self.learner.update(times),
+        };
+        self.sitting.updating += began.elapsed();
+        self.sitting.updates += times;
+        self.position.updates += times;
+        if !report.finite {
+            let kept = format!("{} is kept as it was", self.files.checkpoint().display());
+            let what = "a loss or a weight".to_owned();
+            return Err(TrainingError::Diverged { step: steps, what, kept }.into());
+        }
+        let over = self.training.run.average_over_steps;
+        if over > 0 && steps.is_multiple_of(EVERY_STEPS) {
+            self.average.add(self.learner.policy(), over);
+        }
+        Ok(())
+    }
+
+    fn is_to_be_published(&self) -> bool {
+        let Position { steps, published_at, .. } = self.position;
+        steps > published_at && steps.is_multiple_of(self.settings.publish_every_steps)
+    }
+
+    /// Publishes the policy as it stands; `false` where the callback wants to stop first.
+    fn publish(&mut self, callback: &mut dyn FinetuneCallback) -> Result<bool, FinetuneError> {
+        // What follows takes seconds: whoever stops in them goes on from here.
+        self.keep()?;
+        let Some(model) = self.transitions.model().cloned() else { return Ok(true) };
+        let policy = self.policy(&model)?;
+        let (sender, receiver) = channel();
+        let plan = self.training.policy.plan;
+        std::thread::spawn(move || {
+            let fitted = match plan {
+                Plan::Learned => Ok(policy),
+                Plan::Fitted => policy.with_plan_fitted_on(&model),
+            };
+            // Nobody is left to take it where the run was stopped meanwhile.
+            let _ = sender.send(fitted);
+        });
+        let policy = loop {
+            match receiver.recv_timeout(LOOK) {
+                Ok(policy) => break policy?,
+                Err(RecvTimeoutError::Timeout) if callback.stop() => return Ok(false),
+                Err(RecvTimeoutError::Timeout) => self.tell(callback, "fitting the plan"),
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err(TrainingError::learner("plan", &"the thread that fits it has failed").into());
+                }
+            }
+        };
+        let bytes = policy.to_onnx(&self.provenance())?;
+        RunFiles::write(&self.files.policy(), &policy.to_bytes()?)?;
+        RunFiles::write(&self.files.onnx(), &bytes)?;
+        let path = self.published_path();
+        atomic_file::write(&path, &bytes)?;
+        self.position.published += 1;
+        self.position.published_at = self.position.steps;
+        self.last_published = path.file_name().map(|name| name.to_string_lossy().into_owned());
+        callback.say(&format!("published {}", path.display()));
+        self.keep()?;
+        Ok(true)
+    }
+
+    fn policy(&self, model: &Rig) -> Result<TrainedPolicy, FinetuneError> {
+        let network = self.average.get().cloned().unwrap_or_else(|| self.learner.policy());
+        let mut settings = self.training.clone();
+        settings.rig.trained_on.clone_from(&model.name);
+        Ok(TrainedPolicy::new(settings, Origin::of(model)?, self.position.steps, network))
+    }
+
+    fn published_path(&self) -> PathBuf {
+        self.settings.publish.join(format!("{}-{:06}.onnx", self.settings.name, self.position.steps))
+    }
+
+    /// Where a published policy comes from, beside what every policy says.
+    fn provenance(&self) -> Vec<(String, String)> {
+        let settings = &self.settings;
+        [
+            ("method", "finetune".to_owned()),
+            ("from_crc32c", settings.from_crc32c.clone()),
+            ("updates", self.position.updates.to_string()),
+            ("updates_per_tick", settings.updates_per_tick.to_string()),
+            ("lambda_temporal", settings.lambda_at(self.position.steps).to_string()),
+            ("last_recording", self.transitions.recording()),
+        ]
+        .map(|(key, value)| (key.to_owned(), value))
+        .into()
+    }
+
+    /// Writes a checkpoint.
+    fn keep(&mut self) -> Result<(), FinetuneError> {
+        self.position.wall_s += self.sitting.counted_until.elapsed().as_secs_f64();
+        self.sitting.counted_until = Instant::now();
+        checkpoint::write(&self.files, &mut self.replay, &self.position, &self.average, &self.learner)?;
+        self.sitting.kept = Instant::now();
+        Ok(())
+    }
+
+    fn tell(&self, callback: &mut dyn FinetuneCallback, doing: &'static str) {
+        callback.progress(&Progress {
+            steps: self.position.steps,
+            steps_planned: self.settings.steps,
+            updates_per_s: self.sitting.updates_per_s(),
+            rmse_kpa: self.squares.map(f64::sqrt),
+            doing,
+        });
+    }
+
+    /// Says once a minute that learning does not keep up with the rig.
+    fn tell_behind(&mut self, source: Source, callback: &mut dyn FinetuneCallback) {
+        let waiting = self.transitions.waiting();
+        let sitting = &mut self.sitting;
+        let is_behind = source == Source::Daemon && waiting >= BEHIND_TICKS && sitting.caught_up.elapsed() >= BEHIND;
+        if !is_behind || sitting.told_behind.is_some_and(|told| told.elapsed() < BEHIND) {
+            return;
+        }
+        sitting.told_behind = Some(Instant::now());
+        let (asked, made) = (50 * self.settings.updates_per_tick, sitting.updates_per_s());
+        callback.say(&format!(
+            "behind the rig by {:.0} s or more: {made:.0} updates a second of the {asked} that it takes to keep up; begin anew with fewer --updates-per-tick, or give it more cores",
+            waiting as f64 / 50.0
+        ));
+    }
+
+    fn nothing_to_learn(&self) -> FinetuneError {
+        let tally = self.transitions.tally();
+        let told: Vec<String> = tally.left_out.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
+        FinetuneError::NothingToLearn {
+            folder: self.settings.recordings.display().to_string(),
+            ticks: tally.ticks,
+            reasons: if told.is_empty() { String::new() } else { format!(": {}", told.join(", ")) },
+        }
+    }
+
+    /// Figures of the run so far.
+    pub fn summary(&self) -> Summary {
+        Summary {
+            steps: self.position.steps,
+            steps_planned: self.settings.steps,
+            updates: self.position.updates,
+            lambda_temporal: f64::from(self.settings.lambda_at(self.position.steps)),
+            published: self.position.published,
+            last_published: self.last_published.clone(),
+            rmse_kpa: self.squares.map(f64::sqrt),
+            wall_s: self.position.wall_s,
+            tally: self.transitions.tally().clone(),
+            joined: self.transitions.joined(),
+        }
+    }
+}
+
+fn write_settings(files: &RunFiles, settings: &FinetuneSettings) -> Result<(), FinetuneError> {
+    let path = files.folder().join(SETTINGS);
+    let text = toml::to_string(settings).map_err(|error| TrainingError::file(&path, &error.to_string()))?;
+    Ok(RunFiles::write(&path, text.as_bytes())?)
+}

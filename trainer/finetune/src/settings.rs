@@ -1,0 +1,74 @@
+//! A run of fine-tuning as data.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+/// Everything that decides what a run computes, and where it reads and publishes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FinetuneSettings {
+    /// Folder of the recordings that are followed.
+    pub recordings: PathBuf,
+    /// Folder into which policies are published: the daemon's `policy.directory`.
+    pub publish: PathBuf,
+    /// How published files' names begin.
+    pub name: String,
+    /// CRC-32C of the policy's file that it began from, eight hexadecimal digits.
+    pub from_crc32c: String,
+    /// Transitions until the end; each is a tick of the rig.
+    pub steps: u64,
+    /// Updates after each transition.
+    pub updates_per_tick: u64,
+    /// Transitions between two published policies.
+    pub publish_every_steps: u64,
+    /// First transitions, in which the critics alone learn what the policy is worth.
+    pub critic_warm_up_steps: u64,
+    /// λ_T: at the start, its growth a transition, and the most.
+    pub lambda_temporal: [f64; 3],
+    /// Seed of the critics' first weights, batches and noise.
+    pub seed: u64,
+}
+
+impl FinetuneSettings {
+    /// Number of sim-to-real transfer steps (paper, Table IV).
+    pub const PAPER_STEPS: u64 = 102_400;
+    /// λ_T^min, Δλ_T, λ_T^max (paper, Table IV).
+    pub const PAPER_LAMBDA: [f64; 3] = [1.0, 3.906e-5, 3.0];
+    /// The aim; one core does it with the networks that ship.
+    pub const UPDATES_PER_TICK: u64 = 8;
+    /// A tenth of the whole: 205 s of the rig, about what the daemon takes to try one.
+    pub const PUBLISH_EVERY_STEPS: u64 = 10_240;
+    /// 20 s of the rig (chosen): 8,000 updates of the critics.
+    pub const CRITIC_WARM_UP_STEPS: u64 = 1_000;
+
+    /// λ_T at a transition.
+    pub fn lambda_at(&self, step: u64) -> f32 {
+        let [start, growth, most] = self.lambda_temporal;
+        (start + growth * step as f64).min(most) as f32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lambda_grows_as_in_table_iv() {
+        let settings = FinetuneSettings {
+            recordings: PathBuf::new(),
+            publish: PathBuf::new(),
+            name: String::new(),
+            from_crc32c: String::new(),
+            steps: FinetuneSettings::PAPER_STEPS,
+            updates_per_tick: 8,
+            publish_every_steps: 1,
+            critic_warm_up_steps: 0,
+            lambda_temporal: FinetuneSettings::PAPER_LAMBDA,
+            seed: 1,
+        };
+        assert_eq!(settings.lambda_at(0), 1.0);
+        assert!((settings.lambda_at(25_600) - 2.0).abs() < 1e-4, "half way after a quarter of the steps");
+        assert_eq!(settings.lambda_at(102_400), 3.0);
+    }
+}

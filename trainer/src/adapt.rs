@@ -1,0 +1,258 @@
+//! `trainer adapt`: from recordings that differ to a controller that tracks better, beside a running daemon.
+
+use std::io::{BufRead, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use ::adapt::programs::Programs;
+use ::adapt::rehearsal::{Rehearsal, concealed, draw_rig};
+use ::adapt::run::GoesOn;
+use ::adapt::settings::{Experiments, Search};
+use ::adapt::{AdaptError, AdaptSettings, Adaptation, Console, Outcome};
+use clap::Args;
+use proto::rig_file;
+use serde_json::json;
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+use crate::failure::{Failure, tell};
+use crate::stdout;
+
+/// Adapts model and policy to the rig that a running daemon controls: the whole loop in one command.
+///
+/// Records, diagnoses, asks for an experiment where one is needed, gives the daemon the model that was found, trains a
+/// policy on it from the one that controls, publishes it, waits for the daemon's verdict, and tells what came of it. The
+/// reference is begun anew for every figure. Every step is a command that is shown; one that fails leaves model and
+/// policy as they were, and --resume goes on from there. --rehearse does all of it against a concealed rig here.
+/// Exit status: 0 it tracks better than before, 1 it does not or a step failed, 2 wrong usage.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  trainer adapt --rehearse --out out/rehearsal
+  trainer adapt --config controller.toml --out out/adapted --allow-experiment
+  trainer adapt --resume out/adapted")]
+pub(crate) struct AdaptArgs {
+    /// Configuration of the running daemon
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["rehearse", "resume"])]
+    config: Option<PathBuf>,
+    /// Folder for everything that comes of it
+    #[arg(long, value_name = "DIR", required_unless_present = "resume")]
+    out: Option<PathBuf>,
+    /// Folder of a run to go on with
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "out", "rehearse"])]
+    resume: Option<PathBuf>,
+    /// Start a concealed rig and a daemon on this machine, and adapt to that
+    #[arg(long, conflicts_with = "config")]
+    rehearse: bool,
+    /// The concealed rig of the rehearsal, name or file [default: drawn by --seed]
+    #[arg(long, value_name = "RIG", requires = "rehearse")]
+    rig: Option<String>,
+    /// The rig may be driven by an experiment where diagnosis needs one [default: ask once on the terminal]
+    #[arg(long)]
+    allow_experiment: bool,
+    /// Longest run for a figure, in s of the rig; a shorter reference is run to its end
+    #[arg(long, value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u32).range(20..=600))]
+    fly_seconds: u32,
+    /// The most of what was recorded that diagnosis reads, in s of the rig
+    #[arg(long, value_name = "S", default_value_t = 120, value_parser = clap::value_parser!(u32).range(20..=3600))]
+    diagnose_seconds: u32,
+    /// Search for missing physics to the end instead of for a first look
+    #[arg(long)]
+    thorough: bool,
+    /// Steps of training at most
+    #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u64).range(1..))]
+    train_steps: u64,
+    /// Seconds of training at most
+    #[arg(long, value_name = "S", default_value_t = 180, value_parser = clap::value_parser!(u64).range(1..))]
+    train_seconds: u64,
+    /// Seconds to wait for the daemon's verdict on a policy
+    #[arg(long, value_name = "S", default_value_t = 900, value_parser = clap::value_parser!(u64).range(1..))]
+    verdict_seconds: u64,
+    /// Seed of the training, and of the rehearsal's rig
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// The daemon's program [default: beside this one, or on the PATH]
+    #[arg(long, value_name = "PROGRAM")]
+    controller: Option<PathBuf>,
+    /// Print adapt.json instead of a summary
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(args: &AdaptArgs) -> Result<(), Failure> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::Signals)?;
+    }
+    let mut terminal = Terminal::new(stop);
+    let programs = programs(args)?;
+    let mut outcome = if let Some(out) = &args.resume {
+        go(Adaptation::resume(out, programs, Box::new(GoesOn))?, out, &mut terminal)?
+    } else {
+        // clap asks for it.
+        let out = args.out.clone().unwrap_or_default();
+        match &args.config {
+            Some(config) => {
+                let config = absolute(config)?;
+                go(Adaptation::begin(settings(args, config), &out, programs, Box::new(GoesOn))?, &out, &mut terminal)?
+            }
+            None => rehearse(args, &out, programs, &mut terminal)?,
+        }
+    };
+    terminal.clear();
+    outcome.command = std::env::args().collect::<Vec<_>>().join(" ");
+    let out = args.resume.clone().or(args.out.clone()).unwrap_or_default();
+    outcome.write(&out)?;
+    if args.json {
+        stdout::say_json(&json!(outcome))?;
+    } else {
+        stdout::say(&format!("{}report: {}", outcome.text(), out.join("report.html").display()))?;
+    }
+    if outcome.is_better { Ok(()) } else { Err(Failure::NotBetter { kept: outcome.kept }) }
+}
+
+/// Runs it, and says where to go on where it fails.
+fn go(mut adaptation: Adaptation, out: &Path, terminal: &mut Terminal) -> Result<Outcome, Failure> {
+    adaptation.go(terminal).map_err(|error| {
+        terminal.clear();
+        Failure::Adapt { error, out: out.display().to_string() }
+    })
+}
+
+fn rehearse(args: &AdaptArgs, out: &Path, programs: Programs, terminal: &mut Terminal) -> Result<Outcome, Failure> {
+    let rig = match &args.rig {
+        Some(rig) => rig_file::load(rig)?,
+        None => draw_rig(args.seed)?,
+    };
+    let began = Instant::now();
+    let folder = absolute(&out.join("rehearsal"))?;
+    let rehearsal = Rehearsal::start(&rig, args.seed, &folder, &programs, terminal)?;
+    let mut settings = settings(args, rehearsal.config().to_owned());
+    // Nobody is hurt here.
+    settings.experiments = Experiments::Allowed;
+    let adaptation = Adaptation::begin(settings, out, programs, rehearsal.pausable())?;
+    let mut outcome = go(adaptation, out, terminal)?;
+    outcome.concealed = Some(concealed(&rig));
+    tell(&format!(
+        "rehearsed in {:.0} s; the daemon's recordings are in {}",
+        began.elapsed().as_secs_f64(),
+        folder.display()
+    ));
+    Ok(outcome)
+}
+
+fn settings(args: &AdaptArgs, config: PathBuf) -> AdaptSettings {
+    AdaptSettings {
+        fly_seconds: f64::from(args.fly_seconds),
+        diagnose_seconds: f64::from(args.diagnose_seconds),
+        search: if args.thorough { Search::Whole } else { Search::Quick },
+        experiments: if args.allow_experiment { Experiments::Allowed } else { Experiments::Ask },
+        train_steps: args.train_steps,
+        train_seconds: args.train_seconds,
+        verdict_seconds: args.verdict_seconds,
+        seed: args.seed,
+        ..AdaptSettings::new(config)
+    }
+}
+
+fn absolute(path: &Path) -> Result<PathBuf, AdaptError> {
+    std::path::absolute(path).map_err(|error| AdaptError::file(path, error))
+}
+
+/// This program, and the daemon's beside it or on the PATH.
+fn programs(args: &AdaptArgs) -> Result<Programs, AdaptError> {
+    let here = |error| AdaptError::file(Path::new("trainer"), format!("does not know where it is: {error}"));
+    let trainer = std::env::current_exe().map_err(here)?;
+    let beside = trainer.with_file_name("controller");
+    let found = if beside.is_file() { beside } else { PathBuf::from("controller") };
+    Ok(Programs { controller: args.controller.clone().unwrap_or(found), trainer })
+}
+
+const BAR_EVERY: Duration = Duration::from_millis(200);
+const LINE_EVERY: Duration = Duration::from_secs(15);
+const COLUMNS: usize = 79;
+
+/// Steps, commands, and what is being waited for; on a terminal the last in one line that is written over.
+struct Terminal {
+    stop: Arc<AtomicBool>,
+    terminal: bool,
+    step: String,
+    began: Instant,
+    next: Instant,
+    is_shown: bool,
+}
+
+impl Terminal {
+    fn new(stop: Arc<AtomicBool>) -> Self {
+        let now = Instant::now();
+        let terminal = std::io::stderr().is_terminal();
+        Terminal { stop, terminal, step: String::new(), began: now, next: now + LINE_EVERY, is_shown: false }
+    }
+
+    fn clear(&mut self) {
+        if std::mem::take(&mut self.is_shown) {
+            write("\r\x1b[K");
+        }
+    }
+}
+
+impl Console for Terminal {
+    fn step(&mut self, number: usize, of: usize, what: &str) {
+        self.clear();
+        self.step = format!("{number}/{of}");
+        write(&format!("\n[{} {}] {what}\n", self.step, clock(self.began.elapsed())));
+    }
+
+    fn command(&mut self, command: &str) {
+        self.clear();
+        write(&format!("$ {command}\n"));
+    }
+
+    fn say(&mut self, text: &str) {
+        self.clear();
+        tell(text);
+    }
+
+    fn waiting(&mut self, what: &str, elapsed: Duration, most: Option<Duration>) {
+        let now = Instant::now();
+        if now < self.next {
+            return;
+        }
+        let most = most.map_or(String::new(), |most| format!(" of at most {}", clock(most)));
+        let spent = if elapsed.is_zero() { String::new() } else { format!(", {}{most}", clock(elapsed)) };
+        let line = format!("[{} {}] {what}{spent}", self.step, clock(self.began.elapsed()));
+        if self.terminal {
+            let line: String = line.chars().take(COLUMNS).collect();
+            write(&format!("\r\x1b[K{line}"));
+            self.is_shown = true;
+            self.next = now + BAR_EVERY;
+        } else {
+            write(&format!("{line}\n"));
+            self.next = now + LINE_EVERY;
+        }
+    }
+
+    fn stop(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    fn ask(&mut self, question: &str) -> bool {
+        if !std::io::stdin().is_terminal() || !self.terminal {
+            return false;
+        }
+        self.clear();
+        write(&format!("{question} [y/N] "));
+        let mut answer = String::new();
+        std::io::stdin().lock().read_line(&mut answer).is_ok() && answer.trim().eq_ignore_ascii_case("y")
+    }
+}
+
+/// Minutes and seconds: `1:07`.
+fn clock(time: Duration) -> String {
+    format!("{}:{:02}", time.as_secs() / 60, time.as_secs() % 60)
+}
+
+fn write(text: &str) {
+    // What cannot be shown is no reason to stop the work.
+    let _ = std::io::stderr().lock().write_all(text.as_bytes());
+}

@@ -1,0 +1,236 @@
+//! `trainer finetune`: the paper's sim-to-real transfer, on transitions of the running daemon.
+
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use ::finetune::{FinetuneCallback, FinetuneRun, FinetuneSettings, Progress, Source, Status};
+use clap::Args;
+use serde_json::json;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use training::{PolicyStart, TrainingError};
+
+use crate::failure::{Failure, tell};
+use crate::stdout;
+use crate::train::MOST_THREADS;
+
+/// Goes on training a policy on the running rig: Soft Actor-Critic with smooth actions on what the daemon records.
+///
+/// The paper's sim-to-real transfer (Table IV). Transitions are read from the recordings, also from the one that is
+/// being written; the daemon notices nothing of it. Every so often a policy is published into the watched folder, and
+/// the daemon examines it, ramps it up or refuses it, and goes back by itself. So many updates follow each tick, so
+/// the result depends on the recordings, the settings and the seed alone. The mean action explores nothing: switch on
+/// `controller explore on` meanwhile. Ctrl-C writes a checkpoint within two seconds; --resume goes on.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  trainer finetune --recordings recordings --from policies/default.onnx --publish policies --out runs/transfer
+  trainer finetune --resume runs/transfer
+  trainer finetune --offline --recordings recordings --from policies/default.onnx --publish out --out runs/again")]
+pub(crate) struct FinetuneArgs {
+    /// Folder that the daemon records into (record.directory)
+    #[arg(long, value_name = "DIR", required_unless_present = "resume")]
+    recordings: Option<PathBuf>,
+    /// Policy to begin from: the ONNX file that controls, or the folder of a run
+    #[arg(long, value_name = "POLICY", required_unless_present = "resume")]
+    from: Option<PathBuf>,
+    /// Folder to publish into: the daemon's policy.directory
+    #[arg(long, value_name = "DIR", required_unless_present = "resume")]
+    publish: Option<PathBuf>,
+    /// Folder of the new run
+    #[arg(long, value_name = "DIR", required_unless_present = "resume")]
+    out: Option<PathBuf>,
+    /// Folder of a run to go on with
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["recordings", "from", "publish", "out", "seed", "updates_per_tick", "publish_every", "warm_up", "name"])]
+    resume: Option<PathBuf>,
+    /// Use the recordings that are there, and end with them, instead of waiting for more
+    #[arg(long)]
+    offline: bool,
+    /// Ticks to learn from, instead of the paper's (102400, 34 min)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
+    steps: Option<u64>,
+    /// Updates after each tick
+    #[arg(long, value_name = "N", default_value_t = FinetuneSettings::UPDATES_PER_TICK, value_parser = clap::value_parser!(u64).range(1..=100))]
+    updates_per_tick: u64,
+    /// Ticks between two published policies
+    #[arg(long, value_name = "N", default_value_t = FinetuneSettings::PUBLISH_EVERY_STEPS, value_parser = clap::value_parser!(u64).range(1..))]
+    publish_every: u64,
+    /// First ticks in which the critics alone learn
+    #[arg(long, value_name = "N", default_value_t = FinetuneSettings::CRITIC_WARM_UP_STEPS)]
+    warm_up: u64,
+    /// How published files' names begin
+    #[arg(long, value_name = "NAME", default_value = "finetuned", value_parser = name)]
+    name: String,
+    /// Seed
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Threads that learn; the result is the same with any number (all cores but one, 4 at most)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=64))]
+    threads: Option<u64>,
+    /// Print the summary as one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Least claim on the processor: the daemon's thread and everything else comes first.
+const NICEST: i32 = 19;
+
+/// A name that the watched folder takes.
+fn name(text: &str) -> Result<String, String> {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
+    match !text.is_empty() && !text.starts_with('.') && text.chars().all(is_plain) {
+        true => Ok(text.to_owned()),
+        false => Err("letters, digits, `.`, `_` and `-`, no dot in front".to_owned()),
+    }
+}
+
+pub(crate) fn run(args: &FinetuneArgs) -> Result<(), Failure> {
+    let (stop, kept) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
+    for signal in [SIGINT, SIGTERM] {
+        // A second signal ends the program at once, but not before the checkpoint of the first is written.
+        signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&kept)).map_err(Failure::Signals)?;
+        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::Signals)?;
+    }
+    if rustix::process::nice(NICEST).is_err() {
+        tell("runs at the usual priority: the system does not let it step back");
+    }
+    let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
+    let spare = cores.saturating_sub(usize::from(!args.offline)).clamp(1, MOST_THREADS);
+    let threads = args.threads.map_or(spare, |n| usize::try_from(n).unwrap_or(1));
+    let mut run = begin(args, threads)?;
+    let source = if args.offline { Source::Recordings } else { Source::Daemon };
+    let mut bar = Bar { stop, kept, terminal: std::io::stderr().is_terminal(), next: Instant::now(), is_shown: false };
+    let ended = run.go(source, &mut bar)?;
+    bar.clear();
+    let summary = run.summary();
+    if args.json {
+        return stdout::say_json(&json!(summary));
+    }
+    let folder = run.files().folder().display();
+    let mut text = match ended {
+        Status::Finished => format!("{} ticks learned from", summary.steps),
+        Status::UsedUp => format!(
+            "{} of {} ticks learned from, the recordings are used up; go on with more: trainer finetune --offline --resume {folder}",
+            summary.steps, summary.steps_planned
+        ),
+        Status::Stopped => format!(
+            "stopped after {} of {} ticks, kept; go on with: trainer finetune --resume {folder}",
+            summary.steps, summary.steps_planned
+        ),
+    };
+    text += &format!(
+        "\n{} updates in {:.0} s, lambda_T {:.3}; error of the last 20 s {:.3}/{:.3} kPa\n",
+        summary.updates, summary.wall_s, summary.lambda_temporal, summary.rmse_kpa[0], summary.rmse_kpa[1]
+    );
+    let tally = &summary.tally;
+    text += &format!(
+        "{} ticks read; {} of {} observations are to the bit what the daemon's policy was shown\n",
+        tally.ticks, tally.same_observations, tally.compared_observations
+    );
+    for (reason, count) in &tally.left_out {
+        text += &format!("left out: {count} {reason}\n");
+    }
+    if let Some(last) = &summary.last_published {
+        text += &format!("published last: {}", run.settings().publish.join(last).display());
+    }
+    stdout::say(text.trim_end())
+}
+
+fn begin(args: &FinetuneArgs, threads: usize) -> Result<FinetuneRun, Failure> {
+    if let Some(folder) = &args.resume {
+        return Ok(FinetuneRun::resume(folder, args.steps, threads)?);
+    }
+    // clap asks for all of them.
+    let missing = || Failure::Learner("--recordings, --from, --publish and --out are needed".to_owned());
+    let [recordings, from, publish, out] =
+        [&args.recordings, &args.from, &args.publish, &args.out].map(|path| path.as_deref().ok_or_else(missing));
+    let (recordings, from, publish, out) = (recordings?, from?, publish?, out?);
+    for folder in [recordings, publish] {
+        if !folder.is_dir() {
+            return Err(TrainingError::file(
+                folder,
+                "is no folder; give the daemon's own (record.directory, policy.directory)",
+            )
+            .into());
+        }
+    }
+    let start = PolicyStart::load(from)?;
+    let settings = FinetuneSettings {
+        recordings: absolute(recordings)?,
+        publish: absolute(publish)?,
+        name: args.name.clone(),
+        from_crc32c: start.crc32c(),
+        steps: args.steps.unwrap_or(FinetuneSettings::PAPER_STEPS),
+        updates_per_tick: args.updates_per_tick,
+        publish_every_steps: args.publish_every,
+        critic_warm_up_steps: args.warm_up,
+        lambda_temporal: FinetuneSettings::PAPER_LAMBDA,
+        seed: args.seed,
+    };
+    Ok(FinetuneRun::begin(settings, &start, out, threads)?)
+}
+
+fn absolute(path: &Path) -> Result<PathBuf, Failure> {
+    std::path::absolute(path).map_err(|error| TrainingError::file(path, &format!("has no place: {error}")).into())
+}
+
+const BAR_EVERY: Duration = Duration::from_millis(200);
+const LINE_EVERY: Duration = Duration::from_secs(15);
+const BAR_WIDTH: usize = 20;
+
+/// How far it is: one bar over all ticks on a terminal, plain lines elsewhere.
+struct Bar {
+    stop: Arc<AtomicBool>,
+    kept: Arc<AtomicBool>,
+    terminal: bool,
+    next: Instant,
+    is_shown: bool,
+}
+
+impl Bar {
+    /// Leaves a clean line.
+    fn clear(&mut self) {
+        if std::mem::take(&mut self.is_shown) {
+            write("\r\x1b[K");
+        }
+    }
+}
+
+impl FinetuneCallback for Bar {
+    fn progress(&mut self, p: &Progress) {
+        if Instant::now() < self.next {
+            return;
+        }
+        let percent = 100 * p.steps / p.steps_planned.max(1);
+        let [pos, neg] = p.rmse_kpa;
+        let figures = format!("{}, {:.0} updates/s, RMSE {pos:.3}/{neg:.3} kPa", p.doing, p.updates_per_s);
+        if self.terminal {
+            let full = BAR_WIDTH * usize::try_from(percent.min(100)).unwrap_or(100) / 100;
+            write(&format!("\r\x1b[K[{}{}] {percent:3} % {figures}", "#".repeat(full), "-".repeat(BAR_WIDTH - full)));
+            self.is_shown = true;
+            self.next = Instant::now() + BAR_EVERY;
+        } else {
+            write(&format!("tick {} of {}: {figures}\n", p.steps, p.steps_planned));
+            self.next = Instant::now() + LINE_EVERY;
+        }
+    }
+
+    fn stop(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    fn is_kept(&mut self) {
+        self.kept.store(true, Ordering::Relaxed);
+    }
+
+    fn say(&mut self, text: &str) {
+        self.clear();
+        tell(text);
+    }
+}
+
+fn write(text: &str) {
+    // Progress that cannot be shown is no reason to stop the work.
+    let _ = std::io::stderr().lock().write_all(text.as_bytes());
+}
