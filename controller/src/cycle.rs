@@ -18,7 +18,7 @@ use monitor::{Frame, Monitor, SentCommand};
 use policy::Policy;
 use proto::recording::TickRecord;
 use proto::reference::Reference;
-use proto::wire::{CrioState, Sense, TripBits};
+use proto::wire::{CrioState, Mode, Sense, TripBits};
 use safety_filter::{Envelope, Intervention, SafetyFilter, SlewLimit};
 use supervisor::transition::Acknowledgement;
 use supervisor::{
@@ -181,9 +181,9 @@ impl<H: DutySource> Cycle<H> {
         &self.monitor
     }
 
-    /// The plausibility monitor, to exchange its model at a tick's edge.
-    pub fn monitor_mut(&mut self) -> &mut Monitor {
-        &mut self.monitor
+    /// The tick of the newest frame.
+    pub fn tick(&self) -> u32 {
+        self.tick
     }
 
     /// Whether the rig can be armed now.
@@ -313,6 +313,8 @@ impl<H: DutySource> Cycle<H> {
 
     /// Still without a session: requests of the operator are taken.
     pub fn waiting(&mut self, tell: NoticeSink<'_>) {
+        // Without frames nothing is seen to hold; what waits for a person is remembered.
+        self.conditions = std::mem::take(&mut self.reported);
         self.advance_state(Tick::Waiting, tell);
     }
 
@@ -390,7 +392,7 @@ impl<H: DutySource> Cycle<H> {
     /// # Real-time
     /// Runs in the tick; five ticks of the model.
     pub fn predict(&mut self, record: &mut TickRecord) {
-        self.duty_source.exchange_model(&mut self.filter, record);
+        self.duty_source.exchange_model(&mut self.filter, &mut self.monitor, record);
         if self.state().is_controlling() {
             self.duty_source.predict(self.measured, self.answer.duty, record);
         }
@@ -439,7 +441,7 @@ impl<H: DutySource> Cycle<H> {
         let duty = std::array::from_fn(|c| {
             wanted.duty[c].clamp(last.duty[c] - HOLD_SLEW_DUTY, last.duty[c] + HOLD_SLEW_DUTY).clamp(0.0, 1.0)
         });
-        ActuatorCommand { duty, ..wanted }
+        ActuatorCommand { duty, mode: Mode::Hold, ..wanted }
     }
 
     /// The command that may be sent in place of the one that was asked for: the one place between whatever decides and the
@@ -479,7 +481,8 @@ impl<H: DutySource> Cycle<H> {
         self.advance_state(Tick::Missing, tell);
         if self.action.is_some_and(|action| action.actuation == Actuation::Plan) {
             tell(Notice::FrameMissed { tick: self.tick, late_ms });
-            let bridged = self.duty_source.bridge(self.tick);
+            // The plan was made to be followed, so its duties move as it says.
+            let bridged = ActuatorCommand { mode: Mode::Hold, ..self.duty_source.bridge(self.tick) };
             self.answer = self.filtered(bridged, record, tell);
         }
         self.note_answer(record)
@@ -636,8 +639,6 @@ impl<H: DutySource> Cycle<H> {
 
 #[cfg(test)]
 mod tests {
-    use proto::wire::Mode;
-
     use super::*;
 
     fn sense(tick: u32, volts: [f32; 2], state: CrioState, trips: TripBits) -> Sense {
@@ -717,7 +718,7 @@ mod tests {
         }
         let (mut record, mut told) = (TickRecord::default(), Vec::new());
         let bridged = cycle.frame_missing(26.0, &mut record, &mut |notice| told.push(notice));
-        assert_eq!((bridged.mode, record.tick), (Mode::Run, 26));
+        assert_eq!((bridged.mode, record.tick), (Mode::Hold, 26));
         let vented = cycle.frame_missing(46.0, &mut record, &mut |notice| told.push(notice));
         assert_eq!((vented, record.tick), (ActuatorCommand::VENT, 27));
         assert!(matches!(

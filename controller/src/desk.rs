@@ -19,7 +19,7 @@ use crate::experiment_desk::{self, ExperimentDesk};
 use crate::experiment_log::ExperimentLog;
 use crate::exploration_desk;
 use crate::mailbox::{Fate, OperatorMailbox, Request, Status, Ticket};
-use crate::operator_protocol::{Ask, EFFECT_TIME, Reply, Running, Switch};
+use crate::operator_protocol::{Ask, EFFECT_TIME, READ_TIME, Reply, Running, Switch, WORK_TIME};
 use crate::peer::Peer;
 use crate::policy_service::PolicyHandle;
 use crate::reference_limits::{self, Margin};
@@ -27,11 +27,6 @@ use crate::reload::Reloaded;
 use crate::run_file::attached;
 use crate::session_recorder::attachment;
 use crate::state::State;
-
-/// Time that reading and checking a reference may take.
-const READ_TIME: Duration = Duration::from_millis(1500);
-/// Time that loading a policy or comparing a model may take on a busy machine.
-const WORK_TIME: Duration = Duration::from_secs(35);
 
 /// What an operator may do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -137,7 +132,7 @@ pub enum Step {
 
 /// Whether the valves are being controlled.
 fn controls(status: &Status) -> bool {
-    State::from_code(status.state).is_some_and(State::is_controlling)
+    status.state.is_controlling()
 }
 
 impl Desk {
@@ -155,22 +150,23 @@ impl Desk {
             Err(error) => return self.done(Err(format!("not a request: {error}"))),
         };
         let asked_ns = now_ns();
-        let pending = |what, within| Step::Pending(Pending { what, peer, asked_ns, until: Instant::now() + within });
+        let until = Instant::now() + ask.answer_time();
+        let pending = |what| Step::Pending(Pending { what, peer, asked_ns, until });
         match ask {
             Ask::Status {} => self.done(Ok(())),
             Ask::Policies {} => self.list_policies(),
             _ if self.comes_between(&ask) => self.done(Err(UNDER_WAY.to_owned())),
             Ask::Arm {} => match self.start_arming() {
-                Ok(ticket) => pending(What::Arm(ticket), EFFECT_TIME),
+                Ok(ticket) => pending(What::Arm(ticket)),
                 Err(why) => self.over("arm", peer, Err(why)),
             },
             Ask::Acknowledge {} => match self.start_acknowledging() {
-                Ok(ticket) => pending(What::Acknowledge(ticket), EFFECT_TIME),
+                Ok(ticket) => pending(What::Acknowledge(ticket)),
                 Err(why) => self.over("acknowledge", peer, Err(why)),
             },
             Ask::Disarm {} => {
                 self.options.mailbox.disarm();
-                pending(What::Disarm, EFFECT_TIME)
+                pending(What::Disarm)
             }
             Ask::Swap { name } => {
                 self.aside(format!("swap {name}"), peer, move |handle, who| handle.policies.swap(&name, who))
@@ -186,7 +182,7 @@ impl Desk {
                 self.aside(format!("model {}", file.display()), peer, move |handle, _| handle.models.change(&file))
             }
             Ask::Explore { switch, seed } => match self.start_exploring(switch, seed) {
-                Ok(ticket) => pending(What::Explore { ticket, switch }, EFFECT_TIME),
+                Ok(ticket) => pending(What::Explore { ticket, switch }),
                 Err(why) => self.over("explore", peer, Err(why)),
             },
             Ask::Experiment { file, csv } => {
@@ -194,7 +190,8 @@ impl Desk {
                 match self.start_experiment(&name, csv) {
                     Ok(from) => {
                         self.working = true;
-                        pending(What::Checking { from, name }, WORK_TIME)
+                        let until = Instant::now() + WORK_TIME;
+                        Step::Pending(Pending { what: What::Checking { from, name }, peer, asked_ns, until })
                     }
                     Err(why) => self.over(&format!("experiment {name}"), peer, Err(why)),
                 }
@@ -205,7 +202,10 @@ impl Desk {
             Ask::Reference { file, csv } => match read_aside(file.clone(), csv) {
                 Ok(from) => {
                     self.reading = true;
-                    pending(What::Reading { from, name: file.display().to_string() }, READ_TIME)
+                    // Of its time the tick's part comes after reading.
+                    let until = Instant::now() + READ_TIME;
+                    let what = What::Reading { from, name: file.display().to_string() };
+                    Step::Pending(Pending { what, peer, asked_ns, until })
                 }
                 Err(why) => self.over("reference", peer, Err(why)),
             },
@@ -438,9 +438,9 @@ impl Desk {
     /// Why none can begin now: it begins from standing by or from control, and it is recorded.
     fn why_no_experiment(&self) -> Option<String> {
         let Some(status) = self.live_status() else { return Some(self.no_session()) };
-        let ready = status.state == State::Run.code() || status.can_arm;
+        let ready = status.state == State::Run || status.can_arm;
         if !ready {
-            let name = State::name(status.state);
+            let name = status.state.as_str();
             return Some(format!(
                 "it is {name}; an experiment begins while it stands by and can be armed, or controls (`controller status`)"
             ));
@@ -554,7 +554,7 @@ impl Desk {
 
     fn start_acknowledging(&mut self) -> Result<Ticket, String> {
         // Also without a session: a trip of the cRIO that waits for a person bars the next one.
-        if self.newest.is_none_or(|(status, _)| status.latched == 0) {
+        if self.newest.is_none_or(|(status, _)| status.latched.is_none()) {
             return Err("nothing waits to be acknowledged".to_owned());
         }
         let until_ns = now_ns().saturating_add(EFFECT_TIME.as_nanos() as u64);
@@ -564,15 +564,18 @@ impl Desk {
 
     /// Whether acknowledging is over, and how; `None` while it may still go either way.
     fn acknowledging(&self, ticket: Ticket, late: bool) -> Option<Result<(), String>> {
-        let waits = self.newest.map_or(0, |(status, _)| status.latched);
+        let waits = self.newest.and_then(|(status, _)| status.latched);
         match self.options.mailbox.fate(ticket) {
-            Fate::Taken if waits == 0 => Some(Ok(())),
-            Fate::Taken if late => {
-                Some(Err(format!("`{}` still holds, and goes on waiting", crate::notice::fault_name(waits))))
-            }
-            Fate::Waiting | Fate::Taken if !late => None,
+            Fate::Taken => match waits {
+                None => Some(Ok(())),
+                Some(condition) if late => {
+                    Some(Err(format!("`{}` still holds, and goes on waiting", condition.name())))
+                }
+                Some(_) => None,
+            },
+            Fate::Waiting if !late => None,
             Fate::Waiting if !self.options.mailbox.withdraw(ticket) => Some(Ok(())),
-            Fate::Waiting | Fate::Taken | Fate::Withdrawn => Some(Err("no tick took it in time; try again".to_owned())),
+            Fate::Waiting | Fate::Withdrawn => Some(Err("no tick took it in time; try again".to_owned())),
         }
     }
 
@@ -583,16 +586,16 @@ impl Desk {
         if controls(&status) {
             return Err("it is armed already".to_owned());
         }
-        if status.latched != 0 {
-            let what = crate::notice::fault_name(status.latched);
+        if let Some(condition) = status.latched {
+            let what = condition.name();
             return Err(format!("`{what}` waits for `controller acknowledge`; look at it first, then arm"));
-        }
-        if !status.can_arm {
-            let name = State::name(status.state);
-            return Err(format!("it is {name} and cannot be armed yet; `controller status` tells why"));
         }
         if let Some(problem) = self.options.health.why_not_arm() {
             return Err(format!("it would not be recorded: {problem}"));
+        }
+        if !status.can_arm {
+            let name = status.state.as_str();
+            return Err(format!("it is {name} and cannot be armed yet; `controller status` tells why"));
         }
         let until_ns = now_ns().saturating_add(EFFECT_TIME.as_nanos() as u64);
         self.options.mailbox.ask(Request::Arm, until_ns).ok_or_else(|| "too many requests wait; try again".to_owned())
@@ -722,7 +725,7 @@ impl Desk {
         Reply {
             ok: outcome.is_ok(),
             error: outcome.err(),
-            state: live.map_or("connecting", |s| State::name(s.state)).to_owned(),
+            state: live.map_or(State::Connect, |s| s.state),
             // Without a session the last readings are history: nothing is followed, nothing can be armed.
             status: live.or(self.newest.map(|(s, _)| Status { can_arm: false, reference_kpa: None, ..s })),
             age_ms: self.age().map(|age| u64::try_from(age.as_millis()).unwrap_or(u64::MAX)),

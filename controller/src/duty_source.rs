@@ -8,6 +8,7 @@
 
 use handover::{ExplorationRules, ExplorationShown};
 use model::observation::Pair;
+use monitor::Monitor;
 use proto::recording::{EventLevel, TickRecord};
 use proto::reference::Reference;
 use proto::wire::Mode;
@@ -126,9 +127,10 @@ pub trait DutySource: Send {
     /// Whether one session is all there is: a lost link then ends the flight.
     const ONE_SESSION: bool;
 
-    /// Puts in another model where one waits, the safety filter's with it; at the beginning of a tick.
-    fn exchange_model(&mut self, filter: &mut SafetyFilter, record: &mut TickRecord) {
-        let _ = (filter, record);
+    /// Puts in another model where one waits, those of the safety filter and of the monitor with it; before anything is
+    /// decided in a tick.
+    fn exchange_model(&mut self, filter: &mut SafetyFilter, monitor: &mut Monitor, record: &mut TickRecord) {
+        let _ = (filter, monitor, record);
     }
 
     /// Looks at a sound frame, armed or not.

@@ -12,8 +12,8 @@ use crate::state::State;
 /// Why exploration cannot begin now, one line; `None` where it can. The tick has the last word.
 pub fn why_not(status: Option<&Status>, policies: &PolicyHandle) -> Option<String> {
     let Some(status) = status else { return Some("no session with the cRIO".to_owned()) };
-    if status.state != State::Run.code() {
-        let name = State::name(status.state);
+    if status.state != State::Run {
+        let name = status.state.as_str();
         return Some(format!("it is {name}; exploration needs the rig under control (`controller arm`)"));
     }
     if policies.policies.active().0 == FALLBACK {

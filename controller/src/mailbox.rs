@@ -12,6 +12,7 @@ use crossbeam::queue::ArrayQueue;
 use handover::{ExplorationRules, ExplorationShown};
 use proto::reference::Reference;
 use serde::{Deserialize, Serialize};
+use supervisor::{Condition, State};
 
 use crate::clock::now_ns;
 use crate::duty_source::ExperimentProgress;
@@ -28,13 +29,14 @@ const MOST_PLAYED: usize = 2;
 /// What the daemon is doing, as of the newest tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Status {
-    /// State, as [`supervisor::State`] numbers it: 0 standby, 1 run, 2 vented, 3 hold, 4 revert, 5 fault, 6 connecting.
-    pub state: u8,
-    /// Condition behind `vented`, `fault` or the end of the last session, 0 for none ([`supervisor::Condition`]).
-    pub fault: u16,
-    /// Worst condition that waits for `controller acknowledge`, 0 for none.
-    #[serde(default)]
-    pub latched: u16,
+    /// The state.
+    pub state: State,
+    /// Condition behind `vented`, `fault` or the end of the last session.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fault: Option<Condition>,
+    /// Worst condition that waits for `controller acknowledge`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub latched: Option<Condition>,
     /// When the newest frame came, ns of the daemon's monotonic clock; 0 before the first. The pressures are that old.
     #[serde(default)]
     pub received_ns: u64,

@@ -1,4 +1,4 @@
-//! Another model behind predictions, feed-forward and safety filter, put in at a tick's edge.
+//! Another model behind predictions, feed-forward, safety filter and monitor, put in at a tick's edge.
 //!
 //! `controller model FILE` compiles a rig off the tick, compares its predictions with those of the model in force on the
 //! last minutes of the run, and hands all that is made of it to the tick in one box; what was in force goes back in the
@@ -12,8 +12,9 @@ use std::time::{Duration, Instant};
 use admission::model_comparison::{Sample, compare, warmed};
 use crossbeam::queue::ArrayQueue;
 use model::predict::Predictor;
-use model::rig::Rig;
+use model::rig::{Rig, RigError};
 use model::steady::SteadyMap;
+use monitor::MonitorModels;
 use proto::emulator::rig_and_crio;
 use safety_filter::{Envelope, SafetyFilter, SlewLimit};
 
@@ -23,6 +24,8 @@ use crate::sensing::Sensing;
 const SAMPLES: usize = 8192;
 /// The newest of them that are compared: a minute takes some seconds of computing.
 const COMPARED: usize = 3000;
+/// The newest samples that the monitor's models run along with before they are put in: 10 s, in which observers settle.
+const FOLLOWED: usize = 500;
 /// How long the tick may take to put a model in.
 const PATIENCE: Duration = Duration::from_secs(2);
 
@@ -34,6 +37,8 @@ pub struct ModelChange {
     pub map: Arc<SteadyMap>,
     /// The safety filter.
     pub filter: SafetyFilter,
+    /// What the monitor holds readings against.
+    pub monitor: MonitorModels,
 }
 
 /// The tick's end.
@@ -134,6 +139,7 @@ impl ModelDesk {
             map: Arc::new(SteadyMap::new(&rig).map_err(unfit)?),
             // The tick puts the limits of the filter in force into it.
             filter: SafetyFilter::new(&rig, Envelope::DEFAULT, SlewLimit::DEFAULT).map_err(unfit)?,
+            monitor: monitor_models(&rig, &run).map_err(unfit)?,
         };
         self.hand_over(change)?;
         let new = rig.name.clone();
@@ -171,4 +177,13 @@ impl ModelDesk {
             None => Ok(()),
         }
     }
+}
+
+/// The monitor's models, having run along with the newest samples.
+fn monitor_models(rig: &Rig, run: &[Sample]) -> Result<MonitorModels, RigError> {
+    let mut models = MonitorModels::new(rig)?;
+    for sample in run.iter().skip(run.len().saturating_sub(FOLLOWED)) {
+        models.follow(sample.measured_kpa, sample.duty, sample.pump_on);
+    }
+    Ok(models)
 }

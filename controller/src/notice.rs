@@ -101,6 +101,11 @@ pub enum Notice {
         /// Of the last hundred.
         missing: u32,
     },
+    /// It does not arm by itself, for nothing would be recorded.
+    NotRecorded {
+        /// Tick.
+        tick: u32,
+    },
     /// What caused the venting is over.
     Recovered {
         /// Tick.
@@ -203,6 +208,7 @@ impl Notice {
                 (16, [f64::from(tick), f64::from(condition.code()), value, 0.0])
             }
             Notice::FramesScarce { tick, missing } => (17, [f64::from(tick), f64::from(missing), 0.0, 0.0]),
+            Notice::NotRecorded { tick } => (30, [f64::from(tick), 0.0, 0.0, 0.0]),
             Notice::Recovered { tick } => (4, [f64::from(tick), 0.0, 0.0, 0.0]),
             Notice::FrameMissed { tick, late_ms } => (5, [f64::from(tick), late_ms, 0.0, 0.0]),
             Notice::DeadlineMissed { tick, took_ms, cause } => {
@@ -222,7 +228,7 @@ impl Notice {
         };
         let level = match code {
             100.. => EventLevel::Error,
-            5..=8 | 11 | 13 | 16 | 17 | 20 | 24 => EventLevel::Warning,
+            5..=8 | 11 | 13 | 16 | 17 | 20 | 24 | 30 => EventLevel::Warning,
             _ => EventLevel::Info,
         };
         Event { at_ns, level, part: "tick", code, values }
@@ -281,6 +287,9 @@ pub fn fault_text(code: u16, value: f64) -> String {
             format!("{value:.0} of the last 100 frames did not come in time; look at the link and its load")
         }
         C::NotRealtime => "real-time rights are missing, and realtime.enforce = true asks for them".to_owned(),
+        C::NotRecorded => {
+            "nothing would be recorded; `controller status` says what is wrong with the recording".to_owned()
+        }
         C::FrameMissing | C::FramesMissing => format!("no frame for {value:.0} ms"),
         C::FrameImplausible => format!("a frame's numbering cannot be right ({value:.0})"),
         C::DeadlineMissed => format!("a command left {value:.1} ms after its frame was due"),
@@ -402,6 +411,7 @@ pub fn sentence(event: &Event) -> String {
         15 => format!("acknowledged {at}; arm when you are ready"),
         16 => format!("acknowledged {at}, but it still holds: {}", fault_text(b as u16, c)),
         17 => format!("{} {at}", fault_text(Condition::FramesScarce.code(), b)),
+        30 => format!("not armed by itself {at}: {}", fault_text(Condition::NotRecorded.code(), 0.0)),
         18 => format!("the session ended {at}: {}; the rig stays vented", fault_name(b as u16)),
         code @ 101..=199 => {
             let fault = code - 100;

@@ -15,15 +15,18 @@ use socket2::{Domain, SockAddr, Socket, Type};
 
 use crate::experiment_desk::ExperimentView;
 use crate::mailbox::Status;
+use crate::state::State;
 
 /// Time that a whole request may take to come.
 pub const REQUEST_TIME: Duration = Duration::from_millis(1000);
 /// Time that a request may take from the tick's next look to its effect.
 pub const EFFECT_TIME: Duration = Duration::from_millis(500);
-/// Time that a client waits for its whole answer: request and effect, and as much again for a busy machine.
-const CLIENT_PATIENCE: Duration = Duration::from_millis(3000);
-/// Time that a client waits where policies are loaded or models compared on a busy machine.
-const WORK_PATIENCE: Duration = Duration::from_secs(40);
+/// Time that reading and checking a reference may take.
+pub const READ_TIME: Duration = Duration::from_millis(1500);
+/// Time that loading a policy or comparing a model may take on a busy machine.
+pub const WORK_TIME: Duration = Duration::from_secs(35);
+/// Time that a client waits beyond the last moment at which the daemon answers: for a busy machine.
+const CLIENT_SLACK: Duration = Duration::from_millis(1500);
 /// Bytes that a request may have; a reference of an hour, row by row, is 5 MB.
 pub const MOST_REQUEST_BYTES: usize = 8 << 20;
 /// Bytes that an answer may have.
@@ -90,6 +93,23 @@ pub enum Switch {
     Off,
 }
 
+impl Ask {
+    /// Time in which the daemon answers once the request is there, whatever comes of it.
+    pub fn answer_time(&self) -> Duration {
+        match self {
+            Ask::Status {} | Ask::Policies {} | Ask::Rollback {} => EFFECT_TIME,
+            Ask::Arm {} | Ask::Disarm {} | Ask::Acknowledge {} | Ask::Explore { .. } => EFFECT_TIME,
+            Ask::Reference { .. } => READ_TIME + EFFECT_TIME,
+            Ask::Swap { .. } | Ask::Model { .. } | Ask::Experiment { .. } => WORK_TIME + EFFECT_TIME,
+        }
+    }
+
+    /// Time that a client waits for its whole answer: always longer than the daemon takes.
+    fn patience(&self) -> Duration {
+        REQUEST_TIME + self.answer_time() + CLIENT_SLACK
+    }
+}
+
 /// An answer.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Reply {
@@ -98,9 +118,9 @@ pub struct Reply {
     /// Why not, one line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
-    /// The state's name; `connecting` without a session.
+    /// The state; `connecting` without a session.
     #[serde(default)]
-    pub state: String,
+    pub state: State,
     /// The newest status; absent before the first tick.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub status: Option<Status>,
@@ -207,18 +227,14 @@ pub fn is_there(path: &Path) -> Result<bool, SocketError> {
     }
 }
 
-/// Asks a running daemon; gives up after three seconds, whatever it does.
+/// Asks a running daemon; gives up some time after a daemon that lives would have answered ([`Ask::answer_time`]).
 ///
 /// # Errors
 /// If nobody answers, or not sensibly.
 pub fn ask(path: &Path, ask: &Ask) -> Result<Reply, SocketError> {
     let silent = |source| SocketError::Silent { path: path.to_owned(), source };
     let nonsense = || SocketError::Nonsense { path: path.to_owned() };
-    let patience = match ask {
-        Ask::Swap { .. } | Ask::Model { .. } | Ask::Experiment { .. } => WORK_PATIENCE,
-        _ => CLIENT_PATIENCE,
-    };
-    let until = Instant::now() + patience;
+    let until = Instant::now() + ask.patience();
     let mut socket = connect(path).map_err(silent)?;
     let mut line = serde_json::to_string(ask).map_err(|_| nonsense())?;
     line.push('\n');

@@ -57,7 +57,7 @@ impl PlaybackReport {
         {
             self.not_applied += u32::from(!self.applied(&sent, tick));
         }
-        if tick.mode != Mode::Run.code() {
+        if tick.mode == Mode::Vent.code() {
             return;
         }
         self.rows += 1;

@@ -9,6 +9,7 @@ use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
 use model::predict::Predictor;
 use model::rig::{Rig, RigError};
 use model::steady::SteadyMap;
+use monitor::Monitor;
 use policy::Policy;
 use proto::recording::{LawParts, TickInput, TickRecord};
 use proto::reference::Reference;
@@ -56,10 +57,12 @@ impl ReferenceTracking {
     /// If the rig cannot be flown: unsound, or without the valves and sensors the controller needs.
     pub fn new(rig: &Rig, policy: Option<Policy>, reference: Reference) -> Result<Self, RigError> {
         let map = Arc::new(SteadyMap::new(rig)?);
+        let mut predictor = Predictor::new(rig)?;
+        predictor.restart([0.0; CHANNELS], VENT);
         let (tick_end, policies) = channel();
         let (models, model_desk) = model_change::ends(rig);
         Ok(ReferenceTracking {
-            predictor: Predictor::new(rig)?,
+            predictor,
             control: Arbiter::new(Arc::clone(&map), policy.map(Candidate::new), tick_end),
             policies,
             policy_event: None,
@@ -133,7 +136,7 @@ impl ReferenceTracking {
 impl DutySource for ReferenceTracking {
     const ONE_SESSION: bool = false;
 
-    fn exchange_model(&mut self, filter: &mut SafetyFilter, record: &mut TickRecord) {
+    fn exchange_model(&mut self, filter: &mut SafetyFilter, monitor: &mut Monitor, record: &mut TickRecord) {
         let Some(mut change) = self.models.take() else { return };
         TickInput::Model.append(&mut record.inputs);
         std::mem::swap(&mut self.predictor, &mut change.predictor);
@@ -142,16 +145,21 @@ impl DutySource for ReferenceTracking {
         std::mem::swap(&mut self.map, &mut change.map);
         change.filter.continue_from(filter);
         std::mem::swap(filter, &mut change.filter);
+        monitor.exchange_models(&mut change.monitor);
         self.models.retire(change);
     }
 
-    fn on_sample(&mut self, _seen: &SensorSample) -> ModeRequest {
+    /// Follows the vented rig, so that the model stands where the rig is when that is armed: starting it anew allocates.
+    fn on_sample(&mut self, seen: &SensorSample) -> ModeRequest {
+        if !seen.state.is_controlling() {
+            self.predictor.observe(seen.measured);
+            self.predictor.advance(VENT, false);
+        }
         ModeRequest::None
     }
 
     fn armed(&mut self, tick: u32, measured: Pair) {
         self.start_reference(tick, measured);
-        self.predictor.restart(measured, VENT);
         self.control.restart(VENT);
         self.trajectory = ActionTrajectory::held(VENT);
     }

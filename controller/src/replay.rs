@@ -157,9 +157,10 @@ impl Replayed {
 }
 
 /// Conditions that are found outside the tick and reach it as they are recorded.
-const FOUND_BY_LOOP: [Condition; 8] = [
+const FOUND_BY_LOOP: [Condition; 9] = [
     Condition::FramesScarce,
     Condition::NotRealtime,
+    Condition::NotRecorded,
     Condition::FrameImplausible,
     Condition::DeadlineMissed,
     Condition::FramesLost,

@@ -11,6 +11,7 @@
 use handover::{ExplorationRules, ExplorationShown};
 use model::observation::Pair;
 use model::rig::{Rig, RigError};
+use monitor::Monitor;
 use policy::Policy;
 use proto::recording::TickRecord;
 use proto::reference::Reference;
@@ -84,8 +85,8 @@ impl RunningSource {
 impl DutySource for RunningSource {
     const ONE_SESSION: bool = false;
 
-    fn exchange_model(&mut self, filter: &mut SafetyFilter, record: &mut TickRecord) {
-        self.tracking.exchange_model(filter, record);
+    fn exchange_model(&mut self, filter: &mut SafetyFilter, monitor: &mut Monitor, record: &mut TickRecord) {
+        self.tracking.exchange_model(filter, monitor, record);
     }
 
     fn on_sample(&mut self, seen: &SensorSample) -> ModeRequest {
@@ -96,6 +97,7 @@ impl DutySource for RunningSource {
             }
             return wanted;
         }
+        self.tracking.on_sample(seen);
         if self.to_arm > 0 && !seen.state.is_controlling() {
             self.to_arm -= 1;
             // From anything else a person has to arm.

@@ -147,9 +147,9 @@ fn wait<H: DutySource>(session: &mut Session<H>, ms: u64) {
 fn show_waiting<H: DutySource>(session: &mut Session<H>) {
     let memory = session.cycle.memory();
     session.status = Status {
-        state: memory.state.code(),
-        fault: memory.cause.map_or(0, supervisor::Condition::code),
-        latched: memory.latched.worst(supervisor::Severity::Vent).map_or(0, supervisor::Condition::code),
+        state: memory.state,
+        fault: memory.cause,
+        latched: memory.latched.worst(supervisor::Severity::Vent),
         session: 0,
         can_arm: false,
         reference_kpa: None,

@@ -62,6 +62,7 @@ struct Watch {
     deadlines: LossWindow,
     damage: LossWindow,
     scarce_told: bool,
+    unrecorded_told: bool,
 }
 
 /// A tick's answer and when its frame was due.
@@ -85,6 +86,7 @@ pub(crate) fn one_session<H: DutySource>(session: &mut Session<H>, link: &mut Li
         deadlines: LossWindow::new(),
         damage: LossWindow::new(),
         scarce_told: false,
+        unrecorded_told: false,
     };
     TickInput::SessionOpened.append(&mut session.inputs);
     let mut sequence_tick = 0;
@@ -218,6 +220,16 @@ fn report<H: DutySource>(session: &mut Session<H>, link: &Link, counts: &Counts,
     if let Some((condition, hz)) = link.wrong_rate() {
         session.cycle.report(condition, hz);
     }
+    let unrecorded = !session.sink.would_record();
+    if unrecorded {
+        session.cycle.report(Condition::NotRecorded, 0.0);
+        // A person who asks is answered; what arms itself is told about here.
+        if session.config.control.auto_arm && !watch.unrecorded_told && !session.cycle.state().is_controlling() {
+            tell(&mut session.sink, Notice::NotRecorded { tick: session.cycle.tick() });
+            watch.unrecorded_told = true;
+        }
+    }
+    watch.unrecorded_told &= unrecorded;
     let missing = watch.missing.count();
     if missing > MISSING_TO_VENT {
         session.cycle.report(Condition::FramesLost, f64::from(missing));
@@ -346,9 +358,9 @@ fn show<H: DutySource>(
     let follows = session.cycle.state().is_controlling();
     let memory = session.cycle.memory();
     session.status = Status {
-        state: record.state,
-        fault: record.fault,
-        latched: memory.latched.worst(Severity::Vent).map_or(0, Condition::code),
+        state: memory.state,
+        fault: memory.cause.filter(|_| memory.state.is_vented()),
+        latched: memory.latched.worst(Severity::Vent),
         session: link.session(),
         tick: record.tick,
         received_ns: last_heard_ns,

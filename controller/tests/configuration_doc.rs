@@ -119,3 +119,19 @@ fn the_documented_example_is_sound() {
     let example = text.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).unwrap();
     Config::parse(example, Path::new(NAME)).unwrap();
 }
+
+/// What the socket's answers may say is what the page lists.
+#[test]
+fn every_state_and_condition_of_an_answer_is_listed() {
+    let page = document();
+    for state in controller::state::State::ALL {
+        let word = serde_json::to_string(&state).unwrap().replace('"', "`");
+        assert!(page.contains(&word), "{word}");
+        assert_eq!(word.trim_matches('`'), state.as_str());
+    }
+    for condition in controller::state::Condition::ALL {
+        let word = serde_json::to_string(condition).unwrap().replace('"', "`");
+        let row = format!("| {word} | {} | {:?} |", condition.code(), condition.severity());
+        assert!(page.contains(&row), "{row}");
+    }
+}

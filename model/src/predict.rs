@@ -205,6 +205,23 @@ impl<R: Simulated> Predictor<R> {
         self.observer.undelayed_kpa(&self.model.simulation, measured_kpa)
     }
 
+    /// What the last reading added to each chamber beyond what the model moved it by, in kPa as its sensor reads it: the
+    /// error of the model's last tick. Where a sensor reads what is there, this is the reading less the one foreseen.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn added_kpa(&self) -> [R; CHANNELS] {
+        self.observer.added_kpa()
+    }
+
+    /// What the sensors read by the model now (kPa gauge): before [`Predictor::observe`] what is foreseen for this tick.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn readings_kpa(&self) -> [R; CHANNELS] {
+        self.model.readings_kpa()
+    }
+
     /// Predicts the readings (kPa gauge) of the next five ticks under the given duties.
     ///
     /// # Real-time

@@ -4,8 +4,14 @@
 //! panicking with what the child said so far: it is the test's own message.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+pub mod counting_allocator;
+pub mod dice;
 pub mod hidden_plant;
+pub mod in_process;
+pub mod lockstep;
 pub mod raw_crio;
+pub mod strange_rigs;
+pub mod task;
 
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};

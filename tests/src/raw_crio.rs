@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use model::rig::Rig;
 use proto::emulator::{Crio, EmulatedPlant, SensorFault, Sensors, rig_and_crio};
-use proto::wire::{ByeReason, Command, Frame, FrameReader, Sense, TICK_NS, TripBits};
+use proto::wire::{ByeReason, Command, CrioState, Frame, FrameReader, Sense, TICK_NS, TripBits};
 
 /// How long anything may take on a machine that does other things as well.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -51,7 +51,15 @@ impl RawCrio {
     /// # Panics
     /// If it cannot listen.
     pub fn new(rig: &str) -> Self {
-        let (plant, config) = rig_and_crio(&Rig::builtin(rig).expect("a built-in rig")).expect("a sound rig");
+        RawCrio::with_rig(&Rig::builtin(rig).expect("a built-in rig"))
+    }
+
+    /// A cRIO with this rig behind it.
+    ///
+    /// # Panics
+    /// If it cannot listen.
+    pub fn with_rig(rig: &Rig) -> Self {
+        let (plant, config) = rig_and_crio(rig).expect("a sound rig");
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
         listener.set_nonblocking(true).expect("a socket");
         RawCrio {
@@ -79,6 +87,11 @@ impl RawCrio {
     /// True pressures, kPa gauge.
     pub fn true_kpa(&self) -> [f64; 2] {
         self.plant.pressures_gauge_kpa()
+    }
+
+    /// The state that it reports.
+    pub fn reported_state(&self) -> CrioState {
+        self.crio.state()
     }
 
     /// Trips it, as its operator's button does.

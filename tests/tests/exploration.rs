@@ -109,7 +109,8 @@ fn noise_is_bounded_recorded_and_replayed_and_ends_with_disarming_and_another_po
     assert_eq!(laboratory.ask(&["disarm"]).status, Some(0));
     laboratory.wait_for("off", |status| status["exploration"].is_null());
     laboratory.arm();
-    laboratory.wait_for("armed without exploring", |status| status["state"] == 1 && status["exploration"].is_null());
+    laboratory
+        .wait_for("armed without exploring", |status| status["state"] == "run" && status["exploration"].is_null());
     assert_eq!(laboratory.ask(&["explore", "on"]).status, Some(0));
     assert_eq!(laboratory.ask(&["swap", "fallback"]).status, Some(0));
     laboratory.wait_for("off", |status| status["exploration"].is_null());

@@ -86,7 +86,7 @@ impl Scene {
     /// Ticks of a fault until the vents are commanded open.
     fn ticks_to_vent(&mut self, most: u32, mut spoil: impl FnMut(u32, &mut Sense)) -> u32 {
         for tick in 0..most {
-            if self.spoilt(|sense| spoil(tick, sense)) != Some(Mode::Run) {
+            if self.spoilt(|sense| spoil(tick, sense)) == Some(Mode::Vent) {
                 return tick;
             }
         }
@@ -105,6 +105,33 @@ impl Scene {
             std::thread::sleep(Duration::from_millis(2));
         }
         asking.wait(SOON)
+    }
+
+    /// Asks something that takes its time; the cRIO goes on until it is answered.
+    fn ask_at_length(&mut self, arguments: &[&str]) -> RunStatus {
+        let mut command = Command::new(program("controller"));
+        let asking = std::thread::spawn({
+            command.args(arguments).arg("--config").arg(&self.config);
+            move || finish(&mut command)
+        });
+        while !asking.is_finished() {
+            self.step();
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        asking.join().unwrap()
+    }
+
+    /// Goes on until `status` has a line that begins so.
+    fn wait_for_status(&mut self, words: &str, what: &str) {
+        let mut last = None;
+        for _ in 0..50 {
+            let status = self.ask_while_stepping("status");
+            if status.stdout.lines().any(|line| line.starts_with(words)) {
+                return;
+            }
+            last = Some(status);
+        }
+        panic!("`{words}` is not {what}: {last:?}");
     }
 
     fn told(&self, words: &str) {
@@ -206,7 +233,7 @@ fn a_stuck_or_wrong_sensor_is_caught_before_the_true_pressure_has_moved_by_15_kp
             for tick in 0..500 {
                 scene.crio.faults[*channel] = course(tick);
                 let mode = scene.step();
-                if mode != Some(Mode::Run) {
+                if mode == Some(Mode::Vent) {
                     vented = Some(tick);
                     break;
                 }
@@ -241,6 +268,24 @@ fn an_operators_stop_is_never_undone_by_a_hello() {
     for _ in 0..100 {
         assert_eq!(scene.step(), Some(Mode::Vent), "acknowledged, and still a person arms");
     }
+    let armed = scene.ask_while_stepping("arm");
+    assert_eq!(armed.status, Some(0), "{armed:?} {}", scene.daemon.said(Err));
+    scene.control(20);
+    scene.end();
+}
+
+#[test]
+fn a_stop_that_is_acknowledged_within_the_session_is_acknowledged_once() {
+    let mut scene = Scene::under_control("dual_pressure");
+    scene.crio.trip(TripBits::OPERATOR_STOP);
+    assert_eq!(scene.step(), Some(Mode::Vent));
+    let acknowledged = scene.ask_while_stepping("acknowledge");
+    assert_eq!(acknowledged.status, Some(0), "{acknowledged:?}");
+    scene.crio.open();
+    for _ in 0..60 {
+        assert_eq!(scene.step(), Some(Mode::Vent), "and still a person arms");
+    }
+    scene.silent_about("would undo that");
     let armed = scene.ask_while_stepping("arm");
     assert_eq!(armed.status, Some(0), "{armed:?} {}", scene.daemon.said(Err));
     scene.control(20);
@@ -394,5 +439,76 @@ fn status_without_a_link_says_so() {
     assert!(json.stdout.contains("\"duty\":[1.0,1.0]") && json.stdout.contains("received_ns"), "{json:?}");
     scene.crio.open();
     scene.control(5);
+    scene.end();
+}
+
+#[test]
+fn a_reading_in_doubt_is_held_over_the_wire_as_well() {
+    let mut scene = Scene::under_control("dual_pressure");
+    scene.crio.faults[0] = vec![SensorFault::Offset(-40.0)];
+    assert_eq!(scene.step(), Some(Mode::Hold), "{}", scene.daemon.said(Err));
+    scene.crio.faults[0].clear();
+    let modes: Vec<_> = (0..8).map(|_| scene.step()).collect();
+    let held = modes.iter().take_while(|mode| **mode == Some(Mode::Hold)).count();
+    assert!((3..=5).contains(&held) && modes[held..].iter().all(|m| *m == Some(Mode::Run)), "{modes:?}");
+    assert_eq!(scene.crio.reported_state(), CrioState::Running);
+    scene.told("holding");
+    scene.silent_about("VENTED");
+    scene.end();
+}
+
+#[test]
+fn what_would_not_be_recorded_does_not_arm_itself_and_says_so() {
+    let mut scene = Scene::under_control("dual_pressure");
+    // From now on no disk has room enough.
+    let text = std::fs::read_to_string(&scene.config).unwrap();
+    std::fs::write(&scene.config, text.replace("directory = \"runs\"", "directory = \"runs\"\nmin_free_mib = 1048576"))
+        .unwrap();
+    scene.daemon.signal("HUP");
+    scene.told("configuration read again");
+    scene.wait_for_status("recording ", "shown");
+    // A cause that clears by itself, after which it would arm itself again.
+    scene.crio.trip(TripBits::COMMAND_LOST);
+    scene.step();
+    scene.crio.open();
+    for tick in 0..150 {
+        assert_eq!(scene.step(), Some(Mode::Vent), "tick {tick}: {}", scene.daemon.said(Err));
+    }
+    scene.told("not armed by itself");
+    let refused = scene.ask_while_stepping("arm");
+    assert!(refused.status == Some(1) && refused.stderr.contains("would not be recorded"), "{refused:?}");
+    // There is room again.
+    std::fs::write(&scene.config, text).unwrap();
+    scene.daemon.signal("HUP");
+    scene.daemon.lines(Err, "configuration read again", 2, SOON);
+    for _ in 0..100 {
+        if scene.step() == Some(Mode::Run) {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    scene.control(20);
+    scene.end();
+}
+
+#[test]
+fn another_model_is_put_in_while_it_flies_and_wrong_sensors_are_caught_with_it() {
+    let mut scene = Scene::under_control("bench");
+    scene.control(700);
+    let changed = scene.ask_at_length(&["model", "bench"]);
+    assert!(changed.status == Some(0) && changed.stdout.contains("model bench is in force"), "{changed:?}");
+    scene.control(300);
+    scene.silent_about("VENTED");
+    let before = scene.crio.true_kpa()[0];
+    let mut moved: f64 = 0.0;
+    for tick in 0..500 {
+        scene.crio.faults[0] = vec![SensorFault::Offset(-0.1 * f64::from(tick))];
+        if scene.step() == Some(Mode::Vent) {
+            break;
+        }
+        moved = moved.max((scene.crio.true_kpa()[0] - before).abs());
+    }
+    assert!(moved < 15.0, "moved by {moved:.1} kPa: {}", scene.daemon.said(Err));
+    scene.told("reading and model disagree");
     scene.end();
 }

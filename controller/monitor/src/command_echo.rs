@@ -79,8 +79,14 @@ impl CommandEcho {
             expected.get(c).is_some_and(|duty| (echo - duty).abs() <= ECHO_TOLERANCE)
         };
         count(&mut self.echo, !(near(0) && near(1)));
-        count(&mut self.state, command.mode == Mode::Run && sense.state != CrioState::Running);
-        count(&mut self.pump, command.mode == Mode::Run && command.pump_on && !sense.pump_running);
+        let reported = match command.mode {
+            Mode::Vent => true,
+            Mode::Run => sense.state == CrioState::Running,
+            // A cRIO that makes no difference between both does what it is told all the same.
+            Mode::Hold => matches!(sense.state, CrioState::Holding | CrioState::Running),
+        };
+        count(&mut self.state, !reported);
+        count(&mut self.pump, command.mode != Mode::Vent && command.pump_on && !sense.pump_running);
         for (frames, condition, value) in [
             (self.force, Condition::CommandNotInForce, f64::from(sense.command_in_force)),
             (self.echo, Condition::EchoWrong, f64::from(sense.duty[usize::from(near(0))])),

@@ -6,7 +6,10 @@
 //! | [`loss_window`] | how many of the last 100 ticks were bad |
 //! | [`command_echo`] | command in force, duty echo, state, pump, trip bits |
 //! | [`frozen_reading`] | a reading that stands still although it used to scatter |
-//! | [`model_residual`] | readings against what the model foresaw |
+//! | [`jump`] | a reading that jumps away from what it could be |
+//! | `hypothesis`, [`model_residual`] | readings against what models foresaw |
+//! | `slowness` | how many times slower a rig is than its model |
+//! | [`monitor_models`] | the models of all that, which can be exchanged |
 //! | [`lagged_command`] | a command as a slow valve follows it |
 //! | [`tracking`] | pressures that stay away from their references |
 //! | [`vent_check`] | whether venting is reported and the pressure falls |
@@ -18,14 +21,19 @@
 pub mod command_echo;
 pub mod frame_gate;
 pub mod frozen_reading;
+mod hypothesis;
+pub mod jump;
 pub mod lagged_command;
 pub mod loss_window;
 pub mod model_residual;
+pub mod monitor_models;
 pub mod plausibility;
+mod slowness;
 pub mod tracking;
 pub mod vent_check;
 
 pub use command_echo::{CommandEcho, SentCommand};
 pub use frame_gate::{FrameGate, Pacing, Rejection};
 pub use loss_window::LossWindow;
+pub use monitor_models::MonitorModels;
 pub use plausibility::{Frame, Monitor};

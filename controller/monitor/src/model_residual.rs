@@ -1,9 +1,9 @@
-//! Readings against what the model foresaw: one tick, five ticks, half a second.
+//! Residuals of a model summed up: over five ticks, over half a second.
 //!
-//! Each tick the model is set to the reading and moved on under the command that was sent; what comes one tick later
-//! differs by the residual r. A sensor that jumps shows in one r; one that stands still or drifts while the valves work
-//! against it shows in the sum over half a second: with the true pressure D away from the reading the model, set to the
-//! reading, sees it fall back by D(1 − e^(−T/τ)), and the reading does not.
+//! A residual is what a tick leaves between the way that a chamber made and the way that its model foresaw
+//! ([`crate::hypothesis`]). One that stands still or drifts while the valves work against it shows in the sum over half a
+//! second: with the true pressure D away from the reading the model, set to the reading, sees it fall back by D(1 − e^(−T/τ)),
+//! and the reading does not.
 //!
 //! A model that is a poor one of its rig has residuals of its own. They are recorded: their mean over ten seconds is taken
 //! off, and the limits are the wider the more they scatter, within [`Limits`].
@@ -12,8 +12,6 @@
 pub const SHORT: usize = 5;
 /// Ticks of the long sum: half a second.
 pub const LONG: usize = 25;
-/// Ticks in a row in which a jump must stand before it is believed neither way no longer.
-const SUSPECT_TICKS: u32 = 3;
 /// Ticks over which the record of the model's errors goes back: 20 s (chosen: a drift of 1 kPa/s is out of bounds before it
 /// is taken for the model's own).
 const RECORD_TICKS: f64 = 1_000.0;
@@ -25,14 +23,15 @@ const ARMING_TICKS: u32 = 125;
 /// What the model leaves out (lag, backlash, warm gas) moves the pressures most while the chambers fill (measured on 6 rigs
 /// around `bench`: at most 9.9 kPa in five ticks and 27 kPa in half a second, against 3.4 and 16 kPa later).
 const ARMING_TIMES: f64 = 4.0;
+/// Ticks in which they come down from there: 1 s (measured: of 20 rigs around `bench` two leave 9.3 and 9.4 kPa at their
+/// beginning, and less from then on).
+const NARROWING_TICKS: u32 = 50;
 /// Limits in multiples of the recorded scatter (chosen; see the figures in `docs/safety.md`).
 const TIMES_SCATTER: f64 = 5.0;
 
 /// How large residuals may be, in kPa.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// Of one tick.
-    pub jump_kpa: f64,
     /// Of the sum over five ticks: for a model without errors, and for any.
     pub short_kpa: [f64; 2],
     /// Of the sum over half a second: for a model without errors, and for any.
@@ -42,27 +41,10 @@ pub struct Limits {
 impl Limits {
     /// The limits of the positive channel. Measured with the nominal model: a drift of 4 kPa/s makes 10 to 14 kPa in half a
     /// second before the true pressure is 15 kPa away, while 6 rigs around `bench` leave 7 kPa in 99 ticks of 100.
-    pub const POSITIVE: Limits = Limits { jump_kpa: 10.0, short_kpa: [4.0, 8.0], long_kpa: [5.0, 9.0] };
+    pub const POSITIVE: Limits = Limits { short_kpa: [4.0, 8.0], long_kpa: [5.0, 9.0] };
     /// The limits of the negative channel, measured likewise: 20 kPa at 5 kPa away, and 17 kPa before the model's own
     /// error is known.
-    pub const NEGATIVE: Limits = Limits { jump_kpa: 10.0, short_kpa: [4.0, 8.0], long_kpa: [8.0, 25.0] };
-}
-
-/// What a reading is worth.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Worth {
-    /// It agrees with the model.
-    Agrees,
-    /// It jumped; the model's own figure is used meanwhile.
-    Suspect {
-        /// Jump, kPa.
-        kpa: f64,
-    },
-    /// It contradicts the model.
-    Contradicts {
-        /// Residual, kPa.
-        kpa: f64,
-    },
+    pub const NEGATIVE: Limits = Limits { short_kpa: [4.0, 8.0], long_kpa: [8.0, 25.0] };
 }
 
 /// The record of one channel.
@@ -74,9 +56,9 @@ pub struct ModelResidual {
     mean: f64,
     scatter_short: f64,
     scatter_long: f64,
-    suspect: u32,
     recorded: f64,
     since_armed: u32,
+    slow_times: f64,
 }
 
 impl ModelResidual {
@@ -89,31 +71,25 @@ impl ModelResidual {
             mean: 0.0,
             scatter_short: 0.0,
             scatter_long: 0.0,
-            suspect: 0,
             recorded: 0.0,
             since_armed: 0,
+            slow_times: 1.0,
         }
     }
 
     /// Begins anew after arming; what is known about the model stays.
     pub fn restart(&mut self) {
-        (self.filled, self.suspect, self.since_armed) = (0, 0, 0);
+        (self.filled, self.since_armed) = (0, 0);
     }
 
-    /// Takes a residual (reading minus foresight, kPa).
+    /// Takes a tick's residual in kPa, of a rig that is as quick as `share` of its model; answers the sum that is too large, if
+    /// one is.
     ///
     /// # Real-time
     /// May run in the tick.
-    pub fn push(&mut self, residual_kpa: f64) -> Worth {
-        if residual_kpa.abs() > self.limits.jump_kpa {
-            self.suspect += 1;
-            return if self.suspect >= SUSPECT_TICKS {
-                Worth::Contradicts { kpa: residual_kpa }
-            } else {
-                Worth::Suspect { kpa: residual_kpa }
-            };
-        }
-        self.suspect = 0;
+    pub fn push(&mut self, residual_kpa: f64, share: f64) -> Option<f64> {
+        // Residuals of a slow rig are those of its model's quickness: the pressures differ by that share of them.
+        self.slow_times = (1.0 / share).clamp(1.0, ARMING_TIMES);
         self.since_armed = self.since_armed.saturating_add(1);
         self.last.rotate_right(1);
         self.last[0] = residual_kpa;
@@ -125,12 +101,9 @@ impl ModelResidual {
         );
         self.record(residual_kpa, short, long);
         if self.filled >= SHORT && short.abs() > narrow {
-            return Worth::Contradicts { kpa: short };
+            return Some(short);
         }
-        if self.filled >= LONG && long.abs() > wide {
-            return Worth::Contradicts { kpa: long };
-        }
-        Worth::Agrees
+        (self.filled >= LONG && long.abs() > wide).then_some(long)
     }
 
     /// Sums over five ticks and half a second beyond the recorded mean, and their limits, in kPa: for the figures.
@@ -150,7 +123,8 @@ impl ModelResidual {
     }
 
     fn limit(&self, [narrowest, widest]: [f64; 2], mean_square: f64) -> f64 {
-        let times = if self.since_armed < ARMING_TICKS { ARMING_TIMES } else { 1.0 };
+        let narrowed = f64::from(self.since_armed.saturating_sub(ARMING_TICKS)) / f64::from(NARROWING_TICKS);
+        let times = (ARMING_TIMES - (ARMING_TIMES - 1.0) * narrowed).max(self.slow_times);
         // Of a model that nothing is known about the worst is assumed.
         if self.recorded < ENOUGH_RECORD {
             return times * widest;

@@ -1,17 +1,17 @@
 //! All checks of one tick: a frame in, conditions and believed pressures out.
 
 use model::observation::{CHANNELS, Pair};
-use model::plant::Plant;
-use model::predict::{DualPressurePorts, DualPressureRig};
 use model::rig::{Rig, RigError};
-use model::steady::SteadyMap;
 use proto::wire::Sense;
 use supervisor::{Condition, ConditionSet};
 
 use crate::command_echo::{CommandEcho, SentCommand};
 use crate::frozen_reading::FrozenReading;
+use crate::hypothesis::Contradiction;
+use crate::jump::{JUMP_KPA, Jump, Worth};
 use crate::lagged_command::LaggedCommand;
-use crate::model_residual::{Limits, ModelResidual, Worth};
+use crate::model_residual::Limits;
+use crate::monitor_models::{HYPOTHESES, MonitorModels};
 use crate::tracking::Tracking;
 use crate::vent_check::VentCheck;
 
@@ -22,6 +22,9 @@ const BELOW_VACUUM_KPA: f64 = -101.325 - WRONG_SIDE_KPA;
 /// Conditions by channel.
 const MODEL: [Condition; CHANNELS] = [Condition::ModelPositive, Condition::ModelNegative];
 const FROZEN: [Condition; CHANNELS] = [Condition::FrozenPositive, Condition::FrozenNegative];
+
+/// Limits of the residuals by channel.
+const LIMITS: [Limits; CHANNELS] = [Limits::POSITIVE, Limits::NEGATIVE];
 
 /// Whether the valves were being controlled in the tick before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,18 +57,23 @@ pub struct Frame<'a> {
 
 /// The monitor with everything it remembers.
 pub struct Monitor {
-    /// The model under the commands as sent, and under those of a slow valve.
-    models: [DualPressureRig; 2],
+    models: MonitorModels,
     slow: LaggedCommand,
-    residuals: [ModelResidual; CHANNELS],
+    /// By hypothesis and channel.
+    contradictions: [[Contradiction; CHANNELS]; HYPOTHESES],
+    jumps: [Jump; CHANNELS],
+    /// Last readings that were believed, kPa gauge.
+    believed_kpa: Pair,
     frozen: [FrozenReading; CHANNELS],
     echo: CommandEcho,
     tracking: Tracking,
     tracked: ConditionSet,
     vent: VentCheck,
-    /// Whether the model's state comes from the tick before.
+    /// Whether the models' state comes from the tick before.
     foresees: bool,
     foresight: Foresight,
+    /// Phase of the newest frame.
+    phase: Phase,
 }
 
 impl Monitor {
@@ -74,40 +82,42 @@ impl Monitor {
     /// # Errors
     /// If the rig cannot be flown: unsound, or without the valves and sensors the controller needs.
     pub fn new(rig: &Rig, foresight: Foresight) -> Result<Self, RigError> {
-        let relay = Plant::<f64>::new(rig)?.inputs().iter().any(|i| i.column == DualPressurePorts::PUMP_ON);
-        // Without a relay the pump runs on, into open valves.
-        let rest = if relay { None } else { SteadyMap::new(rig)?.settled_kpa([1.0; CHANNELS]) };
+        let models = MonitorModels::new(rig)?;
         Ok(Monitor {
-            models: [DualPressureRig::new(rig)?, DualPressureRig::new(rig)?],
             slow: LaggedCommand::settled([1.0; CHANNELS]),
-            residuals: [ModelResidual::new(Limits::POSITIVE), ModelResidual::new(Limits::NEGATIVE)],
+            contradictions: [LIMITS.map(Contradiction::new); HYPOTHESES],
+            jumps: [Jump::default(); CHANNELS],
+            believed_kpa: [0.0; CHANNELS],
             frozen: [FrozenReading::new(); CHANNELS],
             echo: CommandEcho::new(),
             tracking: Tracking::new(),
             tracked: ConditionSet::EMPTY,
-            vent: VentCheck::new(rest.unwrap_or([0.0; CHANNELS])),
+            vent: VentCheck::new(models.vent),
+            models,
             foresees: false,
             foresight,
+            phase: Phase::Vented,
         })
     }
 
-    /// Takes another model, twice, and hands the old ones back to be dropped outside the tick.
-    pub fn exchange_models(&mut self, models: [DualPressureRig; 2]) -> [DualPressureRig; 2] {
+    /// Takes other models in exchange for its own; what was recorded of the old ones' errors is forgotten.
+    ///
+    /// # Real-time
+    /// Runs in the tick: a swap, nothing is made or freed.
+    pub fn exchange_models(&mut self, models: &mut MonitorModels) {
+        std::mem::swap(&mut self.models, models);
+        self.vent.set_model(self.models.vent);
+        let fresh = if self.phase == Phase::Controlled { Contradiction::compared } else { Contradiction::new };
+        self.contradictions = [LIMITS.map(fresh); HYPOTHESES];
         self.foresees = false;
-        std::mem::replace(&mut self.models, models)
     }
 
-    /// Holds readings against the model from now on, or no more; the model runs along either way.
+    /// Holds readings against the models from now on, or no more; the models run along either way.
     ///
     /// # Real-time
     /// May run in the tick.
     pub fn set_foresight(&mut self, foresight: Foresight) {
         self.foresight = foresight;
-    }
-
-    /// Sets other limits for residuals: for figures of what residuals a rig has.
-    pub fn set_limits(&mut self, limits: Limits) {
-        self.residuals = [ModelResidual::new(limits); CHANNELS];
     }
 
     /// A new session: what was sent before counts no more.
@@ -119,7 +129,8 @@ impl Monitor {
 
     /// The rig is armed.
     pub fn armed(&mut self) {
-        self.residuals.iter_mut().for_each(ModelResidual::restart);
+        self.contradictions.as_flattened_mut().iter_mut().for_each(Contradiction::restart);
+        self.jumps.iter_mut().for_each(Jump::restart);
         self.tracking = Tracking::new();
         self.tracked = ConditionSet::EMPTY;
         self.vent.end();
@@ -136,6 +147,7 @@ impl Monitor {
     /// # Real-time
     /// Runs in the tick.
     pub fn observe(&mut self, frame: &Frame<'_>, found: &mut ConditionSet) -> [Option<f64>; CHANNELS] {
+        self.phase = frame.phase;
         ranges(frame.readings_kpa, found);
         self.echo.judge(frame.sense, found);
         self.vent.judge(frame.sense.duty, frame.readings_kpa, found);
@@ -147,43 +159,63 @@ impl Monitor {
         for condition in self.tracked.iter() {
             found.insert(condition, self.tracked.value(condition));
         }
-        self.against_the_model(frame, found)
-    }
-
-    fn against_the_model(&mut self, frame: &Frame<'_>, found: &mut ConditionSet) -> [Option<f64>; CHANNELS] {
-        let [fast, slow] = [0, 1].map(|n: usize| self.models[n].readings_kpa());
-        let finite = fast.iter().chain(&slow).all(|p| p.is_finite());
+        let judged = self.foresees && self.foresight == Foresight::Judged && frame.phase == Phase::Controlled;
         let mut believed = frame.readings_kpa;
-        let judged = self.foresees && self.foresight == Foresight::Judged && frame.phase == Phase::Controlled && finite;
-        for c in 0..CHANNELS {
-            let Some(reading) = frame.readings_kpa[c].filter(|_| judged) else { continue };
-            // Between both forecasts nothing is contradicted.
-            let nearest = reading.clamp(fast[c].min(slow[c]), fast[c].max(slow[c]));
-            match self.residuals[c].push(reading - nearest) {
-                Worth::Agrees => {}
-                Worth::Suspect { kpa } => {
-                    found.insert(Condition::ReadingSuspect, kpa);
-                    believed[c] = Some(nearest);
-                }
-                Worth::Contradicts { kpa } => {
-                    found.insert(MODEL[c], kpa);
-                    believed[c] = Some(nearest);
-                }
-            }
+        let mut suspect = [false; CHANNELS];
+        if judged {
+            suspect = self.jumped(&mut believed, found);
         }
         if let [Some(positive), Some(negative)] = believed {
-            for model in &mut self.models {
-                if finite {
-                    model.correct([positive, negative]);
-                } else {
-                    model.start_from([positive, negative], [1.0; CHANNELS]);
-                }
-            }
+            self.against_the_models([positive, negative], suspect.map(|suspect| judged && !suspect), found);
+            self.believed_kpa = [positive, negative];
             self.foresees = true;
         } else {
             self.foresees = false;
         }
         believed
+    }
+
+    /// Puts what a reading could be at the least in the place of one that jumped; which did.
+    fn jumped(&mut self, believed: &mut [Option<f64>; CHANNELS], found: &mut ConditionSet) -> [bool; CHANNELS] {
+        let [fast, slow] = self.models.hypotheses[0].as_ref().map_or([self.believed_kpa; 2], |h| h.foreseen_kpa());
+        std::array::from_fn(|c| {
+            let Some(reading) = believed[c] else { return false };
+            match self.jumps[c].judge(reading, [self.believed_kpa[c], fast[c], slow[c]], JUMP_KPA) {
+                Worth::Believed => false,
+                Worth::Suspect { kpa, instead_kpa } => {
+                    found.insert(Condition::ReadingSuspect, kpa);
+                    believed[c] = Some(instead_kpa);
+                    true
+                }
+                Worth::Wrong { kpa, instead_kpa } => {
+                    found.insert(MODEL[c], kpa);
+                    believed[c] = Some(instead_kpa);
+                    true
+                }
+            }
+        })
+    }
+
+    /// Takes readings into all models; a reading that every hypothesis contradicts, and all in one direction, is found.
+    fn against_the_models(&mut self, readings_kpa: Pair, judged: [bool; CHANNELS], found: &mut ConditionSet) {
+        let mut against: [Option<f64>; CHANNELS] = [None; CHANNELS];
+        let mut explained = [false; CHANNELS];
+        for (models, contradictions) in self.models.hypotheses.iter_mut().zip(&mut self.contradictions) {
+            let Some(models) = models else { continue };
+            let ways = models.take(readings_kpa);
+            for c in (0..CHANNELS).filter(|c| judged[*c]) {
+                match (contradictions[c].judge(ways[c]), against[c]) {
+                    (None, _) => explained[c] = true,
+                    (Some(kpa), Some(before)) => explained[c] |= kpa * before < 0.0,
+                    (Some(kpa), None) => against[c] = Some(kpa),
+                }
+            }
+        }
+        for c in 0..CHANNELS {
+            if let Some(kpa) = against[c].filter(|_| !explained[c]) {
+                found.insert(MODEL[c], kpa);
+            }
+        }
     }
 
     /// Takes the references and what was decided for them.
@@ -205,20 +237,20 @@ impl Monitor {
         self.echo.sent(command);
     }
 
-    /// Moves the model on through the tick; after the command is out.
+    /// Moves the models on through the tick; after the command is out.
     ///
     /// # Real-time
-    /// Runs in the tick: two ticks of the model.
+    /// Runs in the tick: up to four ticks of the model.
     pub fn advance(&mut self, duty: Pair, pump_on: bool) {
         let slow = self.slow.follow(duty);
-        for (model, duty) in self.models.iter_mut().zip([duty, slow]) {
-            model.tick(duty, pump_on);
+        for models in self.models.hypotheses.iter_mut().flatten() {
+            models.advance([duty, slow], pump_on);
         }
     }
 
-    /// Sums of the residuals beyond the model's own, and their limits, per channel in kPa: for the figures.
-    pub fn figures_kpa(&self) -> [[f64; 4]; CHANNELS] {
-        self.residuals.map(|r| r.figures_kpa())
+    /// Sums of the residuals beyond the model's own, and their limits, by hypothesis and channel, in kPa: for the figures.
+    pub fn figures_kpa(&self) -> [[[f64; 4]; CHANNELS]; HYPOTHESES] {
+        self.contradictions.map(|channels| channels.map(|c| c.sums.figures_kpa()))
     }
 }
 

@@ -3,7 +3,9 @@
 use model::observation::{CHANNELS, Pair};
 use supervisor::{Condition, ConditionSet};
 
-/// Frames after the vent command in which the pressure must have begun to fall: half a second (study of the daemon, §3.4).
+/// Frames after the vent command in which the pressure must have begun to fall, at the least: half a second (study of the
+/// daemon, §3.4). A rig whose readings take longer for half of their way, by its model, has that long: one that is ten times as
+/// slow has then fallen by [`LEAST_FALL`].
 pub const FRAMES_TO_FALL: u32 = 25;
 /// Frames after the vent command from which on the echo must report open vents (study of the daemon, §3.4).
 pub const FRAMES_TO_ECHO: u32 = 3;
@@ -12,10 +14,24 @@ const NEAR_REST_KPA: f64 = 10.0;
 /// Share of the distance to rest that must be gone: a vent empties a chamber in a few tenths of a second, so this is what is
 /// left of it with an exhaust that is ten times too narrow (derived).
 const LEAST_FALL: f64 = 0.05;
-/// Rise above the pressure at the vent command that no vented chamber makes, in kPa: noise and delay stay below (chosen).
+/// Rise above the highest pressure soon after the vent command that no vented chamber makes, in kPa (chosen).
 const RISE_KPA: f64 = 5.0;
-/// Frames after which such a rise counts: delay and lag of a valve are over.
+/// Frames, at the least, in which a reading may still rise: the valve's delay and lag, and what a late sensor has yet to show.
 const FRAMES_TO_RISE: u32 = 10;
+
+/// How a rig vents, by its model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VentModel {
+    /// Where it comes to rest with both vents open, kPa gauge.
+    pub rest_kpa: Pair,
+    /// Ticks in which its readings make half of the way there.
+    pub half_ticks: [u32; CHANNELS],
+}
+
+impl VentModel {
+    /// A rig that is vented within half a second and comes to rest at the atmosphere.
+    pub const QUICK: VentModel = VentModel { rest_kpa: [0.0; CHANNELS], half_ticks: [0; CHANNELS] };
+}
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Venting {
@@ -28,14 +44,19 @@ struct Venting {
 /// Watches a rig that was under pressure and is vented now.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VentCheck {
-    rest_kpa: Pair,
+    model: VentModel,
     venting: Option<Venting>,
 }
 
 impl VentCheck {
-    /// A check for a rig that comes to rest at these pressures with both vents open, in kPa gauge.
-    pub fn new(rest_kpa: Pair) -> Self {
-        VentCheck { rest_kpa, venting: None }
+    /// A check for a rig of this model.
+    pub fn new(model: VentModel) -> Self {
+        VentCheck { model, venting: None }
+    }
+
+    /// Goes on by another model.
+    pub fn set_model(&mut self, model: VentModel) {
+        self.model = model;
     }
 
     /// The vents are commanded open from now on, at these pressures.
@@ -64,11 +85,16 @@ impl VentCheck {
         #[allow(clippy::needless_range_loop)] // several arrays of channels side by side
         for c in 0..CHANNELS {
             let Some(now) = readings_kpa[c] else { continue };
-            let distance = |kpa: f64| kpa.abs() - self.rest_kpa[c].abs();
+            let distance = |kpa: f64| kpa.abs() - self.model.rest_kpa[c].abs();
+            let half = self.model.half_ticks[c];
+            let may_rise = venting.frames <= FRAMES_TO_RISE.max(half);
+            if may_rise && distance(now) > distance(venting.from_kpa[c]) {
+                venting.from_kpa[c] = now;
+            }
             let (from, left) = (distance(venting.from_kpa[c]), distance(now));
             venting.fallen[c] |= left <= NEAR_REST_KPA || left <= from * (1.0 - LEAST_FALL);
-            let late = venting.frames >= FRAMES_TO_FALL && !venting.fallen[c];
-            let rising = venting.frames >= FRAMES_TO_RISE && left > from.max(0.0) + RISE_KPA && left > NEAR_REST_KPA;
+            let late = venting.frames >= FRAMES_TO_FALL.max(half) && !venting.fallen[c];
+            let rising = !may_rise && left > from.max(0.0) + RISE_KPA && left > NEAR_REST_KPA;
             // Once it has fallen, what counts is the lowest it has reached.
             if venting.fallen[c] && left < from {
                 venting.from_kpa[c] = now;
@@ -88,7 +114,7 @@ mod tests {
 
     /// Frames until something is found, over a course of both pressures.
     fn found(echo: [f32; 2], course: impl Fn(u32) -> Pair) -> Option<(u32, Condition)> {
-        let mut check = VentCheck::new([0.0; 2]);
+        let mut check = VentCheck::new(VentModel::QUICK);
         check.begin(course(0));
         (0..500).find_map(|k| {
             let mut set = ConditionSet::EMPTY;
@@ -107,7 +133,7 @@ mod tests {
         let stuck = found(OPEN, |k| [90.0, empties(25.0)(k)[1]]);
         assert!(stuck.is_some_and(|(k, c)| k < FRAMES_TO_FALL && c == Condition::VentIneffective), "{stuck:?}");
         let rising = found(OPEN, |k| [90.0 + 2.0 * f64::from(k), -70.0]);
-        assert!(rising.is_some_and(|(k, _)| k <= FRAMES_TO_RISE), "{rising:?}");
+        assert!(rising.is_some_and(|(k, _)| k <= FRAMES_TO_RISE + 3), "{rising:?}");
         // It falls and comes back: somebody else opens a supply.
         let back = found(OPEN, |k| if k < 40 { empties(25.0)(k) } else { [60.0, -1.0] });
         assert_eq!(back.map(|(_, c)| c), Some(Condition::VentIneffective));
@@ -123,7 +149,7 @@ mod tests {
 
     #[test]
     fn a_reading_that_cannot_be_read_is_not_judged() {
-        let mut check = VentCheck::new([0.0; 2]);
+        let mut check = VentCheck::new(VentModel::QUICK);
         check.begin([90.0, -70.0]);
         for k in 0..200 {
             let mut set = ConditionSet::EMPTY;

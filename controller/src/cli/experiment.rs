@@ -204,7 +204,7 @@ fn watcher(seconds: f64) -> impl FnMut(Recorded<'_>) + Send {
     let mut first = None;
     move |recorded| match recorded {
         Recorded::Tick(tick) => {
-            if tick.mode == Mode::Run.code() {
+            if tick.mode != Mode::Vent.code() {
                 first.get_or_insert(tick.tick);
             }
             let now = Instant::now();
@@ -223,7 +223,7 @@ fn watcher(seconds: f64) -> impl FnMut(Recorded<'_>) + Send {
 }
 
 fn line(tick: &TickRecord, first: Option<u32>, seconds: f64) -> String {
-    let what = match (first, tick.mode == Mode::Run.code()) {
+    let what = match (first, tick.mode != Mode::Vent.code()) {
         (Some(first), true) => {
             format!("{:6.2} s of {seconds:.2} s", f64::from(tick.tick.wrapping_sub(first)) * PERIOD_S)
         }

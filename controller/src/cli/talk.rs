@@ -7,14 +7,12 @@ use controller::config::{Config, Control};
 use controller::duty_source::ExperimentPhase;
 use controller::mailbox::Status;
 use controller::socket::{Ask, Reply, Switch, ask};
+use controller::state::State;
 use proto::reference::{MOST_BYTES, Reference};
 use proto::regular_file;
 
 use super::Failure;
 use super::console::say;
-
-/// State's name without a session.
-const CONNECTING: &str = "connecting";
 
 /// Which daemon.
 #[derive(Debug, Args)]
@@ -133,7 +131,7 @@ impl Target {
 }
 
 fn print_status(reply: &Reply) {
-    say(format_args!("state      {}", reply.state));
+    say(format_args!("state      {}", reply.state.as_str()));
     let running = &reply.running;
     say(format_args!("policy     {}   model {}   reference {}", running.policy, running.model, running.reference));
     if let Some(who) = &running.armed_by {
@@ -152,16 +150,13 @@ fn print_status(reply: &Reply) {
 fn print_tick(s: &Status, reply: &Reply) {
     let armable = if s.can_arm { ", can be armed" } else { "" };
     let age_s = reply.age_ms.unwrap_or_default() as f64 / 1000.0;
-    let old = if reply.state == CONNECTING { format!(", last data {age_s:.1} s ago") } else { String::new() };
+    let old = if reply.state == State::Connect { format!(", last data {age_s:.1} s ago") } else { String::new() };
     say(format_args!("session    {:08X}, tick {}{armable}{old}", s.session, s.tick));
-    if s.fault != 0 {
-        say(format_args!("fault      {}", controller::notice::fault_name(s.fault)));
+    if let Some(condition) = s.fault {
+        say(format_args!("fault      {}", condition.name()));
     }
-    if s.latched != 0 {
-        say(format_args!(
-            "waiting    {}: `controller acknowledge`, then arm",
-            controller::notice::fault_name(s.latched)
-        ));
+    if let Some(condition) = s.latched {
+        say(format_args!("waiting    {}: `controller acknowledge`, then arm", condition.name()));
     }
     if let Some(experiment) = &s.experiment {
         let phase = match experiment.phase {

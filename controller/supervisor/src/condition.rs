@@ -3,6 +3,8 @@
 //! The place in [`Condition::ALL`] is the rank: of two conditions the later one is the worse, replaces the earlier as
 //! the reason of a state, and is told. The code is what recordings and `status` carry; it never changes its meaning.
 
+use serde::{Deserialize, Serialize};
+
 /// What a condition makes the daemon do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Severity {
@@ -32,7 +34,8 @@ pub enum Latch {
 macro_rules! conditions {
     ($($(#[$doc:meta])* $name:ident = $code:literal, $severity:ident, $latch:ident, $text:literal;)*) => {
         /// Something that is wrong; declared from the least to the worst, each with the code that recordings carry.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+        #[serde(rename_all = "snake_case")]
         #[repr(u16)]
         pub enum Condition {
             $($(#[$doc])* $name = $code,)*
@@ -70,6 +73,8 @@ conditions! {
     FramesScarce = 10, Warning, ClearsItself, "frames scarce";
     /// No FIFO priority, no locked memory or no CPU of its own although `realtime.enforce` asks for it.
     NotRealtime = 11, BarsArming, ClearsItself, "not real-time";
+    /// A run begun now would not be recorded: the disk has failed, is nearly full, or does not answer.
+    NotRecorded = 43, BarsArming, ClearsItself, "not recorded";
     /// One frame did not come in time.
     FrameMissing = 12, Hold, ClearsItself, "frame missing";
     /// A frame came whose sequence number, clock or tick cannot be right.

@@ -1,11 +1,14 @@
 //! The daemon's states.
 
+use serde::{Deserialize, Serialize};
+
 use crate::condition::Condition;
 
 /// What the daemon is doing.
 ///
 /// 0 … 2 are the codes that recordings have always carried; the others follow in the order in which they came to be.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 #[repr(u8)]
 pub enum State {
     /// Vents open, session open, waiting to be armed.
@@ -13,6 +16,7 @@ pub enum State {
     /// Controlling the pressures.
     Run = 1,
     /// Vents open because something is wrong.
+    #[serde(rename = "vented")]
     Vent = 2,
     /// Controlling on the plan, with integrators still: a frame or a deadline was missed, or a reading is in doubt.
     Hold = 3,
@@ -21,10 +25,14 @@ pub enum State {
     /// Vents commanded open, and nothing shows that they are.
     Fault = 5,
     /// No session with the cRIO, which vents by itself.
+    #[serde(rename = "connecting")]
     Connect = 6,
     /// Not started yet.
+    #[default]
+    #[serde(rename = "starting")]
     Init = 7,
     /// Ending: vent, BYE, recording finished.
+    #[serde(rename = "stopping")]
     Stop = 8,
 }
 
@@ -66,6 +74,11 @@ impl State {
             Some(State::Stop) => "stopping",
             None => "unknown",
         }
+    }
+
+    /// The name that a person and `status` are told.
+    pub fn as_str(self) -> &'static str {
+        State::name(self.code())
     }
 
     /// Whether the valves are being controlled: RUN, HOLD, REVERT.

@@ -119,7 +119,7 @@ impl Memory {
         self.state == State::Standby
             && self.sound_frames >= FRAMES_TO_ARM
             && self.latched.is_empty()
-            && conditions.worst(Severity::BarsArming).is_none_or(|c| c.severity() != Severity::BarsArming)
+            && !conditions.iter().any(|c| c.severity() == Severity::BarsArming)
             && conditions.worst(Severity::Vent).is_none()
     }
 

@@ -122,7 +122,7 @@ fn check(before: &Memory, inputs: &Inputs<'_>) -> Memory {
         let by_itself = inputs.arming == Arming::Automatic && before.may_arm_itself && inputs.request.is_none();
         assert!(before.state == State::Standby && inputs.tick == Tick::Frame && (asked || by_itself), "{}", context());
         assert!(before.latched.is_empty() && after.latched.is_empty(), "{}", context());
-        assert!(!inputs.conditions.contains(Condition::NotRealtime), "{}", context());
+        assert!(!inputs.conditions.iter().any(|c| c.severity() == Severity::BarsArming), "{}", context());
     }
     for condition in before.latched.iter() {
         let kept = after.latched.contains(condition);
@@ -222,6 +222,20 @@ fn arms_when_asked_and_ripe_and_never_late() {
     // A missing frame in STANDBY does not begin the count anew; a missing one arms nothing.
     let (missed, _) = step(&memory, Tick::Missing, &set(&[Condition::FrameMissing]), Some(Request::Arm));
     assert_eq!((missed.state, missed.sound_frames), (State::Standby, memory.sound_frames));
+}
+
+#[test]
+fn what_bars_arming_does_so_whatever_else_is_wrong() {
+    for bar in Condition::ALL.iter().filter(|c| c.severity() == Severity::BarsArming) {
+        for other in Condition::ALL {
+            let conditions = set(&[*bar, *other]);
+            for (request, arming) in [(Some(Request::Arm), Arming::Manual), (None, Arming::Automatic)] {
+                let inputs = Inputs { tick: Tick::Frame, conditions: &conditions, request, arming };
+                let (after, _) = next(&ripe(State::Standby), &inputs);
+                assert!(!after.state.is_controlling(), "{bar:?} with {other:?}");
+            }
+        }
+    }
 }
 
 #[test]

@@ -73,6 +73,8 @@ pub(crate) struct Observer<R> {
     channels: [Option<Channel<R>>; CHANNELS],
     /// Sensor of each channel in the plant.
     sensors: [usize; CHANNELS],
+    /// What the last reading added to each chamber beyond the model, in kPa as its sensor reads it.
+    added_kpa: [R; CHANNELS],
 }
 
 impl<R: Simulated> Observer<R> {
@@ -87,7 +89,7 @@ impl<R: Simulated> Observer<R> {
                 disturbance_pa: R::splat(0.0),
             })
         });
-        Observer { channels, sensors }
+        Observer { channels, sensors, added_kpa: [R::splat(0.0); CHANNELS] }
     }
 
     /// Forgets by what the model errs: the rig has been started anew.
@@ -115,16 +117,28 @@ impl<R: Simulated> Observer<R> {
         for (c, channel) in self.channels.iter_mut().enumerate() {
             let (sensor, measured) = (self.sensors[c], measured_kpa[c]);
             let Some(channel) = channel else {
+                self.added_kpa[c] = measured - simulation.reading_kpa(sensor);
                 simulation.correct(&[sensor], &[measured]);
                 continue;
             };
             let noise_kpa = channel.noise.follow(measured);
             let gains = channel.at(noise_kpa / channel.gain.map(f64::abs));
             let innovation_pa = (measured - simulation.reading_kpa(sensor)) / channel.gain * R::splat(1e3);
+            // The disturbance was added after the tick before this reading; it is no work of the model's either.
+            self.added_kpa[c] =
+                (channel.disturbance_pa + gains.pressure * innovation_pa) * channel.gain * R::splat(1e-3);
             simulation.move_sensed_pressure(sensor, gains.pressure * innovation_pa);
             simulation.move_sensor_memory(sensor, &gains.memory.map(|gain| gain * innovation_pa));
             channel.disturbance_pa += gains.disturbance * innovation_pa;
         }
+    }
+
+    /// What the last reading added to each chamber beyond the model's own motion, in kPa as its sensor reads it.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub(crate) fn added_kpa(&self) -> [R; CHANNELS] {
+        self.added_kpa
     }
 
     /// Adds, after a tick of the model, what it errs by in one.

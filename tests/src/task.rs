@@ -1,0 +1,31 @@
+//! Threads of this process as the kernel sees them: their names, their page faults.
+
+use std::path::PathBuf;
+
+/// Numbers of the threads that have this name.
+pub fn tasks_named(name: &str) -> Vec<i32> {
+    let entries = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
+    let numbered = |path: PathBuf| {
+        let named = std::fs::read_to_string(path.join("comm")).is_ok_and(|comm| comm.trim() == name);
+        path.file_name()?.to_str()?.parse().ok().filter(|_| named)
+    };
+    entries.filter_map(|entry| numbered(entry.path())).collect()
+}
+
+/// Page faults of a thread so far, minor and major: what `getrusage` tells the thread itself.
+///
+/// # Panics
+/// If there is no such thread.
+pub fn page_faults(task: i32) -> u64 {
+    let stat = std::fs::read_to_string(format!("/proc/self/task/{task}/stat")).expect("a thread of this process");
+    let (_, after_name) = stat.rsplit_once(')').expect("a name in brackets");
+    let field = |n: usize| after_name.split_whitespace().nth(n).and_then(|word| word.parse::<u64>().ok());
+    // Fields 10 and 12 of proc_pid_stat(5); the state behind the name is the third.
+    field(7).expect("minor faults") + field(9).expect("major faults")
+}
+
+/// Whether memory of this process is locked.
+pub fn memory_is_locked() -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    status.lines().any(|line| line.starts_with("VmLck:") && !line.contains("\t       0 kB"))
+}
