@@ -10,6 +10,7 @@ use proto::recording::{
     Arrival, LogTime, McapContent, ReadMcapError, Recording, RecordingError, TickInput, TickRecord, parse_mcap,
 };
 use proto::reference::Reference;
+use proto::regular_file;
 use proto::wire::Mode;
 
 use crate::notice::fault_name;
@@ -52,7 +53,7 @@ impl RunFile {
     /// The file cannot be read or is neither.
     pub fn read(path: &Path) -> Result<Self, RunFileError> {
         let read = |source| RunFileError::Read { file: path.to_owned(), source };
-        let bytes = std::fs::read(path).map_err(read)?;
+        let bytes = regular_file::read(path, proto::recording::MOST_BYTES).map_err(read)?;
         let named_mcap = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("mcap"));
         let content = if bytes.starts_with(mcap_magic()) || named_mcap {
             parse_mcap(&path.display().to_string(), &bytes)?

@@ -115,6 +115,8 @@ pub(crate) fn run(args: &EvaluateArgs) -> Result<(), Failure> {
 
 /// Flights of a reference that iterative learning has had when it counts, the last included.
 const REPEATED_FLIGHTS: usize = 20;
+/// Largest table that is joined (bytes); ours have some ten kilobytes.
+const MOST_TABLE_BYTES: u64 = 64 << 20;
 
 const PAPER_COMPARISON: &[(&str, [f64; 2])] = &[("raw RL", [2.5439, 3.0254]), ("the paper's RL", [0.6935, 0.2646])];
 const PAPER_ABLATION: &[(&str, [f64; 2])] = &[
@@ -247,7 +249,8 @@ fn join(args: &JoinArgs) -> Result<(), Failure> {
     for path in &args.tables {
         let file = path.display().to_string();
         let wrong = |problem: String| TrainingError::File { file: file.clone(), problem };
-        let text = std::fs::read_to_string(path).map_err(|error| wrong(format!("cannot be read: {error}")))?;
+        let text = proto::regular_file::read_text(path, MOST_TABLE_BYTES)
+            .map_err(|error| wrong(format!("cannot be read: {error}")))?;
         let table: Table = serde_json::from_str(&text)
             .map_err(|error| wrong(format!("is no table of `trainer evaluate`: {error}; give a table.json")))?;
         tables.push((file, table));

@@ -13,6 +13,9 @@ use crate::failure::{Failure, tell};
 use crate::stdout;
 use crate::train_bar::TrainBar;
 
+/// Largest settings file that is read (bytes); ours have some kilobytes.
+const MOST_SETTINGS_BYTES: u64 = 1 << 20;
+
 /// Learns a policy in simulation: Soft Actor-Critic with smooth actions (CAPS) and model-predicted observations.
 ///
 /// A run is a folder: settings, learning curve (JSON lines, TensorBoard), checkpoint, policy, report. Without --config
@@ -133,9 +136,8 @@ fn settings(args: &TrainArgs) -> Result<TrainingSettings, Failure> {
     let path = std::path::Path::new(&args.config);
     let is_file = args.config.contains(['/', '.']) || path.is_file();
     let mut settings = if is_file {
-        let text = std::fs::read_to_string(path).map_err(|error| training::TrainingError::File {
-            file: args.config.clone(),
-            problem: format!("cannot be read: {error}"),
+        let text = proto::regular_file::read_text(path, MOST_SETTINGS_BYTES).map_err(|error| {
+            training::TrainingError::File { file: args.config.clone(), problem: format!("cannot be read: {error}") }
         })?;
         TrainingSettings::parse(&args.config, &text)?
     } else {

@@ -185,3 +185,25 @@ fn a_sound_one_is_not_refused_nor_one_of_a_rig_somewhat_off() {
         assert_eq!(quality.refusal(), None, "{}", rig.name);
     }
 }
+
+/// A pipe that nobody writes to, a folder, a device without an end: refused at once by every command that reads a recording.
+#[test]
+fn what_is_no_file_is_refused_and_never_waited_for() {
+    let folder = Folder::new("no-file");
+    let fifo = folder.path("fifo.csv");
+    assert!(std::process::Command::new("mkfifo").arg(&fifo).status().unwrap().success());
+    let out = folder.path("out");
+    for (what, word) in [(fifo.as_str(), "named pipe"), ("/dev/zero", "device"), (out.as_str(), "folder")] {
+        std::fs::create_dir_all(&out).unwrap();
+        for command in ["validate", "identify", "diagnose", "simulate"] {
+            let to = folder.path("to");
+            let args: Vec<&str> = match command {
+                "validate" => vec![command, what],
+                "simulate" => vec![command, "--inputs", what, "--out", &to],
+                _ => vec![command, what, "--out", &to],
+            };
+            let line = refused(args);
+            assert!(line.contains(what) && line.contains(word), "{command}: {line}");
+        }
+    }
+}

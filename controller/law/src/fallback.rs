@@ -12,7 +12,7 @@
 //! * `(K/b) e`: proportional action. `b` is the rate that a unit of duty makes (kPa/s), so `K` in 1/s is a
 //!   bandwidth and the same at all pressures. The error is that of the chamber: a sensor's lag is undone
 //!   ([`crate::ControlInput::undelayed_kpa`]).
-//! * `I`: the paper's integral and anti-windup ([`crate::integral`]).
+//! * `I`: the paper's integral and anti-windup ([`crate::integral`]), which stands still where a hold is held ([`crate::rest`]).
 //!
 //! Tuned on `dual_pressure` and `bench` together, holding the paper's two gains; measured in
 //! `docs/performance.md`.
@@ -27,6 +27,7 @@ use crate::direction::{BacklashEstimator, Direction};
 use crate::foresight::{Foresight, is_told};
 use crate::integral::{IntegralAction, IntegralSettings, VENT_SIGN};
 use crate::repetition::Repetition;
+use crate::rest::Rest;
 use crate::{ControlInput, ControlOutput, DutyTerms, TICK_S, saturated};
 
 /// Gains of the fallback.
@@ -84,6 +85,8 @@ struct Pending {
     proportional: f64,
     /// Whether a policy flew.
     flown: bool,
+    /// Whether the channel rests on a hold, and nothing integrates.
+    resting: bool,
 }
 
 /// The fallback controller.
@@ -99,6 +102,7 @@ pub struct Fallback {
     play: [BacklashEstimator; CHANNELS],
     pending: [Pending; CHANNELS],
     repetition: Option<Box<Repetition>>,
+    rest: Rest,
 }
 
 impl Fallback {
@@ -116,6 +120,7 @@ impl Fallback {
             play: paths.map(|path| play(&path, &settings)),
             pending: [Pending::default(); CHANNELS],
             repetition: None,
+            rest: Rest::default(),
         }
     }
 
@@ -167,6 +172,7 @@ impl Fallback {
         self.integral.set([0.0; CHANNELS]);
         self.directions.iter_mut().for_each(Direction::restart);
         self.foresight.restart();
+        self.rest = Rest::default();
         self.pending = [Pending::default(); CHANNELS];
         if let Some(repetition) = &mut self.repetition {
             repetition.begin();
@@ -186,6 +192,7 @@ impl Fallback {
         let (planned, turning) = self.foresight.duties(situation, 0);
         let gain = self.map.gain_kpa_per_s(self.map.chamber_kpa(situation.undelayed_kpa));
         let integral = self.integral.duty();
+        let resting = self.rest.follow(situation);
         let learned = self.learned(0);
         let repeats = self.repeated() > 0;
         let mut parts = [DutyTerms::default(); CHANNELS];
@@ -204,12 +211,12 @@ impl Fallback {
             let reachable = (0.0..=1.0).contains(&planned[c]);
             // What repetitions teach would be learned twice, and the two would drift against each other: the first flight
             // teaches play, the others the rest.
-            let learns = !repeats && (0.0..=1.0).contains(&raw);
+            let learns = !repeats && !resting[c] && (0.0..=1.0).contains(&raw);
             if learns && error_kpa.abs() < self.settings.play_gate_kpa[c] {
                 self.play[c].learn(direction, VENT_SIGN[c] * error_kpa);
             }
             let proportional = parts[c].proportional;
-            self.pending[c] = Pending { error_kpa, raw, reachable, proportional, flown: false };
+            self.pending[c] = Pending { error_kpa, raw, reachable, proportional, flown: false, resting: resting[c] };
         }
         let trajectory = self.trajectory(situation, &parts);
         self.foresight.advance(situation);
@@ -267,10 +274,11 @@ impl Fallback {
     pub fn applied(&mut self, duty: Pair) {
         for (c, (pending, applied)) in self.pending.into_iter().zip(duty).enumerate() {
             if pending.reachable {
-                self.integral.update(c, pending.error_kpa, pending.raw, applied);
+                let error_kpa = if pending.resting { 0.0 } else { pending.error_kpa };
+                self.integral.update(c, error_kpa, pending.raw, applied);
                 // Not at a limit, where nothing that is added acts.
                 let near = pending.error_kpa.abs() < self.settings.reset_gate_kpa[c] && applied == pending.raw;
-                if near && pending.flown {
+                if near && pending.flown && !pending.resting {
                     self.integral.shift(c, pending.proportional / self.settings.reset_time_s * TICK_S);
                 }
             }

@@ -6,6 +6,7 @@
 //! | [`policy_law`] | what a policy is told, and how its answer becomes a duty |
 //! | [`integral`] | the paper's integral action and anti-windup, on top of a policy or of the fallback |
 //! | [`repetition`] | what a reference flown again and again teaches |
+//! | [`rest`] | holds on which integral action stands still |
 //! | [`soft_start`] | from where the rig is to where the reference is, without saturating |
 //! | [`foresight`] | feed-forward: the reference, as much ahead as each valve is late |
 //! | [`direction`] | which way a planned duty moves, for play in a valve |
@@ -20,6 +21,7 @@ pub mod foresight;
 pub mod integral;
 pub mod policy_law;
 pub mod repetition;
+pub mod rest;
 pub mod soft_start;
 
 pub use fallback::{Fallback, FallbackSettings};

@@ -16,12 +16,14 @@ use std::path::Path;
 use mcap::read::parse_record;
 use mcap::records::{Record, op};
 
+use super::MOST_BYTES;
 use super::decompress::{End, decompress};
 use super::mcap_writer::{Event, EventLevel, topic};
 use super::protobuf::DecodeError;
 use super::recording_info::{Attachment, FORMAT, METADATA};
 use super::schema::{self, Log};
 use super::tick::{COMMAND_BYTES, SENSE_BYTES, TickRecord};
+use crate::regular_file;
 
 /// Everything that a recording holds.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -114,7 +116,8 @@ pub enum ForeignMcap {
 /// missing end is no error: see [`McapContent::notes`].
 pub fn read_mcap(path: &Path) -> Result<McapContent, ReadMcapError> {
     let file = path.display().to_string();
-    let bytes = std::fs::read(path).map_err(|source| ReadMcapError::Read { file: file.clone(), source })?;
+    let bytes =
+        regular_file::read(path, MOST_BYTES).map_err(|source| ReadMcapError::Read { file: file.clone(), source })?;
     parse_mcap(&file, &bytes)
 }
 

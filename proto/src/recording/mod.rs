@@ -66,3 +66,6 @@ pub use tick::{
 };
 pub use tick_table::tick_table;
 pub use wall_clock::rfc3339;
+
+/// Largest recording that is read (bytes): a week at 50 Hz has 6 GiB, and it is read into memory as a whole.
+pub const MOST_BYTES: u64 = 8 << 30;

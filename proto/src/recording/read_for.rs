@@ -20,7 +20,8 @@ use super::resample::{Kind, Resampling};
 use super::sheet::Sheet;
 use super::table::{Recording, RecordingError, Rows};
 use super::times::{Times, times};
-use super::{file_kind, logger_text, repeated};
+use super::{MOST_BYTES, file_kind, logger_text, repeated};
+use crate::regular_file;
 
 impl Recording {
     /// Reads a recording for a rig: MCAP of the daemon, what loggers write as text, MATLAB files.
@@ -30,7 +31,8 @@ impl Recording {
     /// would help.
     pub fn read_for(path: &Path, rig: &Rig) -> Result<Self, RecordingError> {
         let file = path.display().to_string();
-        let bytes = std::fs::read(path).map_err(|source| RecordingError::Read { file: file.clone(), source })?;
+        let bytes = regular_file::read(path, MOST_BYTES)
+            .map_err(|source| RecordingError::Read { file: file.clone(), source })?;
         let named_mcap = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("mcap"));
         if bytes.starts_with(mcap::MAGIC) || named_mcap {
             return Recording::parse_mcap(&file, &bytes)?.bridged(rig);

@@ -22,11 +22,13 @@ pub(super) mod rules;
 use std::ops::Range;
 use std::path::Path;
 
+use super::MOST_BYTES;
 use super::csv::{self, Column, ColumnData, CsvError, Table};
 use super::mcap_reader::{ReadMcapError, parse_mcap};
 use super::mcap_writer::{Event, EventLevel, VERDICT};
 use super::tick::TickRecord;
 use crate::atomic_file::{self, AtomicFileError};
+use crate::regular_file;
 
 /// Nominal time between rows (s).
 pub const PERIOD_S: f64 = 0.02;
@@ -238,7 +240,8 @@ impl Recording {
     /// The file cannot be read, or its content is wrong: one line with file, line and column.
     pub fn read(path: &Path) -> Result<Self, RecordingError> {
         let file = path.display().to_string();
-        let bytes = std::fs::read(path).map_err(|source| RecordingError::Read { file: file.clone(), source })?;
+        let bytes = regular_file::read(path, MOST_BYTES)
+            .map_err(|source| RecordingError::Read { file: file.clone(), source })?;
         let named_mcap = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("mcap"));
         if bytes.starts_with(mcap::MAGIC) || named_mcap {
             Self::parse_mcap(&file, &bytes)

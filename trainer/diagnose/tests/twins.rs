@@ -48,6 +48,7 @@ fn what_is_there_on_one_side_is_named_on_one() {
 /// Gas that warms in one chamber hides most of what its sensor lags by, so that this comes out smaller than on the other side and is no
 /// like of that; both are found all the same, and the warm gas with them.
 #[test]
+#[ignore = "four minutes of one core: a whole search; run by name"]
 fn a_lag_that_warm_gas_hides_is_found_on_both_sides() {
     let (rig, mut truth) = moved(&[("volumes.positive.volume_l", 1.03), ("valves.valve_neg.input_area_mm2", 0.98)]);
     let all = candidates(&rig);

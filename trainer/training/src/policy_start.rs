@@ -7,12 +7,13 @@ use std::path::Path;
 
 use model::observation::ObservationLayout;
 use onnx_file::{Exported, FeatureTerm, OutputMap};
+use proto::regular_file;
 use sac::{Feature, FeatureMap, Network};
 
 use crate::TrainingError;
 use crate::plan_fit;
 use crate::settings::{Features, Plan, TrainingSettings, Variant};
-use crate::trained_policy::{TrainedPolicy, network_of};
+use crate::trained_policy::{MOST_POLICY_BYTES, TrainedPolicy, network_of};
 
 /// A policy that a run starts from.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,8 +33,8 @@ impl PolicyStart {
     pub fn load(path: &Path) -> Result<Self, TrainingError> {
         let label = path.display().to_string();
         if path.is_file() && path.extension().is_some_and(|extension| extension == "onnx") {
-            let bytes =
-                std::fs::read(path).map_err(|error| TrainingError::file(path, &format!("cannot be read: {error}")))?;
+            let bytes = regular_file::read(path, MOST_POLICY_BYTES)
+                .map_err(|error| TrainingError::file(path, &format!("cannot be read: {error}")))?;
             let exported =
                 onnx_file::from_onnx(&bytes).map_err(|error| TrainingError::file(path, &error.to_string()))?;
             return Self::of_exported(label, &exported).map_err(|problem| TrainingError::file(path, &problem));

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
 
+use proto::regular_file;
 use proto::rig_file::{self, RigFileError};
 
 use crate::TrainingError;
@@ -23,6 +24,8 @@ use crate::policy_start::PolicyStart;
 use crate::settings::{Plan, TrainingSettings};
 
 const MAGIC: &[u8; 8] = b"DPPOL001";
+/// Largest policy that is read (bytes): the paper's has 0.4 MB, the loader of the daemon takes 32 MB of numbers.
+pub(crate) const MOST_POLICY_BYTES: u64 = 256 << 20;
 /// In the folder of a run: the policy, the same as it is published, and the settings of its training.
 const POLICY: &str = "policy.bin";
 const PUBLISHED: &str = "policy.onnx";
@@ -113,7 +116,7 @@ impl TrainedPolicy {
         if path.extension().is_some_and(|extension| extension == "onnx") {
             return Self::load_published(&path);
         }
-        let bytes = std::fs::read(&path).map_err(|error| {
+        let bytes = regular_file::read(&path, MOST_POLICY_BYTES).map_err(|error| {
             TrainingError::file(&path, &format!("cannot be read: {error}; give the folder of a run or its policy.bin"))
         })?;
         Self::from_bytes(&bytes).map_err(|problem| TrainingError::file(&path, &problem))
@@ -122,7 +125,8 @@ impl TrainedPolicy {
     /// Reads a policy that was published, with the settings beside it.
     fn load_published(path: &Path) -> Result<Self, TrainingError> {
         let read = |file: &Path| {
-            std::fs::read(file).map_err(|error| TrainingError::file(file, &format!("cannot be read: {error}")))
+            regular_file::read(file, MOST_POLICY_BYTES)
+                .map_err(|error| TrainingError::file(file, &format!("cannot be read: {error}")))
         };
         let beside = path.with_file_name(SETTINGS);
         if !beside.exists() {
