@@ -147,21 +147,33 @@ fn white_of_sparse(records: &Records, channel: usize) -> f64 {
     trimmed(&last, sigma)
 }
 
+/// Distance in rows, from a whole number of them, from which on samples stand between rows.
+const OFF_ROWS: f64 = 0.02;
+
+/// Whether samples stand between rows: a row then has a share of two samples, and its neighbour of one of them, so that only every
+/// second one is independent.
+fn is_off_rows(sampling_s: f64) -> bool {
+    let rows = sampling_s / PERIOD_S;
+    (rows - rows.round()).abs() > OFF_ROWS
+}
+
 /// Differences between samples with no change of command since one sample before them; and all.
 fn sparse_differences(records: &Records, channel: usize, coefficients: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let (mut calm, mut all) = (Vec::new(), Vec::new());
     for (record, r) in records.records().iter().enumerate() {
         let values = records.channel_kpa(record, channel);
         let usual = (r.sampling_s / PERIOD_S).ceil() as usize;
+        let stride = if is_off_rows(r.sampling_s) { 2 } else { 1 };
         for rows in &r.segments {
             let samples: Vec<usize> = rows.clone().filter(|row| r.is_measured(*row)).collect();
-            for w in samples.windows(coefficients.len()) {
+            for w in samples.windows((coefficients.len() - 1) * stride + 1) {
                 let (Some(first), Some(end)) = (w.first().copied(), w.last().copied()) else { continue };
                 // A lost sample makes the steps uneven.
-                if end - first > (coefficients.len() - 1) * usual + 1 {
+                if end - first > (coefficients.len() - 1) * stride * usual + 1 {
                     continue;
                 }
-                let size = difference(w.iter().filter_map(|row| values.get(*row)).copied(), coefficients);
+                let those = w.iter().step_by(stride).filter_map(|row| values.get(*row)).copied();
+                let size = difference(those, coefficients);
                 all.push(size);
                 let before = first.saturating_sub(usual).max(rows.start);
                 if r.inputs.iter().all(|input| span(input.get(before..end)) < CALM_SPAN) {
