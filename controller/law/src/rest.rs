@@ -3,19 +3,19 @@
 //! An integral in a loop with play never comes to rest: while the flapper stands, what is left of the error integrates until the
 //! play is crossed, the flapper moves at the speed that the integral has by then, goes past the goal, and the play is crossed
 //! back. The cure is the usual one for integral action with backlash (Åström and Hägglund, *Advanced PID Control*, 2006, on
-//! friction in valves): on a goal that stands still nothing integrates as long as the mean error is within the resolution of the
-//! reading, and nothing again until it has left twice that.
+//! friction in valves): on a goal that stands still nothing integrates once the mean error is within half a step of the reading,
+//! until it is beyond a whole one.
 
 use model::observation::{CHANNELS, GOALS_AHEAD, Pair};
 
 use crate::{ControlInput, TICK_S};
 
-/// Mean error in kPa within which a channel may rest. Derived: a step of the 16-bit converters over the paper's sensors, which is
-/// what a reading tells apart.
-const BAND_KPA: Pair = [0.08, 0.008];
-/// From so many bands on it is no longer at rest (chosen: mean errors move by a band when noise and play meet).
+/// Mean error in kPa within which a channel comes to rest. Derived: half a step of the converters over the paper's sensors (0.08 and
+/// 0.008 kPa), to which a reading is rounded.
+const BAND_KPA: Pair = [0.04, 0.004];
+/// From so many bands on it is no longer at rest: from a whole step, which a reading tells apart.
 const LEAVES_BANDS: f64 = 2.0;
-/// Time constant of the mean error in seconds. Derived: the noise of a reading (0.06 and 0.006 kPa) is a fifth of a band in it.
+/// Time constant of the mean error in seconds. Derived: the noise of a reading (0.06 and 0.006 kPa) is a third of a band in it.
 const MEAN_S: f64 = 0.25;
 /// How long a goal has stood still before it counts as a hold, in ticks (chosen: the loop settles in about a second).
 const STILL_TICKS: u32 = 50;
@@ -66,11 +66,11 @@ mod tests {
     #[test]
     fn rests_within_a_band_and_leaves_at_two() {
         let mut rest = Rest::default();
-        assert_eq!(held(&mut rest, 200, [0.07, 0.012]), [true, false]);
-        assert_eq!(held(&mut rest, 200, [0.15, 0.007]), [true, true]);
-        assert_eq!(held(&mut rest, 200, [0.17, 0.012]), [false, true]);
+        assert_eq!(held(&mut rest, 200, [0.035, 0.006]), [true, false]);
+        assert_eq!(held(&mut rest, 200, [0.075, 0.0035]), [true, true]);
+        assert_eq!(held(&mut rest, 200, [0.085, 0.006]), [false, true]);
         // Having left it has to come back to one band.
-        assert_eq!(held(&mut rest, 200, [0.15, 0.012]), [false, true]);
+        assert_eq!(held(&mut rest, 200, [0.075, 0.006]), [false, true]);
     }
 
     #[test]
