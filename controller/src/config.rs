@@ -90,6 +90,8 @@ pub struct PolicyChoice {
     pub require_signature: bool,
     /// The public key (minisign, base64) that signatures are checked with.
     pub public_key: String,
+    /// What becomes of a policy that tracks clearly worse than the fallback on the model in force.
+    pub when_behind: WhenBehind,
     /// Standard deviation of exploration as a share of the outputs' range, for a policy that states none.
     pub exploration_std: f64,
     /// The most that exploration ever adds to a duty.
@@ -119,6 +121,17 @@ pub enum Follow {
     Newest,
 }
 
+/// What becomes of a policy that tracks clearly worse than the fallback on the model in force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum WhenBehind {
+    /// The fallback takes over from it.
+    #[default]
+    Fallback,
+    /// It goes on; that it is behind is told.
+    Fly,
+}
+
 /// The name of the policy that ships with the program.
 pub const DEFAULT_POLICY: &str = "default";
 /// The name that stands for no policy at all.
@@ -132,6 +145,7 @@ impl Default for PolicyChoice {
             follow: Follow::default(),
             require_signature: false,
             public_key: String::new(),
+            when_behind: WhenBehind::default(),
             exploration_std: 0.02,
             exploration_max_duty: 0.02,
         }

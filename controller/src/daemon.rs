@@ -238,6 +238,7 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
         model: rig.name.clone(),
         reference: reference_name.clone(),
         armed_by: None,
+        why_fallback: None,
     };
     let policies: Option<StartPolicies> = options.socket.then(|| {
         let (config, rig, end, models) = (
@@ -246,8 +247,8 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
             cycle.duty_source().tracking().policies(),
             cycle.duty_source().tracking().models(),
         );
-        let start: StartPolicies = Box::new(move |say, stop| {
-            let store = policy_service::start(&config, &rig, active, end, stop, say)?;
+        let start: StartPolicies = Box::new(move |voices, stop| {
+            let store = policy_service::start(&config, &rig, active, end, stop, voices)?;
             Ok(PolicyHandle { policies: store.desk(), models })
         });
         start

@@ -178,9 +178,11 @@ impl Desk {
                 }
                 None => self.over("rollback", peer, Err(NO_POLICIES.to_owned())),
             },
-            Ask::Model { file } => {
-                self.aside(format!("model {}", file.display()), peer, move |handle, _| handle.models.change(&file))
-            }
+            Ask::Model { file } => self.aside(format!("model {}", file.display()), peer, move |handle, _| {
+                let changed = handle.models.change(&file)?;
+                handle.policies.model_changed(handle.models.rig());
+                Ok(changed)
+            }),
             Ask::Explore { switch, seed } => match self.start_exploring(switch, seed) {
                 Ok(ticket) => pending(What::Explore { ticket, switch }),
                 Err(why) => self.over("explore", peer, Err(why)),
@@ -721,6 +723,7 @@ impl Desk {
         if let Some(handle) = &self.options.policies {
             (running.policy, running.policy_sha256) = handle.policies.active();
             running.model = handle.models.name();
+            running.why_fallback = handle.policies.why_fallback();
         }
         Reply {
             ok: outcome.is_ok(),

@@ -162,6 +162,9 @@ pub struct Running {
     pub model: String,
     /// The reference that is followed once armed.
     pub reference: String,
+    /// Why the fallback controls in place of a policy, one line.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub why_fallback: Option<String>,
     /// Who armed the rig, while it is armed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub armed_by: Option<String>,

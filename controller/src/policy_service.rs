@@ -8,7 +8,7 @@ use admission::{Examiner, Limits, Refusal, SignatureRule};
 use handover::StoreEnd;
 use model::rig::Rig;
 use policy::{Links, Policy, PolicyHash};
-use policy_store::{ActivePolicy, Adoption, PolicyDesk, PolicyStore, StoreSettings};
+use policy_store::{ActivePolicy, Adoption, Examination, PolicyDesk, PolicyStore, StoreSettings, Voices, WhenBehind};
 
 use crate::config::{Config, Safety};
 use crate::model_change::ModelDesk;
@@ -79,25 +79,26 @@ pub fn start(
     active: Option<(String, PolicyHash, Arc<[u8]>)>,
     end: StoreEnd,
     stop: Arc<AtomicBool>,
-    say: Box<dyn FnMut(String) + Send>,
+    voices: Voices,
 ) -> Result<PolicyStore, ServiceError> {
     let rule = signature_rule(config)?;
     let settings = StoreSettings {
         directory: config.policy.directory.clone(),
         adoption: adoption(config),
+        when_behind: when_behind(config),
         audit: config.record.directory.join(AUDIT),
         signatures: offered().into(),
     };
-    let active = active.filter(|(_, hash, bytes)| policy::hash(bytes) == *hash).map(|(name, _, bytes)| ActivePolicy {
-        name,
-        bytes,
-        tallies: None,
+    let active = active
+        .filter(|(_, hash, bytes)| policy::hash(bytes) == *hash)
+        .map(|(name, _, bytes)| ActivePolicy { name, bytes });
+    let safety = config.safety;
+    let examiner = Box::new(move |rig: &Rig| {
+        let rule = rule.clone();
+        Examiner::new(offered().into(), rule, rig, limits(safety)).map_err(|e| format!("rig {}: {e}", rig.name))
     });
-    let (rig, safety) = (rig.clone(), config.safety);
-    let examiner = Box::new(move || {
-        Examiner::new(offered().into(), rule, &rig, limits(safety)).map_err(|e| format!("rig {}: {e}", rig.name))
-    });
-    Ok(PolicyStore::start(settings, active, end, examiner, stop, say)?)
+    let examination = Examination { model: rig.clone(), examiner };
+    Ok(PolicyStore::start(settings, active, end, examination, stop, voices)?)
 }
 
 /// Why the watched directory cannot be served.
@@ -122,5 +123,12 @@ fn adoption(config: &Config) -> Adoption {
     match config.policy.follow {
         crate::config::Follow::Manual => Adoption::Manual,
         crate::config::Follow::Newest => Adoption::Newest,
+    }
+}
+
+fn when_behind(config: &Config) -> WhenBehind {
+    match config.policy.when_behind {
+        crate::config::WhenBehind::Fallback => WhenBehind::Fallback,
+        crate::config::WhenBehind::Fly => WhenBehind::Fly,
     }
 }

@@ -20,6 +20,7 @@ use std::time::{Duration, Instant};
 use flight::recorder::Observer;
 use flight::{Destination, Event, Noter, Recorded, Recorder, RecorderOptions, RecordingSummary, Retention};
 use handover::ExplorationRules;
+use policy_store::Voices;
 use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo, VERDICT, rfc3339};
 
 use crate::clock::now_ns;
@@ -140,9 +141,8 @@ pub struct SessionRecorder {
     pub length: RunLength,
 }
 
-/// Starts the service of policies, given where its lines go and what ends it.
-pub type StartPolicies =
-    Box<dyn FnOnce(Box<dyn FnMut(String) + Send>, Arc<AtomicBool>) -> Result<PolicyHandle, ServiceError>>;
+/// Starts the service of policies, given where it speaks and what ends it.
+pub type StartPolicies = Box<dyn FnOnce(Voices, Arc<AtomicBool>) -> Result<PolicyHandle, ServiceError>>;
 
 /// A file of text for [`SessionRecorder::attachments`].
 pub fn attachment(name: &str, media_type: &str, data: impl Into<Vec<u8>>) -> Attachment {
@@ -191,6 +191,7 @@ pub fn fly_recorded<H: DutySource + 'static>(
         let destination = destination(config, EXPERIMENT_STEM);
         ExperimentLog::new(LogSettings { destination, log_time: info.log_time, config: config_file })
     });
+    let viewers = tap.clone();
     let mut observer = observer;
     let elsewhere = experiments.clone();
     let observer = move |recorded: Recorded<'_>| {
@@ -218,8 +219,13 @@ pub fn fly_recorded<H: DutySource + 'static>(
     let noter = recorder.noter();
     let policies = policies
         .map(|start| {
-            let say = move |text| noter.note(now_ns(), EventLevel::Info, "policies", text);
-            start(Box::new(say), Arc::clone(&stop))
+            let say = Box::new(move |text| noter.note(now_ns(), EventLevel::Info, "policies", text));
+            let show = Box::new(move |json| {
+                if let Some(tap) = &viewers {
+                    tap.policies(json);
+                }
+            });
+            start(Voices { say, show }, Arc::clone(&stop))
         })
         .transpose()?;
     let (mailbox, desk) = mailbox();

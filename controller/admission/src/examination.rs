@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::answers::Answers;
 use crate::signature::SignatureRule;
+use crate::standing::Standing;
 use crate::trial::{Limits, Tally, Trial, TrialFigures, judge};
 
 /// Longest median of an inference, in µs: a hundredth of the tick.
@@ -138,6 +139,17 @@ impl Examiner {
         let name = path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
         let admitted = self.examine_bytes(name, &bytes, incumbent)?;
         Ok((admitted, bytes.into()))
+    }
+
+    /// Flies a policy that controls already through the trial and judges nothing but how it stands against the fallback;
+    /// `None` where the file cannot be loaded.
+    ///
+    /// # Real-time
+    /// About a second; not for the tick.
+    pub fn stand(&self, bytes: &[u8]) -> Option<(Standing, Vec<Tally>)> {
+        let mut policy = Policy::from_bytes(String::new(), bytes, &self.signatures).ok()?;
+        let tallies = self.trial.fly(&mut policy);
+        Some((Standing::of(&tallies, self.trial.fallback())?, tallies))
     }
 
     /// As [`Examiner::examine`], from bytes that the caller already has and trusts the origin of.

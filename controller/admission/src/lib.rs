@@ -17,9 +17,11 @@ pub mod examination;
 pub mod model_comparison;
 pub mod signature;
 pub mod signatures;
+pub mod standing;
 pub mod trial;
 
 pub use answers::Answers;
 pub use examination::{Admitted, Examiner, Refusal, Stage};
 pub use signature::SignatureRule;
+pub use standing::Standing;
 pub use trial::{Limits, Tally, Trial, TrialFigures};

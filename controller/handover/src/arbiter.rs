@@ -214,8 +214,7 @@ impl Arbiter {
         self.incumbent.law.restart(duty);
         if let Some((seat, stages)) = &mut self.candidate {
             seat.law.restart(duty);
-            // What was proved before the rig was vented must be proved again.
-            *stages = Stages::from_shadow();
+            *stages = stages.anew();
         }
         self.conditions = Conditions::default();
         self.remainder = ([0.0; CHANNELS], 0);

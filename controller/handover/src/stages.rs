@@ -183,6 +183,16 @@ impl Stages {
         Stages::at(StageNow::Probation, Judged::Watched)
     }
 
+    /// The same way from its beginning: what was proved before the rig was vented is proved again, and what needed no proof
+    /// needs none.
+    #[must_use]
+    pub fn anew(&self) -> Self {
+        match self.judged {
+            Judged::Compared => Stages::from_shadow(),
+            Judged::Watched => Stages::straight(),
+        }
+    }
+
     fn at(now: StageNow, judged: Judged) -> Self {
         Stages { now, judged, ticks: 0, test: SequentialTest::default(), authority: 0.0, watched: Watched::default() }
     }

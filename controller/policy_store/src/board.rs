@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::Arc;
 
-use admission::{Admitted, Refusal, Stage, Tally};
+use admission::{Admitted, Refusal, Stage, Standing, Tally};
 use handover::{Loss, PolicyEvent, PolicyTag, Snapshot, StageNow};
 
 use crate::entry::{Entry, EntryState, provenance};
@@ -26,6 +26,8 @@ pub struct Board {
     /// What is active by the tick's own word, and what was before it.
     active: PolicyTag,
     previous: Option<PolicyTag>,
+    /// The policy that the fallback controls in place of, because it tracks worse on the model in force.
+    set_aside: Option<PolicyTag>,
     /// What is wrong with directory or files.
     pub problem: Option<String>,
 }
@@ -139,6 +141,7 @@ impl Board {
             figures: Some(admitted.figures),
             inference_us: Some(admitted.inference_us),
             provenance: provenance(&admitted.policy),
+            behind: self.entries.values().find(|entry| entry.tag() == Some(tag)).and_then(|entry| entry.behind),
             ..Entry::checking(name)
         };
         self.entries.insert(name.to_owned(), entry);
@@ -150,6 +153,42 @@ impl Board {
     /// The trial's flights of a policy that was not examined here.
     pub fn flown(&mut self, tag: PolicyTag, tallies: Vec<Tally>) {
         self.tallies.insert(tag, tallies);
+    }
+
+    /// How a policy stands against the fallback on the model in force.
+    pub fn stands(&mut self, tag: PolicyTag, standing: Standing) {
+        for entry in self.entries.values_mut().filter(|entry| entry.tag() == Some(tag)) {
+            entry.behind = Some(standing).filter(Standing::is_behind);
+        }
+    }
+
+    /// Another model is in force: nothing is known of how policies stand on it.
+    pub fn forget_standings(&mut self) {
+        self.entries.values_mut().for_each(|entry| entry.behind = None);
+    }
+
+    /// Remembers the policy that the fallback controls in place of; `None` once an operator or another model decides.
+    pub fn set_aside(&mut self, tag: Option<PolicyTag>) {
+        self.set_aside = tag;
+    }
+
+    /// What is to be held against the fallback: what flies, or what was set aside for it.
+    pub fn to_be_held(&self) -> Option<(PolicyTag, Arc<[u8]>)> {
+        let flies = Some(self.snapshot.incumbent).filter(|tag| *tag != PolicyTag::FALLBACK);
+        let tag = self.set_aside.or(flies)?;
+        Some((tag, self.bytes(tag)?))
+    }
+
+    /// Why the fallback controls in place of a policy, one line.
+    pub fn why_fallback(&self) -> Option<String> {
+        let tag = self.set_aside?;
+        let standing = self.entries.values().find(|entry| entry.tag() == Some(tag))?.behind?;
+        Some(format!("{} is behind the fallback on this model: {standing}", self.name_of(tag)))
+    }
+
+    /// Whether a policy was set aside for the fallback.
+    pub fn is_set_aside(&self, tag: PolicyTag) -> bool {
+        self.set_aside == Some(tag)
     }
 
     /// A policy was refused.

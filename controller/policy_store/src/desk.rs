@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use handover::{Candidate, Command, Haste, PolicyTag, Snapshot, StoreEnd};
+use model::rig::Rig;
 use policy::{Policy, PolicySignature};
 
 use crate::audit::Audit;
@@ -19,6 +20,8 @@ pub struct PolicyDesk {
     pub(crate) audit: Arc<Mutex<Audit>>,
     pub(crate) end: StoreEnd,
     pub(crate) signatures: Arc<[PolicySignature]>,
+    /// A model that was put in force and that nothing was tried on yet.
+    pub(crate) new_model: Arc<Mutex<Option<Rig>>>,
 }
 
 /// A lock that a panic elsewhere does not take away.
@@ -41,6 +44,16 @@ impl PolicyDesk {
         (board.active_name(), sha256.unwrap_or_default())
     }
 
+    /// Why the fallback controls in place of a policy, one line.
+    pub fn why_fallback(&self) -> Option<String> {
+        locked(&self.board).why_fallback()
+    }
+
+    /// Another model is in force: policies are examined on it from now on, and what controls is held against the fallback there.
+    pub fn model_changed(&self, model: Rig) {
+        *locked(&self.new_model) = Some(model);
+    }
+
     /// What is wrong with the directory, if anything.
     pub fn problem(&self) -> Option<String> {
         locked(&self.board).problem.clone()
@@ -51,6 +64,14 @@ impl PolicyDesk {
     /// # Errors
     /// Why not, one line.
     pub fn swap(&self, name: &str, who: &str) -> Result<String, String> {
+        let text = self.send(name, who)?;
+        // Whoever names what is to control has decided, whatever the trial on the model says.
+        locked(&self.board).set_aside(None);
+        Ok(text)
+    }
+
+    /// Sends a policy or the fallback on to the rig.
+    pub(crate) fn send(&self, name: &str, who: &str) -> Result<String, String> {
         let (tag, sha256, haste, bytes) = self.ready(name)?;
         let candidate = match bytes {
             None => Candidate::fallback(),
@@ -91,6 +112,7 @@ impl PolicyDesk {
             (None, None) => return Err("nothing flew before; swap to a policy or to fallback by name".to_owned()),
         };
         self.end.ask(Command::Rollback).map_err(|_| "too many requests wait; is the cRIO there?".to_owned())?;
+        locked(&self.board).set_aside(None);
         self.note(who, "rollback", &name, "");
         Ok(text)
     }

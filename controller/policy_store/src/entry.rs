@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use admission::{Refusal, Stage, TrialFigures};
+use admission::{Refusal, Stage, Standing, TrialFigures};
 use handover::{PolicyTag, StageNow};
 use policy::Policy;
 use serde::{Deserialize, Serialize};
@@ -85,6 +85,9 @@ pub struct Entry {
     /// Why it was refused, and at which stage.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refusal: Option<Refusal>,
+    /// Errors on the model in force, where the fallback tracks clearly better there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub behind: Option<Standing>,
     /// Figures of its closed-loop trial.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub figures: Option<TrialFigures>,
@@ -105,6 +108,7 @@ impl Entry {
             sha256: String::new(),
             authority_percent: None,
             refusal: None,
+            behind: None,
             figures: None,
             inference_us: None,
             provenance: BTreeMap::new(),

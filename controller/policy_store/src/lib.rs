@@ -20,4 +20,4 @@ pub mod watch;
 
 pub use desk::PolicyDesk;
 pub use entry::{Entry, EntryState};
-pub use store::{ActivePolicy, Adoption, PolicyStore, StoreSettings};
+pub use store::{ActivePolicy, Adoption, Examination, PolicyStore, StoreSettings, Voices, WhenBehind};

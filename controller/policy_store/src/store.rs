@@ -7,14 +7,15 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use admission::{Admitted, Examiner, Refusal, Stage, Tally};
+use admission::{Admitted, Examiner, Refusal, Stage, Standing, Tally};
 use handover::{PolicyTag, StoreEnd};
+use model::rig::Rig;
 use policy::{Links, PolicySignature};
 use proto::atomic_file;
 
 use crate::audit::Audit;
 use crate::board::{Board, Change};
-use crate::desk::{PolicyDesk, locked};
+use crate::desk::{FALLBACK, PolicyDesk, locked};
 use crate::entry::Entry;
 use crate::watch::{Settled, Watcher};
 
@@ -27,6 +28,9 @@ const COPYING_S: i64 = 15;
 /// Who asks where nobody does.
 const FOLLOWS: &str = "policy.follow";
 const STORE: &str = "daemon";
+const STANDING: &str = "policy.when_behind";
+/// Said where the examining thread has ended.
+const NOT_EXAMINED: &str = "policies are not examined any more; restart the daemon";
 
 /// What becomes of a policy that has passed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -38,12 +42,24 @@ pub enum Adoption {
     Newest,
 }
 
+/// What becomes of a policy that tracks clearly worse than the fallback on the model in force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum WhenBehind {
+    /// The fallback takes over from it.
+    #[default]
+    Fallback,
+    /// It goes on; that it is behind is told.
+    Fly,
+}
+
 /// What a store works with.
 pub struct StoreSettings {
     /// The watched directory.
     pub directory: PathBuf,
     /// Whether the newest is adopted.
     pub adoption: Adoption,
+    /// What becomes of a policy that is behind the fallback.
+    pub when_behind: WhenBehind,
     /// The file that says who did what.
     pub audit: PathBuf,
     /// The layouts that policies are read for.
@@ -56,8 +72,6 @@ pub struct ActivePolicy {
     pub name: String,
     /// Its file's bytes.
     pub bytes: Arc<[u8]>,
-    /// Its flights of the trial, where it was examined.
-    pub tallies: Option<Vec<Tally>>,
 }
 
 /// The running store.
@@ -66,11 +80,28 @@ pub struct PolicyStore {
     thread: JoinHandle<()>,
 }
 
-/// Makes the examiner, in the store's own thread: it flies the fallback through the trial, which takes a second or two.
-pub type MakeExaminer = Box<dyn FnOnce() -> Result<Examiner, String> + Send>;
+/// Makes the examiner for a model, in the store's own thread: it flies the fallback through the trial, which takes a second
+/// or two.
+pub type MakeExaminer = Box<dyn Fn(&Rig) -> Result<Examiner, String> + Send>;
+
+/// How policies are examined, and on which model at first.
+pub struct Examination {
+    /// The model in force at the start.
+    pub model: Rig,
+    /// Makes the examiner for this model, and for each that is put in force after it.
+    pub examiner: MakeExaminer,
+}
+
+/// Where the store speaks.
+pub struct Voices {
+    /// Is told one line for everything that a person should know.
+    pub say: Box<dyn FnMut(String) + Send>,
+    /// Is given all policies as JSON whenever something about them changes.
+    pub show: Box<dyn FnMut(String) + Send>,
+}
 
 impl PolicyStore {
-    /// Starts the thread; it ends once `stop` is set. `say` is told one line for everything that a person should know.
+    /// Starts the thread; it ends once `stop` is set.
     ///
     /// # Errors
     /// If the system gives no thread.
@@ -78,32 +109,26 @@ impl PolicyStore {
         settings: StoreSettings,
         active: Option<ActivePolicy>,
         end: StoreEnd,
-        examiner: MakeExaminer,
+        examination: Examination,
         stop: Arc<AtomicBool>,
-        say: Box<dyn FnMut(String) + Send>,
+        voices: Voices,
     ) -> std::io::Result<Self> {
         let mut board = Board::default();
-        let mut unflown = None;
-        if let Some(active) = active {
-            let sha256 = policy::hash(&active.bytes).to_string();
-            let entry = Entry { sha256, ..Entry::checking(&active.name) };
-            let tag = entry.tag();
-            match (active.tallies, tag) {
-                (Some(tallies), Some(tag)) => board.flown(tag, tallies),
-                _ => unflown = Some(Arc::clone(&active.bytes)),
-            }
-            board.begin(entry, Some(active.bytes));
+        if let Some(ActivePolicy { name, bytes }) = active {
+            let sha256 = policy::hash(&bytes).to_string();
+            board.begin(Entry { sha256, ..Entry::checking(&name) }, Some(bytes));
         }
         let desk = PolicyDesk {
             board: Arc::new(Mutex::new(board)),
             audit: Arc::new(Mutex::new(Audit::open(settings.audit.clone()))),
             end,
             signatures: settings.signatures.clone().into(),
+            new_model: Arc::default(),
         };
-        let mut round = Round { desk: desk.clone(), settings, say, problem: None };
-        let thread = std::thread::Builder::new()
-            .name("policies".to_owned())
-            .spawn(move || round.run(examiner, unflown, &stop))?;
+        let Voices { say, show } = voices;
+        let mut round = Round { desk: desk.clone(), settings, say, show, shown: String::new(), problem: None };
+        let thread =
+            std::thread::Builder::new().name("policies".to_owned()).spawn(move || round.run(examination, &stop))?;
         Ok(PolicyStore { desk, thread })
     }
 
@@ -123,27 +148,36 @@ struct Round {
     desk: PolicyDesk,
     settings: StoreSettings,
     say: Box<dyn FnMut(String) + Send>,
+    show: Box<dyn FnMut(String) + Send>,
+    /// What was shown last.
+    shown: String,
     problem: Option<String>,
 }
 
-/// A file on its way through the stages, and what came out.
-struct Job {
-    settled: Settled,
-    incumbent: Option<Vec<Tally>>,
+/// What the examining thread is given.
+enum Job {
+    /// A file on its way through the stages.
+    File { settled: Settled, incumbent: Option<Vec<Tally>> },
+    /// Another model is in force.
+    Model(Box<Rig>),
 }
-struct Outcome {
-    settled: Settled,
-    outcome: Result<(Admitted, Arc<[u8]>), Refusal>,
+
+/// What comes back from it.
+enum Outcome {
+    /// What became of a file.
+    File { settled: Settled, outcome: Result<(Admitted, Arc<[u8]>), Refusal> },
+    /// How what controls stands against the fallback on the model of this name.
+    Standing { tag: PolicyTag, standing: Standing, model: String },
 }
 
 impl Round {
-    fn run(&mut self, examiner: MakeExaminer, unflown: Option<Arc<[u8]>>, stop: &Arc<AtomicBool>) {
+    fn run(&mut self, examination: Examination, stop: &Arc<AtomicBool>) {
         let (jobs, todo) = channel::<Job>();
         let (done, outcomes) = channel::<Outcome>();
         let board = Arc::clone(&self.desk.board);
         let worker = std::thread::Builder::new().name("examiner".to_owned()).spawn({
             let stop = Arc::clone(stop);
-            move || examine_all(examiner, unflown, &board, &todo, &done, &stop)
+            move || examine_all(examination, &board, &todo, &done, &stop)
         });
         if let Err(error) = worker {
             self.trouble(format!("policies cannot be examined: no thread ({error})"));
@@ -154,8 +188,18 @@ impl Round {
         while !stop.load(Ordering::Relaxed) {
             self.follow_tick();
             for outcome in outcomes.try_iter().collect::<Vec<_>>() {
-                self.examined(outcome, &mut watcher);
+                match outcome {
+                    Outcome::File { settled, outcome } => self.examined(settled, outcome, &mut watcher),
+                    Outcome::Standing { tag, standing, model } => self.stands(tag, standing, &model),
+                }
             }
+            let model = locked(&self.desk.new_model).take();
+            if let Some(model) = model
+                && jobs.send(Job::Model(Box::new(model))).is_err()
+            {
+                self.trouble(NOT_EXAMINED.to_owned());
+            }
+            self.show_all();
             if Instant::now() >= next_reading {
                 next_reading = Instant::now() + READING;
                 self.read_directory(&mut watcher, &jobs);
@@ -186,8 +230,8 @@ impl Round {
                 board.checking(&settled.name);
                 board.incumbent_tallies().cloned()
             };
-            if jobs.send(Job { settled, incumbent }).is_err() {
-                self.trouble("policies are not examined any more; restart the daemon".to_owned());
+            if jobs.send(Job::File { settled, incumbent }).is_err() {
+                self.trouble(NOT_EXAMINED.to_owned());
             }
         }
         if let Some(problem) = reading.problem {
@@ -195,8 +239,7 @@ impl Round {
         }
     }
 
-    fn examined(&mut self, outcome: Outcome, watcher: &mut Watcher) {
-        let Outcome { settled, outcome } = outcome;
+    fn examined(&mut self, settled: Settled, outcome: Result<(Admitted, Arc<[u8]>), Refusal>, watcher: &mut Watcher) {
         match outcome {
             Ok((admitted, bytes)) => {
                 let change = locked(&self.desk.board).passed(&settled.name, admitted, bytes);
@@ -213,6 +256,59 @@ impl Round {
                 let change = locked(&self.desk.board).refused(&settled.name, refusal);
                 self.changed(&change, STORE);
             }
+        }
+    }
+
+    /// What controls, or was set aside, has been held against the fallback on the model in force.
+    fn stands(&mut self, tag: PolicyTag, standing: Standing, model: &str) {
+        let (name, flies, aside, free) = {
+            let mut board = locked(&self.desk.board);
+            board.stands(tag, standing);
+            let snapshot = board.snapshot();
+            let free = snapshot.candidate.is_none();
+            (board.name_of(tag), snapshot.incumbent == tag, board.is_set_aside(tag), free)
+        };
+        let found = format!("policy {name} on model {model}: {standing}");
+        if !standing.is_behind() {
+            if aside {
+                locked(&self.desk.board).set_aside(None);
+                self.follow_standing(&name, format!("{found} for the fallback; it controls again"));
+            }
+            return;
+        }
+        match self.settings.when_behind {
+            WhenBehind::Fly => {
+                (self.say)(format!("{found} for the fallback; it controls all the same (policy.when_behind)"))
+            }
+            WhenBehind::Fallback if flies && free => {
+                locked(&self.desk.board).set_aside(Some(tag));
+                let how =
+                    format!("the fallback controls in its place, `controller swap {name}` has it control all the same");
+                self.follow_standing(FALLBACK, format!("{found} for the fallback; {how}"));
+            }
+            WhenBehind::Fallback if flies => {
+                (self.say)(format!("{found} for the fallback; nothing changes while another policy is on its way"));
+            }
+            // It is set aside already, or something else has come to control since.
+            WhenBehind::Fallback => {}
+        }
+    }
+
+    /// Sends on what controls by its standing.
+    fn follow_standing(&mut self, name: &str, why: String) {
+        match self.desk.send(name, STANDING) {
+            Ok(_) => (self.say)(why),
+            Err(problem) => (self.say)(format!("{why}: not done: {problem}")),
+        }
+    }
+
+    /// Shows all policies where something about them has changed.
+    fn show_all(&mut self) {
+        let shown: Vec<_> = locked(&self.desk.board).entries().map(shown).collect();
+        let json = serde_json::Value::from(shown).to_string();
+        if json != self.shown {
+            self.shown.clone_from(&json);
+            (self.show)(json);
         }
     }
 
@@ -280,35 +376,77 @@ fn still_copied(settled: &Settled, refusal: &Refusal) -> bool {
     young && short && refusal.stage <= Stage::Network
 }
 
+/// A policy as live viewers are shown it.
+fn shown(entry: &Entry) -> serde_json::Value {
+    let reason = match (&entry.refusal, &entry.behind) {
+        (Some(refusal), _) => refusal.to_string(),
+        (None, Some(standing)) => format!("behind the fallback on this model: {standing}"),
+        (None, None) => String::new(),
+    };
+    let figures =
+        entry.figures.map_or(String::new(), |f| format!("trial: {:.3}/{:.3} kPa", f.rmse_kpa[0], f.rmse_kpa[1]));
+    serde_json::json!({
+        "name": entry.name,
+        "state": entry.state.name(),
+        "authority_percent": entry.authority_percent,
+        "sha256": entry.sha256,
+        "reason": reason,
+        "figures": figures,
+    })
+}
+
 fn examine_all(
-    examiner: MakeExaminer,
-    unflown: Option<Arc<[u8]>>,
+    examination: Examination,
     board: &Mutex<Board>,
     todo: &Receiver<Job>,
     done: &Sender<Outcome>,
     stop: &AtomicBool,
 ) {
-    let examiner = match examiner() {
+    let Examination { mut model, examiner: make } = examination;
+    let mut examiner = match make(&model) {
         Ok(examiner) => examiner,
         Err(problem) => {
             locked(board).problem = Some(format!("policies cannot be examined: {problem}"));
             return;
         }
     };
-    if let Some(bytes) = unflown
-        && let Ok(admitted) = examiner.examine_bytes(String::new(), &bytes, examiner.fallback())
-    {
-        let tag = PolicyTag::of(&admitted.policy);
-        locked(board).flown(tag, admitted.tallies);
+    if !hold_against_fallback(&examiner, &model.name, board, done) {
+        return;
     }
-    while let Ok(Job { settled, incumbent }) = todo.recv() {
+    while let Ok(job) = todo.recv() {
         if stop.load(Ordering::Relaxed) {
             return;
         }
-        let incumbent = incumbent.as_deref().unwrap_or(examiner.fallback());
-        let outcome = examiner.examine_file(&settled.path, Links::Refuse, incumbent);
-        if done.send(Outcome { settled, outcome }).is_err() {
+        let told = match job {
+            Job::File { settled, incumbent } => {
+                let incumbent = incumbent.as_deref().unwrap_or(examiner.fallback());
+                let outcome = examiner.examine_file(&settled.path, Links::Refuse, incumbent);
+                done.send(Outcome::File { settled, outcome }).is_ok()
+            }
+            Job::Model(new) => match make(&new) {
+                Ok(on_new) => {
+                    (examiner, model) = (on_new, *new);
+                    locked(board).forget_standings();
+                    hold_against_fallback(&examiner, &model.name, board, done)
+                }
+                Err(problem) => {
+                    let why = format!("policies are still examined on model {}: {problem}", model.name);
+                    locked(board).problem = Some(why);
+                    true
+                }
+            },
+        };
+        if !told {
             return;
         }
     }
+}
+
+/// Flies what controls through the trial on the model in force; `false` where nobody takes the outcome any more.
+fn hold_against_fallback(examiner: &Examiner, model: &str, board: &Mutex<Board>, done: &Sender<Outcome>) -> bool {
+    let held = locked(board).to_be_held();
+    let Some((tag, bytes)) = held else { return true };
+    let Some((standing, tallies)) = examiner.stand(&bytes) else { return true };
+    locked(board).flown(tag, tallies);
+    done.send(Outcome::Standing { tag, standing, model: model.to_owned() }).is_ok()
 }

@@ -31,6 +31,9 @@ fn line(entry: &Entry, width: usize) -> String {
     if let Some(refusal) = &entry.refusal {
         text.push_str(&format!("\n{:width$}  why: {refusal}", ""));
     }
+    if let Some(standing) = &entry.behind {
+        text.push_str(&format!("\n{:width$}  behind the fallback on this model: {standing}", ""));
+    }
     let told: Vec<String> = ["rig", "preset", "variant", "seed", "steps", "commit"]
         .iter()
         .filter_map(|key| entry.provenance.get(*key).map(|value| format!("{key} {value}")))

@@ -134,6 +134,9 @@ fn print_status(reply: &Reply) {
     say(format_args!("state      {}", reply.state.as_str()));
     let running = &reply.running;
     say(format_args!("policy     {}   model {}   reference {}", running.policy, running.model, running.reference));
+    if let Some(why) = &running.why_fallback {
+        say(format_args!("fallback   {why}"));
+    }
     if let Some(who) = &running.armed_by {
         say(format_args!("armed by   {who}"));
     }
