@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use ::finetune::{FinetuneCallback, FinetuneRun, FinetuneSettings, Progress, Source, Status};
+use ::finetune::{FinetuneCallback, FinetuneRun, FinetuneSettings, Progress, PublishedPlan, Source, Status};
 use clap::Args;
 use serde_json::json;
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -42,7 +42,7 @@ pub(crate) struct FinetuneArgs {
     #[arg(long, value_name = "DIR", required_unless_present = "resume")]
     out: Option<PathBuf>,
     /// Folder of a run to go on with
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["recordings", "from", "publish", "out", "seed", "updates_per_tick", "publish_every", "warm_up", "name"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["recordings", "from", "publish", "out", "seed", "updates_per_tick", "publish_every", "warm_up", "hold_plan", "name"])]
     resume: Option<PathBuf>,
     /// Use the recordings that are there, and end with them, instead of waiting for more
     #[arg(long)]
@@ -59,6 +59,9 @@ pub(crate) struct FinetuneArgs {
     /// First ticks in which the critics alone learn
     #[arg(long, value_name = "N", default_value_t = FinetuneSettings::CRITIC_WARM_UP_STEPS)]
     warm_up: u64,
+    /// Publish with a plan that holds the duties of now, instead of fitting it to what the policy then does
+    #[arg(long)]
+    hold_plan: bool,
     /// How published files' names begin
     #[arg(long, value_name = "NAME", default_value = "finetuned", value_parser = name)]
     name: String,
@@ -166,6 +169,7 @@ fn begin(args: &FinetuneArgs, threads: usize) -> Result<FinetuneRun, Failure> {
         publish_every_steps: args.publish_every,
         critic_warm_up_steps: args.warm_up,
         lambda_temporal: FinetuneSettings::PAPER_LAMBDA,
+        plan: if args.hold_plan { PublishedPlan::Held } else { PublishedPlan::Fitted },
         seed: args.seed,
     };
     Ok(FinetuneRun::begin(settings, &start, out, threads)?)

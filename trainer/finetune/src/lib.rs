@@ -6,22 +6,27 @@
 //! | [`loop_rebuild`] | what the policy was shown, tick by tick, checked against what was recorded |
 //! | [`transitions`] | observation, action, reward, next observation |
 //! | [`settings`] | a run as data |
-//! | [`run`] | learning, publishing, stopping, going on |
+//! | [`run`] | learning, stopping, going on |
+//! | `publish` | policies go out |
+//! | [`callback`] | whoever looks on; how a run ends |
 //! | [`checkpoint`] | what a run goes on from |
 //!
 //! A run is a function of the transitions, its settings and its seed: so many updates follow each transition, whenever it
 //! came. So a run beside the daemon, one from its recordings alone, and one that was stopped and gone on with come to the
 //! same bytes.
 
+pub mod callback;
 pub mod checkpoint;
 pub mod loop_rebuild;
+mod publish;
 pub mod recording_folder;
 pub mod run;
 pub mod settings;
 pub mod transitions;
 
-pub use run::{FinetuneCallback, FinetuneRun, Progress, Source, Status, Summary};
-pub use settings::FinetuneSettings;
+pub use callback::{FinetuneCallback, Progress, Source, Status, Summary};
+pub use run::FinetuneRun;
+pub use settings::{FinetuneSettings, PublishedPlan};
 
 use model::rig::RigError;
 use proto::atomic_file::AtomicFileError;

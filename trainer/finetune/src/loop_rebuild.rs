@@ -87,7 +87,7 @@ pub struct RebuiltTick {
     pub goals_kpa: Vec<Pair>,
     /// Predictions for the next five ticks in kPa gauge.
     pub predicted_kpa: [Pair; AHEAD],
-    /// The answer that was applied, in the contract's units, or why there is none.
+    /// The answer that was applied, exploration included, in the contract's units, or why there is none.
     pub answer: Result<[f32; ACTION_LEN], LeftOut>,
     /// Whether the recorded hash of the observation is that of the rebuilt one; nothing where none was recorded.
     pub is_same_to_the_bit: Option<bool>,
@@ -119,7 +119,8 @@ impl LoopRebuild {
     pub fn new(model: Rig, reference: Reference, layout: ObservationLayout) -> Result<Self, FinetuneError> {
         let unfit = |problem| FinetuneError::Model { name: model.name.clone(), problem };
         let map = Arc::new(SteadyMap::new(&model).map_err(unfit)?);
-        let predictor = Predictor::new(&model).map_err(unfit)?;
+        let mut predictor = Predictor::new(&model).map_err(unfit)?;
+        predictor.restart([0.0; CHANNELS], VENT);
         Ok(LoopRebuild {
             layout,
             law: PolicyLaw::new(map, layout),
@@ -171,17 +172,22 @@ impl LoopRebuild {
     pub fn follow(&mut self, record: &TickRecord) -> Option<RebuiltTick> {
         self.tick = record.tick;
         let has_reading = record.p_pos_kpa.is_finite() && record.p_neg_kpa.is_finite();
-        let has_frame = matches!(record.arrival, Arrival::InTime | Arrival::Late) && has_reading;
+        let has_arrived = matches!(record.arrival, Arrival::InTime | Arrival::Late);
+        let has_frame = has_arrived && has_reading;
         if has_frame {
             self.measured_kpa = [record.p_pos_kpa, record.p_neg_kpa];
         }
         let was_controlling = std::mem::replace(&mut self.is_controlling, matches!(record.state, RUN | HOLD | REVERT));
         if !self.is_controlling {
+            if has_arrived {
+                // As in the daemon the model follows the vented rig, so that it stands where that is when it is armed.
+                self.predictor.observe(self.measured_kpa);
+                self.predictor.advance(VENT, false);
+            }
             return None;
         }
         if !was_controlling {
             self.start_reference(record.tick, self.measured_kpa);
-            self.predictor.restart(self.measured_kpa, VENT);
             self.law.restart(VENT);
         }
         let rebuilt = has_frame.then(|| self.decide(record));
@@ -224,7 +230,7 @@ impl LoopRebuild {
             ControlledBy::Both => Err(LeftOut::Shared),
             _ if !is_own => Err(LeftOut::OtherLayout),
             _ if !is_law => Err(LeftOut::LawDiffers),
-            ControlledBy::Policy(_) => Ok(record.policy_output),
+            ControlledBy::Policy(_) => Ok(explored(record)),
             // The fallback alone is a policy that corrects nothing.
             ControlledBy::Fallback => Ok([0.0; ACTION_LEN]),
         };
@@ -258,10 +264,22 @@ impl LoopRebuild {
     fn answer(&mut self, input: &ControlInput, record: &TickRecord, controlled_by: ControlledBy) -> ControlOutput {
         let base = self.law.observe(input);
         match controlled_by {
-            ControlledBy::Policy(layout) if layout == self.layout => self.law.decide(input, &record.policy_output),
+            ControlledBy::Policy(layout) if layout == self.layout => self.law.decide(input, &explored(record)),
             _ => base,
         }
     }
+}
+
+/// The policy's answer with what exploration added to its duties for now, in the bits in which the law was told it.
+fn explored(record: &TickRecord) -> [f32; ACTION_LEN] {
+    let mut outputs = record.policy_output;
+    let noise = [record.exploration_pos, record.exploration_neg];
+    if noise != [0.0; CHANNELS] {
+        for (output, noise) in outputs.iter_mut().zip(noise) {
+            *output = (f64::from(*output) + noise) as f32;
+        }
+    }
+    outputs
 }
 
 fn controlled_by(record: &TickRecord) -> ControlledBy {

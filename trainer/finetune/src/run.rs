@@ -1,26 +1,21 @@
 //! A run: transitions come in, so many updates follow each, policies go out.
 
-use std::path::{Path, PathBuf};
-use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
-use model::rig::Rig;
-use proto::atomic_file;
 use sac::{Learner, Machine};
-use serde::Serialize;
 use training::average::{Average, EVERY_STEPS};
 use training::replay_files::ReplayFiles;
-use training::settings::Plan;
-use training::trained_policy::Origin;
-use training::{PolicyStart, RunFiles, TrainedPolicy, TrainingError, TrainingSettings};
+use training::{PolicyStart, RunFiles, TrainingError, TrainingSettings};
 
 use crate::FinetuneError;
-use crate::checkpoint::{self, Position};
+use crate::callback::{FinetuneCallback, Progress, Source, Status, Summary};
+use crate::checkpoint::{self, Position, Restored};
 use crate::settings::FinetuneSettings;
-use crate::transitions::{Tally, Transition, Transitions};
+use crate::transitions::{Transition, Transitions};
 
 /// Between two looks at a recording that grows: it is flushed once a second.
-const LOOK: Duration = Duration::from_millis(200);
+pub(crate) const LOOK: Duration = Duration::from_millis(200);
 /// Between two checkpoints; a crash loses no more work than this.
 const CHECKPOINT: Duration = Duration::from_secs(60);
 /// Ticks that wait, and time since none did, from which learning is behind the rig: 10 s of it, for more than a minute.
@@ -31,90 +26,18 @@ const NEWEST: f64 = 1.0 / 1000.0;
 /// In a run's folder: its settings.
 const SETTINGS: &str = "finetune.toml";
 
-/// Where transitions come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Source {
-    /// Recordings alone: the run ends with them.
-    Recordings,
-    /// A daemon that goes on writing: the run waits.
-    Daemon,
-}
-
-/// How a sitting ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Status {
-    /// All steps are done.
-    Finished,
-    /// The recordings are used up.
-    UsedUp,
-    /// The callback asked for it.
-    Stopped,
-}
-
-/// How far a run is.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Progress {
-    /// Transitions done.
-    pub steps: u64,
-    /// Transitions planned.
-    pub steps_planned: u64,
-    /// Updates a second in this sitting; 0 until it is known.
-    pub updates_per_s: f64,
-    /// RMSE of about the last 20 s of transitions, in kPa.
-    pub rmse_kpa: [f64; 2],
-    /// What is being done.
-    pub doing: &'static str,
-}
-
-/// Whoever looks on.
-pub trait FinetuneCallback {
-    /// Told after each transition and while waiting.
-    fn progress(&mut self, progress: &Progress);
-    /// Whether to stop; a checkpoint is written then.
-    fn stop(&self) -> bool;
-    /// Told that everything so far is on the disk.
-    fn is_kept(&mut self);
-    /// Told in one line what a person should know.
-    fn say(&mut self, text: &str);
-}
-
-/// Figures of a run.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Summary {
-    /// Transitions done.
-    pub steps: u64,
-    /// Transitions planned.
-    pub steps_planned: u64,
-    /// Updates made.
-    pub updates: u64,
-    /// λ_T as it stands.
-    pub lambda_temporal: f64,
-    /// Policies published.
-    pub published: u64,
-    /// The last of them.
-    pub last_published: Option<String>,
-    /// RMSE of about the last 20 s of transitions, in kPa.
-    pub rmse_kpa: [f64; 2],
-    /// Seconds of work.
-    pub wall_s: f64,
-    /// What of the recordings was of use.
-    pub tally: Tally,
-    /// Times that a law had to be joined late.
-    pub joined: u64,
-}
-
 /// A run of fine-tuning.
 pub struct FinetuneRun {
-    settings: FinetuneSettings,
-    training: TrainingSettings,
-    files: RunFiles,
-    transitions: Transitions,
-    learner: Learner,
-    average: Average,
+    pub(crate) settings: FinetuneSettings,
+    pub(crate) training: TrainingSettings,
+    pub(crate) files: RunFiles,
+    pub(crate) transitions: Transitions,
+    pub(crate) learner: Learner,
+    pub(crate) average: Average,
     replay: ReplayFiles,
-    position: Position,
+    pub(crate) position: Position,
     squares: [f64; 2],
-    last_published: Option<String>,
+    pub(crate) last_published: Option<String>,
     sitting: Sitting,
 }
 
@@ -176,7 +99,8 @@ impl FinetuneRun {
         RunFiles::write(&files.settings(), training.to_toml()?.as_bytes())?;
         write_settings(&files, &settings)?;
         let replay = ReplayFiles::new(files.replay(), training.sac.replay, 0);
-        Ok(Self::assemble(settings, training, files, learner, Average::default(), replay, Position::default()))
+        let start = Restored { position: Position::default(), average: Average::default(), learner, replay };
+        Ok(Self::assemble(settings, training, files, start))
     }
 
     /// Goes on with a run; `steps` plans another length.
@@ -196,19 +120,12 @@ impl FinetuneRun {
             settings.steps = steps;
             write_settings(&files, &settings)?;
         }
-        let checkpoint::Restored { position, average, learner, replay } = checkpoint::read(&files, &training, threads)?;
-        Ok(Self::assemble(settings, training, files, learner, average, replay, position))
+        let restored = checkpoint::read(&files, &training, threads)?;
+        Ok(Self::assemble(settings, training, files, restored))
     }
 
-    fn assemble(
-        settings: FinetuneSettings,
-        training: TrainingSettings,
-        files: RunFiles,
-        learner: Learner,
-        average: Average,
-        replay: ReplayFiles,
-        position: Position,
-    ) -> Self {
+    fn assemble(settings: FinetuneSettings, training: TrainingSettings, files: RunFiles, from: Restored) -> Self {
+        let Restored { position, average, learner, replay } = from;
         FinetuneRun {
             transitions: Transitions::new(&settings.recordings, &training),
             settings,
@@ -344,78 +261,8 @@ impl FinetuneRun {
         Ok(())
     }
 
-    fn is_to_be_published(&self) -> bool {
-        let Position { steps, published_at, .. } = self.position;
-        steps > published_at && steps.is_multiple_of(self.settings.publish_every_steps)
-    }
-
-    /// Publishes the policy as it stands; `false` where the callback wants to stop first.
-    fn publish(&mut self, callback: &mut dyn FinetuneCallback) -> Result<bool, FinetuneError> {
-        // What follows takes seconds: whoever stops in them goes on from here.
-        self.keep()?;
-        let Some(model) = self.transitions.model().cloned() else { return Ok(true) };
-        let policy = self.policy(&model)?;
-        let (sender, receiver) = channel();
-        let plan = self.training.policy.plan;
-        std::thread::spawn(move || {
-            let fitted = match plan {
-                Plan::Learned => Ok(policy),
-                Plan::Fitted => policy.with_plan_fitted_on(&model),
-            };
-            // Nobody is left to take it where the run was stopped meanwhile.
-            let _ = sender.send(fitted);
-        });
-        let policy = loop {
-            match receiver.recv_timeout(LOOK) {
-                Ok(policy) => break policy?,
-                Err(RecvTimeoutError::Timeout) if callback.stop() => return Ok(false),
-                Err(RecvTimeoutError::Timeout) => self.tell(callback, "fitting the plan"),
-                Err(RecvTimeoutError::Disconnected) => {
-                    return Err(TrainingError::learner("plan", &"the thread that fits it has failed").into());
-                }
-            }
-        };
-        let bytes = policy.to_onnx(&self.provenance())?;
-        RunFiles::write(&self.files.policy(), &policy.to_bytes()?)?;
-        RunFiles::write(&self.files.onnx(), &bytes)?;
-        let path = self.published_path();
-        atomic_file::write(&path, &bytes)?;
-        self.position.published += 1;
-        self.position.published_at = self.position.steps;
-        self.last_published = path.file_name().map(|name| name.to_string_lossy().into_owned());
-        callback.say(&format!("published {}", path.display()));
-        self.keep()?;
-        Ok(true)
-    }
-
-    fn policy(&self, model: &Rig) -> Result<TrainedPolicy, FinetuneError> {
-        let network = self.average.get().cloned().unwrap_or_else(|| self.learner.policy());
-        let mut settings = self.training.clone();
-        settings.rig.trained_on.clone_from(&model.name);
-        Ok(TrainedPolicy::new(settings, Origin::of(model)?, self.position.steps, network))
-    }
-
-    fn published_path(&self) -> PathBuf {
-        self.settings.publish.join(format!("{}-{:06}.onnx", self.settings.name, self.position.steps))
-    }
-
-    /// Where a published policy comes from, beside what every policy says.
-    fn provenance(&self) -> Vec<(String, String)> {
-        let settings = &self.settings;
-        [
-            ("method", "finetune".to_owned()),
-            ("from_crc32c", settings.from_crc32c.clone()),
-            ("updates", self.position.updates.to_string()),
-            ("updates_per_tick", settings.updates_per_tick.to_string()),
-            ("lambda_temporal", settings.lambda_at(self.position.steps).to_string()),
-            ("last_recording", self.transitions.recording()),
-        ]
-        .map(|(key, value)| (key.to_owned(), value))
-        .into()
-    }
-
     /// Writes a checkpoint.
-    fn keep(&mut self) -> Result<(), FinetuneError> {
+    pub(crate) fn keep(&mut self) -> Result<(), FinetuneError> {
         self.position.wall_s += self.sitting.counted_until.elapsed().as_secs_f64();
         self.sitting.counted_until = Instant::now();
         checkpoint::write(&self.files, &mut self.replay, &self.position, &self.average, &self.learner)?;
@@ -423,7 +270,7 @@ impl FinetuneRun {
         Ok(())
     }
 
-    fn tell(&self, callback: &mut dyn FinetuneCallback, doing: &'static str) {
+    pub(crate) fn tell(&self, callback: &mut dyn FinetuneCallback, doing: &'static str) {
         callback.progress(&Progress {
             steps: self.position.steps,
             steps_planned: self.settings.steps,

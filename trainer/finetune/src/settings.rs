@@ -4,6 +4,16 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+/// Plan of a published policy whose actor answers for now alone: what MPObs rolls ahead.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PublishedPlan {
+    /// Fitted to what the policy then does on the recorded model; half a minute of one core.
+    Fitted,
+    /// The duties of now, held.
+    Held,
+}
+
 /// Everything that decides what a run computes, and where it reads and publishes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -26,6 +36,8 @@ pub struct FinetuneSettings {
     pub critic_warm_up_steps: u64,
     /// λ_T: at the start, its growth a transition, and the most.
     pub lambda_temporal: [f64; 3],
+    /// Plan of what is published.
+    pub plan: PublishedPlan,
     /// Seed of the critics' first weights, batches and noise.
     pub seed: u64,
 }
@@ -65,6 +77,7 @@ mod tests {
             publish_every_steps: 1,
             critic_warm_up_steps: 0,
             lambda_temporal: FinetuneSettings::PAPER_LAMBDA,
+            plan: PublishedPlan::Fitted,
             seed: 1,
         };
         assert_eq!(settings.lambda_at(0), 1.0);

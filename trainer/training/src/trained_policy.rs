@@ -229,6 +229,12 @@ impl TrainedPolicy {
         self.with_plan_fitted_on(&rig_file::load(self.settings.rig.model())?)
     }
 
+    /// The same policy with a plan that holds the duties of now.
+    #[must_use]
+    pub fn with_held_plan(&self) -> Self {
+        self.with_network(plan_fit::held(&self.network))
+    }
+
     /// The same with a plan fitted to runs on another model.
     ///
     /// # Errors

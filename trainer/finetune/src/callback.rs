@@ -1,0 +1,77 @@
+//! Where a run stands, for whoever looks on, and how it ends.
+
+use serde::Serialize;
+
+use crate::transitions::Tally;
+
+/// Where transitions come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// Recordings alone: the run ends with them.
+    Recordings,
+    /// A daemon that goes on writing: the run waits.
+    Daemon,
+}
+
+/// How a sitting ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Status {
+    /// All steps are done.
+    Finished,
+    /// The recordings are used up.
+    UsedUp,
+    /// The callback asked for it.
+    Stopped,
+}
+
+/// How far a run is.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Progress {
+    /// Transitions done.
+    pub steps: u64,
+    /// Transitions planned.
+    pub steps_planned: u64,
+    /// Updates a second in this sitting; 0 until it is known.
+    pub updates_per_s: f64,
+    /// RMSE of about the last 20 s of transitions, in kPa.
+    pub rmse_kpa: [f64; 2],
+    /// What is being done.
+    pub doing: &'static str,
+}
+
+/// Whoever looks on.
+pub trait FinetuneCallback {
+    /// Told after each transition and while waiting.
+    fn progress(&mut self, progress: &Progress);
+    /// Whether to stop; a checkpoint is written then.
+    fn stop(&self) -> bool;
+    /// Told that everything so far is on the disk.
+    fn is_kept(&mut self);
+    /// Told in one line what a person should know.
+    fn say(&mut self, text: &str);
+}
+
+/// Figures of a run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    /// Transitions done.
+    pub steps: u64,
+    /// Transitions planned.
+    pub steps_planned: u64,
+    /// Updates made.
+    pub updates: u64,
+    /// λ_T as it stands.
+    pub lambda_temporal: f64,
+    /// Policies published.
+    pub published: u64,
+    /// The last of them.
+    pub last_published: Option<String>,
+    /// RMSE of about the last 20 s of transitions, in kPa.
+    pub rmse_kpa: [f64; 2],
+    /// Seconds of work.
+    pub wall_s: f64,
+    /// What of the recordings was of use.
+    pub tally: Tally,
+    /// Times that a law had to be joined late.
+    pub joined: u64,
+}
