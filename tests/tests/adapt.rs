@@ -154,7 +154,7 @@ fn serve(listener: &UnixListener, manners: Manners, log: &Mutex<Vec<String>>) {
             "ok": true, "state": "run", "age_ms": 1,
             "running": {"policy": policy, "model": "dual_pressure", "reference": "r"},
             "status": {
-                "state": RUN, "fault": 0, "session": SESSION, "tick": tick, "can_arm": true, "pressures_kpa": null,
+                "state": "run", "session": SESSION, "tick": tick, "can_arm": true, "pressures_kpa": null,
                 "reference_kpa": null, "duty": [0.8, 0.8], "deadline_misses": 0, "frames_missed": 0, "slowest_ms": 0.1,
                 "filter_interventions": 5
             }

@@ -102,6 +102,9 @@ fn bad_policies_never_come_to_full_authority() {
 fn a_bad_policy_in_full_authority_is_taken_back_in_the_same_tick() {
     let (layout, graph) = network(&shipped());
     let good = corpus::export(layout, &perturbed(&graph, 1.0, 9));
+    // The same flight with nobody let in: what the reference itself costs in each stretch.
+    let mut alone = Loop::new(Some(policy(&good)), Reference::paper(), 3);
+    alone.ticks(1500 + 2000 + 1200);
     for (name, bytes) in bad_networks().into_iter().filter(|(name, _)| name.contains("bang") || name.contains("wrong"))
     {
         let mut run = Loop::new(Some(policy(&good)), Reference::paper(), 3);
@@ -116,10 +119,12 @@ fn a_bad_policy_in_full_authority_is_taken_back_in_the_same_tick() {
             run.farthest[0] <= ENVELOPE.max_pos_kpa + SCATTER_KPA[0]
                 && run.farthest[1] >= ENVELOPE.min_neg_kpa - SCATTER_KPA[1]
         );
-        run.ticks(600);
+        run.ticks(1200);
         let end = run.errors.len();
-        let back = rms(&run.errors[end - 200..], 0);
-        assert!(back < 1.0, "{name}: {back} kPa after the incumbent took over");
+        let (back, usual) = (rms(&run.errors[end - 200..], 0), rms(&alone.errors[end - 200..end], 0));
+        println!("{name}: {back:.3} kPa 20 to 24 s after the incumbent took over, {usual:.3} without");
+        // Integral and play have by then found back from what the bad policy taught them.
+        assert!(back < usual + 0.1, "{name}: {back} kPa after the incumbent took over, {usual} without");
     }
 }
 
