@@ -230,7 +230,16 @@ fn over_pressure_aborts_it_and_waits_for_a_person() {
     // Nothing is armed, by itself or by hand, before a person has looked at it; then everything is as it was.
     let refused = laboratory.ask(&["arm"]);
     assert!(refused.status == Some(1) && refused.stderr.contains("acknowledge"), "{refused:?}");
-    assert_eq!(laboratory.ask(&["acknowledge"]).status, Some(0));
+    // It can be acknowledged once it is over: a clogged vent takes its time.
+    let until = Instant::now() + SOON;
+    loop {
+        let ended = laboratory.ask(&["acknowledge"]);
+        if ended.status == Some(0) {
+            break;
+        }
+        println!("{}", ended.stderr);
+        assert!(Instant::now() < until, "{ended:?}");
+    }
     laboratory.wait_for("standing by again", |status| status["status"]["can_arm"] == true);
     let ticks = laboratory.close();
     let over = ticks.iter().find(|tick| tick.p_pos_kpa > 160.0).unwrap();

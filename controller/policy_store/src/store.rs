@@ -165,7 +165,7 @@ enum Job {
 /// What comes back from it.
 enum Outcome {
     /// What became of a file.
-    File { settled: Settled, outcome: Result<(Admitted, Arc<[u8]>), Refusal> },
+    File { settled: Settled, outcome: Box<Result<(Admitted, Arc<[u8]>), Refusal>> },
     /// How what controls stands against the fallback on the model of this name.
     Standing { tag: PolicyTag, standing: Standing, model: String },
 }
@@ -189,7 +189,7 @@ impl Round {
             self.follow_tick();
             for outcome in outcomes.try_iter().collect::<Vec<_>>() {
                 match outcome {
-                    Outcome::File { settled, outcome } => self.examined(settled, outcome, &mut watcher),
+                    Outcome::File { settled, outcome } => self.examined(settled, *outcome, &mut watcher),
                     Outcome::Standing { tag, standing, model } => self.stands(tag, standing, &model),
                 }
             }
@@ -421,7 +421,7 @@ fn examine_all(
             Job::File { settled, incumbent } => {
                 let incumbent = incumbent.as_deref().unwrap_or(examiner.fallback());
                 let outcome = examiner.examine_file(&settled.path, Links::Refuse, incumbent);
-                done.send(Outcome::File { settled, outcome }).is_ok()
+                done.send(Outcome::File { settled, outcome: Box::new(outcome) }).is_ok()
             }
             Job::Model(new) => match make(&new) {
                 Ok(on_new) => {
