@@ -135,7 +135,7 @@ fn a_minute_on_rigs_that_the_model_does_not_know_trips_nothing() {
         rigs_around(&bench, 3, 7).unwrap().into_iter().map(|rig| (rig, nominal())).collect();
     rigs.push((bench, nominal()));
     let both = |n: usize| {
-        if n % 2 == 0 {
+        if n.is_multiple_of(2) {
             vec![(By::Fallback, Course::Steps), (By::Policy, Course::Paper)]
         } else {
             vec![(By::Policy, Course::Steps), (By::Fallback, Course::Paper)]
