@@ -1,7 +1,7 @@
 //! Residuals of a model summed up: over five ticks, over half a second.
 //!
 //! A residual is what a tick leaves between the way that a chamber made and the way that its model foresaw
-//! ([`crate::hypothesis`]). One that stands still or drifts while the valves work against it shows in the sum over half a
+//! (`hypothesis`). One that stands still or drifts while the valves work against it shows in the sum over half a
 //! second: with the true pressure D away from the reading the model, set to the reading, sees it fall back by D(1 − e^(−T/τ)),
 //! and the reading does not.
 //!

@@ -5,7 +5,7 @@ use supervisor::{Condition, ConditionSet};
 
 /// Frames after the vent command in which the pressure must have begun to fall, at the least: half a second (study of the
 /// daemon, §3.4). A rig whose readings take longer for half of their way, by its model, has that long: one that is ten times as
-/// slow has then fallen by [`LEAST_FALL`].
+/// slow has then fallen by `LEAST_FALL`.
 pub const FRAMES_TO_FALL: u32 = 25;
 /// Frames after the vent command from which on the echo must report open vents (study of the daemon, §3.4).
 pub const FRAMES_TO_ECHO: u32 = 3;
