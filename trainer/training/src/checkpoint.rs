@@ -6,21 +6,21 @@
 //!              the learner but for its replay's rows   CRC-32C of everything before (u32)
 //! ```
 //!
-//! Each part after a u32 length, little endian. The replay's rows stand beside it ([`crate::replay_files`]), so that a
-//! checkpoint is a few megabytes at any time.
+//! The file itself: [`crate::checkpoint_file`].
 
-use sac::{Learner, Machine, Network};
+use sac::{Learner, Network};
 use serde::{Deserialize, Serialize};
 
 use crate::TrainingError;
 use crate::average::Average;
+use crate::checkpoint_file::{CheckpointFormat, read_bytes, restore_learner};
 use crate::checkpoint_selection::Best;
 use crate::replay_files::ReplayFiles;
 use crate::run::Window;
 use crate::run_files::RunFiles;
 use crate::settings::TrainingSettings;
 
-const MAGIC: &[u8; 8] = b"DPRUN004";
+const FORMAT: CheckpointFormat = CheckpointFormat { magic: *b"DPRUN004", of: "this program" };
 
 /// Where a run stands.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -64,18 +64,8 @@ pub(crate) fn write(
         saved(standing.average.get()),
         best.map_or_else(Vec::new, Best::to_bytes),
         saved(best.map(|best| &best.network)),
-        learner.save_core(),
     ];
-    let mut bytes = MAGIC.to_vec();
-    for part in parts {
-        bytes.extend((part.len() as u32).to_le_bytes());
-        bytes.extend(part);
-    }
-    bytes.extend(crc32c::crc32c(&bytes).to_le_bytes());
-    replay.keep_tail(learner)?;
-    RunFiles::write(&path, &bytes)?;
-    replay.tidy(&learner.replay_rows());
-    Ok(())
+    FORMAT.write(files, replay, parts, learner)
 }
 
 /// Reads a checkpoint that was written under these settings.
@@ -85,21 +75,9 @@ pub(crate) fn read(
     threads: usize,
 ) -> Result<(Standing, ReplayFiles, Learner), TrainingError> {
     let path = files.checkpoint();
-    let bytes =
-        std::fs::read(&path).map_err(|error| TrainingError::file(&path, &format!("cannot be read: {error}")))?;
-    let damaged = || TrainingError::file(&path, "is no checkpoint of this program, or is damaged");
-    let (body, crc) = bytes.split_last_chunk::<4>().ok_or_else(damaged)?;
-    let rest = body.strip_prefix(MAGIC).ok_or_else(damaged)?;
-    if crc32c::crc32c(body) != u32::from_le_bytes(*crc) {
-        return Err(damaged());
-    }
-    let (position, rest) = part(rest).ok_or_else(damaged)?;
-    let (window, rest) = part(rest).ok_or_else(damaged)?;
-    let (actions, rest) = part(rest).ok_or_else(damaged)?;
-    let (average, rest) = part(rest).ok_or_else(damaged)?;
-    let (kept, rest) = part(rest).ok_or_else(damaged)?;
-    let (best, rest) = part(rest).ok_or_else(damaged)?;
-    let (core, _) = part(rest).ok_or_else(damaged)?;
+    let bytes = read_bytes(&path)?;
+    let damaged = || FORMAT.damaged(&path);
+    let ([position, window, actions, average, kept, best], core) = FORMAT.parts(&path, &bytes)?;
     let restored = |bytes: &[u8]| match bytes {
         [] => Ok(None),
         bytes => Network::restore(bytes).map(Some).map_err(|error| TrainingError::file(&path, &error.to_string())),
@@ -115,19 +93,6 @@ pub(crate) fn read(
         average: Average::from(restored(average)?),
         best,
     };
-    let (mut learner, written) = Learner::restore_core(core, Machine::with_threads(threads))
-        .map_err(|error| TrainingError::file(&path, &error.to_string()))?;
-    if *learner.shape() != settings.shape() {
-        return Err(TrainingError::file(&path, "was written under other settings than those beside it"));
-    }
-    let capacity = settings.sac.replay;
-    let replay = ReplayFiles::new(files.replay(), capacity, written);
-    replay.restore(written.saturating_sub(capacity as u64)..written, &mut learner)?;
+    let (learner, replay) = restore_learner(files, settings, core, threads)?;
     Ok((standing, replay, learner))
-}
-
-/// A length and what it is the length of; the rest.
-pub(crate) fn part(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
-    let (length, rest) = bytes.split_first_chunk::<4>()?;
-    rest.split_at_checked(usize::try_from(u32::from_le_bytes(*length)).ok()?)
 }

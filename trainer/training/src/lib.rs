@@ -6,7 +6,7 @@
 //! | [`features`] | how observations are put to the network |
 //! | [`run`] | acting and learning in turns; stop, checkpoint, resume |
 //! | [`average`] | the actor's weights averaged over the last updates |
-//! | `checkpoint`, [`replay_files`] | what a run goes on from |
+//! | `checkpoint`, [`checkpoint_file`], [`replay_files`] | what a run goes on from |
 //! | [`policy_start`] | a policy that a run starts from |
 //! | `plan_fit` | outputs for later ticks tied to what is then applied |
 //! | [`run_files`] | the folder of a run |
@@ -21,6 +21,7 @@
 
 pub mod average;
 mod checkpoint;
+pub mod checkpoint_file;
 mod checkpoint_selection;
 pub mod event_file;
 pub mod features;

@@ -18,7 +18,7 @@ use proto::regular_file;
 use proto::rig_file::{self, RigFileError};
 
 use crate::TrainingError;
-use crate::checkpoint::part;
+use crate::checkpoint_file::{append_part, part};
 use crate::plan_fit::{self, PlanModel};
 use crate::policy_start::PolicyStart;
 use crate::settings::{Plan, TrainingSettings};
@@ -208,8 +208,7 @@ impl TrainedPolicy {
         let settings = self.settings.to_toml()?;
         let mut bytes = MAGIC.to_vec();
         for part in [card.as_slice(), settings.as_bytes()] {
-            bytes.extend((part.len() as u32).to_le_bytes());
-            bytes.extend(part);
+            append_part(&mut bytes, part);
         }
         bytes.extend(self.network.save());
         Ok(bytes)
