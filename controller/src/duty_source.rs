@@ -210,7 +210,7 @@ pub trait DutySource: Send {
         let _ = rules;
     }
 
-    /// What exploration is on.
+    /// Exploration that is on.
     fn exploration(&self) -> Option<ExplorationShown> {
         None
     }

@@ -64,7 +64,7 @@ pub struct Status {
     /// How far the experiment is that is under way.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub experiment: Option<ExperimentProgress>,
-    /// What exploration is on.
+    /// Exploration that is on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exploration: Option<ExplorationShown>,
 }

@@ -72,10 +72,7 @@ impl Laboratory {
             if wanted(&status) {
                 return status;
             }
-            if status["status"]["latched"].as_u64().unwrap_or(0) != 0 {
-                // A model that is a poor one of its rig may trip the monitor; that is not what is looked at here.
-                self.ask(&["acknowledge"]);
-            } else if status["status"]["can_arm"] == true {
+            if status["status"]["can_arm"] == true {
                 self.ask(&["arm"]);
             }
             assert!(Instant::now() < until, "not {what} in {SOON:?}: {status}");

@@ -1,4 +1,4 @@
-//! Whether a policy that controls is worth it on a model: held against the fallback in the trial on that very model.
+//! Worth of a policy that controls, on a model: held against the fallback in the trial on that very model.
 //!
 //! The trial's other rigs stand for what a model leaves out, and decide whether a policy may fly at all
 //! ([`crate::trial::judge`]). This asks another question: a model that was told the truth about its rig makes the
@@ -34,7 +34,7 @@ impl Standing {
         product.powf(1.0 / CHANNELS as f64)
     }
 
-    /// Whether the policy tracks clearly worse than the fallback; also where its error is no number.
+    /// True where the policy tracks clearly worse than the fallback; also where its error is no number.
     pub fn is_behind(&self) -> bool {
         self.ratio().is_nan() || self.ratio() > MOST_OF_FALLBACK
     }

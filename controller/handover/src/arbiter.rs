@@ -42,7 +42,7 @@ pub struct ArbitratedCommand {
     /// What the policy was shown and answered, where one did: the candidate's where it has authority, the incumbent's
     /// otherwise.
     pub answer: Option<PolicyAnswer>,
-    /// What exploration added to the answer's duties for now.
+    /// Duties that exploration added to the answer's for now.
     pub exploration: Pair,
 }
 
@@ -183,7 +183,7 @@ impl Arbiter {
         self.exploration = None;
     }
 
-    /// What exploration is on.
+    /// Exploration that is on.
     pub fn exploration(&self) -> Option<ExplorationShown> {
         self.exploration.as_ref().map(Exploration::shown)
     }

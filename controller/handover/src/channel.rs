@@ -54,7 +54,7 @@ pub struct Candidate {
     pub policy: Option<Policy>,
     /// Its tag.
     pub tag: PolicyTag,
-    /// How widely it explores.
+    /// Spread of its exploration.
     pub spread: PolicySpread,
 }
 

@@ -6,7 +6,7 @@
 //!
 //! per channel and tick, on the answer for now and not on the plan. It is the policy's own distribution where its file
 //! states the deviation (`exploration_std`: two numbers in the unit of its outputs, duty), and a share of its range where not.
-//! What comes after the policy (its law's limits, the slew limit, the safety filter) takes the sum as it takes the answer
+//! All that comes after the policy (its law's limits, the slew limit, the safety filter) takes the sum as it takes the answer
 //! alone.
 
 use model::observation::{CHANNELS, Pair};

@@ -176,9 +176,9 @@ pub struct TickRecord {
     pub filter_active: bool,
     /// Phase of the experiment under way: 0 none, 1 waiting for rest, 2 playing its rows, 3 coming to rest after them.
     pub experiment: u8,
-    /// What exploration added to the positive valve's duty, before the safety filter (duty).
+    /// Share of the positive valve's duty that exploration added, before the safety filter (duty).
     pub exploration_pos: f64,
-    /// What exploration added to the negative valve's duty, before the safety filter (duty).
+    /// Share of the negative valve's duty that exploration added, before the safety filter (duty).
     pub exploration_neg: f64,
 }
 
