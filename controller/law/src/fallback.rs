@@ -12,7 +12,8 @@
 //! * `(K/b) e`: proportional action. `b` is the rate that a unit of duty makes (kPa/s), so `K` in 1/s is a
 //!   bandwidth and the same at all pressures. The error is that of the chamber: a sensor's lag is undone
 //!   ([`crate::ControlInput::undelayed_kpa`]).
-//! * `I`: the paper's integral and anti-windup ([`crate::integral`]), which stands still where a hold is held ([`crate::rest`]).
+//! * `I`: the paper's integral and anti-windup ([`crate::integral`]), which near the goal moves on with the proportional part as
+//!   well, `İ += (K/b) e/T_i`, and stands still where a hold is held ([`crate::rest`]).
 //!
 //! Tuned on `dual_pressure` and `bench` together, holding the paper's two gains; measured in
 //! `docs/performance.md`.
@@ -49,7 +50,7 @@ pub struct FallbackSettings {
     pub widest_play: f64,
     /// Errors beyond these (kPa) are not blamed on play.
     pub play_gate_kpa: Pair,
-    /// T_i in s: reset time of the integral while a policy flies, beside the paper's gain.
+    /// T_i in s: reset time of the integral, beside the paper's gain.
     pub reset_time_s: f64,
     /// The integral is that fast only while the error is below these (kPa): on the way to a goal it would wind up.
     pub reset_gate_kpa: Pair,
@@ -83,8 +84,6 @@ struct Pending {
     reachable: bool,
     /// Proportional part in duty.
     proportional: f64,
-    /// Whether a policy flew.
-    flown: bool,
     /// Whether the channel rests on a hold, and nothing integrates.
     resting: bool,
 }
@@ -216,7 +215,7 @@ impl Fallback {
                 self.play[c].learn(direction, VENT_SIGN[c] * error_kpa);
             }
             let proportional = parts[c].proportional;
-            self.pending[c] = Pending { error_kpa, raw, reachable, proportional, flown: false, resting: resting[c] };
+            self.pending[c] = Pending { error_kpa, raw, reachable, proportional, resting: resting[c] };
         }
         let trajectory = self.trajectory(situation, &parts);
         self.foresight.advance(situation);
@@ -251,19 +250,13 @@ impl Fallback {
         }))
     }
 
-    /// Tells what a policy has added to the last decision. The anti-windup then does not work against it, and the
-    /// integral moves on faster, as a policy damps what it alone would make swing:
-    ///
-    /// ```text
-    /// İ += (K/b) e/T_i
-    /// ```
+    /// Tells what a policy has added to the last decision, so that the anti-windup does not work against it.
     ///
     /// # Real-time
     /// May run in the tick.
     pub fn corrected(&mut self, correction: Pair) {
         for (pending, correction) in self.pending.iter_mut().zip(correction) {
             pending.raw += correction;
-            pending.flown = true;
         }
     }
 
@@ -278,7 +271,7 @@ impl Fallback {
                 self.integral.update(c, error_kpa, pending.raw, applied);
                 // Not at a limit, where nothing that is added acts.
                 let near = pending.error_kpa.abs() < self.settings.reset_gate_kpa[c] && applied == pending.raw;
-                if near && pending.flown && !pending.resting {
+                if near && !pending.resting {
                     self.integral.shift(c, pending.proportional / self.settings.reset_time_s * TICK_S);
                 }
             }

@@ -297,24 +297,6 @@ mod tests {
         assert_eq!(felt(40.0), [0.0; CHANNELS]);
     }
 
-    /// With a policy the integral works against a lasting error as fast as the proportional action bears:
-    /// after `T_i` at a constant error it has grown by the proportional part, and by the paper's share.
-    #[test]
-    fn with_a_policy_the_integral_is_faster() {
-        let (mut flown, mut plain) = (law(ObservationLayout::Correction), law(ObservationLayout::Correction));
-        let now = situation([89.7, -72.0]);
-        let ticks = (FallbackSettings::default().reset_time_s / crate::TICK_S).round() as usize;
-        for _ in 0..ticks {
-            for (law, flies) in [(&mut flown, true), (&mut plain, false)] {
-                let base = law.observe(&now);
-                let decision = if flies { law.decide(&now, &[0.0; ACTION_LEN]) } else { base };
-                law.applied(decision.duty());
-            }
-        }
-        let (flown, plain) = (flown.observe(&now).parts[0], plain.observe(&now).parts[0]);
-        assert!((flown.integral - plain.integral - flown.proportional).abs() < 1e-9, "{flown:?} {plain:?}");
-    }
-
     /// A policy that is off by a constant duty: the paper's integral takes it up, and no error is left to correct.
     #[test]
     fn the_papers_integral_takes_up_a_constant_error_of_the_policy() {

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use law::{ControlInput, Fallback, FallbackSettings, SoftStart, TICK_S};
-use model::observation::{CHANNELS, Pair};
+use model::observation::{CHANNELS, GOALS_AHEAD, Pair};
 use model::predict::DualPressureRig;
 use model::rig::Rig;
 use model::steady::SteadyMap;
@@ -60,6 +60,28 @@ fn tracks_the_papers_reference() {
         println!("seed {seed}: dual_pressure {ideal:.3?}, bench {bench:.3?} kPa");
         assert!(ideal[0] < 0.20 && ideal[1] < 0.15, "dual_pressure: {ideal:?}");
         assert!(bench[0] < 0.60 && bench[1] < 0.25, "bench: {bench:?}");
+    }
+}
+
+/// Near the goal the integral moves on as fast as the proportional action bears: in `T_i` at a constant error it grows by the
+/// proportional part, and by the paper's share, 0.01 duty/(kPa s). Far from it there is the paper's share alone.
+#[test]
+fn near_the_goal_the_integral_grows_by_the_proportional_part_in_a_reset_time() {
+    let nominal = Arc::new(SteadyMap::new(&Rig::builtin("dual_pressure").unwrap()).unwrap());
+    let settings = FallbackSettings::default();
+    let ticks = (settings.reset_time_s / TICK_S).round() as usize;
+    for (error_kpa, is_near) in [(0.3, true), (-0.3, true), (2.0, false)] {
+        let mut law = Fallback::new(Arc::clone(&nominal), settings);
+        let now = ControlInput::of_measured([90.0 - error_kpa, -72.0], [[90.0, -72.0]; GOALS_AHEAD + 1]);
+        for _ in 0..ticks {
+            let decision = law.decide(&now);
+            law.applied(decision.duty());
+        }
+        let terms = law.decide(&now).parts[0];
+        // The vent of the positive chamber closes where pressure is missing.
+        let papers = -0.01 * error_kpa * settings.reset_time_s;
+        let expected = papers + if is_near { terms.proportional } else { 0.0 };
+        assert!((terms.integral - expected).abs() < 1e-9, "{error_kpa} kPa: {terms:?}");
     }
 }
 
