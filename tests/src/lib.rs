@@ -8,6 +8,7 @@ pub mod counting_allocator;
 pub mod dice;
 pub mod hidden_plant;
 pub mod in_process;
+pub mod laboratory;
 pub mod lockstep;
 pub mod raw_crio;
 pub mod strange_rigs;

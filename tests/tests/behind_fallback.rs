@@ -4,19 +4,15 @@
 
 use std::io::Read;
 use std::os::unix::net::UnixStream;
-use std::path::PathBuf;
-use std::process::Command;
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
 
-use proto::recording::{TickRecord, read_mcap};
+use proto::recording::TickRecord;
 use proto::stream::{Message, StreamReader};
 use serde_json::Value;
-use tests::Stream::{Err, Out};
-use tests::{Folder, RunStatus, Running, alone, finish, program, root};
+use tests::Stream::Err;
+use tests::laboratory::{Laboratory, Plan, SOON};
+use tests::{alone, root};
 
-/// Generous: how long anything may take on a machine that does other things as well.
-const SOON: Duration = Duration::from_secs(120);
 /// The largest change of a duty in a tick while one controller decides is 0.025 on the paper's reference.
 const CALM_DUTY: f64 = 0.06;
 
@@ -24,86 +20,43 @@ const CALM_DUTY: f64 = 0.06;
 /// and it 0.34/0.12.
 const OLDER: &str = "docs/runs/correction-caps-512k-seed-2/policy.onnx";
 
-struct Laboratory {
-    folder: Folder,
-    config: PathBuf,
-    rig: Running,
-    daemon: Running,
+/// A daemon with a policy that was trained on poorer models ([`OLDER`]) on the emulated rig `bench`, armed by itself; further
+/// lines of its configuration.
+fn laboratory(model: &str, lines: &str) -> Laboratory {
+    let plan = Plan::new(&format!(
+        "control.auto_arm = true\nrig.file = \"{model}\"\npolicy.directory = \"policies\"\npolicy.active = \"older\"\n{lines}"
+    ));
+    std::fs::create_dir(plan.folder.join("policies")).unwrap();
+    std::fs::copy(root().join(OLDER), plan.folder.join("policies/older.onnx")).unwrap();
+    // A hold, so that what a duty does in a tick is the hand-over's doing and not the reference's.
+    plan.folder.write("reference.csv", "time_s,ref_pos_kpa,ref_neg_kpa\n0,85,-72\n");
+    plan.start()
 }
 
-impl Laboratory {
-    /// A daemon with a policy that was trained on poorer models ([`OLDER`]) on the emulated rig `bench`, armed by itself; further
-    /// lines of its configuration.
-    fn new(model: &str, policy: &str) -> Self {
-        let lockstep = ["rig", "--listen", "127.0.0.1:0", "--pace", "lockstep", "--rig", "bench"];
-        let rig = Running::start(Command::new(program("trainer")).args(lockstep));
-        let address = rig.line(Out, "listening on ", SOON).rsplit_once(' ').unwrap().1.to_owned();
-        let folder = Folder::new();
-        std::fs::create_dir(folder.join("policies")).unwrap();
-        std::fs::copy(root().join(OLDER), folder.join("policies/older.onnx")).unwrap();
-        // A hold, so that what a duty does in a tick is the hand-over's doing and not the reference's.
-        folder.write("reference.csv", "time_s,ref_pos_kpa,ref_neg_kpa\n0,85,-72\n");
-        let config = folder.write(
-            "controller.toml",
-            format!(
-                "[link]\naddress = \"{address}\"\npacing = \"lockstep\"\n[rig]\nfile = \"{model}\"\n\
-                 [record]\ndirectory = \"kept\"\nmin_free_mib = 16\n\
-                 [control]\nsocket = \"s.sock\"\nauto_arm = true\n[realtime]\nenforce = false\n\
-                 [policy]\ndirectory = \"policies\"\nactive = \"older\"\n{policy}"
-            ),
-        );
-        let daemon = Running::start(Command::new(program("controller")).args(["run", "--config"]).arg(&config));
-        daemon.line(Err, "opened", SOON);
-        Laboratory { folder, config, rig, daemon }
-    }
-
-    fn ask(&self, arguments: &[&str]) -> RunStatus {
-        finish(Command::new(program("controller")).args(arguments).arg("--config").arg(&self.config))
-    }
-
-    fn json(&self, question: &str) -> Value {
-        serde_json::from_str(&self.ask(&[question, "--json"]).stdout).unwrap()
-    }
-
-    fn wait_for(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
-        let until = Instant::now() + SOON;
-        loop {
-            let status = self.json("status");
-            if wanted(&status) {
-                return status;
-            }
-            if status["status"]["can_arm"] == true {
-                self.ask(&["arm"]);
-            }
-            assert!(Instant::now() < until, "not {what} in {SOON:?}: {status}");
-            std::thread::sleep(Duration::from_millis(50));
+/// As [`Laboratory::wait_for`], arming again whatever has disarmed it meanwhile.
+fn wait_for(laboratory: &Laboratory, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+    laboratory.wait_for(what, |reply| {
+        let is_wanted = wanted(reply);
+        if !is_wanted && reply["status"]["can_arm"] == true {
+            laboratory.ask(&["arm"]);
         }
-    }
+        is_wanted
+    })
+}
 
-    /// Reads the daemon's stream to its end: all tables of policies that viewers were sent.
-    fn viewer(&self) -> JoinHandle<Vec<String>> {
-        let mut socket = UnixStream::connect(self.folder.join("s.live.sock")).unwrap();
-        std::thread::spawn(move || {
-            let (mut reader, mut piece, mut tables) = (StreamReader::default(), [0; 1 << 16], Vec::new());
-            while let Ok(n @ 1..) = socket.read(&mut piece) {
-                reader.push(&piece[..n]);
-                while let Ok(Some(message)) = reader.next() {
-                    tables.extend(if let Message::Policies(json) = message { Some(json) } else { None });
-                }
+/// Reads the daemon's stream to its end: all tables of policies that viewers were sent.
+fn viewer(laboratory: &Laboratory) -> JoinHandle<Vec<String>> {
+    let mut socket = UnixStream::connect(laboratory.folder.join("s.live.sock")).unwrap();
+    std::thread::spawn(move || {
+        let (mut reader, mut piece, mut tables) = (StreamReader::default(), [0; 1 << 16], Vec::new());
+        while let Ok(n @ 1..) = socket.read(&mut piece) {
+            reader.push(&piece[..n]);
+            while let Ok(Some(message)) = reader.next() {
+                tables.extend(if let Message::Policies(json) = message { Some(json) } else { None });
             }
-            tables
-        })
-    }
-
-    fn close(self) -> Vec<TickRecord> {
-        self.daemon.terminate();
-        let ended = self.daemon.wait(SOON);
-        assert_eq!(ended.status, Some(0), "{ended:?}");
-        self.rig.terminate();
-        let names = self.folder.names("kept");
-        let runs = names.iter().filter(|name| name.ends_with(".mcap"));
-        runs.flat_map(|name| read_mcap(&self.folder.join("kept").join(name)).unwrap().ticks).collect()
-    }
+        }
+        tables
+    })
 }
 
 /// The largest change of a duty from tick to tick, but for the ten seconds after each arming: the way from rest.
@@ -122,14 +75,14 @@ fn steepest(ticks: &[TickRecord]) -> f64 {
 #[test]
 fn after_another_model_the_fallback_takes_over_and_an_operator_may_have_it_otherwise() {
     let _alone = alone();
-    let laboratory = Laboratory::new("dual_pressure", "");
-    let viewer = laboratory.viewer();
-    laboratory.wait_for("flown for a while", |status| status["status"]["tick"].as_u64().unwrap_or(0) > 1500);
-    assert_eq!(laboratory.json("status")["running"]["policy"], "older", "it is better on the model that it knows");
+    let laboratory = laboratory("dual_pressure", "");
+    let viewer = viewer(&laboratory);
+    wait_for(&laboratory, "flown for a while", |status| status["status"]["tick"].as_u64().unwrap_or(0) > 1500);
+    assert_eq!(laboratory.status()["running"]["policy"], "older", "it is better on the model that it knows");
 
     let changed = laboratory.ask(&["model", "bench"]);
     assert_eq!(changed.status, Some(0), "{changed:?}");
-    let status = laboratory.wait_for("the fallback", |status| status["running"]["policy"] == "fallback");
+    let status = wait_for(&laboratory, "the fallback", |status| status["running"]["policy"] == "fallback");
     let why = status["running"]["why_fallback"].as_str().unwrap();
     assert!(why.starts_with("older is behind the fallback on this model: ") && why.contains(" against "), "{why}");
     laboratory.daemon.line(Err, "policy older on model bench: ", SOON);
@@ -139,10 +92,10 @@ fn after_another_model_the_fallback_takes_over_and_an_operator_may_have_it_other
 
     // An operator who names it has it.
     assert_eq!(laboratory.ask(&["swap", "older"]).status, Some(0));
-    let status = laboratory.wait_for("the policy again", |status| status["running"]["policy"] == "older");
+    let status = wait_for(&laboratory, "the policy again", |status| status["running"]["policy"] == "older");
     assert!(status["running"]["why_fallback"].is_null(), "{status}");
 
-    let ticks = laboratory.close();
+    let ticks = laboratory.close().ticks();
     // What is exchanged with the model, the width of the play among it, has settled a second after it.
     let model = ticks.iter().position(|tick| tick.swap_id == 1).unwrap() + 50;
     let handed_over = &ticks[model..];
@@ -157,9 +110,9 @@ fn after_another_model_the_fallback_takes_over_and_an_operator_may_have_it_other
 #[test]
 fn at_the_start_it_is_found_out_while_the_policy_controls() {
     let _alone = alone();
-    let laboratory = Laboratory::new("bench", "");
-    laboratory.wait_for("the fallback", |status| status["running"]["policy"] == "fallback");
-    let ticks = laboratory.close();
+    let laboratory = laboratory("bench", "");
+    wait_for(&laboratory, "the fallback", |status| status["running"]["policy"] == "fallback");
+    let ticks = laboratory.close().ticks();
     assert!(ticks.iter().any(|tick| tick.observation_hash != 0 && tick.state == 1), "the policy controlled meanwhile");
     assert!(steepest(&ticks) < CALM_DUTY, "no bump: {}", steepest(&ticks));
 }
@@ -167,10 +120,10 @@ fn at_the_start_it_is_found_out_while_the_policy_controls() {
 #[test]
 fn the_configuration_may_have_it_fly_and_is_told() {
     let _alone = alone();
-    let laboratory = Laboratory::new("bench", "when_behind = \"fly\"\n");
+    let laboratory = laboratory("bench", "policy.when_behind = \"fly\"");
     let line = laboratory.daemon.line(Err, "policy older on model bench: ", SOON);
     assert!(line.contains("it controls all the same"), "{line}");
-    let status = laboratory.wait_for("in control", |status| status["state"] == "run");
+    let status = wait_for(&laboratory, "in control", |status| status["state"] == "run");
     assert_eq!(status["running"]["policy"], "older");
     assert!(laboratory.ask(&["policies"]).stdout.contains("behind the fallback"), "and it is shown");
     laboratory.close();

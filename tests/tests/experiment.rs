@@ -9,6 +9,7 @@ use std::process::Command;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use controller::config::Pacing;
 use fit::data::quality::Quality;
 use fit::data::{Records, noise};
 use model::predict::DualPressureRig;
@@ -20,7 +21,8 @@ use proto::emulator::{
 use proto::recording::{McapContent, Recording, TickRecord, read_mcap};
 use proto::wire::{CrioState, Frame};
 use serde_json::Value;
-use tests::Stream::{Err, Out};
+use tests::Stream::Err;
+use tests::laboratory::emulated_rig;
 use tests::{Folder, RunStatus, Running, alone, finish, program};
 
 /// Generous: how long anything may take on a machine that does other things as well.
@@ -463,12 +465,7 @@ fn an_experiment_on_a_rig_with_a_secret_can_be_diagnosed() {
         "[[mechanisms]]\nid = \"chamber_leak\"\ncomponent = \"positive\"\nconductance_kg_per_s_pa2 = 3.0e-15\n";
     let folder = Folder::new();
     let rig = folder.write("secret.toml", format!("{}\n{secret}", model::rig::DUAL_PRESSURE));
-    let crio = Running::start(
-        Command::new(program("trainer"))
-            .args(["rig", "--listen", "127.0.0.1:0", "--pace", "lockstep", "--rig"])
-            .arg(rig),
-    );
-    let address = crio.line(Out, "listening on ", SOON).rsplit_once(' ').unwrap().1.to_owned();
+    let (_crio, address) = emulated_rig(rig.as_os_str(), Pacing::Lockstep);
     let config = folder.write("c.toml", format!("[link]\naddress = \"{address}\"\npacing = \"lockstep\"\n"));
     let rows = programme(1500);
     let file = folder.write("next_experiment.csv", csv(&rows));

@@ -4,102 +4,25 @@
 
 use std::path::PathBuf;
 use std::process::Command;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use proto::recording::{Recording, TickInput, TickRecord, read_mcap};
 use serde_json::Value;
-use tests::Stream::{Err, Out};
-use tests::{Folder, RunStatus, Running, alone, finish, program};
+use tests::laboratory::{Laboratory, Plan, SOON};
+use tests::{Running, alone, finish, program};
 
-/// Generous: how long anything may take on a machine that does other things as well.
-const SOON: Duration = Duration::from_secs(120);
 const RUN: u8 = 1;
 
-/// A daemon in lockstep with an emulated rig of its own.
-struct Laboratory {
-    folder: Folder,
-    config: PathBuf,
-    rig: Running,
-    daemon: Running,
+/// The paper's rig with a mechanism beside behind the cRIO, and a daemon that knows nothing of the mechanism.
+fn laboratory(mechanism: &str) -> Laboratory {
+    let plan = Plan::new("policy.active = \"fallback\"");
+    let rig = plan.folder.write("rig.toml", format!("{}\n{mechanism}", model::rig::DUAL_PRESSURE));
+    plan.rig(rig).start()
 }
 
-/// The emulated cRIO with the paper's rig and a mechanism beside, and the address that it listens on.
-fn rig(folder: &Folder, mechanism: &str) -> (Running, String) {
-    let rig = folder.write("rig.toml", format!("{}\n{mechanism}", model::rig::DUAL_PRESSURE));
-    let mut command = Command::new(program("trainer"));
-    command.args(["rig", "--listen", "127.0.0.1:0", "--pace", "lockstep", "--rig"]).arg(rig);
-    let rig = Running::start(&mut command);
-    let address = rig.line(Out, "listening on ", SOON).rsplit_once(' ').unwrap().1.to_owned();
-    (rig, address)
-}
-
-impl Laboratory {
-    fn new(mechanism: &str) -> Self {
-        let folder = Folder::new();
-        let (rig, address) = rig(&folder, mechanism);
-        let config = folder.write(
-            "controller.toml",
-            format!(
-                "[link]\naddress = \"{address}\"\npacing = \"lockstep\"\n[record]\ndirectory = \"kept\"\nmin_free_mib = 16\n\
-                 [control]\nsocket = \"s\"\n[realtime]\nenforce = false\n[policy]\nactive = \"fallback\"\n"
-            ),
-        );
-        let daemon = Running::start(Command::new(program("controller")).args(["run", "--config"]).arg(&config));
-        daemon.line(Err, "opened", SOON);
-        Laboratory { folder, config, rig, daemon }
-    }
-
-    fn command(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(program("controller"));
-        command.args(arguments).arg("--config").arg(&self.config);
-        command
-    }
-
-    fn ask(&self, arguments: &[&str]) -> RunStatus {
-        finish(&mut self.command(arguments))
-    }
-
-    fn status(&self) -> Value {
-        serde_json::from_str(&self.ask(&["status", "--json"]).stdout).unwrap()
-    }
-
-    fn wait_for(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
-        let until = Instant::now() + SOON;
-        loop {
-            let status = self.status();
-            if wanted(&status) {
-                return status;
-            }
-            assert!(Instant::now() < until, "not {what} in {SOON:?}: {status}");
-            std::thread::sleep(Duration::from_millis(20));
-        }
-    }
-
-    fn arm(&self) {
-        self.wait_for("ready to be armed", |status| status["status"]["can_arm"] == true);
-        assert_eq!(self.ask(&["arm"]).status, Some(0));
-    }
-
-    fn experiment(&self, rows: &[(f64, f64, u8)]) -> Command {
-        let file = self.folder.write("e.csv", csv(rows));
-        self.command(&["experiment", file.to_str().unwrap()])
-    }
-
-    fn close(&self) -> Vec<TickRecord> {
-        self.daemon.terminate();
-        let until = Instant::now() + SOON;
-        while self.kept("").iter().any(|name| name.to_str().unwrap().contains("partial")) {
-            assert!(Instant::now() < until, "the recording is not finished");
-            std::thread::sleep(Duration::from_millis(20));
-        }
-        self.rig.terminate();
-        self.kept("run-").iter().flat_map(|file| read_mcap(file).unwrap().ticks).collect()
-    }
-
-    fn kept(&self, stem: &str) -> Vec<PathBuf> {
-        let names = self.folder.names("kept");
-        names.iter().filter(|n| n.starts_with(stem)).map(|n| self.folder.join("kept").join(n)).collect()
-    }
+fn experiment(laboratory: &Laboratory, rows: &[(f64, f64, u8)]) -> Command {
+    let file = laboratory.folder.write("e.csv", csv(rows));
+    laboratory.command(&["experiment", file.to_str().unwrap()])
 }
 
 fn programme(rows: usize) -> Vec<(f64, f64, u8)> {
@@ -136,14 +59,14 @@ fn replayed(files: &[PathBuf]) -> Value {
 #[test]
 fn an_armed_daemon_plays_it_and_controls_again() {
     let _alone = alone();
-    let laboratory = Laboratory::new("");
+    let laboratory = laboratory("");
     laboratory.arm();
     let rows = programme(500);
-    let ended = finish(laboratory.experiment(&rows).arg("--json"));
+    let ended = finish(experiment(&laboratory, &rows).arg("--json"));
     let result: Value = serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"));
     assert_eq!((ended.status, &result["completed"]), (Some(0), &true.into()), "{ended:?}");
     assert_eq!((&result["rows_played"], &result["played"]["not_applied"]), (&500.into(), &0.into()), "{result}");
-    let alone = laboratory.kept("experiment-");
+    let alone = laboratory.recordings("experiment-");
     assert_eq!(result["recording"], alone[0].to_str().unwrap(), "{result}");
     // It goes on as before: armed again on its reference, which begins anew.
     let status = laboratory.wait_for("armed again", |status| status["state"] == "run");
@@ -164,25 +87,27 @@ fn an_armed_daemon_plays_it_and_controls_again() {
     assert!(at_rest(&content.ticks[first]) && at_rest(content.ticks.last().unwrap()), "from rest to rest");
 
     // So does the run's, and it replays to the bit, experiment included.
-    let ticks = laboratory.close();
+    let closed = laboratory.close();
+    let ticks = closed.ticks();
     check_rows(&ticks, &rows);
     let after = ticks.iter().rposition(|tick| tick.experiment != 0).unwrap();
     assert!(ticks[after..].iter().any(|tick| tick.mode == RUN && tick.ref_pos_kpa.is_finite()));
     assert!(ticks.iter().any(|tick| TickInput::of(tick.inputs).any(|input| input == TickInput::Experiment)));
-    let found = replayed(&laboratory.kept("run-"));
+    let found = replayed(&closed.recordings("run-"));
     assert_eq!(found["ticks"].as_u64().unwrap(), ticks.len() as u64, "{found}");
 }
 
 #[test]
 fn a_daemon_that_stands_by_plays_it_and_stands_by_again() {
     let _alone = alone();
-    let laboratory = Laboratory::new("");
-    laboratory.wait_for("standing by", |status| status["status"]["can_arm"] == true);
+    let laboratory = laboratory("");
+    laboratory.stand_by();
     let copy = laboratory.folder.join("copy.mcap");
-    let ended = finish(laboratory.experiment(&programme(300)).arg("--out").arg(&copy));
+    let ended = finish(experiment(&laboratory, &programme(300)).arg("--out").arg(&copy));
     assert!(ended.status == Some(0) && ended.stdout.contains(copy.to_str().unwrap()), "{ended:?}");
     assert_eq!(read_mcap(&copy).unwrap().ticks.iter().filter(|tick| tick.experiment == 2).count(), 300);
-    let ticks = laboratory.close();
+    let closed = laboratory.close();
+    let ticks = closed.ticks();
     let after = ticks.iter().rposition(|tick| tick.experiment != 0).unwrap();
     assert!(ticks.len() > after + 50 && ticks[after + 1..].iter().all(|tick| tick.mode != RUN), "nobody armed it");
 }
@@ -190,17 +115,17 @@ fn a_daemon_that_stands_by_plays_it_and_stands_by_again() {
 #[test]
 fn disarm_stops_it_leaving_does_not_and_nothing_comes_between() {
     let _alone = alone();
-    let laboratory = Laboratory::new("");
+    let laboratory = laboratory("");
     laboratory.arm();
     // 6,000 rows take a lockstep daemon seconds: enough for everything below.
-    let client = Running::start(&mut laboratory.experiment(&programme(6000)));
+    let client = Running::start(&mut experiment(&laboratory, &programme(6000)));
     laboratory.wait_for("playing", |status| status["experiment"]["phase"] == "playing");
     drop(client);
     for refused in [&["arm"][..], &["swap", "fallback"], &["model", "bench"], &["rollback"]] {
         let ended = laboratory.ask(refused);
         assert!(ended.status == Some(1) && ended.stderr.contains("an experiment is under way"), "{ended:?}");
     }
-    let second = finish(&mut laboratory.experiment(&programme(100)));
+    let second = finish(&mut experiment(&laboratory, &programme(100)));
     assert!(second.status == Some(1) && second.stderr.contains("an experiment is under way"), "{second:?}");
     let reached = laboratory.status()["experiment"]["reached"].as_u64().unwrap();
     laboratory.wait_for("going on without its client", |status| {
@@ -209,12 +134,13 @@ fn disarm_stops_it_leaving_does_not_and_nothing_comes_between() {
     assert_eq!(laboratory.ask(&["disarm"]).status, Some(0));
     let status = laboratory.wait_for("concluded", |status| status["experiment"]["outcome"].is_object());
     assert_eq!(status["experiment"]["outcome"]["aborted"], "disarmed by the operator", "{status}");
-    let content = read_mcap(&laboratory.kept("experiment-")[0]).unwrap();
+    let content = read_mcap(&laboratory.recordings("experiment-")[0]).unwrap();
     assert!(content.events.iter().any(|event| event.message.starts_with("EXPERIMENT ABORTED after")));
-    let ticks = laboratory.close();
+    let closed = laboratory.close();
+    let ticks = closed.ticks();
     let last = ticks.iter().rposition(|tick| tick.experiment == 2 && tick.mode == RUN).unwrap();
     assert!(ticks[last + 1..].iter().all(|tick| tick.mode != RUN && tick.u_pos == 1.0), "stopped for good");
-    replayed(&laboratory.kept("run-"));
+    replayed(&closed.recordings("run-"));
 }
 
 /// By the model well below the limit; with a clogged muffler behind the valve, far above.
@@ -222,9 +148,9 @@ fn disarm_stops_it_leaving_does_not_and_nothing_comes_between() {
 fn over_pressure_aborts_it_and_waits_for_a_person() {
     let _alone = alone();
     let clogged = "[[mechanisms]]\nid = \"exhaust_restriction\"\ncomponent = \"valve_pos\"\narea_mm2 = 0.5\n";
-    let laboratory = Laboratory::new(clogged);
-    laboratory.wait_for("standing by", |status| status["status"]["can_arm"] == true);
-    let ended = finish(&mut laboratory.experiment(&[(0.75, 0.85, 1); 1000]));
+    let laboratory = laboratory(clogged);
+    laboratory.stand_by();
+    let ended = finish(&mut experiment(&laboratory, &[(0.75, 0.85, 1); 1000]));
     let line = ended.stderr.lines().last().unwrap();
     assert!(ended.status == Some(1) && line.contains("above safety.max_pos_kpa"), "{ended:?}");
     // Nothing is armed, by itself or by hand, before a person has looked at it; then everything is as it was.
@@ -240,39 +166,40 @@ fn over_pressure_aborts_it_and_waits_for_a_person() {
         println!("{}", ended.stderr);
         assert!(Instant::now() < until, "{ended:?}");
     }
-    laboratory.wait_for("standing by again", |status| status["status"]["can_arm"] == true);
-    let ticks = laboratory.close();
+    laboratory.stand_by();
+    let closed = laboratory.close();
+    let ticks = closed.ticks();
     let over = ticks.iter().find(|tick| tick.p_pos_kpa > 160.0).unwrap();
     assert_eq!((over.experiment, over.u_pos, over.mode), (3, 1.0, 0), "vented in the tick of the reading");
-    replayed(&laboratory.kept("run-"));
+    replayed(&closed.recordings("run-"));
 }
 
 #[test]
 fn a_lost_link_aborts_it_and_what_was_recorded_is_kept() {
     let _alone = alone();
-    let laboratory = Laboratory::new("");
-    laboratory.wait_for("standing by", |status| status["status"]["can_arm"] == true);
-    let client = Running::start(&mut laboratory.experiment(&programme(6000)));
+    let laboratory = laboratory("");
+    laboratory.stand_by();
+    let client = Running::start(&mut experiment(&laboratory, &programme(6000)));
     laboratory.wait_for("playing", |status| status["experiment"]["phase"] == "playing");
     laboratory.rig.signal("KILL");
     let ended = client.wait(SOON);
     assert!(ended.status == Some(1) && ended.stderr.contains("experiment aborted after"), "{ended:?}");
-    let content = read_mcap(&laboratory.kept("experiment-")[0]).unwrap();
+    let content = read_mcap(&laboratory.recordings("experiment-")[0]).unwrap();
     assert!(content.ticks.iter().any(|tick| tick.experiment == 2));
     assert!(content.events.iter().any(|event| event.message.starts_with("EXPERIMENT ABORTED after")));
-    laboratory.close();
-    replayed(&laboratory.kept("run-"));
+    let closed = laboratory.close();
+    replayed(&closed.recordings("run-"));
 }
 
 #[test]
 fn a_daemon_that_is_told_to_end_ends_it_and_finishes_both_recordings() {
     let _alone = alone();
-    let laboratory = Laboratory::new("");
-    laboratory.wait_for("standing by", |status| status["status"]["can_arm"] == true);
-    let _client = Running::start(&mut laboratory.experiment(&programme(6000)));
+    let laboratory = laboratory("");
+    laboratory.stand_by();
+    let _client = Running::start(&mut experiment(&laboratory, &programme(6000)));
     laboratory.wait_for("playing", |status| status["experiment"]["phase"] == "playing");
-    laboratory.close();
-    let content = read_mcap(&laboratory.kept("experiment-")[0]).unwrap();
+    let closed = laboratory.close();
+    let content = read_mcap(&closed.recordings("experiment-")[0]).unwrap();
     let last = content.events.last().unwrap();
     assert!(
         last.message.starts_with("EXPERIMENT ABORTED after") && last.message.contains("stopped by hand"),
@@ -283,9 +210,9 @@ fn a_daemon_that_is_told_to_end_ends_it_and_finishes_both_recordings() {
 #[test]
 fn what_the_model_in_force_forbids_is_refused_as_bad_input_and_nothing_moves() {
     let _alone = alone();
-    let laboratory = Laboratory::new("");
-    laboratory.wait_for("standing by", |status| status["status"]["can_arm"] == true);
-    let shut = finish(&mut laboratory.experiment(&[(0.0, 0.0, 1); 500]));
+    let laboratory = laboratory("");
+    laboratory.stand_by();
+    let shut = finish(&mut experiment(&laboratory, &[(0.0, 0.0, 1); 500]));
     assert!(shut.status == Some(2) && shut.stderr.contains("passes safety."), "{shut:?}");
     let nobody = finish(
         Command::new(program("controller"))
@@ -294,7 +221,8 @@ fn what_the_model_in_force_forbids_is_refused_as_bad_input_and_nothing_moves() {
             .args(["--socket", laboratory.folder.join("nobody").to_str().unwrap()]),
     );
     assert!(nobody.status == Some(2) && nobody.stderr.contains("no daemon answers"), "{nobody:?}");
-    let ticks = laboratory.close();
+    let closed = laboratory.close();
+    let ticks = closed.ticks();
     assert!(ticks.iter().all(|tick| tick.experiment == 0 && tick.mode != RUN));
-    assert!(laboratory.kept("experiment-").is_empty());
+    assert!(closed.recordings("experiment-").is_empty());
 }

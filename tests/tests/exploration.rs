@@ -1,92 +1,29 @@
 //! `controller explore on|off` on a running daemon: who may, what is added, what ends it, and that it replays to the bit.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use std::path::PathBuf;
 use std::process::Command;
-use std::time::{Duration, Instant};
 
 use proto::recording::{TickInput, TickRecord, read_mcap};
 use serde_json::Value;
-use tests::Stream::{Err, Out};
-use tests::{Folder, RunStatus, Running, alone, finish, program};
+use tests::laboratory::{Laboratory, Plan};
+use tests::{alone, finish, program};
 
-/// Generous: how long anything may take on a machine that does other things as well.
-const SOON: Duration = Duration::from_secs(120);
 /// The default of `policy.exploration_max_duty`, and of the deviation for a policy that states none: 0.02 of ±0.25.
 const MOST_DUTY: f64 = 0.02;
 const STD_DUTY: f64 = 0.01;
 
-struct Laboratory {
-    folder: Folder,
-    config: PathBuf,
-    rig: Running,
-    daemon: Running,
+fn laboratory(policy: &str) -> Laboratory {
+    Plan::new(&format!("policy.active = \"{policy}\"")).start()
 }
 
-impl Laboratory {
-    fn new(policy: &str) -> Self {
-        let lockstep = ["rig", "--listen", "127.0.0.1:0", "--pace", "lockstep"];
-        let rig = Running::start(Command::new(program("trainer")).args(lockstep));
-        let address = rig.line(Out, "listening on ", SOON).rsplit_once(' ').unwrap().1.to_owned();
-        let folder = Folder::new();
-        let config = folder.write(
-            "controller.toml",
-            format!(
-                "[link]\naddress = \"{address}\"\npacing = \"lockstep\"\n[record]\ndirectory = \"kept\"\nmin_free_mib = 16\n\
-                 [control]\nsocket = \"s\"\n[realtime]\nenforce = false\n[policy]\nactive = \"{policy}\"\n"
-            ),
-        );
-        let daemon = Running::start(Command::new(program("controller")).args(["run", "--config"]).arg(&config));
-        daemon.line(Err, "opened", SOON);
-        Laboratory { folder, config, rig, daemon }
-    }
+fn check_done(laboratory: &Laboratory, arguments: &[&str]) {
+    let ended = laboratory.ask(arguments);
+    assert_eq!(ended.status, Some(0), "{arguments:?}: {ended:?}");
+}
 
-    fn ask(&self, arguments: &[&str]) -> RunStatus {
-        finish(Command::new(program("controller")).args(arguments).arg("--config").arg(&self.config))
-    }
-
-    fn wait_for(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
-        let until = Instant::now() + SOON;
-        loop {
-            let status: Value = serde_json::from_str(&self.ask(&["status", "--json"]).stdout).unwrap();
-            if wanted(&status["status"]) {
-                return status["status"].clone();
-            }
-            assert!(Instant::now() < until, "not {what} in {SOON:?}: {status}");
-            std::thread::sleep(Duration::from_millis(20));
-        }
-    }
-
-    fn arm(&self) {
-        // Between the status and the asking many ticks pass in lockstep, and the rig may have something to say in one of them.
-        let until = Instant::now() + SOON;
-        loop {
-            self.wait_for("ready to be armed", |status| status["can_arm"] == true);
-            let ended = self.ask(&["arm"]);
-            if ended.status == Some(0) {
-                return;
-            }
-            assert!(Instant::now() < until, "{ended:?}");
-        }
-    }
-
-    fn refused(&self, words: &str) {
-        let ended = self.ask(&["explore", "on"]);
-        assert!(ended.status == Some(1) && ended.stderr.contains(words), "{ended:?}");
-    }
-
-    /// Ends both; the run's recording and its ticks.
-    fn close(self) -> (PathBuf, Vec<TickRecord>, Folder) {
-        self.daemon.terminate();
-        let ended = self.daemon.wait(SOON);
-        assert_eq!(ended.status, Some(0), "{ended:?}");
-        self.rig.terminate();
-        let names = self.folder.names("kept");
-        let name = names.iter().find(|name| name.starts_with("run-")).unwrap();
-        let file = self.folder.join("kept").join(name);
-        let ticks = read_mcap(&file).unwrap().ticks;
-        (file, ticks, self.folder)
-    }
+fn check_refused(laboratory: &Laboratory, words: &str) {
+    let ended = laboratory.ask(&["explore", "on"]);
+    assert!(ended.status == Some(1) && ended.stderr.contains(words), "{ended:?}");
 }
 
 fn explores(tick: &TickRecord) -> bool {
@@ -96,35 +33,39 @@ fn explores(tick: &TickRecord) -> bool {
 #[test]
 fn noise_is_bounded_recorded_and_replayed_and_ends_with_disarming_and_another_policy() {
     let _alone = alone();
-    let laboratory = Laboratory::new("default");
-    laboratory.wait_for("standing by", |status| status["can_arm"] == true);
-    laboratory.refused("needs the rig under control");
+    let laboratory = laboratory("default");
+    laboratory.stand_by();
+    check_refused(&laboratory, "needs the rig under control");
     laboratory.arm();
     let on = laboratory.ask(&["explore", "on", "--seed", "7"]);
     assert!(
         on.status == Some(0) && on.stdout.contains("policy.exploration_std") && on.stdout.contains("seed 7"),
         "{on:?}"
     );
-    let shown = laboratory.wait_for("exploring", |status| status["exploration"].is_object());
+    let shown = laboratory.wait_for("exploring", |reply| reply["status"]["exploration"].is_object());
+    let shown = &shown["status"];
     assert_eq!((&shown["exploration"]["seed"], &shown["exploration"]["std_duty"][0]), (&7.into(), &STD_DUTY.into()));
     let since = shown["tick"].as_u64().unwrap();
-    laboratory.wait_for("explored for a while", |status| status["tick"].as_u64().unwrap() > since + 1500);
+    laboratory.wait_for("explored for a while", |reply| reply["status"]["tick"].as_u64().unwrap() > since + 1500);
     let off = laboratory.ask(&["explore", "off"]);
     assert!(off.status == Some(0) && off.stdout.contains("exploration is off"), "{off:?}");
 
     // Whatever else ends it: a disarming, and what is swapped to.
-    assert_eq!(laboratory.ask(&["explore", "on"]).status, Some(0));
-    assert_eq!(laboratory.ask(&["disarm"]).status, Some(0));
-    laboratory.wait_for("off", |status| status["exploration"].is_null());
+    check_done(&laboratory, &["explore", "on"]);
+    check_done(&laboratory, &["disarm"]);
+    laboratory.wait_for("off", |reply| reply["status"]["exploration"].is_null());
     laboratory.arm();
-    laboratory
-        .wait_for("armed without exploring", |status| status["state"] == "run" && status["exploration"].is_null());
-    assert_eq!(laboratory.ask(&["explore", "on"]).status, Some(0));
-    assert_eq!(laboratory.ask(&["swap", "fallback"]).status, Some(0));
-    laboratory.wait_for("off", |status| status["exploration"].is_null());
-    laboratory.refused("");
+    laboratory.wait_for("armed without exploring", |reply| {
+        reply["status"]["state"] == "run" && reply["status"]["exploration"].is_null()
+    });
+    check_done(&laboratory, &["explore", "on"]);
+    check_done(&laboratory, &["swap", "fallback"]);
+    laboratory.wait_for("off", |reply| reply["status"]["exploration"].is_null());
+    check_refused(&laboratory, "");
 
-    let (file, ticks, _folder) = laboratory.close();
+    let closed = laboratory.close();
+    let (files, ticks) = (closed.recordings("run-"), closed.ticks());
+    let [file] = &files[..] else { panic!("one file of the run: {files:?}") };
     let explored: Vec<&TickRecord> = ticks.iter().filter(|tick| explores(tick)).collect();
     assert!(explored.len() > 1000, "{}", explored.len());
     assert!(explored.iter().all(|t| t.exploration_pos.abs() <= MOST_DUTY && t.exploration_neg.abs() <= MOST_DUTY));
@@ -148,11 +89,11 @@ fn noise_is_bounded_recorded_and_replayed_and_ends_with_disarming_and_another_po
         assert!(step <= 0.1 + 1e-9, "the slew limit holds: {step}");
     }
     assert!(ticks.iter().any(|tick| TickInput::of(tick.inputs).any(|input| input == TickInput::Explore)));
-    let events = read_mcap(&file).unwrap().events;
+    let events = read_mcap(file).unwrap().events;
     assert!(events.iter().any(|event| event.message.contains("seed 7")), "the seed is in the log");
 
     // Up to the swap, whose policy a replay would need.
-    let ended = finish(Command::new(program("controller")).arg("replay").arg("--json").arg(&file));
+    let ended = finish(Command::new(program("controller")).arg("replay").arg("--json").arg(file));
     let found: Value = serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"));
     let last = ticks.iter().rposition(explores).unwrap() as u64;
     assert_eq!(found["ticks_differing"], 0, "{found}");
@@ -162,11 +103,11 @@ fn noise_is_bounded_recorded_and_replayed_and_ends_with_disarming_and_another_po
 #[test]
 fn the_fallback_has_nothing_to_explore() {
     let _alone = alone();
-    let laboratory = Laboratory::new("fallback");
+    let laboratory = laboratory("fallback");
     laboratory.arm();
-    laboratory.refused("the fallback controls");
+    check_refused(&laboratory, "the fallback controls");
     let off = laboratory.ask(&["explore", "off"]);
     assert_eq!(off.status, Some(0), "off is off: {off:?}");
-    let (_, ticks, _folder) = laboratory.close();
+    let ticks = laboratory.close().ticks();
     assert!(!ticks.iter().any(explores));
 }

@@ -7,7 +7,8 @@ use std::process::Command;
 use std::time::Duration;
 
 use serde_json::Value;
-use tests::Stream::{Err, Out};
+use tests::Stream::Err;
+use tests::laboratory::Plan;
 use tests::{Folder, Running, alone, finish, program, root};
 
 /// Generous: how long anything may take on a machine that does other things as well.
@@ -123,21 +124,10 @@ fn nothing_to_learn_and_wrong_folders_are_told_in_a_line() {
 #[test]
 fn beside_a_daemon_it_follows_publishes_stops_and_comes_to_the_same_offline() {
     let _alone = alone();
-    let folder = Folder::new();
-    std::fs::create_dir(folder.join("policies")).unwrap();
-    std::fs::create_dir(folder.join("recordings")).unwrap();
-    let rig =
-        Running::start(Command::new(program("trainer")).args(["rig", "--listen", "127.0.0.1:0", "--pace", "lockstep"]));
-    let address = rig.line(Out, "listening on ", SOON).rsplit_once(' ').unwrap().1.to_owned();
-    let config = folder.write(
-        "controller.toml",
-        format!(
-            "[link]\naddress = \"{address}\"\npacing = \"lockstep\"\n[record]\ndirectory = \"recordings\"\nmin_free_mib = 16\n\
-             [control]\nsocket = \"s\"\nauto_arm = true\n[realtime]\nenforce = false\n"
-        ),
-    );
-    let daemon = Running::start(Command::new(program("controller")).args(["run", "--config"]).arg(&config));
-    daemon.line(Err, "opened", SOON);
+    let plan = Plan::new("control.auto_arm = true");
+    std::fs::create_dir(plan.folder.join("policies")).unwrap();
+    let laboratory = plan.start();
+    let folder = &laboratory.folder;
     let arguments =
         ["--updates-per-tick", "1", "--warm-up", "100", "--publish-every", "300", "--steps", "100000", "--hold-plan"];
     let mut command = Command::new(program("trainer"));
@@ -145,15 +135,12 @@ fn beside_a_daemon_it_follows_publishes_stops_and_comes_to_the_same_offline() {
     command.arg("--recordings").arg(folder.join("recordings")).arg("--publish").arg(folder.join("policies"));
     let beside = Running::start(&mut command);
     beside.line(Err, "finetuned-000300.onnx", SOON);
-    daemon.line(Err, "finetuned-000300", SOON);
+    laboratory.daemon.line(Err, "finetuned-000300", SOON);
     beside.terminate();
     let ended = beside.wait(SOON);
     assert_eq!(ended.status, Some(0), "{ended:?}");
     assert!(ended.stdout.contains("go on with"), "{}", ended.stdout);
-    daemon.terminate();
-    assert_eq!(daemon.wait(SOON).status, Some(0));
-    rig.terminate();
-    rig.wait(SOON);
+    let folder = laboratory.close().folder;
 
     let offline =
         ["--updates-per-tick", "1", "--warm-up", "100", "--publish-every", "300", "--steps", "300", "--hold-plan"];

@@ -9,41 +9,27 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use proto::recording::read_mcap;
-use tests::{Folder, Running, Stream, alone, finish, program};
+use tests::laboratory::{Laboratory, Plan};
+use tests::{Running, Stream, alone, finish};
 
 /// Longest wait for a line or an answer on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 struct Scene {
-    folder: Folder,
-    daemon: Running,
+    laboratory: Laboratory,
     live: Running,
     /// Where viewers connect.
     address: String,
-    // Ends last.
-    _rig: Running,
 }
 
 /// An emulated cRIO, the daemon armed on it, and a viewer's server.
 fn scene() -> Scene {
-    let folder = Folder::new();
-    let rig =
-        Running::start(Command::new(program("trainer")).args(["rig", "--listen", "127.0.0.1:0", "--rig", "bench"]));
-    let line = rig.line(Stream::Out, "127.0.0.1:", PATIENCE);
-    let crio =
-        line.split_whitespace().find(|word| word.starts_with("127.0.0.1:")).unwrap().trim_end_matches([',', ';', '.']);
-    let config = folder.write(
-        "controller.toml",
-        format!("[link]\naddress = \"{crio}\"\n[control]\nauto_arm = true\nsocket = \"c.sock\"\n"),
-    );
-    let daemon = Running::start(Command::new(program("controller")).arg("run").arg("--config").arg(&config));
-    let live = Running::start(
-        Command::new(program("controller")).args(["live", "--listen", "127.0.0.1:0", "--config"]).arg(&config),
-    );
+    let laboratory = Plan::new("control.auto_arm = true").in_real_time().start();
+    let live = Running::start(&mut laboratory.command(&["live", "--listen", "127.0.0.1:0"]));
     let line = live.line(Stream::Out, "http://", PATIENCE);
     let address = line.split("http://").nth(1).unwrap().split('/').next().unwrap().to_owned();
-    daemon.line(Stream::Err, "armed", PATIENCE);
-    Scene { folder, daemon, live, address, _rig: rig }
+    laboratory.daemon.line(Stream::Err, "armed", PATIENCE);
+    Scene { laboratory, live, address }
 }
 
 fn get(address: &str, host: &str, request: &str) -> String {
@@ -73,7 +59,8 @@ fn wait_for(what: &str, mut done: impl FnMut() -> bool) {
 #[test]
 fn a_run_is_watched_from_beside_and_a_killed_viewer_is_nothing_to_it() {
     let _alone = alone();
-    let Scene { folder, daemon, live, address, _rig } = scene();
+    let Scene { laboratory, live, address } = scene();
+    let Laboratory { daemon, folder, rig: _rig, .. } = laboratory;
     wait_for("ticks at the viewer", || sample(&address, "controller_ticks_total").is_some_and(|ticks| ticks > 20.0));
     let before = sample(&address, "controller_ticks_total").unwrap();
     wait_for("more ticks", || sample(&address, "controller_ticks_total").is_some_and(|ticks| ticks > before + 20.0));
@@ -92,7 +79,7 @@ fn a_run_is_watched_from_beside_and_a_killed_viewer_is_nothing_to_it() {
     daemon.terminate();
     let ended = daemon.wait(PATIENCE);
     assert_eq!(ended.status, Some(0), "{ended:?}");
-    assert!(!folder.join("c.live.sock").exists(), "the stream's socket is gone with its daemon");
+    assert!(!folder.join("s.live.sock").exists(), "the stream's socket is gone with its daemon");
     let name = folder.names("recordings").into_iter().find(|name| name.ends_with(".mcap")).unwrap();
     let content = read_mcap(&folder.join("recordings").join(name)).unwrap();
     assert!(content.complete && content.ticks.iter().all(|tick| tick.records_dropped == 0));

@@ -1,43 +1,18 @@
 //! The daemon, the emulated cRIO of `trainer rig`, and the operator: three processes on one machine.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
-use std::time::{Duration, Instant};
 
 use proto::recording::read_mcap;
 use serde_json::Value;
-use tests::Stream::{Err, Out};
-use tests::{Folder, RunStatus, Running, alone, finish, program};
-
-/// Generous: how long anything may take on a machine that does other things as well.
-const SOON: Duration = Duration::from_secs(60);
+use tests::laboratory::{Closed, Plan, RECORDINGS, SOCKET};
+use tests::{Folder, RunStatus, alone, finish, program};
 
 fn controller(arguments: &[&str], file: Option<&Path>) -> Command {
     let mut command = Command::new(program("controller"));
     command.args(arguments).args(file);
     command
-}
-
-/// Asks a daemon; the answer is the JSON object on standard output and the exit status.
-fn ask(question: &str, config: &Path) -> (Value, Option<i32>) {
-    let ended = finish(&mut controller(&[question, "--json", "--config"], Some(config)));
-    let reply = serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{question}: {e}: {ended:?}"));
-    (reply, ended.status)
-}
-
-/// Asks for the status until it is as wanted.
-fn wait_for(config: &Path, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
-    let until = Instant::now() + SOON;
-    loop {
-        let (reply, status) = ask("status", config);
-        assert_eq!((status, &reply["ok"]), (Some(0), &true.into()), "{reply}");
-        if wanted(&reply) {
-            return reply;
-        }
-        assert!(Instant::now() < until, "not {what} in {SOON:?}: {reply}");
-        std::thread::sleep(Duration::from_millis(50));
-    }
 }
 
 /// One plain line on standard error that names what is wrong, and exit status 2.
@@ -49,91 +24,52 @@ fn check_refused(ended: &RunStatus, words: &[&str]) {
     }
 }
 
-struct Laboratory {
-    folder: Folder,
-    config: PathBuf,
-    rig: Running,
-    daemon: Running,
-}
-
-impl Laboratory {
-    fn new() -> Self {
-        let rig = Running::start(Command::new(program("trainer")).args([
-            "rig",
-            "--listen",
-            "127.0.0.1:0",
-            "--pace",
-            "lockstep",
-        ]));
-        let address = rig.line(Out, "listening on ", SOON).rsplit_once(' ').unwrap().1.to_owned();
-        let folder = Folder::new();
-        let config = folder.write(
-            "controller.toml",
-            format!("[link]\naddress = \"{address}\"\npacing = \"lockstep\"\n[record]\ndirectory = \"flights\"\n[control]\nsocket = \"s\"\n"),
-        );
-        let daemon = Running::start(&mut controller(&["run", "--config"], Some(&config)));
-        daemon.line(Err, "opened", SOON);
-        Laboratory { folder, config, rig, daemon }
-    }
-
-    /// Ends both and answers what the daemon left.
-    fn close(self) -> (Folder, RunStatus) {
-        self.daemon.terminate();
-        let daemon = self.daemon.wait(SOON);
-        self.rig.terminate();
-        let rig = self.rig.wait(SOON);
-        assert_eq!(rig.status, Some(0), "{rig:?}");
-        (self.folder, daemon)
-    }
-}
-
 #[test]
 fn an_operator_flies_the_emulated_rig() {
     let _alone = alone();
-    let laboratory = Laboratory::new();
-    let config = &laboratory.config;
+    let laboratory = Plan::new("").start();
 
     // Without auto_arm nothing moves until somebody says so.
-    let reply = wait_for(config, "armable", |r| r["status"]["can_arm"] == true);
+    let reply = laboratory.wait_for("armable", |r| r["status"]["can_arm"] == true);
     assert_eq!((&reply["state"], &reply["status"]["duty"]), (&"standby".into(), &serde_json::json!([1.0, 1.0])));
-    let text = finish(&mut controller(&["status", "--config"], Some(config)));
+    let text = laboratory.ask(&["status"]);
     assert!(text.stdout.contains("state      standby") && text.stdout.contains("can be armed"), "{text:?}");
 
-    let armed = finish(&mut controller(&["arm", "--config"], Some(config)));
+    let armed = laboratory.ask(&["arm"]);
     assert_eq!((armed.status, armed.stdout.trim()), (Some(0), "armed"), "{armed:?}");
-    let (reply, status) = ask("arm", config);
+    let (reply, status) = laboratory.ask_json(&["arm"]);
     assert_eq!((status, &reply["ok"]), (Some(1), &false.into()));
     assert!(reply["error"].as_str().unwrap().contains("armed already"), "{reply}");
 
     // It flies: both pressures come within 2 kPa of the reference (its RMSE on this rig is below 0.6 kPa).
-    wait_for(config, "flying", |r| {
+    laboratory.wait_for("flying", |r| {
         let of = |key: &str, c: usize| r["status"][key][c].as_f64().unwrap();
         r["state"] == "run" && (0..2).all(|c| (of("pressures_kpa", c) - of("reference_kpa", c)).abs() < 2.0)
     });
 
     // Another reference is followed, a bad one refused by line.
     let hold = laboratory.folder.write("hold.csv", "time_s,ref_pos_kpa,ref_neg_kpa\n0,85,-72\n1,85,-72\n");
-    let sent = finish(controller(&["reference"], Some(&hold)).arg("--config").arg(config));
+    let sent = laboratory.ask(&["reference", hold.to_str().unwrap()]);
     assert_eq!(sent.status, Some(0), "{sent:?}");
-    wait_for(config, "at 85/-72 kPa", |r| {
+    laboratory.wait_for("at 85/-72 kPa", |r| {
         let p = |c: usize| r["status"]["pressures_kpa"][c].as_f64().unwrap();
         (p(0) - 85.0).abs() < 2.0 && (p(1) + 72.0).abs() < 2.0
     });
     let wild = laboratory.folder.write("wild.csv", "time_s,ref_pos_kpa,ref_neg_kpa\n0,70,-65\n1,170,-65\n");
-    let refused = finish(controller(&["reference"], Some(&wild)).arg("--config").arg(config));
+    let refused = laboratory.ask(&["reference", wild.to_str().unwrap()]);
     assert!(refused.status == Some(1) && refused.stderr.contains("safety envelope"), "{refused:?}");
 
-    let (reply, status) = ask("disarm", config);
+    let (reply, status) = laboratory.ask_json(&["disarm"]);
     assert_eq!((status, &reply["ok"], &reply["state"]), (Some(0), &true.into(), &"standby".into()), "{reply}");
-    let reply = wait_for(config, "vented", |r| r["status"]["pressures_kpa"][0].as_f64().unwrap() < 5.0);
+    let reply = laboratory.wait_for("vented", |r| r["status"]["pressures_kpa"][0].as_f64().unwrap() < 5.0);
     assert_eq!(reply["status"]["duty"], serde_json::json!([1.0, 1.0]));
 
-    let (folder, daemon) = laboratory.close();
-    assert_eq!(daemon.status, Some(0), "{daemon:?}");
-    assert!(!folder.join("s").exists(), "the socket is left behind");
-    let names = folder.names("flights");
+    let Closed { daemon, rig, folder } = laboratory.close();
+    assert_eq!(rig.status, Some(0), "{rig:?}");
+    assert!(!folder.join(SOCKET).exists(), "the socket is left behind");
+    let names = folder.names(RECORDINGS);
     assert!(names.len() == 1 && names[0].ends_with(".mcap"), "{names:?}");
-    let content = read_mcap(&folder.join("flights").join(&names[0])).unwrap();
+    let content = read_mcap(&folder.join(RECORDINGS).join(&names[0])).unwrap();
     assert!(content.complete, "{:?}", content.notes);
     assert!(
         content.ticks.iter().any(|t| t.state == 1) && content.ticks.iter().all(|t| t.fault == 0),
@@ -145,16 +81,16 @@ fn an_operator_flies_the_emulated_rig() {
 #[test]
 fn a_second_daemon_on_the_same_socket_is_refused_and_disturbs_nothing() {
     let _alone = alone();
-    let laboratory = Laboratory::new();
-    let second = finish(&mut controller(&["run", "--config"], Some(&laboratory.config)));
+    let laboratory = Plan::new("").start();
+    let second = laboratory.ask(&["run"]);
     assert_eq!(second.status, Some(1), "{second:?}");
     assert!(second.stderr.contains("another controller answers on this socket"), "{second:?}");
-    let (reply, status) = ask("status", &laboratory.config);
-    assert_eq!((status, &reply["ok"]), (Some(0), &true.into()), "the first is still there: {reply}");
-    let (folder, daemon) = laboratory.close();
-    assert_eq!(daemon.status, Some(0), "{daemon:?}");
+    // The first is still there.
+    laboratory.status();
+    let Closed { rig, folder, .. } = laboratory.close();
+    assert_eq!(rig.status, Some(0), "{rig:?}");
     // The one that could not start leaves no recording behind.
-    let names = folder.names("flights");
+    let names = folder.names(RECORDINGS);
     assert!(names.len() == 1 && names[0].ends_with(".mcap"), "{names:?}");
 }
 
