@@ -13,7 +13,8 @@ const MOST_DUTY: f64 = 0.02;
 const STD_DUTY: f64 = 0.01;
 
 fn laboratory(policy: &str) -> Laboratory {
-    Plan::new(&format!("policy.active = \"{policy}\"")).start()
+    // Exploration ends with the policy, so how the policy stands beside the fallback must not end it in between.
+    Plan::new(&format!("policy.active = \"{policy}\"\npolicy.when_behind = \"fly\"")).start()
 }
 
 fn check_done(laboratory: &Laboratory, arguments: &[&str]) {

@@ -157,7 +157,8 @@ fn a_thousand_swaps_lose_no_tick_and_move_no_duty_too_far() {
 
 fn swaps(count: usize) {
     let _alone = alone();
-    let laboratory = laboratory("policy.active = \"default\"");
+    // Every swap is the operator's: how a policy stands beside the fallback must add none.
+    let laboratory = laboratory("policy.active = \"default\"\npolicy.when_behind = \"fly\"");
     let started = Instant::now();
     for round in 0..count {
         let name = ["fallback", "default"][round % 2];
