@@ -4,13 +4,13 @@
 //! ([`crate::trial::judge`]). This asks another question: a model that was told the truth about its rig makes the
 //! feed-forward good, and a policy that was trained on another one may then only be in the way.
 
-use model::observation::{CHANNELS, Pair};
+use model::observation::Pair;
 use serde::{Deserialize, Serialize};
 
 use crate::trial::Tally;
 
-/// Most that a policy's errors may be of the fallback's, geometric mean over the channels (chosen: twice what another
-/// seed of the noise makes of either).
+/// Most that a policy's error over both channels may be of the fallback's (chosen: twice what another seed of the noise
+/// makes of either).
 pub const MOST_OF_FALLBACK: f64 = 1.1;
 
 /// Errors on a model, root mean square over the trial's course, in kPa.
@@ -28,10 +28,11 @@ impl Standing {
         Some(Standing { policy_kpa: flown.first()?.rmse_kpa, fallback_kpa: fallback.first()?.rmse_kpa })
     }
 
-    /// Errors as a multiple of the fallback's, geometric mean over the channels.
+    /// Error of both channels together, root mean square in kPa, as a multiple of the fallback's: a few hundredths of a kPa
+    /// on a channel that has hardly any error weigh as little as they do at the actuator.
     pub fn ratio(&self) -> f64 {
-        let product: f64 = (0..CHANNELS).map(|c| self.policy_kpa[c] / self.fallback_kpa[c]).product();
-        product.powf(1.0 / CHANNELS as f64)
+        let both = |[positive, negative]: Pair| positive.hypot(negative);
+        both(self.policy_kpa) / both(self.fallback_kpa)
     }
 
     /// True where the policy tracks clearly worse than the fallback; also where its error is no number.
@@ -55,8 +56,9 @@ mod tests {
     fn behind_is_a_tenth_more_error_over_both_channels() {
         let standing = |policy_kpa| Standing { policy_kpa, fallback_kpa: [0.08, 0.016] };
         assert!(!standing([0.08, 0.016]).is_behind());
-        // Worse in one and better in the other: 1.5 / 1.3 = 1.154, its root 1.074.
-        assert!(!standing([0.12, 0.016 / 1.3]).is_behind());
+        // Twice the error where there is next to none, and a tenth less where there is some.
+        assert!(!standing([0.072, 0.032]).is_behind());
+        assert!(standing([0.12, 0.008]).is_behind());
         assert!(standing([0.110, 0.095]).is_behind());
         assert!(standing([f64::NAN, 0.016]).is_behind() && standing([f64::INFINITY, 0.016]).is_behind());
         assert_eq!(standing([0.110, 0.095]).to_string(), "0.110/0.095 against 0.080/0.016 kPa");
