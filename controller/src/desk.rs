@@ -178,11 +178,15 @@ impl Desk {
                 }
                 None => self.over("rollback", peer, Err(NO_POLICIES.to_owned())),
             },
-            Ask::Model { file } => self.aside(format!("model {}", file.display()), peer, move |handle, _| {
-                let changed = handle.models.change(&file)?;
-                handle.policies.model_changed(handle.models.rig());
-                Ok(changed)
-            }),
+            Ask::Model { file } => {
+                let notes = self.options.notes.clone();
+                self.aside(format!("model {}", file.display()), peer, move |handle, _| {
+                    let changed = handle.models.change(&file)?;
+                    changed.keep(&notes);
+                    handle.policies.model_changed(handle.models.rig());
+                    Ok(changed.line)
+                })
+            }
             Ask::Explore { switch, seed } => match self.start_exploring(switch, seed) {
                 Ok(ticket) => pending(What::Explore { ticket, switch }),
                 Err(why) => self.over("explore", peer, Err(why)),

@@ -71,6 +71,7 @@ pub mod policy_service;
 pub mod policy_signatures;
 pub mod preflight_simulation;
 pub mod realtime;
+mod recorded_orders;
 pub mod reference_limits;
 pub mod reference_tracking;
 pub mod reload;

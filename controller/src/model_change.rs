@@ -11,14 +11,17 @@ use std::time::{Duration, Instant};
 
 use admission::model_comparison::{Sample, compare, warmed};
 use crossbeam::queue::ArrayQueue;
+use flight::Noter;
 use model::predict::Predictor;
 use model::rig::{Rig, RigError};
 use model::steady::SteadyMap;
 use monitor::MonitorModels;
 use proto::emulator::rig_and_crio;
+use proto::recording::{TickOrder, attached};
 use safety_filter::{Envelope, SafetyFilter, SlewLimit};
 
 use crate::sensing::Sensing;
+use crate::session_recorder::attachment;
 
 /// Samples that the tick keeps for a comparison: 160 s.
 const SAMPLES: usize = 8192;
@@ -26,6 +29,8 @@ const SAMPLES: usize = 8192;
 const COMPARED: usize = 3000;
 /// The newest samples that the monitor's models run along with before they are put in: 10 s, in which observers settle.
 const FOLLOWED: usize = 500;
+/// Samples that a replay keeps: a change may have looked at those of 20 min before, where ticks did not wait for it.
+const REPLAYED: usize = 1 << 16;
 /// How long the tick may take to put a model in.
 const PATIENCE: Duration = Duration::from_secs(2);
 
@@ -41,15 +46,53 @@ pub struct ModelChange {
     pub monitor: MonitorModels,
 }
 
+impl ModelChange {
+    /// All that is made of `rig`, having run along with the newest samples.
+    fn new(rig: &Rig, run: &[Sample]) -> Result<Self, RigError> {
+        Ok(ModelChange {
+            predictor: warmed(rig, run)?,
+            map: Arc::new(SteadyMap::new(rig)?),
+            // The tick puts the limits of the filter in force into it.
+            filter: SafetyFilter::new(rig, Envelope::DEFAULT, SlewLimit::DEFAULT)?,
+            monitor: monitor_models(rig, run)?,
+        })
+    }
+}
+
+impl ModelInForce {
+    /// Puts it into the recording, so that the run can be replayed.
+    pub fn keep(&self, notes: &Noter) {
+        notes.attach(attachment(attached::MODEL, "application/toml", self.toml.as_str()));
+        let order = TickOrder::Model { followed: self.followed };
+        notes.attach(attachment(attached::ORDER, "application/json", order.to_json()));
+    }
+}
+
 /// The tick's end.
 pub struct ModelTickEnd {
     shared: Arc<Shared>,
+    /// Samples kept since the start.
+    kept: u64,
 }
 
 struct Shared {
     next: ArrayQueue<Box<ModelChange>>,
     retired: ArrayQueue<Box<ModelChange>>,
-    samples: ArrayQueue<Sample>,
+    samples: ArrayQueue<Numbered>,
+}
+
+/// A sample, and how many there have been with it since the start.
+type Numbered = (u64, Sample);
+
+/// A model that has come into force.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelInForce {
+    /// One line for whoever asked.
+    pub line: String,
+    /// The rig file as it was taken.
+    pub toml: String,
+    /// Samples since the start that it had run along with.
+    pub followed: u64,
 }
 
 /// The operators' end.
@@ -59,7 +102,7 @@ pub struct ModelDesk {
     /// The model in force; held for a moment only, also by those who answer operators.
     rig: Arc<Mutex<Rig>>,
     /// Samples that were taken off the tick's queue; held for as long as a change takes.
-    samples: Arc<Mutex<VecDeque<Sample>>>,
+    samples: Arc<Mutex<VecDeque<Numbered>>>,
 }
 
 /// Makes both ends for a loop that begins with `rig`.
@@ -67,7 +110,7 @@ pub fn ends(rig: &Rig) -> (ModelTickEnd, ModelDesk) {
     let shared =
         Arc::new(Shared { next: ArrayQueue::new(1), retired: ArrayQueue::new(4), samples: ArrayQueue::new(SAMPLES) });
     let rig = Arc::new(Mutex::new(rig.clone()));
-    (ModelTickEnd { shared: Arc::clone(&shared) }, ModelDesk { shared, rig, samples: Arc::default() })
+    (ModelTickEnd { shared: Arc::clone(&shared), kept: 0 }, ModelDesk { shared, rig, samples: Arc::default() })
 }
 
 impl ModelTickEnd {
@@ -93,8 +136,9 @@ impl ModelTickEnd {
     ///
     /// # Real-time
     /// Runs in the tick.
-    pub fn keep(&self, sample: Sample) {
-        self.shared.samples.force_push(sample);
+    pub fn keep(&mut self, sample: Sample) {
+        self.kept += 1;
+        self.shared.samples.force_push((self.kept, sample));
     }
 }
 
@@ -114,10 +158,13 @@ impl ModelDesk {
     ///
     /// # Errors
     /// Why not, one line; nothing has changed then.
-    pub fn change(&self, file: &Path) -> Result<String, String> {
+    pub fn change(&self, file: &Path) -> Result<ModelInForce, String> {
         let name = file.display();
-        let rig = proto::rig_file::load(&file.to_string_lossy()).map_err(|e| e.to_string())?;
-        let unfit = |problem: model::rig::RigError| format!("{name}: rig {}: {problem}", rig.name);
+        let loaded = proto::rig_file::load(&file.to_string_lossy()).map_err(|e| e.to_string())?;
+        let unfit = |problem: RigError| format!("{name}: rig {}: {problem}", loaded.name);
+        // What is recorded is what is taken, to the last bit.
+        let toml = loaded.to_toml().map_err(unfit)?;
+        let rig = Rig::from_toml(&toml).map_err(unfit)?;
         rig_and_crio(&rig).map_err(unfit)?;
         let mut samples = self.samples.lock().unwrap_or_else(PoisonError::into_inner);
         let old = self.rig();
@@ -126,25 +173,17 @@ impl ModelDesk {
                 "{name}: its sensors have other ranges than those in force; restart the daemon with rig.file"
             ));
         }
-        samples.extend(std::iter::from_fn(|| self.shared.samples.pop()));
-        let surplus = samples.len().saturating_sub(SAMPLES);
-        samples.drain(..surplus);
-        let run: Vec<Sample> = samples.iter().skip(samples.len().saturating_sub(COMPARED)).copied().collect();
+        self.collect(&mut samples, SAMPLES);
+        let followed = samples.back().map_or(0, |(number, _)| *number);
+        let run = newest(&samples, followed);
         let figures = compare(&old, &rig, &run).map_err(unfit)?;
         if let Some(reason) = figures.as_ref().and_then(|f| f.refusal()) {
             return Err(format!("{name}: {reason}"));
         }
-        let change = ModelChange {
-            predictor: warmed(&rig, &run).map_err(unfit)?,
-            map: Arc::new(SteadyMap::new(&rig).map_err(unfit)?),
-            // The tick puts the limits of the filter in force into it.
-            filter: SafetyFilter::new(&rig, Envelope::DEFAULT, SlewLimit::DEFAULT).map_err(unfit)?,
-            monitor: monitor_models(&rig, &run).map_err(unfit)?,
-        };
-        self.hand_over(change)?;
+        self.hand_over(ModelChange::new(&rig, &run).map_err(unfit)?)?;
         let new = rig.name.clone();
         *self.rig.lock().unwrap_or_else(PoisonError::into_inner) = rig;
-        Ok(match figures {
+        let line = match figures {
             Some(f) => format!(
                 "model {} is in force; five ticks ahead it errs by {:.3}/{:.3} kPa on the last {:.0} s, the one before by {:.3}/{:.3}",
                 new,
@@ -155,7 +194,34 @@ impl ModelDesk {
                 f.before_kpa[1][1]
             ),
             None => format!("model {} is in force; too little was run to compare it with the one before", new),
-        })
+        };
+        Ok(ModelInForce { line, toml, followed })
+    }
+
+    /// Takes samples off the tick's queue; no more than `most` are kept.
+    fn collect(&self, samples: &mut VecDeque<Numbered>, most: usize) {
+        samples.extend(std::iter::from_fn(|| self.shared.samples.pop()));
+        let surplus = samples.len().saturating_sub(most);
+        samples.drain(..surplus);
+    }
+
+    /// For replays: keeps the samples of the ticks so far.
+    pub fn follow_replay(&self) {
+        let mut samples = self.samples.lock().unwrap_or_else(PoisonError::into_inner);
+        self.collect(&mut samples, REPLAYED);
+    }
+
+    /// For replays: has the next tick put in a model that had run along with so many samples.
+    ///
+    /// # Errors
+    /// The rig cannot be flown.
+    pub fn repeat(&self, rig: &Rig, followed: u64) -> Result<(), RigError> {
+        let samples = self.samples.lock().unwrap_or_else(PoisonError::into_inner);
+        let change = ModelChange::new(rig, &newest(&samples, followed))?;
+        while self.shared.retired.pop().is_some() {}
+        // There is room: each that was put in before was taken in the tick that it was put in for.
+        let _ = self.shared.next.push(Box::new(change));
+        Ok(())
     }
 
     /// Waits until the tick has put it in; takes it back if it does not.
@@ -177,6 +243,12 @@ impl ModelDesk {
             None => Ok(()),
         }
     }
+}
+
+/// The samples that a change compares and runs along with, of those up to a number.
+fn newest(samples: &VecDeque<Numbered>, followed: u64) -> Vec<Sample> {
+    let end = samples.partition_point(|(number, _)| *number <= followed);
+    samples.range(end.saturating_sub(COMPARED)..end).map(|(_, sample)| *sample).collect()
 }
 
 /// The monitor's models, having run along with the newest samples.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use admission::model_comparison::Sample;
-use handover::{Arbiter, Candidate, ExplorationRules, ExplorationShown, Loss, PolicyEvent, StoreEnd, Trust, channel};
+use handover::{Arbiter, Candidate, ExplorationRules, ExplorationShown, PolicyEvent, StoreEnd, Trust, channel};
 use law::{ControlInput, SoftStart, TICK_S};
 use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
 use model::predict::Predictor;
@@ -197,11 +197,7 @@ impl DutySource for ReferenceTracking {
             &ControlInput { measured_kpa: measured, undelayed_kpa: self.undelayed, goals_kpa },
             &self.predicted,
         );
-        let ordered = matches!(
-            arbitrated.event,
-            Some(PolicyEvent::Taken(_) | PolicyEvent::NothingBefore | PolicyEvent::Lost(_, _, Loss::Withdrawn))
-        );
-        if ordered {
+        if arbitrated.ordered {
             TickInput::Policy.append(&mut record.inputs);
         }
         for event in [self.policy_event.take(), arbitrated.event].into_iter().flatten() {

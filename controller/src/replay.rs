@@ -1,7 +1,7 @@
 //! A recorded run again: the control law on the recorded inputs, every output compared bit for bit.
 //!
 //! The inputs of a tick are its SENSE frame as it came (or that it did not come), what reached the tick beside frames
-//! ([`TickInput`]), and the files inside the recording: configuration, model, reference, policy. No clock, no socket and
+//! ([`TickInput`]), and the files inside the recording: configuration, models, references, policies. No clock, no socket and
 //! no random number goes into a decision, so the same inputs must give the same bits; where they do not, the program,
 //! its compiler or the machine decides otherwise than it did, and the first stage that differs says where to look.
 //!
@@ -24,6 +24,7 @@ use crate::cycle::Cycle;
 use crate::daemon::contracts;
 use crate::duty_source::ActuatorCommand;
 use crate::open_loop_playback::OpenLoopPlayback;
+use crate::recorded_orders::RecordedOrders;
 use crate::run_file::{RunFile, attached};
 
 /// Why a recording cannot be replayed at all.
@@ -185,6 +186,8 @@ pub struct Replay {
     experiments: VecDeque<CommandSequence>,
     /// Those that are known from the recordings so far.
     known_experiments: usize,
+    /// Policies and models that took over while it ran.
+    orders: RecordedOrders,
     /// Whether the pump of the model in force can be switched.
     relay: bool,
 }
@@ -211,6 +214,7 @@ impl Replay {
             known: 0,
             experiments: VecDeque::new(),
             known_experiments: 0,
+            orders: RecordedOrders::default(),
             relay: true,
         }
     }
@@ -236,10 +240,12 @@ impl Replay {
                 self.relay = relay;
                 (self.known, self.known_experiments) = (1, 0);
                 self.experiments.clear();
+                self.orders = RecordedOrders::default();
             }
             if first {
                 self.take_references(run)?;
                 self.take_experiments(run)?;
+                self.orders.take_in(run);
             }
             if first && !goes_on {
                 if !TickInput::of(tick.inputs).any(|input| input == TickInput::SessionOpened) {
@@ -344,8 +350,10 @@ impl Replay {
                     }
                     None => Err("an experiment was played, and the recording does not hold its commands"),
                 },
-                TickInput::Policy => Err("another policy took part, and the recording does not hold its file"),
-                TickInput::Model => Err("another model took over, and the recording does not hold its file"),
+                TickInput::Policy => self.orders.next_policy(&cycle.duty_source().tracking().policies()),
+                TickInput::Model => self.orders.next_model(&cycle.duty_source().tracking().models()).map(|relay| {
+                    self.relay = relay;
+                }),
                 // What was added stands in each tick's record.
                 TickInput::Explore => Ok(()),
                 TickInput::Other => Err("something reached the tick that this program cannot replay"),
@@ -377,6 +385,9 @@ impl Replay {
             cycle.sent(sent.sequence);
         }
         cycle.settle();
+        if self.orders.await_model() {
+            cycle.duty_source().tracking().models().follow_replay();
+        }
         let replayed = &mut self.replayed;
         let difference = compare(recorded, &again, &answer, &mut replayed.numbers);
         if let Some((stage, values)) = difference {

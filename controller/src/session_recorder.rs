@@ -9,7 +9,7 @@
 //! | `console` | prints ([`crate::console`]) |
 //! | main | signals, a disk that does not answer |
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 use flight::recorder::Observer;
 use flight::{Destination, Event, Noter, Recorded, Recorder, RecorderOptions, RecordingSummary, Retention};
 use handover::ExplorationRules;
-use policy_store::Voices;
+use policy_store::{KeepOrder, Voices};
 use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo, VERDICT, rfc3339};
 
 use crate::clock::now_ns;
@@ -225,7 +225,7 @@ pub fn fly_recorded<H: DutySource + 'static>(
                     tap.policies(json);
                 }
             });
-            start(Voices { say, show }, Arc::clone(&stop))
+            start(Voices { say, show, keep: keeping(recorder.noter()) }, Arc::clone(&stop))
         })
         .transpose()?;
     let (mailbox, desk) = mailbox();
@@ -305,6 +305,19 @@ pub fn fly_recorded<H: DutySource + 'static>(
 fn unfinished(playback: Option<Box<OpenLoopPlayback>>) -> (EventLevel, String) {
     let unknown = || (EventLevel::Error, "EXPERIMENT ABORTED: the daemon ended".to_owned());
     playback.map_or_else(unknown, |playback| playback.ending())
+}
+
+/// Puts each order to the tick into the recording, and each policy that comes into it that way once.
+fn keeping(notes: Noter) -> KeepOrder {
+    let mut known = HashSet::new();
+    Box::new(move |order, policy| {
+        if let Some(bytes) = policy
+            && known.insert(policy::hash(bytes))
+        {
+            notes.attach_once(attachment(attached::POLICY, "application/onnx", bytes.to_vec()));
+        }
+        notes.attach(attachment(attached::ORDER, "application/json", order.to_json()));
+    })
 }
 
 /// What live viewers are sent about a run.

@@ -36,7 +36,7 @@ fn the_monitor_takes_over_the_model_that_is_put_in() {
         flight.step();
     }
     let changed = changing.join().unwrap();
-    assert!(changed.as_ref().is_ok_and(|line| line.contains("is in force")), "{changed:?}");
+    assert!(changed.as_ref().is_ok_and(|new| new.line.contains("is in force")), "{changed:?}");
     // Where in its play the new model's valve stands is known once it has moved through it: 3 s at the most, at any phase.
     largest_sums(&mut flight, 200);
     let after = largest_sums(&mut flight, 700);

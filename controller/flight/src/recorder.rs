@@ -26,7 +26,7 @@ use crate::record_error::RecordError;
 use crate::rotation::{Destination, OneTape, Rotating, TapeSource};
 use crate::sink::{Event, Queues, RecordSink};
 use crate::tape::{McapTape, Tape};
-use crate::writing::{Note, State, Writing};
+use crate::writing::{Note, Parts, State, Writing};
 
 /// Ticks that the queue holds unless told otherwise: 82 s, 2 MiB.
 pub const CAPACITY: usize = 4_096;
@@ -189,7 +189,19 @@ impl Noter {
     /// # Real-time
     /// Not in the tick: it allocates and locks.
     pub fn attach(&self, file: Attachment) {
-        self.state.attach.lock().unwrap_or_else(PoisonError::into_inner).push(file);
+        self.put(file, Parts::AllFromHere);
+    }
+
+    /// Puts a file into the part of the run that is being written, or into the next one where none is.
+    ///
+    /// # Real-time
+    /// Not in the tick: it allocates and locks.
+    pub fn attach_once(&self, file: Attachment) {
+        self.put(file, Parts::One);
+    }
+
+    fn put(&self, file: Attachment, parts: Parts) {
+        self.state.attach.lock().unwrap_or_else(PoisonError::into_inner).push((file, parts));
     }
 
     /// Adds a text; one that finds too many waiting is counted and dropped.

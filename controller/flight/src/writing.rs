@@ -45,7 +45,7 @@ pub(crate) struct State {
     pub(crate) notes_dropped: AtomicU64,
     pub(crate) files: Mutex<Vec<PathBuf>>,
     /// Files that are to go into the recording.
-    pub(crate) attach: Mutex<Vec<Attachment>>,
+    pub(crate) attach: Mutex<Vec<(Attachment, Parts)>>,
     /// Limits to be kept from now on.
     pub(crate) redirected: Mutex<Option<Destination>>,
     begun: Instant,
@@ -104,6 +104,15 @@ impl State {
     }
 }
 
+/// Parts of a run that an attached file goes into.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Parts {
+    /// The one being written and all after it.
+    AllFromHere,
+    /// The one being written.
+    One,
+}
+
 /// A text of another thread than the tick.
 pub(crate) struct Note {
     pub(crate) at_ns: u64,
@@ -124,6 +133,8 @@ pub(crate) struct Writing {
     // An event that was taken before the tick it follows.
     waiting: Option<OrderedEvent>,
     early: VecDeque<Note>,
+    /// Files that wait for a tape.
+    unplaced: Vec<Attachment>,
     unsynced: bool,
     synced: Instant,
     watched: Instant,
@@ -151,6 +162,7 @@ impl Writing {
             taken: 0,
             waiting: None,
             early: VecDeque::new(),
+            unplaced: Vec::new(),
             unsynced: false,
             synced: now,
             watched: now,
@@ -208,9 +220,13 @@ impl Writing {
             self.event(note);
         }
         let files = std::mem::take(&mut *self.state.attach.lock().unwrap_or_else(PoisonError::into_inner));
-        for file in files {
-            self.on_tape(|tape| tape.attach(&file));
-            self.source.keep(file);
+        for (file, parts) in files {
+            let written = self.on_tape(|tape| tape.attach(&file));
+            match parts {
+                Parts::AllFromHere => self.source.keep(file),
+                Parts::One if written => {}
+                Parts::One => self.unplaced.push(file),
+            }
         }
     }
 
@@ -300,6 +316,9 @@ impl Writing {
                 self.tape = Some(tape);
                 self.opened = Instant::now();
                 self.state.set_error(None);
+                for file in std::mem::take(&mut self.unplaced) {
+                    self.on_tape(|tape| tape.attach(&file));
+                }
                 for note in std::mem::take(&mut self.early) {
                     self.put(&note);
                 }

@@ -39,6 +39,8 @@ pub struct ArbitratedCommand {
     pub decision: ControlOutput,
     /// What happened to a policy in this tick, to be recorded.
     pub event: Option<PolicyEvent>,
+    /// An order of the publishing thread was carried out in this tick.
+    pub ordered: bool,
     /// What the policy was shown and answered, where one did: the candidate's where it has authority, the incumbent's
     /// otherwise.
     pub answer: Option<PolicyAnswer>,
@@ -256,6 +258,7 @@ impl Arbiter {
     /// Allocation-free and bounded: two inferences where a candidate is on its way.
     pub fn decide(&mut self, input: &ControlInput, predicted_kpa: &[Pair; AHEAD]) -> ArbitratedCommand {
         let mut event = self.serve();
+        let ordered = event.is_some();
         self.kinds = self.conditions.kinds(input);
         self.error_kpa = std::array::from_fn(|c| input.goals_kpa[0][c] - input.measured_kpa[c]);
         let trusted = self.trust == Trust::Policies;
@@ -297,7 +300,7 @@ impl Arbiter {
         decision = self.with_remainder(decision);
         self.decided = decision.duty();
         self.show();
-        ArbitratedCommand { decision, event, answer: shown, exploration: self.noise }
+        ArbitratedCommand { decision, event, ordered, answer: shown, exploration: self.noise }
     }
 
     /// Tells that nothing was decided in this tick, because its frame is missing: the plan was followed.
@@ -353,7 +356,7 @@ impl Arbiter {
         self.swaps
     }
 
-    /// Takes the next command of the publishing thread.
+    /// Carries out the next order of the publishing thread; there is an event for each.
     fn serve(&mut self) -> Option<PolicyEvent> {
         match self.end.command()? {
             Command::Try(candidate, haste) => {

@@ -2,13 +2,14 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use handover::{Candidate, Command, Haste, PolicyTag, Snapshot, StoreEnd};
+use handover::{Candidate, Haste, PolicyTag, Snapshot};
 use model::rig::Rig;
 use policy::{Policy, PolicySignature};
 
 use crate::audit::Audit;
 use crate::board::Board;
 use crate::entry::{Entry, EntryState};
+use crate::orders::Orders;
 
 /// The name that stands for no policy at all.
 pub const FALLBACK: &str = "fallback";
@@ -18,7 +19,7 @@ pub const FALLBACK: &str = "fallback";
 pub struct PolicyDesk {
     pub(crate) board: Arc<Mutex<Board>>,
     pub(crate) audit: Arc<Mutex<Audit>>,
-    pub(crate) end: StoreEnd,
+    pub(crate) orders: Orders,
     pub(crate) signatures: Arc<[PolicySignature]>,
     /// A model that was put in force and that nothing was tried on yet.
     pub(crate) new_model: Arc<Mutex<Option<Rig>>>,
@@ -72,21 +73,17 @@ impl PolicyDesk {
 
     /// Sends a policy or the fallback on to the rig.
     pub(crate) fn send(&self, name: &str, who: &str) -> Result<String, String> {
-        let (tag, sha256, haste, bytes) = self.ready(name)?;
-        let candidate = match bytes {
+        let (sha256, haste, bytes) = self.ready(name)?;
+        let candidate = match &bytes {
             None => Candidate::fallback(),
             Some(bytes) => {
                 // Read again rather than kept: the tick owns the one that flies.
-                let policy = Policy::from_bytes(name.to_owned(), &bytes, &self.signatures);
+                let policy = Policy::from_bytes(name.to_owned(), bytes, &self.signatures);
                 Candidate::new(policy.map_err(|fault| format!("{name}: {fault}"))?)
             }
         };
-        self.end.sweep();
-        self.end
-            .ask(Command::Try(candidate, haste))
-            .map_err(|_| "too many requests wait; is the cRIO there?".to_owned())?;
+        self.orders.send(candidate, haste, bytes.map(|bytes| (sha256.clone(), bytes)))?;
         self.note(who, "swap", name, &sha256);
-        let _ = tag;
         Ok(match haste {
             Haste::Straight => format!("{name} takes over within half a second, and is on probation for 10 s"),
             Haste::Proving => {
@@ -111,21 +108,20 @@ impl PolicyDesk {
             (None, Some(name)) => (name.clone(), format!("back to {name}")),
             (None, None) => return Err("nothing flew before; swap to a policy or to fallback by name".to_owned()),
         };
-        self.end.ask(Command::Rollback).map_err(|_| "too many requests wait; is the cRIO there?".to_owned())?;
+        self.orders.roll_back()?;
         locked(&self.board).set_aside(None);
         self.note(who, "rollback", &name, "");
         Ok(text)
     }
 
     /// Whether a name may go to the tick, and what is needed for it.
-    #[allow(clippy::type_complexity)] // one place, and a struct would be read here only
-    fn ready(&self, name: &str) -> Result<(PolicyTag, String, Haste, Option<Arc<[u8]>>), String> {
+    fn ready(&self, name: &str) -> Result<(String, Haste, Option<Arc<[u8]>>), String> {
         let board = locked(&self.board);
         if name == FALLBACK {
             return if board.snapshot().incumbent == PolicyTag::FALLBACK {
                 Err("the fallback flies already".to_owned())
             } else {
-                Ok((PolicyTag::FALLBACK, String::new(), Haste::Straight, None))
+                Ok((String::new(), Haste::Straight, None))
             };
         }
         let Some(entry) = board.entry(name) else {
@@ -148,7 +144,7 @@ impl PolicyDesk {
             }),
             (EntryState::Passed | EntryState::Previous | EntryState::Gone, Some((tag, bytes))) => {
                 let haste = if board.is_proven(tag) { Haste::Straight } else { Haste::Proving };
-                Ok((tag, entry.sha256.clone(), haste, Some(bytes)))
+                Ok((entry.sha256.clone(), haste, Some(bytes)))
             }
             (_, None) => Err(format!("{name} is no longer held; publish it again")),
         }

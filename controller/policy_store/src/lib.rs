@@ -8,6 +8,7 @@
 //! | [`audit`] | who did what to which policy, line by line |
 //! | [`store`] | the thread: examines what is published, follows what becomes of it in the tick |
 //! | [`desk`] | what operators ask: list, swap, rollback |
+//! | [`orders`] | the way into the tick, and of each order into the recording |
 //!
 //! Nothing of it runs in the tick; to the tick it is two queues ([`mod@handover::channel`]).
 
@@ -15,9 +16,11 @@ pub mod audit;
 pub mod board;
 pub mod desk;
 pub mod entry;
+pub mod orders;
 pub mod store;
 pub mod watch;
 
 pub use desk::PolicyDesk;
 pub use entry::{Entry, EntryState};
+pub use orders::KeepOrder;
 pub use store::{ActivePolicy, Adoption, Examination, PolicyStore, StoreSettings, Voices, WhenBehind};

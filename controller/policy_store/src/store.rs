@@ -17,6 +17,7 @@ use crate::audit::Audit;
 use crate::board::{Board, Change};
 use crate::desk::{FALLBACK, PolicyDesk, locked};
 use crate::entry::Entry;
+use crate::orders::{KeepOrder, Orders};
 use crate::watch::{Settled, Watcher};
 
 /// How often the tick's events are looked at.
@@ -98,6 +99,8 @@ pub struct Voices {
     pub say: Box<dyn FnMut(String) + Send>,
     /// Is given all policies as JSON whenever something about them changes.
     pub show: Box<dyn FnMut(String) + Send>,
+    /// Is given each order to the tick, so that a recording can be replayed.
+    pub keep: KeepOrder,
 }
 
 impl PolicyStore {
@@ -118,15 +121,15 @@ impl PolicyStore {
             let sha256 = policy::hash(&bytes).to_string();
             board.begin(Entry { sha256, ..Entry::checking(&name) }, Some(bytes));
         }
+        let Voices { say, show, keep } = voices;
         let desk = PolicyDesk {
             board: Arc::new(Mutex::new(board)),
             audit: Arc::new(Mutex::new(Audit::open(settings.audit.clone()))),
-            end,
+            orders: Orders::new(end.clone(), keep),
             signatures: settings.signatures.clone().into(),
             new_model: Arc::default(),
         };
-        let Voices { say, show } = voices;
-        let mut round = Round { desk: desk.clone(), settings, say, show, shown: String::new(), problem: None };
+        let mut round = Round { desk: desk.clone(), end, settings, say, show, shown: String::new(), problem: None };
         let thread =
             std::thread::Builder::new().name("policies".to_owned()).spawn(move || round.run(examination, &stop))?;
         Ok(PolicyStore { desk, thread })
@@ -146,6 +149,8 @@ impl PolicyStore {
 /// What the thread works with.
 struct Round {
     desk: PolicyDesk,
+    /// Where the tick says what has happened.
+    end: StoreEnd,
     settings: StoreSettings,
     say: Box<dyn FnMut(String) + Send>,
     show: Box<dyn FnMut(String) + Send>,
@@ -314,14 +319,14 @@ impl Round {
 
     /// Takes in what the tick says.
     fn follow_tick(&mut self) {
-        self.desk.end.sweep();
-        while let Some(event) = self.desk.end.event() {
+        self.end.sweep();
+        while let Some(event) = self.end.event() {
             let change = locked(&self.desk.board).happened(event);
             if let Some(change) = change {
                 self.changed(&change, "tick");
             }
         }
-        if let Some(snapshot) = self.desk.end.snapshot() {
+        if let Some(snapshot) = self.end.snapshot() {
             locked(&self.desk.board).show(snapshot);
         }
     }

@@ -10,7 +10,9 @@ pub const EFFECTIVE: &str = "controller-effective.toml";
 pub const REFERENCE: &str = "reference.csv";
 /// The commands of an experiment: all of one where the recording is an experiment's, else each in its turn.
 pub const EXPERIMENT: &str = "experiment.csv";
-/// The policy at the start.
+/// The policy at the start, and each that was tried while the run went on, once.
 pub const POLICY: &str = "policy.onnx";
+/// What the tick was given by other threads while the run went on, each in its turn ([`super::TickOrder`]).
+pub const ORDER: &str = "order.json";
 /// The rig behind the emulated cRIO.
 pub const PLANT: &str = "emulated_rig.toml";

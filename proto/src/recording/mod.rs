@@ -45,6 +45,7 @@ mod sheet;
 mod short_names;
 mod table;
 mod tick;
+mod tick_order;
 mod tick_table;
 mod times;
 mod timestamps;
@@ -64,6 +65,7 @@ pub use tick::{
     Arrival, COMMAND_BYTES, LawParts, POLICY_OUTPUTS, PREDICTED_TICKS, SENSE_BYTES, TickInput, TickRecord,
     observation_hash,
 };
+pub use tick_order::TickOrder;
 pub use tick_table::tick_table;
 pub use wall_clock::rfc3339;
 
