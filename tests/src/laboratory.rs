@@ -205,6 +205,19 @@ impl Closed {
         let read = |file: PathBuf| read_mcap(&file).unwrap_or_else(|e| panic!("{}: {e}", file.display())).ticks;
         self.recordings("run-").into_iter().flat_map(read).collect()
     }
+
+    /// Replays the run from all of its files, and answers what was found.
+    ///
+    /// # Panics
+    /// If a bit differs, or a tick was not compared.
+    pub fn check_replay(&self) -> Value {
+        let mut command = Command::new(program("controller"));
+        let ended = finish(command.args(["replay", "--json"]).args(self.recordings("run-")));
+        assert_eq!(ended.status, Some(0), "{ended:?}");
+        let found: Value = serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"));
+        assert_eq!(found["ticks"], self.ticks().len(), "{found}");
+        found
+    }
 }
 
 /// An emulated cRIO with a rig behind it, a built-in name or a file, and the address that it listens on.

@@ -95,7 +95,9 @@ fn after_another_model_the_fallback_takes_over_and_an_operator_may_have_it_other
     let status = wait_for(&laboratory, "the policy again", |status| status["running"]["policy"] == "older");
     assert!(status["running"]["why_fallback"].is_null(), "{status}");
 
-    let ticks = laboratory.close().ticks();
+    let closed = laboratory.close();
+    closed.check_replay();
+    let ticks = closed.ticks();
     // What is exchanged with the model, the width of the play among it, has settled a second after it.
     let model = ticks.iter().position(|tick| tick.swap_id == 1).unwrap() + 50;
     let handed_over = &ticks[model..];

@@ -2,7 +2,6 @@
 //! the run goes on as before. Emulated cRIO, daemon and operator are processes of their own.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use std::path::PathBuf;
 use std::process::Command;
 use std::time::Instant;
 
@@ -49,13 +48,6 @@ fn check_rows(ticks: &[TickRecord], rows: &[(f64, f64, u8)]) {
     }
 }
 
-fn replayed(files: &[PathBuf]) -> Value {
-    let ended = finish(Command::new(program("controller")).arg("replay").arg("--json").args(files));
-    let found: Value = serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"));
-    assert_eq!((ended.status, &found["ticks_differing"]), (Some(0), &0.into()), "{found}");
-    found
-}
-
 #[test]
 fn an_armed_daemon_plays_it_and_controls_again() {
     let _alone = alone();
@@ -93,7 +85,7 @@ fn an_armed_daemon_plays_it_and_controls_again() {
     let after = ticks.iter().rposition(|tick| tick.experiment != 0).unwrap();
     assert!(ticks[after..].iter().any(|tick| tick.mode == RUN && tick.ref_pos_kpa.is_finite()));
     assert!(ticks.iter().any(|tick| TickInput::of(tick.inputs).any(|input| input == TickInput::Experiment)));
-    let found = replayed(&closed.recordings("run-"));
+    let found = closed.check_replay();
     assert_eq!(found["ticks"].as_u64().unwrap(), ticks.len() as u64, "{found}");
 }
 
@@ -140,7 +132,7 @@ fn disarm_stops_it_leaving_does_not_and_nothing_comes_between() {
     let ticks = closed.ticks();
     let last = ticks.iter().rposition(|tick| tick.experiment == 2 && tick.mode == RUN).unwrap();
     assert!(ticks[last + 1..].iter().all(|tick| tick.mode != RUN && tick.u_pos == 1.0), "stopped for good");
-    replayed(&closed.recordings("run-"));
+    closed.check_replay();
 }
 
 /// By the model well below the limit; with a clogged muffler behind the valve, far above.
@@ -171,7 +163,7 @@ fn over_pressure_aborts_it_and_waits_for_a_person() {
     let ticks = closed.ticks();
     let over = ticks.iter().find(|tick| tick.p_pos_kpa > 160.0).unwrap();
     assert_eq!((over.experiment, over.u_pos, over.mode), (3, 1.0, 0), "vented in the tick of the reading");
-    replayed(&closed.recordings("run-"));
+    closed.check_replay();
 }
 
 #[test]
@@ -188,7 +180,7 @@ fn a_lost_link_aborts_it_and_what_was_recorded_is_kept() {
     assert!(content.ticks.iter().any(|tick| tick.experiment == 2));
     assert!(content.events.iter().any(|event| event.message.starts_with("EXPERIMENT ABORTED after")));
     let closed = laboratory.close();
-    replayed(&closed.recordings("run-"));
+    closed.check_replay();
 }
 
 #[test]

@@ -1,12 +1,9 @@
 //! `controller explore on|off` on a running daemon: who may, what is added, what ends it, and that it replays to the bit.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use std::process::Command;
-
 use proto::recording::{TickInput, TickRecord, read_mcap};
-use serde_json::Value;
+use tests::alone;
 use tests::laboratory::{Laboratory, Plan};
-use tests::{alone, finish, program};
 
 /// The default of `policy.exploration_max_duty`, and of the deviation for a policy that states none: 0.02 of ±0.25.
 const MOST_DUTY: f64 = 0.02;
@@ -93,12 +90,8 @@ fn noise_is_bounded_recorded_and_replayed_and_ends_with_disarming_and_another_po
     let events = read_mcap(file).unwrap().events;
     assert!(events.iter().any(|event| event.message.contains("seed 7")), "the seed is in the log");
 
-    // Up to the swap, whose policy a replay would need.
-    let ended = finish(Command::new(program("controller")).arg("replay").arg("--json").arg(file));
-    let found: Value = serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"));
-    let last = ticks.iter().rposition(explores).unwrap() as u64;
-    assert_eq!(found["ticks_differing"], 0, "{found}");
-    assert!(found["ticks"].as_u64().unwrap() >= last, "{found}, exploring up to {last}");
+    // The swap at the end among it.
+    closed.check_replay();
 }
 
 #[test]

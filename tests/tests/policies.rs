@@ -120,7 +120,9 @@ fn a_published_policy_controls_without_a_restart_and_bad_ones_never_do() {
     let audit = std::fs::read_to_string(laboratory.folder.join("recordings/policies.audit.jsonl")).unwrap();
     let swap = audit.lines().find(|line| line.contains("\"swap\"")).unwrap_or_else(|| panic!("{audit}"));
     assert!(swap.contains("uid"), "who asked is told: {swap}");
-    let ticks = laboratory.close().ticks();
+    let closed = laboratory.close();
+    closed.check_replay();
+    let ticks = closed.ticks();
     check_ticks(&ticks);
     assert!(
         ticks.iter().any(|t| t.policy_stage >= 2 && t.authority > 0.0 && t.authority < 1.0),
@@ -168,7 +170,9 @@ fn swaps(count: usize) {
         wait_for(&laboratory, "default", other, |e| e["state"] == other);
     }
     let seconds = started.elapsed().as_secs_f64();
-    let ticks = laboratory.close().ticks();
+    let closed = laboratory.close();
+    closed.check_replay();
+    let ticks = closed.ticks();
     check_ticks(&ticks);
     let last = ticks.iter().map(|t| t.swap_id).max().unwrap_or(0) as usize;
     println!("{last} swaps in {} ticks, {seconds:.0} s", ticks.len());
