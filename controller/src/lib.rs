@@ -34,8 +34,7 @@
 //! | [`session_recorder`] | a flight with its recording, from the file made to the file finished |
 //! | [`daemon`] | puts it all together for a reference |
 //! | [`experiment`] | and for a sequence |
-//! | [`experiment_desk`], [`experiment_log`] | a sequence within a run: how it is asked for, what it leaves |
-//! | [`exploration_desk`] | noise on the active policy's answers, as operators ask for it |
+//! | [`experiment_log`] | the recording of a sequence that is played within a run |
 //! | [`yardstick`] | what the fallback reaches on a rig and a reference |
 //!
 //! Beside this crate: `law` (control laws, shared with the trainer), `policy` (ONNX), `admission`, `handover` and
@@ -52,9 +51,7 @@ pub mod daemon;
 pub mod desk;
 pub mod duty_source;
 pub mod experiment;
-pub mod experiment_desk;
 pub mod experiment_log;
-pub mod exploration_desk;
 pub mod guard;
 pub mod link;
 pub mod live_stream;

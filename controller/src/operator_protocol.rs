@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 use socket2::{Domain, SockAddr, Socket, Type};
 
-use crate::experiment_desk::ExperimentView;
+use crate::desk::ExperimentView;
 use crate::mailbox::Status;
 use crate::state::State;
 

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use controller::command_sequence::CommandSequence;
+use controller::desk::{ExperimentOutcome, ExperimentView};
 use controller::duty_source::ExperimentPhase;
 use controller::experiment::Played;
-use controller::experiment_desk::{ExperimentOutcome, ExperimentView};
 use controller::socket::{Ask, Reply, ask};
 use flight::RecordingSummary;
 use proto::recording::PERIOD_S;

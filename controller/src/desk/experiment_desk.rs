@@ -12,8 +12,6 @@ use proto::recording::EventLevel;
 use serde::{Deserialize, Serialize};
 
 use crate::clock::now_ns;
-use crate::command_sequence::CommandSequence;
-use crate::config::Safety;
 use crate::duty_source::{ExperimentPhase, ExperimentProgress};
 use crate::experiment::{Experiment, why_aborted};
 use crate::experiment_log::{ExperimentLog, Kept};
@@ -89,64 +87,42 @@ struct Over {
 }
 
 /// All experiments of a run.
-pub struct ExperimentDesk {
+pub(super) struct ExperimentDesk {
     log: ExperimentLog,
     count: u64,
     under_way: Option<UnderWay>,
     last: Option<ExperimentView>,
 }
 
-/// Checks an experiment on a thread of its own: simulating two minutes takes about a second of computing.
-///
-/// # Errors
-/// The system gives no thread.
-pub fn check_aside(
-    name: String,
-    csv: String,
-    rig: impl FnOnce() -> model::rig::Rig + Send + 'static,
-    safety: Safety,
-) -> Result<Receiver<Result<Box<Experiment>, String>>, String> {
-    let (answer, from) = channel();
-    let work = move || {
-        let checked = CommandSequence::parse(&name, csv.into_bytes())
-            .map_err(|error| error.to_string())
-            .and_then(|sequence| Experiment::check(sequence, rig(), safety).map_err(|error| error.to_string()));
-        // Who asked may have gone.
-        let _ = answer.send(checked.map(Box::new));
-    };
-    let started = std::thread::Builder::new().name("experiment".to_owned()).spawn(work);
-    started.map(|_| from).map_err(|error| format!("no thread can be started to check it: {error}"))
-}
-
 impl ExperimentDesk {
     /// None has been made yet.
-    pub fn new(log: ExperimentLog) -> Self {
+    pub(super) fn new(log: ExperimentLog) -> Self {
         ExperimentDesk { log, count: 0, under_way: None, last: None }
     }
 
     /// Whether one is being played: nothing else is done meanwhile.
-    pub fn is_playing(&self) -> bool {
+    pub(super) fn is_playing(&self) -> bool {
         self.under_way.as_ref().is_some_and(|under_way| under_way.over.is_none())
     }
 
     /// Whether another one may begin: none is being played, and the last one's recording is finished.
-    pub fn is_free(&self) -> bool {
+    pub(super) fn is_free(&self) -> bool {
         self.under_way.is_none()
     }
 
     /// Makes ready to record an experiment, before the tick is asked for it.
-    pub fn expect(&self, experiment: &Experiment) -> Box<OpenLoopPlayback> {
+    pub(super) fn expect(&self, experiment: &Experiment) -> Box<OpenLoopPlayback> {
         self.log.expect(experiment);
         Box::new(OpenLoopPlayback::new(experiment.sequence.rows().into(), experiment.forecast.relay))
     }
 
     /// No tick took it.
-    pub fn not_begun(&self) {
+    pub(super) fn not_begun(&self) {
         self.log.forget();
     }
 
     /// A tick took it.
-    pub fn begun(&mut self, experiment: &Experiment, peer: Peer) {
+    pub(super) fn begun(&mut self, experiment: &Experiment, peer: Peer) {
         self.count += 1;
         let view = ExperimentView {
             number: self.count,
@@ -163,7 +139,7 @@ impl ExperimentDesk {
     }
 
     /// The newest experiment of the run, with how far it is.
-    pub fn view(&self, progress: Option<ExperimentProgress>) -> Option<ExperimentView> {
+    pub(super) fn view(&self, progress: Option<ExperimentProgress>) -> Option<ExperimentView> {
         let Some(under_way) = &self.under_way else { return self.last.clone() };
         let mut view = under_way.view.clone();
         if under_way.over.is_none()
@@ -175,7 +151,7 @@ impl ExperimentDesk {
     }
 
     /// Looks whether the experiment under way is over, and concludes it; waits for nothing.
-    pub fn look(&mut self, mailbox: &OperatorMailbox, notes: &Noter) {
+    pub(super) fn look(&mut self, mailbox: &OperatorMailbox, notes: &Noter) {
         let Some(under_way) = &mut self.under_way else { return };
         if under_way.over.is_none()
             && let Some(playback) = mailbox.played()

@@ -1,0 +1,103 @@
+//! Policies listed, swapped and taken back; another model.
+
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+
+use super::{Asked, Desk, Step, What};
+use crate::operator_protocol::WORK_TIME;
+use crate::peer::Peer;
+use crate::policy_service::PolicyHandle;
+
+/// Answered where policies and models cannot be changed.
+pub(super) const NO_POLICIES: &str = "policies and models cannot be changed in this run";
+
+/// A policy that is being loaded, or a model that is being compared.
+pub(super) struct Change {
+    from: Receiver<Result<String, String>>,
+    what: String,
+}
+
+impl Desk {
+    pub(super) fn list_policies(&mut self) -> Step {
+        let Some(handle) = &self.options.policies else { return self.done(Err(NO_POLICIES.to_owned())) };
+        let (entries, _) = handle.policies.list();
+        let problem = handle.policies.problem();
+        let mut reply = self.reply(Ok(()));
+        reply.policies = Some(entries);
+        reply.policies_problem = problem;
+        Step::Done(Box::new(reply))
+    }
+
+    pub(super) fn begin_swap(&mut self, name: String, asked: Asked) -> Step {
+        self.aside(format!("swap {name}"), asked, move |handle, who| handle.policies.swap(&name, who))
+    }
+
+    pub(super) fn roll_back(&mut self, peer: Peer) -> Step {
+        match &self.options.policies {
+            Some(handle) => {
+                let outcome = handle.policies.rollback(&peer.to_string());
+                self.over_saying("rollback", peer, outcome)
+            }
+            None => self.over("rollback", peer, Err(NO_POLICIES.to_owned())),
+        }
+    }
+
+    pub(super) fn begin_model(&mut self, file: PathBuf, asked: Asked) -> Step {
+        let notes = self.options.notes.clone();
+        self.aside(format!("model {}", file.display()), asked, move |handle, _| {
+            let changed = handle.models.change(&file)?;
+            changed.keep(&notes);
+            handle.policies.model_changed(handle.models.rig());
+            Ok(changed.line)
+        })
+    }
+
+    pub(super) fn look_at_change(&mut self, change: Change, asked: Asked) -> Step {
+        let late = asked.is_late();
+        match change.from.try_recv() {
+            Ok(outcome) => {
+                self.working = false;
+                self.over_saying(&change.what, asked.peer, outcome)
+            }
+            Err(TryRecvError::Empty) if !late => asked.pending(What::Change(change)),
+            Err(_) => {
+                self.working = false;
+                let why = format!("it was not done within {} s", WORK_TIME.as_secs());
+                self.over(&change.what, asked.peer, Err(why))
+            }
+        }
+    }
+
+    /// The client that asked for a change has left; the change goes on.
+    pub(super) fn leave_change(&mut self, change: &Change, peer: Peer) {
+        self.working = false;
+        let unknown = "the client went away before it was told what came of it".to_owned();
+        self.record(&change.what, peer, &Err(unknown));
+    }
+
+    /// Starts work on policies or models on a thread of its own: it takes up to some seconds, and disarming waits for nobody.
+    fn aside(
+        &mut self,
+        what: String,
+        asked: Asked,
+        work: impl FnOnce(PolicyHandle, &str) -> Result<String, String> + Send + 'static,
+    ) -> Step {
+        let Some(handle) = self.options.policies.clone() else {
+            return self.over(&what, asked.peer, Err(NO_POLICIES.to_owned()));
+        };
+        if self.working {
+            return self.over(&what, asked.peer, Err("another policy or model is being loaded; try again".to_owned()));
+        }
+        let (answer, from) = channel();
+        let peer = asked.peer;
+        let started = std::thread::Builder::new().name("change".to_owned()).spawn(move || {
+            // Who asked may have gone.
+            let _ = answer.send(work(handle, &peer.to_string()));
+        });
+        if let Err(error) = started {
+            return self.over(&what, asked.peer, Err(format!("no thread can be started for it: {error}")));
+        }
+        self.working = true;
+        asked.taking(WORK_TIME).pending(What::Change(Change { from, what }))
+    }
+}
