@@ -1,0 +1,220 @@
+//! Recordings as they are read: what another tool made of one, what is none, and the table of rows that is made of one.
+
+#![allow(clippy::unwrap_used, reason = "the helpers of a test fail by panicking, as the test does")]
+
+mod recorded;
+
+use proto::recording::{Arrival, Recording, RecordingError, TickRecord, parse_mcap, read_mcap};
+use recorded::{Folder, all_bits, run, write};
+
+#[test]
+fn files_that_are_no_recording_say_what_they_are() {
+    let folder = Folder::new("foreign");
+    let path = folder.join("x.mcap");
+    let message = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        let message = read_mcap(&path).unwrap_err().to_string();
+        assert!(!message.contains('\n') && message.contains("x.mcap"), "{message}");
+        message
+    };
+    assert!(message(b"").contains("empty"));
+    assert!(message(b"time_s,u_pos\n0,1\n").contains("not an MCAP file"));
+    assert!(message(mcap::MAGIC).contains("no tick"));
+
+    let mut foreign = Vec::new();
+    let mut writer = mcap::Writer::new(std::io::Cursor::new(&mut foreign)).unwrap();
+    let schema = writer.add_schema("x", "jsonschema", b"{}").unwrap();
+    writer.add_channel(schema, "/tick", "json", &Default::default()).unwrap();
+    writer.finish().unwrap();
+    drop(writer);
+    let said = message(&foreign);
+    assert!(said.contains("not a recording of the controller") && said.contains("/tick (x)"), "{said}");
+
+    let mut later = Vec::new();
+    let mut writer = mcap::Writer::new(std::io::Cursor::new(&mut later)).unwrap();
+    let metadata = [("format".to_owned(), "2".to_owned())].into_iter().collect();
+    let metadata = mcap::records::Metadata { name: "recording".to_owned(), metadata };
+    writer.write_metadata(&metadata).unwrap();
+    writer.finish().unwrap();
+    drop(writer);
+    assert!(message(&later).contains("recording format 2; this program reads up to 1"));
+}
+
+/// A record as MCAP writes it: code, length, body.
+fn record(code: u8, body: &[u8]) -> Vec<u8> {
+    [&[code][..], &(body.len() as u64).to_le_bytes(), body].concat()
+}
+
+/// A zstd frame without compression: blocks of up to 1000 bytes as they are (RFC 8878, raw blocks, content size of eight bytes).
+fn zstd_raw(bytes: &[u8]) -> Vec<u8> {
+    let mut frame = b"\x28\xb5\x2f\xfd\xe0".to_vec();
+    frame.extend_from_slice(&(bytes.len() as u64).to_le_bytes());
+    let count = bytes.chunks(1000).count();
+    for (at, block) in bytes.chunks(1000).enumerate() {
+        let header = (block.len() as u32) << 3 | u32::from(at + 1 == count);
+        frame.extend_from_slice(&header.to_le_bytes()[..3]);
+        frame.extend_from_slice(block);
+    }
+    frame
+}
+
+fn lz4(bytes: &[u8]) -> Vec<u8> {
+    use std::io::Write;
+    let info = lz4_flex::frame::FrameInfo::new().block_size(lz4_flex::frame::BlockSize::Max64KB);
+    let mut encoder = lz4_flex::frame::FrameEncoder::with_frame_info(info, Vec::new());
+    encoder.write_all(bytes).unwrap();
+    encoder.finish().unwrap()
+}
+
+/// What another tool makes of a file: one compressed chunk, all commands first, then all ticks, then the frames that were sensed.
+fn saved_again(bytes: &[u8], compression: &str, compress: fn(&[u8]) -> Vec<u8>) -> Vec<u8> {
+    let mut parts: [Vec<u8>; 4] = Default::default();
+    let mut topics = std::collections::HashMap::new();
+    let mut header = Vec::new();
+    let options = mcap::read::Options::IgnoreEndMagic.into();
+    for found in mcap::read::ChunkFlattener::new_with_options(bytes, options).unwrap() {
+        use mcap::records::Record;
+        match found.unwrap() {
+            Record::Message { header, data } => {
+                let topic: &String = &topics[&header.channel_id];
+                let place = match topic.as_str() {
+                    "/command" => 1,
+                    "/sense" => 3,
+                    _ => 2,
+                };
+                let body = [
+                    &header.channel_id.to_le_bytes()[..],
+                    &header.sequence.to_le_bytes(),
+                    &header.log_time.to_le_bytes(),
+                    &header.publish_time.to_le_bytes(),
+                    &data,
+                ]
+                .concat();
+                parts[place].extend(record(0x05, &body));
+            }
+            Record::Schema { header, data } => {
+                let string = |text: &str| [&(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat();
+                let body = [
+                    &header.id.to_le_bytes()[..],
+                    &string(&header.name),
+                    &string(&header.encoding),
+                    &(data.len() as u32).to_le_bytes(),
+                    &data,
+                ]
+                .concat();
+                parts[0].extend(record(0x03, &body));
+            }
+            Record::Channel(channel) => {
+                let string = |text: &str| [&(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat();
+                let body = [
+                    &channel.id.to_le_bytes()[..],
+                    &channel.schema_id.to_le_bytes(),
+                    &string(&channel.topic),
+                    &string(&channel.message_encoding),
+                    &0_u32.to_le_bytes(),
+                ]
+                .concat();
+                topics.insert(channel.id, channel.topic);
+                parts[0].extend(record(0x04, &body));
+            }
+            Record::Header(_) => header = record(0x01, &[0; 8]),
+            _ => {}
+        }
+    }
+    let records = parts.concat();
+    let stored = compress(&records);
+    let body = [
+        &[0; 16][..],
+        &(records.len() as u64).to_le_bytes(),
+        &crc32fast::hash(&records).to_le_bytes(),
+        &(compression.len() as u32).to_le_bytes(),
+        compression.as_bytes(),
+        &(stored.len() as u64).to_le_bytes(),
+        &stored,
+    ]
+    .concat();
+    [mcap::MAGIC, &header, &record(0x06, &body), &record(0x0F, &[0; 4]), &record(0x02, &[0; 20]), mcap::MAGIC].concat()
+}
+
+#[test]
+fn what_another_tool_compressed_and_put_in_another_order_is_read() {
+    let folder = Folder::new("saved-again");
+    let path = folder.join("run.mcap");
+    let ticks = run(200);
+    write(&path, &ticks, 50);
+    let bytes = std::fs::read(&path).unwrap();
+    for (name, compress) in [("zstd", zstd_raw as fn(&[u8]) -> Vec<u8>), ("lz4", lz4), ("", <[u8]>::to_vec)] {
+        let again = saved_again(&bytes, name, compress);
+        let content = parse_mcap("again.mcap", &again).unwrap();
+        assert_eq!(content.notes, [""; 0], "{name}");
+        assert_eq!(all_bits(&content.ticks), all_bits(&ticks), "{name}");
+        // Cut, it gives what is whole: ticks stand in the second third of it.
+        let cut = parse_mcap("cut.mcap", &again[..again.len() * 6 / 10]).unwrap();
+        assert!(cut.ticks.len() > 20 && cut.ticks.len() < 200, "{name}: {}", cut.ticks.len());
+        assert!(cut.notes[0].contains("cut short"), "{:?}", cut.notes);
+    }
+    let said = parse_mcap("x.mcap", &saved_again(&bytes, "brotli", <[u8]>::to_vec)).unwrap_err().to_string();
+    assert!(said.contains("compressed with brotli"), "{said}");
+}
+
+#[test]
+fn the_table_is_the_same_from_mcap_and_from_its_csv() {
+    let folder = Folder::new("table");
+    let path = folder.join("run.mcap");
+    let mut ticks = run(100);
+    // Lost frames, a broken sensor and a tick without a command: holes, not invented rows.
+    ticks[20].arrival = Arrival::Missing;
+    ticks[40].p_neg_kpa = f64::NAN;
+    ticks[41].arrival = Arrival::Damaged;
+    ticks[60].command_present = false;
+    ticks[70].arrival = Arrival::Late;
+    write(&path, &ticks, 50);
+
+    let recording = Recording::read(&path).unwrap();
+    assert_eq!(recording.rows(), 96);
+    assert_eq!(recording.segments(), [0..20, 20..39, 39..57, 57..96]);
+    let [time_s, u_pos, p_neg] =
+        [recording.time_s(), recording.column("u_pos").unwrap(), recording.column("p_neg_kpa").unwrap()];
+    assert_eq!((time_s[0], time_s[1], time_s[20], time_s[95]), (0.0, 0.02, 0.42, 1.98));
+    assert_eq!((u_pos[20], p_neg[20]), (ticks[21].u_pos, ticks[21].p_neg_kpa));
+    let names: Vec<&str> = recording.names().collect();
+    assert_eq!(
+        names,
+        ["u_pos", "u_neg", "p_pos_kpa", "p_neg_kpa", "ref_pos_kpa", "ref_neg_kpa", "pump_on", "mode", "state", "fault"]
+    );
+
+    let csv_path = folder.join("run.csv");
+    recording.write_csv(&csv_path).unwrap();
+    let from_csv = Recording::read(&csv_path).unwrap();
+    assert_eq!(from_csv.time_s(), recording.time_s());
+    assert_eq!(from_csv.segments(), recording.segments());
+    for name in names {
+        assert_eq!(from_csv.column(name), recording.column(name), "{name}");
+    }
+}
+
+#[test]
+fn a_new_session_is_a_gap_as_long_as_it_was() {
+    let mut ticks = run(10);
+    let mut second = run(10);
+    for tick in &mut second {
+        tick.session = 78;
+        // The cRIO counts from 0 again; 3 s went by.
+        tick.receive_ns += 3_000_000_000 + ticks[9].receive_ns;
+        tick.ref_pos_kpa = f64::NAN;
+    }
+    ticks.append(&mut second);
+    let recording = Recording::from_ticks("two sessions", &ticks).unwrap();
+    assert_eq!(recording.segments(), [0..10, 10..20]);
+    let pause_s = recording.time_s()[10] - recording.time_s()[9];
+    // On the 20 ms grid, so within half a period of what the clock said.
+    assert!((pause_s - 3.0).abs() <= 0.011, "{pause_s}");
+    assert!(recording.column("ref_pos_kpa").is_none());
+    assert!(recording.notes()[0].contains("10 of 20 rows have a reference"));
+}
+
+#[test]
+fn ticks_without_any_reading_are_an_error() {
+    let error = Recording::from_ticks("empty", &[TickRecord::default(); 3]).unwrap_err();
+    assert!(matches!(error, RecordingError::NoReadings { ticks: 3, .. }));
+}
