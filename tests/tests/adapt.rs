@@ -45,7 +45,8 @@ impl StandIn {
         std::fs::create_dir(folder.join("recordings")).unwrap();
         record(&folder.join("recordings/run-20260101-000000.mcap"));
         let out = folder.join("out");
-        diagnosed(&out, &config, manners.is_trained);
+        let trained = manners.is_trained.then(|| root().join("controller/policies/default.onnx"));
+        diagnosed(&out, &config, trained.as_deref());
         let asked = Arc::new(Mutex::new(Vec::new()));
         let listener = UnixListener::bind(folder.join("s")).unwrap();
         let log = Arc::clone(&asked);
@@ -100,7 +101,7 @@ fn record(path: &Path) {
 }
 
 /// The folder of an adaptation whose diagnosis is done: a valve's lag was found; and a policy trained, or not yet.
-fn diagnosed(out: &Path, config: &Path, is_trained: bool) {
+fn diagnosed(out: &Path, config: &Path, trained: Option<&Path>) {
     let found = out.join("found");
     std::fs::create_dir_all(&found).unwrap();
     std::fs::create_dir_all(out.join("before")).unwrap();
@@ -113,7 +114,6 @@ fn diagnosed(out: &Path, config: &Path, is_trained: bool) {
     std::fs::write(found.join("diagnosis.json"), diagnosis.to_string()).unwrap();
     std::fs::write(out.join("before/model.toml"), Rig::builtin("dual_pressure").unwrap().to_toml().unwrap()).unwrap();
     std::fs::write(out.join("before/reference.csv"), Reference::constant(85.0, -72.0).to_csv()).unwrap();
-    let trained = is_trained.then(|| root().join("controller/policies/default.onnx"));
     let journal = json!({
         "settings": {
             "config": config, "fly_seconds": 20.0, "diagnose_seconds": 60.0, "search": "quick", "experiments": "ask",

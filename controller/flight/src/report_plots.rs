@@ -25,8 +25,8 @@ pub(crate) fn pressures(flight: &Flight<'_>) -> Plot {
     let time_s = flight.time_s();
     let (ref_pos, ref_neg) = (flight.column(|tick| tick.ref_pos_kpa), flight.column(|tick| tick.ref_neg_kpa));
     let (p_pos, p_neg) = (flight.column(|tick| tick.p_pos_kpa), flight.column(|tick| tick.p_neg_kpa));
-    let pressure = |name: &str, measured: &[f64], reference: &[f64], color: Color, named: bool| {
-        let panel = marked(Panel::new(name).height(175.0), flight, named);
+    let pressure = |name: &str, measured: &[f64], reference: &[f64], color: Color, names: Names| {
+        let panel = marked(Panel::new(name).height(175.0), flight, names);
         let panel = match around(&[measured, reference], &flight.tracked(), 0.5) {
             Some((low, high)) => panel.y_range(low, high),
             None => panel,
@@ -37,7 +37,7 @@ pub(crate) fn pressures(flight: &Flight<'_>) -> Plot {
     };
     let error = |name: &str, measured: &[f64], reference: &[f64], color: Color| {
         let error: Vec<f64> = measured.iter().zip(reference).map(|(p, r)| p - r).collect();
-        let panel = marked(Panel::new(name).height(CENTERED), flight, false).level("", 0.0, Color::Grey);
+        let panel = marked(Panel::new(name).height(CENTERED), flight, Names::Untold).level("", 0.0, Color::Grey);
         let panel = match scale(&error, &flight.tracked()) {
             Some(most) => panel.y_range(-most, most),
             None => panel,
@@ -45,14 +45,15 @@ pub(crate) fn pressures(flight: &Flight<'_>) -> Plot {
         panel.line(Line::new("", &time_s, &error).color(color).width(1.1))
     };
     let (u_pos, u_neg) = (flight.column(|tick| tick.u_pos), flight.column(|tick| tick.u_neg));
-    let duty = marked(Panel::new("valve duty sent (1 = vent open)").height(130.0).y_range(-0.02, 1.04), flight, false)
-        .line(Line::new("positive", &time_s, &u_pos).color(CHANNEL[0]).stepped())
-        .line(Line::new("negative", &time_s, &u_neg).color(CHANNEL[1]).stepped());
+    let duty =
+        marked(Panel::new("valve duty sent (1 = vent open)").height(130.0).y_range(-0.02, 1.04), flight, Names::Untold)
+            .line(Line::new("positive", &time_s, &u_pos).color(CHANNEL[0]).stepped())
+            .line(Line::new("negative", &time_s, &u_neg).color(CHANNEL[1]).stepped());
     spanned(Plot::new("Pressures, errors and valves", "time of the run (s)"), flight)
         .caption("Pressures and errors are drawn to the scale of the ticks that count; what lies beyond, as the first rise does, is cut off.")
-        .panel(pressure("positive pressure (kPa gauge)", &p_pos, &ref_pos, CHANNEL[0], true))
+        .panel(pressure("positive pressure (kPa gauge)", &p_pos, &ref_pos, CHANNEL[0], Names::Told))
         .panel(error("error, positive: measured − reference (kPa)", &p_pos, &ref_pos, CHANNEL[0]))
-        .panel(pressure("negative pressure (kPa gauge)", &p_neg, &ref_neg, CHANNEL[1], false))
+        .panel(pressure("negative pressure (kPa gauge)", &p_neg, &ref_neg, CHANNEL[1], Names::Untold))
         .panel(error("error, negative: measured − reference (kPa)", &p_neg, &ref_neg, CHANNEL[1]))
         .panel(duty)
 }
@@ -240,8 +241,15 @@ fn spanned(plot: Plot, flight: &Flight<'_>) -> Plot {
     plot.x_range(0.0, flight.statistics.seconds().max(0.02))
 }
 
+/// Whether a panel says what its shades stand for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Names {
+    Told,
+    Untold,
+}
+
 /// Shades what a reader must know before he judges a curve; each kind is named once, in the top panel.
-fn marked(mut panel: Panel, flight: &Flight<'_>, named: bool) -> Panel {
+fn marked(mut panel: Panel, flight: &Flight<'_>, names: Names) -> Panel {
     let faults = flight.stretches(|row| row.tick.fault != 0);
     let vented = flight.stretches(|row| !row.place.steered && row.tick.fault == 0);
     let settling = flight.stretches(|row| row.place.steered && !row.place.tracked && row.tick.fault == 0);
@@ -252,7 +260,7 @@ fn marked(mut panel: Panel, flight: &Flight<'_>, named: bool) -> Panel {
     ] {
         for (index, rows) in stretches.iter().enumerate() {
             if let (Some(first), Some(last)) = (rows.first(), rows.last()) {
-                let name = if named && index == 0 { name } else { "" };
+                let name = if names == Names::Told && index == 0 { name } else { "" };
                 panel = panel.span(name, first.place.moment.time_s, last.place.moment.time_s + 0.02, color);
             }
         }

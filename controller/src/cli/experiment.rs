@@ -1,14 +1,12 @@
 //! `controller experiment`: the commands of a file, played once on the rig, within the safety envelope.
 
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use clap::Args;
 use controller::config::{Config, Control};
-use controller::console::overwrite;
 use controller::experiment::{Experiment, ExperimentError, Options, Played};
 use controller::session_recorder::SessionError;
 use controller::socket::is_there;
@@ -19,6 +17,7 @@ use proto::wire::Mode;
 use serde_json::json;
 
 use super::console::{say, tell};
+use super::screen::Screen;
 use super::{Failure, experiment_within_run};
 
 /// Plays the commands of a file once on the rig, open loop, and records what it does.
@@ -196,10 +195,9 @@ fn range([least, most]: [f64; 2]) -> String {
     format!("{least:.1} … {most:.1}")
 }
 
-/// On a terminal a line that is written over, five times a second; elsewhere a line every five seconds.
+/// Shows how far the experiment is, and what happens.
 fn watcher(seconds: f64) -> impl FnMut(Recorded<'_>) + Send {
-    let terminal = std::io::stderr().is_terminal();
-    let every = if terminal { Duration::from_millis(200) } else { Duration::from_secs(5) };
+    let screen = Screen::of_stderr();
     let mut next = Instant::now();
     let mut first = None;
     move |recorded| match recorded {
@@ -209,14 +207,12 @@ fn watcher(seconds: f64) -> impl FnMut(Recorded<'_>) + Send {
             }
             let now = Instant::now();
             if now >= next {
-                next = now + every;
-                show(&line(tick, first, seconds), terminal);
+                next = now + screen.every();
+                screen.show(&line(tick, first, seconds));
             }
         }
         Recorded::Event { message, .. } => {
-            if terminal {
-                show("", true);
-            }
+            screen.clear();
             tell(format_args!("{message}"));
         }
     }
@@ -238,13 +234,4 @@ fn line(tick: &TickRecord, first: Option<u32>, seconds: f64) -> String {
         tick.u_neg,
         if tick.pump_on { "on" } else { "off" }
     )
-}
-
-/// A live line; what cannot be shown must not end an experiment.
-pub(super) fn show(text: &str, terminal: bool) {
-    if terminal {
-        overwrite(text);
-    } else {
-        tell(text);
-    }
 }

@@ -1,6 +1,5 @@
 //! `controller experiment` where a daemon runs: it plays the commands, and this program looks on.
 
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -14,12 +13,11 @@ use proto::recording::PERIOD_S;
 
 use super::Failure;
 use super::console::tell;
-use super::experiment::{foreseen, show};
+use super::experiment::foreseen;
+use super::screen::Screen;
 
 /// Between two looks at how far it is.
 const LOOK: Duration = Duration::from_millis(200);
-/// Between two lines where there is no terminal.
-const LINE_EVERY: Duration = Duration::from_secs(5);
 /// How long the daemon may not answer before this program gives up looking; the experiment does not end by that.
 const PATIENCE: Duration = Duration::from_secs(10);
 
@@ -48,7 +46,7 @@ pub(super) fn play(socket: &Path, csv: &Path) -> Result<([[f64; 2]; 2], Played),
 
 /// Looks on until the experiment is over and its recording finished.
 fn look_on(socket: &Path, number: u64) -> Result<(ExperimentView, ExperimentOutcome), Failure> {
-    let terminal = std::io::stderr().is_terminal();
+    let screen = Screen::of_stderr();
     let (mut heard, mut next_line) = (Instant::now(), Instant::now());
     loop {
         match ask(socket, &Ask::Status {}) {
@@ -60,14 +58,12 @@ fn look_on(socket: &Path, number: u64) -> Result<(ExperimentView, ExperimentOutc
                         "the daemon no longer knows the experiment; it was started anew, or played another",
                     ));
                 };
-                if terminal || Instant::now() >= next_line {
-                    next_line = Instant::now() + LINE_EVERY;
-                    show(&line(&reply, view), terminal);
+                if Instant::now() >= next_line {
+                    next_line = Instant::now() + screen.every();
+                    screen.show(&line(&reply, view));
                 }
                 if let Some(outcome) = &view.outcome {
-                    if terminal {
-                        show("", true);
-                    }
+                    screen.clear();
                     return Ok((view.clone(), outcome.clone()));
                 }
             }

@@ -12,6 +12,7 @@ mod replay;
 mod report;
 mod rt_test;
 mod run;
+mod screen;
 mod talk;
 
 use std::path::PathBuf;

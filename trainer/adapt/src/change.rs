@@ -23,13 +23,22 @@ const TICKS_PER_S: f64 = 50.0;
 /// Shortest run for a figure, in s.
 const SHORTEST_S: f64 = 20.0;
 
+/// How the daemon is asked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Asking {
+    /// As a step that a person sees.
+    AsAStep,
+    /// Beside a step that is under way.
+    Silently,
+}
+
 impl Adaptation {
     /// Begins the reference anew, waits for its end, and works out how well it was tracked.
     pub(crate) fn fly(&mut self, what: &str, console: &mut dyn Console) -> Result<Tracking, AdaptError> {
         if let Some(tracking) = self.journal.flown(what) {
             return Ok(tracking);
         }
-        let (session, start) = self.begin_reference(true, console)?;
+        let (session, start) = self.begin_reference(Asking::AsAStep, console)?;
         let end = start.wrapping_add((self.fly_s()? * TICKS_PER_S) as u32);
         self.wait_for_tick(session, end, console)?;
         let missing = "the recording of a run";
@@ -50,11 +59,11 @@ impl Adaptation {
     }
 
     /// Has the daemon follow its reference from the beginning; session and tick from then on.
-    fn begin_reference(&mut self, is_shown: bool, console: &mut dyn Console) -> Result<(u32, u32), AdaptError> {
+    fn begin_reference(&mut self, asking: Asking, console: &mut dyn Console) -> Result<(u32, u32), AdaptError> {
         let file = self.before_folder().join("reference.csv").to_string_lossy().into_owned();
-        match is_shown {
-            true => self.daemon.tell(&["reference", &file], console)?,
-            false => self.daemon.try_silently(&["reference", &file], console)?,
+        match asking {
+            Asking::AsAStep => self.daemon.tell(&["reference", &file], console)?,
+            Asking::Silently => self.daemon.try_silently(&["reference", &file], console)?,
         };
         let status = self.daemon.status(console)?;
         if !status.is_running() {
@@ -156,7 +165,7 @@ impl Adaptation {
         let status = self.daemon.status(console)?;
         let is_over = f64::from(status.at.1.wrapping_sub(self.reference_tick)) > self.fly_s()? * TICKS_PER_S;
         if is_over && status.is_running() {
-            self.begin_reference(false, console)?;
+            self.begin_reference(Asking::Silently, console)?;
         }
         Ok(())
     }
