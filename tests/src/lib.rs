@@ -10,6 +10,7 @@ pub mod hidden_plant;
 pub mod in_process;
 pub mod laboratory;
 pub mod lockstep;
+pub mod programme;
 pub mod raw_crio;
 pub mod strange_rigs;
 pub mod task;

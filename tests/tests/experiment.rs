@@ -23,6 +23,7 @@ use proto::wire::{CrioState, Frame};
 use serde_json::Value;
 use tests::Stream::Err;
 use tests::laboratory::emulated_rig;
+use tests::programme::{ProgrammeRow, csv, programme};
 use tests::{Folder, RunStatus, Running, alone, finish, program};
 
 /// Generous: how long anything may take on a machine that does other things as well.
@@ -139,22 +140,6 @@ impl Bench {
     }
 }
 
-/// Commands with every digit in use, and the pump off for a second in the middle.
-fn programme(rows: usize) -> Vec<(f64, f64, u8)> {
-    let row = |k: usize| {
-        let t = k as f64 * 0.02;
-        let pump = u8::from(!(200..250).contains(&k));
-        (0.82 + 0.06 * (1.1 * t).sin(), 0.80 + 0.05 * (0.7 * t).cos(), pump)
-    };
-    (0..rows).map(row).collect()
-}
-
-fn csv(rows: &[(f64, f64, u8)]) -> String {
-    let lines =
-        rows.iter().enumerate().map(|(k, (pos, neg, pump))| format!("{:.2},{pos},{neg},{pump}\n", 0.02 * k as f64));
-    format!("time_s,u_pos,u_neg,pump_on\n{}", lines.collect::<String>())
-}
-
 fn constant(rows: usize, duty: f64) -> String {
     csv(&vec![(duty, duty, 1); rows])
 }
@@ -172,7 +157,7 @@ fn aborted(ended: &RunStatus) -> String {
 
 /// What holds for every experiment that was cut short: the rows played are the file's first, then both vents are open
 /// and stay open, and the recording says so and can be read.
-fn check_kept(bench: &Bench, rows: &[(f64, f64, u8)], line: &str) -> McapContent {
+fn check_kept(bench: &Bench, rows: &[ProgrammeRow], line: &str) -> McapContent {
     let path = bench.recording();
     assert!(line.contains("experiment aborted after") && line.contains(path.to_str().unwrap()), "{line}");
     let content = read_mcap(&path).unwrap();

@@ -8,6 +8,7 @@ use std::time::Instant;
 use proto::recording::{Recording, TickInput, TickRecord, read_mcap};
 use serde_json::Value;
 use tests::laboratory::{Laboratory, Plan, SOON};
+use tests::programme::{ProgrammeRow, csv, programme};
 use tests::{Running, alone, finish, program};
 
 const RUN: u8 = 1;
@@ -19,27 +20,13 @@ fn laboratory(mechanism: &str) -> Laboratory {
     plan.rig(rig).start()
 }
 
-fn experiment(laboratory: &Laboratory, rows: &[(f64, f64, u8)]) -> Command {
+fn experiment(laboratory: &Laboratory, rows: &[ProgrammeRow]) -> Command {
     let file = laboratory.folder.write("e.csv", csv(rows));
     laboratory.command(&["experiment", file.to_str().unwrap()])
 }
 
-fn programme(rows: usize) -> Vec<(f64, f64, u8)> {
-    let row = |k: usize| {
-        let t = k as f64 * 0.02;
-        let pump = u8::from(!(200..250).contains(&k));
-        (0.82 + 0.06 * (1.1 * t).sin(), 0.80 + 0.05 * (0.7 * t).cos(), pump)
-    };
-    (0..rows).map(row).collect()
-}
-
-fn csv(rows: &[(f64, f64, u8)]) -> String {
-    let line = |(k, (pos, neg, pump)): (usize, &(f64, f64, u8))| format!("{:.2},{pos},{neg},{pump}\n", 0.02 * k as f64);
-    format!("time_s,u_pos,u_neg,pump_on\n{}", rows.iter().enumerate().map(line).collect::<String>())
-}
-
 /// The ticks in which rows were sent are the file's rows, one after the other.
-fn check_rows(ticks: &[TickRecord], rows: &[(f64, f64, u8)]) {
+fn check_rows(ticks: &[TickRecord], rows: &[ProgrammeRow]) {
     let sent: Vec<&TickRecord> = ticks.iter().filter(|tick| tick.experiment == 2 && tick.mode == RUN).collect();
     assert_eq!(sent.len(), rows.len());
     for (k, (tick, row)) in sent.iter().zip(rows).enumerate() {

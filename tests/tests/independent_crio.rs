@@ -39,6 +39,15 @@ struct Flown {
     daemon: RunStatus,
 }
 
+/// When the daemon ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum DaemonEnds {
+    /// It still runs when the cRIO is done, and is told to stop.
+    WhenTold,
+    /// Nobody tells it once the cRIO is done.
+    ByItself,
+}
+
 impl Pair {
     /// Starts both; the daemon arms itself.
     fn start(python: &str, faults: &[&str], daemon: &[&str]) -> Self {
@@ -59,12 +68,12 @@ impl Pair {
         Pair { folder, crio, daemon }
     }
 
-    /// Waits for the cRIO's report; then the daemon is told to stop, if it still runs.
-    fn land(self, stop: bool) -> Flown {
+    /// Waits for the cRIO's report, then for the daemon's end.
+    fn land(self, ends: DaemonEnds) -> Flown {
         let crio = self.crio.wait(SOON);
         let line = crio.stdout.lines().last().unwrap_or_default();
         let report = serde_json::from_str(line).unwrap_or_else(|e| panic!("no report ({e}): {crio:?}"));
-        if stop {
+        if ends == DaemonEnds::WhenTold {
             self.daemon.terminate();
         }
         let daemon = self.daemon.wait(SOON);
@@ -113,14 +122,14 @@ fn faulty(faults: &[&str]) -> Option<Flown> {
     let python = python()?;
     let _alone = alone();
     let faults: Vec<&str> = faults.iter().copied().chain(["--seconds", "4"]).collect();
-    Some(Pair::start(python, &faults, &[]).land(true))
+    Some(Pair::start(python, &faults, &[]).land(DaemonEnds::WhenTold))
 }
 
 #[test]
 fn flies_a_stranger() {
     let Some(python) = python() else { return };
     let _alone = alone();
-    let flown = Pair::start(python, &[], &["--seconds", "6"]).land(false);
+    let flown = Pair::start(python, &[], &["--seconds", "6"]).land(DaemonEnds::ByItself);
     let content = flown.check();
     let session = flown.session(0);
     assert!(session["first_run_tick"].as_u64().is_some(), "never armed: {}", flown.report);
@@ -223,7 +232,7 @@ fn another_version_is_refused_with_bye_1() {
         let _alone = alone();
         let pair = Pair::start(python, &[option, "7", "--seconds", "1"], &[]);
         pair.daemon.line(Err, "trying again", SOON);
-        let flown = pair.land(true);
+        let flown = pair.land(DaemonEnds::WhenTold);
         assert_eq!(flown.report["violations"], serde_json::json!([]), "{}", flown.report);
         assert_eq!(
             (&flown.session(0)["bye_reason"], &flown.session(0)["commands"]),
@@ -330,6 +339,6 @@ impl Pair {
     /// Tells the daemon to stop while it flies.
     fn land_now(self) -> Flown {
         self.daemon.terminate();
-        self.land(false)
+        self.land(DaemonEnds::ByItself)
     }
 }
