@@ -25,6 +25,8 @@ struct StandIn {
     folder: Folder,
     out: PathBuf,
     asked: Arc<Mutex<Vec<String>>>,
+    /// The experiments that it was asked to play.
+    asked_csv: Arc<Mutex<Vec<String>>>,
 }
 
 /// How it answers, and whether a policy has been trained already.
@@ -32,11 +34,13 @@ struct StandIn {
 struct Manners {
     is_trained: bool,
     takes_models: bool,
+    /// Whether experiments are allowed or asked for.
+    experiments: &'static str,
     /// State that a published policy comes to.
     policies_become: &'static str,
 }
 
-const GOOD: Manners = Manners { is_trained: true, takes_models: true, policies_become: "active" };
+const GOOD: Manners = Manners { is_trained: true, takes_models: true, experiments: "ask", policies_become: "active" };
 
 impl StandIn {
     fn new(manners: Manners) -> Self {
@@ -45,13 +49,12 @@ impl StandIn {
         std::fs::create_dir(folder.join("recordings")).unwrap();
         record(&folder.join("recordings/run-20260101-000000.mcap"));
         let out = folder.join("out");
-        let trained = manners.is_trained.then(|| root().join("controller/policies/default.onnx"));
-        diagnosed(&out, &config, trained.as_deref());
-        let asked = Arc::new(Mutex::new(Vec::new()));
+        diagnosed(&out, &config, manners);
+        let (asked, asked_csv) = <(Arc<Mutex<Vec<String>>>, Arc<Mutex<Vec<String>>>)>::default();
         let listener = UnixListener::bind(folder.join("s")).unwrap();
-        let log = Arc::clone(&asked);
-        std::thread::spawn(move || serve(&listener, manners, &log));
-        StandIn { folder, out, asked }
+        let (log, played) = (Arc::clone(&asked), Arc::clone(&asked_csv));
+        std::thread::spawn(move || serve(&listener, manners, &log, &played));
+        StandIn { folder, out, asked, asked_csv }
     }
 
     /// Goes on from a diagnosis that is done.
@@ -101,7 +104,7 @@ fn record(path: &Path) {
 }
 
 /// The folder of an adaptation whose diagnosis is done: a valve's lag was found; and a policy trained, or not yet.
-fn diagnosed(out: &Path, config: &Path, trained: Option<&Path>) {
+fn diagnosed(out: &Path, config: &Path, manners: Manners) {
     let found = out.join("found");
     std::fs::create_dir_all(&found).unwrap();
     std::fs::create_dir_all(out.join("before")).unwrap();
@@ -114,9 +117,10 @@ fn diagnosed(out: &Path, config: &Path, trained: Option<&Path>) {
     std::fs::write(found.join("diagnosis.json"), diagnosis.to_string()).unwrap();
     std::fs::write(out.join("before/model.toml"), Rig::builtin("dual_pressure").unwrap().to_toml().unwrap()).unwrap();
     std::fs::write(out.join("before/reference.csv"), Reference::constant(85.0, -72.0).to_csv()).unwrap();
+    let trained = manners.is_trained.then(|| root().join("controller/policies/default.onnx"));
     let journal = json!({
         "settings": {
-            "config": config, "fly_seconds": 20.0, "diagnose_seconds": 60.0, "search": "quick", "experiments": "ask",
+            "config": config, "fly_seconds": 20.0, "diagnose_seconds": 60.0, "search": "quick", "experiments": manners.experiments,
             "train_steps": 64, "train_seconds": 60, "verdict_seconds": 30, "seed": 1
         },
         "before": {"policy": "fallback", "model": "dual_pressure", "interventions": 3, "at": [SESSION, 100]},
@@ -131,12 +135,15 @@ fn fit() -> Value {
     json!({"pos_rmse_kpa": 1.0, "neg_rmse_kpa": 1.0, "pos_accuracy": 0.9, "neg_accuracy": 0.9})
 }
 
-fn serve(listener: &UnixListener, manners: Manners, log: &Mutex<Vec<String>>) {
+fn serve(listener: &UnixListener, manners: Manners, log: &Mutex<Vec<String>>, played: &Mutex<Vec<String>>) {
     let (mut tick, mut policy) = (100, "fallback".to_owned());
     for stream in listener.incoming() {
         let mut stream = stream.unwrap();
         let mut line = String::new();
-        BufReader::new(stream.try_clone().unwrap()).read_line(&mut line).unwrap();
+        // Some only look whether anybody answers.
+        if BufReader::new(stream.try_clone().unwrap()).read_line(&mut line).unwrap_or(0) == 0 {
+            continue;
+        }
         let ask: Value = serde_json::from_str(&line).unwrap();
         let what = ask["ask"].as_str().unwrap().to_owned();
         tick = (tick + STRIDE).min(19_900);
@@ -162,6 +169,10 @@ fn serve(listener: &UnixListener, manners: Manners, log: &Mutex<Vec<String>>) {
         match what.as_str() {
             "model" if !manners.takes_models => {
                 reply = json!({"ok": false, "error": "found/rig.toml: it predicts worse than the one in force"});
+            }
+            "experiment" => {
+                played.lock().unwrap().push(ask["csv"].as_str().unwrap().to_owned());
+                reply = json!({"ok": false, "error": "row 12 would leave the envelope"});
             }
             "policies" if manners.policies_become == "unknown" => {
                 reply = json!({"ok": false, "error": "no policies here"});
@@ -207,7 +218,7 @@ fn a_model_that_is_refused_leaves_everything_as_it_was() {
 }
 
 #[test]
-fn a_training_that_fails_asks_the_daemon_for_nothing() {
+fn a_training_that_fails_puts_the_model_back() {
     let stand_in = StandIn::new(Manners { is_trained: false, ..GOOD });
     // Where the run is to be, there is a file.
     std::fs::write(stand_in.out.join("run"), "in the way").unwrap();
@@ -216,7 +227,24 @@ fn a_training_that_fails_asks_the_daemon_for_nothing() {
     for words in ["trainer train", "model and policy are as they were", "adapt --resume"] {
         assert!(ended.stderr.contains(words), "{words}: {}", ended.stderr);
     }
-    assert_eq!(stand_in.changes(), Vec::<String>::new());
+    assert_eq!(stand_in.changes(), ["model rig.toml of found", "model model.toml of before"]);
+}
+
+/// Tracking shows too little for a model that foresees better, so an experiment is asked for where it may be: the daemon
+/// forbids it, and two narrower ones.
+#[test]
+fn an_experiment_that_the_daemon_forbids_is_tried_narrower_and_then_left() {
+    let stand_in = StandIn::new(Manners { takes_models: false, experiments: "allowed", ..GOOD });
+    let ended = stand_in.adapt(&[]);
+    assert_eq!(ended.status, Some(1), "{ended:?}");
+    assert!(ended.stderr.contains("row 12 would leave the envelope"), "{}", ended.stderr);
+    assert_eq!(stand_in.changes(), ["experiment", "experiment", "experiment", "model rig.toml of found"]);
+    let spans = |share: usize| {
+        let text = &stand_in.asked_csv.lock().unwrap()[share];
+        let duties = text.lines().skip(1).map(|line| line.split(',').nth(1).unwrap().parse::<f64>().unwrap());
+        duties.clone().fold(f64::MIN, f64::max) - duties.fold(f64::MAX, f64::min)
+    };
+    assert!(spans(1) < 0.7 * spans(0) && spans(2) < 0.7 * spans(1), "{} {} {}", spans(0), spans(1), spans(2));
 }
 
 /// The daemon takes the model and then knows nothing of policies: the model is put back, and going on begins with it again.

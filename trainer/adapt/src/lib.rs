@@ -6,6 +6,7 @@
 //! | [`programs`] | commands as children: shown, timed, stopped |
 //! | [`daemon`] | what the running daemon is asked, through `controller` |
 //! | [`recorded`] | ticks of its recordings |
+//! | [`excitation`] | an experiment that moves the valves as tracking does not |
 //! | [`tracking`] | how well a run tracked |
 //! | [`journal`] | what has been done, to go on from |
 //! | [`run`] | the steps |
@@ -19,6 +20,7 @@
 
 mod change;
 pub mod daemon;
+pub mod excitation;
 pub mod journal;
 pub mod outcome;
 pub mod programs;

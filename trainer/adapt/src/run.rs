@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use proto::atomic_file;
-use proto::diagnosis::{Diagnosis, RigKind};
+use proto::diagnosis::{Diagnosis, RigKind, Verdict};
 use proto::reference::Reference;
 
 use crate::daemon::Daemon;
+use crate::excitation::{self, Spans};
 use crate::journal::{Before, Flown, Journal};
 use crate::outcome::Outcome;
 use crate::programs::{Console, Programs};
@@ -20,6 +21,8 @@ use crate::{AdaptError, make_folder};
 const STEPS: usize = 7;
 /// Experiments at most; after two the recordings say what they can.
 const MOST_EXPERIMENTS: usize = 2;
+/// Shares of the valves' range that an experiment is tried with, where the daemon foresees that more would leave the limits.
+const NARROWER: [f64; 3] = [1.0, 0.6, 0.35];
 /// A run this much worse than another is worse (geometric mean over channels; chosen: flights of one controller differ by half of it).
 pub(crate) const WORSE: f64 = 1.05;
 
@@ -113,24 +116,33 @@ impl Adaptation {
         let before = self.look(console)?;
         let tracked = self.fly("before", console)?;
         console.step(2, STEPS, "what the model leaves out");
-        let diagnosis = self.diagnose(console)?;
-        if diagnosis.rig.kind == RigKind::AsGiven {
-            console.say("the model explains what was recorded; nothing is changed");
-            return self.keep_what("before", console);
+        loop {
+            let diagnosis = self.diagnose(console)?;
+            if diagnosis.rig.kind == RigKind::AsGiven {
+                console.say("the model explains what was recorded; nothing is changed");
+                return self.keep_what("before", console);
+            }
+            console.step(3, STEPS, "the model, in the daemon");
+            match self.change_model(console) {
+                Ok(()) => break,
+                // It foresees what was just run worse than the one in force: what was recorded did not show enough.
+                Err(AdaptError::Failed { said, .. }) if self.excite(console)? => {
+                    console.say(&format!("{said}; asked again with one more experiment"));
+                }
+                Err(error) => return Err(error),
+            }
         }
-        console.step(3, STEPS, "a policy trained on the model that was found");
-        let policy = self.train(&before, console)?;
-        console.step(4, STEPS, "the model, in the daemon");
-        self.change_model(console)?;
         let mut best = self.fly("with the model", console)?;
         let mut kept = "with the model".to_owned();
         if before.policy != crate::daemon::FALLBACK {
-            console.step(5, STEPS, "the fallback on this model");
+            console.step(4, STEPS, "the fallback on this model");
             let fallback = self.try_fallback(&before, console)?;
             if fallback.over(&best) < 1.0 {
                 (kept, best) = ("fallback on the model".to_owned(), fallback);
             }
         }
+        console.step(5, STEPS, "a policy trained on the model");
+        let policy = self.train(&before, console)?;
         console.step(6, STEPS, "the daemon's verdict on the policy");
         let verdict = self.publish(&policy, console)?;
         console.step(7, STEPS, "what came of it");
@@ -218,16 +230,41 @@ impl Adaptation {
             let text = std::fs::read_to_string(&path).map_err(|error| AdaptError::file(&path, error))?;
             let diagnosis = Diagnosis::from_json(&text).map_err(|error| AdaptError::file(&path, error))?;
             console.say(&format!("{}: {}", diagnosis.verdict.as_str(), diagnosis.summary));
-            let needed = diagnosis.next_experiment.as_ref().map(|name| found.join(name));
-            match needed {
+            let planned = diagnosis.next_experiment.as_ref().map(|name| found.join(name));
+            let goes_on = match planned {
+                // Tracking alone shows little of what a lag, a delay or a sticking valve does.
+                _ if round == 1 && diagnosis.verdict != Verdict::Adequate => self.excite(console)?,
                 Some(csv) if round <= MOST_EXPERIMENTS && self.may_experiment(console)? => {
-                    if !self.experiment(&csv, console)? {
-                        return Ok(diagnosis);
-                    }
+                    self.experiment(&csv, console)?
                 }
-                _ => return Ok(diagnosis),
+                _ => false,
+            };
+            if !goes_on {
+                return Ok(diagnosis);
             }
         }
+    }
+
+    /// Has the daemon move the valves over the range that the reference needs, if it may be driven so and there is one more
+    /// experiment to be had; `false` where it was not.
+    fn excite(&mut self, console: &mut dyn Console) -> Result<bool, AdaptError> {
+        let number = self.journal.experiments.len();
+        if number >= MOST_EXPERIMENTS || !self.may_experiment(console)? {
+            return Ok(false);
+        }
+        let path = self.before_folder().join("model.toml");
+        let model = proto::rig_file::load(&path.to_string_lossy()).map_err(|error| AdaptError::file(&path, error))?;
+        let spans = Spans::of(&model, &self.reference()?).map_err(|error| AdaptError::file(&path, error))?;
+        for share in NARROWER {
+            let csv = self.out.join(format!("excitation-{}.csv", number + 1));
+            atomic_file::write(&csv, excitation::programme(&spans.narrowed(share), number).as_bytes())?;
+            if self.experiment(&csv, console)? {
+                return Ok(true);
+            }
+        }
+        self.journal.experiment_allowed = Some(false);
+        self.journal.keep(&self.out)?;
+        Ok(false)
     }
 
     /// Has the daemon play an experiment; `false` where it does not, and the answer is what the recordings gave.
@@ -238,8 +275,7 @@ impl Adaptation {
                 true
             }
             Err(AdaptError::Failed { said, .. }) => {
-                console.say(&format!("no experiment: {said}; the answer is what the recordings give"));
-                self.journal.experiment_allowed = Some(false);
+                console.say(&format!("not played: {said}"));
                 false
             }
             Err(error) => return Err(error),
@@ -282,7 +318,7 @@ impl Adaptation {
             return Ok(true);
         }
         let allowed = console.ask(
-            "What was recorded does not decide. May the rig be driven by next_experiment.csv (two minutes at most, within the safety limits)?",
+            "Tracking alone does not show enough. May the rig be driven by an experiment (two at most, of two minutes at most, within the safety limits)?",
         );
         if !allowed {
             console.say("no experiment; the answer is what the recordings give (--allow-experiment allows it)");
