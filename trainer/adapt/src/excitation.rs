@@ -114,7 +114,13 @@ impl Draw {
 }
 
 /// Adds so many rows in which levels are held for drawn times.
-fn hold(rows: &mut Vec<f64>, count: usize, times_s: [f64; 2], draw: &mut Draw, mut level: impl FnMut(&mut Draw) -> f64) {
+fn hold(
+    rows: &mut Vec<f64>,
+    count: usize,
+    times_s: [f64; 2],
+    draw: &mut Draw,
+    mut level: impl FnMut(&mut Draw) -> f64,
+) {
     let end = rows.len() + count;
     while rows.len() < end {
         let value = level(draw);
