@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 use admission::model_comparison::{Sample, compare, warmed};
 use crossbeam::queue::ArrayQueue;
 use flight::Noter;
+use handover::Permit;
 use model::predict::Predictor;
 use model::rig::{Rig, RigError};
 use model::steady::SteadyMap;
@@ -32,7 +33,7 @@ const FOLLOWED: usize = 500;
 /// Samples that a replay keeps: a change may have looked at those of 20 min before, where ticks did not wait for it.
 const REPLAYED: usize = 1 << 16;
 /// How long the tick may take to put a model in.
-const PATIENCE: Duration = Duration::from_secs(2);
+pub const PATIENCE: Duration = Duration::from_secs(2);
 
 /// All that is made of a model.
 pub struct ModelChange {
@@ -153,12 +154,12 @@ impl ModelDesk {
         self.rig.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Reads a rig file, checks it, compares it, and has the tick put it in. Takes seconds; not for the tick nor for the
+    /// Reads a rig file, checks it, compares it, and has the tick put it in while the permit counts. Takes seconds; not for the tick nor for the
     /// thread that answers other operators.
     ///
     /// # Errors
     /// Why not, one line; nothing has changed then.
-    pub fn change(&self, file: &Path) -> Result<ModelInForce, String> {
+    pub fn change(&self, file: &Path, permit: &Permit) -> Result<ModelInForce, String> {
         let name = file.display();
         let loaded = proto::rig_file::load(&file.to_string_lossy()).map_err(|e| e.to_string())?;
         let unfit = |problem: RigError| format!("{name}: rig {}: {problem}", loaded.name);
@@ -180,7 +181,9 @@ impl ModelDesk {
         if let Some(reason) = figures.as_ref().and_then(|f| f.refusal()) {
             return Err(format!("{name}: {reason}"));
         }
-        self.hand_over(ModelChange::new(&rig, &run).map_err(unfit)?)?;
+        let change = ModelChange::new(&rig, &run).map_err(unfit)?;
+        permit.redeem().map_err(|late| format!("{name}: {late}"))?;
+        self.hand_over(change)?;
         let new = rig.name.clone();
         *self.rig.lock().unwrap_or_else(PoisonError::into_inner) = rig;
         let line = match figures {

@@ -15,6 +15,7 @@ use socket2::{Domain, SockAddr, Socket, Type};
 
 use crate::desk::ExperimentView;
 use crate::mailbox::Status;
+use crate::model_change::PATIENCE;
 use crate::state::State;
 
 /// Time that a whole request may take to come.
@@ -23,8 +24,11 @@ pub const REQUEST_TIME: Duration = Duration::from_millis(1000);
 pub const EFFECT_TIME: Duration = Duration::from_millis(500);
 /// Time that reading and checking a reference may take.
 pub const READ_TIME: Duration = Duration::from_millis(1500);
-/// Time that loading a policy or comparing a model may take on a busy machine.
-pub const WORK_TIME: Duration = Duration::from_secs(35);
+/// Time that loading a policy, comparing a model or checking an experiment may take: half a minute was seen on two busy
+/// cores, and four times that is still a machine that answers.
+pub const WORK_TIME: Duration = Duration::from_secs(120);
+/// Time from the moment at which the tick is given a model to the answer.
+pub const HAND_OVER_TIME: Duration = PATIENCE.saturating_add(EFFECT_TIME);
 /// Time that a client waits beyond the last moment at which the daemon answers: for a busy machine.
 const CLIENT_SLACK: Duration = Duration::from_millis(1500);
 /// Bytes that a request may have; a reference of an hour, row by row, is 5 MB.
@@ -100,7 +104,7 @@ impl Ask {
             Ask::Status {} | Ask::Policies {} | Ask::Rollback {} => EFFECT_TIME,
             Ask::Arm {} | Ask::Disarm {} | Ask::Acknowledge {} | Ask::Explore { .. } => EFFECT_TIME,
             Ask::Reference { .. } => READ_TIME + EFFECT_TIME,
-            Ask::Swap { .. } | Ask::Model { .. } | Ask::Experiment { .. } => WORK_TIME + EFFECT_TIME,
+            Ask::Swap { .. } | Ask::Model { .. } | Ask::Experiment { .. } => WORK_TIME + HAND_OVER_TIME,
         }
     }
 

@@ -3,6 +3,7 @@
 
 use controller::config::Safety;
 use controller::cycle::Cycle;
+use handover::Permit;
 use model::rig::Rig;
 use proto::reference::Reference;
 use tests::Folder;
@@ -31,7 +32,7 @@ fn the_monitor_takes_over_the_model_that_is_put_in() {
     largest_sums(&mut flight, 300);
     let before = largest_sums(&mut flight, 700);
     let desk = flight.cycle.duty_source().tracking().models();
-    let changing = std::thread::spawn(move || desk.change(&file));
+    let changing = std::thread::spawn(move || desk.change(&file, &Permit::unlimited()));
     while !changing.is_finished() {
         flight.step();
     }

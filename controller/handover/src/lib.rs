@@ -15,6 +15,7 @@
 //! | [`stages`] | shadow, ramp, probation: how much authority a candidate has, and why it loses it |
 //! | [`arbiter`] | incumbent and candidate side by side, blended; what is left of a bump decays |
 //! | [`exploration`] | bounded noise on the active policy's answer |
+//! | [`permit`] | until when a request counts that takes work before it is handed over |
 //! | [`mod@channel`] | queues between the tick and the thread that publishes: policies in, retired ones out |
 //!
 //! All of it but the making of queues and policies runs in the tick: no allocation, no lock, bounded time. Every policy
@@ -24,6 +25,7 @@ pub mod arbiter;
 pub mod channel;
 pub mod conditions;
 pub mod exploration;
+pub mod permit;
 pub mod record;
 pub mod sequential_test;
 pub mod stages;
@@ -31,4 +33,5 @@ pub mod stages;
 pub use arbiter::{Arbiter, ArbitratedCommand, PolicyAnswer, Trust};
 pub use channel::{Candidate, Command, Haste, PolicyEvent, PolicyTag, Snapshot, StoreEnd, TickEnd, channel};
 pub use exploration::{ExplorationRules, ExplorationShown, StdOrigin};
+pub use permit::{NoLongerWanted, Permit};
 pub use stages::{Loss, StageNow};

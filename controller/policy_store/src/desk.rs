@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use handover::{Candidate, Haste, PolicyTag, Snapshot};
+use handover::{Candidate, Haste, Permit, PolicyTag, Snapshot};
 use model::rig::Rig;
 use policy::{Policy, PolicySignature};
 
@@ -60,19 +60,19 @@ impl PolicyDesk {
         locked(&self.board).problem.clone()
     }
 
-    /// Sends a policy that has passed its stages on to the rig, or back to it; `who` asked.
+    /// Sends a policy that has passed its stages on to the rig, or back to it, while the permit counts; `who` asked.
     ///
     /// # Errors
     /// Why not, one line.
-    pub fn swap(&self, name: &str, who: &str) -> Result<String, String> {
-        let text = self.send(name, who)?;
+    pub fn swap(&self, name: &str, who: &str, permit: &Permit) -> Result<String, String> {
+        let text = self.send(name, who, permit)?;
         // Whoever names what is to control has decided, whatever the trial on the model says.
         locked(&self.board).set_aside(None);
         Ok(text)
     }
 
     /// Sends a policy or the fallback on to the rig.
-    pub(crate) fn send(&self, name: &str, who: &str) -> Result<String, String> {
+    pub(crate) fn send(&self, name: &str, who: &str, permit: &Permit) -> Result<String, String> {
         let (sha256, haste, bytes) = self.ready(name)?;
         let candidate = match &bytes {
             None => Candidate::fallback(),
@@ -82,6 +82,7 @@ impl PolicyDesk {
                 Candidate::new(policy.map_err(|fault| format!("{name}: {fault}"))?)
             }
         };
+        permit.redeem().map_err(|late| format!("{name}: {late}"))?;
         self.orders.send(candidate, haste, bytes.map(|bytes| (sha256.clone(), bytes)))?;
         self.note(who, "swap", name, &sha256);
         Ok(match haste {

@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use admission::{Admitted, Examiner, Refusal, Stage, Standing, Tally};
-use handover::{PolicyTag, StoreEnd};
+use handover::{Permit, PolicyTag, StoreEnd};
 use model::rig::Rig;
 use policy::{Links, PolicySignature};
 use proto::atomic_file;
@@ -251,7 +251,7 @@ impl Round {
                 self.changed(&change, STORE);
                 let _ = std::fs::remove_file(refused_file(&settled.path));
                 if self.settings.adoption == Adoption::Newest
-                    && let Err(problem) = self.desk.swap(&settled.name, FOLLOWS)
+                    && let Err(problem) = self.desk.swap(&settled.name, FOLLOWS, &Permit::unlimited())
                 {
                     (self.say)(format!("policy {}: not adopted: {problem}", settled.name));
                 }
@@ -301,7 +301,7 @@ impl Round {
 
     /// Sends on what controls by its standing.
     fn follow_standing(&mut self, name: &str, why: String) {
-        match self.desk.send(name, STANDING) {
+        match self.desk.send(name, STANDING, &Permit::unlimited()) {
             Ok(_) => (self.say)(why),
             Err(problem) => (self.say)(format!("{why}: not done: {problem}")),
         }

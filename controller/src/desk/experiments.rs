@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use proto::recording::attached;
 
 use super::experiment_desk::ExperimentDesk;
-use super::{Asked, Desk, LEFT, May, Step, What};
+use super::{Asked, AtWork, BUSY, Desk, LEFT, May, Step, What};
 use crate::command_sequence::CommandSequence;
 use crate::config::Safety;
 use crate::experiment::Experiment;
@@ -21,9 +21,12 @@ const NO_EXPERIMENTS: &str = "experiments cannot be played in this run";
 /// Answered to what would come between.
 pub(super) const UNDER_WAY: &str = "an experiment is under way; wait for its end, or disarm to stop it";
 
+/// What a check found: the experiment, or what is wrong with it.
+type Checked = Result<Box<Experiment>, String>;
+
 /// An experiment that is being checked.
 pub(super) struct Checking {
-    from: Receiver<Result<Box<Experiment>, String>>,
+    from: Receiver<(Checked, AtWork)>,
     name: String,
 }
 
@@ -37,6 +40,8 @@ impl Checking {
 pub(super) struct Beginning {
     ticket: Ticket,
     experiment: Box<Experiment>,
+    /// No other experiment is checked, no policy or model changed, until it has begun.
+    _at_work: AtWork,
 }
 
 impl Desk {
@@ -61,27 +66,24 @@ impl Desk {
     pub(super) fn begin_experiment(&mut self, file: &Path, csv: String, asked: Asked) -> Step {
         let name = file.display().to_string();
         match self.start_experiment(&name, csv) {
-            Ok(from) => {
-                self.working = true;
-                asked.taking(WORK_TIME).pending(What::Checking(Checking { from, name }))
-            }
+            Ok(from) => asked.taking(WORK_TIME).pending(What::Checking(Checking { from, name })),
             Err(why) => self.over(&format!("experiment {name}"), asked.peer, Err(why)),
         }
     }
 
-    fn start_experiment(&self, name: &str, csv: String) -> Result<Receiver<Result<Box<Experiment>, String>>, String> {
+    fn start_experiment(&mut self, name: &str, csv: String) -> Result<Receiver<(Checked, AtWork)>, String> {
         let (Some(experiments), Some(handle)) = (&self.experiments, &self.options.policies) else {
             return Err(NO_EXPERIMENTS.to_owned());
         };
         if !experiments.is_free() {
             return Err("the recording of the last experiment is being finished; try again".to_owned());
         }
-        if self.working {
-            return Err("a policy, a model or another experiment is being checked; try again".to_owned());
+        if self.is_working() {
+            return Err(BUSY.to_owned());
         }
         self.why_no_experiment().map_or(Ok(()), Err)?;
         let models = handle.models.clone();
-        check_aside(name.to_owned(), csv, move || models.rig(), self.options.safety)
+        check_aside(name.to_owned(), csv, self.at_work(), move || models.rig(), self.options.safety)
     }
 
     /// Why none can begin now: it begins from standing by or from control, and it is recorded.
@@ -100,10 +102,9 @@ impl Desk {
     pub(super) fn look_at_check(&mut self, checking: Checking, asked: Asked) -> Step {
         let late = asked.is_late();
         match checking.from.try_recv() {
-            Ok(checked) => self.experiment_checked(checked, &checking.what(), asked),
+            Ok((checked, at_work)) => self.experiment_checked(checked, at_work, &checking.what(), asked),
             Err(TryRecvError::Empty) if !late => asked.pending(What::Checking(checking)),
             Err(_) => {
-                self.working = false;
                 let why = format!("it was not checked within {} s", WORK_TIME.as_secs());
                 self.over(&checking.what(), asked.peer, Err(why))
             }
@@ -112,12 +113,10 @@ impl Desk {
 
     /// The client has left before its experiment was checked.
     pub(super) fn leave_check(&mut self, checking: &Checking, peer: Peer) {
-        self.working = false;
         self.record(&checking.what(), peer, &Err(LEFT.to_owned()));
     }
 
-    fn experiment_checked(&mut self, checked: Result<Box<Experiment>, String>, what: &str, asked: Asked) -> Step {
-        self.working = false;
+    fn experiment_checked(&mut self, checked: Checked, at_work: AtWork, what: &str, asked: Asked) -> Step {
         let experiment = match checked {
             Ok(experiment) => experiment,
             Err(why) => {
@@ -128,7 +127,9 @@ impl Desk {
             }
         };
         match self.ask_to_begin(&experiment) {
-            Ok(ticket) => asked.taking(EFFECT_TIME).pending(What::Experiment(Beginning { ticket, experiment })),
+            Ok(ticket) => {
+                asked.taking(EFFECT_TIME).pending(What::Experiment(Beginning { ticket, experiment, _at_work: at_work }))
+            }
             Err(why) => {
                 self.experiments.iter().for_each(ExperimentDesk::not_begun);
                 self.over(what, asked.peer, Err(why))
@@ -139,6 +140,9 @@ impl Desk {
     fn ask_to_begin(&self, experiment: &Experiment) -> Result<Ticket, String> {
         self.why_no_experiment().map_or(Ok(()), Err)?;
         let Some(experiments) = &self.experiments else { return Err(NO_EXPERIMENTS.to_owned()) };
+        if !experiments.is_free() {
+            return Err(UNDER_WAY.to_owned());
+        }
         self.ask_tick(Request::Experiment(experiments.expect(experiment)))
     }
 
@@ -152,7 +156,7 @@ impl Desk {
 
     /// The tick has taken the experiment, or never will.
     pub(super) fn experiment_settled(&mut self, beginning: &Beginning, peer: Peer) -> Step {
-        let Beginning { ticket, experiment } = beginning;
+        let Beginning { ticket, experiment, .. } = beginning;
         let what = format!("experiment {}", experiment.sequence.source());
         if self.options.mailbox.withdraw(*ticket) {
             self.experiments.iter().for_each(ExperimentDesk::not_begun);
@@ -173,16 +177,17 @@ impl Desk {
 fn check_aside(
     name: String,
     csv: String,
+    at_work: AtWork,
     rig: impl FnOnce() -> model::rig::Rig + Send + 'static,
     safety: Safety,
-) -> Result<Receiver<Result<Box<Experiment>, String>>, String> {
+) -> Result<Receiver<(Checked, AtWork)>, String> {
     let (answer, from) = channel();
     let work = move || {
         let checked = CommandSequence::parse(&name, csv.into_bytes())
             .map_err(|error| error.to_string())
             .and_then(|sequence| Experiment::check(sequence, rig(), safety).map_err(|error| error.to_string()));
         // Who asked may have gone.
-        let _ = answer.send(checked.map(Box::new));
+        let _ = answer.send((checked.map(Box::new), at_work));
     };
     let started = std::thread::Builder::new().name("experiment".to_owned()).spawn(work);
     started.map(|_| from).map_err(|error| format!("no thread can be started to check it: {error}"))

@@ -14,6 +14,7 @@
 //! | [`answers`] | answers and their record; the newest that the tick has shown |
 
 use std::sync::mpsc::Receiver;
+use std::sync::{Arc, Weak};
 use std::time::{Duration, Instant};
 
 use flight::{Noter, RecorderHealth};
@@ -85,9 +86,15 @@ pub struct Desk {
     newest: Option<(Status, u64)>,
     /// A reference is being read; at most one at a time.
     reading: bool,
-    /// A policy is being loaded, a model compared or an experiment checked; at most one at a time.
-    working: bool,
+    /// Held by the thread that loads a policy, compares a model or checks an experiment, for as long as it lives.
+    working: Weak<()>,
 }
+
+/// Held by a thread that works on a policy, a model or an experiment; at most one at a time.
+type AtWork = Arc<()>;
+
+/// Answered while such a thread lives, also one whose client has been answered or has left.
+const BUSY: &str = "another policy, model or experiment is being loaded or checked; try again";
 
 /// Answered to a request that came too late for the tick, or before a disarming.
 const WITHDRAWN: &str = "it was not carried out: a disarming came after it, or no tick in time";
@@ -152,7 +159,7 @@ impl Desk {
     /// A desk for a daemon.
     pub fn new(options: DeskOptions) -> Self {
         let experiments = options.experiments.clone().map(ExperimentDesk::new);
-        Desk { options, experiments, newest: None, reading: false, working: false }
+        Desk { options, experiments, newest: None, reading: false, working: Weak::new() }
     }
 
     /// Takes in a line that a client sent.
@@ -226,6 +233,18 @@ impl Desk {
     fn ask_tick(&self, request: Request) -> Result<Ticket, String> {
         let until_ns = now_ns().saturating_add(EFFECT_TIME.as_nanos() as u64);
         self.options.mailbox.ask(request, until_ns).ok_or_else(|| "too many requests wait; try again".to_owned())
+    }
+
+    /// Whether a thread works on a policy, a model or an experiment.
+    fn is_working(&self) -> bool {
+        self.working.strong_count() > 0
+    }
+
+    /// What the next such thread holds.
+    fn at_work(&mut self) -> AtWork {
+        let at_work = Arc::new(());
+        self.working = Arc::downgrade(&at_work);
+        at_work
     }
 
     /// What becomes of a request whose client has left: withdrawn, unless a tick has taken it.

@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
-use super::{Asked, Desk, Step, What};
+use handover::Permit;
+
+use super::{Asked, AtWork, BUSY, Desk, LEFT, Step, What};
 use crate::operator_protocol::WORK_TIME;
 use crate::peer::Peer;
 use crate::policy_service::PolicyHandle;
@@ -13,8 +15,9 @@ pub(super) const NO_POLICIES: &str = "policies and models cannot be changed in t
 
 /// A policy that is being loaded, or a model that is being compared.
 pub(super) struct Change {
-    from: Receiver<Result<String, String>>,
+    from: Receiver<(Result<String, String>, AtWork)>,
     what: String,
+    permit: Permit,
 }
 
 impl Desk {
@@ -29,7 +32,7 @@ impl Desk {
     }
 
     pub(super) fn begin_swap(&mut self, name: String, asked: Asked) -> Step {
-        self.aside(format!("swap {name}"), asked, move |handle, who| handle.policies.swap(&name, who))
+        self.aside(format!("swap {name}"), asked, move |handle, who, permit| handle.policies.swap(&name, who, permit))
     }
 
     pub(super) fn roll_back(&mut self, peer: Peer) -> Step {
@@ -44,8 +47,8 @@ impl Desk {
 
     pub(super) fn begin_model(&mut self, file: PathBuf, asked: Asked) -> Step {
         let notes = self.options.notes.clone();
-        self.aside(format!("model {}", file.display()), asked, move |handle, _| {
-            let changed = handle.models.change(&file)?;
+        self.aside(format!("model {}", file.display()), asked, move |handle, _, permit| {
+            let changed = handle.models.change(&file, permit)?;
             changed.keep(&notes);
             handle.policies.model_changed(handle.models.rig());
             Ok(changed.line)
@@ -55,24 +58,27 @@ impl Desk {
     pub(super) fn look_at_change(&mut self, change: Change, asked: Asked) -> Step {
         let late = asked.is_late();
         match change.from.try_recv() {
-            Ok(outcome) => {
-                self.working = false;
+            Ok((outcome, at_work)) => {
+                drop(at_work);
                 self.over_saying(&change.what, asked.peer, outcome)
             }
-            Err(TryRecvError::Empty) if !late => asked.pending(What::Change(change)),
-            Err(_) => {
-                self.working = false;
-                let why = format!("it was not done within {} s", WORK_TIME.as_secs());
+            // What has been handed to the tick is over within a bounded time, and that is what is answered.
+            Err(TryRecvError::Empty) if !late || !change.permit.withdraw() => asked.pending(What::Change(change)),
+            Err(TryRecvError::Empty) => {
+                let why = format!("it was not done within {} s, and is not done any more", WORK_TIME.as_secs());
                 self.over(&change.what, asked.peer, Err(why))
+            }
+            Err(TryRecvError::Disconnected) => {
+                self.over(&change.what, asked.peer, Err("the work for it broke off; try again".to_owned()))
             }
         }
     }
 
-    /// The client that asked for a change has left; the change goes on.
+    /// The client that asked for a change has left: what the tick has not been given yet is withdrawn.
     pub(super) fn leave_change(&mut self, change: &Change, peer: Peer) {
-        self.working = false;
-        let unknown = "the client went away before it was told what came of it".to_owned();
-        self.record(&change.what, peer, &Err(unknown));
+        let why =
+            if change.permit.withdraw() { LEFT } else { "the client went away before it was told what came of it" };
+        self.record(&change.what, peer, &Err(why.to_owned()));
     }
 
     /// Starts work on policies or models on a thread of its own: it takes up to some seconds, and disarming waits for nobody.
@@ -80,24 +86,26 @@ impl Desk {
         &mut self,
         what: String,
         asked: Asked,
-        work: impl FnOnce(PolicyHandle, &str) -> Result<String, String> + Send + 'static,
+        work: impl FnOnce(PolicyHandle, &str, &Permit) -> Result<String, String> + Send + 'static,
     ) -> Step {
         let Some(handle) = self.options.policies.clone() else {
             return self.over(&what, asked.peer, Err(NO_POLICIES.to_owned()));
         };
-        if self.working {
-            return self.over(&what, asked.peer, Err("another policy or model is being loaded; try again".to_owned()));
+        if self.is_working() {
+            return self.over(&what, asked.peer, Err(BUSY.to_owned()));
         }
         let (answer, from) = channel();
-        let peer = asked.peer;
+        let (peer, at_work) = (asked.peer, self.at_work());
+        let permit = Permit::lasting(WORK_TIME);
+        let held = permit.clone();
         let started = std::thread::Builder::new().name("change".to_owned()).spawn(move || {
+            let outcome = work(handle, &peer.to_string(), &held);
             // Who asked may have gone.
-            let _ = answer.send(work(handle, &peer.to_string()));
+            let _ = answer.send((outcome, at_work));
         });
         if let Err(error) = started {
             return self.over(&what, asked.peer, Err(format!("no thread can be started for it: {error}")));
         }
-        self.working = true;
-        asked.taking(WORK_TIME).pending(What::Change(Change { from, what }))
+        asked.taking(WORK_TIME).pending(What::Change(Change { from, what, permit }))
     }
 }
