@@ -218,3 +218,28 @@ fn ticks_without_any_reading_are_an_error() {
     let error = Recording::from_ticks("empty", &[TickRecord::default(); 3]).unwrap_err();
     assert!(matches!(error, RecordingError::NoReadings { ticks: 3, .. }));
 }
+
+/// 4 s of coming to rest, 2 s of rows, 1 s after them: rows begin a second before the experiment's own, from rest.
+#[test]
+fn the_way_to_rest_before_an_experiment_is_left_out() {
+    let mut ticks = run(350);
+    for (n, tick) in ticks.iter_mut().enumerate() {
+        tick.experiment = [1, 2, 3][usize::from(n >= 200) + usize::from(n >= 300)];
+    }
+    let recording = Recording::from_ticks("experiment", &ticks).unwrap();
+    assert_eq!(recording.rows(), 200);
+    assert_eq!(recording.column("u_pos").unwrap()[50], ticks[200].u_pos);
+    assert!(recording.notes().iter().any(|note| note.contains("150 ticks left out in which the rig came to rest")));
+    // Within a run: the run before it stays, and what is left out is a gap.
+    let mut within = run(500);
+    for (n, tick) in within.iter_mut().enumerate() {
+        tick.experiment = [0, 1, 2][usize::from(n >= 100) + usize::from(n >= 300)];
+    }
+    let recording = Recording::from_ticks("run", &within).unwrap();
+    assert_eq!(recording.segments(), [0..100, 100..350]);
+    // One that was stopped before its first row leaves all that came.
+    for tick in &mut within {
+        tick.experiment = tick.experiment.min(1);
+    }
+    assert_eq!(Recording::from_ticks("stopped", &within).unwrap().rows(), 500);
+}

@@ -8,6 +8,12 @@ use super::csv::{Column, ColumnData};
 use super::table::{PERIOD_S, Recording, RecordingError};
 use super::tick::{Arrival, TickRecord};
 
+/// Phases of an experiment: waiting for rest, playing its rows.
+const WAITING: u8 = 1;
+const PLAYING: u8 = 2;
+/// Ticks at rest that are kept before an experiment's rows. What comes before them is the way from wherever the rig was, with
+/// valves, gas and pump in a state that no reading tells: a second of it spoils what the rows say.
+const REST_TICKS: usize = 50;
 /// Least pause between two sessions in the table (s): must read as a gap.
 const SESSION_PAUSE_S: f64 = 1.0;
 
@@ -30,7 +36,7 @@ const COLUMNS: [Source; 8] = [
 const REFERENCES: [Source; 2] = [("ref_pos_kpa", |tick| tick.ref_pos_kpa), ("ref_neg_kpa", |tick| tick.ref_neg_kpa)];
 
 pub(super) fn recording(source: &str, ticks: &[TickRecord]) -> Result<Recording, RecordingError> {
-    let sound: Vec<&TickRecord> = ticks.iter().filter(|tick| has_row(tick)).collect();
+    let (ticks_to_rest, sound) = from_rest(ticks.iter().filter(|tick| has_row(tick)).collect());
     let (rows, time_s) = timed(&sound);
     if rows.is_empty() {
         return Err(RecordingError::NoReadings { file: source.to_owned(), ticks: ticks.len() });
@@ -50,7 +56,10 @@ pub(super) fn recording(source: &str, ticks: &[TickRecord]) -> Result<Recording,
             rows.len()
         ));
     }
-    let left_out = ticks.len() - rows.len();
+    if ticks_to_rest > 0 {
+        notes.push(format!("{source}: {ticks_to_rest} ticks left out in which the rig came to rest for an experiment"));
+    }
+    let left_out = ticks.len() - rows.len() - ticks_to_rest;
     if left_out > 0 {
         notes.push(format!(
             "{source}: {left_out} of {} ticks left out (no sound reading, no command sent, or a repeated tick)",
@@ -58,6 +67,23 @@ pub(super) fn recording(source: &str, ticks: &[TickRecord]) -> Result<Recording,
         ));
     }
     Ok(Recording::new(source, time_s, columns)?.with_notes(notes))
+}
+
+/// Without the ticks in which the rig came to rest before an experiment's rows, but for the last of them; how many those are.
+fn from_rest(ticks: Vec<&TickRecord>) -> (usize, Vec<&TickRecord>) {
+    let mut kept: Vec<&TickRecord> = Vec::with_capacity(ticks.len());
+    let mut left_out = 0;
+    for (n, tick) in ticks.iter().enumerate() {
+        if tick.experiment == PLAYING && n > 0 && ticks[n - 1].experiment == WAITING {
+            let waited = kept.iter().rev().take_while(|before| before.experiment == WAITING).count();
+            let surplus = waited.saturating_sub(REST_TICKS);
+            let end = kept.len();
+            kept.drain(end - waited..end - waited + surplus);
+            left_out += surplus;
+        }
+        kept.push(tick);
+    }
+    (left_out, kept)
 }
 
 fn has_row(tick: &TickRecord) -> bool {

@@ -77,7 +77,8 @@ pub fn newest(folder: &Path) -> Result<Option<Inside>, AdaptError> {
     Ok(Some(Inside {
         model: last(attached::MODEL).ok_or_else(|| lacks(attached::MODEL))?,
         reference: last(attached::REFERENCE).ok_or_else(|| lacks(attached::REFERENCE))?,
-        policy: last(attached::POLICY),
+        // Those that were tried since stand behind it.
+        policy: follower.attachments(attached::POLICY).next().map(<[u8]>::to_vec),
     }))
 }
 

@@ -8,6 +8,7 @@
 //! | [`average`] | the actor's weights averaged over the last updates |
 //! | `checkpoint`, [`checkpoint_file`], [`replay_files`] | what a run goes on from |
 //! | [`policy_start`] | a policy that a run starts from |
+//! | `spread` | the spread of the policy's distribution, for exploring with it on a rig |
 //! | `plan_fit` | outputs for later ticks tied to what is then applied |
 //! | [`run_files`] | the folder of a run |
 //! | [`trained_policy`] | a policy as it was trained: network, features, contract; flown and exported |
@@ -33,6 +34,7 @@ pub mod run;
 pub mod run_files;
 pub mod run_report;
 pub mod settings;
+mod spread;
 pub mod trained_policy;
 
 pub use checkpoint_selection::BestCheckpoint;

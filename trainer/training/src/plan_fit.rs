@@ -231,6 +231,20 @@ pub(crate) fn fitted(
     Ok(fitted)
 }
 
+/// Last hidden layers of the policy along its runs on the model.
+///
+/// # Errors
+/// If a rig cannot be run.
+pub(crate) fn hidden_along_runs(
+    network: &Network,
+    settings: &TrainingSettings,
+    model: &PlanModel<'_>,
+) -> Result<Vec<Vec<f32>>, TrainingError> {
+    let flown = held(&without_plan(network));
+    let runs = runs(&flown, settings, model)?;
+    Ok(runs.into_iter().flat_map(|run| run.into_iter().skip(SKIPPED_TICKS)).map(|row| row.hidden).collect())
+}
+
 /// Runs of the policy on the model itself, over random references.
 fn runs(network: &Network, settings: &TrainingSettings, model: &PlanModel<'_>) -> Result<Vec<Vec<Row>>, TrainingError> {
     let ticks = (RUN_S / law::TICK_S).round() as usize;

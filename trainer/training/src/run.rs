@@ -213,15 +213,13 @@ impl Run {
         }
     }
 
-    /// The policy that is kept, with its plan fitted where the settings say so.
+    /// The policy that is kept, with the spread of its distribution, and its plan fitted where the settings say so.
     fn with_plan(&self) -> Result<TrainedPolicy, TrainingError> {
-        let policy = self.policy();
+        let model = PlanModel { rig: &self.model, map: &self.map };
+        let policy = self.policy().with_spread(&model)?;
         match self.settings.policy.plan {
             Plan::Learned => Ok(policy),
-            Plan::Fitted => {
-                let model = PlanModel { rig: &self.model, map: &self.map };
-                Ok(self.trained(plan_fit::fitted(policy.network(), &self.settings, &model)?))
-            }
+            Plan::Fitted => Ok(policy.with_network(plan_fit::fitted(policy.network(), &self.settings, &model)?)),
         }
     }
 

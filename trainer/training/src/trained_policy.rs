@@ -5,12 +5,13 @@
 //! ```
 
 use environment::vector_env;
-use model::observation::{ACTION_LEN, AHEAD, CHANNELS, CORRECTION_LIMIT, GOALS_AHEAD, ObservationLayout, PAST};
+use model::observation::{ACTION_LEN, AHEAD, CHANNELS, CORRECTION_LIMIT, GOALS_AHEAD, ObservationLayout, PAST, Pair};
 use model::rig::Rig;
 use model::steady::SteadyMap;
 use onnx_file::{Dense, Exported, FeatureTerm, GoldenPair, OutputMap, PolicyGraph, Ports, Provenance};
 use sac::{Network, Workspace};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -22,6 +23,7 @@ use crate::checkpoint_file::{append_part, part};
 use crate::plan_fit::{self, PlanModel};
 use crate::policy_start::PolicyStart;
 use crate::settings::{Plan, TrainingSettings};
+use crate::spread;
 
 const MAGIC: &[u8; 8] = b"DPPOL001";
 /// Largest policy that is read (bytes): the paper's has 0.4 MB, the loader of the daemon takes 32 MB of numbers.
@@ -62,18 +64,22 @@ pub struct TrainedPolicy {
     origin: Origin,
     steps: u64,
     network: Network,
+    /// Spread of its own distribution, once it was measured.
+    exploration_std: Option<Pair>,
 }
 
 #[derive(Serialize, Deserialize)]
 struct Card {
     origin: Origin,
     steps: u64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    exploration_std: Option<Pair>,
 }
 
 impl TrainedPolicy {
     /// Puts a policy together.
     pub fn new(settings: TrainingSettings, origin: Origin, steps: u64, network: Network) -> Self {
-        TrainedPolicy { settings, origin, steps, network }
+        TrainedPolicy { settings, origin, steps, network, exploration_std: None }
     }
 
     /// The settings of its training.
@@ -152,7 +158,9 @@ impl TrainedPolicy {
         settings.run.from = None;
         let origin = Origin { rig: told("rig"), rig_hash: told("rig_hash") };
         let steps = told("steps").parse().unwrap_or_default();
-        Ok(TrainedPolicy::new(settings, origin, steps, start.network(Plan::Learned)))
+        let mut policy = TrainedPolicy::new(settings, origin, steps, start.network(Plan::Learned));
+        policy.exploration_std = stated_std(&exported.metadata);
+        Ok(policy)
     }
 
     /// The policy of a file that was exported, and the settings that it was trained with.
@@ -175,7 +183,8 @@ impl TrainedPolicy {
         let features = sac::FeatureMap::new(graph.inputs, graph.features.iter().map(feature).collect());
         let network = network_of(graph, features.map_err(|error| error.to_string())?);
         network.check().map_err(|error| error.to_string())?;
-        let policy = TrainedPolicy { settings, origin, steps, network };
+        let mut policy = TrainedPolicy::new(settings, origin, steps, network);
+        policy.exploration_std = stated_std(&exported.metadata);
         match policy.graph() == *graph {
             true => Ok(policy),
             false => Err("maps its outputs otherwise than the settings.toml beside it; they are of two runs".into()),
@@ -191,11 +200,11 @@ impl TrainedPolicy {
         let rest = bytes.strip_prefix(MAGIC).ok_or_else(damaged)?;
         let (card, rest) = part(rest).ok_or_else(damaged)?;
         let (settings, rest) = part(rest).ok_or_else(damaged)?;
-        let Card { origin, steps } = serde_json::from_slice(card).map_err(|_| damaged())?;
+        let Card { origin, steps, exploration_std } = serde_json::from_slice(card).map_err(|_| damaged())?;
         let settings = std::str::from_utf8(settings).map_err(|_| damaged())?;
         let settings = TrainingSettings::parse("its settings", settings).map_err(|error| error.to_string())?;
         let network = Network::restore(rest).map_err(|error| error.to_string())?;
-        Ok(TrainedPolicy { settings, origin, steps, network })
+        Ok(TrainedPolicy { settings, origin, steps, network, exploration_std })
     }
 
     /// The policy's bytes.
@@ -203,7 +212,7 @@ impl TrainedPolicy {
     /// # Errors
     /// If its settings cannot be written.
     pub fn to_bytes(&self) -> Result<Vec<u8>, TrainingError> {
-        let card = Card { origin: self.origin.clone(), steps: self.steps };
+        let card = Card { origin: self.origin.clone(), steps: self.steps, exploration_std: self.exploration_std };
         let card = serde_json::to_vec(&card).map_err(|error| TrainingError::learner("policy", &error))?;
         let settings = self.settings.to_toml()?;
         let mut bytes = MAGIC.to_vec();
@@ -241,10 +250,24 @@ impl TrainedPolicy {
     pub fn with_plan_fitted_on(&self, rig: &Rig) -> Result<Self, TrainingError> {
         let map = SteadyMap::new(rig).map_err(|problem| RigFileError::Rig { file: rig.name.clone(), problem })?;
         let model = PlanModel { rig, map: &Arc::new(map) };
+        let measured = self.clone().with_spread(&model)?;
         let mut settings = self.settings.clone();
         settings.policy.plan = Plan::Fitted;
         let network = plan_fit::fitted(&self.network, &settings, &model)?;
-        Ok(TrainedPolicy { settings, network, ..self.clone() })
+        Ok(TrainedPolicy { settings, network, ..measured })
+    }
+
+    /// The same with the spread of its own distribution, measured on runs on a model; a policy that has none is as it was.
+    ///
+    /// # Errors
+    /// If the model cannot be run.
+    pub(crate) fn with_spread(mut self, model: &PlanModel<'_>) -> Result<Self, TrainingError> {
+        if self.network.log_std.is_some() {
+            let hidden = plan_fit::hidden_along_runs(&self.network, &self.settings, model)?;
+            let scale = f64::from(self.output_map().scale);
+            self.exploration_std = spread::exploration_std(&self.network, hidden.iter().map(Vec::as_slice), scale);
+        }
+        Ok(self)
     }
 
     /// The policy as a graph: pressures in, duties or corrections out.
@@ -292,11 +315,23 @@ impl TrainedPolicy {
             variant: self.settings.policy.variant.name().into(),
             preset: format!("contract {}", self.settings.policy.contract),
             trainer: env!("CARGO_PKG_VERSION").into(),
-            more: more.to_vec(),
+            more: more.iter().cloned().chain(self.exploration_std.map(std_entry)).collect(),
         };
         onnx_file::to_onnx(&self.graph(), &Ports::of(contract), &provenance, &golden)
             .map_err(|error| TrainingError::learner("export", &error))
     }
+}
+
+/// The metadata's key for the spread of a policy's distribution: what `controller explore` reads.
+const STD_KEY: &str = "exploration_std";
+
+fn std_entry([positive, negative]: Pair) -> (String, String) {
+    (STD_KEY.to_owned(), format!("{positive:.6},{negative:.6}"))
+}
+
+fn stated_std(metadata: &BTreeMap<String, String>) -> Option<Pair> {
+    let (positive, negative) = metadata.get(STD_KEY)?.split_once(',')?;
+    Some([positive.trim().parse().ok()?, negative.trim().parse().ok()?])
 }
 
 /// The network of a graph, without a deviation.
