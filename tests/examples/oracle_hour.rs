@@ -10,12 +10,14 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use controller::clock::now_ns;
 use controller::config::Realtime;
 use controller::pacing::{COMMAND_DEADLINE_NS, FRAME_GRACE_NS, PERIOD_NS};
 use controller::realtime::{make_realtime, with_priority};
+use controller::socket::Ask;
+use controller::state::State;
 use flight::Recorded;
 use model::rig::Rig;
 use proto::emulator::{Emulator, EmulatorConfig, Pace, rig_and_crio};
@@ -57,6 +59,18 @@ fn oracle(cpu: usize, stop: Arc<AtomicBool>) -> JoinHandle<(Vec<Late>, Vec<Strin
 struct Miss {
     due_ns: u64,
     over_ns: u64,
+    by: By,
+}
+
+/// Where the time of a missed tick went, as far as its own record tells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum By {
+    /// The frame had not come when it was given up.
+    FrameGivenUp,
+    /// The frame came too late to be answered in time.
+    FrameLate,
+    /// The frame was there in time, and the answer took too long.
+    Answer,
 }
 
 /// Whether an oracle was as late as the tick exceeded its time, in the time of that tick.
@@ -66,7 +80,11 @@ fn excused(miss: &Miss, late: &[Late]) -> bool {
 }
 
 fn main() -> ExitCode {
-    let seconds: f64 = std::env::args().nth(1).map_or(3600.0, |text| text.parse().expect("seconds"));
+    let argument = std::env::args().nth(1).unwrap_or_else(|| "3600".to_owned());
+    let Ok(seconds) = argument.parse::<f64>() else {
+        println!("oracle_hour [SECONDS]: the daemon in real time beside an oracle, an hour by default");
+        return if argument == "--help" { ExitCode::SUCCESS } else { ExitCode::from(2) };
+    };
     let folder = Folder::new();
     let (plant, crio) = rig_and_crio(&Rig::builtin("bench").unwrap()).unwrap();
     let config = EmulatorConfig { crio, pace: Pace::RealTime, ..EmulatorConfig::default() };
@@ -95,13 +113,28 @@ fn main() -> ExitCode {
             };
             // A frame that was given up was at least as late as its limit.
             let over_ns = if given_up { FRAME_GRACE_NS } else { late_ns.saturating_sub(limit_ns) };
-            found.lock().unwrap().push(Miss { due_ns, over_ns });
+            let by = match tick.arrival_lateness_ns.max(0) as u64 {
+                _ if given_up => By::FrameGivenUp,
+                arrival_ns if arrival_ns > u64::from(tick.compute_ns) => By::FrameLate,
+                _ => By::Answer,
+            };
+            found.lock().unwrap().push(Miss { due_ns, over_ns, by });
         }
     });
     let stop = Arc::new(AtomicBool::new(false));
     let cpus = std::thread::available_parallelism().map_or(1, usize::from);
     let oracles: Vec<_> = (0..cpus).map(|cpu| oracle(cpu, Arc::clone(&stop))).collect();
-    std::thread::sleep(Duration::from_secs_f64(seconds));
+    let until = Instant::now() + Duration::from_secs_f64(seconds);
+    let mut vented = 0;
+    while Instant::now() < until {
+        std::thread::sleep(Duration::from_secs(1));
+        // A miss may vent the rig, as it should; the operator of this run looks and arms again.
+        let state = daemon.ask(&Ask::Status {}).map(|reply| reply.state);
+        if state.is_some_and(|state| matches!(state, State::Vent | State::Fault)) {
+            vented += 1;
+            daemon.ask(&Ask::Acknowledge {});
+        }
+    }
     stop.store(true, Ordering::Relaxed);
     let (late, refused): (Vec<_>, Vec<_>) = oracles.into_iter().map(|o| o.join().unwrap()).unzip();
     daemon.end();
@@ -114,6 +147,13 @@ fn main() -> ExitCode {
     }
     let (misses, [ticks, controlled]) = (misses.lock().unwrap().clone(), *ticks.lock().unwrap());
     let unexcused = misses.iter().filter(|miss| !excused(miss, &late)).count();
+    let count = |by: By| misses.iter().filter(|miss| miss.by == by).count();
+    println!(
+        "of the misses {} frames were given up, {} frames came late, {} answers took too long; the rig was vented {vented} times",
+        count(By::FrameGivenUp),
+        count(By::FrameLate),
+        count(By::Answer)
+    );
     let worst_ms = late.iter().map(|(_, by_ns)| *by_ns).max().unwrap_or(0) as f64 * 1e-6;
     println!(
         "{ticks} ticks, {controlled} of them under control: {} missed, {unexcused} of them not excused by the oracle, which was \
