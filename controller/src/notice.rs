@@ -297,6 +297,9 @@ pub fn fault_text(code: u16, value: f64) -> String {
         C::TrackingPoor => format!("a pressure stays {value:+.1} kPa away from its reference"),
         C::PolicyRefused => "the policy gave no usable answer".to_owned(),
         C::FramesLost => format!("{value:.0} of the last 100 frames did not come in time, more than 25"),
+        C::CommandsScarce => {
+            format!("by its own count the cRIO did not get {value:.0} of the last 100 commands in time, more than 25")
+        }
         C::DeadlinesMissed => format!("deadlines missed: {value:.0} of the last 100, or three in a row"),
         C::CommandsLost => "the cRIO got no command in time and vented by itself".to_owned(),
         C::ClockImplausible => format!(
@@ -428,9 +431,9 @@ pub fn sentence(event: &Event) -> String {
 /// What follows by itself, or what a person must do.
 fn what_next(fault: u16) -> &'static str {
     match Condition::from_code(fault) {
-        Some(Condition::FramesMissing | Condition::FramesLost | Condition::ClockImplausible) => {
-            "; waiting for the cRIO"
-        }
+        Some(
+            Condition::FramesMissing | Condition::FramesLost | Condition::CommandsScarce | Condition::ClockImplausible,
+        ) => "; waiting for the cRIO",
         Some(Condition::CommandsLost) => "; a new session will be opened",
         Some(
             Condition::LinkLost

@@ -104,7 +104,11 @@ pub(crate) fn one_session<H: DutySource>(session: &mut Session<H>, link: &mut Li
             TickRecord { session: link.session(), records_dropped: session.sink.dropped(), ..TickRecord::default() };
         let answered = match answer(session, link, counts, &mut watch, &mut record) {
             Ok(Some(answered)) => answered,
-            Ok(None) => continue,
+            Ok(None) => {
+                // A cRIO that has nothing to say yet is no tick that hangs.
+                session.pulse.beat();
+                continue;
+            }
             Err(broken) => return lost(session, link, sequence_tick, broken),
         };
         sequence_tick = record.tick;

@@ -204,6 +204,30 @@ fn one_frame_that_disagrees_is_no_reason() {
     scene.end();
 }
 
+/// Never three frames in a row: a relay or a wire that makes contact now and then.
+#[test]
+fn what_is_wrong_off_and_on_vents_as_well() {
+    let cases: [(&str, fn(u32, &mut Sense), &str); 5] = [
+        ("echo, one of three", |k, s| s.duty[0] -= if k % 3 == 0 { 0.2 } else { 0.0 }, "that was not commanded"),
+        ("pump, two of four", |k, s| s.pump_running = k % 4 > 1, "reports the pump off"),
+        (
+            "force, one of four",
+            |k, s| s.command_in_force -= if k % 4 == 0 { 20 } else { 0 },
+            "which is none of the last",
+        ),
+        ("reading, one of four", |k, s| s.volts[0] += if k % 4 == 0 { 0.2 } else { 0.0 }, "and model disagree"),
+        ("commands missed, one of three", |k, s| s.commands_missed = (k / 3) as u16, "did not get 26 of the last 100"),
+    ];
+    for (name, spoil, words) in cases {
+        let mut scene = Scene::under_control("dual_pressure");
+        let ticks = scene.ticks_to_vent(110, spoil);
+        println!("{name}: {ticks}");
+        scene.told("VENTED");
+        scene.told(words);
+        scene.end();
+    }
+}
+
 #[test]
 fn a_stuck_or_wrong_sensor_is_caught_before_the_true_pressure_has_moved_by_15_kpa() {
     // Offsets by tick: a jump, drifts fast and slow.

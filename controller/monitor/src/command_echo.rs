@@ -4,6 +4,8 @@ use model::observation::{CHANNELS, Pair};
 use proto::wire::{CrioState, Mode, Sense};
 use supervisor::{Condition, ConditionSet};
 
+use crate::loss_window::{COMMANDS_TO_VENT, LossWindow, Outcome};
+
 /// Frames in a row that must disagree: the vents are open within three ticks, and one late command is no reason
 /// (study of the daemon, §3.6).
 pub const FRAMES_THAT_DISAGREE: u32 = 3;
@@ -32,16 +34,28 @@ pub struct SentCommand {
 pub struct CommandEcho {
     /// The newest first.
     sent: [Option<SentCommand>; REMEMBERED],
-    force: u32,
-    echo: u32,
-    state: u32,
-    pump: u32,
+    force: LossWindow,
+    echo: LossWindow,
+    state: LossWindow,
+    pump: LossWindow,
+    missed: LossWindow,
+    /// The cRIO's count of commands that it missed, as it was.
+    missed_before: Option<u16>,
 }
 
 impl CommandEcho {
     /// Nothing was sent yet.
     pub fn new() -> Self {
-        CommandEcho { sent: [None; REMEMBERED], force: 0, echo: 0, state: 0, pump: 0 }
+        let none = LossWindow::new();
+        CommandEcho {
+            sent: [None; REMEMBERED],
+            force: none,
+            echo: none,
+            state: none,
+            pump: none,
+            missed: none,
+            missed_before: None,
+        }
     }
 
     /// Remembers a command that went out.
@@ -55,7 +69,7 @@ impl CommandEcho {
         }
     }
 
-    /// Compares a frame; what disagrees three frames in a row is found.
+    /// Compares a frame; what disagrees three frames in a row, or off and on, is found.
     ///
     /// # Real-time
     /// May run in the tick.
@@ -65,9 +79,10 @@ impl CommandEcho {
         }
         // Before the cRIO can have taken up three commands there is nothing to compare; in a trip none is in force.
         if self.sent.get(OLDEST_IN_FORCE).is_none_or(Option::is_none) || sense.state == CrioState::Tripped {
-            (self.force, self.echo, self.state, self.pump) = (0, 0, 0, 0);
+            *self = CommandEcho { sent: self.sent, ..CommandEcho::new() };
             return;
         }
+        self.count_missed(sense.commands_missed, found);
         let place = self.sent.iter().position(|c| c.is_some_and(|c| c.sequence == sense.command_in_force));
         let fresh = place.is_some_and(|place| place <= OLDEST_IN_FORCE);
         count(&mut self.force, !fresh);
@@ -93,15 +108,24 @@ impl CommandEcho {
             (self.state, Condition::CrioIdle, f64::from(sense.state.code())),
             (self.pump, Condition::PumpOff, 0.0),
         ] {
-            if frames >= FRAMES_THAT_DISAGREE {
+            if frames.stands(FRAMES_THAT_DISAGREE) {
                 found.insert(condition, value);
             }
         }
     }
 
+    /// Counts the frames in which the cRIO says that it has missed a further command.
+    fn count_missed(&mut self, missed: u16, found: &mut ConditionSet) {
+        let before = self.missed_before.replace(missed).unwrap_or(missed);
+        let of_100 = self.missed.push(if missed == before { Outcome::Good } else { Outcome::Bad });
+        if of_100 > COMMANDS_TO_VENT {
+            found.insert(Condition::CommandsScarce, f64::from(of_100));
+        }
+    }
+
     /// Frames in a row that did not report what was commanded.
     pub fn disagreeing(&self) -> u32 {
-        self.echo.max(self.force)
+        self.echo.in_a_row().max(self.force.in_a_row())
     }
 }
 
@@ -111,6 +135,6 @@ impl Default for CommandEcho {
     }
 }
 
-fn count(frames: &mut u32, disagrees: bool) {
-    *frames = if disagrees { frames.saturating_add(1) } else { 0 };
+fn count(frames: &mut LossWindow, disagrees: bool) {
+    frames.push(if disagrees { Outcome::Bad } else { Outcome::Good });
 }

@@ -1,8 +1,10 @@
 //! A reading that jumps: further in a tick than it was and than the model foresaw.
 
+use crate::loss_window::{LossWindow, Outcome};
+
 /// How far a reading may be from all that it could be, in kPa (chosen: a reading is believed neither way beyond it).
 pub const JUMP_KPA: f64 = 10.0;
-/// Ticks in a row in which a jump must stand before the rig is vented for it.
+/// Ticks in a row in which a jump must stand before the rig is vented for it; one that comes and goes is counted as well.
 const TICKS: u32 = 3;
 
 /// What a reading is worth.
@@ -17,7 +19,7 @@ pub enum Worth {
         /// The nearest that it could be.
         instead_kpa: f64,
     },
-    /// It has stayed away.
+    /// It has stayed away, or does so again and again.
     Wrong {
         /// Jump, kPa.
         kpa: f64,
@@ -29,13 +31,13 @@ pub enum Worth {
 /// Watches one reading.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Jump {
-    suspect: u32,
+    suspect: LossWindow,
 }
 
 impl Jump {
     /// Begins anew.
     pub fn restart(&mut self) {
-        self.suspect = 0;
+        self.suspect = LossWindow::new();
     }
 
     /// Takes a reading, all that it could be (kPa gauge): what it was and what was foreseen of it, and the most that it may jump.
@@ -48,11 +50,11 @@ impl Jump {
         let instead_kpa = reading_kpa.max(low).min(high);
         let kpa = reading_kpa - instead_kpa;
         if kpa.abs() <= most_kpa {
-            self.suspect = 0;
+            self.suspect.push(Outcome::Good);
             return Worth::Believed;
         }
-        self.suspect = self.suspect.saturating_add(1);
-        if self.suspect >= TICKS { Worth::Wrong { kpa, instead_kpa } } else { Worth::Suspect { kpa, instead_kpa } }
+        self.suspect.push(Outcome::Bad);
+        if self.suspect.stands(TICKS) { Worth::Wrong { kpa, instead_kpa } } else { Worth::Suspect { kpa, instead_kpa } }
     }
 }
 
@@ -70,6 +72,15 @@ mod tests {
         assert_eq!(jump.judge(60.0, [90.0, 91.0, 90.5], JUMP_KPA), suspect);
         assert_eq!(jump.judge(60.0, [90.0, 91.0, 90.5], JUMP_KPA), suspect);
         assert_eq!(jump.judge(60.0, [90.0, 91.0, 90.5], JUMP_KPA), Worth::Wrong { kpa: -30.0, instead_kpa: 90.0 });
+    }
+
+    #[test]
+    fn a_reading_that_jumps_every_fourth_tick_is_wrong_and_every_tenth_is_not() {
+        for (every, wrong) in [(4, true), (10, false)] {
+            let mut jump = Jump::default();
+            let worth = (0..400).map(|k| jump.judge(if k % every == 0 { 150.0 } else { 90.0 }, [90.0; 3], JUMP_KPA));
+            assert_eq!(worth.into_iter().any(|w| matches!(w, Worth::Wrong { .. })), wrong, "every {every}");
+        }
     }
 
     #[test]

@@ -13,6 +13,12 @@ pub const DEADLINES_IN_A_ROW: u32 = 3;
 /// Deadlines missed of [`WINDOW`] that vent (study of the daemon, §3.6).
 pub const DEADLINES_TO_VENT: u32 = 5;
 
+/// Frames of [`WINDOW`] above which something that is wrong off and on vents: a wire or relay that makes contact now and then
+/// (chosen: one in five, below what may be missing, for here something is known to be wrong).
+pub const FLICKERS_TO_VENT: u32 = 20;
+/// Commands of [`WINDOW`] that the cRIO has missed, above which the rig is vented: as for frames the other way.
+pub const COMMANDS_TO_VENT: u32 = MISSING_TO_VENT;
+
 /// One bit per tick, the newest lowest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LossWindow {
@@ -47,6 +53,11 @@ impl LossWindow {
     /// Bad ticks of the last [`WINDOW`].
     pub fn count(&self) -> u32 {
         self.bits.count_ones()
+    }
+
+    /// Whether this stands: bad for so many ticks in a row, or off and on.
+    pub fn stands(&self, in_a_row: u32) -> bool {
+        self.in_a_row() >= in_a_row || self.count() > FLICKERS_TO_VENT
     }
 
     /// Bad ticks in a row up to now.

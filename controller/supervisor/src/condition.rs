@@ -91,6 +91,8 @@ conditions! {
     FramesMissing = 1, Vent, ClearsItself, "frames missing";
     /// More than 25 of the last 100 frames did not come in time.
     FramesLost = 19, Vent, ClearsItself, "frames lost";
+    /// More than 25 of the last 100 commands did not reach the cRIO in time, by its own count.
+    CommandsScarce = 44, Vent, ClearsItself, "commands scarce";
     /// Three deadlines missed in a row, or five of the last 100.
     DeadlinesMissed = 20, Vent, ClearsItself, "deadlines missed";
     /// The cRIO vented because our commands did not reach it in time.
