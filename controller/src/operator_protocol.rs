@@ -31,6 +31,8 @@ pub const WORK_TIME: Duration = Duration::from_secs(120);
 pub const HAND_OVER_TIME: Duration = PATIENCE.saturating_add(EFFECT_TIME);
 /// Time that a client waits beyond the last moment at which the daemon answers: for a busy machine.
 const CLIENT_SLACK: Duration = Duration::from_millis(1500);
+/// Between two tries of a disarming that found no place.
+const AGAIN: Duration = Duration::from_millis(10);
 /// Bytes that a request may have; a reference of an hour, row by row, is 5 MB.
 pub const MOST_REQUEST_BYTES: usize = 8 << 20;
 /// Bytes that an answer may have.
@@ -205,6 +207,12 @@ pub enum SocketError {
         /// What the system said.
         source: io::Error,
     },
+    /// It closed the connection without an answer.
+    #[error("{}: the controller ended the connection without an answer: too many ask at once, or it is ending; look at `controller status`, then ask again", .path.display())]
+    Crowded {
+        /// The socket.
+        path: PathBuf,
+    },
     /// The answer is none.
     #[error("{}: the answer makes no sense; is it the same version of controller?", .path.display())]
     Nonsense {
@@ -219,6 +227,15 @@ pub(crate) fn connect(path: &Path) -> io::Result<UnixStream> {
     socket.set_nonblocking(true)?;
     socket.connect(&SockAddr::unix(path)?)?;
     socket.set_nonblocking(false)?;
+    Ok(UnixStream::from(std::os::fd::OwnedFd::from(socket)))
+}
+
+/// Connects, and waits so long for a place where others fill the queue.
+fn connect_within(path: &Path, time: Duration) -> io::Result<UnixStream> {
+    let socket = Socket::new(Domain::UNIX, Type::STREAM, None)?;
+    // A connection to a Unix socket waits for its place as long as a write may.
+    socket.set_write_timeout(Some(time))?;
+    socket.connect(&SockAddr::unix(path)?)?;
     Ok(UnixStream::from(std::os::fd::OwnedFd::from(socket)))
 }
 
@@ -239,10 +256,28 @@ pub fn is_there(path: &Path) -> Result<bool, SocketError> {
 /// # Errors
 /// If nobody answers, or not sensibly.
 pub fn ask(path: &Path, ask: &Ask) -> Result<Reply, SocketError> {
-    let silent = |source| SocketError::Silent { path: path.to_owned(), source };
-    let nonsense = || SocketError::Nonsense { path: path.to_owned() };
     let until = Instant::now() + ask.patience();
-    let mut socket = connect(path).map_err(silent)?;
+    loop {
+        let outcome = ask_once(path, ask, until);
+        let again = matches!(outcome, Err(SocketError::Crowded { .. })) && matches!(ask, Ask::Disarm {});
+        // Disarming twice is disarming, so it is asked for until it is answered.
+        if !again || Instant::now() >= until {
+            return outcome;
+        }
+        std::thread::sleep(AGAIN);
+    }
+}
+
+/// Asks once, and waits for the answer until then.
+fn ask_once(path: &Path, ask: &Ask, until: Instant) -> Result<Reply, SocketError> {
+    let silent = |source: io::Error| match source.kind() {
+        // The daemon has given the place to somebody else.
+        io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset => SocketError::Crowded { path: path.to_owned() },
+        _ => SocketError::Silent { path: path.to_owned(), source },
+    };
+    let nonsense = || SocketError::Nonsense { path: path.to_owned() };
+    let left = until.saturating_duration_since(Instant::now()).max(AGAIN);
+    let mut socket = connect_within(path, left.min(REQUEST_TIME)).map_err(silent)?;
     let mut line = serde_json::to_string(ask).map_err(|_| nonsense())?;
     line.push('\n');
     socket.set_write_timeout(Some(REQUEST_TIME)).map_err(silent)?;
@@ -267,6 +302,9 @@ pub fn ask(path: &Path, ask: &Ask) -> Result<Reply, SocketError> {
         if answer.len() as u64 > MOST_REPLY_BYTES {
             return Err(nonsense());
         }
+    }
+    if answer.is_empty() {
+        return Err(SocketError::Crowded { path: path.to_owned() });
     }
     serde_json::from_slice(&answer).map_err(|_| nonsense())
 }

@@ -23,6 +23,8 @@ use crate::peer::Peer;
 pub use crate::desk::May;
 pub use crate::operator_protocol::{Ask, Reply, Running, SocketError, Switch, ask, is_there};
 
+/// Time in which a client keeps its place whatever comes: long enough to connect and then send a request.
+const FRESH: Duration = Duration::from_millis(50);
 /// Clients at once.
 const MOST_CLIENTS: usize = 64;
 /// Bytes of all requests that are still coming; memory is locked, so it is bounded.
@@ -119,7 +121,7 @@ enum Stage {
     /// The tick has been asked.
     Waiting(Pending),
     /// The answer is going.
-    Writing { output: Vec<u8>, sent: usize, until: Instant },
+    Writing { output: Vec<u8>, sent: usize, since: Instant },
     /// It is over.
     Closed,
 }
@@ -138,11 +140,13 @@ impl Server {
         self.desk.look_after_experiments();
         // A new client is read at once: what it has sent already counts before it could lose its place.
         for _ in 0..MOST_CLIENTS {
+            if !self.has_room() {
+                break;
+            }
             let Ok((stream, _)) = self.listener.accept() else { break };
             if stream.set_nonblocking(true).is_err() {
                 continue;
             }
-            self.make_room();
             let peer = Peer::of(&stream);
             let stage = Stage::Reading { input: Vec::new(), since: Instant::now() };
             let mut client = Client { stream, peer, stage };
@@ -161,8 +165,11 @@ impl Server {
 
     fn wait(&self) {
         let waits = self.clients.iter().any(|client| matches!(client.stage, Stage::Waiting(_)));
-        let time = if waits { LOOK } else { IDLE };
-        let mut fds = vec![PollFd::new(&self.listener, PollFlags::IN)];
+        let full = self.clients.len() >= MOST_CLIENTS;
+        let time = if waits || full { LOOK } else { IDLE };
+        // Whoever comes while there is no place is no reason to look again at once.
+        let coming = if full { PollFlags::empty() } else { PollFlags::IN };
+        let mut fds = vec![PollFd::new(&self.listener, coming)];
         for client in &self.clients {
             let flags = match client.stage {
                 Stage::Reading { .. } => PollFlags::IN,
@@ -179,22 +186,20 @@ impl Server {
         }
     }
 
-    /// Where all places are taken, the client that has been silent longest loses its own.
-    fn make_room(&mut self) {
+    /// Whether there is a place. Where all are taken the client goes that has not sent or read for longest; one that has
+    /// only just come or waits for the tick keeps its own, and whoever comes next waits in the socket's queue.
+    fn has_room(&mut self) -> bool {
         if self.clients.len() < MOST_CLIENTS {
-            return;
+            return true;
         }
         let silent = |client: &Client| match &client.stage {
-            Stage::Reading { since, .. } => Some(*since),
-            _ => None,
+            Stage::Reading { since, .. } | Stage::Writing { since, .. } => {
+                Some(*since).filter(|since| since.elapsed() > FRESH)
+            }
+            Stage::Waiting(_) | Stage::Closed => None,
         };
         let oldest = self.clients.iter().enumerate().filter_map(|(n, c)| Some((silent(c)?, n))).min();
-        // All others have asked already and are answered within a bounded time.
-        let number = oldest.map_or(0, |(_, number)| number);
-        let client = self.clients.swap_remove(number);
-        if let Stage::Waiting(pending) = client.stage {
-            self.desk.gone(pending);
-        }
+        oldest.map(|(_, number)| self.clients.swap_remove(number)).is_some()
     }
 
     fn bytes_coming(&self) -> usize {
@@ -299,16 +304,16 @@ impl Client {
         // A reply is plain data; there is nothing in it that JSON cannot hold.
         let mut output = serde_json::to_vec(reply).unwrap_or_default();
         output.push(b'\n');
-        self.stage = Stage::Writing { output, sent: 0, until: Instant::now() + ANSWER_TIME };
+        self.stage = Stage::Writing { output, sent: 0, since: Instant::now() };
     }
 
     fn write(&mut self) {
-        let Stage::Writing { output, sent, until } = &mut self.stage else { return };
+        let Stage::Writing { output, sent, since } = &mut self.stage else { return };
         while let Some(rest) = output.get(*sent..).filter(|rest| !rest.is_empty()) {
             match self.stream.write(rest) {
                 Ok(n) => *sent += n,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock && Instant::now() < *until => return,
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock && since.elapsed() < ANSWER_TIME => return,
                 Err(_) => break,
             }
         }

@@ -7,6 +7,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use proto::emulator::EmulatorHandle;
@@ -144,6 +145,59 @@ fn idle_and_slow_clients_hold_nobody_and_who_asked_is_recorded() {
     let pid = format!("pid {}", std::process::id());
     assert!(said(&content, &["arm by", &pid, "done"]), "{:?}", content.events);
     assert!(said(&content, &["disarm by", "done"]), "{:?}", content.events);
+}
+
+/// Others ask without a pause, never read, or send half: whoever disarms is answered all the same.
+#[test]
+fn disarming_is_answered_whoever_else_asks() {
+    let _alone = alone();
+    let laboratory = Laboratory::new("");
+    let path = laboratory.folder.join("s");
+    let over = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        for bytes in [&b"{\"ask\":\"policies\"}\n"[..], b"{\"ask\":\"status\"}\n", b"{\"ask\":", b""] {
+            let (over, path) = (&over, &path);
+            scope.spawn(move || {
+                while !over.load(Ordering::Relaxed) {
+                    // A hundred at once, all of which stay for a while.
+                    let mut clients: Vec<UnixStream> =
+                        (0..100).filter_map(|_| UnixStream::connect(path).ok()).collect();
+                    clients.iter_mut().for_each(|client| drop(client.write_all(bytes)));
+                    std::thread::sleep(Duration::from_millis(5));
+                }
+            });
+        }
+        for _ in 0..10 {
+            let ended = finish(&mut controller(&["disarm", "--config"], &laboratory.config));
+            if ended.status != Some(0) {
+                over.store(true, Ordering::Relaxed);
+            }
+            assert_eq!(ended.status, Some(0), "{ended:?}");
+        }
+        over.store(true, Ordering::Relaxed);
+    });
+    laboratory.arm();
+    laboratory.disarm_at_once();
+    laboratory.close();
+}
+
+#[test]
+fn what_clients_send_is_told_in_one_short_line() {
+    let _alone = alone();
+    let laboratory = Laboratory::new("");
+    let forged = "x\ncontroller: armed at tick 5\u{1b}[2J";
+    let long = "y".repeat(2 << 20);
+    for name in [forged, &long] {
+        for request in [json!({"ask": "swap", "name": name}), json!({"ask": "model", "file": name})] {
+            let reply = laboratory.ask(&request);
+            let error = reply["error"].as_str().unwrap();
+            assert!(reply["ok"] == false && !error.chars().any(char::is_control), "{error:?}");
+            assert!(error.chars().count() <= 1001, "{} characters", error.len());
+        }
+    }
+    let (content, stderr) = laboratory.close();
+    assert!(!stderr.lines().any(|line| line.starts_with("controller: armed") || line.contains('\u{1b}')), "{stderr}");
+    assert!(content.events.iter().all(|event| !event.message.chars().any(char::is_control)));
 }
 
 #[test]

@@ -42,7 +42,7 @@ impl Desk {
             Ok(()) => (EventLevel::Info, "done".to_owned()),
             Err(why) => (EventLevel::Warning, format!("refused: {why}")),
         };
-        self.options.notes.note(now_ns(), level, "operator", format!("{what} by {peer}: {how}"));
+        self.options.notes.note(now_ns(), level, "operator", one_line(&format!("{what} by {peer}: {how}")));
     }
 
     pub(super) fn done(&mut self, outcome: Result<(), String>) -> Step {
@@ -87,7 +87,7 @@ impl Desk {
         }
         Reply {
             ok: outcome.is_ok(),
-            error: outcome.err(),
+            error: outcome.err().map(|why| one_line(&why)),
             state: live.map_or(State::Connect, |s| s.state),
             // Without a session the last readings are history: nothing is followed, nothing can be armed.
             status: live.or(self.newest.map(|(s, _)| Status { can_arm: false, reference_kpa: None, ..s })),
@@ -106,6 +106,21 @@ impl Desk {
     pub(super) fn armed_by(&mut self, peer: Peer) {
         self.options.running.armed_by = Some(stamp(peer));
     }
+}
+
+/// Most characters of a line that is told; what clients send is quoted in it.
+const MOST_CHARACTERS: usize = 1000;
+
+/// A text as one plain line: what clients send may hold line breaks, escapes of a terminal, and megabytes.
+pub(super) fn one_line(text: &str) -> String {
+    let mut line = String::new();
+    for c in text.chars().take(MOST_CHARACTERS) {
+        if c.is_control() { line.extend(c.escape_default()) } else { line.push(c) }
+    }
+    if text.chars().nth(MOST_CHARACTERS).is_some() {
+        line.push('…');
+    }
+    line
 }
 
 /// Who, and when by the wall clock.

@@ -11,6 +11,7 @@ use flight::Noter;
 use proto::recording::EventLevel;
 use serde::{Deserialize, Serialize};
 
+use super::answers::one_line;
 use crate::clock::now_ns;
 use crate::duty_source::{ExperimentPhase, ExperimentProgress};
 use crate::experiment::{Experiment, why_aborted};
@@ -126,7 +127,7 @@ impl ExperimentDesk {
         self.count += 1;
         let view = ExperimentView {
             number: self.count,
-            file: experiment.sequence.source().to_owned(),
+            file: one_line(experiment.sequence.source()),
             model: experiment.rig.name.clone(),
             rows: u32::try_from(experiment.sequence.rows().len()).unwrap_or(u32::MAX),
             pump_off: experiment.sequence.pump_off(),

@@ -8,6 +8,7 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use proto::recording::EventLevel;
 use proto::reference::{Reference, ReferenceError};
 
+use super::answers::one_line;
 use super::arming::controls;
 use super::{Asked, Desk, Step, What};
 use crate::clock::now_ns;
@@ -129,7 +130,7 @@ impl Desk {
 
     /// The tick follows another reference: those who ask are told, and the recording holds it.
     fn reference_taken(&mut self, name: &str, csv: String) {
-        name.clone_into(&mut self.options.running.reference);
+        self.options.running.reference = one_line(name);
         self.options.notes.attach(attachment(attached::REFERENCE, "text/csv", csv));
     }
 }
