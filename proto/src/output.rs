@@ -67,6 +67,14 @@ pub fn check_file(file: &Path, bytes: u64) -> Result<(), OutputError> {
     probe(file, file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")), bytes)
 }
 
+/// Whether two paths lead to one file that is there, by whatever links.
+pub fn same_file(one: &Path, other: &Path) -> bool {
+    match (one.canonicalize(), other.canonicalize()) {
+        (Ok(one), Ok(other)) => one == other,
+        _ => false,
+    }
+}
+
 /// Writes `bytes` beside where `asked` is to be, in the nearest folder above that is there, and removes them.
 fn probe(asked: &Path, folder: &Path, bytes: u64) -> Result<(), OutputError> {
     let there = folder.ancestors().find(|above| above.exists()).unwrap_or(Path::new("."));

@@ -110,7 +110,10 @@ fn every_bad_file_gets_its_one_line() {
             "line 3: 1 cells where the header has 5 columns; separate cells by commas",
         ),
         (with_rows(&[good, "0.02,0.7,0.8,88,abc"]), "line 3, column 5 (p_neg_kpa): \"abc\" is not a number"),
-        (with_rows(&[good, "0.02,0.7,,88,-71"]), "line 3, column 3 (u_neg): \"\" is not a number"),
+        (
+            with_rows(&[good, "0.02,0.7,,88,-71"]),
+            "line 3, column 3 (u_neg): \"\" is not a number; leave out rows without a reading",
+        ),
         (
             with_rows(&[good, "0.02,0.7,0.8,NaN,-71"]),
             "line 3, column 4 (p_pos_kpa): NaN is not a finite number; leave out rows without a reading",

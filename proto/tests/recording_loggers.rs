@@ -138,7 +138,7 @@ fn separators_decimal_marks_heads_and_ends_are_found_out() {
             "as date",
         ),
         ("crlf and a byte-order mark", format!("\u{feff}{}", plain.replace('\n', "\r\n")), ""),
-        ("text behind", format!("{plain}End of data\n"), "1 lines of text behind"),
+        ("text behind", format!("{plain}End of data\n"), "1 line of text among the data or behind"),
         (
             "header again",
             format!("{}{}", plain.replacen("0.60,", &format!("{HEADER}\n0.60,"), 1), ""),
@@ -172,6 +172,113 @@ fn separators_decimal_marks_heads_and_ends_are_found_out() {
         .flat_map(|(k, l)| [l.as_bytes(), if k == 0 { b",T \xB0C\n" } else { b",21\n" }].concat())
         .collect();
     assert_whole(&read(degrees, &paper()).unwrap(), "Latin-1");
+}
+
+/// A number with a mark between thousands.
+fn grouped(number: f64, mark: &str) -> String {
+    let size = number.abs();
+    let thousands = (size / 1e3).floor();
+    let (sign, rest) = (if number < 0.0 { "-" } else { "" }, size - 1e3 * thousands);
+    if thousands > 0.0 { format!("{sign}{thousands}{mark}{rest:07.3}") } else { format!("{sign}{rest:.3}") }
+}
+
+#[test]
+fn numbers_as_other_countries_write_them_are_read() {
+    let in_pa = |of: fn(f64) -> String, separator: &str| {
+        let rows = (0..ROWS).map(|k| {
+            let [a, b, p, n] = row(k);
+            [seconds(k), a.to_string(), b.to_string(), of(1e3 * p), of(1e3 * n)].join(separator) + "\n"
+        });
+        let head = HEADER.replace("p_pos_kpa", "p_pos_kpa [Pa]").replace("p_neg_kpa", "p_neg_kpa [Pa]");
+        head.replace(',', separator) + "\n" + &rows.collect::<String>()
+    };
+    let cases: [(&str, String); 6] = [
+        ("commas", in_pa(|x| format!("\"{}\"", grouped(x, ",")), ",")),
+        ("apostrophes", in_pa(|x| grouped(x, "'"), ";")),
+        ("blanks that do not break", in_pa(|x| grouped(x, "\u{a0}"), "\t")),
+        ("a typographic minus", in_pa(|x| format!("{x:.3}").replace('-', "\u{2212}"), ",")),
+        ("exponents of Fortran", in_pa(|x| format!("{x:e}").replace('e', "D"), ",")),
+        (
+            "quoted decimal commas",
+            table(&format!("{HEADER}\n"), |k| format!("\"{}\"", seconds(k).replace('.', ",")), ",", ".", "")
+                .lines()
+                .enumerate()
+                .map(|(k, line)| match (k, line.split_once("\",")) {
+                    (0, _) | (_, None) => format!("{line}\n"),
+                    (_, Some((time, rest))) => {
+                        let cells: Vec<String> =
+                            rest.split(',').map(|c| format!("\"{}\"", c.replace('.', ","))).collect();
+                        format!("{time}\",{}\n", cells.join(","))
+                    }
+                })
+                .collect(),
+        ),
+    ];
+    for (name, text) in cases {
+        assert_whole(&read(text, &paper()).unwrap_or_else(|error| panic!("{name}: {error}")), name);
+    }
+}
+
+#[test]
+fn times_of_spreadsheets_and_rounded_times_are_what_they_are() {
+    let stamped = HEADER.replace("time_s", "Timestamp");
+    let days = |k: usize| format!("{:.12}", 46_086.583_217 + 0.02 * k as f64 / 86_400.0);
+    let recording = read(table(&format!("{stamped}\n"), days, ",", ".", ""), &paper()).unwrap();
+    assert!(recording.notes().join(" ").contains("Timestamp in days"), "{:?}", recording.notes());
+    assert_eq!(recording.rows(), ROWS);
+    assert!((recording.time_s()[ROWS - 1] - recording.time_s()[0] - 0.02 * (ROWS - 1) as f64).abs() < 1e-3);
+    // Days without a calendar's size are no calendar's: the unit is asked for.
+    let bare = table(&format!("{stamped}\n"), |k| format!("{:.12}", 0.02 * k as f64 / 86_400.0), ",", ".", "");
+    let said = refused(bare, &paper());
+    assert!(said.contains("seems to be in days") && said.contains("unit = \"days\""), "{said}");
+    // A date beside a time of day, whatever the two are called.
+    let clock = |k: usize| {
+        format!("05.03.2026;13:59:{:06.3}", 10.0 + 0.02 * k as f64).replace('.', ",").replace("05,03,", "05.03.")
+    };
+    let named = stamped.replace("Timestamp", "Datum,Uhrzeit").replace(',', ";");
+    assert_whole(&read(table(&format!("{named}\n"), clock, ";", ",", ""), &paper()).unwrap(), "Datum, Uhrzeit");
+    // Times in whole seconds tell no rows apart, and sorting them is no help; the key that is named is.
+    let coarse = table(&format!("{HEADER}\n"), |k| (k / 50).to_string(), ",", ".", "");
+    let said = refused(&coarse, &paper());
+    assert!(said.contains("the times are rounded") && said.contains("period_ms"), "{said}");
+    assert_whole(&read(coarse, &with("period_ms = 20.0")).unwrap(), "period_ms");
+    let again = table(&format!("{HEADER}\n"), |k| seconds(k % 55), ",", ".", "");
+    let said = refused(again, &paper());
+    assert!(said.contains("line 57") && said.contains("make two files of it"), "{said}");
+}
+
+#[test]
+fn text_among_the_data_is_passed_over_and_what_is_no_table_is_called_that() {
+    let plain = table(&format!("{HEADER}\n"), seconds, ",", ".", "");
+    let recording = read(plain.replacen("0.60,", "Event: valve touched\n0.60,", 1) + "Total,60\n", &paper()).unwrap();
+    assert_whole(&recording, "text among the data");
+    let notes = recording.notes().join(" ");
+    assert!(notes.contains("2 lines of text") && notes.contains("\"Event: valve touched\" in line 32"), "{notes}");
+    for (name, text) in [
+        ("CR", plain.replace('\n', "\r").into_bytes()),
+        ("UTF-16", plain.encode_utf16().flat_map(u16::to_le_bytes).collect()),
+    ] {
+        assert_whole(&read(text, &paper()).unwrap_or_else(|error| panic!("{name}: {error}")), name);
+    }
+    let over = plain.replacen(&plain.lines().nth(1).unwrap().split(',').nth(3).unwrap().to_owned(), "OVERRANGE", 1);
+    let mat4 = [0_u32, 3, 1, 0, 2]
+        .iter()
+        .flat_map(|word| word.to_le_bytes())
+        .chain(*b"t\0")
+        .chain([0; 24])
+        .collect::<Vec<u8>>();
+    for (bytes, words) in [
+        (over.into_bytes(), ["\"OVERRANGE\" in line 2", "leave out rows"]),
+        (b"{\"time_s\": [0, 0.02]}".to_vec(), ["JSON", "as CSV"]),
+        (b" [{\"time_s\": 0}]".to_vec(), ["JSON", "as CSV"]),
+        (b"<!DOCTYPE html><html></html>".to_vec(), ["HTML", "as CSV"]),
+        (mat4, ["MATLAB 4", "-v7"]),
+    ] {
+        let said = refused(bytes, &paper());
+        assert!(words.iter().all(|word| said.contains(word)), "{said}");
+    }
+    // A block of settings in brackets is no JSON.
+    assert_whole(&read(format!("[Header]\nrig=3\n{plain}"), &paper()).unwrap(), "settings");
 }
 
 #[test]

@@ -71,6 +71,10 @@ pub(crate) enum Failure {
          {before_kpa:.2} kPa: worse than before, so {out} is not written; `trainer diagnose` looks for what the rig file lacks"
     )]
     WorseThanBefore { before_kpa: f64, after_kpa: f64, out: String },
+    #[error("{file}: {rows} of at least {least} rows of 20 ms: too short to tell anything; are its times in seconds?")]
+    TooShort { file: String, rows: usize, least: usize },
+    #[error("{out}: this is the rig file that is read, which would be lost; give --out another name")]
+    OverRig { out: String },
     #[error("{folder}: manual pages and completions cannot be written: {source}")]
     Generate { folder: String, source: io::Error },
     #[error("standard output cannot be written: {0}")]
@@ -110,7 +114,9 @@ impl Failure {
             | Self::Join(_)
             | Self::Faults(_)
             | Self::OverInputs { .. }
-            | Self::OverRecording { .. } => BAD_INPUT,
+            | Self::OverRecording { .. }
+            | Self::OverRig { .. }
+            | Self::TooShort { .. } => BAD_INPUT,
             // `host:port` that is none, as against a port that another program has.
             Self::Emulator(EmulatorError::Bind { source, .. }) if source.kind() == io::ErrorKind::InvalidInput => {
                 BAD_INPUT

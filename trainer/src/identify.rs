@@ -2,7 +2,7 @@
 //!
 //! What is fitted and how stands in the crate `fit`; here are files, progress and what is said.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
@@ -10,13 +10,13 @@ use fit::data::Role;
 use fit::identify::{
     Accuracy, Identified, IdentifySettings, Step, determined, figures, run as identify, table, undetermined, verdict,
 };
+use proto::output::same_file;
 use proto::recording::{PERIOD_S, Recording, short_name};
 use proto::{output, rig_file};
 use serde_json::{Map, Value, json};
 
 use crate::failure::{Failure, tell};
 use crate::interruptible::Interruptible;
-use crate::simulate::same_file;
 use crate::stdout;
 use crate::work_shown::WorkShown;
 
@@ -33,8 +33,7 @@ pub(crate) struct IdentifyArgs {
     /// parameters are taken as known to a few per cent
     #[arg(long, value_name = "RIG", default_value = "dual_pressure")]
     rig: String,
-    /// Recordings: MCAP or CSV with the header time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa (s, duty 0 to 1, gauge kPa),
-    /// rows 20 ms apart
+    /// Recordings: the daemon's MCAP, or what loggers write at any rate (docs/recordings.md)
     #[arg(value_name = "RECORDING", required = true)]
     recordings: Vec<PathBuf>,
     /// Rig file to write: the same rig with the fitted parameters
@@ -55,6 +54,9 @@ pub(crate) fn run(args: &IdentifyArgs) -> Result<(), Failure> {
         args.recordings.iter().map(|path| Recording::read_for(path, &rig)).collect::<Result<Vec<_>, _>>()?;
     if args.recordings.iter().any(|path| same_file(path, &args.out)) {
         return Err(Failure::OverRecording { out: args.out.display().to_string() });
+    }
+    if same_file(Path::new(&args.rig), &args.out) {
+        return Err(Failure::OverRig { out: args.out.display().to_string() });
     }
     let work = Interruptible::begin()?;
     work.undisturbed(|| output::check_file(&args.out, ROOM))?;

@@ -4,7 +4,7 @@
 //! other column of the input as it was: for the paper's rig `time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa`, then
 //! references, `pump_on` and the rest. Rows are those of the input.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use fit::data::quality::within_ranges;
@@ -52,7 +52,7 @@ pub(crate) fn run(args: &SimulateArgs) -> Result<(), Failure> {
     let (rig, plant) = args.rig.compile()?;
     let recording = Recording::read_for(&args.inputs, &rig)?;
     within_ranges(&rig, std::slice::from_ref(&recording))?;
-    if same_file(&args.inputs, &args.out) {
+    if proto::output::same_file(&args.inputs, &args.out) {
         return Err(Failure::OverInputs { out: args.out.display().to_string() });
     }
     for note in recording.notes() {
@@ -110,14 +110,6 @@ fn rounded(kpa: f64) -> f64 {
     let scale = 10.0_f64.powi(DIGITS);
     // Adding zero turns a rounded −0 into 0.
     (kpa * scale).round() / scale + 0.0
-}
-
-/// Whether both paths lead to one file that is there.
-pub(crate) fn same_file(one: &Path, other: &Path) -> bool {
-    match (one.canonicalize(), other.canonicalize()) {
-        (Ok(one), Ok(other)) => one == other,
-        _ => false,
-    }
 }
 
 #[cfg(test)]

@@ -60,12 +60,18 @@ struct Figures {
     channels: Vec<Errors>,
 }
 
+/// Rows with fewer of which a run begins at the readings and ends before it can leave them: its errors say nothing.
+const LEAST_ROWS: usize = 5;
+
 pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     let (rig, plant) = args.rig.compile()?;
     // All are read before any is run, so that a bad file shows at once.
     let recordings =
         args.recordings.iter().map(|path| Recording::read_for(path, &rig)).collect::<Result<Vec<_>, _>>()?;
     within_ranges(&rig, &recordings)?;
+    if let Some(short) = recordings.iter().find(|recording| recording.rows() < LEAST_ROWS) {
+        return Err(Failure::TooShort { file: short.source().to_owned(), rows: short.rows(), least: LEAST_ROWS });
+    }
     let mut free_run = FreeRun::new(&rig, plant.clone())
         .map_err(|problem| RigFileError::Rig { file: args.rig.rig.clone(), problem })?;
     let rows: usize = recordings.iter().map(Recording::rows).sum();

@@ -5,6 +5,7 @@
 
 mod program;
 
+use model::rig::Rig;
 use program::{Folder, refused, run};
 
 const HEADER: &str = "time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa";
@@ -102,7 +103,22 @@ fn the_input_is_never_written_over() {
     let path = folder.with("run.csv", &text);
     let said = refused(["simulate", "--inputs", &path, "--out", &folder.path("./run.csv")]);
     assert!(said.contains("would be lost"), "{said}");
-    assert_eq!(std::fs::read_to_string(path).unwrap(), text);
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
+    // The rig that is fitted is somebody's own file, with comments and parts that a fit does not write.
+    let rig = folder.with("rig.toml", Rig::builtin("dual_pressure").unwrap().to_toml().unwrap());
+    let before = std::fs::read_to_string(&rig).unwrap();
+    let said = refused(["identify", "--rig", &rig, &path, "--out", &folder.path("./rig.toml")]);
+    assert!(said.contains("the rig file that is read, which would be lost"), "{said}");
+    assert_eq!(std::fs::read_to_string(rig).unwrap(), before);
+}
+
+/// Errors of a run that ends before it can leave its start are 0, and mean nothing.
+#[test]
+fn a_recording_too_short_to_tell_anything_is_no_perfect_fit() {
+    let folder = Folder::new("short");
+    let path = folder.with("run.csv", format!("{HEADER}\n0,1,1,0,0\n0.02,1,1,0,0\n"));
+    let said = refused(["validate", &path]);
+    assert!(said.contains("run.csv: 2 of at least 5 rows") && said.contains("times in seconds?"), "{said}");
 }
 
 #[test]
@@ -116,7 +132,8 @@ fn a_file_that_cannot_be_written_is_work_that_failed() {
 
 #[test]
 fn wrong_usage_is_told_in_two_lines() {
-    let cases: [(&[&str], &str, &str); 9] = [
+    let cases: [(&[&str], &str, &str); 10] = [
+        (&["evaluate"], "no command given; there are comparison, ablation, loads, join", "see trainer evaluate --help"),
         (&[], "no command given; there are rig, simulate, identify, validate, diagnose, bench", "see trainer --help"),
         (&["simluate"], "unrecognized subcommand 'simluate'", "see trainer --help"),
         (&["simulate"], "--inputs <FILE>; --out <CSV>", "see trainer simulate --help"),

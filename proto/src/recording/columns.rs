@@ -125,11 +125,16 @@ pub(super) fn made(
     Ok(Some(made))
 }
 
-/// An error of a column of which not even the first cell is a number.
+/// The error of a column whose first cell is no number: of a whole column of text, or of a row that the logger had nothing for.
 fn text_column(sheet: &Sheet<'_>, name: &str, error: CsvError) -> RecordingError {
     match &error {
         CsvError::NotANumber { line, cell, .. } if sheet.lines.first() == Some(line) && !cell.is_empty() => {
-            RecordingError::TextColumn { file: sheet.file.clone(), column: name.to_owned() }
+            RecordingError::TextCells {
+                file: sheet.file.clone(),
+                column: name.to_owned(),
+                line: *line,
+                cell: cell.clone(),
+            }
         }
         _ => error.into(),
     }
@@ -150,6 +155,8 @@ fn missing(sheet: &Sheet<'_>, name: &str, from: &str) -> RecordingError {
     } else {
         format!("the rig file's [recording] columns.{name} asks for it")
     };
+    // What was left out of the file may be what is missed.
+    let mend = std::iter::once(&mend).chain(&sheet.notes).map(String::as_str).collect::<Vec<_>>().join("; ");
     RecordingError::NotMapped {
         file: sheet.file.clone(),
         line: sheet.header_line,

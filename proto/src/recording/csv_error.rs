@@ -102,7 +102,7 @@ pub enum CsvError {
         hint: &'static str,
     },
     /// A cell that is no number.
-    #[error("{file}: line {line}, column {position} ({column}): \"{cell}\" is not a number")]
+    #[error("{file}: line {line}, column {position} ({column}): \"{cell}\" is not a number{}", no_number_mend(.cell))]
     NotANumber {
         /// The file.
         file: String,
@@ -153,7 +153,7 @@ pub enum CsvError {
     },
     /// Time that does not go forward.
     #[error(
-        "{file}: line {line}, column {position} ({column}): {value} s does not come after {previous} s in the row before; sort the rows and leave out repeated ones"
+        "{file}: line {line}, column {position} ({column}): {value} s does not come after {previous} s in the row before; {}", not_forward_mend(*.value, *.previous)
     )]
     TimeNotForward {
         /// The file.
@@ -168,6 +168,22 @@ pub enum CsvError {
         value: f64,
         /// Time of the row before (s).
         previous: f64,
+    },
+    /// Times that are too coarse to tell rows apart.
+    #[error(
+        "{file}: line {line}, column {position} ({column}): {repeats} rows have the time of the row before, the first here: the times are rounded; write them finer, or say the distance of rows in the rig file: [recording] period_ms = …"
+    )]
+    CoarseTimes {
+        /// The file.
+        file: String,
+        /// Line of the first that repeats a time, from 1.
+        line: u64,
+        /// Column, from 1.
+        position: usize,
+        /// Its name.
+        column: String,
+        /// Rows that do.
+        repeats: usize,
     },
     /// A quote is opened and not closed.
     #[error("{file}: line {line}, column {position}: the quote that opens here is never closed")]
@@ -191,6 +207,22 @@ pub enum CsvError {
         /// Column, from 1.
         position: usize,
     },
+}
+
+/// What helps where a time does not come after the one before (s).
+fn not_forward_mend(value: f64, previous: f64) -> &'static str {
+    /// A clock that jumps back further than this was set, or a second run begins (s).
+    const SET_BACK_S: f64 = 1.0;
+    if previous - value > SET_BACK_S {
+        "a second run begins here or the clock was set back: make two files of it"
+    } else {
+        "sort the rows and leave out repeated ones"
+    }
+}
+
+/// What helps where a cell is no number.
+fn no_number_mend(cell: &str) -> &'static str {
+    if cell.is_empty() { "; leave out rows without a reading" } else { "" }
 }
 
 fn not_finite_mend(column: &str) -> &'static str {

@@ -57,10 +57,50 @@ pub(super) fn sheet(file: &str, bytes: &[u8]) -> Result<Option<Sheet<'static>>, 
     if bytes.starts_with(MAT5) {
         return mat5::sheet(file, bytes).map(Some);
     }
+    if is_mat4(bytes) {
+        return Err(RecordingError::Kind {
+            file: file.to_owned(),
+            what: "it is a MATLAB 4 file, which is not read".to_owned(),
+            mend: "save it again in MATLAB: x = load('FILE.mat'); save('FILE_v7.mat', '-struct', 'x', '-v7')"
+                .to_owned(),
+        });
+    }
     match REFUSED.iter().find(|kind| bytes.starts_with(kind.magic)) {
         Some(Refused { what, mend, .. }) => {
             Err(RecordingError::Kind { file: file.to_owned(), what: format!("it is {what}"), mend: (*mend).to_owned() })
         }
         None => Ok(None),
     }
+}
+
+/// Whether bytes begin as a MATLAB 4 file: type, rows, columns, imaginary part, length of the name, and the name with its zero.
+fn is_mat4(bytes: &[u8]) -> bool {
+    const LONGEST_NAME: u32 = 64;
+    let words = bytes.as_chunks::<4>().0;
+    let [of_type, _rows, _columns, imaginary, length] = words.get(..5).unwrap_or_default() else { return false };
+    [u32::from_le_bytes, u32::from_be_bytes].into_iter().any(|number: fn([u8; 4]) -> u32| {
+        let length = number(*length);
+        let name = bytes.get(20..20 + length.min(LONGEST_NAME) as usize).unwrap_or_default();
+        let is_name = name.split_last().is_some_and(|(end, name)| {
+            *end == 0 && name.first().is_some_and(u8::is_ascii_alphabetic) && name.iter().all(u8::is_ascii_graphic)
+        });
+        number(*of_type) < 5_000 && number(*imaginary) < 2 && length <= LONGEST_NAME && is_name
+    })
+}
+
+/// Refuses texts that are no tables.
+///
+/// # Errors
+/// HTML, XML and JSON, with what makes them readable.
+pub(super) fn check_text(file: &str, text: &str) -> Result<(), RecordingError> {
+    let text = text.trim_start();
+    let after = |open: char| text.strip_prefix(open).and_then(|rest| rest.trim_start().chars().next());
+    let (what, mend) = if after('<').is_some_and(|c| c.is_ascii_alphabetic() || matches!(c, '!' | '?')) {
+        ("it is HTML or XML, which is not read", "save the table in it as CSV")
+    } else if after('{') == Some('"') || after('[').is_some_and(|c| matches!(c, '{' | '[' | '"' | '-' | '0'..='9')) {
+        ("it is JSON, which is not read", "write it as CSV: a line of names, then a row per sample")
+    } else {
+        return Ok(());
+    };
+    Err(RecordingError::Kind { file: file.to_owned(), what: what.to_owned(), mend: mend.to_owned() })
 }

@@ -104,7 +104,7 @@ fn value_of<'a>(text: &'a str, key: &str) -> Option<&'a str> {
 
 fn step_of(steps: Option<Steps>, key: &str, value: &str, decimal: Decimal) -> Option<Steps> {
     let mut of = steps.unwrap_or(Steps { first_s: 0.0, step_s: 0.0 });
-    let number = super::sheet::parse(value, decimal)?;
+    let number = super::numbers::parse(value, decimal)?;
     match key {
         "X0" => of.first_s = number,
         _ => of.step_s = number,

@@ -20,6 +20,7 @@ use model::rig::{Decimal, RecordingMap, Separator};
 use super::cells::{Broken, Comments, Grammar, Rows};
 use super::csv::CsvError;
 use super::labview;
+use super::numbers::is_grouped;
 use super::sheet::{Cells, Sheet, SheetColumn, is_data};
 use super::units::Unit;
 
@@ -32,41 +33,6 @@ const NUMERIC: f64 = 0.5;
 
 /// A row of cells and its line.
 pub(super) type Row<'a> = (u64, Vec<Cow<'a, str>>);
-
-/// Decodes a text file: UTF-8 or UTF-16 with a byte-order mark, and Latin-1 otherwise.
-///
-/// # Errors
-/// The bytes are no text.
-pub(super) fn decode<'a>(file: &str, bytes: &'a [u8]) -> Result<Cow<'a, str>, CsvError> {
-    let wide = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
-        let units: Vec<u16> = bytes.as_chunks::<2>().0.iter().map(|pair| unit(*pair)).collect();
-        String::from_utf16_lossy(&units)
-    };
-    if let Some(rest) = bytes.strip_prefix(b"\xFF\xFE") {
-        return Ok(Cow::Owned(wide(rest, u16::from_le_bytes)));
-    }
-    if let Some(rest) = bytes.strip_prefix(b"\xFE\xFF") {
-        return Ok(Cow::Owned(wide(rest, u16::from_be_bytes)));
-    }
-    let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
-    match std::str::from_utf8(bytes) {
-        Ok(text) => Ok(Cow::Borrowed(text)),
-        Err(error) => {
-            let before = bytes.get(..error.valid_up_to()).unwrap_or_default();
-            let line_start = before.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
-            let commas = before.get(line_start..).unwrap_or_default().iter().filter(|byte| **byte == b',').count();
-            // A zero byte is in no text of one byte a character.
-            if bytes.contains(&0) {
-                return Err(CsvError::NotUtf8 {
-                    file: file.to_owned(),
-                    line: before.iter().filter(|byte| **byte == b'\n').count() as u64 + 1,
-                    position: commas + 1,
-                });
-            }
-            Ok(Cow::Owned(bytes.iter().map(|byte| char::from(*byte)).collect()))
-        }
-    }
-}
 
 /// Reads a text file into a sheet.
 ///
@@ -93,7 +59,7 @@ pub(super) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
         notes: Vec::new(),
     };
     if head.rows_above > 0 {
-        sheet.manner.push(format!("{} lines before the header", head.rows_above));
+        sheet.manner.push(format!("{} before the header", counted(head.rows_above, "line")));
     }
     if head.in_comment {
         sheet.manner.push("names of columns in a comment line".to_owned());
@@ -213,11 +179,13 @@ fn usual(counts: impl Iterator<Item = usize>) -> usize {
 }
 
 fn decimal_of(rows: &[Vec<&str>], separator: Separator) -> Decimal {
-    if separator == Separator::Comma {
-        return Decimal::Point;
-    }
+    // Between commas a comma in a number stands within quotes, and there it may group thousands.
+    let groups = |cell: &str| separator == Separator::Comma && is_grouped(cell, true);
     let marked = |cell: &str, mark: char| {
         let unsigned = cell.trim_start_matches(['+', '-']);
+        if mark == ',' && groups(unsigned) {
+            return false;
+        }
         unsigned.split_once(mark).is_some_and(|(whole, broken)| {
             whole.chars().all(|c| c.is_ascii_digit() || c == '.')
                 && broken.starts_with(|c: char| c.is_ascii_digit())
@@ -390,6 +358,19 @@ fn is_units(row: &[Cow<'_, str>]) -> bool {
     any
 }
 
+/// `1 line`, `2 lines`.
+fn counted(number: usize, what: &str) -> String {
+    format!("{number} {what}{}", if number == 1 { "" } else { "s" })
+}
+
+/// Whether a row among others is a line of text: fewer cells than the others, and text where they begin with a number or a time.
+fn is_remark(row: &[Cow<'_, str>], rows: &[Row<'_>], width: usize, decimal: Decimal) -> bool {
+    let begins_with_data =
+        |row: &[Cow<'_, str>]| row.first().is_some_and(|cell| !cell.is_empty() && is_data(cell, decimal));
+    let is_text = row.first().is_some_and(|cell| !cell.is_empty()) && !begins_with_data(row);
+    filled(row) < width && is_text && rows.first().is_some_and(|(_, first)| begins_with_data(first))
+}
+
 /// Puts the rows below a head into the columns of a sheet.
 pub(super) fn fill<'a>(
     sheet: &mut Sheet<'a>,
@@ -411,9 +392,14 @@ pub(super) fn fill<'a>(
         .is_some_and(|name| name.is_empty() || name.eq_ignore_ascii_case("comment"));
     let mut texts: Vec<Vec<Cow<'a, str>>> = vec![Vec::with_capacity(rows.len()); width];
     let names: Vec<&str> = head.names.iter().map(String::as_str).collect();
+    let mut remarks = Vec::new();
     for (index, (line, row)) in rows.iter().enumerate() {
         if row.iter().map(AsRef::as_ref).eq(names.iter().copied()) {
             sheet.notes.push(format!("{}: line {line}: the header stands here again; passed over", sheet.file));
+            continue;
+        }
+        if is_remark(row, rows, width, sheet.decimal) {
+            remarks.push((*line, row.first().map(|cell| super::csv::shown(cell)).unwrap_or_default()));
             continue;
         }
         let short = row.len() < width && !(spare && row.len() + 1 == width);
@@ -422,9 +408,9 @@ pub(super) fn fill<'a>(
             let behind = rows.get(index..).unwrap_or_default();
             if index > 0 && behind.iter().all(|(_, row)| row.iter().all(|cell| !is_data(cell, sheet.decimal))) {
                 sheet.notes.push(format!(
-                    "{}: {} lines of text behind the data, from line {line} on",
+                    "{}: {} of text behind the data, from line {line} on",
                     sheet.file,
-                    behind.len()
+                    counted(behind.len(), "line")
                 ));
                 break;
             }
@@ -439,6 +425,13 @@ pub(super) fn fill<'a>(
             texts.push(row.get(column).cloned().unwrap_or_default());
         }
         sheet.lines.push(*line);
+    }
+    if let Some((line, text)) = remarks.first() {
+        sheet.notes.push(format!(
+            "{}: {} of text among the data or behind them passed over, the first \"{text}\" in line {line}",
+            sheet.file,
+            counted(remarks.len(), "line")
+        ));
     }
     if sheet.lines.is_empty() {
         return Err(CsvError::NoRows { file: sheet.file.clone() });

@@ -81,6 +81,15 @@ pub(super) fn sheet(file: &str, bytes: &[u8]) -> Result<Sheet<'static>, Recordin
             gathered.objects.join(", ")
         ));
     }
+    let others: Vec<String> = gathered
+        .columns
+        .iter()
+        .filter(|(_, numbers)| numbers.len() > 1 && numbers.len() != rows)
+        .map(|(name, numbers)| format!("{name} has {}", numbers.len()))
+        .collect();
+    if !others.is_empty() {
+        notes.push(format!("{file}: vectors of {rows} numbers are the columns; left out: {}", others.join(", ")));
+    }
     if cut {
         notes.push(format!("{file}: cut short; variables before the cut were read"));
     }

@@ -20,7 +20,7 @@ use super::resample::{Kind, Resampling};
 use super::sheet::Sheet;
 use super::table::{Recording, RecordingError, Rows};
 use super::times::{Times, times};
-use super::{MOST_BYTES, file_kind, logger_text, repeated};
+use super::{MOST_BYTES, file_kind, logger_text, repeated, text_encoding};
 use crate::regular_file;
 
 impl Recording {
@@ -49,7 +49,8 @@ impl Recording {
         if let Some(sheet) = file_kind::sheet(file, bytes)? {
             return from_sheet(&sheet, rig, &map);
         }
-        let text = logger_text::decode(file, bytes)?;
+        let text = text_encoding::decode(file, bytes)?;
+        file_kind::check_text(file, &text)?;
         from_sheet(&logger_text::sheet(file, &text, &map)?, rig, &map)
     }
 
@@ -159,25 +160,23 @@ fn manner(sheet: &Sheet<'_>, units: &[String]) -> Option<String> {
     (!words.is_empty()).then(|| format!("{}: read with {}", sheet.file, words.join("; ")))
 }
 
+/// Share of the rows that have the time of the row before from which times are rounded, and not rows doubled here and there.
+const COARSE: f64 = 0.25;
+
 /// Refuses times that do not go forward.
 ///
 /// # Errors
 /// The first row whose time is not after that of the row before, with its line.
 pub(super) fn forward(sheet: &Sheet<'_>, column: usize, time_s: &[f64]) -> Result<(), CsvError> {
-    let steps = time_s.windows(2).zip(sheet.lines.iter().skip(1));
-    for (pair, line) in steps {
-        if pair[1] <= pair[0] {
-            return Err(CsvError::TimeNotForward {
-                file: sheet.file.clone(),
-                line: *line,
-                position: column + 1,
-                column: sheet.columns.get(column).map_or_else(|| TIME_COLUMN.to_owned(), |column| column.title.clone()),
-                value: pair[1],
-                previous: pair[0],
-            });
-        }
+    let mut steps = time_s.windows(2).zip(sheet.lines.iter().skip(1));
+    let Some((pair, line)) = steps.find(|(pair, _)| pair[1] <= pair[0]) else { return Ok(()) };
+    let (file, line, position) = (sheet.file.clone(), *line, column + 1);
+    let column = sheet.columns.get(column).map_or_else(|| TIME_COLUMN.to_owned(), |column| column.title.clone());
+    let repeats = time_s.windows(2).filter(|pair| pair[1] == pair[0]).count();
+    if repeats as f64 > COARSE * time_s.len() as f64 {
+        return Err(CsvError::CoarseTimes { file, line, position, column, repeats });
     }
-    Ok(())
+    Err(CsvError::TimeNotForward { file, line, position, column, value: pair[1], previous: pair[0] })
 }
 
 #[cfg(test)]

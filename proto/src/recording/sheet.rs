@@ -8,6 +8,7 @@ use std::borrow::Cow;
 use model::rig::Decimal;
 
 use super::csv::CsvError;
+use super::numbers::parse;
 use super::timestamps;
 use super::units::Unit;
 
@@ -101,9 +102,23 @@ impl Sheet<'_> {
 
     /// Whether the first cells of a column are dates or times of day.
     pub(super) fn is_timestamped(&self, column: usize) -> bool {
+        self.first_text(column).is_some_and(timestamps::is_timestamp)
+    }
+
+    /// Whether the first cells of a column are dates without a time of day.
+    pub(super) fn is_date_alone(&self, column: usize) -> bool {
+        self.first_text(column).is_some_and(timestamps::is_date_alone)
+    }
+
+    /// Whether the first cells of a column are times of day without a date.
+    pub(super) fn is_clock_alone(&self, column: usize) -> bool {
+        self.first_text(column).is_some_and(timestamps::is_clock_alone)
+    }
+
+    fn first_text(&self, column: usize) -> Option<&str> {
         match self.columns.get(column).map(|column| &column.cells) {
-            Some(Cells::Text(texts)) => texts.first().is_some_and(|text| timestamps::is_timestamp(text)),
-            _ => false,
+            Some(Cells::Text(texts)) => texts.first().map(AsRef::as_ref),
+            _ => None,
         }
     }
 
@@ -190,22 +205,6 @@ impl Sheet<'_> {
             cell: super::csv::shown(cell),
         }
     }
-}
-
-/// A number with this decimal mark; `true` and `false` are 1 and 0.
-pub(super) fn parse(text: &str, decimal: Decimal) -> Option<f64> {
-    let text = text.trim();
-    let number = match decimal {
-        Decimal::Point => text.parse().ok(),
-        // A point beside a comma groups thousands.
-        Decimal::Comma if text.contains(',') => text.replace('.', "").replace(',', ".").parse().ok(),
-        Decimal::Comma => text.parse().ok(),
-    };
-    number.or_else(|| match text.to_ascii_lowercase().as_str() {
-        "true" => Some(1.0),
-        "false" => Some(0.0),
-        _ => None,
-    })
 }
 
 /// Whether a cell holds a number, a time or nothing, as rows of data do.

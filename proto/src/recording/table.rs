@@ -183,6 +183,20 @@ pub enum RecordingError {
         /// The column.
         column: String,
     },
+    /// A column of a file begins with text where numbers are needed.
+    #[error(
+        "{file}: column {column} holds text, \"{cell}\" in line {line}; numbers are needed: leave out rows without a reading, or name another column in [recording]"
+    )]
+    TextCells {
+        /// The file.
+        file: String,
+        /// The column.
+        column: String,
+        /// Line of its first cell, from 1.
+        line: u64,
+        /// What stands there.
+        cell: String,
+    },
     /// Columns of different lengths were put together.
     #[error("{file}: column {column} has {found} rows, time_s has {expected}")]
     ColumnLength {

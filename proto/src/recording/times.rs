@@ -47,6 +47,14 @@ const NAMES: [(&str, Option<f64>); 22] = [
     ("micros", Some(1e-6)),
 ];
 
+/// Days since 1900, as spreadsheets count them, of 1954 to 2118, and days since year 0, as MATLAB does, of 1971 to 2108.
+const SERIAL_DAYS: [[f64; 2]; 2] = [[20_000.0, 80_000.0], [720_000.0, 770_000.0]];
+const DAY_S: f64 = 86_400.0;
+/// No logger of a pneumatic rig is faster (s between samples); smaller steps are those of another unit.
+const LEAST_STEP_S: f64 = 2e-6;
+/// … and most are slower than this, which tells the unit that is meant (s).
+const LEAST_LIKELY_STEP_S: f64 = 1e-3;
+
 /// Times and where they come from.
 #[derive(Debug)]
 pub(super) struct Times {
@@ -80,16 +88,26 @@ pub(super) fn times(sheet: &Sheet<'_>, map: &RecordingMap, own: bool) -> Result<
     let times = match there {
         Some(places) if map.names_time() && (!own || of_its_own_name) => of_terms(sheet, map, &places)?,
         _ => match place(sheet, map)? {
-            Found::Columns(places) => of_columns(sheet, &places)?,
-            Found::Period(period_s) => Times {
-                time_s: (0..sheet.rows()).map(|row| period_s * row as f64).collect(),
-                columns: Vec::new(),
-                taken: vec![format!("a row every {} ms", 1e3 * period_s)],
+            Found::Columns(places) => match (of_columns(sheet, &places), map.period_ms) {
+                (Ok(times), Some(period_ms)) if times.time_s.windows(2).any(|pair| pair[1] <= pair[0]) => {
+                    every(sheet, 1e-3 * period_ms)
+                }
+                (times, _) => times?,
             },
+            Found::Period(period_s) => every(sheet, period_s),
         },
     };
     forward(sheet, times.columns.first().copied().unwrap_or(0), &times.time_s)?;
     Ok(times)
+}
+
+/// Times of rows that come at one distance.
+fn every(sheet: &Sheet<'_>, period_s: f64) -> Times {
+    Times {
+        time_s: (0..sheet.rows()).map(|row| period_s * row as f64).collect(),
+        columns: Vec::new(),
+        taken: vec![format!("a row every {} ms", 1e3 * period_s)],
+    }
 }
 
 enum Found {
@@ -133,6 +151,14 @@ fn guessed(sheet: &Sheet<'_>) -> Option<Vec<usize>> {
         && sheet.is_timestamped(time)
     {
         return Some(vec![date, time]);
+    }
+    let all = || 0..sheet.columns.len();
+    let parts = (
+        all().filter(|at| sheet.is_date_alone(*at)).collect::<Vec<_>>(),
+        all().filter(|at| sheet.is_clock_alone(*at)).collect::<Vec<_>>(),
+    );
+    if let ([date], [clock]) = (parts.0.as_slice(), parts.1.as_slice()) {
+        return Some(vec![*date, *clock]);
     }
     if let Some(at) = NAMES.iter().find_map(|(name, _)| called(name)) {
         return Some(vec![at]);
@@ -226,8 +252,12 @@ fn seconds(sheet: &Sheet<'_>, at: usize, said: Said) -> Result<(Vec<f64>, Option
     let (factor, word) = match said {
         Said::Unit(s) => (s, (s != 1.0).then(|| format!("{title} in {s} s"))),
         Said::Column | Said::Nothing => {
-            let factor = epoch_unit(numbers.first().copied().unwrap_or(0.0));
-            (factor, (factor != 1.0).then(|| format!("{title} since 1970 in {factor} s")))
+            if is_in_days(&numbers) {
+                (DAY_S, Some(format!("{title} in days, as spreadsheets and MATLAB count them")))
+            } else {
+                let factor = epoch_unit(numbers.first().copied().unwrap_or(0.0));
+                (factor, (factor != 1.0).then(|| format!("{title} since 1970 in {factor} s")))
+            }
         }
     };
     // Differences of times since 1970 keep more digits before they are scaled than after.
@@ -238,6 +268,13 @@ fn seconds(sheet: &Sheet<'_>, at: usize, said: Said) -> Result<(Vec<f64>, Option
         numbers.iter_mut().for_each(|x| *x *= factor);
     }
     Ok((numbers, word))
+}
+
+/// Whether numbers are days of a calendar: as large as its days, and so close that seconds would be no logger's.
+fn is_in_days(numbers: &[f64]) -> bool {
+    let first = numbers.first().copied().unwrap_or(0.0);
+    let of_calendar = SERIAL_DAYS.iter().any(|[from, to]| (*from..*to).contains(&first));
+    of_calendar && median_step(numbers).is_some_and(|step| step > 0.0 && step * DAY_S <= MOST_STEP_S)
 }
 
 /// s per number of an epoch; 1 where a number is none.
@@ -257,6 +294,17 @@ fn plausible(sheet: &Sheet<'_>, places: &[usize], time_s: &[f64], said: Said) ->
             file: sheet.file.clone(),
             median_ms: (step_s * 1e6).round() / 1e3,
             mend: format!("{title} seems to {hint}, or say what it is in the rig file: {}", key(unit_of(hint))),
+            column: title.to_owned(),
+        });
+    }
+    if step_s < LEAST_STEP_S && said == Said::Nothing {
+        let larger = [("min", 60.0), ("h", 3600.0), ("days", DAY_S)];
+        let likely =
+            larger.into_iter().find(|(_, s)| step_s * s >= LEAST_LIKELY_STEP_S).map_or("days", |(unit, _)| unit);
+        return Err(RecordingError::TimeUnit {
+            file: sheet.file.clone(),
+            median_ms: step_s * 1e3,
+            mend: format!("{title} seems to be in {likely}: say so in the rig file, {}", key(likely)),
             column: title.to_owned(),
         });
     }

@@ -23,6 +23,16 @@ pub(super) fn is_timestamp(text: &str) -> bool {
     seconds(text, DateOrder::DayMonthYear).or_else(|| seconds(text, DateOrder::MonthDayYear)).is_some()
 }
 
+/// Whether a text is a date without a time of day.
+pub(super) fn is_date_alone(text: &str) -> bool {
+    is_timestamp(text) && parts(text).clock.is_none()
+}
+
+/// Whether a text is a time of day without a date.
+pub(super) fn is_clock_alone(text: &str) -> bool {
+    is_timestamp(text) && parts(text).date.is_none()
+}
+
 /// Seconds of every text since a common instant; the row (from 0) whose text is no time where there is one.
 ///
 /// # Errors
