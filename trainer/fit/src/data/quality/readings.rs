@@ -18,8 +18,10 @@ const HEAP: usize = 50;
 const DISTINCT: usize = 4;
 /// A reading this many noise deviations away from the median of its neighbours is wild …
 const WILD: f64 = 10.0;
-/// … and this far away at least, in kPa: more than the plant can do within two rows and go back on.
+/// … and this far away at least, in kPa: more than the plant can do within two rows and go back on …
 const WILD_KPA: f64 = 2.0;
+/// … or, on a rig of low pressures, this share of all that the channel moves through.
+const WILD_SHARE: f64 = 0.5;
 /// Samples further apart than this, in s, are not asked for wild ones.
 const WILD_SAMPLING_S: f64 = 0.05;
 
@@ -170,10 +172,18 @@ fn stuck(
     }
 }
 
+/// What nine of ten readings lie within, in kPa: single wild ones do not widen it.
+fn span(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let at = |share: f64| sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
+    at(0.95) - at(0.05)
+}
+
 /// Masks single readings far from the median of the five around them, and farther than the other four are from each other:
 /// the crest of a swing stands out, too.
 fn wild(values: &[f64], sigma: f64, mask: &mut [f64], add: &mut impl FnMut(Severity, Trouble, String)) {
-    let limit = WILD_KPA.max(WILD * sigma);
+    let limit = WILD_KPA.min(WILD_SHARE * span(values)).max(WILD * sigma);
     let mut count = 0;
     let mut worst: f64 = 0.0;
     for (row, window) in values.windows(5).enumerate() {
