@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use proto::recording::{McapContent, read_mcap};
 use serde_json::Value;
-use tests::{Folder, Running, alone, program};
+use tests::{Folder, Running, Stream, alone, program};
 
 /// Ticks of 60 s.
 const TICKS: usize = 3000;
@@ -99,6 +99,64 @@ fn tracks_the_papers_reference_on_the_bench() {
     assert!(steered.iter().all(|t| t.sense_present && t.command_present && t.predicted_pos_kpa[0].is_finite()));
     check_report(&demo);
 }
+
+/// Ctrl-C while the yardstick is still worked out: the run has not begun, and what an earlier demo left stays.
+#[test]
+fn stopped_before_the_run_it_leaves_the_folder_as_it_was() {
+    let folder = Folder::new();
+    let old = folder.write("flight.mcap", "an earlier run");
+    let mut command = Command::new(program("controller"));
+    command.args(["demo", "--fast", "--seconds", "3000", "--out"]).arg(folder.join(""));
+    let demo = Running::start(&mut command);
+    demo.line(Stream::Out, "slowest  missed", Duration::from_secs(20));
+    demo.signal("INT");
+    let ended = demo.wait(Duration::from_secs(30));
+    assert_eq!(ended.status, Some(130), "{}", ended.stderr);
+    assert!(ended.stderr.contains("stopped before the run began"), "{}", ended.stderr);
+    assert_eq!(std::fs::read_to_string(old).unwrap(), "an earlier run");
+}
+
+#[test]
+fn what_it_is_given_is_refused_before_it_begins_and_by_its_name() {
+    let folder = Folder::new();
+    let file = folder.write("file", "x");
+    let model = folder.write("chamber.toml", CHAMBER);
+    let cases = [
+        (["--out", file.to_str().unwrap()], "this is a file, and results need a folder"),
+        (["--model", model.to_str().unwrap()], "chamber.toml: sensors: no sensor writes `p_pos_kpa`"),
+    ];
+    for (args, words) in cases {
+        let mut command = Command::new(program("controller"));
+        command.args(["demo", "--fast", "--seconds", "1", "--policy", "fallback"]).args(args);
+        if args[0] != "--out" {
+            command.arg("--out").arg(folder.join("out"));
+        }
+        let ended = Running::start(&mut command).wait(Duration::from_secs(30));
+        assert_eq!(ended.status, Some(2), "{}", ended.stderr);
+        assert!(ended.stderr.contains(words), "{}", ended.stderr);
+        assert!(!folder.join("out").exists(), "a folder for a run that never was");
+    }
+}
+
+/// A rig that the controller cannot drive.
+const CHAMBER: &str = r#"
+format = 1
+name = "chamber"
+[gas]
+gas_constant_j_per_kg_k = 287.0
+heat_capacity_ratio = 1.4
+[atmosphere]
+pressure_kpa_abs = 101.325
+temperature_k = 293.15
+[volumes.chamber]
+volume_l = 0.05
+temperature_k = 293.15
+[sensors.gauge]
+volume = "chamber"
+column = "p_kpa"
+range_kpa_gauge = [0.0, 1000.0]
+range_v = [0.0, 5.0]
+"#;
 
 /// The report is one file that needs no other and runs nothing from elsewhere.
 fn check_report(demo: &Demo) {

@@ -117,6 +117,12 @@ fn any_run_gets_the_demos_report_and_several_are_compared() {
     for name in ["policy/flight.mcap", "fallback/flight.mcap", "Runs over each other"] {
         assert!(html.contains(name), "{name}");
     }
+    // A page in the place of the recording would be the end of it.
+    let bytes = std::fs::read(&policy).unwrap();
+    let over = [fallback.to_str().unwrap(), policy.to_str().unwrap(), "--out", policy.to_str().unwrap()];
+    let ended = controller(&[&["report"], &over[..]].concat());
+    assert_eq!((ended.status, ended.stderr.contains("would be lost")), (Some(2), true), "{ended:?}");
+    assert_eq!(std::fs::read(&policy).unwrap(), bytes);
     let ended = controller(&["report", folder.join("nowhere.mcap").to_str().unwrap()]);
     assert_eq!((ended.status, ended.stderr.contains("nowhere.mcap")), (Some(2), true), "{ended:?}");
 }

@@ -16,23 +16,35 @@ pub enum Explained {
 
 /// Puts clap's own words into this project's.
 pub fn explain(command: &Command, error: &clap::Error) -> Explained {
+    explain_of(command, error, std::env::args().skip(1))
+}
+
+/// The same for words behind the program's name.
+fn explain_of(command: &Command, error: &clap::Error, given: impl Iterator<Item = String>) -> Explained {
     let text = error.to_string();
-    let program = command.get_name();
+    let (meant, name) = meant(command, given);
     match error.kind() {
         ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => Explained::Help(wrapped(&text)),
         ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::MissingSubcommand => Explained::Wrong([
-            format!("no command given; there are {}", commands(command).join(", ")),
-            format!("see {program} --help"),
+            format!("no command given; there are {}", commands(meant).join(", ")),
+            format!("see {name} --help"),
         ]),
-        _ => {
-            let given = std::env::args().nth(1).filter(|word| commands(command).contains(&word.as_str()));
-            let see = match given {
-                Some(command) => format!("see {program} {command} --help"),
-                None => format!("see {program} --help"),
-            };
-            Explained::Wrong([in_one_line(&text), see])
-        }
+        _ => Explained::Wrong([in_one_line(&text), format!("see {name} --help")]),
     }
+}
+
+/// The command that the first words name, down to the last that is one, and how it is called.
+fn meant(program: &Command, given: impl Iterator<Item = String>) -> (&Command, String) {
+    let (mut command, mut name) = (program, program.get_name().to_owned());
+    for word in given {
+        let Some(below) = command.get_subcommands().find(|below| !below.is_hide_set() && below.get_name() == word)
+        else {
+            break;
+        };
+        command = below;
+        name = format!("{name} {word}");
+    }
+    (command, name)
 }
 
 fn commands(command: &Command) -> Vec<&str> {
@@ -57,6 +69,25 @@ fn in_one_line(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_command_below_another_names_its_own() {
+        let program = Command::new("pump").subcommand(
+            Command::new("fill")
+                .subcommand_required(true)
+                .subcommand(Command::new("slowly"))
+                .subcommand(Command::new("fast")),
+        );
+        let said = |words: &[&str]| {
+            let all = std::iter::once("pump").chain(words.iter().copied());
+            let error = program.clone().try_get_matches_from(all).unwrap_err();
+            explain_of(&program, &error, words.iter().map(|word| (*word).to_owned()))
+        };
+        let wrong = |lines: [&str; 2]| Explained::Wrong(lines.map(str::to_owned));
+        assert_eq!(said(&["fill"]), wrong(["no command given; there are slowly, fast", "see pump fill --help"]));
+        let Explained::Wrong([_, see]) = said(&["fill", "fast", "--now"]) else { panic!("this is wrong") };
+        assert_eq!(see, "see pump fill fast --help");
+    }
 
     #[test]
     fn claps_paragraphs_become_one_line() {

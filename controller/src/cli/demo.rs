@@ -5,7 +5,7 @@
 //! recording and a report.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use clap::Args;
@@ -17,6 +17,7 @@ use controller::realtime::with_priority;
 use controller::run_file::attached;
 use controller::run_length::{Begins, RunClock, RunLength};
 use controller::session_recorder::attachment;
+use controller::signals::Signals;
 use controller::state::State;
 use controller::yardstick::{self, Trial};
 use flight::{
@@ -24,6 +25,7 @@ use flight::{
     Verdict, flight_report,
 };
 use proto::emulator::{Emulator, EmulatorConfig, EmulatorHandle, FaultScript, Pace, rig_and_crio};
+use proto::output::check_folder;
 use proto::recording::{Attachment, read_mcap};
 
 use super::Failure;
@@ -33,6 +35,12 @@ use super::console::say;
 const CRIO_PRIORITY: u8 = 85;
 /// Ticks between two live lines: one second.
 const LIVE_TICKS: u64 = 50;
+
+/// Room that a minute's recording and its report need at least (bytes).
+const ROOM_BYTES: u64 = 4 << 20;
+/// Exit status of a program that Ctrl-C ended, as shells expect it.
+const BY_CTRL_C: u8 = 130;
+const STOPPED: &str = "stopped before the run began; nothing was written, and older results are as they were";
 
 /// Flags of the demo.
 #[derive(Debug, Args)]
@@ -72,10 +80,12 @@ pub(crate) struct Demo {
 impl Demo {
     pub(super) fn run(self) -> Result<(), Failure> {
         if !(self.seconds.is_finite() && self.seconds > 0.0 && self.seconds <= 86_400.0) {
-            return Err(Failure::input(format!("--seconds {}: give a time above 0, a day at most", self.seconds)));
+            return Err(Failure::input(format!("--seconds {:?}: give a time above 0, a day at most", self.seconds)));
         }
-        std::fs::create_dir_all(&self.out)
-            .map_err(|e| Failure::work(format!("{}: cannot be made: {e}; choose another --out", self.out.display())))?;
+        check_folder(&self.out, ROOM_BYTES).map_err(Failure::input)?;
+        // From here on a signal ends the demo in order, whatever it is at.
+        let stop = Arc::new(AtomicBool::new(false));
+        let _signals = Signals::install(&stop).map_err(Failure::work)?;
         let emulator = self.emulator()?;
         let mut config = Config::for_address(&emulator.local_addr().to_string());
         config.link.pacing = if self.fast { Pacing::Lockstep } else { Pacing::Realtime };
@@ -99,12 +109,12 @@ impl Demo {
             ..StatisticsOptions::default()
         };
         let figures = Arc::new(Mutex::new(FlightStatistics::new(statistics)));
-        let recording = self.out.join("flight.mcap");
-        for stale in [recording.clone(), proto::recording::unfinished_path(&recording)] {
-            let _ = std::fs::remove_file(stale);
-        }
         self.announce(&loaded);
         let yardstick = self.yardstick(&loaded)?;
+        if stop.load(Ordering::Relaxed) {
+            return Err(Failure { status: BY_CTRL_C, line: STOPPED.to_owned() });
+        }
+        let recording = self.emptied_folder()?;
         let options = Options {
             recording: Some(recording),
             length: RunLength::seconds(self.seconds, Begins::WhenArmedOrSoon, self.clock()),
@@ -118,7 +128,7 @@ impl Demo {
             attachments: vec![self.plant()?],
             config_file: None,
             observer: watcher(Arc::clone(&figures), self.json),
-            stop: Arc::new(AtomicBool::new(false)),
+            stop,
         };
         let recorded = daemon::run(&config, loaded, options)?;
         emulator.stop();
@@ -128,6 +138,17 @@ impl Demo {
         let mut figures = figures.lock().unwrap_or_else(PoisonError::into_inner);
         figures.judge_by(yardstick);
         self.say_results(&figures.summary(), &recorded.path, &report)
+    }
+
+    /// Makes the folder, takes an older recording out of it, and says where the new one goes.
+    fn emptied_folder(&self) -> Result<PathBuf, Failure> {
+        std::fs::create_dir_all(&self.out)
+            .map_err(|e| Failure::work(format!("{}: cannot be made: {e}; choose another --out", self.out.display())))?;
+        let recording = self.out.join("flight.mcap");
+        for stale in [recording.clone(), proto::recording::unfinished_path(&recording)] {
+            let _ = std::fs::remove_file(stale);
+        }
+        Ok(recording)
     }
 
     /// What the feed-forward PI reaches on the same rig and reference.
@@ -140,7 +161,7 @@ impl Demo {
             seconds: self.seconds,
             seed: self.seed,
         };
-        yardstick::yardstick(trial).map(Some).map_err(|e| Failure::input(format!("rig {}: {e}", self.rig)))
+        yardstick::yardstick(trial).map(Some).map_err(|e| Failure::input(format!("model {}: {e}", self.model)))
     }
 
     fn pacing(&self) -> flight::Pacing {

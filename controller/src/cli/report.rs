@@ -76,12 +76,15 @@ struct Judged {
 impl ReportArgs {
     pub(super) fn run(self) -> Result<(), Failure> {
         let paths: Vec<String> = self.recordings.iter().map(|path| path.display().to_string()).collect();
+        let page = self.page();
+        if self.recordings.iter().any(|recording| proto::output::same_file(recording, &page)) {
+            return Err(over_recording(&page));
+        }
         let mut judged = Vec::new();
         for (path, text) in self.recordings.iter().zip(&paths) {
             let name = short_name(text, paths.iter().map(String::as_str));
             judged.push(judge(RunFile::read(path)?, name));
         }
-        let page = self.page();
         let html = match judged.as_slice() {
             [one] => flight_report(&one.run.content.ticks, &one.info),
             several => {
@@ -157,6 +160,14 @@ fn with_references(ticks: &[TickRecord]) -> (Vec<TickRecord>, Option<String>) {
     (kept, Some(format!("{left_out} ticks without a reference (standing by, vented) left out; --all has every tick")))
 }
 
+/// The error of a result that would take the place of what it is made from.
+fn over_recording(out: &Path) -> Failure {
+    Failure::input(format!(
+        "{}: this is one of the recordings, which would be lost; give --out another name",
+        out.display()
+    ))
+}
+
 impl ExportArgs {
     pub(super) fn run(self) -> Result<(), Failure> {
         // The flag says the format, so that others can come beside it.
@@ -178,11 +189,8 @@ impl ExportArgs {
             say(text.trim_end());
             return Ok(());
         }
-        if out == recording {
-            return Err(Failure::input(format!(
-                "{}: that is the recording itself; choose another --out",
-                out.display()
-            )));
+        if proto::output::same_file(&recording, &out) {
+            return Err(over_recording(&out));
         }
         proto::atomic_file::write(&out, text.as_bytes()).map_err(Failure::work)?;
         say(format_args!("{rows} rows in {}", out.display()));
