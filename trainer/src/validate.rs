@@ -61,7 +61,7 @@ struct Figures {
 }
 
 /// Rows with fewer of which a run begins at the readings and ends before it can leave them: its errors say nothing.
-const LEAST_ROWS: usize = 5;
+const LEAST_ROWS: usize = 3;
 
 pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     let (rig, plant) = args.rig.compile()?;
@@ -69,9 +69,6 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     let recordings =
         args.recordings.iter().map(|path| Recording::read_for(path, &rig)).collect::<Result<Vec<_>, _>>()?;
     within_ranges(&rig, &recordings)?;
-    if let Some(short) = recordings.iter().find(|recording| recording.rows() < LEAST_ROWS) {
-        return Err(Failure::TooShort { file: short.source().to_owned(), rows: short.rows(), least: LEAST_ROWS });
-    }
     let mut free_run = FreeRun::new(&rig, plant.clone())
         .map_err(|problem| RigFileError::Rig { file: args.rig.rig.clone(), problem })?;
     let rows: usize = recordings.iter().map(Recording::rows).sum();
@@ -82,6 +79,9 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
             let began = if free_run.has_flappers() { began(&rig, recording)? } else { Began::new() };
             figures.push(compare(&mut free_run, &plant, recording, began, args.least_kpa, &mut progress)?);
         }
+    }
+    if let Some(short) = recordings.iter().find(|recording| recording.rows() < LEAST_ROWS) {
+        return Err(Failure::TooShort { file: short.source().to_owned(), rows: short.rows(), least: LEAST_ROWS });
     }
     for note in recordings.iter().flat_map(Recording::notes) {
         tell(note);

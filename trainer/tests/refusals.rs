@@ -118,7 +118,7 @@ fn a_recording_too_short_to_tell_anything_is_no_perfect_fit() {
     let folder = Folder::new("short");
     let path = folder.with("run.csv", format!("{HEADER}\n0,1,1,0,0\n0.02,1,1,0,0\n"));
     let said = refused(["validate", &path]);
-    assert!(said.contains("run.csv: 2 of at least 5 rows") && said.contains("times in seconds?"), "{said}");
+    assert!(said.contains("run.csv: 2 of at least 3 rows") && said.contains("times in seconds?"), "{said}");
 }
 
 #[test]
