@@ -54,7 +54,7 @@ fn gaps_without_pressures_cannot_be_started_anew() {
 #[test]
 fn bad_rigs_get_one_line_with_line_and_key() {
     let folder = Folder::new("bad-rig");
-    let recording = folder.with("in.csv", format!("{HEADER}\n0,1,1,0,0\n"));
+    let recording = folder.with("in.csv", format!("{HEADER}\n0,1,1,0,0\n0.02,1,1,0,0\n0.04,1,1,0,0\n"));
     let paper = model::rig::DUAL_PRESSURE;
     let cases = [
         (paper.replace("volume_l = 0.75", "volume_l = -0.75"), "volumes.positive.volume_l: -0.75 L"),
