@@ -131,6 +131,53 @@ fn a_published_policy_controls_without_a_restart_and_bad_ones_never_do() {
     assert!(ticks.iter().any(|t| t.swap_id == 1) && ticks.iter().any(|t| t.swap_id == 3), "so is what is in force");
 }
 
+/// What goes wrong with the directory is told, and no longer once it is mended; files that are taken away while they wait leave
+/// nothing behind.
+#[test]
+fn what_was_wrong_with_the_directory_is_over_once_it_is_mended() {
+    let _alone = alone();
+    let laboratory = laboratory("policy.active = \"fallback\"");
+    let folder = laboratory.folder.join("policies");
+    let problem = |wanted: Option<&str>| {
+        let until = Instant::now() + SOON;
+        loop {
+            let (reply, _) = laboratory.ask_json(&["policies"]);
+            let found = reply["policies_problem"].as_str();
+            if found.is_some() == wanted.is_some() && found.is_none_or(|f| f.contains(wanted.unwrap_or_default())) {
+                return;
+            }
+            assert!(Instant::now() < until, "{wanted:?}: {reply}");
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    };
+    let (_, sound) = corpus::trained().into_iter().find(|(name, _)| name == "default").unwrap();
+    for name in ["two words", "fallback"] {
+        std::fs::write(policy(&laboratory, name), &sound).unwrap();
+        problem(Some("is passed over"));
+        std::fs::remove_file(policy(&laboratory, name)).unwrap();
+        problem(None);
+    }
+    let aside = laboratory.folder.join("aside");
+    std::fs::rename(&folder, &aside).unwrap();
+    std::fs::write(&folder, "no directory").unwrap();
+    problem(Some("cannot be read"));
+    std::fs::remove_file(&folder).unwrap();
+    std::fs::rename(&aside, &folder).unwrap();
+    problem(None);
+
+    // More than can be examined at once, taken away again.
+    (0..20).for_each(|k| publish(&laboratory, &format!("w{k}"), &sound));
+    wait_for(&laboratory, "w19", "waiting", |e| e["state"] == "checking");
+    (0..20).for_each(|k| std::fs::remove_file(policy(&laboratory, &format!("w{k}"))).unwrap());
+    publish(&laboratory, "next", &sound);
+    wait_for(&laboratory, "next", "passed", |e| e["state"] == "passed");
+    let (reply, _) = laboratory.ask_json(&["policies"]);
+    let refused = reply["policies"].as_array().unwrap().iter().filter(|e| e["state"] == "refused").count();
+    assert_eq!(refused, 0, "{reply}");
+    assert!(!std::fs::read_dir(&folder).unwrap().flatten().any(|f| f.path().extension().is_some_and(|e| e == "json")));
+    laboratory.close();
+}
+
 /// `policy.follow = "newest"`: what is published and passes goes on by itself.
 #[test]
 fn the_newest_is_followed() {

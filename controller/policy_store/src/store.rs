@@ -1,5 +1,6 @@
 //! The thread that examines what is published and follows what becomes of it in the tick.
 
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -18,7 +19,7 @@ use crate::board::{Board, Change};
 use crate::desk::{FALLBACK, PolicyDesk, locked};
 use crate::entry::Entry;
 use crate::orders::{KeepOrder, Orders};
-use crate::watch::{Settled, Watcher};
+use crate::watch::{Look, Settled, Watcher};
 
 /// How often the tick's events are looked at.
 const ROUND: Duration = Duration::from_millis(100);
@@ -129,7 +130,16 @@ impl PolicyStore {
             signatures: settings.signatures.clone().into(),
             new_model: Arc::default(),
         };
-        let mut round = Round { desk: desk.clone(), end, settings, say, show, shown: String::new(), problem: None };
+        let mut round = Round {
+            desk: desk.clone(),
+            end,
+            settings,
+            say,
+            show,
+            shown: String::new(),
+            problem: None,
+            directory_problem: None,
+        };
         let thread =
             std::thread::Builder::new().name("policies".to_owned()).spawn(move || round.run(examination, &stop))?;
         Ok(PolicyStore { desk, thread })
@@ -157,6 +167,8 @@ struct Round {
     /// What was shown last.
     shown: String,
     problem: Option<String>,
+    /// What is wrong with the directory, as of its last reading.
+    directory_problem: Option<String>,
 }
 
 /// What the examining thread is given.
@@ -171,6 +183,8 @@ enum Job {
 enum Outcome {
     /// What became of a file.
     File { settled: Settled, outcome: Box<Result<(Admitted, Arc<[u8]>), Refusal>> },
+    /// A file was changed or taken away before or while it was examined: whatever was found is of another one.
+    Changed(Settled),
     /// How what controls stands against the fallback on the model of this name.
     Standing { tag: PolicyTag, standing: Standing, model: String },
 }
@@ -195,6 +209,10 @@ impl Round {
             for outcome in outcomes.try_iter().collect::<Vec<_>>() {
                 match outcome {
                     Outcome::File { settled, outcome } => self.examined(settled, *outcome, &mut watcher),
+                    Outcome::Changed(settled) => {
+                        locked(&self.desk.board).gone(&settled.name);
+                        watcher.again(&settled.name);
+                    }
                     Outcome::Standing { tag, standing, model } => self.stands(tag, standing, &model),
                 }
             }
@@ -239,8 +257,28 @@ impl Round {
                 self.trouble(NOT_EXAMINED.to_owned());
             }
         }
-        if let Some(problem) = reading.problem {
-            self.trouble(problem);
+        let folder = self.settings.directory.display().to_string();
+        let misnamed = reading.misnamed.map(|name| {
+            format!("{folder}: \"{name}\" is passed over: a policy's name is up to 128 letters, digits, '.', '_' and '-', and not {FALLBACK}; rename it")
+        });
+        self.judge_directory(reading.problem.or(misnamed));
+    }
+
+    /// Tells what is wrong with the directory once, and that it is over.
+    fn judge_directory(&mut self, problem: Option<String>) {
+        let before = std::mem::replace(&mut self.directory_problem, problem.clone());
+        match problem {
+            Some(problem) => self.trouble(problem),
+            None if before.is_some() => {
+                self.problem = None;
+                let mut board = locked(&self.desk.board);
+                if board.problem == before {
+                    board.problem = None;
+                }
+                drop(board);
+                (self.say)(format!("{}: all files of policies can be read again", self.settings.directory.display()));
+            }
+            None => {}
         }
     }
 
@@ -418,15 +456,22 @@ fn examine_all(
     if !hold_against_fallback(&examiner, &model.name, board, done) {
         return;
     }
-    while let Ok(job) = todo.recv() {
+    let mut waiting = VecDeque::new();
+    while let Some(job) = next_job(todo, &mut waiting) {
         if stop.load(Ordering::Relaxed) {
             return;
         }
         let told = match job {
             Job::File { settled, incumbent } => {
                 let incumbent = incumbent.as_deref().unwrap_or(examiner.fallback());
-                let outcome = examiner.examine_file(&settled.path, Links::Refuse, incumbent);
-                done.send(Outcome::File { settled, outcome: Box::new(outcome) }).is_ok()
+                if Look::at(&settled.path) != Some(settled.look) {
+                    done.send(Outcome::Changed(settled)).is_ok()
+                } else {
+                    let outcome = Box::new(examiner.examine_file(&settled.path, Links::Refuse, incumbent));
+                    let same = Look::at(&settled.path) == Some(settled.look);
+                    let found = if same { Outcome::File { settled, outcome } } else { Outcome::Changed(settled) };
+                    done.send(found).is_ok()
+                }
             }
             Job::Model(new) => match make(&new) {
                 Ok(on_new) => {
@@ -445,6 +490,16 @@ fn examine_all(
             return;
         }
     }
+}
+
+/// The next job; another model comes before all files that wait, for what controls is held against the fallback on it.
+fn next_job(todo: &Receiver<Job>, waiting: &mut VecDeque<Job>) -> Option<Job> {
+    if waiting.is_empty() {
+        waiting.push_back(todo.recv().ok()?);
+    }
+    waiting.extend(todo.try_iter());
+    let model = waiting.iter().position(|job| matches!(job, Job::Model(_)));
+    waiting.remove(model.unwrap_or(0))
 }
 
 /// Flies what controls through the trial on the model in force; `false` where nobody takes the outcome any more.

@@ -9,6 +9,8 @@ use std::collections::HashMap;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
+use crate::desk::FALLBACK;
+
 /// Ending of policies.
 pub const ENDING: &str = "onnx";
 /// Most names that are looked at: a directory of a million files must not hold anybody up.
@@ -75,6 +77,8 @@ pub struct Reading {
     pub settled: Vec<Settled>,
     /// Names that are no longer there.
     pub gone: Vec<String>,
+    /// The first file, by name, that would be a policy but for its name.
+    pub misnamed: Option<String>,
     /// Why the directory cannot be read, if it cannot.
     pub problem: Option<String>,
 }
@@ -104,8 +108,13 @@ impl Watcher {
         };
         let mut seen = HashMap::new();
         for path in entries.take(MOST_NAMES).flatten().map(|entry| entry.path()) {
-            if let (Some(name), Some(look)) = (policy_name(&path), Look::at(&path)) {
-                seen.insert(name, (path, look));
+            match (policy_name(&path), Look::at(&path)) {
+                (Some(name), Some(look)) => drop(seen.insert(name, (path, look))),
+                (None, Some(_)) if is_published(&path) => {
+                    let name = path.file_name().unwrap_or_default().to_string_lossy().escape_debug().to_string();
+                    reading.misnamed = Some(reading.misnamed.take().map_or(name.clone(), |first| first.min(name)));
+                }
+                _ => {}
             }
         }
         reading.gone = self.known.keys().filter(|name| !seen.contains_key(*name)).cloned().collect();
@@ -136,11 +145,19 @@ impl Watcher {
     }
 }
 
-/// The policy that a name stands for: `NAME.onnx`, without a dot in front, in letters that `swap` takes.
+/// Whether a file is published as a policy, whatever its name is otherwise: not hidden and not under way.
+fn is_published(path: &Path) -> bool {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    path.extension().is_some_and(|ending| ending == ENDING) && !stem.starts_with('.') && !stem.ends_with(".tmp")
+}
+
+/// The policy that a name stands for: `NAME.onnx`, without a dot in front, in letters that `swap` takes; `fallback` stands for
+/// no policy.
 pub fn policy_name(path: &Path) -> Option<String> {
     let stem = path.file_stem()?.to_str()?;
     let sound = !stem.starts_with('.')
         && !stem.is_empty()
+        && stem != FALLBACK
         && stem.len() <= 128
         && stem.chars().all(|c| c.is_ascii_alphanumeric() || "._-".contains(c));
     (path.extension()? == ENDING && sound && !stem.ends_with(".tmp")).then(|| stem.to_owned())
@@ -184,10 +201,33 @@ mod tests {
     }
 
     #[test]
+    fn a_policy_whose_name_cannot_be_asked_for_is_named() {
+        let folder = folder("misnamed");
+        for name in ["b c.onnx", "a\nb.onnx", "sound.onnx", ".hidden x.onnx", "x y.tmp.onnx", "notes x.txt"] {
+            std::fs::write(folder.join(name), b"x").unwrap();
+        }
+        let mut watcher = Watcher::new(folder.clone());
+        assert_eq!(watcher.read().misnamed.as_deref(), Some("a\\nb.onnx"));
+        std::fs::remove_file(folder.join("a\nb.onnx")).unwrap();
+        assert_eq!(watcher.read().misnamed.as_deref(), Some("b c.onnx"));
+        std::fs::remove_file(folder.join("b c.onnx")).unwrap();
+        assert_eq!(watcher.read().misnamed, None);
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
     fn what_is_no_published_policy_is_passed_over() {
-        for name in
-            [".hidden.onnx", "a.onnx.tmp", "x.tmp.onnx", "notes.txt", "a b.onnx", "ü.onnx", ".onnx", "a.onnx.minisig"]
-        {
+        for name in [
+            ".hidden.onnx",
+            "a.onnx.tmp",
+            "x.tmp.onnx",
+            "notes.txt",
+            "a b.onnx",
+            "ü.onnx",
+            ".onnx",
+            "a.onnx.minisig",
+            "fallback.onnx",
+        ] {
             assert_eq!(policy_name(Path::new(name)), None, "{name}");
         }
         assert_eq!(policy_name(Path::new("/p/run-3_v1.2.onnx")).as_deref(), Some("run-3_v1.2"));
