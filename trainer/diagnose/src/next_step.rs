@@ -28,7 +28,10 @@ pub(crate) fn next_step(situation: &Situation<'_>) -> NextStep {
     let step = |why: &str, commands: Vec<String>| NextStep { why: why.to_owned(), commands };
     let next_out = shell(&format!("{}_2", request.out_dir.display()));
     match verdict {
-        Verdict::Adequate => step("Nothing needs to be done: the rig file explains these recordings.", Vec::new()),
+        Verdict::Adequate => step(
+            "Nothing needs to be done: nothing known explains these recordings better than the rig file.",
+            Vec::new(),
+        ),
         Verdict::Undecided if *planned => step(
             "Play the proposed experiment once on the rig, then ask again with its recording beside the others.",
             vec![

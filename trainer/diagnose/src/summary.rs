@@ -78,10 +78,24 @@ fn shows_in(findings: &Findings<'_, '_>) -> Option<String> {
     (before - after > AS_GOOD_KPA).then(|| format!("in {file}{from}: off by {after:.2} kPa instead of {before:.2} kPa"))
 }
 
+/// Times the noise up to which an error on validation data is noise (chosen: what half a noise on top of it makes is 1.1).
+const NOISE_ALONE: f64 = 2.0;
+
+/// Noise of the readings over all channels, root mean square, in kPa.
+fn noise_kpa(findings: &Findings<'_, '_>) -> f64 {
+    let squares = findings.bench.noise.iter().map(|n| n.sigma_kpa.powi(2)).sum::<f64>();
+    (squares / findings.bench.noise.len().max(1) as f64).sqrt()
+}
+
 fn verdict_in_words(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) -> String {
     let judgement = findings.judgement;
     let [before, after] = findings.before_and_after_kpa();
     match judgement.verdict {
+        Verdict::Adequate if after > NOISE_ALONE * noise_kpa(findings) => {
+            "No known mechanism and no other parameters make the model better than it stands; yet it does not explain all of these \
+             recordings."
+                .to_owned()
+        }
         Verdict::Adequate => {
             "The model as it stands explains these recordings to within their noise; nothing is missing.".to_owned()
         }
@@ -93,8 +107,7 @@ fn verdict_in_words(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) 
         ),
         Verdict::MissingPhysics => {
             let what: Vec<String> = mechanisms.iter().map(|m| m.summary.clone()).collect();
-            let noise = findings.bench.noise.iter().map(|n| n.sigma_kpa.powi(2)).sum::<f64>();
-            let noise = (noise / findings.bench.noise.len().max(1) as f64).sqrt();
+            let noise = noise_kpa(findings);
             let what = what.join(" ");
             match shows_in(findings) {
                 Some(shows) if before - after < AS_GOOD_KPA => format!(
