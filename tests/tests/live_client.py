@@ -41,7 +41,8 @@ async def foxglove(address):
 
 
 async def page(address, chromium):
-    with tempfile.TemporaryDirectory() as profile:
+    # Children of the browser may still write there when it has ended.
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         arguments = ["--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0", f"--user-data-dir={profile}", "about:blank"]
         browser = subprocess.Popen([chromium, *arguments], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
         try:
