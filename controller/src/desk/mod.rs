@@ -6,12 +6,12 @@
 //!
 //! | module | subject |
 //! | --- | --- |
-//! | [`arming`] | arm, disarm, acknowledge |
-//! | [`references`] | another reference: by an operator, by a configuration that was read again |
-//! | [`policies`] | policies listed, swapped, taken back; another model |
-//! | [`exploration`] | noise on the active policy's answers |
-//! | [`experiments`], [`experiment_desk`] | an experiment: how it is asked for and begins; what becomes of it |
-//! | [`answers`] | answers and their record; the newest that the tick has shown |
+//! | `arming` | arm, disarm, acknowledge |
+//! | `references` | another reference: by an operator, by a configuration that was read again |
+//! | `policies` | policies listed, swapped, taken back; another model |
+//! | `exploration` | noise on the active policy's answers |
+//! | `experiments`, `experiment_desk` | an experiment: how it is asked for and begins; what becomes of it |
+//! | `answers` | answers and their record; the newest that the tick has shown |
 
 use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Weak};

@@ -84,7 +84,8 @@ mod tests {
     fn a_policy_without_a_distribution_states_none() {
         let dense =
             |weight: f32, bias: f32| Dense { inputs: 1, outputs: 2, weights: vec![weight; 2], bias: vec![bias; 2] };
-        let features = sac::FeatureMap::new(1, Vec::new()).unwrap();
+        let feature = sac::Feature { plus: 0, minus: None, offset: 0.0, scale: 1.0 };
+        let features = sac::FeatureMap::new(1, vec![feature]).unwrap();
         let mut network = Network { features, layers: vec![dense(0.0, 0.0)], log_std: None };
         let hidden = [[1.0_f32], [2.0]];
         let of = |network: &Network| exploration_std(network, hidden.iter().map(|h| h.as_slice()), 0.06);
