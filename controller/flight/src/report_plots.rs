@@ -241,7 +241,7 @@ fn spanned(plot: Plot, flight: &Flight<'_>) -> Plot {
     plot.x_range(0.0, flight.statistics.seconds().max(0.02))
 }
 
-/// Whether a panel says what its shades stand for.
+/// Names of a panel's shades, told or not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Names {
     Told,

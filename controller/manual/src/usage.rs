@@ -19,7 +19,7 @@ pub fn explain(command: &Command, error: &clap::Error) -> Explained {
     explain_of(command, error, std::env::args().skip(1))
 }
 
-/// The same for words behind the program's name.
+/// A run of words behind the program's name, likewise.
 fn explain_of(command: &Command, error: &clap::Error, given: impl Iterator<Item = String>) -> Explained {
     let text = error.to_string();
     let (meant, name) = meant(command, given);

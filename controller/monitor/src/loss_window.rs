@@ -55,7 +55,7 @@ impl LossWindow {
         self.bits.count_ones()
     }
 
-    /// Whether this stands: bad for so many ticks in a row, or off and on.
+    /// True where this stands: bad for so many ticks in a row, or off and on.
     pub fn stands(&self, in_a_row: u32) -> bool {
         self.in_a_row() >= in_a_row || self.count() > FLICKERS_TO_VENT
     }

@@ -167,7 +167,7 @@ struct Round {
     /// What was shown last.
     shown: String,
     problem: Option<String>,
-    /// What is wrong with the directory, as of its last reading.
+    /// Problem of the directory, as of its last reading.
     directory_problem: Option<String>,
 }
 

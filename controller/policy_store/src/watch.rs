@@ -145,7 +145,7 @@ impl Watcher {
     }
 }
 
-/// Whether a file is published as a policy, whatever its name is otherwise: not hidden and not under way.
+/// True for a file that is published as a policy, whatever its name is otherwise: not hidden and not under way.
 fn is_published(path: &Path) -> bool {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     path.extension().is_some_and(|ending| ending == ENDING) && !stem.starts_with('.') && !stem.ends_with(".tmp")

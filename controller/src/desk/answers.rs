@@ -4,7 +4,6 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use proto::recording::{EventLevel, rfc3339};
 
-use super::arming::controls;
 use super::{Desk, Step};
 use crate::clock::now_ns;
 use crate::mailbox::Status;
@@ -77,7 +76,7 @@ impl Desk {
 
     pub(super) fn reply(&mut self, outcome: Result<(), String>) -> Reply {
         let live = self.live_status();
-        let runs = live.is_some_and(|s| controls(&s));
+        let runs = live.is_some_and(|s| s.state.is_controlling());
         let mut running = self.options.running.clone();
         running.armed_by = running.armed_by.filter(|_| runs);
         if let Some(handle) = &self.options.policies {

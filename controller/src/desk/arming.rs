@@ -1,13 +1,8 @@
 //! Arm, disarm, and acknowledge what waits for a person.
 
 use super::{Asked, Desk, Step, WITHDRAWN, What};
-use crate::mailbox::{Fate, Request, Status, Ticket};
+use crate::mailbox::{Fate, Request, Ticket};
 use crate::peer::Peer;
-
-/// Whether the valves are being controlled.
-pub(super) fn controls(status: &Status) -> bool {
-    status.state.is_controlling()
-}
 
 impl Desk {
     pub(super) fn begin_arming(&mut self, asked: Asked) -> Step {
@@ -21,7 +16,7 @@ impl Desk {
         let Some(status) = self.live_status() else {
             return Err(format!("nothing to arm: {}", self.no_session()));
         };
-        if controls(&status) {
+        if status.state.is_controlling() {
             return Err("it is armed already".to_owned());
         }
         if let Some(condition) = status.latched {
@@ -50,7 +45,7 @@ impl Desk {
     fn arming(&mut self, ticket: Ticket, asked: Asked) -> Option<Result<(), String>> {
         let late = asked.is_late();
         let fate = self.options.mailbox.fate(ticket);
-        let runs = self.newest.is_some_and(|(s, at_ns)| controls(&s) && at_ns > asked.at_ns);
+        let runs = self.newest.is_some_and(|(s, at_ns)| s.state.is_controlling() && at_ns > asked.at_ns);
         match fate {
             Fate::Taken if runs => Some(Ok(())),
             Fate::Withdrawn => Some(Err(WITHDRAWN.to_owned())),
@@ -92,7 +87,7 @@ impl Desk {
     fn disarming(&self, asked: Asked) -> Option<Result<(), String>> {
         let late = asked.is_late();
         let seen = !self.options.mailbox.disarm_waits();
-        let vents = self.newest.is_some_and(|(s, at_ns)| !controls(&s) && at_ns > asked.at_ns);
+        let vents = self.newest.is_some_and(|(s, at_ns)| !s.state.is_controlling() && at_ns > asked.at_ns);
         if seen && vents {
             return Some(Ok(()));
         }

@@ -9,7 +9,6 @@ use proto::recording::EventLevel;
 use proto::reference::{Reference, ReferenceError};
 
 use super::answers::one_line;
-use super::arming::controls;
 use super::{Asked, Desk, Step, What};
 use crate::clock::now_ns;
 use crate::mailbox::{Fate, Request, Ticket};
@@ -111,7 +110,7 @@ impl Desk {
             self.refresh();
             let (Some(reference), Some(file)) = (reference, config.reference.file) else { continue };
             let name = file.display().to_string();
-            let runs = self.live_status().is_some_and(|s| controls(&s));
+            let runs = self.live_status().is_some_and(|s| s.state.is_controlling());
             let csv = reference.to_csv();
             let taken = !runs
                 && self.live_status().is_some()
