@@ -4,6 +4,7 @@ pub mod atomic_file;
 pub mod diagnosis;
 pub mod emulator;
 pub mod output;
+pub mod policy_metadata;
 pub mod recording;
 pub mod reference;
 pub mod regular_file;

@@ -11,14 +11,11 @@
 
 use model::observation::{CHANNELS, Pair};
 use policy::Policy;
+use proto::policy_metadata::{EXPLORATION_STD_KEY, exploration_std};
 use serde::{Deserialize, Serialize};
 
-/// The key in a policy's metadata.
-pub const STD_KEY: &str = "exploration_std";
 /// Noise beyond this many standard deviations is cut off there (chosen: one draw in 22).
 const MOST_DEVIATIONS: f64 = 2.0;
-/// A deviation beyond this is no deviation of a duty.
-const MOST_STD_DUTY: f64 = 1.0;
 
 /// How exploration is asked for.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,14 +65,9 @@ impl PolicySpread {
     /// Reads text; not for the tick.
     pub fn of(policy: &Policy) -> Self {
         let range = |c: usize| policy.contract().outputs.get(c).map_or(0.0, |o| f64::from(o.high) - f64::from(o.low));
-        PolicySpread { stated: policy.metadata().get(STD_KEY).and_then(stated), range_duty: std::array::from_fn(range) }
+        let stated = policy.metadata().get(EXPLORATION_STD_KEY).and_then(|text| exploration_std(text));
+        PolicySpread { stated, range_duty: std::array::from_fn(range) }
     }
-}
-
-fn stated(text: &str) -> Option<Pair> {
-    let numbers: Vec<f64> = text.split(',').map(|n| n.trim().parse().ok()).collect::<Option<_>>()?;
-    let pair = Pair::try_from(numbers).ok()?;
-    pair.iter().all(|std| (0.0..=MOST_STD_DUTY).contains(std)).then_some(pair)
 }
 
 /// Exploration that is on.
@@ -160,11 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_policy_that_states_nothing_or_nonsense_has_a_share_of_its_range() {
-        assert_eq!(stated("0.01, 0.02"), Some([0.01, 0.02]));
-        for nonsense in ["", "0.01", "0.01,0.02,0.03", "a,b", "-0.1,0.1", "nan,0.1", "0.1,2"] {
-            assert_eq!(stated(nonsense), None, "{nonsense}");
-        }
+    fn a_policy_that_states_nothing_has_a_share_of_its_range() {
         let shown = exploration(PolicySpread { stated: None, range_duty: [0.5, 0.1] }).shown();
         assert_eq!((shown.std_duty, shown.std_from), ([0.01, 0.002], StdOrigin::Configuration));
         assert_eq!(shown.most_duty, [0.02, 0.004]);

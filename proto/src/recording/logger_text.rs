@@ -180,7 +180,7 @@ fn usual(counts: impl Iterator<Item = usize>) -> usize {
 
 fn decimal_of(rows: &[Vec<&str>], separator: Separator) -> Decimal {
     // Between commas a comma in a number stands within quotes, and there it may group thousands.
-    let groups = |cell: &str| separator == Separator::Comma && is_grouped(cell, true);
+    let groups = |cell: &str| separator == Separator::Comma && is_grouped(cell, Decimal::Point);
     let marked = |cell: &str, mark: char| {
         let unsigned = cell.trim_start_matches(['+', '-']);
         if mark == ',' && groups(unsigned) {

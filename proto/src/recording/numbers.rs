@@ -32,12 +32,12 @@ fn rewritten(text: &str, decimal: Decimal) -> Option<f64> {
             c => c,
         })
         .collect();
-    let (mark, comma_groups) = match decimal {
-        Decimal::Point => ('.', true),
-        Decimal::Comma => (',', false),
+    let mark = match decimal {
+        Decimal::Point => '.',
+        Decimal::Comma => ',',
     };
     let (whole, broken) = signed.split_once(mark).map_or((signed.as_str(), ""), |(whole, broken)| (whole, broken));
-    let joined = if is_grouped(whole, comma_groups) {
+    let joined = if is_grouped(whole, decimal) {
         whole.chars().filter(|c| matches!(c, '0'..='9' | '+' | '-')).collect()
     } else {
         whole.to_owned()
@@ -48,9 +48,10 @@ fn rewritten(text: &str, decimal: Decimal) -> Option<f64> {
 }
 
 /// Whether digits stand in groups of thousands: one mark throughout, three digits behind each, no zero in front.
-pub(super) fn is_grouped(whole: &str, comma_groups: bool) -> bool {
+pub(super) fn is_grouped(whole: &str, decimal: Decimal) -> bool {
     let unsigned = whole.trim_start_matches(['+', '-']);
-    let Some(mark) = unsigned.chars().find(|c| GROUP_MARKS.contains(c) || (comma_groups && *c == ',')) else {
+    let Some(mark) = unsigned.chars().find(|c| GROUP_MARKS.contains(c) || (decimal == Decimal::Point && *c == ','))
+    else {
         return false;
     };
     let mut groups = unsigned.split(mark);

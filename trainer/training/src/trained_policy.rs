@@ -15,6 +15,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
+use proto::policy_metadata::{EXPLORATION_STD_KEY, exploration_std, exploration_std_text};
 use proto::regular_file;
 use proto::rig_file::{self, RigFileError};
 
@@ -322,16 +323,12 @@ impl TrainedPolicy {
     }
 }
 
-/// The metadata's key for the spread of a policy's distribution: what `controller explore` reads.
-const STD_KEY: &str = "exploration_std";
-
-fn std_entry([positive, negative]: Pair) -> (String, String) {
-    (STD_KEY.to_owned(), format!("{positive:.6},{negative:.6}"))
+fn std_entry(std_duty: Pair) -> (String, String) {
+    (EXPLORATION_STD_KEY.to_owned(), exploration_std_text(std_duty))
 }
 
 fn stated_std(metadata: &BTreeMap<String, String>) -> Option<Pair> {
-    let (positive, negative) = metadata.get(STD_KEY)?.split_once(',')?;
-    Some([positive.trim().parse().ok()?, negative.trim().parse().ok()?])
+    metadata.get(EXPLORATION_STD_KEY).and_then(|text| exploration_std(text))
 }
 
 /// The network of a graph, without a deviation.
