@@ -10,27 +10,26 @@
 //! error here but a condition: [`monitor`] and the limits find conditions, [`supervisor::next`] makes a state and an action
 //! of them, and this is where the action is done. What is steered for while all is sound is its [`DutySource`].
 
-use handover::{ExplorationRules, ExplorationShown, PolicyEvent};
-use model::observation::{CHANNELS, Pair};
-use model::rig::{Rig, RigError};
+mod construction;
+mod limits;
+mod requests;
+mod telling;
+
+use handover::{ExplorationShown, PolicyEvent};
+use model::observation::Pair;
 use monitor::plausibility::{Foresight, Phase};
 use monitor::{Frame, Monitor, SentCommand};
-use policy::Policy;
 use proto::recording::TickRecord;
-use proto::reference::Reference;
-use proto::wire::{CrioState, Mode, Sense, TripBits};
-use safety_filter::{Envelope, Intervention, SafetyFilter, SlewLimit};
+use proto::wire::{Mode, Sense};
+use safety_filter::{Intervention, SafetyFilter, SlewLimit};
 use supervisor::transition::Acknowledgement;
 use supervisor::{
-    Action, Actuation, Arming, Condition, ConditionSet, Inputs, Integration, Memory, Request, State, Tick, Transition,
-    next,
+    Action, Actuation, Arming, Condition, ConditionSet, Inputs, Integration, Memory, Request, State, Tick, next,
 };
 
-use crate::command_sequence::Row;
 use crate::config::Safety;
-use crate::duty_source::{ActuatorCommand, Afterwards, DutySource, ModeRequest, NoticeSink, SensorSample, Steering};
+use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, SensorSample, Steering};
 use crate::notice::Notice;
-use crate::open_loop_playback::OpenLoopPlayback;
 use crate::running_source::RunningSource;
 use crate::sensing::Sensing;
 
@@ -41,8 +40,6 @@ const TOLERATED_MISSING: u32 = 1;
 const HOLD_SLEW_DUTY: f64 = 0.1;
 /// Ticks without an intervention of the safety filter after which the next one is told again.
 const FILTER_TOLD_AGAIN: u32 = 50;
-/// Ticks between two reminders that venting is in doubt: 5 s (chosen).
-const REMIND_TICKS: u32 = 250;
 
 /// The control cycle and everything it remembers.
 pub struct Cycle<H = RunningSource> {
@@ -71,81 +68,7 @@ pub struct Cycle<H = RunningSource> {
     exploration: Option<ExplorationShown>,
 }
 
-impl Cycle<RunningSource> {
-    /// A cycle that follows a reference on the rig that the model is made of.
-    ///
-    /// # Errors
-    /// If the rig cannot be flown: unsound, or without the valves and sensors the controller needs.
-    pub fn new(
-        rig: &Rig,
-        policy: Option<Policy>,
-        reference: Reference,
-        safety: Safety,
-        auto_arm: bool,
-    ) -> Result<Self, RigError> {
-        let arming = if auto_arm { Arming::Automatic } else { Arming::Manual };
-        let duty_source = RunningSource::new(rig, policy, reference)?;
-        let filter = SafetyFilter::new(rig, envelope(safety), SlewLimit::DEFAULT)?;
-        let monitor = Monitor::new(rig, Foresight::Judged)?;
-        let parts = Parts { sensing: Sensing::of(rig)?, monitor, filter, safety };
-        Ok(Cycle::with(duty_source, parts, arming))
-    }
-}
-
-impl Cycle<OpenLoopPlayback> {
-    /// A cycle that plays the rows of a sequence once, from rest, and arms itself for it; `relay`: whether the rig's
-    /// pump can be switched.
-    ///
-    /// # Errors
-    /// If the rig lacks one of the two sensors.
-    pub fn playing(rig: &Rig, rows: Box<[Row]>, relay: bool, safety: Safety) -> Result<Self, RigError> {
-        // Rows are played as they are; only what would leave the envelope is bent.
-        let filter = SafetyFilter::new(rig, envelope(safety), SlewLimit::None)?;
-        let monitor = Monitor::new(rig, Foresight::Unjudged)?;
-        let parts = Parts { sensing: Sensing::of(rig)?, monitor, filter, safety };
-        Ok(Cycle::with(OpenLoopPlayback::new(rows, relay), parts, Arming::Manual))
-    }
-}
-
-/// What the safety filter keeps: the limits beyond which the rig is vented.
-fn envelope(safety: Safety) -> Envelope {
-    Envelope { max_pos_kpa: safety.max_pos_kpa, min_neg_kpa: safety.min_neg_kpa }
-}
-
-/// What stands around any duty source.
-struct Parts {
-    sensing: Sensing,
-    monitor: Monitor,
-    filter: SafetyFilter,
-    safety: Safety,
-}
-
 impl<H: DutySource> Cycle<H> {
-    fn with(duty_source: H, parts: Parts, arming: Arming) -> Self {
-        let Parts { sensing, monitor, filter, safety } = parts;
-        Cycle {
-            filter,
-            filter_quiet: FILTER_TOLD_AGAIN,
-            sensing,
-            safety,
-            duty_source,
-            monitor,
-            memory: Memory::START,
-            arming,
-            request: None,
-            conditions: ConditionSet::EMPTY,
-            reported: ConditionSet::EMPTY,
-            tick: 0,
-            measured: [0.0; CHANNELS],
-            answer: ActuatorCommand::VENT,
-            action: None,
-            missing: 0,
-            renew_session: false,
-            faulted_ticks: 0,
-            exploration: None,
-        }
-    }
-
     /// What is steered for.
     pub fn duty_source(&self) -> &H {
         &self.duty_source
@@ -196,101 +119,12 @@ impl<H: DutySource> Cycle<H> {
         self.memory.may_open_session()
     }
 
-    /// The operator asks to arm; it happens in the next tick or not at all.
-    pub fn arm(&mut self) {
-        // An experiment arms by itself, once the rig stands at rest.
-        if self.duty_source.steering() == Steering::ClosedLoop {
-            self.ask(Request::Arm);
-        }
-    }
-
-    /// The operator has looked at what was wrong.
-    pub fn acknowledge(&mut self) {
-        self.ask(Request::Acknowledge);
-    }
-
-    /// The operator asks to disarm.
-    pub fn disarm(&mut self) {
-        self.ask(Request::Disarm);
-        self.duty_source.stopped(None);
-    }
-
-    /// Plays an experiment from the next tick on, which first opens both vents; hands it back where that cannot be.
-    ///
-    /// # Real-time
-    /// Runs in the tick.
-    ///
-    /// # Errors
-    /// The experiment: another one is under way, or nothing is steered for that could go on afterwards.
-    pub fn begin_experiment(
-        &mut self,
-        playback: Box<OpenLoopPlayback>,
-        tell: NoticeSink<'_>,
-    ) -> Result<(), Box<OpenLoopPlayback>> {
-        let rows = playback.rows();
-        let controlling = self.state().is_controlling();
-        let afterwards = if controlling { Afterwards::Armed } else { Afterwards::StandingBy };
-        self.duty_source.begin_experiment(playback, afterwards)?;
-        if controlling {
-            self.ask(Request::Disarm);
-        }
-        tell(Notice::ExperimentBegins { tick: self.tick, rows });
-        Ok(())
-    }
-
-    /// Explores around the active policy from the next tick on, or no more; only while the rig is controlled.
-    ///
-    /// # Real-time
-    /// Runs in the tick.
-    pub fn explore(&mut self, rules: Option<ExplorationRules>) {
-        self.duty_source.explore(rules.filter(|_| self.state().is_controlling()));
-    }
-
-    /// Tells once that exploration has begun or has ended, whatever ended it.
-    fn tell_exploration(&mut self, tell: NoticeSink<'_>) {
-        let now = self.duty_source.exploration();
-        if now == self.exploration {
-            return;
-        }
-        self.exploration = now;
-        let tick = self.tick;
-        tell(match now {
-            Some(ExplorationShown { seed, std_duty, .. }) => Notice::Exploring { tick, seed, std_duty },
-            None => Notice::ExplorationOver { tick },
-        });
-    }
-
-    /// The experiment that is over, to be dropped outside the tick.
-    ///
-    /// # Real-time
-    /// Runs in the tick.
-    pub fn take_finished_experiment(&mut self) -> Option<Box<OpenLoopPlayback>> {
-        self.duty_source.take_finished_experiment()
-    }
-
-    /// Ends the experiment that is under way, and hands it back: there will be no further tick.
-    pub fn end_experiment(&mut self) -> Option<Box<OpenLoopPlayback>> {
-        self.duty_source.session_over();
-        self.duty_source.take_finished_experiment()
-    }
-
-    /// Of several requests in one tick the safer one counts.
-    fn ask(&mut self, request: Request) {
-        self.request = self.request.max(Some(request));
-    }
-
     /// Takes in what the caller has found since the last tick: deadlines, losses, rights. It counts in the next tick.
     ///
     /// # Real-time
     /// Runs in the tick.
     pub fn report(&mut self, condition: Condition, value: f64) {
         self.reported.insert(condition, value);
-    }
-
-    /// Puts in another reference, which starts at once, and hands back the old one, to be dropped elsewhere.
-    pub fn exchange_reference(&mut self, reference: Box<Reference>) -> Box<Reference> {
-        let running = self.state().is_controlling().then_some((self.tick, self.measured));
-        self.duty_source.exchange_reference(reference, running)
     }
 
     /// A new session: nothing of the old one counts but what waits for a person.
@@ -343,36 +177,6 @@ impl<H: DutySource> Cycle<H> {
         self.ask_duty_source(sense.pump_running, tell);
     }
 
-    /// Readings, with broken sensors and limits among the conditions.
-    fn read(&mut self, sense: &Sense) -> [Option<f64>; CHANNELS] {
-        let readings = self.sensing.readings_kpa(&sense.volts);
-        for (c, broken) in [Condition::SensorPositive, Condition::SensorNegative].into_iter().enumerate() {
-            if let Err(found) = readings[c] {
-                self.conditions.insert(broken, found.volts);
-            }
-        }
-        let readings = readings.map(Result::ok);
-        if let [Some(positive), _] = readings
-            && positive > self.safety.max_pos_kpa
-        {
-            self.conditions.insert(Condition::OverPressure, positive);
-        }
-        if let [_, Some(negative)] = readings
-            && negative < self.safety.min_neg_kpa
-        {
-            self.conditions.insert(Condition::OverVacuum, negative);
-        }
-        readings
-    }
-
-    fn check_trips(&mut self, sense: &Sense) {
-        if sense.state == CrioState::Tripped {
-            let ours = sense.trips == TripBits::COMMAND_LOST;
-            let cause = if ours { Condition::CommandsLost } else { Condition::CrioTripped };
-            self.conditions.insert(cause, f64::from(sense.trips.bits()));
-        }
-    }
-
     /// The duty source sees the frame and may ask for a mode.
     fn ask_duty_source(&mut self, pump_running: bool, tell: NoticeSink<'_>) {
         let seen = SensorSample { tick: self.tick, measured: self.measured, pump_running, state: self.state() };
@@ -394,7 +198,7 @@ impl<H: DutySource> Cycle<H> {
     pub fn predict(&mut self, record: &mut TickRecord) {
         self.duty_source.exchange_model(&mut self.filter, &mut self.monitor, record);
         if self.state().is_controlling() {
-            self.duty_source.predict(self.measured, self.answer.duty, record);
+            self.duty_source.predict(self.measured, record);
         }
         // Vented as well, so that it stands where the rig is when the rig is armed.
         self.filter.observe(self.measured);
@@ -568,62 +372,6 @@ impl<H: DutySource> Cycle<H> {
         arming
     }
 
-    fn tell_transition(&mut self, transition: Transition, tell: NoticeSink<'_>) {
-        let tick = self.tick;
-        match transition {
-            Transition::None | Transition::SessionOpened | Transition::Stopped => {}
-            Transition::Armed(arming) => {
-                self.monitor.armed();
-                self.duty_source.armed(tick, self.measured);
-                tell(match self.duty_source.steering() {
-                    Steering::ClosedLoop => Notice::Armed { tick, auto: arming == Arming::Automatic },
-                    Steering::OpenLoop => Notice::FirstRow { tick },
-                });
-            }
-            Transition::Disarmed => {
-                self.duty_source.explore(None);
-                tell(Notice::Disarmed { tick });
-            }
-            Transition::Vented(cause) | Transition::Faulted(cause) => {
-                let value = self.conditions.value(cause);
-                self.duty_source.stopped(Some((cause, value)));
-                tell(Notice::Vented { cause, tick, value });
-            }
-            Transition::Disconnected(cause) => {
-                self.duty_source.stopped(Some((cause, self.conditions.value(cause))));
-                tell(Notice::Disconnected { cause, tick });
-            }
-            Transition::Held(condition) => {
-                // A missing frame has a line of its own.
-                if condition != Condition::FrameMissing {
-                    self.duty_source.explore(None);
-                    tell(Notice::Held { condition, tick, value: self.conditions.value(condition) });
-                }
-            }
-            Transition::Resumed => {}
-            Transition::Reverted(condition) => {
-                tell(Notice::Reverted { condition, tick, value: self.conditions.value(condition) });
-            }
-            Transition::Returned => tell(Notice::Returned { tick }),
-            Transition::Recovered => tell(Notice::Recovered { tick }),
-        }
-    }
-
-    /// Venting in doubt is told again and again.
-    fn remind(&mut self, tell: NoticeSink<'_>) {
-        if self.state() != State::Fault {
-            self.faulted_ticks = 0;
-            return;
-        }
-        self.faulted_ticks += 1;
-        if self.faulted_ticks.is_multiple_of(REMIND_TICKS)
-            && let Some(cause) = self.memory.cause
-        {
-            let seconds = f64::from(self.faulted_ticks) / 50.0;
-            tell(Notice::StillFaulted { cause, tick: self.tick, seconds, measured_kpa: self.measured });
-        }
-    }
-
     fn note_answer(&self, record: &mut TickRecord) -> ActuatorCommand {
         record.tick = self.tick;
         [record.u_pos, record.u_neg] = self.answer.duty;
@@ -639,6 +387,10 @@ impl<H: DutySource> Cycle<H> {
 
 #[cfg(test)]
 mod tests {
+    use model::rig::Rig;
+    use proto::reference::Reference;
+    use proto::wire::{CrioState, TripBits};
+
     use super::*;
 
     fn sense(tick: u32, volts: [f32; 2], state: CrioState, trips: TripBits) -> Sense {

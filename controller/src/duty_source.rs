@@ -140,7 +140,7 @@ pub trait DutySource: Send {
     fn armed(&mut self, tick: u32, measured: Pair);
 
     /// Rolls a model ahead from what was measured, where one is used; `applied` is the duty in force.
-    fn predict(&mut self, measured: Pair, applied: Pair, record: &mut TickRecord);
+    fn predict(&mut self, measured: Pair, record: &mut TickRecord);
 
     /// Decides the tick; `None` if there is no finite answer, and the rig is vented.
     fn decide(

@@ -76,6 +76,8 @@ pub enum OnSilence {
     Abort,
     /// It tells only: simulation, where nobody is in danger.
     Tell,
+    /// Nothing: in lockstep no tick is due.
+    Wait,
 }
 
 /// Starts the guard; it ends once `stop` is set.
@@ -94,26 +96,22 @@ pub fn start(
         let notifier = Notifier::from_environment();
         notifier.ready();
         let mut watched = Watched::new();
+        let due = || on_silence != OnSilence::Wait && pulse.in_session.load(Ordering::Acquire);
         while !stop.load(Ordering::Relaxed) {
             std::thread::sleep(until_next_look());
             match watched.look(&pulse) {
                 Look::Alive => notifier.beat(),
-                Look::Silent(looks) if looks == SILENT_TO_TELL && pulse.in_session.load(Ordering::Acquire) => {
+                Look::Silent(looks) if looks == SILENT_TO_TELL && due() => {
                     say("the tick has been silent for 0.2 s; the cRIO vents by its time to live".to_owned());
                 }
-                Look::Silent(looks)
-                    if looks >= SILENT_TO_ABORT
-                        && on_silence == OnSilence::Abort
-                        && pulse.in_session.load(Ordering::Acquire) =>
-                {
+                Look::Silent(looks) if looks >= SILENT_TO_ABORT && on_silence == OnSilence::Abort && due() => {
                     say("the tick has been silent for 1 s: ending; the cRIO has vented".to_owned());
                     // Time for the line to reach the recording and the terminal.
                     std::thread::sleep(Duration::from_millis(100));
                     std::process::abort();
                 }
                 Look::Silent(looks) => {
-                    let patience =
-                        if pulse.in_session.load(Ordering::Acquire) { SILENT_TO_TELL } else { SILENT_OUTSIDE };
+                    let patience = if due() { SILENT_TO_TELL } else { SILENT_OUTSIDE };
                     if looks < patience && looks.is_multiple_of(SILENT_TO_TELL / 2) {
                         notifier.beat();
                     }

@@ -141,6 +141,40 @@ impl Broken {
     }
 }
 
+/// A sound frame that a cRIO has no reason to send within a session.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Misplaced {
+    /// It greets again, as a program does that has begun anew.
+    Hello,
+    /// It commands.
+    Command,
+    /// Its reading belongs to another session.
+    Sense {
+        /// Which.
+        session: u32,
+    },
+}
+
+impl Misplaced {
+    /// Code and number as events carry them.
+    pub(crate) fn numbers(self) -> [f64; 2] {
+        match self {
+            Misplaced::Hello => [1.0, 0.0],
+            Misplaced::Command => [3.0, 0.0],
+            Misplaced::Sense { session } => [2.0, f64::from(session)],
+        }
+    }
+
+    /// What a person is told about the frame with these numbers.
+    pub(crate) fn text([code, number]: [f64; 2]) -> String {
+        match code as u8 {
+            1 => "a HELLO in the middle of the session; has the cRIO's program begun anew?".to_owned(),
+            3 => "a COMMAND, which only the daemon sends; is something else connected?".to_owned(),
+            _ => format!("a SENSE of session {:08X}, which is not this one", number as u32),
+        }
+    }
+}
+
 /// A frame did not go out whole: the link is lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NotSent;
@@ -153,6 +187,7 @@ pub struct Link {
     session: u32,
     gate: FrameGate,
     damaged: u64,
+    misplaced: Option<Misplaced>,
     rejected: Option<Rejection>,
     /// Bytes taken since the last reading was asked for.
     taken: usize,
@@ -175,6 +210,7 @@ impl Link {
             session: fresh_session(),
             gate: FrameGate::new(pacing),
             damaged: 0,
+            misplaced: None,
             rejected: None,
             taken: 0,
         };
@@ -247,6 +283,14 @@ impl Link {
         self.gate.wrong_rate()
     }
 
+    /// The newest frame since the last call that had no place in the session, however sound it was.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn take_misplaced(&mut self) -> Option<Misplaced> {
+        self.misplaced.take()
+    }
+
     /// Frames dropped as damaged, or of a kind or session that has no place here.
     pub fn damaged(&self) -> u64 {
         self.damaged
@@ -310,7 +354,9 @@ impl Link {
                     Frame::Bye(bye) => {
                         return Err(Broken::because(Condition::PeerLeft, f64::from(bye.reason.code())));
                     }
-                    _ => self.damaged += 1,
+                    Frame::Sense(sense) => self.misplace(Misplaced::Sense { session: sense.session }),
+                    Frame::Hello(_) => self.misplace(Misplaced::Hello),
+                    Frame::Command(_) => self.misplace(Misplaced::Command),
                 },
                 Ok(None) => {
                     if self.taken > MOST_BYTES {
@@ -334,6 +380,11 @@ impl Link {
                 Err(_) => self.damaged += 1,
             }
         }
+    }
+
+    fn misplace(&mut self, what: Misplaced) {
+        self.damaged += 1;
+        self.misplaced = Some(what);
     }
 
     /// Waits until there is something to read; `false` at the deadline.

@@ -91,14 +91,22 @@ impl Tap {
 /// The stream's thread and socket.
 #[derive(Debug)]
 pub struct LiveStream {
-    thread: JoinHandle<()>,
+    thread: Option<JoinHandle<()>>,
     path: PathBuf,
 }
 
 impl LiveStream {
     /// Waits for the thread, which ends once the daemon's stop flag is set, and removes the socket.
-    pub fn join(self) {
-        let _ = self.thread.join();
+    pub fn join(mut self) {
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The socket goes with its stream, also where a start fails after it was made.
+impl Drop for LiveStream {
+    fn drop(&mut self) {
         let _ = std::fs::remove_file(&self.path);
     }
 }
@@ -135,7 +143,7 @@ pub fn serve(
         .name("live".to_owned())
         .spawn(move || carry(&listener, &shared, &stop))
         .map_err(make)?;
-    Ok((tap, LiveStream { thread, path }))
+    Ok((tap, LiveStream { thread: Some(thread), path }))
 }
 
 /// A viewer and what it has not read yet.

@@ -9,6 +9,7 @@ use proto::wire::TripBits;
 use supervisor::Condition;
 
 pub use crate::attribution::MissCause;
+pub use crate::link::Misplaced;
 
 /// Something that happened in the tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -132,6 +133,13 @@ pub enum Notice {
         /// How many since the session began.
         count: u64,
     },
+    /// A sound frame came that has no place in the session, and was dropped.
+    FrameMisplaced {
+        /// How many frames were dropped since the session began.
+        count: u64,
+        /// Which it was.
+        what: Misplaced,
+    },
     /// Something happened to a policy.
     Policy {
         /// Tick.
@@ -215,6 +223,10 @@ impl Notice {
                 (6, [f64::from(tick), took_ms, f64::from(cause as u8), 0.0])
             }
             Notice::FrameDamaged { count } => (7, [count as f64, 0.0, 0.0, 0.0]),
+            Notice::FrameMisplaced { count, what } => {
+                let [code, number] = what.numbers();
+                (31, [count as f64, code, number, 0.0])
+            }
             Notice::Policy { tick, event } => policy_numbers(tick, event),
             Notice::Filtered { tick, asked, measured } => (20, [f64::from(tick), asked[0], asked[1], measured[0]]),
             Notice::ExperimentBegins { tick, rows } => (26, [f64::from(tick), f64::from(rows), 0.0, 0.0]),
@@ -228,7 +240,7 @@ impl Notice {
         };
         let level = match code {
             100.. => EventLevel::Error,
-            5..=8 | 11 | 13 | 16 | 17 | 20 | 24 | 30 => EventLevel::Warning,
+            5..=8 | 11 | 13 | 16 | 17 | 20 | 24 | 30 | 31 => EventLevel::Warning,
             _ => EventLevel::Info,
         };
         Event { at_ns, level, part: "tick", code, values }
@@ -305,7 +317,9 @@ pub fn fault_text(code: u16, value: f64) -> String {
         C::ClockImplausible => format!(
             "the frames' sequence number, clock or tick does not go on as time does ({value:.0}); look at the cRIO's program"
         ),
-        C::FramesDamaged => format!("{value:.0} of the last 100 frames had a wrong CRC; the link is closed"),
+        C::FramesDamaged => {
+            format!("{value:.0} of the last 100 frames had a wrong CRC or no place in the session; the link is closed")
+        }
         C::LinkFlooded => format!("{value:.0} bytes came in one tick; a cRIO sends 64; the link is closed"),
         C::StreamBroken => format!(
             "the byte stream is broken: a frame began with wrong magic, type or length (0x{:08X}); the link is closed",
@@ -394,6 +408,7 @@ pub fn sentence(event: &Event) -> String {
             MissCause::text(c as u8)
         ),
         7 => format!("a frame came damaged and was dropped ({a:.0} in this session)"),
+        31 => format!("the cRIO sent {}; it was dropped ({a:.0} in this session)", Misplaced::text([b, c])),
         8 | 21..=25 => policy_sentence(event),
         9 => format!("the run is over {at}; vents open"),
         20 => format!(

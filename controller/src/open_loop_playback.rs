@@ -216,7 +216,7 @@ impl DutySource for OpenLoopPlayback {
         }
     }
 
-    fn predict(&mut self, _measured: Pair, _applied: Pair, _record: &mut TickRecord) {}
+    fn predict(&mut self, _measured: Pair, _record: &mut TickRecord) {}
 
     fn decide(
         &mut self,

@@ -164,14 +164,14 @@ impl DutySource for ReferenceTracking {
         self.trajectory = ActionTrajectory::held(VENT);
     }
 
-    fn predict(&mut self, measured: Pair, applied: Pair, record: &mut TickRecord) {
+    fn predict(&mut self, measured: Pair, record: &mut TickRecord) {
         self.undelayed = self.predictor.observe(measured);
         self.predicted = self.predictor.predict(&self.trajectory.remaining(), true);
         if !self.predicted.as_flattened().iter().all(|p| p.is_finite()) {
             // A diverged model must not reach the policy; "stays as it is" is the plainest forecast.
             self.predicted = [measured; AHEAD];
             self.undelayed = measured;
-            self.predictor.restart(measured, applied);
+            self.predictor.recover(measured);
         }
         record.predicted_pos_kpa = self.predicted.map(|p| p[0]);
         record.predicted_neg_kpa = self.predicted.map(|p| p[1]);

@@ -8,132 +8,30 @@
 //! What ends a replay early: ticks that were not recorded, and inputs whose content the recording does not hold. What was
 //! compared until then counts, and the end is told.
 
+mod comparison;
+mod replay_error;
+
 use std::collections::VecDeque;
 
-use model::rig::{Rig, RigError};
+use model::rig::Rig;
 use policy::{Policy, PolicyError};
 use proto::emulator::rig_and_crio;
-use proto::recording::{LawParts, TickInput, TickRecord};
-use proto::reference::{Reference, ReferenceError};
+use proto::recording::{TickInput, TickRecord};
+use proto::reference::Reference;
 use proto::wire::{Frame, Sense};
 use supervisor::Condition;
 
-use crate::command_sequence::{CommandSequence, CommandSequenceError};
-use crate::config::{Config, ConfigError};
+use crate::command_sequence::CommandSequence;
+use crate::config::Config;
 use crate::cycle::Cycle;
 use crate::daemon::contracts;
-use crate::duty_source::ActuatorCommand;
 use crate::open_loop_playback::OpenLoopPlayback;
 use crate::recorded_orders::RecordedOrders;
 use crate::run_file::{RunFile, attached};
 
-/// Why a recording cannot be replayed at all.
-#[derive(Debug, thiserror::Error)]
-pub enum ReplayError {
-    /// A file is missing inside.
-    #[error("{file}: the recording holds no {name}; runs recorded by this version or a later one can be replayed")]
-    Missing {
-        /// The recording.
-        file: String,
-        /// The file inside.
-        name: &'static str,
-    },
-    /// What reached the tick was not recorded.
-    #[error(
-        "{file}: the recording does not begin with a session's first tick; give the recording before it first, in the order of time"
-    )]
-    NoBeginning {
-        /// The recording.
-        file: String,
-    },
-    /// The configuration inside is none.
-    #[error(transparent)]
-    Config(#[from] ConfigError),
-    /// The model inside is none.
-    #[error("{file}: {name}: {source}")]
-    Model {
-        /// The recording.
-        file: String,
-        /// The file inside.
-        name: &'static str,
-        /// What is wrong.
-        source: RigError,
-    },
-    /// The reference inside is none.
-    #[error(transparent)]
-    Reference(#[from] ReferenceError),
-    /// The commands of an experiment inside are none.
-    #[error(transparent)]
-    Experiment(#[from] CommandSequenceError),
-    /// The policy inside is refused.
-    #[error(transparent)]
-    Policy(#[from] PolicyError),
-    /// The policy inside is another than the one that was in control.
-    #[error("{file}: the policy inside has SHA-256 {found}, in control was {expected}")]
-    OtherPolicy {
-        /// The recording.
-        file: String,
-        /// Of the file inside.
-        found: String,
-        /// Of the run.
-        expected: String,
-    },
-}
-
-/// A stage of the tick, in the order in which they run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stage {
-    /// Volts to pressures.
-    Sensing,
-    /// State, fault, findings.
-    State,
-    /// Where to go.
-    Reference,
-    /// MPObs.
-    Prediction,
-    /// What the policy was shown.
-    Observation,
-    /// What the policy answered.
-    Policy,
-    /// The control law's terms.
-    Law,
-    /// The safety filter.
-    Filter,
-    /// What was sent.
-    Command,
-}
-
-impl Stage {
-    /// What a person calls it.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Stage::Sensing => "sensing (volts to pressures)",
-            Stage::State => "state and findings",
-            Stage::Reference => "reference",
-            Stage::Prediction => "prediction (MPObs)",
-            Stage::Observation => "observation",
-            Stage::Policy => "policy",
-            Stage::Law => "control law",
-            Stage::Filter => "safety filter",
-            Stage::Command => "command",
-        }
-    }
-}
-
-/// The first difference.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Difference {
-    /// Tick since the first of the recording, from 0.
-    pub index: u64,
-    /// Session of the tick.
-    pub session: u32,
-    /// The tick's number.
-    pub tick: u32,
-    /// The first stage that differs.
-    pub stage: Stage,
-    /// Its values, recorded and replayed.
-    pub values: String,
-}
+use comparison::compare;
+pub use comparison::{Difference, Stage};
+pub use replay_error::ReplayError;
 
 /// What a replay found.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -190,6 +88,10 @@ pub struct Replay {
     orders: RecordedOrders,
     /// Whether the pump of the model in force can be switched.
     relay: bool,
+    /// First ticks of the recordings so far: session, number, time, and the file.
+    begun: Vec<((u32, u32, u64), String)>,
+    /// The part of its run that the newest recording is.
+    part: u32,
 }
 
 /// Where references that were exchanged come from.
@@ -216,6 +118,8 @@ impl Replay {
             known_experiments: 0,
             orders: RecordedOrders::default(),
             relay: true,
+            begun: Vec::new(),
+            part: 0,
         }
     }
 
@@ -233,7 +137,10 @@ impl Replay {
                 .last
                 .is_some_and(|(session, number, _)| session == tick.session && number.wrapping_add(1) == tick.tick);
             let first = index == 0;
-            let goes_on = continues || (self.cycle.is_some() && is_later_part(run));
+            let goes_on = continues || (self.cycle.is_some() && part(run) > 1);
+            if first {
+                self.check_order(run, tick, goes_on.then_some(self.part))?;
+            }
             if first && !goes_on {
                 let (cycle, relay) = cycle(run)?;
                 self.cycle = Some(cycle);
@@ -258,6 +165,22 @@ impl Replay {
             self.tick(tick);
             self.last = Some((tick.session, tick.tick, tick.records_dropped));
         }
+        Ok(())
+    }
+
+    /// Refuses a recording that was replayed already, and one that does not follow the part `before` it.
+    fn check_order(&mut self, run: &RunFile, first: &TickRecord, before: Option<u32>) -> Result<(), ReplayError> {
+        let file = run.path.display().to_string();
+        let key = (first.session, first.tick, first.receive_ns);
+        if let Some((_, before)) = self.begun.iter().find(|(begun, _)| *begun == key) {
+            return Err(ReplayError::Twice { file, before: before.clone() });
+        }
+        let found = part(run);
+        if let Some(before) = before.filter(|before| found > 1 && found != before + 1) {
+            return Err(ReplayError::PartMissing { file, found, before });
+        }
+        self.begun.push((key, file));
+        self.part = found;
         Ok(())
     }
 
@@ -399,9 +322,9 @@ impl Replay {
     }
 }
 
-/// Whether a recording is a later one of several of a run.
-fn is_later_part(run: &RunFile) -> bool {
-    run.content.metadata.get("part").and_then(|part| part.parse::<u32>().ok()).is_some_and(|part| part > 1)
+/// Which of several recordings of a run this is, from 1.
+fn part(run: &RunFile) -> u32 {
+    run.content.metadata.get("part").and_then(|part| part.parse().ok()).unwrap_or(1)
 }
 
 /// The cycle as it was when the recorded daemon began, and whether its model's pump can be switched.
@@ -438,86 +361,4 @@ fn sense_of(recorded: &TickRecord) -> Option<Sense> {
         Ok(Frame::Sense(sense)) => Some(sense),
         _ => None,
     }
-}
-
-/// The first stage in which two ticks differ in a bit, with what it held.
-fn compare(
-    recorded: &TickRecord,
-    again: &TickRecord,
-    answer: &ActuatorCommand,
-    numbers: &mut u64,
-) -> Option<(Stage, String)> {
-    let bits = |values: &[f64]| -> Vec<u64> { values.iter().map(|value| value.to_bits()).collect() };
-    let law = |parts: &LawParts| {
-        [parts.feed_forward, parts.backlash, parts.correction, parts.proportional, parts.integral, parts.u_raw]
-    };
-    let of = |tick: &TickRecord| -> Vec<(Stage, Vec<u64>)> {
-        vec![
-            (Stage::Sensing, bits(&[tick.p_pos_kpa, tick.p_neg_kpa])),
-            (
-                Stage::State,
-                vec![
-                    u64::from(tick.tick),
-                    u64::from(tick.state),
-                    u64::from(tick.fault),
-                    tick.findings,
-                    u64::from(tick.experiment),
-                ],
-            ),
-            (Stage::Reference, bits(&[tick.ref_pos_kpa, tick.ref_neg_kpa])),
-            (Stage::Prediction, bits(&[tick.predicted_pos_kpa, tick.predicted_neg_kpa].concat())),
-            (Stage::Observation, vec![tick.observation_hash]),
-            (
-                Stage::Policy,
-                tick.policy_output
-                    .iter()
-                    .map(|value| u64::from(value.to_bits()))
-                    .chain([u64::from(tick.policy_stage), tick.authority.to_bits(), u64::from(tick.swap_id)])
-                    .chain(bits(&[tick.exploration_pos, tick.exploration_neg]))
-                    .collect(),
-            ),
-            (Stage::Law, bits(&[law(&tick.law_pos), law(&tick.law_neg)].concat())),
-            (
-                Stage::Filter,
-                bits(&tick.command_before_filter).into_iter().chain([u64::from(tick.filter_active)]).collect(),
-            ),
-            (
-                Stage::Command,
-                bits(&[tick.u_pos, tick.u_neg])
-                    .into_iter()
-                    .chain([u64::from(tick.mode), u64::from(tick.pump_on)])
-                    .collect(),
-            ),
-        ]
-    };
-    for ((stage, was), (_, is)) in of(recorded).into_iter().zip(of(again)) {
-        *numbers += was.len() as u64;
-        if was != is {
-            return Some((stage, differing(&was, &is)));
-        }
-    }
-    // What went over the wire, where it did, is what was decided.
-    let Ok(Frame::Command(sent)) = Frame::decode(recorded.command_present.then_some(&recorded.command)?) else {
-        return Some((Stage::Command, "the recorded COMMAND cannot be read".to_owned()));
-    };
-    *numbers += 3;
-    let wire = answer.duty.map(|duty| duty as f32);
-    let same = sent.duty.map(f32::to_bits) == wire.map(f32::to_bits) && sent.mode == answer.mode;
-    (!same)
-        .then(|| (Stage::Command, format!("sent {:?} {:?}, replayed {wire:?} {:?}", sent.duty, sent.mode, answer.mode)))
-}
-
-/// The first number of a stage that differs, as a number where it is one.
-fn differing(was: &[u64], is: &[u64]) -> String {
-    let at = was.iter().zip(is).position(|(was, is)| was != is).unwrap_or(0);
-    let shown = |bits: Option<&u64>| {
-        let bits = bits.copied().unwrap_or(0);
-        // Small whole numbers are codes, single precision or counts; everything else is a double.
-        if bits <= u64::from(u32::MAX) {
-            format!("{bits:#x}")
-        } else {
-            format!("{:e} ({bits:#018x})", f64::from_bits(bits))
-        }
-    };
-    format!("number {} of the stage: recorded {}, replayed {}", at + 1, shown(was.get(at)), shown(is.get(at)))
 }

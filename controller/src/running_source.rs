@@ -114,10 +114,10 @@ impl DutySource for RunningSource {
         }
     }
 
-    fn predict(&mut self, measured: Pair, applied: Pair, record: &mut TickRecord) {
+    fn predict(&mut self, measured: Pair, record: &mut TickRecord) {
         match self.playing() {
-            Some(playback) => playback.predict(measured, applied, record),
-            None => self.tracking.predict(measured, applied, record),
+            Some(playback) => playback.predict(measured, record),
+            None => self.tracking.predict(measured, record),
         }
     }
 

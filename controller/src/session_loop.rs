@@ -63,6 +63,8 @@ struct Watch {
     damage: LossWindow,
     scarce_told: bool,
     unrecorded_told: bool,
+    /// Time from the frame to the newest command, ms.
+    took_ms: f64,
 }
 
 /// A tick's answer and when its frame was due.
@@ -87,6 +89,7 @@ pub(crate) fn one_session<H: DutySource>(session: &mut Session<H>, link: &mut Li
         damage: LossWindow::new(),
         scarce_told: false,
         unrecorded_told: false,
+        took_ms: 0.0,
     };
     TickInput::SessionOpened.append(&mut session.inputs);
     let mut sequence_tick = 0;
@@ -202,7 +205,7 @@ fn answer<H: DutySource>(
     }
 }
 
-fn note_damage<H: DutySource>(session: &mut Session<H>, link: &Link, watch: &mut Watch, record: &mut TickRecord) {
+fn note_damage<H: DutySource>(session: &mut Session<H>, link: &mut Link, watch: &mut Watch, record: &mut TickRecord) {
     let count = link.damaged();
     if count == watch.damaged {
         watch.damage.push(Outcome::Good);
@@ -213,7 +216,13 @@ fn note_damage<H: DutySource>(session: &mut Session<H>, link: &Link, watch: &mut
     }
     watch.damaged = count;
     record.arrival = Arrival::Damaged;
-    tell(&mut session.sink, Notice::FrameDamaged { count });
+    tell(
+        &mut session.sink,
+        match link.take_misplaced() {
+            Some(what) => Notice::FrameMisplaced { count, what },
+            None => Notice::FrameDamaged { count },
+        },
+    );
 }
 
 /// What this loop has found since the last tick counts in this one.
@@ -251,7 +260,7 @@ fn report<H: DutySource>(session: &mut Session<H>, link: &Link, counts: &Counts,
     if deadlines >= DEADLINES_TO_VENT || watch.deadlines.in_a_row() >= DEADLINES_IN_A_ROW {
         session.cycle.report(Condition::DeadlinesMissed, f64::from(deadlines));
     } else if watch.deadlines.in_a_row() > 0 {
-        session.cycle.report(Condition::DeadlineMissed, 0.0);
+        session.cycle.report(Condition::DeadlineMissed, watch.took_ms);
     }
 }
 
@@ -300,6 +309,7 @@ fn send<H: DutySource>(
     record.send_ns = short(sent_ns - sending_ns);
     record.compute_ns = short(sent_ns.saturating_sub(record.receive_ns));
     let took_ns = sent_ns.saturating_sub(answered.due_ns);
+    watch.took_ms = took_ns as f64 * 1e-6;
     record.deadline_missed = realtime && took_ns > COMMAND_DEADLINE_NS;
     if record.deadline_missed {
         counts.deadline_misses += 1;
@@ -308,7 +318,7 @@ fn send<H: DutySource>(
             cpu_ns: thread_cpu_ns().saturating_sub(answered.cpu_ns),
             run_delay_ns: session.pulse.run_delay_ns(),
         };
-        let notice = Notice::DeadlineMissed { tick: record.tick, took_ms: took_ns as f64 * 1e-6, cause: times.cause() };
+        let notice = Notice::DeadlineMissed { tick: record.tick, took_ms: watch.took_ms, cause: times.cause() };
         tell(&mut session.sink, notice);
     }
     watch.deadlines.push(if record.deadline_missed { Outcome::Bad } else { Outcome::Good });

@@ -44,6 +44,7 @@ use crate::run_length::RunLength;
 use crate::session::{Session, run_session};
 use crate::signals::{Order, Signals};
 use crate::socket::{May, SocketError, check_free, serve};
+use crate::systemd::Notifier;
 
 /// Between two looks of the main thread.
 const LOOK: Duration = Duration::from_millis(20);
@@ -332,7 +333,7 @@ fn about(info: &RecordingInfo) -> BTreeMap<String, String> {
     about
 }
 
-/// Starts the guard where time is real; a program that an operator serves ends itself where its tick hangs.
+/// Starts the guard where time is real, or where systemd waits for word; a program that an operator serves ends itself where its tick hangs.
 fn watch_tick(
     config: &Config,
     operator: Option<May>,
@@ -340,10 +341,16 @@ fn watch_tick(
     stop: &Arc<AtomicBool>,
     notes: Noter,
 ) -> std::io::Result<Option<JoinHandle<()>>> {
-    if config.link.pacing == Pacing::Lockstep {
+    let lockstep = config.link.pacing == Pacing::Lockstep;
+    // Without a service manager nobody waits for word of a program whose ticks have no deadlines.
+    if lockstep && !Notifier::is_awaited() {
         return Ok(None);
     }
-    let on_silence = if operator.is_some() { OnSilence::Abort } else { OnSilence::Tell };
+    let on_silence = match operator {
+        _ if lockstep => OnSilence::Wait,
+        Some(_) => OnSilence::Abort,
+        None => OnSilence::Tell,
+    };
     let say = Box::new(move |text: String| notes.note(now_ns(), EventLevel::Error, "guard", text));
     guard::start(Arc::clone(pulse), on_silence, Arc::clone(stop), say).map(Some)
 }

@@ -17,6 +17,11 @@ impl Notifier {
         Notifier { socket: name.and_then(|name| connect(name.as_bytes()).ok()) }
     }
 
+    /// True where somebody waits for word of this process.
+    pub fn is_awaited() -> bool {
+        Notifier::from_environment().socket.is_some()
+    }
+
     /// A notifier for the socket of this name; one that begins with `@` is in the abstract name space.
     ///
     /// # Errors

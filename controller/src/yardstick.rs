@@ -66,7 +66,7 @@ pub fn yardstick(trial: Trial<'_>) -> Result<RunYardstick, RigError> {
             control.armed(tick, measured);
         }
         if tick >= FRAMES_TO_ARM {
-            control.predict(measured, command.duty, &mut record);
+            control.predict(measured, &mut record);
             let decided = control.decide(tick, measured, &mut record, &mut |_| {});
             command = decided.unwrap_or(ActuatorCommand::VENT);
             control.sent(&command);

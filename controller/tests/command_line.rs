@@ -133,3 +133,20 @@ fn a_closed_standard_output_does_not_end_the_flight() {
     let _ = std::fs::remove_dir_all(&out);
     assert!(status.success() && recorded, "{status}");
 }
+
+/// The folder for recordings is a file: the start fails after its sockets were made.
+#[test]
+fn a_start_that_fails_leaves_no_socket_behind() {
+    let folder = std::env::temp_dir().join(format!("failed-start-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join("runs"), "no folder").unwrap();
+    let config = folder.join("controller.toml");
+    let text = "[link]\naddress = \"127.0.0.1:9\"\n[realtime]\nenforce = false\n[record]\ndirectory = \"runs\"\n[control]\nsocket = \"s\"\n";
+    std::fs::write(&config, text).unwrap();
+    let ended = controller(&["run", "--config", config.to_str().unwrap()]);
+    assert!(matches!(ended.status.code(), Some(1 | 2)) && said(&ended).contains("runs"), "{}", said(&ended));
+    let mut left: Vec<_> = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    left.sort();
+    assert_eq!(left, ["controller.toml", "runs"], "{}", said(&ended));
+    std::fs::remove_dir_all(&folder).unwrap();
+}

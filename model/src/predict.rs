@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use crate::observation::{AHEAD, CHANNELS};
 use crate::observer::Observer;
-use crate::plant::{FreeRunStart, Plant, Simulated, Simulation};
+use crate::plant::{FreeRunStart, Plant, Simulated, Simulation, State};
 use crate::real::{Lanes, Real};
 use crate::rig::{Rig, RigError};
 
@@ -159,6 +159,8 @@ impl<R: Simulated> DualPressureRig<R> {
 pub struct Predictor<R = f64> {
     model: DualPressureRig<R>,
     observer: Observer<R>,
+    /// The model as it was given.
+    first: State<R>,
 }
 
 impl Predictor {
@@ -186,12 +188,24 @@ impl<R: Simulated> Predictor<R> {
     /// Predicts with a model that was compiled before.
     pub fn with(model: DualPressureRig<R>) -> Self {
         let observer = Observer::of(model.simulation.plant(), model.ports.sensor);
-        Predictor { model, observer }
+        let first = model.simulation.state();
+        Predictor { model, observer, first }
     }
 
     /// Starts anew from measured pressures (kPa gauge), with the duties that have been in force.
     pub fn restart(&mut self, measured_kpa: [R; CHANNELS], duty: [R; CHANNELS]) {
         self.model.start_from(measured_kpa, duty);
+        self.observer.restart();
+    }
+
+    /// Begins anew from the state that the model was given in, with its chambers at measured pressures (kPa gauge): what is
+    /// left to do for one that has diverged. Cylinders and valves find their places within some ticks.
+    ///
+    /// # Real-time
+    /// Allocation-free, unlike [`Predictor::restart`]: it may run in the tick.
+    pub fn recover(&mut self, measured_kpa: [R; CHANNELS]) {
+        self.model.simulation.restore(&self.first);
+        self.model.correct(measured_kpa);
         self.observer.restart();
     }
 
@@ -250,6 +264,29 @@ impl<R: Simulated> Predictor<R> {
 mod tests {
     use super::*;
     use crate::observation::Pair;
+
+    #[test]
+    fn a_model_that_has_diverged_stands_where_the_rig_is_again() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let (mut plant, mut predictor) = (DualPressureRig::new(&rig).unwrap(), Predictor::new(&rig).unwrap());
+        let fly = |plant: &mut DualPressureRig, predictor: &mut Predictor, ticks: u32| {
+            let mut last_kpa: f64 = 0.0;
+            for _ in 0..ticks {
+                predictor.observe(plant.readings_kpa());
+                last_kpa = predictor.added_kpa()[0].abs().max(predictor.added_kpa()[1].abs());
+                plant.tick([0.85, 0.83], true);
+                predictor.advance([0.85, 0.83], true);
+            }
+            last_kpa
+        };
+        fly(&mut plant, &mut predictor, 200);
+        predictor.observe([f64::NAN; CHANNELS]);
+        predictor.advance([0.85, 0.83], true);
+        assert!(!predictor.readings_kpa()[0].is_finite());
+        predictor.recover(plant.readings_kpa());
+        assert!(predictor.readings_kpa().iter().zip(plant.readings_kpa()).all(|(a, b)| (a - b).abs() < 1e-6));
+        assert!(fly(&mut plant, &mut predictor, 50) < 0.1, "and foresees as before within a second");
+    }
 
     #[test]
     fn a_perfect_model_predicts_what_comes() {

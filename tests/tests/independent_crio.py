@@ -150,6 +150,7 @@ class Session:
         if active(o.overpressure_at):
             volts[0] = 1.0 + 4.0 * 250.0 / 1000.0
         lost = o.lose_from is not None and self.crio.faulty is self and o.lose_from <= k < o.lose_from + o.lose_count
+        lost = lost and (k - o.lose_from) % o.lose_every == 0
         if lost:
             return
         state = TRIPPED if self.trips else {0: IDLE, 1: RUNNING, 2: HOLDING}[self.mode]
@@ -363,6 +364,8 @@ def arguments():
     parser.add_argument("--patience", type=float, default=60.0, help="how long to wait for the first daemon, s")
     parser.add_argument("--lose-from", type=int, help="from this tick on SENSE frames are not sent ...")
     parser.add_argument("--lose-count", type=int, default=1, help="... so many of them")
+    parser.add_argument("--lose-every", type=int, default=1, help="... of which every so-manieth is lost")
+    parser.add_argument("--period-ms", type=float, default=20.0, help="between samples; 20 is what a sound cRIO has")
     for fault in ("--drop-link-at", "--nan-at", "--broken-sensor-at", "--overpressure-at", "--bad-crc-at"):
         parser.add_argument(fault, type=int, metavar="TICK")
     parser.add_argument("--version", type=int, default=VERSION, help="the only version offered in HELLO")
@@ -371,7 +374,9 @@ def arguments():
 
 
 def main():
+    global PERIOD_S
     options = arguments()
+    PERIOD_S = options.period_ms / 1000.0
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     listener.bind(("127.0.0.1", options.port))

@@ -18,7 +18,7 @@ use controller::open_loop_playback::OpenLoopPlayback;
 use controller::state::State;
 use handover::{Candidate, Command, Haste};
 use model::observation::Pair;
-use model::predict::DualPressureRig;
+use model::predict::{DualPressureRig, Predictor};
 use model::rig::Rig;
 use proto::recording::TickRecord;
 use proto::reference::Reference;
@@ -246,5 +246,20 @@ fn an_experiment_within_a_run_allocates_nothing() {
     }
     assert!(finished.is_some_and(|playback| playback.is_complete()), "played to its end");
     assert!(after > 500 && cycle.state() == State::Run, "and controlling again: {:?}", cycle.memory());
+    assert_eq!(allocations, 0);
+}
+
+#[test]
+fn a_model_that_has_diverged_begins_anew_without_allocating() {
+    let mut predictor = Predictor::new(&Rig::builtin("bench").unwrap()).unwrap();
+    predictor.restart([90.0, -70.0], [0.85, 0.83]);
+    let allocations = counted(|| {
+        predictor.observe([f64::NAN; 2]);
+        predictor.advance([0.85, 0.83], true);
+        assert!(!predictor.readings_kpa()[0].is_finite());
+        predictor.recover([90.0, -70.0]);
+        predictor.advance([0.85, 0.83], true);
+    });
+    assert!(predictor.readings_kpa().iter().all(|kpa| kpa.is_finite()));
     assert_eq!(allocations, 0);
 }

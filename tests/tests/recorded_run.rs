@@ -88,6 +88,9 @@ fn a_run_is_replayed_bit_for_bit_and_a_changed_bit_is_found() {
     assert_eq!((&first["tick"], &first["stage"]), (&Value::from(ticks[300].tick), &Value::from("control law")));
     let inputs: Vec<TickInput> = TickInput::of(ticks[0].inputs).collect();
     assert_eq!(inputs, [TickInput::SessionOpened]);
+    // Twice the same ticks are no longer run.
+    let twice = controller(&["replay", recording.to_str().unwrap(), recording.to_str().unwrap()]);
+    assert!(twice.status == Some(2) && twice.stderr.contains("give each recording once"), "{twice:?}");
 }
 
 #[test]

@@ -12,11 +12,14 @@
 //! Ticks stand in the order in which they were queued; an event of the sink stands exactly where it was said.
 //! [`Noter::note`], for the other threads, stands near its time.
 
+mod noter;
+mod recorder_health;
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::PoisonError;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{self, Receiver, RecvTimeoutError, SyncSender};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -26,7 +29,10 @@ use crate::record_error::RecordError;
 use crate::rotation::{Destination, OneTape, Rotating, TapeSource};
 use crate::sink::{Event, Queues, RecordSink};
 use crate::tape::{McapTape, Tape};
-use crate::writing::{Note, Parts, State, Writing};
+use crate::writing::{State, Writing};
+
+pub use noter::Noter;
+pub use recorder_health::RecorderHealth;
 
 /// Ticks that the queue holds unless told otherwise: 82 s, 2 MiB.
 pub const CAPACITY: usize = 4_096;
@@ -40,9 +46,6 @@ const HANGS: Duration = Duration::from_secs(4);
 const FINISH: Duration = Duration::from_secs(15);
 /// Between two looks at the end's progress.
 const LOOK: Duration = Duration::from_millis(100);
-/// How long a disk may work on one thing before it counts as stalled.
-const STALLED: Duration = Duration::from_secs(1);
-
 /// What the recorder's observer sees.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Recorded<'a> {
@@ -114,106 +117,6 @@ pub struct RecordingSummary {
     pub ticks_dropped: u64,
     /// Events that a full queue refused.
     pub events_dropped: u64,
-}
-
-/// How the recorder is doing; may be asked from any thread, and cloned.
-#[derive(Debug, Clone)]
-pub struct RecorderHealth {
-    state: Arc<State>,
-}
-
-impl RecorderHealth {
-    /// Whether everything so far could be written.
-    ///
-    /// # Real-time
-    /// May run in the tick: one atomic load.
-    pub fn healthy(&self) -> bool {
-        !self.state.failed.load(Ordering::Acquire)
-    }
-
-    /// What is wrong now, one line.
-    ///
-    /// # Real-time
-    /// Not in the tick: it copies a text.
-    pub fn error(&self) -> Option<String> {
-        self.state.error.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-
-    /// Why nothing new should be started now, one line: what is wrong, too little room, or a disk that does not answer.
-    ///
-    /// # Real-time
-    /// Not in the tick.
-    pub fn why_not_arm(&self) -> Option<String> {
-        let room = || self.state.no_room.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        self.error()
-            .or_else(room)
-            .or_else(|| self.stalled().map(|time| format!("the disk has not answered for {:.1} s", time.as_secs_f64())))
-    }
-
-    /// How long the disk has not answered, where that is longer than a second.
-    pub fn stalled(&self) -> Option<Duration> {
-        Some(self.state.stalled()).filter(|time| *time > STALLED)
-    }
-
-    /// Notes that were refused because too many waited.
-    pub fn notes_dropped(&self) -> u64 {
-        self.state.notes_dropped.load(Ordering::Relaxed)
-    }
-
-    /// Ticks written so far.
-    pub fn ticks_written(&self) -> u64 {
-        self.state.ticks.load(Ordering::Relaxed)
-    }
-
-    /// Ticks that a full queue refused so far.
-    pub fn ticks_dropped(&self) -> u64 {
-        self.state.queues.ticks_dropped.load(Ordering::Relaxed)
-    }
-
-    /// Ticks that were taken and could not be written, because of [`RecorderHealth::error`].
-    pub fn ticks_lost(&self) -> u64 {
-        self.state.lost.load(Ordering::Relaxed)
-    }
-}
-
-/// Adds texts to a recording from any thread but the tick's; may be cloned.
-#[derive(Debug, Clone)]
-pub struct Noter {
-    notes: SyncSender<Note>,
-    state: Arc<State>,
-}
-
-impl Noter {
-    /// Puts a file into the recording, and into those that go on after it.
-    ///
-    /// # Real-time
-    /// Not in the tick: it allocates and locks.
-    pub fn attach(&self, file: Attachment) {
-        self.put(file, Parts::AllFromHere);
-    }
-
-    /// Puts a file into the part of the run that is being written, or into the next one where none is.
-    ///
-    /// # Real-time
-    /// Not in the tick: it allocates and locks.
-    pub fn attach_once(&self, file: Attachment) {
-        self.put(file, Parts::One);
-    }
-
-    fn put(&self, file: Attachment, parts: Parts) {
-        self.state.attach.lock().unwrap_or_else(PoisonError::into_inner).push((file, parts));
-    }
-
-    /// Adds a text; one that finds too many waiting is counted and dropped.
-    ///
-    /// # Real-time
-    /// Not in the tick: it allocates. [`RecordSink::event`] is for the tick.
-    pub fn note(&self, at_ns: u64, level: EventLevel, part: &'static str, message: impl Into<String>) {
-        // A thread that is gone is told by `finish`.
-        if self.notes.try_send(Note { at_ns, level, part, message: message.into() }).is_err() {
-            self.state.notes_dropped.fetch_add(1, Ordering::Relaxed);
-        }
-    }
 }
 
 /// The recorder; dropped without [`Recorder::finish`], it still finishes its file.

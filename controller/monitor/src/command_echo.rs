@@ -83,9 +83,10 @@ impl CommandEcho {
             return;
         }
         self.count_missed(sense.commands_missed, found);
+        let agreeing = |agrees| if agrees { Outcome::Good } else { Outcome::Bad };
         let place = self.sent.iter().position(|c| c.is_some_and(|c| c.sequence == sense.command_in_force));
         let fresh = place.is_some_and(|place| place <= OLDEST_IN_FORCE);
-        count(&mut self.force, !fresh);
+        self.force.push(agreeing(fresh));
         // Where the number is no help, the newest command is what should be in force.
         let Some(command) = self.sent.get(place.unwrap_or(0)).copied().flatten() else { return };
         let expected = if command.mode == Mode::Vent { [1.0; CHANNELS] } else { command.duty };
@@ -93,15 +94,16 @@ impl CommandEcho {
             let echo = sense.duty.get(c).copied().map_or(f64::NAN, f64::from);
             expected.get(c).is_some_and(|duty| (echo - duty).abs() <= ECHO_TOLERANCE)
         };
-        count(&mut self.echo, !(near(0) && near(1)));
+        self.echo.push(agreeing(near(0) && near(1)));
         let reported = match command.mode {
             Mode::Vent => true,
             Mode::Run => sense.state == CrioState::Running,
             // A cRIO that makes no difference between both does what it is told all the same.
             Mode::Hold => matches!(sense.state, CrioState::Holding | CrioState::Running),
         };
-        count(&mut self.state, !reported);
-        count(&mut self.pump, command.mode != Mode::Vent && command.pump_on && !sense.pump_running);
+        self.state.push(agreeing(reported));
+        let wanted = command.mode != Mode::Vent && command.pump_on;
+        self.pump.push(agreeing(!wanted || sense.pump_running));
         for (frames, condition, value) in [
             (self.force, Condition::CommandNotInForce, f64::from(sense.command_in_force)),
             (self.echo, Condition::EchoWrong, f64::from(sense.duty[usize::from(near(0))])),
@@ -133,8 +135,4 @@ impl Default for CommandEcho {
     fn default() -> Self {
         CommandEcho::new()
     }
-}
-
-fn count(frames: &mut LossWindow, disagrees: bool) {
-    frames.push(if disagrees { Outcome::Bad } else { Outcome::Good });
 }

@@ -30,6 +30,8 @@ pub struct Board {
     set_aside: Option<PolicyTag>,
     /// What is wrong with directory or files.
     pub problem: Option<String>,
+    /// What is wrong with the audit file.
+    pub audit_problem: Option<String>,
 }
 
 /// What became of a policy, for audit and files.

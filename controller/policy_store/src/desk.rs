@@ -57,7 +57,8 @@ impl PolicyDesk {
 
     /// What is wrong with the directory, if anything.
     pub fn problem(&self) -> Option<String> {
-        locked(&self.board).problem.clone()
+        let board = locked(&self.board);
+        board.problem.clone().or_else(|| board.audit_problem.clone())
     }
 
     /// Sends a policy that has passed its stages on to the rig, or back to it, while the permit counts; `who` asked.
@@ -153,8 +154,6 @@ impl PolicyDesk {
 
     fn note(&self, who: &str, what: &str, name: &str, sha256: &str) {
         let noted = locked(&self.audit).note(who, what, name, sha256, "");
-        if let Err(problem) = noted {
-            locked(&self.board).problem = Some(problem);
-        }
+        locked(&self.board).audit_problem = noted.err();
     }
 }

@@ -262,6 +262,18 @@ impl Round {
             format!("{folder}: \"{name}\" is passed over: a policy's name is up to 128 letters, digits, '.', '_' and '-', and not {FALLBACK}; rename it")
         });
         self.judge_directory(reading.problem.or(misnamed));
+        let caught_up = locked(&self.desk.audit).catch_up();
+        self.audited(caught_up);
+    }
+
+    /// Tells once that the audit file cannot be written, and that it can again.
+    fn audited(&mut self, noted: Result<(), String>) {
+        let before = std::mem::replace(&mut locked(&self.desk.board).audit_problem, noted.clone().err());
+        match (noted, before) {
+            (Err(problem), None) => (self.say)(problem),
+            (Ok(()), Some(_)) => (self.say)("the audit file can be written again".to_owned()),
+            _ => {}
+        }
     }
 
     /// Tells what is wrong with the directory once, and that it is over.
@@ -373,9 +385,7 @@ impl Round {
     fn changed(&mut self, change: &Change, who: &str) {
         let detail = change.refusal.as_ref().map_or_else(String::new, Refusal::to_string);
         let noted = locked(&self.desk.audit).note(who, change.what, &change.name, &change.sha256, &detail);
-        if let Err(problem) = noted {
-            self.trouble(problem);
-        }
+        self.audited(noted);
         match &change.refusal {
             None => (self.say)(format!("policy {}: {}", change.name, change.what)),
             Some(refusal) => {

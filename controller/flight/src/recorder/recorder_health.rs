@@ -1,0 +1,70 @@
+//! How the recorder is doing, for everybody but its thread.
+
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, PoisonError};
+use std::time::Duration;
+
+use crate::writing::State;
+
+/// How long a disk may work on one thing before it counts as stalled.
+const STALLED: Duration = Duration::from_secs(1);
+
+/// How the recorder is doing; may be asked from any thread, and cloned.
+#[derive(Debug, Clone)]
+pub struct RecorderHealth {
+    pub(super) state: Arc<State>,
+}
+
+impl RecorderHealth {
+    /// Whether everything so far could be written.
+    ///
+    /// # Real-time
+    /// May run in the tick: one atomic load.
+    pub fn healthy(&self) -> bool {
+        !self.state.failed.load(Ordering::Acquire)
+    }
+
+    /// What is wrong now, one line.
+    ///
+    /// # Real-time
+    /// Not in the tick: it copies a text.
+    pub fn error(&self) -> Option<String> {
+        self.state.error.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Why nothing new should be started now, one line: what is wrong, too little room, or a disk that does not answer.
+    ///
+    /// # Real-time
+    /// Not in the tick.
+    pub fn why_not_arm(&self) -> Option<String> {
+        let room = || self.state.no_room.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        self.error()
+            .or_else(room)
+            .or_else(|| self.stalled().map(|time| format!("the disk has not answered for {:.1} s", time.as_secs_f64())))
+    }
+
+    /// How long the disk has not answered, where that is longer than a second.
+    pub fn stalled(&self) -> Option<Duration> {
+        Some(self.state.stalled()).filter(|time| *time > STALLED)
+    }
+
+    /// Notes that were refused because too many waited.
+    pub fn notes_dropped(&self) -> u64 {
+        self.state.notes_dropped.load(Ordering::Relaxed)
+    }
+
+    /// Ticks written so far.
+    pub fn ticks_written(&self) -> u64 {
+        self.state.ticks.load(Ordering::Relaxed)
+    }
+
+    /// Ticks that a full queue refused so far.
+    pub fn ticks_dropped(&self) -> u64 {
+        self.state.queues.ticks_dropped.load(Ordering::Relaxed)
+    }
+
+    /// Ticks that were taken and could not be written, because of [`RecorderHealth::error`].
+    pub fn ticks_lost(&self) -> u64 {
+        self.state.lost.load(Ordering::Relaxed)
+    }
+}

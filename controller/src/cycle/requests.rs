@@ -1,0 +1,87 @@
+//! What is asked of a cycle: by an operator, by whoever runs an experiment. It counts in the next tick.
+
+use handover::ExplorationRules;
+use proto::reference::Reference;
+use supervisor::Request;
+
+use super::Cycle;
+use crate::duty_source::{Afterwards, DutySource, NoticeSink, Steering};
+use crate::notice::Notice;
+use crate::open_loop_playback::OpenLoopPlayback;
+
+impl<H: DutySource> Cycle<H> {
+    /// The operator asks to arm; it happens in the next tick or not at all.
+    pub fn arm(&mut self) {
+        // An experiment arms by itself, once the rig stands at rest.
+        if self.duty_source.steering() == Steering::ClosedLoop {
+            self.ask(Request::Arm);
+        }
+    }
+
+    /// The operator has looked at what was wrong.
+    pub fn acknowledge(&mut self) {
+        self.ask(Request::Acknowledge);
+    }
+
+    /// The operator asks to disarm.
+    pub fn disarm(&mut self) {
+        self.ask(Request::Disarm);
+        self.duty_source.stopped(None);
+    }
+
+    /// Plays an experiment from the next tick on, which first opens both vents; hands it back where that cannot be.
+    ///
+    /// # Real-time
+    /// Runs in the tick.
+    ///
+    /// # Errors
+    /// The experiment: another one is under way, or nothing is steered for that could go on afterwards.
+    pub fn begin_experiment(
+        &mut self,
+        playback: Box<OpenLoopPlayback>,
+        tell: NoticeSink<'_>,
+    ) -> Result<(), Box<OpenLoopPlayback>> {
+        let rows = playback.rows();
+        let controlling = self.state().is_controlling();
+        let afterwards = if controlling { Afterwards::Armed } else { Afterwards::StandingBy };
+        self.duty_source.begin_experiment(playback, afterwards)?;
+        if controlling {
+            self.ask(Request::Disarm);
+        }
+        tell(Notice::ExperimentBegins { tick: self.tick, rows });
+        Ok(())
+    }
+
+    /// Explores around the active policy from the next tick on, or no more; only while the rig is controlled.
+    ///
+    /// # Real-time
+    /// Runs in the tick.
+    pub fn explore(&mut self, rules: Option<ExplorationRules>) {
+        self.duty_source.explore(rules.filter(|_| self.state().is_controlling()));
+    }
+
+    /// The experiment that is over, to be dropped outside the tick.
+    ///
+    /// # Real-time
+    /// Runs in the tick.
+    pub fn take_finished_experiment(&mut self) -> Option<Box<OpenLoopPlayback>> {
+        self.duty_source.take_finished_experiment()
+    }
+
+    /// Ends the experiment that is under way, and hands it back: there will be no further tick.
+    pub fn end_experiment(&mut self) -> Option<Box<OpenLoopPlayback>> {
+        self.duty_source.session_over();
+        self.duty_source.take_finished_experiment()
+    }
+
+    /// Of several requests in one tick the safer one counts.
+    pub(super) fn ask(&mut self, request: Request) {
+        self.request = self.request.max(Some(request));
+    }
+
+    /// Puts in another reference, which starts at once, and hands back the old one, to be dropped elsewhere.
+    pub fn exchange_reference(&mut self, reference: Box<Reference>) -> Box<Reference> {
+        let running = self.state().is_controlling().then_some((self.tick, self.measured));
+        self.duty_source.exchange_reference(reference, running)
+    }
+}
