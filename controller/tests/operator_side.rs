@@ -314,6 +314,22 @@ fn a_lost_crio_is_told_with_the_age_of_the_data() {
     assert_eq!(laboratory.daemon.wait().status, Some(0));
 }
 
+/// The monotonic clock began with the machine; data that never came has no age by it.
+#[test]
+fn before_the_first_data_nothing_has_an_age() {
+    let _alone = alone();
+    let folder = Folder::new();
+    let config = folder.write("controller.toml", configuration("127.0.0.1:9"));
+    let daemon = Running::start(&mut controller(&["run", "--config"], &config));
+    daemon.line("trying again");
+    let status = finish(&mut controller(&["status", "--config"], &config));
+    assert!(status.stdout.contains("no data yet") && !status.stdout.contains("s ago"), "{status:?}");
+    let armed = finish(&mut controller(&["arm", "--config"], &config));
+    assert!(armed.status == Some(1) && armed.stderr.contains("no session with the cRIO yet"), "{armed:?}");
+    daemon.signal("TERM");
+    assert!(daemon.wait().status.is_some());
+}
+
 #[test]
 fn signals_reload_or_do_nothing_and_the_rig_runs_on() {
     let _alone = alone();

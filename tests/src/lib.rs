@@ -12,6 +12,7 @@ pub mod laboratory;
 pub mod lockstep;
 pub mod programme;
 pub mod raw_crio;
+pub mod scene;
 pub mod strange_rigs;
 pub mod task;
 

@@ -13,8 +13,9 @@ use controller::notice::Notice;
 use evaluate::rigs_around::rigs_around;
 use model::rig::Rig;
 use proto::reference::Reference;
+use tests::dice::Dice;
 use tests::lockstep::Flight;
-use tests::strange_rigs::{with_sensor_lag, with_volumes};
+use tests::strange_rigs::{with_other_parts, with_sensor_lag, with_volumes};
 
 /// Ticks of a minute.
 const MINUTE: u64 = 3_000;
@@ -167,6 +168,21 @@ fn a_rig_that_is_much_slower_than_its_model_trips_nothing() {
         .collect();
     let flights = |_: usize| vec![(By::Fallback, Course::Steps), (By::Fallback, Course::Paper)];
     assert_eq!(fly_all(&rigs, MINUTE, &flights), Vec::<String>::new());
+}
+
+/// Filling and the first half minute on rigs of which no part is as the model says: what a wrong gain looks like, and is none.
+#[test]
+fn rigs_whose_parts_are_all_others_fill_and_hold_without_a_trip() {
+    let mut found = Vec::new();
+    for n in 0..16 {
+        let base = Rig::builtin(if n % 2 == 0 { "dual_pressure" } else { "bench" }).unwrap();
+        let rig = with_other_parts(&base, 0.1, &mut Dice::new(n + 100));
+        let cycle = Cycle::new(&nominal(), None, Reference::constant(85.0, -70.0), Safety::default(), true).unwrap();
+        let mut flight = Flight::new(&rig, cycle, n + 1);
+        let told = (0..1_500).flat_map(|_| flight.step().told).filter(|notice| matches!(notice, Notice::Vented { .. }));
+        found.extend(told.map(|notice| format!("{} {n}: {notice:?}", rig.name)));
+    }
+    assert_eq!(found, Vec::<String>::new());
 }
 
 /// 30 min on each of 20 rigs, half of it by the policy.

@@ -47,3 +47,54 @@ fn the_monitor_takes_over_the_model_that_is_put_in() {
     }
     assert!(flight.cycle.state().is_controlling());
 }
+
+/// The rig is the same before and after, and so is the duty that holds it: what another model says goes into the integrals.
+#[test]
+fn another_model_makes_no_bump() {
+    let (bench, nominal) = (Rig::builtin("bench").unwrap(), Rig::builtin("dual_pressure").unwrap());
+    let folder = Folder::new();
+    let file = folder.write("bench.toml", bench.to_toml().unwrap());
+    for by_policy in [None, Some(controller::daemon::shipped_policy().unwrap().0)] {
+        let who = by_policy.as_ref().map_or("fallback", |_| "policy");
+        let hold = Reference::constant(90.0, -70.0);
+        let cycle = Cycle::new(&nominal, by_policy, hold, Safety::default(), true).unwrap();
+        let mut flight = Flight::new(&bench, cycle, 3);
+        let step = |flight: &mut Flight| {
+            let duty = flight.step().command.duty;
+            (duty, flight.true_kpa())
+        };
+        let mut flown: Vec<_> = (0..1200).map(|_| step(&mut flight)).collect();
+        let held = flown.split_off(1000);
+        let desk = flight.cycle.duty_source().tracking().models();
+        let file = file.clone();
+        let changing = std::thread::spawn(move || desk.change(&file, &Permit::unlimited()));
+        let mut after = held.clone();
+        while !changing.is_finished() {
+            after.push(step(&mut flight));
+        }
+        let changed = changing.join().unwrap();
+        assert!(changed.is_ok(), "{changed:?}");
+        after.extend((0..150).map(|_| step(&mut flight)));
+        for c in 0..2 {
+            let steps = |flown: &[([f64; 2], [f64; 2])]| {
+                flown.windows(2).map(|two| (two[1].0[c] - two[0].0[c]).abs()).fold(0.0, f64::max)
+            };
+            let away = |flown: &[([f64; 2], [f64; 2])]| {
+                flown.iter().map(|(_, kpa)| (kpa[c] - [90.0, -70.0][c]).abs()).fold(0.0, f64::max)
+            };
+            let [before, most] = [steps(&held), steps(&after)];
+            let [before_kpa, most_kpa] = [away(&held), away(&after)];
+            println!(
+                "{who}, channel {c}: steps of {before:.4} and {most:.4}, {before_kpa:.3} and {most_kpa:.3} kPa away"
+            );
+            if std::env::var_os("TRACE").is_some() {
+                for (k, (duty, kpa)) in after.iter().enumerate() {
+                    println!("{who} {c} {k} {:.4} {:.3}", duty[c], kpa[c]);
+                }
+            }
+            assert!(most < before + 0.02, "{who}, channel {c}: a step of {most} in duty");
+            assert!(most_kpa < before_kpa + 0.5, "{who}, channel {c}: {most_kpa} kPa away");
+        }
+        assert!(flight.cycle.state().is_controlling());
+    }
+}

@@ -124,6 +124,8 @@ pub struct Arbiter {
     end: TickEnd,
     /// What is left of a bump, and ticks until it is gone.
     remainder: (Pair, u32),
+    /// Whether the next command is the first on another model.
+    on_new_model: bool,
     /// Changes of what is active since the start.
     swaps: u32,
     ticks: u32,
@@ -152,6 +154,7 @@ impl Arbiter {
             conditions: Conditions::default(),
             end,
             remainder: ([0.0; CHANNELS], 0),
+            on_new_model: false,
             swaps: 0,
             ticks: 0,
             kinds: [0; CHANNELS],
@@ -220,11 +223,13 @@ impl Arbiter {
         }
         self.conditions = Conditions::default();
         self.remainder = ([0.0; CHANNELS], 0);
+        self.on_new_model = false;
         self.ticks = 0;
         (self.decided, self.sent) = (duty, duty);
     }
 
-    /// Puts another model behind both laws; the command goes on from where it is. The caller keeps the one in force, so that
+    /// Puts another model behind both laws; the command goes on from where it is, and the integrals take over what the models
+    /// differ by: the rig is the same, and so is the duty that holds it. The caller keeps the one in force, so that
     /// nothing is freed here.
     ///
     /// # Real-time
@@ -238,7 +243,7 @@ impl Arbiter {
         // The incumbent on another model is another controller: its errors are recorded anew.
         self.record = Record::default();
         self.swaps = self.swaps.wrapping_add(1);
-        self.remainder_from_sent();
+        self.on_new_model = true;
     }
 
     /// The rig was vented by a fault, or disarmed: a candidate with authority has lost it, whoever was to blame.
@@ -296,6 +301,9 @@ impl Arbiter {
         if let Some(loss) = lost {
             self.continue_from(&decision);
             event = self.lose(loss);
+        }
+        if std::mem::take(&mut self.on_new_model) {
+            decision = self.absorbed(decision);
         }
         decision = self.with_remainder(decision);
         self.decided = decision.duty();
@@ -449,6 +457,23 @@ impl Arbiter {
     fn continue_from(&mut self, decision: &ControlOutput) {
         let raw = decision.raw();
         self.remainder = (std::array::from_fn(|c| self.sent[c] - raw[c].clamp(0.0, 1.0)), DECAY_TICKS);
+    }
+
+    /// Puts into the integrals what this command is away from the last one.
+    fn absorbed(&mut self, mut decision: ControlOutput) -> ControlOutput {
+        let raw = decision.raw();
+        let moved: Pair = std::array::from_fn(|c| self.sent[c] - raw[c].clamp(0.0, 1.0));
+        self.incumbent.law.absorb(moved);
+        if let Some((seat, _)) = &mut self.candidate {
+            seat.law.absorb(moved);
+        }
+        for (parts, moved) in decision.parts.iter_mut().zip(moved) {
+            parts.integral += moved;
+        }
+        let planned = decision.trajectory.0;
+        decision.trajectory =
+            ActionTrajectory(planned.map(|duty| std::array::from_fn(|c| saturated(duty[c] + moved[c]))));
+        decision
     }
 
     fn with_remainder(&mut self, mut decision: ControlOutput) -> ControlOutput {

@@ -79,6 +79,12 @@ impl Direction {
         (self.share, self.keeps, self.most_step) = (other.share, other.keeps, other.most_step);
     }
 
+    /// Goes on in the same direction for a plan that another model makes: where that begins is no reversal.
+    pub fn take_plan(&mut self, other: &Direction) {
+        self.take_path(other);
+        self.extreme = None;
+    }
+
     /// Begins anew, with nothing planned yet.
     pub fn restart(&mut self) {
         let path = *self;

@@ -133,12 +133,12 @@ impl Fallback {
         self.bandwidth_per_s = bandwidths(&paths, &self.settings);
         #[allow(clippy::needless_range_loop)] // several arrays of channels side by side
         for c in 0..CHANNELS {
-            self.directions[c].take_path(&direction(&paths[c]));
+            self.directions[c].take_plan(&direction(&paths[c]));
             if is_told(&paths[c]) {
                 self.play[c] = play(&paths[c], &self.settings);
             }
         }
-        self.foresight = Foresight::new(Arc::clone(&map));
+        self.foresight = Foresight::in_flight(Arc::clone(&map));
         if let Some(repetition) = &mut self.repetition {
             repetition.forget();
         }
@@ -188,6 +188,7 @@ impl Fallback {
     /// # Real-time
     /// Some twenty look-ups of the steady map, a few µs; may run in the tick.
     pub fn decide(&mut self, situation: &ControlInput) -> ControlOutput {
+        self.foresight.begin(situation);
         let (planned, turning) = self.foresight.duties(situation, 0);
         let gain = self.map.gain_kpa_per_s(self.map.chamber_kpa(situation.undelayed_kpa));
         let integral = self.integral.duty();
@@ -226,6 +227,17 @@ impl Fallback {
             repetition.follow(errors, gain);
         }
         ControlOutput { parts, trajectory }
+    }
+
+    /// Takes what the command that was decided for is to be moved by into the integral, in duty: it stays.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn absorb(&mut self, duty: Pair) {
+        for (c, (pending, duty)) in self.pending.iter_mut().zip(duty).enumerate() {
+            self.integral.shift(c, duty);
+            pending.raw += duty;
+        }
     }
 
     /// What repetitions have taught for `ahead` ticks from now, in duty.

@@ -37,6 +37,18 @@ pub fn is_told(path: &ValvePath) -> bool {
     path.is_timed || path.half_width_duty > 0.0
 }
 
+/// Time after which gas is as warm as it becomes, in s (chosen: many times what a chamber of a litre takes).
+const SETTLED_S: f64 = 60.0;
+
+/// What is known of the gas.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Gas {
+    /// Its temperature, tick by tick.
+    Followed,
+    /// That the chambers have long been where they are wanted.
+    LongSettled,
+}
+
 /// Feed-forward of both channels.
 #[derive(Debug, Clone)]
 pub struct Foresight {
@@ -47,6 +59,7 @@ pub struct Foresight {
     play_leads: Pair,
     /// Temperatures of the gas in both chambers in K, where the map's leads look.
     gas_k: Pair,
+    gas: Gas,
 }
 
 impl Foresight {
@@ -62,12 +75,30 @@ impl Foresight {
             ticks.clamp(LEADS_TICKS[0], LEADS_TICKS[1])
         });
         let gas_k = map.wall_k();
-        Foresight { map, leads, play_leads, gas_k }
+        Foresight { map, leads, play_leads, gas_k, gas: Gas::Followed }
+    }
+
+    /// The feed-forward of a model that is put in while the rig is controlled: how warm its gas is by now nobody has followed.
+    pub fn in_flight(map: Arc<SteadyMap>) -> Self {
+        Foresight { gas: Gas::LongSettled, ..Foresight::new(map) }
+    }
+
+    /// To be called before a tick's duties: gas that nobody has followed is taken to be as warm as it becomes where the
+    /// chambers are held.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn begin(&mut self, situation: &ControlInput) {
+        if std::mem::replace(&mut self.gas, Gas::Followed) == Gas::LongSettled {
+            let (pressures, _) = self.wanted(situation, self.leads[0]);
+            self.gas_k = self.map.warmed_k(pressures, [0.0; 2], self.gas_k, SETTLED_S);
+        }
     }
 
     /// Begins anew: gas at the temperature of its walls.
     pub fn restart(&mut self) {
         self.gas_k = self.map.wall_k();
+        self.gas = Gas::Followed;
     }
 
     /// Duties for `ahead` ticks from now, and duties whose turns are those at which play is to be crossed; neither is

@@ -203,6 +203,22 @@ impl PolicyLaw {
         }
     }
 
+    /// Takes what the command that was decided for is to be moved by into the integral of whatever decided it, in duty.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn absorb(&mut self, duty: Pair) {
+        match &mut self.pending {
+            Some(pending) => {
+                for (c, ((_, raw), duty)) in pending.iter_mut().zip(duty).enumerate() {
+                    self.integral.shift(c, duty);
+                    *raw += duty;
+                }
+            }
+            None => self.fallback.absorb(duty),
+        }
+    }
+
     /// Tells what was really sent, whoever decided it.
     ///
     /// # Real-time

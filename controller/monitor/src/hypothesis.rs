@@ -12,6 +12,7 @@ use model::rig::{Rig, RigError};
 
 use crate::model_residual::{Limits, ModelResidual};
 use crate::slowness::Slowness;
+use crate::standing::Standing;
 
 /// Ticks for which a contradiction counts beyond the last in which a sum was too large: two hypotheses differ by some ticks in
 /// when they see the same thing (chosen).
@@ -63,7 +64,7 @@ impl HypothesisModels {
         for (n, rig) in self.rigs.iter_mut().enumerate() {
             if !rig.readings_kpa().iter().all(|kpa| kpa.is_finite()) {
                 // A model that has diverged begins anew.
-                rig.restart(readings_kpa, [1.0; CHANNELS]);
+                rig.recover(readings_kpa);
             }
             let now = rig.observe(readings_kpa);
             let added = rig.added_kpa();
@@ -88,13 +89,20 @@ impl HypothesisModels {
 pub(crate) struct Contradiction {
     pub(crate) sums: ModelResidual,
     slowness: Slowness,
+    standing: Standing,
     last_kpa: f64,
     held: u32,
 }
 
 impl Contradiction {
     pub(crate) fn new(limits: Limits) -> Self {
-        Contradiction { sums: ModelResidual::new(limits), slowness: Slowness::NONE, last_kpa: 0.0, held: 0 }
+        Contradiction {
+            sums: ModelResidual::new(limits),
+            slowness: Slowness::NONE,
+            standing: Standing::new(limits.standing_kpa),
+            last_kpa: 0.0,
+            held: 0,
+        }
     }
 
     /// Nothing is known of a model that is put in while the rig is controlled, but that it was compared with the rig.
@@ -105,6 +113,7 @@ impl Contradiction {
     /// Begins anew after arming; what is known about the model stays.
     pub(crate) fn restart(&mut self) {
         self.sums.restart();
+        self.standing.restart();
         self.held = 0;
     }
 
@@ -112,7 +121,8 @@ impl Contradiction {
     pub(crate) fn judge(&mut self, ways: [Way; 2]) -> Option<f64> {
         let factor = self.slowness.follow(ways);
         self.held = self.held.saturating_sub(1);
-        if let Some(kpa) = self.sums.push(left_kpa(ways, factor), factor) {
+        let standing = self.standing.push(ways, factor);
+        if let Some(kpa) = self.sums.push(left_kpa(ways, factor), factor).or(standing) {
             (self.last_kpa, self.held) = (kpa, HELD_TICKS);
         }
         (self.held > 0).then_some(self.last_kpa)

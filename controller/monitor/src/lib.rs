@@ -9,6 +9,7 @@
 //! | [`jump`] | a reading that jumps away from what it could be |
 //! | `hypothesis`, [`model_residual`] | readings against what models foresaw |
 //! | `slowness` | how many times slower a rig is than its model |
+//! | `standing` | a reading that rests where its model says that it must go on |
 //! | [`monitor_models`] | the models of all that, which can be exchanged |
 //! | [`lagged_command`] | a command as a slow valve follows it |
 //! | [`tracking`] | pressures that stay away from their references |
@@ -29,6 +30,7 @@ pub mod model_residual;
 pub mod monitor_models;
 pub mod plausibility;
 mod slowness;
+mod standing;
 pub mod tracking;
 pub mod vent_check;
 

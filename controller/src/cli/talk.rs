@@ -152,8 +152,11 @@ fn print_status(reply: &Reply) {
 /// The newest tick; without a session it says how old it is.
 fn print_tick(s: &Status, reply: &Reply) {
     let armable = if s.can_arm { ", can be armed" } else { "" };
-    let age_s = reply.age_ms.unwrap_or_default() as f64 / 1000.0;
-    let old = if reply.state == State::Connect { format!(", last data {age_s:.1} s ago") } else { String::new() };
+    let old = match reply.age_ms {
+        _ if reply.state != State::Connect => String::new(),
+        Some(age_ms) => format!(", last data {:.1} s ago", age_ms as f64 / 1000.0),
+        None => ", no data yet".to_owned(),
+    };
     say(format_args!("session    {:08X}, tick {}{armable}{old}", s.session, s.tick));
     if let Some(condition) = s.fault {
         say(format_args!("fault      {}", condition.name()));

@@ -54,8 +54,10 @@ impl Desk {
         }
     }
 
+    /// How old the newest data is; `None` where none has come yet.
     fn age(&self) -> Option<Duration> {
-        self.newest.map(|(_, at_ns)| Duration::from_nanos(now_ns().saturating_sub(at_ns)))
+        let came = self.newest.filter(|(_, at_ns)| *at_ns > 0);
+        came.map(|(_, at_ns)| Duration::from_nanos(now_ns().saturating_sub(at_ns)))
     }
 
     /// The newest status, if it still tells what is.
