@@ -65,7 +65,7 @@ impl PolicySpread {
     /// Reads text; not for the tick.
     pub fn of(policy: &Policy) -> Self {
         let range = |c: usize| policy.contract().outputs.get(c).map_or(0.0, |o| f64::from(o.high) - f64::from(o.low));
-        let stated = policy.metadata().get(EXPLORATION_STD_KEY).and_then(|text| exploration_std(text));
+        let stated = policy.metadata().get(EXPLORATION_STD_KEY).and_then(exploration_std);
         PolicySpread { stated, range_duty: std::array::from_fn(range) }
     }
 }
