@@ -41,6 +41,8 @@ struct Counts {
     out_written: AtomicU64,
     err_written: AtomicU64,
     dropped: AtomicU64,
+    /// Why a result could not be written; a reader that has seen enough is no such reason.
+    failed: OnceLock<String>,
 }
 
 static CONSOLE: OnceLock<Option<Console>> = OnceLock::new();
@@ -67,7 +69,12 @@ fn write(queue: &Receiver<(Stream, String)>, counts: &Counts) {
         match stream {
             Stream::Out => {
                 let mut out = io::stdout().lock();
-                let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+                match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+                    Err(error) if !has_gone(&error) => {
+                        let _ = counts.failed.set(error.to_string());
+                    }
+                    _ => {}
+                }
                 counts.out_written.fetch_add(1, Ordering::Release);
             }
             Stream::Err => {
@@ -76,6 +83,12 @@ fn write(queue: &Receiver<(Stream, String)>, counts: &Counts) {
             }
         }
     }
+}
+
+/// Whether who would read has gone: a closed pipe, a terminal that was hung up (EIO).
+fn has_gone(error: &io::Error) -> bool {
+    const EIO: i32 = 5;
+    error.kind() == io::ErrorKind::BrokenPipe || error.raw_os_error() == Some(EIO)
 }
 
 impl Console {
@@ -97,6 +110,20 @@ impl Console {
             Stream::Err => counts.err_written.load(Ordering::Acquire) < counts.err_queued.load(Ordering::Acquire),
         }
     }
+
+    /// Waits for what is queued.
+    fn wait(&self) {
+        let begun = Instant::now();
+        loop {
+            let (out, err) = (self.waits(Stream::Out), self.waits(Stream::Err));
+            let time = begun.elapsed();
+            let give_up = time > STOP_TIME && ordered_to_stop() || time > NOTICE_TIME && !out;
+            if !out && !err || give_up {
+                return;
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
 }
 
 /// A notice on standard error; dropped and counted where nobody reads.
@@ -106,7 +133,7 @@ pub fn notice(line: impl std::fmt::Display) {
 
 /// Text on standard error as it is, for a line that is written over; dropped where nobody reads.
 pub fn overwrite(text: impl std::fmt::Display) {
-    put(Stream::Err, format!("\r\x1b[K{text}"));
+    put(Stream::Err, proto::live_line::written_over(&text.to_string()));
 }
 
 /// A line of progress on standard output; dropped and counted where nobody reads.
@@ -137,18 +164,13 @@ pub fn result(line: impl std::fmt::Display) {
 }
 
 /// Waits until all is printed: for notices two seconds, for results until somebody asks the process to stop.
-pub fn finish() {
-    let Some(Some(console)) = CONSOLE.get() else { return };
-    let begun = Instant::now();
-    loop {
-        let (out, err) = (console.waits(Stream::Out), console.waits(Stream::Err));
-        let time = begun.elapsed();
-        let give_up = time > STOP_TIME && ordered_to_stop() || time > NOTICE_TIME && !out;
-        if !out && !err || give_up {
-            return;
-        }
-        std::thread::sleep(LOOK);
-    }
+///
+/// # Errors
+/// Standard output could not be written (a full disk), other than because its reader has gone.
+pub fn finish() -> Result<(), String> {
+    let Some(Some(console)) = CONSOLE.get() else { return Ok(()) };
+    console.wait();
+    console.counts.failed.get().map_or(Ok(()), |error| Err(format!("standard output cannot be written: {error}")))
 }
 
 /// Lets a burst of notices through, then a few a second; the others are counted.

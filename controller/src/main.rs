@@ -12,15 +12,22 @@ fn main() -> ExitCode {
         Ok(arguments) => arguments,
         Err(error) => return explain(&error),
     };
-    let status = match arguments.run() {
+    ended(match arguments.run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             controller::console::notice(failure.line);
             ExitCode::from(failure.status)
         }
-    };
-    controller::console::finish();
-    status
+    })
+}
+
+/// The exit status once all is printed: results that nobody could keep are no success.
+fn ended(status: ExitCode) -> ExitCode {
+    let Err(line) = controller::console::finish() else { return status };
+    controller::console::notice(line);
+    // Where standard error takes nothing either there is no one to tell.
+    let _ = controller::console::finish();
+    if status == ExitCode::SUCCESS { ExitCode::FAILURE } else { status }
 }
 
 /// Help where it was asked for, two lines where the command line is wrong; the exit status.
@@ -35,6 +42,5 @@ fn explain(error: &clap::Error) -> ExitCode {
             ExitCode::from(2)
         }
     };
-    controller::console::finish();
-    status
+    ended(status)
 }

@@ -52,15 +52,21 @@ impl RunFile {
     /// # Errors
     /// The file cannot be read or is neither.
     pub fn read(path: &Path) -> Result<Self, RunFileError> {
-        let read = |source| RunFileError::Read { file: path.to_owned(), source };
-        let bytes = regular_file::read(path, proto::recording::MOST_BYTES).map_err(read)?;
-        let named_mcap = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("mcap"));
-        let content = if bytes.starts_with(mcap_magic()) || named_mcap {
+        let bytes = bytes_of(path)?;
+        let content = if is_mcap(path, &bytes) {
             parse_mcap(&path.display().to_string(), &bytes)?
         } else {
             from_table(&Recording::read(path)?)
         };
         Ok(RunFile { path: path.to_owned(), content })
+    }
+
+    /// Whether a file is an MCAP file, as the daemon writes, and no table.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn is_of_the_daemon(path: &Path) -> Result<bool, RunFileError> {
+        Ok(is_mcap(path, &bytes_of(path)?))
     }
 
     /// Whether it ran in lockstep: then there were no deadlines.
@@ -126,9 +132,15 @@ impl RunFile {
     }
 }
 
-/// The first bytes of every MCAP file.
-fn mcap_magic() -> &'static [u8] {
-    &[0x89, b'M', b'C', b'A', b'P']
+fn bytes_of(path: &Path) -> Result<Vec<u8>, RunFileError> {
+    let read = |source| RunFileError::Read { file: path.to_owned(), source };
+    regular_file::read(path, proto::recording::MOST_BYTES).map_err(read)
+}
+
+/// Whether these are the first bytes of every MCAP file, or its name says so.
+fn is_mcap(path: &Path, bytes: &[u8]) -> bool {
+    bytes.starts_with(&[0x89, b'M', b'C', b'A', b'P'])
+        || path.extension().is_some_and(|end| end.eq_ignore_ascii_case("mcap"))
 }
 
 /// A table's rows as ticks in control, paced by nothing.

@@ -43,6 +43,29 @@ fn every_command_has_help() {
     }
 }
 
+/// What nobody could keep is no success; a reader that has seen enough is none of the program's troubles.
+#[test]
+fn results_that_cannot_be_written_are_no_success() {
+    let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_controller")).arg("--help").stdout(full).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(said(&output).contains("standard output cannot be written"), "{}", said(&output));
+    let mut command = Command::new(env!("CARGO_BIN_EXE_controller"));
+    command.arg("--help").stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+    let mut child = command.spawn().unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!((output.status.code(), said(&output).as_str()), (Some(0), ""));
+}
+
+#[test]
+fn export_makes_tables_of_recordings_and_not_of_tables() {
+    let table = Scratch::new("100hz.csv", "time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa\n0,1,1,0,0\n0.01,1,1,0,0\n");
+    let output = controller(&["export", table.path(), "--csv"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(said(&output).contains("no recording of the daemon (MCAP)"), "{}", said(&output));
+}
+
 #[test]
 fn help_fits_a_terminal_and_wrong_use_is_two_lines() {
     let mut commands = vec![vec!["--help"], vec!["help"]];

@@ -36,7 +36,7 @@ impl FlightStatistics {
         };
         format!(
             "{:>5.0} s  {}  {}  {:.3} {:.3}  {slowest_ms:>4.1} ms  {:>6}  {note}",
-            moment.time_s,
+            moment.time_s.floor(),
             channel(tick.p_pos_kpa, tick.ref_pos_kpa),
             channel(tick.p_neg_kpa, tick.ref_neg_kpa),
             tick.u_pos,

@@ -16,16 +16,23 @@ const PAUSE: Duration = Duration::from_millis(500);
 /// How long a read may wait before it looks whether to stop.
 const LOOK: Duration = Duration::from_millis(500);
 
-/// Reads the daemon's stream into the hub until told to stop. A daemon that is not there yet, or ends, is waited for.
-pub fn follow(socket: &Path, hub: &Arc<Hub>, stop: &AtomicBool) {
+/// Reads the daemon's stream into the hub until told to stop. A daemon that is not there yet, or ends, is waited for; `tell` is given
+/// a line whenever that changes.
+pub fn follow(socket: &Path, hub: &Arc<Hub>, stop: &AtomicBool, tell: impl Fn(&str)) {
+    let mut told = String::new();
     while !stop.load(Ordering::Relaxed) {
         let ended = match UnixStream::connect(socket) {
             Ok(stream) => {
                 hub.link(Ok(()));
+                tell(&format!("{}: the daemon answers", socket.display()));
                 read(stream, hub, stop)
             }
             Err(error) => format!("{}: no daemon answers there ({error}); waiting for it", socket.display()),
         };
+        if told != ended && !stop.load(Ordering::Relaxed) {
+            tell(&ended);
+            told.clone_from(&ended);
+        }
         hub.link(Err(ended));
         std::thread::sleep(PAUSE);
     }

@@ -58,7 +58,7 @@ impl LiveArgs {
         let (to, stopped) = (Arc::clone(&hub), Arc::clone(&stop));
         let source = std::thread::Builder::new()
             .name("source".to_owned())
-            .spawn(move || live::source::follow(&socket, &to, &stopped))
+            .spawn(move || live::source::follow(&socket, &to, &stopped, |line| tell(line)))
             .map_err(Failure::work)?;
         server.run(&stop);
         let _ = source.join();

@@ -172,6 +172,12 @@ impl ExportArgs {
     pub(super) fn run(self) -> Result<(), Failure> {
         // The flag says the format, so that others can come beside it.
         let ExportArgs { recording, csv: _, all, out } = self;
+        if !RunFile::is_of_the_daemon(&recording)? {
+            return Err(Failure::input(format!(
+                "{}: no recording of the daemon (MCAP); export makes tables of those, and the trainer reads tables as they are",
+                recording.display()
+            )));
+        }
         let run = RunFile::read(&recording)?;
         let (text, rows, notes) = if all {
             (tick_table(&run.content.ticks), run.content.ticks.len(), run.content.notes.clone())
