@@ -68,6 +68,7 @@ impl KeyFigure {
 enum Part {
     Heading(String),
     Text(String),
+    Commands(Vec<String>),
     List(Vec<String>),
     Figures(Vec<KeyFigure>),
     Table(Table),
@@ -106,6 +107,12 @@ impl Report {
     #[must_use]
     pub fn text(self, text: &str) -> Self {
         self.with(Part::Text(text.to_owned()))
+    }
+
+    /// Adds lines for a shell, one below the other, to be copied.
+    #[must_use]
+    pub fn commands(self, lines: impl IntoIterator<Item = impl Into<String>>) -> Self {
+        self.with(Part::Commands(lines.into_iter().map(Into::into).collect()))
     }
 
     /// Adds a list of points.
@@ -190,6 +197,8 @@ impl Part {
         match self {
             Self::Heading(heading) => format!("<h2>{}</h2>", escape(heading)),
             Self::Text(text) => format!("<p>{}</p>", escape(text)),
+            Self::Commands(lines) if lines.is_empty() => String::new(),
+            Self::Commands(lines) => format!("<pre>{}</pre>", escape(&lines.join("\n"))),
             Self::List(points) => {
                 let points: String = points.iter().map(|point| format!("<li>{}</li>", escape(point))).collect();
                 format!("<ul>{points}</ul>")

@@ -29,7 +29,8 @@ pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, rig_toml:
     let mut report = Report::new(title(diagnosis))
         .subtitle(&format!("rig {} · {}", bench.rig.name, sources.join(", ")))
         .text(&diagnosis.summary)
-        .text(&next_in_words(diagnosis))
+        .text(&format!("Next: {}", diagnosis.next_step.why))
+        .commands(diagnosis.next_step.commands.clone())
         .summary(key_figures(findings, diagnosis));
     if !diagnosis.notes.is_empty() {
         report = report.heading("About the recordings").list(diagnosis.notes.clone());
@@ -123,16 +124,6 @@ fn key_figures(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Vec<KeyFig
         all.push(figure("With what was found", &findings.extended));
     }
     all
-}
-
-/// The next step as a line of text.
-fn next_in_words(diagnosis: &Diagnosis) -> String {
-    let next = &diagnosis.next_step;
-    if next.commands.is_empty() {
-        format!("Next: {}", next.why)
-    } else {
-        format!("Next: {} {}", next.why, next.commands.join("   then   "))
-    }
 }
 
 /// Unexplained residual by channel.

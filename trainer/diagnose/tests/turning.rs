@@ -63,6 +63,7 @@ fn a_ripple_that_passes_slowly_is_no_drift() {
 /// Read off a rig that lacks a force curve, a slow ripple is read wrong, and what that leaves is slow. Read again beside the curve it is
 /// right, and nothing drifts.
 #[test]
+#[ignore = "a diagnosis of half a minute; docs/testing.md"]
 fn a_ripple_read_wrong_before_something_was_found_is_no_drift_beside_it() {
     let (rig, mut truth) = moved(&[
         ("pumps.pump.speed_rpm", 1.0 - 1.6e-4),
@@ -79,6 +80,7 @@ fn a_ripple_read_wrong_before_something_was_found_is_no_drift_beside_it() {
 /// Half a turn of the ripple in half a minute looks like a drift to the rows that are fitted. On the rows between them that drift is
 /// 0.1 kPa off, and the ripple is not.
 #[test]
+#[ignore = "a diagnosis of half a minute; docs/testing.md"]
 fn half_a_turn_of_the_ripple_is_no_drift() {
     let (rig, truth) = moved(&[
         ("pumps.pump.speed_rpm", 1.0 - 1.6e-4),
@@ -95,6 +97,7 @@ fn half_a_turn_of_the_ripple_is_no_drift() {
 /// Sensors that lag by 25 ms leave an eighth of the ripple. Before they are found, nothing in the readings is the pump's,
 /// its swing is an error, and valves that are as late fit better. They may be rivals, never the answer.
 #[test]
+#[ignore = "a diagnosis of half a minute; docs/testing.md"]
 fn sensors_that_lag_are_not_taken_for_valves_where_the_ripple_swings() {
     let (rig, mut truth) = moved(&[
         ("pumps.pump.speed_rpm", 1.0 - 1.5e-4),

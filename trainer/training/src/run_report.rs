@@ -56,7 +56,9 @@ pub fn page(settings: &TrainingSettings, summary: &Summary, points: &[Point]) ->
         }
     }
     page = page.heading("Learning curve").plot(evaluation.panel(change));
-    let line = |name: &str, value: &dyn Fn(&Point) -> f64, color| Line::new(name, &x, &curve(value)).color(color);
+    // Before the first step nothing has acted and nothing has been learned: there is no such figure, and none is drawn.
+    let since = |value: &dyn Fn(&Point) -> f64| curve(&|p| if p.step > 0 { value(p) } else { f64::NAN });
+    let line = |name: &str, value: &dyn Fn(&Point) -> f64, color| Line::new(name, &x, &since(value)).color(color);
     page = page.plot(
         Plot::new("While acting, with exploration, on random references", "thousand steps")
             .panel(Panel::new("mean reward").line(line("reward", &|p| p.reward, Color::Blue)))
