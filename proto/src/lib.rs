@@ -3,6 +3,7 @@
 pub mod atomic_file;
 pub mod diagnosis;
 pub mod emulator;
+pub mod live_line;
 pub mod output;
 pub mod policy_metadata;
 pub mod recording;

@@ -337,6 +337,54 @@ fn units_are_brought_to_the_rigs() {
     assert_whole(&read(&text, &with("columns.p_pos_kpa = \"P\"")).unwrap(), "the file's unit");
 }
 
+/// Bars between cells, names in another case, and units that stand behind each number instead of above them.
+#[test]
+fn bars_names_in_another_case_and_units_in_every_cell_are_read() {
+    let bars = HEADER.replace(',', "|");
+    let recording = read(table(&format!("{bars}\n"), seconds, "|", ".", ""), &paper()).unwrap();
+    assert_whole(&recording, "bars");
+    assert!(recording.notes()[0].contains("bars between cells"), "{:?}", recording.notes());
+    let shouted = HEADER.to_ascii_uppercase();
+    let recording = read(table(&format!("{shouted}\n"), seconds, ",", ".", ""), &paper()).unwrap();
+    assert_whole(&recording, "another case");
+    assert_eq!(recording.names().count(), 4, "{:?}", recording.names().collect::<Vec<_>>());
+    // Where both are there, the exact name is meant; it is one column of two.
+    let both = table(&format!("{HEADER},P_POS_KPA\n"), seconds, ",", ".", ",7");
+    assert_whole(&read(both, &paper()).unwrap(), "both cases");
+
+    let with_units = |separator: &str, decimal: &str, blank: &str, kpa: [f64; 2], pressures: [&str; 2]| {
+        let mut text = HEADER.replace(',', separator) + "\n";
+        for k in 0..ROWS {
+            let [u, v, p, n] = row(k);
+            let cells = [
+                format!("{:.3}{blank}s", 0.02 * k as f64),
+                format!("{:.5}{blank}%", 100.0 * u),
+                format!("{v:.6}"),
+                format!("{:.6}{blank}{}", p * kpa[0], pressures[0]),
+                format!(
+                    "{:.6}{blank}{}",
+                    n * kpa[1] + if pressures[1].ends_with("abs") { 101.325 } else { 0.0 },
+                    pressures[1]
+                ),
+            ];
+            text.push_str(&(cells.map(|cell| cell.replace('.', decimal)).join(separator) + "\n"));
+        }
+        text
+    };
+    for (name, text) in [
+        ("apart", with_units(",", ".", " ", [1.0, 1.0], ["kPa", "kPa"])),
+        ("joined", with_units(",", ".", "", [10.0, 1.0], ["mbar", "kPa"])),
+        ("absolute", with_units(";", ",", " ", [0.01, 1.0], ["bar", "kPa abs"])),
+    ] {
+        let recording = read(&text, &paper()).unwrap();
+        assert_whole(&recording, name);
+        assert!(recording.notes()[0].contains("u_pos in %"), "{:?}", recording.notes());
+    }
+    // Units that change from row to row cannot be one column's.
+    let mixed = with_units(",", ".", " ", [1.0, 1.0], ["kPa", "kPa"]).replacen("kPa", "Pa", 3);
+    assert!(refused(mixed, &paper()).contains("p_pos_kpa"));
+}
+
 #[test]
 fn what_cannot_be_found_out_can_be_said() {
     let bare = table("", |k| k.to_string(), ",", ".", "");

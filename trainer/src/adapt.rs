@@ -12,6 +12,7 @@ use ::adapt::run::GoesOn;
 use ::adapt::settings::{Experiments, Search};
 use ::adapt::{AdaptError, AdaptSettings, Adaptation, Console, Outcome};
 use clap::Args;
+use proto::live_line;
 use proto::rig_file;
 use serde_json::json;
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -38,8 +39,8 @@ pub(crate) struct AdaptArgs {
     /// Folder for everything that comes of it
     #[arg(long, value_name = "DIR", required_unless_present = "resume")]
     out: Option<PathBuf>,
-    /// Folder of a run to go on with
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "out", "rehearse"])]
+    /// Folder of a run to go on with, as it was begun
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "out", "rehearse", "allow_experiment", "fly_seconds", "diagnose_seconds", "thorough", "train_steps", "train_seconds", "verdict_seconds", "seed"])]
     resume: Option<PathBuf>,
     /// Start a concealed rig and a daemon on this machine, and adapt to that
     #[arg(long, conflicts_with = "config")]
@@ -170,7 +171,6 @@ fn programs(args: &AdaptArgs) -> Result<Programs, AdaptError> {
 
 const BAR_EVERY: Duration = Duration::from_millis(200);
 const LINE_EVERY: Duration = Duration::from_secs(15);
-const COLUMNS: usize = 79;
 
 /// Steps, commands, and what is being waited for; on a terminal the last in one line that is written over.
 struct Terminal {
@@ -191,7 +191,7 @@ impl Terminal {
 
     fn clear(&mut self) {
         if std::mem::take(&mut self.is_shown) {
-            write("\r\x1b[K");
+            write(live_line::CLEARED);
         }
     }
 }
@@ -222,8 +222,7 @@ impl Console for Terminal {
         let spent = if elapsed.is_zero() { String::new() } else { format!(", {}{most}", clock(elapsed)) };
         let line = format!("[{} {}] {what}{spent}", self.step, clock(self.began.elapsed()));
         if self.terminal {
-            let line: String = line.chars().take(COLUMNS).collect();
-            write(&format!("\r\x1b[K{line}"));
+            write(&live_line::written_over(&line));
             self.is_shown = true;
             self.next = now + BAR_EVERY;
         } else {

@@ -14,16 +14,16 @@ use model::steady::SteadyMap;
 use proto::atomic_file;
 use proto::reference::Reference;
 use proto::rig_file::{self, RigFileError};
-use training::{TrainedPolicy, TrainingError, Variant};
+use training::{TrainedPolicy, TrainingError, TrainingSettings, Variant};
 
-use crate::failure::Failure;
+use crate::failure::{Failure, tell};
 use crate::progress::Progress;
 use crate::stdout;
 
-/// Fills the paper's tables: flies controllers and policies on rigs and compares their tracking.
+/// Fills the paper's tables: runs controllers and policies on rigs and compares their tracking.
 ///
 /// Policies are found in a folder of runs and grouped: runs that differ in nothing but their seed are one row, with
-/// the spread over seeds. Every table has the limit as its last row: what any controller could reach that knows the
+/// the spread over seeds. Every table has the clairvoyant optimum ("limit") as its last row: what any controller could reach that knows the
 /// rig and the whole reference. Writes table.json, table.md and table.html.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
@@ -38,13 +38,13 @@ pub(crate) struct EvaluateArgs {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Fallback, disturbance observer, raw policies, full policies, limit: on each rig and on rigs drawn around the last
+    /// Fallback, disturbance observer, raw policies, full policies, optimum: on each rig and on rigs drawn around the last
     Comparison(TableArgs),
     /// The four variants: with and without model-predicted observations and smooth actions (Table I)
     Ablation(TableArgs),
     /// Payloads of 0 to 20 kg on the actuator that hangs on both chambers (Table II)
     Loads(TableArgs),
-    /// Puts tables of the same rigs together, flown on other days or machines; nothing is flown
+    /// Puts tables of the same rigs together, made on other days or machines; nothing is run
     Join(JoinArgs),
 }
 
@@ -63,10 +63,10 @@ struct JoinArgs {
 
 #[derive(Debug, Args)]
 struct TableArgs {
-    /// Folder of runs, each with its policy.bin, or its policy.onnx and settings.toml
+    /// Folder of runs, each with its policy.bin, or its policy.onnx and settings.toml; one that has settings alone is named
     #[arg(long, value_name = "DIR")]
     runs: Option<PathBuf>,
-    /// Rig to fly, name or file; may be given several times (dual_pressure, bench)
+    /// Rig to control, name or file; may be given several times (dual_pressure, bench)
     #[arg(long, value_name = "RIG")]
     rig: Vec<String>,
     /// Model behind predictions, feed-forward and linearisation
@@ -81,13 +81,13 @@ struct TableArgs {
     /// Reference: CSV time_s,ref_pos_kpa,ref_neg_kpa, or a recording that has these columns (the paper's)
     #[arg(long, value_name = "FILE")]
     reference: Option<PathBuf>,
-    /// Length of a flight in s; the first 5 s are not counted
+    /// Length of a run in s; the first 5 s are not counted
     #[arg(long, value_name = "S", default_value_t = 60.0)]
     seconds: f64,
     /// Noise seeds of controllers that are not trained
     #[arg(long, value_name = "N", default_value_t = 3)]
     seeds: u64,
-    /// Leave out the limit, which takes twenty-five flights a rig
+    /// Leave out the clairvoyant optimum, which takes twenty-five runs a rig
     #[arg(long)]
     without_limit: bool,
     /// Folder for table.json, table.md and table.html
@@ -216,7 +216,7 @@ fn fill(
     let bar: Mutex<Option<Progress>> = Mutex::new(None);
     let told = |_done: usize, all: usize| {
         if let Ok(mut bar) = bar.lock() {
-            bar.get_or_insert_with(|| Progress::new("flights", all as u64)).advance(1);
+            bar.get_or_insert_with(|| Progress::new("runs", all as u64)).advance(1);
         }
     };
     let rows = comparison.fly(&entrants, &told).map_err(TrainingError::from)?;
@@ -302,20 +302,44 @@ fn twin_of(other: &Path, policy: &TrainedPolicy) -> String {
 /// Rows of policies by sorting key: their label, and one policy for each seed.
 type Groups = BTreeMap<String, (String, Vec<Arc<TrainedPolicy>>)>;
 
+/// The name of a run that was kept without its policy, where it would be in the table.
+fn without_policy(folder: &Path, shown: &dyn Fn(Variant) -> bool) -> Option<String> {
+    let file = folder.join("settings.toml");
+    let settings = std::fs::read_to_string(&file).ok()?;
+    let settings = TrainingSettings::parse(&file.display().to_string(), &settings).ok()?;
+    shown(settings.policy.variant).then(|| Some(folder.file_name()?.to_string_lossy().into_owned()))?
+}
+
+/// What to say of runs that were kept without their policies, and how one is had again.
+fn tell_lacking(folder: &Path, names: &[String]) {
+    if !names.is_empty() {
+        let folder = folder.display();
+        tell(&format!(
+            "{folder}: runs kept without their policies and not in the table ({}); `trainer train --config {folder}/NAME/settings.toml \
+             --out runs/NAME` trains one anew",
+            names.join(", ")
+        ));
+    }
+}
+
 /// Policies of a folder of runs, and a line on each group's length of training.
 fn groups(folder: &Path, shown: &dyn Fn(Variant) -> bool) -> Result<(Groups, Vec<String>), Failure> {
     let unreadable = |error: std::io::Error| TrainingError::File {
         file: folder.display().to_string(),
         problem: format!("cannot be read: {error}; --runs takes the folder that holds the runs' folders"),
     };
-    let mut paths: Vec<PathBuf> = Vec::new();
+    let (mut paths, mut lacking): (Vec<PathBuf>, Vec<String>) = (Vec::new(), Vec::new());
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {
         let path = entry.map_err(unreadable)?.path();
         if TrainedPolicy::is_in(&path) {
             paths.push(path);
+        } else if let Some(name) = without_policy(&path, shown) {
+            lacking.push(name);
         }
     }
     paths.sort();
+    lacking.sort();
+    tell_lacking(folder, &lacking);
     if paths.is_empty() {
         return Err(TrainingError::File {
             file: folder.display().to_string(),

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use ::finetune::{FinetuneCallback, FinetuneRun, FinetuneSettings, Progress, PublishedPlan, Source, Status};
 use clap::Args;
+use proto::live_line;
 use serde_json::json;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use training::{PolicyStart, TrainingError};
@@ -196,7 +197,7 @@ impl Bar {
     /// Leaves a clean line.
     fn clear(&mut self) {
         if std::mem::take(&mut self.is_shown) {
-            write("\r\x1b[K");
+            write(live_line::CLEARED);
         }
     }
 }
@@ -211,7 +212,8 @@ impl FinetuneCallback for Bar {
         let figures = format!("{}, {:.0} updates/s, RMSE {pos:.3}/{neg:.3} kPa", p.doing, p.updates_per_s);
         if self.terminal {
             let full = BAR_WIDTH * usize::try_from(percent.min(100)).unwrap_or(100) / 100;
-            write(&format!("\r\x1b[K[{}{}] {percent:3} % {figures}", "#".repeat(full), "-".repeat(BAR_WIDTH - full)));
+            let bar = format!("[{}{}]", "#".repeat(full), "-".repeat(BAR_WIDTH - full));
+            write(&live_line::written_over(&format!("{bar} {percent:3} % {figures}")));
             self.is_shown = true;
             self.next = Instant::now() + BAR_EVERY;
         } else {

@@ -34,8 +34,9 @@ use clap::{CommandFactory, Parser, Subcommand};
 /// rig's model against recordings.
 ///
 /// Pressures are gauge kPa, times s, duties 0 (valve shut) to 1 (open). A recording is the daemon's
-/// MCAP file or CSV with the header time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa, rows 20 ms apart. Exit
-/// status: 0 done, 1 the work failed, 2 wrong usage or bad input.
+/// MCAP file or what a logger wrote, of any rate, its columns under the rig's names
+/// (time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa) or as the rig file's [recording] says. Exit status: 0 good;
+/// 1 the work failed or is not good; 2 wrong use or input.
 #[derive(Debug, Parser)]
 #[command(name = "trainer", version, after_help = EXAMPLES)]
 struct Cli {

@@ -5,6 +5,8 @@
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
+use proto::live_line;
+
 /// Work this short needs no progress.
 const SHORT: Duration = Duration::from_secs(1);
 const BAR_EVERY: Duration = Duration::from_millis(100);
@@ -45,7 +47,7 @@ impl Progress {
         let text = if self.terminal {
             self.next = now + BAR_EVERY;
             self.bar_shown = true;
-            format!("\r{}", bar(&self.what, self.done, self.total))
+            live_line::written_over(&bar(&self.what, self.done, self.total))
         } else {
             self.next = now + LINE_EVERY;
             format!("{}: {} %\n", self.what, percent(self.done, self.total))
@@ -58,8 +60,7 @@ impl Progress {
 impl Drop for Progress {
     fn drop(&mut self) {
         if self.bar_shown {
-            // Carriage return and "erase to the end of the line": what follows stands on a clean line.
-            let _ = std::io::stderr().lock().write_all(b"\r\x1b[K");
+            let _ = std::io::stderr().lock().write_all(live_line::CLEARED.as_bytes());
         }
     }
 }

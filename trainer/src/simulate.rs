@@ -1,4 +1,4 @@
-//! `trainer simulate`: a free run of a rig under recorded or planned commands, as a CSV file.
+//! `trainer simulate`: an open-loop simulation of a rig under recorded or planned commands, as a CSV file.
 //!
 //! Written are `time_s`, the commands the rig needs, its pressures (simulated, rounded to 1e-7 kPa), and every
 //! other column of the input as it was: for the paper's rig `time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa`, then
@@ -21,7 +21,7 @@ use crate::progress::Progress;
 use crate::rig_choice::RigChoice;
 use crate::stdout;
 
-/// Runs a rig freely under given commands: starts at the first row's pressures, then only the commands count.
+/// Simulates a rig in open loop under given commands: starts at the first row's pressures, then only the commands count.
 ///
 /// Row k holds the pressures at t_k and the commands from t_k to t_{k+1}, 20 ms later. A first row within 0.5 kPa of
 /// the atmosphere starts a rig that stood still; any other one a rig whose pump was running, and whose valves, where they
@@ -45,6 +45,8 @@ pub(crate) struct SimulateArgs {
     json: bool,
 }
 
+/// Room that a row of the result takes at most, roughly: a dozen columns of 20 digits.
+const BYTES_PER_ROW: u64 = 240;
 /// Digits kept behind the point of a simulated pressure in kPa: ten thousand times finer than the sensors.
 const DIGITS: i32 = 7;
 
@@ -55,6 +57,7 @@ pub(crate) fn run(args: &SimulateArgs) -> Result<(), Failure> {
     if proto::output::same_file(&args.inputs, &args.out) {
         return Err(Failure::OverInputs { out: args.out.display().to_string() });
     }
+    proto::output::check_file(&args.out, BYTES_PER_ROW * recording.rows() as u64)?;
     for note in recording.notes() {
         tell(note);
     }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use proto::live_line;
 use training::{Phase, Progress, TrainingCallback};
 
 const BAR_EVERY: Duration = Duration::from_millis(200);
@@ -31,7 +32,7 @@ impl TrainBar {
     /// Leaves a clean line.
     pub(crate) fn clear(&mut self) {
         if self.is_shown {
-            write("\r\x1b[K");
+            write(live_line::CLEARED);
             self.is_shown = false;
         }
     }
@@ -50,7 +51,7 @@ impl TrainingCallback for TrainBar {
             let percent = 100 * p.steps / p.steps_planned.max(1);
             let full = BAR_WIDTH * usize::try_from(percent.min(100)).unwrap_or(100) / 100;
             let bar = format!("[{}{}] {percent:3} %", "#".repeat(full), "-".repeat(BAR_WIDTH - full));
-            write(&format!("\r\x1b[K{bar} {}", figures(p)));
+            write(&live_line::written_over(&format!("{bar} {}", figures(p))));
             self.is_shown = true;
             self.next = now + BAR_EVERY;
         } else {

@@ -19,7 +19,7 @@ use crate::progress::Progress;
 use crate::rig_choice::RigChoice;
 use crate::stdout;
 
-/// Compares a rig's free run with recorded pressures, channel by channel.
+/// Compares a rig's open-loop simulation with recorded pressures, channel by channel.
 ///
 /// The run starts at the first row's pressures, then only the commands count. Accuracy is 1 minus the mean absolute
 /// percentage error of gauge pressures (the paper's figure); rows nearer to the atmosphere than --least-kpa are left out
@@ -148,7 +148,7 @@ fn compare(
     least_kpa: f64,
     progress: &mut Progress,
 ) -> Result<Figures, FreeRunError> {
-    // Without pressures a free run would start at rest; here there would be nothing to compare it with.
+    // Without pressures a simulation would start at rest; here there would be nothing to compare it with.
     let recorded = recording.require_all(plant.sensor_columns().iter().map(String::as_str))?;
     let trace = free_run.over(recording, &began, progress)?;
     let channels = recorded

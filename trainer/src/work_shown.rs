@@ -10,6 +10,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use proto::live_line;
+
 /// Time between two redraws of the bar, and between two lines where there is no terminal.
 const BAR_EVERY: Duration = Duration::from_millis(200);
 const LINE_EVERY: Duration = Duration::from_secs(10);
@@ -48,15 +50,18 @@ impl WorkShown {
             while ended.recv_timeout(wait) == Err(RecvTimeoutError::Timeout) {
                 let state = seen.lock().unwrap_or_else(PoisonError::into_inner).clone();
                 let line = state.line(state.begun.elapsed());
-                let text =
-                    if terminal { format!("\r\x1b[K{}", bar(&line)) } else { format!("trainer: {}\n", plain(&line)) };
+                let text = if terminal {
+                    live_line::written_over(&bar(&line))
+                } else {
+                    format!("trainer: {}\n", plain(&line))
+                };
                 bar_shown |= terminal;
                 wait = if terminal { BAR_EVERY } else { LINE_EVERY };
                 // Progress that cannot be shown is no reason to stop the work.
                 let _ = std::io::stderr().lock().write_all(text.as_bytes());
             }
             if bar_shown {
-                let _ = std::io::stderr().lock().write_all(b"\r\x1b[K");
+                let _ = std::io::stderr().lock().write_all(live_line::CLEARED.as_bytes());
             }
         });
         WorkShown { state, end: Some(end), shows: Some(shows) }
@@ -115,16 +120,11 @@ impl Line {
     }
 }
 
-/// Columns of a terminal.
-const COLUMNS: usize = 80;
-
 fn bar(line: &Line) -> String {
     let share = line.share.unwrap_or(0.0);
     let full = ((share * BAR_WIDTH as f64).round() as usize).min(BAR_WIDTH);
     let (done, left) = ("#".repeat(full), "-".repeat(BAR_WIDTH - full));
-    let whole = format!("[{done}{left}] {:3.0} %  {}  {}", 100.0 * share, line.times(), line.stage);
-    // A line that wraps cannot be written over.
-    whole.chars().take(COLUMNS).collect()
+    format!("[{done}{left}] {:3.0} %  {}  {}", 100.0 * share, line.times(), line.stage)
 }
 
 fn plain(line: &Line) -> String {

@@ -128,6 +128,61 @@ fn absolute_pressures_and_scaled_commands_are_refused_on_any_rig() {
     assert!(said.contains("u_pump") && said.contains("driving the pump") && said.contains("inverted"), "{said}");
 }
 
+/// A rig that reaches 1.7 kPa behind a sensor of −5 … 20: what is wrong lies inside the sensor's range, and the fit would take it
+/// up by moving the rig's parameters.
+#[test]
+fn wrong_units_signs_and_commands_of_a_rig_of_low_pressures_are_told() {
+    let folder = Folder::new("low-pressures");
+    let rig = folder.with("box.toml", BOX);
+    let rows = boxed(20, 60);
+    // A second file whose pump rests for its first 20 s.
+    let late: Vec<[f64; 3]> = (0..1000).map(|k| [0.02 * f64::from(k), 0.0, 0.01 * f64::from(k % 3 - 1)]).collect();
+    let late = late.into_iter().chain(rows.iter().map(|[t, u, p]| [t + 20.0, *u, *p])).collect::<Vec<_>>();
+    let said_of = |name: &str, rows: &[[f64; 3]], of: &dyn Fn(&[f64; 3]) -> [f64; 3]| {
+        let file = folder.with(&format!("{name}.csv"), csv("t,duty,kPa", rows, of));
+        let said = refused(["diagnose", "--quick", "--rig", &rig, &file, "--out", &folder.path("out")]);
+        said.lines().last().unwrap_or_default().to_owned()
+    };
+    #[allow(clippy::type_complexity)] // a table of cases
+    let cases: [(&str, &dyn Fn(&[f64; 3]) -> [f64; 3], &[&str]); 6] = [
+        ("psi", &|[t, u, p]| [*t, *u, 0.145_038 * p], &["p_box_kpa", "psi"]),
+        ("bar", &|[t, u, p]| [*t, *u, 0.01 * p], &["p_box_kpa", "bar"]),
+        ("mmhg", &|[t, u, p]| [*t, *u, 7.500_62 * p], &["p_box_kpa", "mmHg"]),
+        ("turned", &|[t, u, p]| [*t, *u, -p], &["p_box_kpa", "sign", "turned round"]),
+        ("unmoved", &|[t, _, p]| [*t, 0.5, *p], &["u_pump stands still", "[recording] columns"]),
+        ("idle", &|[t, _, p]| [*t, 0.0, *p], &["u_pump stands still", "the command that was sent"]),
+    ];
+    for (name, of, words) in cases {
+        for (rows, when) in [(&rows, "at once"), (&late, "late")] {
+            let said = said_of(name, rows, of);
+            for word in words {
+                assert!(said.contains(word), "{name}, {when}: `{word}` is not in: {said}");
+            }
+        }
+    }
+    for rows in [&rows, &late] {
+        let file = folder.with("sound.csv", csv("t,duty,kPa", rows, |row| *row));
+        sound(["identify", "--rig", &rig, &file, "--out", &folder.path("fitted.toml")]);
+    }
+}
+
+/// Two readings of a loose contact, 1.5 kPa off on a rig that reaches 1.7, are told and left out.
+#[test]
+fn wild_readings_of_a_rig_of_low_pressures_are_left_out() {
+    let folder = Folder::new("loose-contact");
+    let rig = folder.with("box.toml", BOX);
+    let mut rows = boxed(20, 60);
+    let file = folder.with("sound.csv", csv("t,duty,kPa", &rows, |row| *row));
+    let fitted = folder.path("fitted.toml");
+    let before = json(&["identify", "--json", "--rig", &rig, &file, "--out", &fitted]);
+    assert!(!before.to_string().contains("wild"), "{before}");
+    rows[740][2] += 1.5;
+    rows[2260][2] -= 1.5;
+    let file = folder.with("wild.csv", csv("t,duty,kPa", &rows, |row| *row));
+    let said = json(&["identify", "--json", "--rig", &rig, &file, "--out", &fitted]).to_string();
+    assert!(said.contains("2 wild readings"), "{said}");
+}
+
 /// Noise, fits and verdicts come from samples: at 10 and at 2 Hz a sound rig is a sound rig.
 #[test]
 fn sparse_samples_are_all_the_evidence_there_is() {

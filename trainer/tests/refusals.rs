@@ -41,6 +41,43 @@ fn bad_recordings_get_one_line_with_line_and_column() {
     }
 }
 
+/// Places that nothing can be written to are told before the work; below a file nobody can make one, whatever his rights.
+#[test]
+fn results_that_have_no_place_are_refused_before_the_work() {
+    let folder = Folder::new("no-place");
+    let rows: String = (0..3).map(|k| format!("{},1,1,0,0\n", 0.02 * f64::from(k))).collect();
+    let inputs = folder.with("in.csv", format!("{HEADER}\n{rows}"));
+    let below = format!("{inputs}/below");
+    for args in [
+        vec!["simulate", "--inputs", &inputs, "--out", &below],
+        vec!["train", "--steps", "1000000", "--out", &below],
+        vec!["diagnose", &inputs, "--out", &below],
+        vec!["identify", &inputs, "--out", &below],
+    ] {
+        let said = refused(args.as_slice());
+        assert!(said.contains("below: nothing can be written here"), "{args:?}: {said}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path("")).unwrap().count(), 1, "nothing is left");
+}
+
+/// What a run that is gone on with cannot honour is refused, and not passed over in silence.
+#[test]
+fn a_run_that_is_gone_on_with_takes_no_other_settings() {
+    for (command, options) in [
+        (
+            "train",
+            vec![["--seed", "2"], ["--variant", "raw"], ["--rig", "bench"], ["--config", "paper"], ["--out", "x"]],
+        ),
+        ("finetune", vec![["--seed", "2"], ["--updates-per-tick", "4"], ["--out", "x"]]),
+        ("adapt", vec![["--seed", "2"], ["--train-steps", "5"], ["--fly-seconds", "30"], ["--out", "x"]]),
+    ] {
+        for option in options {
+            let said = refused([command, "--resume", "nowhere", option[0], option[1]]);
+            assert!(said.contains("--resume") && said.contains(option[0]), "{command} {option:?}: {said}");
+        }
+    }
+}
+
 #[test]
 fn gaps_without_pressures_cannot_be_started_anew() {
     let folder = Folder::new("bad-gap");

@@ -81,6 +81,17 @@ fn a_published_policy_is_the_one_that_was_trained() {
     let line =
         refused([&["evaluate", "ablation", "--runs", &folder.path(""), "--out", &out], flight.as_slice()].concat());
     assert!(line.contains("once more (seed 1)") && line.contains("take one of the two folders away"), "{line}");
+    // Settings that were kept without a policy are named, with the command that trains them anew.
+    std::fs::remove_file(Path::new(&copy).join("policy.onnx")).unwrap();
+    let told = program::run(
+        [&["evaluate", "ablation", "--runs", &folder.path(""), "--out", &out], flight.as_slice()].concat(),
+    );
+    assert_eq!(told.status, 0, "{}", told.err);
+    let line = told.err.lines().find(|line| line.contains("kept without their policies")).unwrap();
+    assert!(
+        line.contains("copy") && line.contains("trainer train --config") && line.contains("settings.toml"),
+        "{line}"
+    );
     std::fs::remove_dir_all(&copy).unwrap();
     let text = std::fs::read_to_string(&settings).unwrap();
     std::fs::write(&settings, text.replace("\nseed = ", "\nseed = 7")).unwrap();

@@ -83,6 +83,9 @@ pub enum Separator {
     /// A tab.
     #[serde(rename = "tab", alias = "\t")]
     Tab,
+    /// A vertical bar.
+    #[serde(rename = "|", alias = "bar")]
+    Bar,
     /// A run of blanks.
     #[serde(rename = "blank", alias = " ")]
     Blank,

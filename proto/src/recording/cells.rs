@@ -47,6 +47,7 @@ impl Grammar {
             Separator::Comma => byte == b',',
             Separator::Semicolon => byte == b';',
             Separator::Tab => byte == b'\t',
+            Separator::Bar => byte == b'|',
             Separator::Blank => matches!(byte, b' ' | b'\t'),
         }
     }

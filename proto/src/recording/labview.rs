@@ -80,7 +80,7 @@ pub(super) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
         columns: Vec::new(),
         lines: Vec::new(),
         decimal,
-        manner: vec!["a LabVIEW measurement file".to_owned()],
+        manner: vec!["the head of a LabVIEW measurement file".to_owned()],
         notes: Vec::new(),
     };
     if decimal == Decimal::Comma {

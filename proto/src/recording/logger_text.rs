@@ -1,6 +1,6 @@
 //! The text files that loggers write, as they write them.
 //!
-//! Found out, unless the rig file's `[recording]` says so: the separator (tab, semicolon, comma, blanks), the decimal mark, how
+//! Found out, unless the rig file's `[recording]` says so: the separator (tab, semicolon, bar, comma, blanks), the decimal mark, how
 //! many lines stand before the one that names the columns, a row of units below it, comment lines (`#`, `%`, `//`), separators
 //! at the ends of lines, text behind the data, a last row that was cut off, UTF-16, and Latin-1 where a unit has a degree sign.
 //! How each is found:
@@ -107,7 +107,9 @@ impl Manner {
         let sample = lines.get(from..lines.len().min(from + SAMPLE_LINES)).unwrap_or_default();
         let candidates = match map.separator {
             Some(separator) => vec![separator],
-            None => vec![Separator::Tab, Separator::Semicolon, Separator::Comma, Separator::Blank],
+            None => {
+                vec![Separator::Tab, Separator::Semicolon, Separator::Bar, Separator::Comma, Separator::Blank]
+            }
         };
         let tried: Vec<(Manner, f64, f64)> =
             candidates.into_iter().map(|separator| Self::tried(sample, separator, map.decimal)).collect();
@@ -137,6 +139,7 @@ impl Manner {
             Separator::Comma => None,
             Separator::Semicolon => Some("semicolons between cells"),
             Separator::Tab => Some("tabs between cells"),
+            Separator::Bar => Some("bars between cells"),
             Separator::Blank => Some("blanks between cells"),
         };
         let decimal = (self.decimal == Decimal::Comma).then_some("decimal commas");
@@ -159,6 +162,7 @@ fn cells_of(line: &str, separator: Separator) -> Vec<&str> {
                 Separator::Comma => c == ',',
                 Separator::Semicolon => c == ';',
                 Separator::Tab => c == '\t',
+                Separator::Bar => c == '|',
                 Separator::Blank => c == ' ' || c == '\t',
             }
     };
@@ -182,7 +186,9 @@ fn decimal_of(rows: &[Vec<&str>], separator: Separator) -> Decimal {
     // Between commas a comma in a number stands within quotes, and there it may group thousands.
     let groups = |cell: &str| separator == Separator::Comma && is_grouped(cell, Decimal::Point);
     let marked = |cell: &str, mark: char| {
-        let unsigned = cell.trim_start_matches(['+', '-']);
+        // A unit may stand behind it.
+        let number = cell.split_whitespace().next().unwrap_or_default();
+        let unsigned = number.trim_start_matches(['+', '-']);
         if mark == ',' && groups(unsigned) {
             return false;
         }
@@ -450,6 +456,7 @@ pub(super) fn fill<'a>(
             if let Some(unit) = head.units.get(at).filter(|unit| !unit.is_empty()) {
                 column.unit = Some(unit.to_string());
             }
+            column.take_units(sheet.decimal);
             column
         })
         .collect();

@@ -137,7 +137,9 @@ fn with_others(made: Vec<Column>, sheet: &Sheet<'_>, of_time: &[usize], resampli
         if of_time.contains(&at) || column.name == TIME_COLUMN {
             continue;
         }
-        let own = made.iter_mut().find(|one| one.as_ref().is_some_and(|one| one.name == column.name));
+        let is_from_here =
+            |one: &Column| one.name == column.name || matches!(sheet.find(&one.name), Ok(Some(of)) if of == at);
+        let own = made.iter_mut().find(|one| one.as_ref().is_some_and(is_from_here));
         if let Some(own) = own.and_then(Option::take) {
             all.push(own);
         } else if all.iter().all(|one: &Column| one.name != column.name) {

@@ -62,6 +62,41 @@ impl<'a> SheetColumn<'a> {
         };
         SheetColumn { name: name.to_owned(), title: title.to_owned(), unit, cells }
     }
+
+    /// Takes the unit that stands behind every number of the column (`90.5 kPa`) out of the cells.
+    pub(super) fn take_units(&mut self, decimal: Decimal) {
+        let Cells::Text(texts) = &self.cells else { return };
+        let Some((_, unit)) = texts.first().and_then(|text| quantity(text, decimal)) else { return };
+        let unit = unit.to_owned();
+        let bare: Option<Vec<Cow<'a, str>>> = texts
+            .iter()
+            .map(|text| {
+                quantity(text, decimal).filter(|(_, of)| *of == unit).map(|(bare, _)| Cow::Owned(bare.to_owned()))
+            })
+            .collect();
+        if let Some(bare) = bare {
+            self.cells = Cells::Text(bare);
+            self.unit = Some(unit);
+        }
+    }
+}
+
+/// A number and the unit behind it, with blanks between them or without.
+fn quantity(text: &str, decimal: Decimal) -> Option<(&str, &str)> {
+    let text = text.trim();
+    if !text.contains(|c: char| c.is_ascii_digit()) {
+        return None;
+    }
+    let apart = text.split_once(char::is_whitespace).into_iter().chain(text.rsplit_once(char::is_whitespace));
+    let apart = apart.filter(|(_, unit)| Unit::parse(unit).is_some());
+    let joined =
+        text.find(|c: char| c.is_alphabetic() || matches!(c, '%' | '[' | '(')).and_then(|at| text.split_at_checked(at));
+    // `12a` is a name more often than 12 A.
+    let joined = joined.filter(|(_, unit)| Unit::parse(unit).is_some_and(|unit| unit != Unit::Other));
+    apart
+        .chain(joined)
+        .map(|(number, unit)| (number.trim(), unit.trim()))
+        .find(|(number, _)| number.starts_with(|c: char| !c.is_alphabetic()) && parse(number, decimal).is_some())
 }
 
 impl Sheet<'_> {
@@ -70,20 +105,22 @@ impl Sheet<'_> {
         self.lines.len()
     }
 
-    /// Place of a column from 0, by its name with or without the unit in brackets; `None` where there is none.
+    /// Place of a column from 0, by its name with or without the unit in brackets, in other case where no name is written so;
+    /// `None` where there is none.
     ///
     /// # Errors
     /// Two columns have this name.
     pub(super) fn find(&self, name: &str) -> Result<Option<usize>, CsvError> {
-        let named = |exact: bool| {
-            let same = move |column: &&SheetColumn<'_>| if exact { column.title == name } else { column.name == name };
-            let mut those = self.columns.iter().enumerate().filter(move |(_, column)| same(column)).map(|(at, _)| at);
+        let named = |same: fn(&SheetColumn<'_>, &str) -> bool| {
+            let mut those = self.columns.iter().enumerate().filter(|(_, one)| same(one, name)).map(|(at, _)| at);
             (those.next(), those.next())
         };
-        let (first, second) = match named(true) {
-            (None, _) => named(false),
-            found => found,
-        };
+        let ways: [fn(&SheetColumn<'_>, &str) -> bool; 3] = [
+            |column, name| column.title == name,
+            |column, name| column.name == name,
+            |column, name| column.title.eq_ignore_ascii_case(name) || column.name.eq_ignore_ascii_case(name),
+        ];
+        let (first, second) = ways.into_iter().map(named).find(|(first, _)| first.is_some()).unwrap_or_default();
         match second {
             Some(at) => Err(CsvError::DuplicateColumn {
                 file: self.file.clone(),
@@ -207,7 +244,7 @@ impl Sheet<'_> {
     }
 }
 
-/// Whether a cell holds a number, a time or nothing, as rows of data do.
+/// Whether a cell holds a number, with a unit or without, or a time, as cells of data do.
 pub(super) fn is_data(text: &str, decimal: Decimal) -> bool {
-    parse(text, decimal).is_some() || timestamps::is_timestamp(text)
+    parse(text, decimal).is_some() || timestamps::is_timestamp(text) || quantity(text, decimal).is_some()
 }

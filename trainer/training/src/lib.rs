@@ -86,6 +86,9 @@ pub enum TrainingError {
     /// A file cannot be written.
     #[error(transparent)]
     Write(#[from] AtomicFileError),
+    /// The folder of a new run cannot be written, or has not the room.
+    #[error(transparent)]
+    Output(#[from] proto::output::OutputError),
     /// A loss, a weight or an action is not finite.
     #[error("training diverged at step {step}: {what} is not finite; {kept}")]
     Diverged {

@@ -18,6 +18,10 @@ use proto::atomic_file;
 use crate::TrainingError;
 use crate::settings::TrainingSettings;
 
+/// Room that a new run must have (bytes): its first checkpoint, replay and report. Measured: 8.4 and 9.4 MB after 6,000 steps of the
+/// presets `correction` and `paper`.
+const LEAST_ROOM_BYTES: u64 = 12 << 20;
+
 /// The folder of a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RunFiles {
@@ -42,6 +46,7 @@ impl RunFiles {
                 "holds {name} of an older run already; give --out another folder, or remove what is in it"
             )));
         }
+        proto::output::check_folder(folder, LEAST_ROOM_BYTES)?;
         std::fs::create_dir_all(folder).map_err(|error| problem(format!("cannot be made: {error}")))?;
         Ok(files)
     }

@@ -2,7 +2,12 @@
 //!
 //! The rig's own model runs from rest under the recorded commands; after its chambers have filled, where it stands
 //! does not depend on any reading. No rig is so far from its file that it stands at a tenth or at ten times of it, or
-//! at plus instead of minus, so these tests need no fit.
+//! at plus instead of minus, so these tests need no fit. Margins in kPa are those of a rig that reaches 50 kPa or of a
+//! sensor with a range of 500; those of lesser ones are less in proportion, since what a sensor is off by goes with its range. Where
+//! they are less, a rig must also be one that forgets where it began: what measured flows add up to in a lung that nothing empties
+//! drifts away from any reading by a kPa or two.
+
+use std::ops::Range;
 
 use model::rig::Rig;
 
@@ -13,15 +18,22 @@ use crate::FitError;
 use crate::data::Records;
 use crate::simulate::{Arc, Arcs, Fidelity, Simulator};
 
-/// Rows simulated from rest, and those at their end that are compared.
+/// Rows simulated from rest after which chambers have filled, those that are compared at a time, and the most that are simulated
+/// where a rig rests at first.
 const ROWS: usize = 750;
 const COMPARED: usize = 250;
+const MOST_ROWS: usize = 3000;
 /// How far a rig may be from its file: all channels taken together, in share and in kPa …
 const NEAR: [f64; 2] = [0.35, 5.0];
 /// … and a single channel that would mean something else than the others.
 const NEARER: [f64; 2] = [0.2, 3.0];
 /// Simulated pressure, in kPa from the atmosphere, from which on units and signs tell.
 const TELLING_KPA: f64 = 15.0;
+/// Pressure that a rig reaches, and range of a sensor, from which on these margins hold; below both they are less in proportion.
+const WHOLE_REACH_KPA: f64 = 50.0;
+const WHOLE_RANGE_KPA: f64 = 500.0;
+/// Share of what a rig began with that it may remember, for its readings to tell.
+const REMEMBERED: f64 = 0.1;
 /// How far an absolute pressure may be from its file, in share and in kPa …
 const OFF_BY_AIR: [f64; 2] = [0.5, 8.0];
 /// … and a gauge one, in atmospheres, that is taken for one.
@@ -29,50 +41,36 @@ const FAR_FROM_AIR: f64 = 0.5;
 
 pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -> Result<(), FitError> {
     let channels = records.sensors().len();
-    let arcs = Arcs::from_arcs(
-        records
-            .records()
-            .iter()
-            .enumerate()
-            .filter_map(|(record, r)| {
-                let first = r.segments.first()?;
-                // Where a rig stands with its pump off is for its leaks to say, and such recordings are made to show them: a
-                // chamber that empties in a minute is no other unit.
-                let relays = records.relays(rig, record);
-                let off = first.clone().find(|row| relays.iter().any(|relay| relay.get(*row).is_some_and(|on| !on)));
-                let rows = first.start..off.unwrap_or(first.end).min(first.start + ROWS);
-                (rows.len() > 2 * COMPARED).then(|| Arc {
-                    record,
-                    rows,
-                    start_kpa: vec![0.0; channels],
-                    fresh: true,
-                    flappers: Vec::new(),
-                })
-            })
-            .collect(),
-    );
+    let arcs = from_rest(rig, records);
     let simulator = Simulator::new(records, Fidelity::Coarse);
     let trace = simulator.one(rig, &arcs)?;
+    let elsewhere = begun_elsewhere(records, &arcs, &trace);
+    let other = simulator.one(rig, &elsewhere)?;
     let (mut standings, mut absolutes) = (Vec::new(), Vec::new());
-    for arc in arcs.arcs() {
-        let compared = arc.rows.end - COMPARED..arc.rows.end;
-        let medians: Vec<(f64, f64)> = (0..channels)
-            .map(|channel| {
-                let part = records.layout().stretch(arc.record, channel, compared.clone());
+    for (arc, from_elsewhere) in arcs.arcs().iter().zip(elsewhere.arcs()) {
+        let medians = |rows: Range<usize>| -> Vec<Medians> {
+            let of = |channel: usize| {
+                let part = records.layout().stretch(arc.record, channel, rows.clone());
                 let of = |vector: &[f64]| median(vector.get(part.clone()).unwrap_or_default());
-                (of(records.readings_kpa()), of(&trace))
-            })
-            .collect();
+                let (simulated, begun) = (of(&trace), from_elsewhere.start_kpa.get(channel).copied().unwrap_or(0.0));
+                let forgets = (of(&other) - simulated).abs() <= REMEMBERED * begun.abs();
+                Medians { recorded: of(records.readings_kpa()), simulated, forgets }
+            };
+            (0..channels).map(of).collect()
+        };
+        let windows: Vec<Vec<Medians>> = compared(&arc.rows).map(medians).collect();
         let source = records.records().get(arc.record).map_or_else(String::new, |r| r.source.clone());
+        let simulated = extremes(records, arc, &trace);
+        let of = |medians: &Vec<Medians>, channel| standing(rig, records, medians, &simulated, channel);
+        let whole: Vec<Standing<'_>> = (0..channels).filter_map(|c| of(windows.first()?, c)).collect();
+        let tells = |s: &Standing<'_>| s.simulated.abs() > TELLING_KPA * s.scale;
+        let telling = (0..channels).filter_map(|c| windows.iter().filter_map(|medians| of(medians, c)).find(tells));
+        standings.push(Recorded { source: source.clone(), telling: telling.collect() });
         // What a chamber holds that nothing drives is for its leaks to say.
         if !records.inputs().is_empty() {
-            let telling = standing(rig, records, &medians, |_| true);
-            let (recorded, simulated) =
-                (extremes(records, arc.record, records.readings_kpa()), extremes(records, arc.record, &trace));
-            absolutes.push((Recorded { source: source.clone(), telling }, recorded, simulated));
+            let recorded = extremes(records, arc, records.readings_kpa());
+            absolutes.push((Recorded { source, telling: whole }, recorded, simulated));
         }
-        let far = |simulated: f64| simulated.abs() > TELLING_KPA;
-        standings.push(Recorded { source, telling: standing(rig, records, &medians, far) });
     }
     let compare = Compare { columns: records.sensors(), atmosphere_kpa: rig.atmosphere.pressure_kpa_abs };
     // What the duties do is told by the pressures, so what is sure about those comes first. A duty never turns a
@@ -95,6 +93,33 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
     Ok(())
 }
 
+/// The first rows of each recording, simulated from rest.
+fn from_rest(rig: &Rig, records: &Records) -> Arcs {
+    let channels = records.sensors().len();
+    Arcs::from_arcs(
+        records
+            .records()
+            .iter()
+            .enumerate()
+            .filter_map(|(record, r)| {
+                let first = r.segments.first()?;
+                // Where a rig stands with its pump off is for its leaks to say, and such recordings are made to show them: a
+                // chamber that empties in a minute is no other unit.
+                let relays = records.relays(rig, record);
+                let off = first.clone().find(|row| relays.iter().any(|relay| relay.get(*row).is_some_and(|on| !on)));
+                let rows = first.start..off.unwrap_or(first.end).min(first.start + MOST_ROWS);
+                (rows.len() > 2 * COMPARED).then(|| Arc {
+                    record,
+                    rows,
+                    start_kpa: vec![0.0; channels],
+                    fresh: true,
+                    flappers: Vec::new(),
+                })
+            })
+            .collect(),
+    )
+}
+
 /// Adds what one check finds.
 type Check<'c> = &'c dyn Fn(&mut Vec<Finding>);
 
@@ -104,24 +129,46 @@ struct Recorded<'a> {
     telling: Vec<Standing<'a>>,
 }
 
-/// Channels whose simulated pressure is one that tells; of units only those that the rig drives well away from the atmosphere do.
+/// Rows that are compared: the last before chambers count as filled, then the others in turn, for a rig that rests at first.
+fn compared(rows: &Range<usize>) -> impl Iterator<Item = Range<usize>> {
+    let first = rows.end.min(rows.start + ROWS);
+    let windows = (rows.end - first) / COMPARED;
+    (0..=windows).map(move |k| first + k * COMPARED).map(|end| end - COMPARED..end)
+}
+
+/// Arcs that begin half-way to what the rig would reach.
+fn begun_elsewhere(records: &Records, arcs: &Arcs, trace: &[f64]) -> Arcs {
+    let of = |arc: &Arc| {
+        let farthest = |[low, high]: [f64; 2]| if high.abs() >= low.abs() { high } else { low };
+        let reached = extremes(records, arc, trace).into_iter().map(farthest);
+        let start_kpa = reached.map(|kpa| if kpa.is_finite() { 0.5 * kpa } else { 0.0 }).collect();
+        Arc { start_kpa, ..arc.clone() }
+    };
+    Arcs::from_arcs(arcs.arcs().iter().map(of).collect())
+}
+
+/// Medians of a channel over some rows.
+struct Medians {
+    recorded: f64,
+    simulated: f64,
+    /// Whether it stands there wherever it began.
+    forgets: bool,
+}
+
+/// A channel at its medians, where they tell; `reached` are the least and most that the rig would do, by channel.
 fn standing<'a>(
     rig: &'a Rig,
     records: &Records,
-    medians: &[(f64, f64)],
-    tells: impl Fn(f64) -> bool,
-) -> Vec<Standing<'a>> {
-    medians
-        .iter()
-        .enumerate()
-        .filter(|(_, (_, simulated))| tells(*simulated))
-        .map(|(channel, (recorded, simulated))| Standing {
-            channel,
-            recorded: *recorded,
-            simulated: *simulated,
-            sensor: rig.sensors.values().find(|sensor| Some(&sensor.column) == records.sensors().get(channel)),
-        })
-        .collect()
+    medians: &[Medians],
+    reached: &[[f64; 2]],
+    channel: usize,
+) -> Option<Standing<'a>> {
+    let &Medians { recorded, simulated, forgets } = medians.get(channel)?;
+    let sensor = rig.sensors.values().find(|sensor| Some(&sensor.column) == records.sensors().get(channel));
+    let [low, high] = *reached.get(channel)?;
+    let range_kpa = sensor.map_or(WHOLE_RANGE_KPA, |s| (s.range_kpa_gauge[0] - s.range_kpa_gauge[1]).abs());
+    let scale = (low.abs().max(high.abs()) / WHOLE_REACH_KPA).max(range_kpa / WHOLE_RANGE_KPA).min(1.0);
+    (forgets || scale >= 1.0).then_some(Standing { channel, recorded, simulated, sensor, scale })
 }
 
 /// Compares recorded and simulated medians.
@@ -190,7 +237,7 @@ impl Compare<'_> {
         let whole = |s: &Standing<'_>, meaning: Meaning| {
             let (Some(read), Some([low, high])) = (read.get(s.channel), simulated.get(s.channel)) else { return false };
             let [share, kpa] = OFF_BY_AIR;
-            let margin = 2.0 * kpa + share * low.abs().max(high.abs());
+            let margin = 2.0 * kpa * s.scale + share * low.abs().max(high.abs());
             let of = |value: f64| meaning.of(value, s.sensor, self.atmosphere_kpa);
             read.iter().all(|value| of(*value).is_some_and(|p| (low - margin..=high + margin).contains(&p)))
         };
@@ -230,11 +277,11 @@ impl Compare<'_> {
     }
 }
 
-/// Least and most of a vector's readings by channel of a recording, those of rows that were not simulated left out.
-fn extremes(records: &Records, record: usize, vector: &[f64]) -> Vec<[f64; 2]> {
+/// Least and most of a vector's readings by channel over the rows of an arc.
+fn extremes(records: &Records, arc: &Arc, vector: &[f64]) -> Vec<[f64; 2]> {
     let of = |channel: usize| {
-        let part = vector.get(records.layout().channel(record, channel)).unwrap_or_default();
-        let finite = part.iter().copied().filter(|value| value.is_finite());
+        let part = records.layout().stretch(arc.record, channel, arc.rows.clone());
+        let finite = vector.get(part).unwrap_or_default().iter().copied().filter(|value| value.is_finite());
         finite.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
     };
     (0..records.layout().channels()).map(of).collect()

@@ -27,7 +27,8 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mu
         Pump::Flow(pump) => pump.command.as_deref(),
         Pump::Piston(_) => None,
     });
-    for column in duties.iter().copied().chain(pumps) {
+    let pumps: Vec<&str> = pumps.collect();
+    for column in duties.iter().chain(&pumps).copied() {
         let numbers = || (0..records.records().len()).filter_map(|r| records.input(r, column)).flatten().copied();
         let largest = numbers().fold(0.0, f64::max);
         if largest > 0.0 && largest < SMALLEST_SCALE && deviation(numbers()) > 0.0 {
@@ -55,6 +56,7 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mu
             ));
         }
     }
+    still_pumps(records, &pumps, findings);
     let switched = records.inputs().iter().filter(|input| !duties.contains(&input.column.as_str())).any(|input| {
         let numbers = (0..records.records().len()).filter_map(|r| records.input(r, &input.column)).flatten();
         deviation(numbers.copied()) > 0.0
@@ -113,8 +115,29 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mu
     }
 }
 
+/// Tells of commands of pumps that stand still.
+fn still_pumps(records: &Records, pumps: &[&str], findings: &mut Vec<Finding>) {
+    for column in pumps {
+        let numbers = || (0..records.records().len()).filter_map(|r| records.input(r, column)).flatten().copied();
+        let scaled_away = findings.iter().any(|f| f.trouble == Trouble::DutyScale && f.column == **column);
+        if deviation(numbers()) < LEAST_DUTY && !scaled_away {
+            let level = numbers().next().unwrap_or(0.0);
+            findings.push(Finding {
+                source: String::new(),
+                column: (*column).to_owned(),
+                severity: Severity::Doubtful,
+                trouble: Trouble::NoExcitation,
+                text: format!(
+                    "stands at {level:.2} in all recordings; what this pump does cannot be told apart from what lets air \
+                     out. Record steps or ramps of it"
+                ),
+            });
+        }
+    }
+}
+
 /// Standard deviation; 0 of nothing.
-fn deviation(numbers: impl Iterator<Item = f64>) -> f64 {
+pub(super) fn deviation(numbers: impl Iterator<Item = f64>) -> f64 {
     let (mut n, mut mean, mut squares) = (0.0, 0.0, 0.0);
     for value in numbers {
         n += 1.0;

@@ -28,6 +28,8 @@ pub(super) struct Standing<'a> {
     pub(super) simulated: f64,
     /// The channel's sensor.
     pub(super) sensor: Option<&'a Sensor>,
+    /// Margins of this channel as a share of those of a rig of 50 kPa or more.
+    pub(super) scale: f64,
 }
 
 /// What the numbers of a column are.
@@ -76,10 +78,10 @@ impl Meaning {
         }
     }
 
-    /// How far this meaning puts a channel from the simulation, in units of `share` of it and `kpa`; above 1 it does
+    /// How far this meaning puts a channel from the simulation, in units of `share` of it and `kpa` (at scale 1); above 1 it does
     /// not fit.
     pub(super) fn misfit(self, standing: &Standing<'_>, atmosphere_kpa: f64, [share, kpa]: [f64; 2]) -> f64 {
-        let allowed = share * standing.simulated.abs() + kpa;
+        let allowed = share * standing.simulated.abs() + kpa * standing.scale;
         self.kpa(standing, atmosphere_kpa).map_or(f64::INFINITY, |p| (p - standing.simulated).abs() / allowed)
     }
 
@@ -87,7 +89,7 @@ impl Meaning {
     pub(super) fn text(self, standing: &Standing<'_>, atmosphere_kpa: f64) -> String {
         let Standing { recorded, simulated, sensor, .. } = standing;
         let recorded = figures(*recorded);
-        let reads = format!("reads {recorded} where about {simulated:.0} kPa are expected");
+        let reads = format!("reads {recorded} where about {} kPa are expected", about(*simulated));
         match self {
             Meaning::Gauge(_, unit) => format!("{reads}: the pressure seems to be in {unit}; convert it to gauge kPa"),
             Meaning::Absolute(_, "kPa") => {
@@ -104,9 +106,29 @@ impl Meaning {
                 });
                 format!("{reads}: these seem to be the sensor's volts; convert them to gauge kPa{scale}")
             }
-            Meaning::Unsigned => format!("{reads}: the sign seems to be lost; below the atmosphere is negative"),
+            Meaning::Unsigned => format!("{reads}: {}", lost_sign(*simulated)),
         }
     }
+}
+
+/// What is wrong with the sign of a pressure that is expected to be above or below the atmosphere.
+pub(super) fn lost_sign(expected_kpa: f64) -> &'static str {
+    if expected_kpa < 0.0 {
+        "the sign seems to be lost; below the atmosphere is negative"
+    } else {
+        "the sign seems to be turned round; above the atmosphere is positive"
+    }
+}
+
+/// A pressure that is only roughly known, in kPa.
+fn about(kpa: f64) -> String {
+    let digits = match kpa.abs() {
+        10.0.. => 0,
+        1.0.. => 1,
+        0.1.. => 2,
+        _ => 0,
+    };
+    format!("{kpa:.digits$}")
 }
 
 /// A number with four or five figures.

@@ -6,7 +6,7 @@
 use model::rig::{Rig, Sensor};
 use proto::recording::Recording;
 
-use super::meaning::Meaning;
+use super::meaning::{Meaning, lost_sign};
 use super::{Finding, Severity, Trouble};
 use crate::FitError;
 use crate::data::Records;
@@ -136,10 +136,10 @@ fn meant(rig: &Rig, channel: &Channel<'_>, range: [f64; 2]) -> Option<(Trouble, 
             Trouble::WrongUnit,
             format!("the pressure seems to be in {unit}; {}", key(&format!("unit = \"{}\"", first(unit)))),
         ),
-        Meaning::Unsigned => (
-            Trouble::WrongUnit,
-            format!("the sign seems to be lost, below the atmosphere is negative; {}", key("scale = -1.0")),
-        ),
+        Meaning::Unsigned => {
+            let expected = if range[0] + range[1] < 0.0 { -1.0 } else { 1.0 };
+            (Trouble::WrongUnit, format!("{}: {}", lost_sign(expected), key("scale = -1.0")))
+        }
         Meaning::Volts => return None,
     })
 }

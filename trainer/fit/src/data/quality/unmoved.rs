@@ -6,6 +6,7 @@
 
 use model::rig::Rig;
 
+use super::excitation::deviation;
 use super::{Finding, Severity, Trouble};
 use crate::data::{Noise, Records};
 
@@ -16,8 +17,22 @@ const SHARE: f64 = 0.05;
 /// … and deviations of the noise.
 const NOISES: f64 = 10.0;
 
+/// Samples that are taken together to see whether a pressure turns round.
+const TOGETHER: usize = 25;
+/// Share of all that a pressure moves through by which it must go back to have turned round.
+const BACK: f64 = 0.3;
+/// Times that a pressure turns round which commands that stand still do not explain.
+const TURNS: usize = 2;
+
 pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mut Vec<Finding>) {
-    if !rig.pumps.is_empty() || !rig.sources.is_empty() || !records.inputs().is_empty() {
+    if !records.inputs().is_empty() {
+        // One line is enough where nothing can be told in any case.
+        if findings.iter().all(|f| f.severity != Severity::Unusable) {
+            findings.extend(driven_unseen(records, noise));
+        }
+        return;
+    }
+    if !rig.pumps.is_empty() || !rig.sources.is_empty() {
         return;
     }
     for (record, r) in records.records().iter().enumerate() {
@@ -50,6 +65,73 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mu
             }
         }
     }
+}
+
+/// A pressure that goes up and down although no command and no signal moves in any recording.
+fn driven_unseen(records: &Records, noise: &[Noise]) -> Option<Finding> {
+    let moves = records.inputs().iter().any(|input| {
+        let numbers = (0..records.records().len()).filter_map(|record| records.input(record, &input.column)).flatten();
+        deviation(numbers.copied()) > 0.0
+    });
+    if moves {
+        return None;
+    }
+    for (record, r) in records.records().iter().enumerate() {
+        for (channel, column) in records.sensors().iter().enumerate() {
+            let values = records.channel_kpa(record, channel);
+            let samples: Vec<f64> = (0..values.len())
+                .filter(|row| r.is_measured(*row))
+                .filter_map(|row| values.get(row))
+                .copied()
+                .collect();
+            let levels: Vec<f64> = samples.chunks(TOGETHER).map(middle).collect();
+            let sigma = noise.get(channel).map_or(0.0, |n| n.sigma_kpa);
+            if turns(&levels, NOISES * sigma) < TURNS {
+                continue;
+            }
+            let commands: Vec<&str> = records.inputs().iter().map(|input| input.column.as_str()).collect();
+            return Some(Finding {
+                source: r.source.clone(),
+                column: column.clone(),
+                severity: Severity::Unusable,
+                trouble: Trouble::NothingMoves,
+                text: format!(
+                    "goes up and down, and {} stands still in all recordings: is it the command that was sent? Name the right column \
+                     in the rig file, [recording] columns",
+                    commands.join(", ")
+                ),
+            });
+        }
+    }
+    None
+}
+
+/// How often levels turn round by a share of all that they move through, and by so many kPa at least.
+fn turns(levels: &[f64], least_kpa: f64) -> usize {
+    let (low, high) = levels.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    let back = (BACK * (high - low)).max(least_kpa);
+    let (mut turns, mut lowest, mut highest, mut rises) = (0, f64::INFINITY, f64::NEG_INFINITY, None);
+    for level in levels {
+        lowest = level.min(lowest);
+        highest = level.max(highest);
+        let turned = match rises {
+            Some(true) => *level < highest - back,
+            Some(false) => *level > lowest + back,
+            None => {
+                let begun = highest - lowest > back;
+                if begun {
+                    rises = Some(*level == highest);
+                }
+                false
+            }
+        };
+        if turned {
+            turns += 1;
+            rises = rises.map(|rises| !rises);
+            (lowest, highest) = (*level, *level);
+        }
+    }
+    turns
 }
 
 fn middle(values: &[f64]) -> f64 {
