@@ -26,8 +26,9 @@ pub(crate) struct DiagnoseArgs {
     /// Rig as it is known: a built-in name (dual_pressure, the paper's; bench, as built) or a TOML file
     #[arg(long, value_name = "RIG", default_value = "dual_pressure")]
     rig: String,
-    /// Recordings: MCAP or CSV with the header time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa (s, duty 0 to 1, gauge kPa),
-    /// rows 20 ms apart; some minutes that use the range of both valves
+    /// Recordings: the daemon's MCAP or what a logger wrote, of any rate, with columns under the rig's names
+    /// (time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa: s, duty 0 to 1, gauge kPa) or as the rig file's `[recording]` says; some minutes
+    /// that use the range of both valves
     #[arg(value_name = "RECORDING", required = true)]
     recordings: Vec<PathBuf>,
     /// Folder for the results; made if it is not there
