@@ -39,7 +39,7 @@ impl Noter {
     /// Adds a text; one that finds too many waiting is counted and dropped.
     ///
     /// # Real-time
-    /// Not in the tick: it allocates. [`RecordSink::event`] is for the tick.
+    /// Not in the tick: it allocates. [`RecordSink::event`](crate::sink::RecordSink::event) is for the tick.
     pub fn note(&self, at_ns: u64, level: EventLevel, part: &'static str, message: impl Into<String>) {
         // A thread that is gone is told by `finish`.
         if self.notes.try_send(Note { at_ns, level, part, message: message.into() }).is_err() {
