@@ -60,6 +60,10 @@ pub const CORRECTION_OBSERVATION_LEN: usize = OBSERVATION_LEN + CHANNELS * (PAST
 pub const CORRECTION_LIMIT: f64 = 0.25;
 /// Control ticks per second.
 pub const TICKS_PER_S: f64 = 50.0;
+/// The most that a command may change in a tick, in duty. A tenth of the range: full travel takes 0.2 s, four times the coil's own lag.
+/// Measured: sound controllers move by 0.025 a tick at most on the paper's reference (`safety_filter/tests/envelope.rs`); chosen:
+/// four times that.
+pub const MOST_CHANGE_DUTY: f64 = 0.1;
 
 /// One number per channel: positive, then negative.
 pub type Pair = [f64; CHANNELS];

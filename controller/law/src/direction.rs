@@ -19,6 +19,7 @@
 //! c(τ+1) = α c(τ) + (1 − α) u(τ)      gives      u(τ) = (c(τ+1) − α c(τ))/(1 − α),      α = e^(−T/τ_coil)
 //! ```
 
+use model::observation::MOST_CHANGE_DUTY;
 use model::valve_path::ValvePath;
 
 use crate::TICK_S;
@@ -31,15 +32,22 @@ const BLEND_S: f64 = 0.1;
 /// The same where the lag is known and undone. Chosen: a tick and a half takes the worst off a lag that is known to some
 /// tens of percent.
 const KNOWN_BLEND_S: f64 = 0.03;
-/// By how much undoing the lag may change a duty in a tick: a little less than what the safety filter lets through (0.1), as the
-/// feed-forward moves as well. What a filter cuts off would leave the flapper short of the other side of its play.
-const MOST_STEP_DUTY: f64 = 0.08;
+/// By how much undoing the lag may change a duty in a tick: a little less than what is let through, as the feed-forward moves as well.
+/// What is cut off would leave the flapper short of the other side of its play.
+const MOST_STEP_DUTY: f64 = 0.8 * MOST_CHANGE_DUTY;
+
+/// Share of the play that is crossed at once where a hold needs the flapper the other way. Chosen: a width that is known to a fifth
+/// does not move it; the rest is left to integral action.
+const CROSSED_AT_ONCE: f64 = 0.8;
 
 /// Direction of one channel's planned duty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Direction {
     extreme: Option<f64>,
+    /// Where the flapper shall lie in its play, −1 … 1: at one end, but for what is left to cross on a hold.
     way: f64,
+    /// Whether the play was crossed since the plan last moved.
+    crossed: bool,
     blended: f64,
     drive: f64,
     /// Share of the way to the other side that is covered in a tick.
@@ -56,6 +64,7 @@ impl Default for Direction {
         Direction {
             extreme: None,
             way: 0.0,
+            crossed: false,
             blended: 0.0,
             drive: 0.0,
             share: TICK_S / BLEND_S,
@@ -97,6 +106,33 @@ impl Direction {
         self.drive
     }
 
+    /// Crosses most of the play towards `sign` (1 rising, −1 falling), although the plan stands still: a hold needs the flapper the
+    /// other way. Once on each hold: a width that is stated too wide moves it too far, and another crossing would bring it back
+    /// as much too far.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn cross(&mut self, sign: f64) {
+        if !self.crossed && self.way * sign < 0.0 {
+            self.way = sign.signum() * (2.0 * CROSSED_AT_ONCE - 1.0);
+            self.crossed = true;
+        }
+    }
+
+    /// Moves on through what is left to cross of the play, by so many half widths at most; answers by how many. None where all of
+    /// it is crossed, or where the way back is asked for.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn move_on(&mut self, half_widths: f64) -> f64 {
+        if half_widths * self.way <= 0.0 {
+            return 0.0;
+        }
+        let before = self.way;
+        self.way = (before + half_widths).clamp(-1.0, 1.0);
+        self.way - before
+    }
+
     /// Takes in the duty planned for this tick and answers the direction, −1 (falling) … 1 (rising).
     ///
     /// # Real-time
@@ -104,10 +140,11 @@ impl Direction {
     pub fn follow(&mut self, planned: f64) -> f64 {
         let extreme = *self.extreme.get_or_insert(planned);
         let moved = planned - extreme;
-        if moved * self.way > 0.0 {
-            self.extreme = Some(planned);
-        } else if moved.abs() > REVERSAL_DUTY {
+        if moved.abs() > REVERSAL_DUTY {
             self.way = moved.signum();
+            self.crossed = false;
+            self.extreme = Some(planned);
+        } else if moved * self.way > 0.0 && self.way.abs() == 1.0 {
             self.extreme = Some(planned);
         }
         let wanted = self.blended + (self.way - self.blended) * self.share;

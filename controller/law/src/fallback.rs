@@ -13,22 +13,24 @@
 //!   bandwidth and the same at all pressures. The error is that of the chamber: a sensor's lag is undone
 //!   ([`crate::ControlInput::undelayed_kpa`]).
 //! * `I`: the paper's integral and anti-windup ([`crate::integral`]), which near the goal moves on with the proportional part as
-//!   well, `İ += (K/b) e/T_i`, and stands still where a hold is held ([`crate::rest`]).
+//!   well, `İ += (K/b) e/T_i`, and stands still where a hold is held ([`crate::rest`]). It is given what is left of the error beside
+//!   what a jump of the goal makes for a while ([`crate::goal_jump`]).
 //!
 //! Tuned on `dual_pressure` and `bench` together, holding the paper's two gains; measured in
 //! `docs/performance.md`.
 
 use std::sync::Arc;
 
-use model::observation::{ActionTrajectory, CHANNELS, Pair};
+use model::observation::{ActionTrajectory, CHANNELS, MOST_CHANGE_DUTY, Pair};
 use model::steady::SteadyMap;
 use model::valve_path::ValvePath;
 
 use crate::direction::{BacklashEstimator, Direction};
 use crate::foresight::{Foresight, is_told};
+use crate::goal_jump::GoalJump;
 use crate::integral::{IntegralAction, IntegralSettings, VENT_SIGN};
 use crate::repetition::Repetition;
-use crate::rest::Rest;
+use crate::rest::{Hold, Rest};
 use crate::{ControlInput, ControlOutput, DutyTerms, TICK_S, saturated};
 
 /// Gains of the fallback.
@@ -79,13 +81,14 @@ impl Default for FallbackSettings {
 #[derive(Debug, Clone, Copy, Default)]
 struct Pending {
     error_kpa: f64,
+    /// What of the error may be integrated: nothing while the channel rests on a hold, and nothing that a jump of the goal
+    /// leaves for a while.
+    left_kpa: f64,
     raw: f64,
     /// Whether the feed-forward itself is within 0 … 1; where no duty holds the goal, nothing may integrate.
     reachable: bool,
-    /// Proportional part in duty.
-    proportional: f64,
-    /// Whether the channel rests on a hold, and nothing integrates.
-    resting: bool,
+    /// Proportional action in duty/kPa.
+    duty_per_kpa: f64,
 }
 
 /// The fallback controller.
@@ -102,6 +105,11 @@ pub struct Fallback {
     pending: [Pending; CHANNELS],
     repetition: Option<Box<Repetition>>,
     rest: Rest,
+    jump: GoalJump,
+    /// Whether the rig file says anything of each valve's path.
+    is_known: [bool; CHANNELS],
+    /// What was sent in the last tick.
+    sent: Option<Pair>,
 }
 
 impl Fallback {
@@ -120,6 +128,9 @@ impl Fallback {
             pending: [Pending::default(); CHANNELS],
             repetition: None,
             rest: Rest::default(),
+            jump: goal_jump(&paths, bandwidth_per_s),
+            is_known: paths.each_ref().map(is_told),
+            sent: None,
         }
     }
 
@@ -131,6 +142,8 @@ impl Fallback {
     pub fn exchange_map(&mut self, map: Arc<SteadyMap>) -> Arc<SteadyMap> {
         let paths = *map.valve_paths();
         self.bandwidth_per_s = bandwidths(&paths, &self.settings);
+        self.jump.take_bandwidths(&goal_jump(&paths, self.bandwidth_per_s));
+        self.is_known = paths.each_ref().map(is_told);
         #[allow(clippy::needless_range_loop)] // several arrays of channels side by side
         for c in 0..CHANNELS {
             self.directions[c].take_plan(&direction(&paths[c]));
@@ -172,6 +185,8 @@ impl Fallback {
         self.directions.iter_mut().for_each(Direction::restart);
         self.foresight.restart();
         self.rest = Rest::default();
+        self.jump.restart();
+        self.sent = None;
         self.pending = [Pending::default(); CHANNELS];
         if let Some(repetition) = &mut self.repetition {
             repetition.begin();
@@ -192,31 +207,42 @@ impl Fallback {
         let (planned, turning) = self.foresight.duties(situation, 0);
         let gain = self.map.gain_kpa_per_s(self.map.chamber_kpa(situation.undelayed_kpa));
         let integral = self.integral.duty();
-        let resting = self.rest.follow(situation);
+        let holds = self.rest.follow(situation);
+        let left_kpa = self.jump.follow(situation);
         let learned = self.learned(0);
         let repeats = self.repeated() > 0;
         let mut parts = [DutyTerms::default(); CHANNELS];
         for c in 0..CHANNELS {
             let error_kpa = situation.goals_kpa[0][c] - situation.undelayed_kpa[c];
             let feed_forward = planned[c].clamp(0.0, 1.0) + learned[c];
+            if let (Hold::Off(mean_kpa), true) = (holds[c], self.is_known[c]) {
+                self.directions[c].cross(VENT_SIGN[c] * mean_kpa);
+            }
             let direction = self.directions[c].follow(turning[c].clamp(0.0, 1.0));
+            let duty_per_kpa = self.bandwidth_per_s[c] / gain[c];
             parts[c] = DutyTerms {
                 feed_forward,
                 play: self.play[c].half_width() * self.directions[c].drive(),
                 correction: 0.0,
-                proportional: self.bandwidth_per_s[c] * error_kpa / gain[c],
+                proportional: duty_per_kpa * error_kpa,
                 integral: integral[c],
             };
             let raw = parts[c].raw();
             let reachable = (0.0..=1.0).contains(&planned[c]);
             // What repetitions teach would be learned twice, and the two would drift against each other: the first flight
             // teaches play, the others the rest.
-            let learns = !repeats && !resting[c] && (0.0..=1.0).contains(&raw);
+            // On a hold the plan does not say which way the flapper lies; where the width was never known, some of what a step
+            // leaves there is play all the same.
+            let shows_play = match self.is_known[c] {
+                true => holds[c] == Hold::Moving,
+                false => holds[c] != Hold::Resting,
+            };
+            let learns = !repeats && shows_play && (0.0..=1.0).contains(&raw);
             if learns && error_kpa.abs() < self.settings.play_gate_kpa[c] {
-                self.play[c].learn(direction, VENT_SIGN[c] * error_kpa);
+                self.play[c].learn(direction, VENT_SIGN[c] * left_kpa[c]);
             }
-            let proportional = parts[c].proportional;
-            self.pending[c] = Pending { error_kpa, raw, reachable, proportional, resting: resting[c] };
+            let left_kpa = if holds[c] == Hold::Resting { 0.0 } else { left_kpa[c] };
+            self.pending[c] = Pending { error_kpa, left_kpa, raw, reachable, duty_per_kpa };
         }
         let trajectory = self.trajectory(situation, &parts);
         self.foresight.advance(situation);
@@ -279,21 +305,40 @@ impl Fallback {
     pub fn applied(&mut self, duty: Pair) {
         for (c, (pending, applied)) in self.pending.into_iter().zip(duty).enumerate() {
             if pending.reachable {
-                let error_kpa = if pending.resting { 0.0 } else { pending.error_kpa };
-                self.integral.update(c, error_kpa, pending.raw, applied);
+                // What a limit on the command's speed holds back comes a tick later: it winds nothing up.
+                let slewed = self.sent.map_or(pending.raw, |sent| {
+                    pending.raw.clamp(sent[c] - MOST_CHANGE_DUTY, sent[c] + MOST_CHANGE_DUTY)
+                });
+                self.integral.update(c, pending.left_kpa, slewed, applied);
                 // Not at a limit, where nothing that is added acts.
                 let near = pending.error_kpa.abs() < self.settings.reset_gate_kpa[c] && applied == pending.raw;
-                if near && !pending.resting {
-                    self.integral.shift(c, pending.proportional / self.settings.reset_time_s * TICK_S);
+                if near {
+                    let reset = pending.duty_per_kpa * pending.left_kpa / self.settings.reset_time_s * TICK_S;
+                    let asked = self.integral.step(c, pending.left_kpa) + reset;
+                    let crossed = self.crossed(c, asked);
+                    self.integral.shift(c, reset - crossed);
                 }
             }
         }
+        self.sent = Some(duty);
+    }
+
+    /// What of an integral's step (duty) goes into the rest of the play that a hold has begun to cross: until the flapper is at the
+    /// other side nothing else comes of it.
+    fn crossed(&mut self, c: usize, asked: f64) -> f64 {
+        let half_width = self.play[c].half_width();
+        if half_width > 0.0 { half_width * self.directions[c].move_on(asked / half_width) } else { 0.0 }
     }
 
     /// The half width of play that was learned for each valve, in duty.
     pub fn learned_play(&self) -> Pair {
         self.play.map(|p| p.half_width())
     }
+}
+
+/// What is expected of a jump: an answer of valves that are known.
+fn goal_jump(paths: &[ValvePath; CHANNELS], bandwidth_per_s: Pair) -> GoalJump {
+    GoalJump::new(std::array::from_fn(|c| is_told(&paths[c]).then_some(bandwidth_per_s[c])))
 }
 
 /// K of each channel in 1/s.

@@ -20,6 +20,19 @@ const MEAN_S: f64 = 0.25;
 /// How long a goal has stood still before it counts as a hold, in ticks (chosen: the loop settles in about a second).
 const STILL_TICKS: u32 = 50;
 
+/// How a channel stands to its goal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Hold {
+    /// The goal moves, or has not stood still for long.
+    Moving,
+    /// The goal stands, and no reading tells the mean error from none.
+    Near,
+    /// The goal stands, and the mean error, which a reading tells, is this (kPa).
+    Off(f64),
+    /// At rest on the goal.
+    Resting,
+}
+
 /// Whether each channel rests.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Rest {
@@ -30,11 +43,11 @@ pub struct Rest {
 }
 
 impl Rest {
-    /// Takes in a tick; answers which channels are at rest.
+    /// Takes in a tick; answers how the channels stand to their goals.
     ///
     /// # Real-time
     /// May run in the tick.
-    pub fn follow(&mut self, situation: &ControlInput) -> [bool; CHANNELS] {
+    pub fn follow(&mut self, situation: &ControlInput) -> [Hold; CHANNELS] {
         let [now, .., last] = situation.goals_kpa;
         // A goal that will move within the preview is no hold any more: both channels are coupled, so neither rests.
         let still = now == last && now == self.goal_kpa && situation.goals_kpa.len() == GOALS_AHEAD + 1;
@@ -46,7 +59,12 @@ impl Rest {
             let bands = if self.resting[c] { LEAVES_BANDS } else { 1.0 };
             self.resting[c] = self.still_ticks >= STILL_TICKS && self.mean_kpa[c].abs() < bands * BAND_KPA[c];
         }
-        self.resting
+        std::array::from_fn(|c| match self.still_ticks >= STILL_TICKS {
+            false => Hold::Moving,
+            true if self.resting[c] => Hold::Resting,
+            true if self.mean_kpa[c].abs() > LEAVES_BANDS * BAND_KPA[c] => Hold::Off(self.mean_kpa[c]),
+            true => Hold::Near,
+        })
     }
 }
 
@@ -56,11 +74,11 @@ mod tests {
 
     const GOAL: Pair = [100.0, -70.0];
 
-    /// Follows a goal for so long with these errors; the last answer.
+    /// Follows a goal for so long with these errors; whether the channels rest by the last answer.
     fn held(rest: &mut Rest, ticks: u32, error_kpa: Pair) -> [bool; CHANNELS] {
         let reads = std::array::from_fn(|c| GOAL[c] - error_kpa[c]);
         let input = ControlInput::of_measured(reads, [GOAL; GOALS_AHEAD + 1]);
-        (0..ticks).map(|_| rest.follow(&input)).last().unwrap()
+        (0..ticks).map(|_| rest.follow(&input)).last().unwrap().map(|hold| hold == Hold::Resting)
     }
 
     #[test]
@@ -80,6 +98,6 @@ mod tests {
         assert_eq!(held(&mut rest, 1, [0.0; CHANNELS]), [true; CHANNELS]);
         let mut goals = [GOAL; GOALS_AHEAD + 1];
         goals[GOALS_AHEAD][0] += 0.1;
-        assert_eq!(rest.follow(&ControlInput::of_measured(GOAL, goals)), [false; CHANNELS]);
+        assert_eq!(rest.follow(&ControlInput::of_measured(GOAL, goals)), [Hold::Moving; CHANNELS]);
     }
 }

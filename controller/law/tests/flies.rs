@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use law::{ControlInput, Fallback, FallbackSettings, SoftStart, TICK_S};
-use model::observation::{CHANNELS, GOALS_AHEAD, Pair};
+use model::observation::{CHANNELS, GOALS_AHEAD, MOST_CHANGE_DUTY, Pair};
 use model::predict::DualPressureRig;
 use model::rig::Rig;
 use model::steady::SteadyMap;
@@ -27,6 +27,7 @@ fn flown(rig: &Rig, law: &mut Fallback, reference: &Reference, [seconds, skip_s]
     let mut sensors = Sensors::new(scales, Sensors::ADC_NOISE_V_RMS, seed);
     law.restart();
     let mut approach = None;
+    let mut duty = [1.0; CHANNELS];
     let (mut squares, mut count) = ([0.0; CHANNELS], 0.0);
     for tick in 0..(seconds / TICK_S) as usize {
         let volts = sensors.sample(plant.readings_kpa(), [&[], &[]]);
@@ -38,7 +39,10 @@ fn flown(rig: &Rig, law: &mut Fallback, reference: &Reference, [seconds, skip_s]
             std::array::from_fn(|c| goal[c] + offset[c])
         });
         let decision = law.decide(&ControlInput::of_measured(measured_kpa, goals_kpa));
-        law.applied(decision.duty());
+        // What stands behind every law limits how fast a command changes.
+        let asked = decision.duty();
+        duty = std::array::from_fn(|c| asked[c].clamp(duty[c] - MOST_CHANGE_DUTY, duty[c] + MOST_CHANGE_DUTY));
+        law.applied(duty);
         let time_s = tick as f64 * TICK_S;
         if time_s >= skip_s {
             let goal = reference.at(time_s);
@@ -47,7 +51,7 @@ fn flown(rig: &Rig, law: &mut Fallback, reference: &Reference, [seconds, skip_s]
             }
             count += 1.0;
         }
-        plant.tick(decision.duty(), true);
+        plant.tick(duty, true);
     }
     squares.map(|s: f64| (s / count).sqrt())
 }
@@ -93,6 +97,39 @@ fn holds_without_a_limit_cycle() {
         println!("holding {at:?}: {rest:.3?} kPa");
         assert!(rest[0] < 0.15 && rest[1] < 0.05, "holding {at:?}: {rest:?}");
     }
+}
+
+/// The paper's reference, half a minute's hold at its end, and the same again from its beginning, 20 kPa lower: neither the hold nor
+/// the jump may leave anything behind in integral or play, so that the second time is tracked as the first (a quarter more is what two
+/// noises differ by, and the jump's own end). The model is off by half a percent of a valve, as one that was found is: its hold
+/// is off by more than the integral takes up before the play is crossed.
+#[test]
+fn neither_a_hold_nor_a_jump_leaves_anything_behind() {
+    let bench = Rig::builtin("bench").unwrap();
+    let paper = Reference::paper();
+    let (length_s, hold_s) = (60.0, 30.0);
+    let rows = |from_s: f64| -> String {
+        let row = |n: usize| {
+            let time_s = n as f64 * TICK_S;
+            let [pos, neg] = paper.at(time_s);
+            format!("{:.2},{pos},{neg}\n", from_s + time_s)
+        };
+        (0..=(length_s / TICK_S) as usize).map(row).collect()
+    };
+    let [pos, neg] = paper.at(length_s);
+    let held = format!("{:.2},{pos},{neg}\n", length_s + hold_s - TICK_S);
+    let twice = format!("time_s,ref_pos_kpa,ref_neg_kpa\n{}{held}{}", rows(0.0), rows(length_s + hold_s));
+    let twice = Reference::parse("twice", twice.as_bytes()).unwrap();
+    let mut found = bench.clone();
+    found.valves.values_mut().for_each(|valve| valve.spring_area_mm2 *= 1.005);
+    let model = Arc::new(SteadyMap::new(&found).unwrap());
+    let fly = |reference: &Reference, [seconds, skip_s]: [f64; 2]| {
+        let mut law = Fallback::new(Arc::clone(&model), FallbackSettings::default());
+        flown(&bench, &mut law, reference, [seconds, skip_s], 1)
+    };
+    let (once, again) = (fly(&paper, [60.0, 5.0]), fly(&twice, [150.0, 95.0]));
+    println!("{once:.3?} the first time, {again:.3?} behind hold and jump");
+    assert!(again[0] < 1.25 * once[0] && again[1] < 1.25 * once[1], "{once:?} {again:?}");
 }
 
 /// `bench` with other mechanisms.

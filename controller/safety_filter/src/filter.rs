@@ -1,6 +1,6 @@
 //! The look ahead, the bisection toward vent, and the slew limit.
 
-use model::observation::{CHANNELS, Pair, TICKS_PER_S};
+use model::observation::{CHANNELS, MOST_CHANGE_DUTY, Pair, TICKS_PER_S};
 use model::plant::State;
 use model::predict::DualPressureRig;
 use model::real::Real;
@@ -46,9 +46,8 @@ pub enum SlewLimit {
 }
 
 impl SlewLimit {
-    /// A tenth of the range: full travel takes 0.2 s, four times the coil's own lag. Measured: sound controllers move by 0.025
-    /// a tick at most on the paper's reference (`tests/envelope.rs`); chosen: four times that.
-    pub const DEFAULT: SlewLimit = SlewLimit::DutyPerTick(0.1);
+    /// As the laws expect it: [`MOST_CHANGE_DUTY`].
+    pub const DEFAULT: SlewLimit = SlewLimit::DutyPerTick(MOST_CHANGE_DUTY);
 }
 
 /// Whether a command was changed, and why.
