@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use ::adapt::programs::Programs;
 use ::adapt::rehearsal::{Rehearsal, concealed, draw_rig};
 use ::adapt::run::GoesOn;
-use ::adapt::settings::{Experiments, Search};
+use ::adapt::settings::{Experiments, Search, Training};
 use ::adapt::{AdaptError, AdaptSettings, Adaptation, Console, Outcome};
 use clap::Args;
 use proto::live_line;
@@ -22,8 +22,9 @@ use crate::stdout;
 
 /// Adapts model and policy to the rig that a running daemon controls: the whole loop in one command.
 ///
-/// Records, diagnoses, asks for an experiment where one is needed, gives the daemon the model that was found, trains a
-/// policy on it from the one that controls, publishes it, waits for the daemon's verdict, and tells what came of it. The
+/// Records, diagnoses, asks for an experiment where one is needed, gives the daemon the model that was found, flies the
+/// fallback on it and the policy that controlled, trains a policy where more is left than any controller must leave,
+/// publishes it, waits for the daemon's verdict, and tells what came of it. The
 /// reference is begun anew for every figure. Every step is a command that is shown; one that fails leaves model and
 /// policy as they were, and --resume goes on from there. --rehearse does all of it against a concealed rig here.
 /// Exit status: 0 it tracks better than before, 1 it does not or a step failed, 2 wrong usage.
@@ -60,6 +61,9 @@ pub(crate) struct AdaptArgs {
     /// Search for missing physics to the end instead of for a first look
     #[arg(long)]
     thorough: bool,
+    /// Train a policy also where the best that was found leaves less than a tenth more than any controller must
+    #[arg(long)]
+    train_anyway: bool,
     /// Steps of training at most
     #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u64).range(1..))]
     train_steps: u64,
@@ -148,6 +152,7 @@ fn settings(args: &AdaptArgs, config: PathBuf) -> AdaptSettings {
         diagnose_seconds: f64::from(args.diagnose_seconds),
         search: if args.thorough { Search::Whole } else { Search::Quick },
         experiments: if args.allow_experiment { Experiments::Allowed } else { Experiments::Ask },
+        training: if args.train_anyway { Training::Always } else { Training::WhereItGains },
         train_steps: args.train_steps,
         train_seconds: args.train_seconds,
         verdict_seconds: args.verdict_seconds,

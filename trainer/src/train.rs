@@ -30,7 +30,7 @@ const MOST_SETTINGS_BYTES: u64 = 1 << 20;
   trainer train --config correction --rig found/rig.toml --from policies/default.onnx --steps 20000 --out runs/adapted
   trainer train --resume runs/first --steps 512000")]
 pub(crate) struct TrainArgs {
-    /// Settings: a preset (paper, paper-drawn, correction) or a TOML file; keys that are left out have the paper's values
+    /// Settings: a preset (paper, paper-drawn, correction, adaptation) or a TOML file; keys that are left out have the paper's values
     #[arg(long, value_name = "PRESET|FILE", default_value = "paper", conflicts_with = "resume")]
     config: String,
     /// Folder of the new run

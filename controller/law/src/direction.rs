@@ -273,6 +273,33 @@ mod tests {
         assert_eq!(plain.drive(), way);
     }
 
+    /// Four fifths of the play at once, the rest by what an integral asks for, and only that way; a plan that moves says where the
+    /// flapper lies again.
+    #[test]
+    fn a_hold_crosses_the_play_once() {
+        let mut direction = Direction::default();
+        let settled =
+            |direction: &mut Direction, planned: f64| (0..200).map(|_| direction.follow(planned)).last().unwrap();
+        settled(&mut direction, 0.5);
+        direction.cross(1.0);
+        assert_eq!(settled(&mut direction, 0.5), 0.0, "nothing is known yet of where the flapper lies");
+        assert!(settled(&mut direction, 0.4) < -0.999);
+        assert_eq!(direction.move_on(0.1), 0.0, "it lies at the end that an integral moves it away from");
+        direction.cross(-1.0);
+        assert!(settled(&mut direction, 0.4) < -0.999, "it lies there already");
+        direction.cross(1.0);
+        let crossed = settled(&mut direction, 0.4);
+        assert!((crossed - 0.6).abs() < 1e-3, "{crossed}");
+        assert_eq!(direction.move_on(-0.1), 0.0, "the way back is the integral's");
+        assert!((direction.move_on(0.3) - 0.3).abs() < 1e-12);
+        assert!((direction.move_on(0.3) - 0.1).abs() < 1e-12, "no further than to the end");
+        direction.cross(-1.0);
+        assert!(settled(&mut direction, 0.4) > 0.999, "once on a hold");
+        assert!(settled(&mut direction, 0.3) < -0.999);
+        direction.cross(1.0);
+        assert!((settled(&mut direction, 0.3) - 0.6).abs() < 1e-3, "and again on the next");
+    }
+
     #[test]
     fn travel_counts_from_the_last_turn_and_ignores_noise() {
         let mut travel = ReversalTravel::from(0.5);

@@ -10,7 +10,7 @@ use crate::daemon::FALLBACK;
 use crate::journal::{Before, Verdict};
 use crate::programs::Console;
 use crate::recorded;
-use crate::run::Adaptation;
+use crate::run::{Adaptation, FALLBACK_ON_MODEL, WITH_MODEL};
 use crate::tracking::Tracking;
 
 /// Between two questions to the daemon.
@@ -54,7 +54,7 @@ impl Adaptation {
         Ok(tracking)
     }
 
-    fn fly_s(&self) -> Result<f64, AdaptError> {
+    pub(crate) fn fly_s(&self) -> Result<f64, AdaptError> {
         Ok(self.reference()?.end_s().max(SHORTEST_S).min(self.journal.settings.fly_seconds.max(SHORTEST_S)))
     }
 
@@ -122,17 +122,47 @@ impl Adaptation {
         }
     }
 
-    /// Lets the fallback control on the model for a run; what tracks worse does not stay.
-    pub(crate) fn try_fallback(&mut self, before: &Before, console: &mut dyn Console) -> Result<Tracking, AdaptError> {
-        let with_policy = self.journal.flown("with the model");
-        if self.daemon.status(console)?.policy != FALLBACK {
+    /// Runs along the reference on the new model: of the fallback, which uses all of it, and of the policy that controlled before, if
+    /// by the daemon's own trial it is sound there. What tracked best controls on, in words and figures.
+    pub(crate) fn fly_on_the_model(
+        &mut self,
+        before: &Before,
+        console: &mut dyn Console,
+    ) -> Result<(&'static str, Tracking), AdaptError> {
+        if before.policy == FALLBACK {
+            return Ok((WITH_MODEL, self.fly(WITH_MODEL, console)?));
+        }
+        if self.journal.flown(FALLBACK_ON_MODEL).is_none() && self.daemon.status(console)?.policy != FALLBACK {
             self.swap(FALLBACK, console)?;
         }
-        let tracking = self.fly("fallback on the model", console)?;
-        if with_policy.is_some_and(|with_policy| tracking.over(&with_policy) >= 1.0) {
+        let fallback = self.fly(FALLBACK_ON_MODEL, console)?;
+        if !self.is_sound_on_the_model(console)? {
+            return Ok((FALLBACK_ON_MODEL, fallback));
+        }
+        if self.journal.flown(WITH_MODEL).is_none() {
             self.swap(&before.policy, console)?;
         }
-        Ok(tracking)
+        let policy = self.fly(WITH_MODEL, console)?;
+        if policy.over(&fallback) <= 1.0 {
+            return Ok((WITH_MODEL, policy));
+        }
+        self.swap(FALLBACK, console)?;
+        Ok((FALLBACK_ON_MODEL, fallback))
+    }
+
+    /// Whether the policy that controlled before passes the daemon's trial on the model that was found: without a minute of the rig.
+    fn is_sound_on_the_model(&self, console: &mut dyn Console) -> Result<bool, AdaptError> {
+        let policy = self.before_folder().join("policy.onnx");
+        if !policy.exists() {
+            return Ok(false);
+        }
+        let rig = self.journal.found.clone().unwrap_or_default().join("rig.toml");
+        let arguments = ["check-policy".as_ref(), policy.as_os_str(), "--rig".as_ref(), rig.as_os_str()];
+        let said = self.daemon.programs.controller(arguments).run(console)?;
+        if said.status != Some(0) {
+            console.say(&said.last_line());
+        }
+        Ok(said.status == Some(0))
     }
 
     /// Has a policy that has passed take over, and waits until it does.
@@ -170,8 +200,14 @@ impl Adaptation {
         Ok(())
     }
 
-    /// Trains on the model that was found, from the policy that controlled.
-    pub(crate) fn train(&mut self, before: &Before, console: &mut dyn Console) -> Result<PathBuf, AdaptError> {
+    /// Trains on the model that was found: from the policy that controlled where that tracks best on it, from a correction of
+    /// nothing where the fallback does.
+    pub(crate) fn train(
+        &mut self,
+        before: &Before,
+        kept: &str,
+        console: &mut dyn Console,
+    ) -> Result<PathBuf, AdaptError> {
         if let Some(trained) = &self.journal.trained {
             return Ok(trained.clone());
         }
@@ -182,10 +218,10 @@ impl Adaptation {
         } else {
             let settings = &self.journal.settings;
             let rig = self.journal.found.clone().unwrap_or_default().join("rig.toml");
-            let mut arguments: Vec<String> = ["train", "--config", "correction", "--rig"].map(str::to_owned).into();
+            let mut arguments: Vec<String> = ["train", "--config", "adaptation", "--rig"].map(str::to_owned).into();
             arguments.push(text(&rig));
             let from = self.before_folder().join("policy.onnx");
-            if before.policy != FALLBACK && from.exists() {
+            if before.policy != FALLBACK && kept == WITH_MODEL && from.exists() {
                 arguments.extend(["--from".to_owned(), text(&from)]);
             }
             let (steps, seed) = (settings.train_steps.to_string(), settings.seed.to_string());

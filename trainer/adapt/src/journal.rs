@@ -60,6 +60,9 @@ pub struct Journal {
     pub found: Option<PathBuf>,
     /// The daemon's line on the new model, once it is in force.
     pub model_line: Option<String>,
+    /// RMSE that any controller must leave on the new model, in kPa, noise included.
+    #[serde(default)]
+    pub optimum_kpa: Option<[f64; 2]>,
     /// The policy that was trained.
     pub trained: Option<PathBuf>,
     /// Name under which it was published.
@@ -87,6 +90,7 @@ impl Journal {
             experiment_allowed: None,
             found: None,
             model_line: None,
+            optimum_kpa: None,
             trained: None,
             published: None,
             verdict: None,

@@ -11,6 +11,7 @@
 //! | [`journal`] | what has been done, to go on from |
 //! | [`run`] | the steps |
 //! | `change` | those that ask the daemon for something, wait, and put back |
+//! | `optimum` | what any controller must leave on the model, and whether there is anything to learn |
 //! | [`outcome`] | what came out: text, JSON, page |
 //! | [`rehearsal`] | a concealed rig and a daemon on this machine |
 //!
@@ -22,6 +23,7 @@ mod change;
 pub mod daemon;
 pub mod excitation;
 pub mod journal;
+mod optimum;
 pub mod outcome;
 pub mod programs;
 pub mod recorded;

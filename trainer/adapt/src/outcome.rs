@@ -28,6 +28,8 @@ pub struct Outcome {
     pub flown: Vec<Flown>,
     /// Before and as it is kept.
     pub tracking: [Option<Tracking>; 2],
+    /// What any controller must leave on the model that was found, noise included, in kPa; nothing where it was not asked.
+    pub optimum_kpa: Option<[f64; 2]>,
     /// The daemon's line on the model.
     pub model: Option<String>,
     /// What the daemon made of the policy.
@@ -82,6 +84,7 @@ impl Outcome {
             learned: learned.collect(),
             flown: journal.flown.clone(),
             tracking: [before, after],
+            optimum_kpa: journal.optimum_kpa,
             model: journal.model_line.clone(),
             policy,
             experiments: journal.experiments.len(),
@@ -127,6 +130,9 @@ impl Outcome {
                 [0, 1].map(|c| self.flown.iter().map(|flown| flown.tracking.noise_kpa[c]).fold(f64::MAX, f64::min));
             text += &format!("{:<24} {pos:>14.3} {neg:>14.3}\n", "noise of the readings");
         }
+        if let Some([pos, neg]) = self.optimum_kpa {
+            text += &format!("{:<24} {pos:>14.3} {neg:>14.3}\n", "optimum on this model");
+        }
         let [pos, neg] = self.extremes_kpa;
         text += &format!(
             "\nkept: {}; {:.1} min of the rig, {} experiments; worst pressures {pos:.1}/{neg:.1} kPa; commands bent by the safety filter: {}\n",
@@ -157,6 +163,11 @@ impl Outcome {
         for Flown { what, tracking: t } in &self.flown {
             let numbers = [t.rmse_kpa[0], t.rmse_kpa[1], t.noise_kpa[0], t.noise_kpa[1]];
             table.push(std::iter::once(what.clone()).chain(numbers.map(|n| format!("{n:.3}"))));
+        }
+        if let Some([pos, neg]) = self.optimum_kpa {
+            let dash = || "–".to_owned();
+            let what = "optimum on the model that was found".to_owned();
+            table.push([what, format!("{pos:.3}"), format!("{neg:.3}"), dash(), dash()]);
         }
         let x: Vec<f64> = (0..self.flown.len()).map(|n| n as f64).collect();
         let y = |c: usize| self.flown.iter().map(|flown| flown.tracking.rmse_kpa[c]).collect::<Vec<f64>>();

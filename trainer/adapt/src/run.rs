@@ -23,6 +23,12 @@ const STEPS: usize = 7;
 const MOST_EXPERIMENTS: usize = 2;
 /// Shares of the valves' range that an experiment is tried with, where the daemon foresees that more would leave the limits.
 const NARROWER: [f64; 3] = [1.0, 0.6, 0.35];
+/// What controls, in words: what controlled before, on the model that was found.
+pub(crate) const WITH_MODEL: &str = "with the model";
+/// The fallback on that model, where a policy controlled before.
+pub(crate) const FALLBACK_ON_MODEL: &str = "fallback on the model";
+/// The policy that was trained on it.
+pub(crate) const WITH_POLICY: &str = "with the policy";
 /// A run this much worse than another is worse (geometric mean over channels; chosen: flights of one controller differ by half of it).
 pub(crate) const WORSE: f64 = 1.05;
 
@@ -132,24 +138,20 @@ impl Adaptation {
                 Err(error) => return Err(error),
             }
         }
-        let mut best = self.fly("with the model", console)?;
-        let mut kept = "with the model".to_owned();
-        if before.policy != crate::daemon::FALLBACK {
-            console.step(4, STEPS, "the fallback on this model");
-            let fallback = self.try_fallback(&before, console)?;
-            if fallback.over(&best) < 1.0 {
-                (kept, best) = ("fallback on the model".to_owned(), fallback);
-            }
-        }
+        console.step(4, STEPS, "what tracks best on this model");
+        let (mut kept, mut best) = self.fly_on_the_model(&before, console)?;
         console.step(5, STEPS, "a policy trained on the model");
-        let policy = self.train(&before, console)?;
+        if !self.leaves_something(&best, console)? {
+            return self.keep_better(&tracked, &best, kept, console);
+        }
+        let policy = self.train(&before, kept, console)?;
         console.step(6, STEPS, "the daemon's verdict on the policy");
         let verdict = self.publish(&policy, console)?;
         console.step(7, STEPS, "what came of it");
         if verdict.state == "active" {
-            let after = self.fly("with the policy", console)?;
+            let after = self.fly(WITH_POLICY, console)?;
             if after.over(&best) <= WORSE {
-                (kept, best) = ("with the policy".to_owned(), after);
+                (kept, best) = (WITH_POLICY, after);
             } else {
                 console.say("it tracks worse than without; what controlled before it goes on");
                 self.daemon.tell(&["rollback"], console)?;
@@ -158,13 +160,24 @@ impl Adaptation {
         } else {
             console.say(&format!("the daemon refused it ({}); the model stays", verdict.why));
         }
-        if best.over(&tracked) > WORSE {
+        self.keep_better(&tracked, &best, kept, console)
+    }
+
+    /// Keeps what tracks best, unless what was there before tracks better.
+    fn keep_better(
+        &mut self,
+        tracked: &Tracking,
+        best: &Tracking,
+        kept: &str,
+        console: &mut dyn Console,
+    ) -> Result<(), AdaptError> {
+        if best.over(tracked) > WORSE {
             console.say("nothing of it tracks as well as what was there; that is put back");
             if self.restore(console) {
                 return self.keep_what("before", console);
             }
         }
-        self.keep_what(&kept, console)
+        self.keep_what(kept, console)
     }
 
     /// What controls on which model, and what stands in the newest recording.

@@ -26,6 +26,17 @@ pub enum Search {
     Whole,
 }
 
+/// When a policy is trained.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Training {
+    /// Where more is left than any controller must leave.
+    #[default]
+    WhereItGains,
+    /// In any case.
+    Always,
+}
+
 /// A run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -40,6 +51,9 @@ pub struct AdaptSettings {
     pub search: Search,
     /// Whether the rig may be driven by an experiment.
     pub experiments: Experiments,
+    /// When a policy is trained.
+    #[serde(default)]
+    pub training: Training,
     /// Steps of training at most.
     pub train_steps: u64,
     /// Seconds of training at most, on the wall.
@@ -59,6 +73,7 @@ impl AdaptSettings {
             diagnose_seconds: 120.0,
             search: Search::Quick,
             experiments: Experiments::Ask,
+            training: Training::WhereItGains,
             train_steps: 20_000,
             train_seconds: 180,
             verdict_seconds: 600,

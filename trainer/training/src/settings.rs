@@ -271,10 +271,11 @@ impl Default for CapsSettings {
 pub const FIRST_INTERVAL_STEPS: u64 = 4_000;
 
 /// Built-in presets: name and text.
-pub const PRESETS: [(&str, &str); 3] = [
+pub const PRESETS: [(&str, &str); 4] = [
     ("paper", include_str!("../presets/paper.toml")),
     ("paper-drawn", include_str!("../presets/paper-drawn.toml")),
     ("correction", include_str!("../presets/correction.toml")),
+    ("adaptation", include_str!("../presets/adaptation.toml")),
 ];
 
 impl TrainingSettings {

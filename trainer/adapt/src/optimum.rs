@@ -1,0 +1,64 @@
+//! What any controller must leave on the model that was found: the yardstick, and whether there is anything to learn.
+
+use std::path::Path;
+
+use evaluate::table::{LIMIT, Table};
+
+use crate::AdaptError;
+use crate::programs::Console;
+use crate::run::Adaptation;
+use crate::settings::Training;
+use crate::tracking::Tracking;
+
+/// Less than this much above the optimum there is nothing to learn (both channels together). Chosen: what a policy is refused for
+/// by the daemon if it is behind by as much.
+const NEAR: f64 = 1.1;
+
+/// Root mean square of both channels together, in kPa.
+fn both_kpa([pos, neg]: [f64; 2]) -> f64 {
+    pos.hypot(neg)
+}
+
+impl Adaptation {
+    /// Whether a controller could track better than the best so far by more than it is worth; the optimum on the model is told.
+    pub(crate) fn leaves_something(&mut self, best: &Tracking, console: &mut dyn Console) -> Result<bool, AdaptError> {
+        if self.journal.trained.is_some() {
+            return Ok(true);
+        }
+        let optimum_kpa = match self.journal.optimum_kpa {
+            Some(known) => known,
+            None => self.work_out_optimum(console)?,
+        };
+        let times = both_kpa(best.rmse_kpa) / both_kpa(optimum_kpa).max(f64::MIN_POSITIVE);
+        let [pos, neg] = optimum_kpa;
+        console.say(&format!(
+            "what any controller must leave on this model, noise included: {pos:.3}/{neg:.3} kPa; the best so far leaves {times:.2} times as much"
+        ));
+        if times <= NEAR && self.journal.settings.training == Training::WhereItGains {
+            console.say("nothing is left for a policy to learn (--train-anyway trains one)");
+            return Ok(false);
+        }
+        Ok(true)
+    }
+
+    fn work_out_optimum(&mut self, console: &mut dyn Console) -> Result<[f64; 2], AdaptError> {
+        let text = |path: &Path| path.to_string_lossy().into_owned();
+        let rig = text(&self.journal.found.clone().unwrap_or_default().join("rig.toml"));
+        let out = self.out.join("optimum");
+        let reference = text(&self.before_folder().join("reference.csv"));
+        let mut arguments = ["evaluate", "comparison", "--rig"].map(str::to_owned).to_vec();
+        arguments.extend([rig.clone(), "--model".to_owned(), rig, "--reference".to_owned(), reference]);
+        arguments.extend(["--seconds".to_owned(), format!("{:.0}", self.fly_s()?)]);
+        arguments.extend(["--drawn", "0", "--seeds", "1", "--out"].map(str::to_owned));
+        arguments.push(text(&out));
+        self.computed(|this, console| this.daemon.programs.trainer(&arguments).done(console), console)?;
+        let path = out.join("table.json");
+        let table = std::fs::read_to_string(&path).map_err(|error| AdaptError::file(&path, error))?;
+        let table: Table = serde_json::from_str(&table).map_err(|error| AdaptError::file(&path, error))?;
+        let limit = table.rows.iter().find(|row| row.entrant == LIMIT).and_then(|row| row.cells.first());
+        let optimum_kpa = limit.ok_or_else(|| AdaptError::file(&path, "has no limit"))?.rmse_kpa;
+        self.journal.optimum_kpa = Some(optimum_kpa);
+        self.journal.keep(&self.out)?;
+        Ok(optimum_kpa)
+    }
+}
