@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use proto::atomic_file;
+use proto::reference::Reference;
 
 use crate::AdaptError;
 use crate::daemon::FALLBACK;
@@ -38,7 +39,8 @@ impl Adaptation {
         if let Some(tracking) = self.journal.flown(what) {
             return Ok(tracking);
         }
-        let (session, start) = self.begin_reference(Asking::AsAStep, console)?;
+        let file = self.before_folder().join("reference.csv");
+        let (session, start) = self.begin_reference(&file, Asking::AsAStep, console)?;
         let end = start.wrapping_add((self.fly_s()? * TICKS_PER_S) as u32);
         self.wait_for_tick(session, end, console)?;
         let missing = "the recording of a run";
@@ -58,9 +60,14 @@ impl Adaptation {
         Ok(self.reference()?.end_s().max(SHORTEST_S).min(self.journal.settings.fly_seconds.max(SHORTEST_S)))
     }
 
-    /// Has the daemon follow its reference from the beginning; session and tick from then on.
-    fn begin_reference(&mut self, asking: Asking, console: &mut dyn Console) -> Result<(u32, u32), AdaptError> {
-        let file = self.before_folder().join("reference.csv").to_string_lossy().into_owned();
+    /// Has the daemon follow a reference from its beginning; session and tick from then on.
+    fn begin_reference(
+        &mut self,
+        file: &Path,
+        asking: Asking,
+        console: &mut dyn Console,
+    ) -> Result<(u32, u32), AdaptError> {
+        let file = file.to_string_lossy();
         match asking {
             Asking::AsAStep => self.daemon.tell(&["reference", &file], console)?,
             Asking::Silently => self.daemon.try_silently(&["reference", &file], console)?,
@@ -70,6 +77,7 @@ impl Adaptation {
             return Err(AdaptError::NotRunning { state: status.state });
         }
         self.reference_tick = status.at.1;
+        self.is_moving = asking == Asking::Silently;
         Ok(status.at)
     }
 
@@ -190,12 +198,17 @@ impl Adaptation {
         Ok(())
     }
 
-    /// Begins the reference anew where it is over: a policy is judged on a rig that moves.
+    /// Has the rig go back and forth along the reference, again where that is over: a policy is judged on a rig that moves, and a jump
+    /// to the beginning would tell of nothing but the jump.
     fn keep_moving(&mut self, console: &mut dyn Console) -> Result<(), AdaptError> {
         let status = self.daemon.status(console)?;
-        let is_over = f64::from(status.at.1.wrapping_sub(self.reference_tick)) > self.fly_s()? * TICKS_PER_S;
+        let reference = self.reference()?;
+        let length_s = if self.is_moving { 2.0 * reference.end_s() } else { self.fly_s()? };
+        let is_over = f64::from(status.at.1.wrapping_sub(self.reference_tick)) > length_s * TICKS_PER_S;
         if is_over && status.is_running() {
-            self.begin_reference(Asking::Silently, console)?;
+            let file = self.out.join("back-and-forth.csv");
+            atomic_file::write(&file, back_and_forth(&reference).as_bytes())?;
+            self.begin_reference(&file, Asking::Silently, console)?;
         }
         Ok(())
     }
@@ -330,6 +343,16 @@ impl Adaptation {
     }
 }
 
+/// A reference backwards and forwards, in 20 ms rows: it begins where it ends, and can be followed again and again without a jump.
+fn back_and_forth(reference: &Reference) -> String {
+    let ticks = (reference.end_s() * TICKS_PER_S).ceil() as usize;
+    let row = |n: usize| {
+        let [pos, neg] = reference.at(ticks.abs_diff(n) as f64 / TICKS_PER_S);
+        format!("{:.2},{pos:.4},{neg:.4}\n", n as f64 / TICKS_PER_S)
+    };
+    std::iter::once("time_s,ref_pos_kpa,ref_neg_kpa\n".to_owned()).chain((0..=2 * ticks).map(row)).collect()
+}
+
 /// A console that goes on to the end of what must be done.
 struct Unstoppable<'a>(&'a mut dyn Console);
 
@@ -351,5 +374,22 @@ impl Console for Unstoppable<'_> {
     }
     fn ask(&mut self, _question: &str) -> bool {
         false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reference_goes_back_and_forth_without_a_jump() {
+        let paper = Reference::paper();
+        let moving = Reference::parse("moving", back_and_forth(&paper).as_bytes()).unwrap();
+        assert_eq!(moving.end_s(), 120.0);
+        for time_s in [0.0, 13.5, 60.0, 77.7, 120.0] {
+            let expected = paper.at((60.0_f64 - time_s).abs());
+            let found = moving.at(time_s);
+            assert!((0..2).all(|c| (found[c] - expected[c]).abs() < 1e-3), "{time_s} s: {found:?} for {expected:?}");
+        }
     }
 }

@@ -14,11 +14,6 @@ use crate::tracking::Tracking;
 /// by the daemon if it is behind by as much.
 const NEAR: f64 = 1.1;
 
-/// Root mean square of both channels together, in kPa.
-fn both_kpa([pos, neg]: [f64; 2]) -> f64 {
-    pos.hypot(neg)
-}
-
 impl Adaptation {
     /// Whether a controller could track better than the best so far by more than it is worth; the optimum on the model is told.
     pub(crate) fn leaves_something(&mut self, best: &Tracking, console: &mut dyn Console) -> Result<bool, AdaptError> {
@@ -29,8 +24,8 @@ impl Adaptation {
             Some(known) => known,
             None => self.work_out_optimum(console)?,
         };
-        let times = both_kpa(best.rmse_kpa) / both_kpa(optimum_kpa).max(f64::MIN_POSITIVE);
         let [pos, neg] = optimum_kpa;
+        let times = best.both_kpa() / pos.hypot(neg).max(f64::MIN_POSITIVE);
         console.say(&format!(
             "what any controller must leave on this model, noise included: {pos:.3}/{neg:.3} kPa; the best so far leaves {times:.2} times as much"
         ));

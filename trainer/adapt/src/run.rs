@@ -29,7 +29,7 @@ pub(crate) const WITH_MODEL: &str = "with the model";
 pub(crate) const FALLBACK_ON_MODEL: &str = "fallback on the model";
 /// The policy that was trained on it.
 pub(crate) const WITH_POLICY: &str = "with the policy";
-/// A run this much worse than another is worse (geometric mean over channels; chosen: flights of one controller differ by half of it).
+/// A run this much worse than another is worse (both channels together; chosen: flights of one controller differ by half of it).
 pub(crate) const WORSE: f64 = 1.05;
 
 /// What can stand still while this machine computes: the rig of a rehearsal.
@@ -58,6 +58,8 @@ pub struct Adaptation {
     pub(crate) rig: Box<dyn Pausable>,
     /// Tick at which the reference was begun last.
     pub(crate) reference_tick: u32,
+    /// Whether it is the one that goes back and forth.
+    pub(crate) is_moving: bool,
 }
 
 impl Adaptation {
@@ -93,7 +95,7 @@ impl Adaptation {
         let config = journal.settings.config.clone();
         let folders = DaemonFolders::read(&config)?;
         let daemon = Daemon { programs, config };
-        Ok(Adaptation { out: out.to_owned(), journal, daemon, folders, rig, reference_tick: 0 })
+        Ok(Adaptation { out: out.to_owned(), journal, daemon, folders, rig, reference_tick: 0, is_moving: false })
     }
 
     /// All steps; model and policy are as they were where one fails.

@@ -54,10 +54,16 @@ impl Tracking {
         })
     }
 
-    /// Geometric mean of both channels' errors as a multiple of another run's.
+    /// Error of both channels together (root mean square) as a multiple of another run's: as the daemon weighs a policy against the
+    /// fallback.
     pub fn over(&self, other: &Tracking) -> f64 {
-        let ratio = |c: usize| self.rmse_kpa[c] / other.rmse_kpa[c].max(1e-6);
-        (ratio(0) * ratio(1)).sqrt()
+        self.both_kpa() / other.both_kpa().max(1e-6)
+    }
+
+    /// Root mean square of both channels together, in kPa.
+    pub fn both_kpa(&self) -> f64 {
+        let [pos, neg] = self.rmse_kpa;
+        pos.hypot(neg)
     }
 }
 
@@ -91,6 +97,7 @@ mod tests {
         assert!((tracking.noise_kpa[0] - 0.2 / 6f64.sqrt()).abs() < 1e-9, "{tracking:?}");
         assert_eq!(tracking.extremes_kpa[1], -70.0);
         assert_eq!(Tracking::of(&ticks[..400]), None);
-        assert_eq!(tracking.over(&Tracking { rmse_kpa: [tracking.rmse_kpa[0] * 2.0, 0.0], ..tracking }), 0.0);
+        let twice = Tracking { rmse_kpa: tracking.rmse_kpa.map(|rmse_kpa| 2.0 * rmse_kpa), ..tracking };
+        assert!((tracking.over(&twice) - 0.5).abs() < 1e-12);
     }
 }
