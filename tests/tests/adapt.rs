@@ -121,7 +121,7 @@ fn diagnosed(out: &Path, config: &Path, manners: Manners) {
     let journal = json!({
         "settings": {
             "config": config, "fly_seconds": 20.0, "diagnose_seconds": 60.0, "search": "quick", "experiments": manners.experiments,
-            "train_steps": 64, "train_seconds": 60, "verdict_seconds": 30, "seed": 1
+            "training": "always", "train_steps": 64, "train_seconds": 60, "verdict_seconds": 30, "seed": 1
         },
         "before": {"policy": "fallback", "model": "dual_pressure", "interventions": 3, "at": [SESSION, 100]},
         "recordings": ["run-1.csv"], "experiments": [], "experiment_allowed": null, "found": found,

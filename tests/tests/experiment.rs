@@ -304,7 +304,8 @@ fn one_lost_frame_costs_a_reading_and_not_the_experiment() {
     let result: Value = serde_json::from_str(&ended.stdout).unwrap();
     // A busy machine may lose more than this one; two in a row would end it.
     if result["completed"] == false {
-        assert!(ended.stderr.contains("no frame for") || ended.stderr.contains("got no command"), "{ended:?}");
+        let stalls = ["no frame for", "got no command", "deadlines missed"];
+        assert!(stalls.iter().any(|stall| ended.stderr.contains(stall)), "{ended:?}");
         println!("SKIPPED: this machine stalled for two ticks");
         return;
     }

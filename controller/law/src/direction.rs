@@ -83,9 +83,11 @@ impl Direction {
         Direction { share: 1.0 - (-TICK_S / KNOWN_BLEND_S).exp(), keeps, most_step, ..Direction::default() }
     }
 
-    /// Goes on for another valve path.
+    /// Goes on for another valve path. Where the flapper lies in its play is only known again once the plan has moved, so nothing is
+    /// crossed before.
     pub fn take_path(&mut self, other: &Direction) {
         (self.share, self.keeps, self.most_step) = (other.share, other.keeps, other.most_step);
+        self.crossed = true;
     }
 
     /// Goes on in the same direction for a plan that another model makes: where that begins is no reversal.

@@ -33,6 +33,9 @@ use crate::repetition::Repetition;
 use crate::rest::{Hold, Rest};
 use crate::{ControlInput, ControlOutput, DutyTerms, TICK_S, saturated};
 
+/// What rounding makes of a duty.
+const ROUNDING_DUTY: f64 = 1e-9;
+
 /// Gains of the fallback.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FallbackSettings {
@@ -109,7 +112,7 @@ pub struct Fallback {
     /// Whether the rig file says anything of each valve's path.
     is_known: [bool; CHANNELS],
     /// What was sent in the last tick.
-    sent: Option<Pair>,
+    sent: [Option<f64>; CHANNELS],
 }
 
 impl Fallback {
@@ -130,7 +133,7 @@ impl Fallback {
             rest: Rest::default(),
             jump: goal_jump(&paths, bandwidth_per_s),
             is_known: paths.each_ref().map(is_told),
-            sent: None,
+            sent: [None; CHANNELS],
         }
     }
 
@@ -186,7 +189,7 @@ impl Fallback {
         self.foresight.restart();
         self.rest = Rest::default();
         self.jump.restart();
-        self.sent = None;
+        self.sent = [None; CHANNELS];
         self.pending = [Pending::default(); CHANNELS];
         if let Some(repetition) = &mut self.repetition {
             repetition.begin();
@@ -305,11 +308,8 @@ impl Fallback {
     pub fn applied(&mut self, duty: Pair) {
         for (c, (pending, applied)) in self.pending.into_iter().zip(duty).enumerate() {
             if pending.reachable {
-                // What a limit on the command's speed holds back comes a tick later: it winds nothing up.
-                let slewed = self.sent.map_or(pending.raw, |sent| {
-                    pending.raw.clamp(sent[c] - MOST_CHANGE_DUTY, sent[c] + MOST_CHANGE_DUTY)
-                });
-                self.integral.update(c, pending.left_kpa, slewed, applied);
+                let wound = unheld(pending.raw, applied, self.sent[c]);
+                self.integral.update(c, pending.left_kpa, wound, applied);
                 // Not at a limit, where nothing that is added acts.
                 let near = pending.error_kpa.abs() < self.settings.reset_gate_kpa[c] && applied == pending.raw;
                 if near {
@@ -320,7 +320,7 @@ impl Fallback {
                 }
             }
         }
-        self.sent = Some(duty);
+        self.sent = duty.map(Some);
     }
 
     /// What of an integral's step (duty) goes into the rest of the play that a hold has begun to cross: until the flapper is at the
@@ -334,6 +334,15 @@ impl Fallback {
     pub fn learned_play(&self) -> Pair {
         self.play.map(|p| p.half_width())
     }
+}
+
+/// What was asked for, less what a limit on the command's speed held back of it: that comes a tick later, and winds nothing up. `sent` is
+/// the tick before; all in duty.
+fn unheld(raw: f64, applied: f64, sent: Option<f64>) -> f64 {
+    let Some(sent) = sent else { return raw };
+    let (moved, held_back) = (applied - sent, raw.clamp(0.0, 1.0) - applied);
+    let at_the_limit = moved.abs() > MOST_CHANGE_DUTY - ROUNDING_DUTY;
+    if at_the_limit && moved * held_back > 0.0 { raw - held_back } else { raw }
 }
 
 /// What is expected of a jump: an answer of valves that are known.

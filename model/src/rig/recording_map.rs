@@ -334,7 +334,7 @@ columns.p_kpa = [{ from = "a", root = true, scale = 3.0, offset = 1.0 }, { from 
             ("{ from = \"PWM\", scale = 0.1 }", "7", ["recording.columns.u", "7"]),
             ("[recording]", "[recording]\nperiod_ms = 0.0", ["recording.period_ms", "above zero"]),
             ("[recording]", "[recording]\nheader_line = 0", ["recording.header_line", "from 1"]),
-            ("[recording]", "[recording]\nseparator = \"|\"", ["separator", "tab"]),
+            ("[recording]", "[recording]\nseparator = \"~\"", ["separator", "tab"]),
             ("[recording]", "[recording]\nseparator = \",\"\ndecimal = \",\"", ["recording.decimal", "comma"]),
         ] {
             let error = Rig::from_toml(&RIG.replacen(good, bad, 1)).expect_err(bad);
