@@ -36,18 +36,11 @@ const KNOWN_BLEND_S: f64 = 0.03;
 /// What is cut off would leave the flapper short of the other side of its play.
 const MOST_STEP_DUTY: f64 = 0.8 * MOST_CHANGE_DUTY;
 
-/// Share of the play that is crossed at once where a hold needs the flapper the other way. Chosen: a width that is known to a fifth
-/// does not move it; the rest is left to integral action.
-const CROSSED_AT_ONCE: f64 = 0.8;
-
 /// Direction of one channel's planned duty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Direction {
     extreme: Option<f64>,
-    /// Where the flapper shall lie in its play, −1 … 1: at one end, but for what is left to cross on a hold.
     way: f64,
-    /// Whether the play was crossed since the plan last moved.
-    crossed: bool,
     blended: f64,
     drive: f64,
     /// Share of the way to the other side that is covered in a tick.
@@ -64,7 +57,6 @@ impl Default for Direction {
         Direction {
             extreme: None,
             way: 0.0,
-            crossed: false,
             blended: 0.0,
             drive: 0.0,
             share: TICK_S / BLEND_S,
@@ -83,11 +75,9 @@ impl Direction {
         Direction { share: 1.0 - (-TICK_S / KNOWN_BLEND_S).exp(), keeps, most_step, ..Direction::default() }
     }
 
-    /// Goes on for another valve path. Where the flapper lies in its play is only known again once the plan has moved, so nothing is
-    /// crossed before.
+    /// Goes on for another valve path.
     pub fn take_path(&mut self, other: &Direction) {
         (self.share, self.keeps, self.most_step) = (other.share, other.keeps, other.most_step);
-        self.crossed = true;
     }
 
     /// Goes on in the same direction for a plan that another model makes: where that begins is no reversal.
@@ -108,33 +98,6 @@ impl Direction {
         self.drive
     }
 
-    /// Crosses most of the play towards `sign` (1 rising, −1 falling), although the plan stands still: a hold needs the flapper the
-    /// other way. Once on each hold: a width that is stated too wide moves it too far, and another crossing would bring it back
-    /// as much too far.
-    ///
-    /// # Real-time
-    /// May run in the tick.
-    pub fn cross(&mut self, sign: f64) {
-        if !self.crossed && self.way * sign < 0.0 {
-            self.way = sign.signum() * (2.0 * CROSSED_AT_ONCE - 1.0);
-            self.crossed = true;
-        }
-    }
-
-    /// Moves on through what is left to cross of the play, by so many half widths at most; answers by how many. None where all of
-    /// it is crossed, or where the way back is asked for.
-    ///
-    /// # Real-time
-    /// May run in the tick.
-    pub fn move_on(&mut self, half_widths: f64) -> f64 {
-        if half_widths * self.way <= 0.0 {
-            return 0.0;
-        }
-        let before = self.way;
-        self.way = (before + half_widths).clamp(-1.0, 1.0);
-        self.way - before
-    }
-
     /// Takes in the duty planned for this tick and answers the direction, −1 (falling) … 1 (rising).
     ///
     /// # Real-time
@@ -142,11 +105,10 @@ impl Direction {
     pub fn follow(&mut self, planned: f64) -> f64 {
         let extreme = *self.extreme.get_or_insert(planned);
         let moved = planned - extreme;
-        if moved.abs() > REVERSAL_DUTY {
-            self.way = moved.signum();
-            self.crossed = false;
+        if moved * self.way > 0.0 {
             self.extreme = Some(planned);
-        } else if moved * self.way > 0.0 && self.way.abs() == 1.0 {
+        } else if moved.abs() > REVERSAL_DUTY {
+            self.way = moved.signum();
             self.extreme = Some(planned);
         }
         let wanted = self.blended + (self.way - self.blended) * self.share;
@@ -273,33 +235,6 @@ mod tests {
         plain.follow(0.5);
         let way = plain.follow(0.6);
         assert_eq!(plain.drive(), way);
-    }
-
-    /// Four fifths of the play at once, the rest by what an integral asks for, and only that way; a plan that moves says where the
-    /// flapper lies again.
-    #[test]
-    fn a_hold_crosses_the_play_once() {
-        let mut direction = Direction::default();
-        let settled =
-            |direction: &mut Direction, planned: f64| (0..200).map(|_| direction.follow(planned)).last().unwrap();
-        settled(&mut direction, 0.5);
-        direction.cross(1.0);
-        assert_eq!(settled(&mut direction, 0.5), 0.0, "nothing is known yet of where the flapper lies");
-        assert!(settled(&mut direction, 0.4) < -0.999);
-        assert_eq!(direction.move_on(0.1), 0.0, "it lies at the end that an integral moves it away from");
-        direction.cross(-1.0);
-        assert!(settled(&mut direction, 0.4) < -0.999, "it lies there already");
-        direction.cross(1.0);
-        let crossed = settled(&mut direction, 0.4);
-        assert!((crossed - 0.6).abs() < 1e-3, "{crossed}");
-        assert_eq!(direction.move_on(-0.1), 0.0, "the way back is the integral's");
-        assert!((direction.move_on(0.3) - 0.3).abs() < 1e-12);
-        assert!((direction.move_on(0.3) - 0.1).abs() < 1e-12, "no further than to the end");
-        direction.cross(-1.0);
-        assert!(settled(&mut direction, 0.4) > 0.999, "once on a hold");
-        assert!(settled(&mut direction, 0.3) < -0.999);
-        direction.cross(1.0);
-        assert!((settled(&mut direction, 0.3) - 0.6).abs() < 1e-3, "and again on the next");
     }
 
     #[test]

@@ -13,8 +13,7 @@
 //!   bandwidth and the same at all pressures. The error is that of the chamber: a sensor's lag is undone
 //!   ([`crate::ControlInput::undelayed_kpa`]).
 //! * `I`: the paper's integral and anti-windup ([`crate::integral`]), which near the goal moves on with the proportional part as
-//!   well, `İ += (K/b) e/T_i`, and stands still where a hold is held ([`crate::rest`]). It is given what is left of the error beside
-//!   what a jump of the goal makes for a while ([`crate::goal_jump`]).
+//!   well, `İ += (K/b) e/T_i`, and stands still where a hold is held ([`crate::rest`]).
 //!
 //! Tuned on `dual_pressure` and `bench` together, holding the paper's two gains; measured in
 //! `docs/performance.md`.
@@ -27,7 +26,6 @@ use model::valve_path::ValvePath;
 
 use crate::direction::{BacklashEstimator, Direction};
 use crate::foresight::{Foresight, is_told};
-use crate::goal_jump::GoalJump;
 use crate::integral::{IntegralAction, IntegralSettings, VENT_SIGN};
 use crate::repetition::Repetition;
 use crate::rest::{Hold, Rest};
@@ -84,14 +82,13 @@ impl Default for FallbackSettings {
 #[derive(Debug, Clone, Copy, Default)]
 struct Pending {
     error_kpa: f64,
-    /// What of the error may be integrated: nothing while the channel rests on a hold, and nothing that a jump of the goal
-    /// leaves for a while.
-    left_kpa: f64,
     raw: f64,
     /// Whether the feed-forward itself is within 0 … 1; where no duty holds the goal, nothing may integrate.
     reachable: bool,
-    /// Proportional action in duty/kPa.
-    duty_per_kpa: f64,
+    /// Proportional part in duty.
+    proportional: f64,
+    /// Whether the channel rests on a hold, and nothing integrates.
+    resting: bool,
 }
 
 /// The fallback controller.
@@ -108,7 +105,6 @@ pub struct Fallback {
     pending: [Pending; CHANNELS],
     repetition: Option<Box<Repetition>>,
     rest: Rest,
-    jump: GoalJump,
     /// Whether the rig file says anything of each valve's path.
     is_known: [bool; CHANNELS],
     /// What was sent in the last tick.
@@ -131,7 +127,6 @@ impl Fallback {
             pending: [Pending::default(); CHANNELS],
             repetition: None,
             rest: Rest::default(),
-            jump: goal_jump(&paths, bandwidth_per_s),
             is_known: paths.each_ref().map(is_told),
             sent: [None; CHANNELS],
         }
@@ -145,7 +140,6 @@ impl Fallback {
     pub fn exchange_map(&mut self, map: Arc<SteadyMap>) -> Arc<SteadyMap> {
         let paths = *map.valve_paths();
         self.bandwidth_per_s = bandwidths(&paths, &self.settings);
-        self.jump.take_bandwidths(&goal_jump(&paths, self.bandwidth_per_s));
         self.is_known = paths.each_ref().map(is_told);
         #[allow(clippy::needless_range_loop)] // several arrays of channels side by side
         for c in 0..CHANNELS {
@@ -188,7 +182,6 @@ impl Fallback {
         self.directions.iter_mut().for_each(Direction::restart);
         self.foresight.restart();
         self.rest = Rest::default();
-        self.jump.restart();
         self.sent = [None; CHANNELS];
         self.pending = [Pending::default(); CHANNELS];
         if let Some(repetition) = &mut self.repetition {
@@ -211,23 +204,18 @@ impl Fallback {
         let gain = self.map.gain_kpa_per_s(self.map.chamber_kpa(situation.undelayed_kpa));
         let integral = self.integral.duty();
         let holds = self.rest.follow(situation);
-        let left_kpa = self.jump.follow(situation);
         let learned = self.learned(0);
         let repeats = self.repeated() > 0;
         let mut parts = [DutyTerms::default(); CHANNELS];
         for c in 0..CHANNELS {
             let error_kpa = situation.goals_kpa[0][c] - situation.undelayed_kpa[c];
             let feed_forward = planned[c].clamp(0.0, 1.0) + learned[c];
-            if let (Hold::Off(mean_kpa), true) = (holds[c], self.is_known[c]) {
-                self.directions[c].cross(VENT_SIGN[c] * mean_kpa);
-            }
             let direction = self.directions[c].follow(turning[c].clamp(0.0, 1.0));
-            let duty_per_kpa = self.bandwidth_per_s[c] / gain[c];
             parts[c] = DutyTerms {
                 feed_forward,
                 play: self.play[c].half_width() * self.directions[c].drive(),
                 correction: 0.0,
-                proportional: duty_per_kpa * error_kpa,
+                proportional: self.bandwidth_per_s[c] * error_kpa / gain[c],
                 integral: integral[c],
             };
             let raw = parts[c].raw();
@@ -242,10 +230,11 @@ impl Fallback {
             };
             let learns = !repeats && shows_play && (0.0..=1.0).contains(&raw);
             if learns && error_kpa.abs() < self.settings.play_gate_kpa[c] {
-                self.play[c].learn(direction, VENT_SIGN[c] * left_kpa[c]);
+                self.play[c].learn(direction, VENT_SIGN[c] * error_kpa);
             }
-            let left_kpa = if holds[c] == Hold::Resting { 0.0 } else { left_kpa[c] };
-            self.pending[c] = Pending { error_kpa, left_kpa, raw, reachable, duty_per_kpa };
+            let proportional = parts[c].proportional;
+            let resting = holds[c] == Hold::Resting;
+            self.pending[c] = Pending { error_kpa, raw, reachable, proportional, resting };
         }
         let trajectory = self.trajectory(situation, &parts);
         self.foresight.advance(situation);
@@ -308,26 +297,17 @@ impl Fallback {
     pub fn applied(&mut self, duty: Pair) {
         for (c, (pending, applied)) in self.pending.into_iter().zip(duty).enumerate() {
             if pending.reachable {
+                let error_kpa = if pending.resting { 0.0 } else { pending.error_kpa };
                 let wound = unheld(pending.raw, applied, self.sent[c]);
-                self.integral.update(c, pending.left_kpa, wound, applied);
+                self.integral.update(c, error_kpa, wound, applied);
                 // Not at a limit, where nothing that is added acts.
                 let near = pending.error_kpa.abs() < self.settings.reset_gate_kpa[c] && applied == pending.raw;
-                if near {
-                    let reset = pending.duty_per_kpa * pending.left_kpa / self.settings.reset_time_s * TICK_S;
-                    let asked = self.integral.step(c, pending.left_kpa) + reset;
-                    let crossed = self.crossed(c, asked);
-                    self.integral.shift(c, reset - crossed);
+                if near && !pending.resting {
+                    self.integral.shift(c, pending.proportional / self.settings.reset_time_s * TICK_S);
                 }
             }
         }
         self.sent = duty.map(Some);
-    }
-
-    /// What of an integral's step (duty) goes into the rest of the play that a hold has begun to cross: until the flapper is at the
-    /// other side nothing else comes of it.
-    fn crossed(&mut self, c: usize, asked: f64) -> f64 {
-        let half_width = self.play[c].half_width();
-        if half_width > 0.0 { half_width * self.directions[c].move_on(asked / half_width) } else { 0.0 }
     }
 
     /// The half width of play that was learned for each valve, in duty.
@@ -343,11 +323,6 @@ fn unheld(raw: f64, applied: f64, sent: Option<f64>) -> f64 {
     let (moved, held_back) = (applied - sent, raw.clamp(0.0, 1.0) - applied);
     let at_the_limit = moved.abs() > MOST_CHANGE_DUTY - ROUNDING_DUTY;
     if at_the_limit && moved * held_back > 0.0 { raw - held_back } else { raw }
-}
-
-/// What is expected of a jump: an answer of valves that are known.
-fn goal_jump(paths: &[ValvePath; CHANNELS], bandwidth_per_s: Pair) -> GoalJump {
-    GoalJump::new(std::array::from_fn(|c| is_told(&paths[c]).then_some(bandwidth_per_s[c])))
 }
 
 /// K of each channel in 1/s.

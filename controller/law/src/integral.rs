@@ -68,16 +68,11 @@ impl IntegralAction {
     /// # Real-time
     /// May run in the tick.
     pub fn update(&mut self, channel: usize, error_kpa: f64, raw: f64, applied: f64) {
-        // A whole duty of integral means that something else is wrong; it must not hide it for long.
-        self.shift(channel, self.step(channel, error_kpa) + self.settings.anti_windup * (applied - raw) * TICK_S);
-    }
-
-    /// By how much an error (kPa) of a tick moves the integral part of a channel, in duty.
-    ///
-    /// # Real-time
-    /// May run in the tick.
-    pub fn step(&self, channel: usize, error_kpa: f64) -> f64 {
-        VENT_SIGN.get(channel).map_or(0.0, |sign| sign * self.settings.gain * error_kpa * TICK_S)
+        if let Some(sign) = VENT_SIGN.get(channel) {
+            let rate = sign * self.settings.gain * error_kpa + self.settings.anti_windup * (applied - raw);
+            // A whole duty of integral means that something else is wrong; it must not hide it for long.
+            self.shift(channel, rate * TICK_S);
+        }
     }
 }
 

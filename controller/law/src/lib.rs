@@ -6,7 +6,6 @@
 //! | [`policy_law`] | what a policy is told, and how its answer becomes a duty |
 //! | [`integral`] | the paper's integral action and anti-windup, on top of a policy or of the fallback |
 //! | [`repetition`] | what a reference flown again and again teaches |
-//! | [`goal_jump`] | what a jump of the goal leaves for a while, and nothing may integrate |
 //! | [`rest`] | holds on which integral action stands still |
 //! | [`soft_start`] | from where the rig is to where the reference is, without saturating |
 //! | [`foresight`] | feed-forward: the reference, as much ahead as each valve is late |
@@ -19,7 +18,6 @@
 pub mod direction;
 pub mod fallback;
 pub mod foresight;
-pub mod goal_jump;
 pub mod integral;
 pub mod policy_law;
 pub mod repetition;

@@ -21,14 +21,12 @@ const MEAN_S: f64 = 0.25;
 const STILL_TICKS: u32 = 50;
 
 /// How a channel stands to its goal.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Hold {
     /// The goal moves, or has not stood still for long.
     Moving,
-    /// The goal stands, and no reading tells the mean error from none.
-    Near,
-    /// The goal stands, and the mean error, which a reading tells, is this (kPa).
-    Off(f64),
+    /// The goal stands, and the channel is on its way there.
+    Settling,
     /// At rest on the goal.
     Resting,
 }
@@ -62,8 +60,7 @@ impl Rest {
         std::array::from_fn(|c| match self.still_ticks >= STILL_TICKS {
             false => Hold::Moving,
             true if self.resting[c] => Hold::Resting,
-            true if self.mean_kpa[c].abs() > LEAVES_BANDS * BAND_KPA[c] => Hold::Off(self.mean_kpa[c]),
-            true => Hold::Near,
+            true => Hold::Settling,
         })
     }
 }
