@@ -35,7 +35,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 ///
 /// Pressures are gauge kPa, times s, duties 0 (valve shut) to 1 (open). A recording is the daemon's
 /// MCAP file or what a logger wrote, of any rate, its columns under the rig's names
-/// (time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa) or as the rig file's [recording] says. Exit status: 0 good;
+/// (time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa) or as the rig file's `[recording]` says. Exit status: 0 good;
 /// 1 the work failed or is not good; 2 wrong use or input.
 #[derive(Debug, Parser)]
 #[command(name = "trainer", version, after_help = EXAMPLES)]
