@@ -42,6 +42,7 @@ impl Adaptation {
         let file = self.before_folder().join("reference.csv");
         let (session, start) = self.begin_reference(&file, Asking::AsAStep, console)?;
         let end = start.wrapping_add((self.fly_s()? * TICKS_PER_S) as u32);
+        self.moves_until = end;
         self.wait_for_tick(session, end, console)?;
         let missing = "the recording of a run";
         let ticks = self.wait_for(missing, FLUSHED, console, |this, _| {
@@ -76,8 +77,6 @@ impl Adaptation {
         if !status.is_running() {
             return Err(AdaptError::NotRunning { state: status.state });
         }
-        self.reference_tick = status.at.1;
-        self.is_moving = asking == Asking::Silently;
         Ok(status.at)
     }
 
@@ -202,13 +201,12 @@ impl Adaptation {
     /// to the beginning would tell of nothing but the jump.
     fn keep_moving(&mut self, console: &mut dyn Console) -> Result<(), AdaptError> {
         let status = self.daemon.status(console)?;
-        let reference = self.reference()?;
-        let length_s = if self.is_moving { 2.0 * reference.end_s() } else { self.fly_s()? };
-        let is_over = f64::from(status.at.1.wrapping_sub(self.reference_tick)) > length_s * TICKS_PER_S;
-        if is_over && status.is_running() {
+        if status.at.1 > self.moves_until && status.is_running() {
+            let reference = self.reference()?;
             let file = self.out.join("back-and-forth.csv");
             atomic_file::write(&file, back_and_forth(&reference).as_bytes())?;
-            self.begin_reference(&file, Asking::Silently, console)?;
+            let (_, start) = self.begin_reference(&file, Asking::Silently, console)?;
+            self.moves_until = start.wrapping_add((2.0 * reference.end_s() * TICKS_PER_S) as u32);
         }
         Ok(())
     }

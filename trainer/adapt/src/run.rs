@@ -56,10 +56,8 @@ pub struct Adaptation {
     pub(crate) daemon: Daemon,
     pub(crate) folders: DaemonFolders,
     pub(crate) rig: Box<dyn Pausable>,
-    /// Tick at which the reference was begun last.
-    pub(crate) reference_tick: u32,
-    /// Whether it is the one that goes back and forth.
-    pub(crate) is_moving: bool,
+    /// Tick at which the reference that was begun last is over.
+    pub(crate) moves_until: u32,
 }
 
 impl Adaptation {
@@ -95,7 +93,7 @@ impl Adaptation {
         let config = journal.settings.config.clone();
         let folders = DaemonFolders::read(&config)?;
         let daemon = Daemon { programs, config };
-        Ok(Adaptation { out: out.to_owned(), journal, daemon, folders, rig, reference_tick: 0, is_moving: false })
+        Ok(Adaptation { out: out.to_owned(), journal, daemon, folders, rig, moves_until: 0 })
     }
 
     /// All steps; model and policy are as they were where one fails.

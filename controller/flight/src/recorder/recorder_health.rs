@@ -1,4 +1,4 @@
-//! How the recorder is doing, for everybody but its thread.
+//! The recorder's health, for everybody but its thread.
 
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
@@ -6,17 +6,17 @@ use std::time::Duration;
 
 use crate::writing::State;
 
-/// How long a disk may work on one thing before it counts as stalled.
+/// Time that a disk may work on one thing before it counts as stalled.
 const STALLED: Duration = Duration::from_secs(1);
 
-/// How the recorder is doing; may be asked from any thread, and cloned.
+/// The recorder's health; may be asked from any thread, and cloned.
 #[derive(Debug, Clone)]
 pub struct RecorderHealth {
     pub(super) state: Arc<State>,
 }
 
 impl RecorderHealth {
-    /// Whether everything so far could be written.
+    /// Says whether everything so far could be written.
     ///
     /// # Real-time
     /// May run in the tick: one atomic load.
@@ -24,7 +24,7 @@ impl RecorderHealth {
         !self.state.failed.load(Ordering::Acquire)
     }
 
-    /// What is wrong now, one line.
+    /// The present problem, in one line.
     ///
     /// # Real-time
     /// Not in the tick: it copies a text.
@@ -43,7 +43,7 @@ impl RecorderHealth {
             .or_else(|| self.stalled().map(|time| format!("the disk has not answered for {:.1} s", time.as_secs_f64())))
     }
 
-    /// How long the disk has not answered, where that is longer than a second.
+    /// Time for which the disk has not answered, where that is longer than a second.
     pub fn stalled(&self) -> Option<Duration> {
         Some(self.state.stalled()).filter(|time| *time > STALLED)
     }
