@@ -98,6 +98,19 @@ impl Direction {
         self.drive
     }
 
+    /// Moves within the play by so many half widths while the plan stands, and answers how much of it there was room for. It
+    /// stays there until the plan moves again.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn shift_within_play(&mut self, half_widths: f64) -> f64 {
+        let moved = (self.blended + half_widths).clamp(-1.0, 1.0) - self.blended;
+        self.blended += moved;
+        self.drive += moved;
+        self.way = self.blended;
+        moved
+    }
+
     /// Takes in the duty planned for this tick and answers the direction, −1 (falling) … 1 (rising).
     ///
     /// # Real-time
@@ -105,7 +118,8 @@ impl Direction {
     pub fn follow(&mut self, planned: f64) -> f64 {
         let extreme = *self.extreme.get_or_insert(planned);
         let moved = planned - extreme;
-        if moved * self.way > 0.0 {
+        // Within the play it is not engaged either way: going on is a way to be taken as well.
+        if moved * self.way > 0.0 && self.way.abs() >= 1.0 {
             self.extreme = Some(planned);
         } else if moved.abs() > REVERSAL_DUTY {
             self.way = moved.signum();

@@ -87,8 +87,8 @@ struct Pending {
     reachable: bool,
     /// Proportional part in duty.
     proportional: f64,
-    /// Whether the channel rests on a hold, and nothing integrates.
-    resting: bool,
+    /// How the channel stands to its goal; at rest nothing integrates.
+    hold: Hold,
 }
 
 /// The fallback controller.
@@ -233,8 +233,7 @@ impl Fallback {
                 self.play[c].learn(direction, VENT_SIGN[c] * error_kpa);
             }
             let proportional = parts[c].proportional;
-            let resting = holds[c] == Hold::Resting;
-            self.pending[c] = Pending { error_kpa, raw, reachable, proportional, resting };
+            self.pending[c] = Pending { error_kpa, raw, reachable, proportional, hold: holds[c] };
         }
         let trajectory = self.trajectory(situation, &parts);
         self.foresight.advance(situation);
@@ -297,17 +296,30 @@ impl Fallback {
     pub fn applied(&mut self, duty: Pair) {
         for (c, (pending, applied)) in self.pending.into_iter().zip(duty).enumerate() {
             if pending.reachable {
-                let error_kpa = if pending.resting { 0.0 } else { pending.error_kpa };
+                let (resting, before) = (pending.hold == Hold::Resting, self.integral.duty()[c]);
+                let error_kpa = if resting { 0.0 } else { pending.error_kpa };
                 let wound = unheld(pending.raw, applied, self.sent[c]);
                 self.integral.update(c, error_kpa, wound, applied);
                 // Not at a limit, where nothing that is added acts.
                 let near = pending.error_kpa.abs() < self.settings.reset_gate_kpa[c] && applied == pending.raw;
-                if near && !pending.resting {
+                if near && !resting {
                     self.integral.shift(c, pending.proportional / self.settings.reset_time_s * TICK_S);
+                }
+                if pending.hold == Hold::Standing {
+                    self.put_into_play(c, self.integral.duty()[c] - before);
                 }
             }
         }
         self.sent = duty.map(Some);
+    }
+
+    /// Takes what the integral did while the pressure stood for a way within the play, where the rig file states one. The command stays as it is; when the goal moves on, the whole way to the side that it needs is known.
+    fn put_into_play(&mut self, channel: usize, duty: f64) {
+        let half_width = self.play[channel].half_width();
+        if self.is_known[channel] && half_width > ROUNDING_DUTY {
+            let taken = self.directions[channel].shift_within_play(duty / half_width);
+            self.integral.shift(channel, -taken * half_width);
+        }
     }
 
     /// The half width of play that was learned for each valve, in duty.

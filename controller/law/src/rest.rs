@@ -17,16 +17,22 @@ const BAND_KPA: Pair = [0.04, 0.004];
 const LEAVES_BANDS: f64 = 2.0;
 /// Time constant of the mean error in seconds. Derived: the noise of a reading (0.06 and 0.006 kPa) is a third of a band in it.
 const MEAN_S: f64 = 0.25;
+/// Time constant in seconds of the slower mean, by which a pressure is seen to stand. Chosen: long beside [`MEAN_S`], and short beside the
+/// half minute in which an integral crosses a play.
+const STANDS_S: f64 = 1.0;
 /// How long a goal has stood still before it counts as a hold, in ticks (chosen: the loop settles in about a second).
 const STILL_TICKS: u32 = 50;
 
 /// How a channel stands to its goal.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Hold {
     /// The goal moves, or has not stood still for long.
+    #[default]
     Moving,
     /// The goal stands, and the channel is on its way there.
     Settling,
+    /// The goal stands and the pressure does, off its goal: the flapper stands in its play, whatever the duty does.
+    Standing,
     /// At rest on the goal.
     Resting,
 }
@@ -37,6 +43,7 @@ pub struct Rest {
     goal_kpa: Pair,
     still_ticks: u32,
     mean_kpa: Pair,
+    slow_mean_kpa: Pair,
     resting: [bool; CHANNELS],
 }
 
@@ -54,12 +61,15 @@ impl Rest {
         for c in 0..CHANNELS {
             let error_kpa = now[c] - situation.undelayed_kpa[c];
             self.mean_kpa[c] += (error_kpa - self.mean_kpa[c]) * TICK_S / MEAN_S;
+            self.slow_mean_kpa[c] += (error_kpa - self.slow_mean_kpa[c]) * TICK_S / STANDS_S;
             let bands = if self.resting[c] { LEAVES_BANDS } else { 1.0 };
             self.resting[c] = self.still_ticks >= STILL_TICKS && self.mean_kpa[c].abs() < bands * BAND_KPA[c];
         }
         std::array::from_fn(|c| match self.still_ticks >= STILL_TICKS {
             false => Hold::Moving,
             true if self.resting[c] => Hold::Resting,
+            // Three standard deviations of what the readings' noise makes of the difference.
+            true if (self.mean_kpa[c] - self.slow_mean_kpa[c]).abs() < BAND_KPA[c] => Hold::Standing,
             true => Hold::Settling,
         })
     }
