@@ -251,6 +251,23 @@ mod tests {
         assert_eq!(plain.drive(), way);
     }
 
+    /// Half way through the play, nothing is engaged: it stays there while the plan stands, and goes on to either side.
+    #[test]
+    fn within_the_play_both_ways_are_left() {
+        for (planned, side) in [(0.61, 1.0), (0.59, -1.0)] {
+            let mut direction = Direction::default();
+            let mut follow =
+                |direction: &mut Direction, planned: f64| (0..100).map(|_| direction.follow(planned)).last().unwrap();
+            follow(&mut direction, 0.5);
+            follow(&mut direction, 0.6);
+            assert!((direction.shift_within_play(-1.4) + 1.4).abs() < 1e-3);
+            assert!((follow(&mut direction, 0.6) + 0.4).abs() < 1e-3, "a plan that stands moves nothing");
+            assert!((follow(&mut direction, planned) - side).abs() < 1e-3);
+            let room = direction.shift_within_play(5.0 * side);
+            assert!(room.abs() < 1e-3, "{room} beyond the play");
+        }
+    }
+
     #[test]
     fn travel_counts_from_the_last_turn_and_ignores_noise() {
         let mut travel = ReversalTravel::from(0.5);
