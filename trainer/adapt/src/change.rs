@@ -11,6 +11,7 @@ use crate::daemon::FALLBACK;
 use crate::journal::{Before, Verdict};
 use crate::programs::Console;
 use crate::recorded;
+use crate::rig_time::TICKS_PER_S;
 use crate::run::{Adaptation, FALLBACK_ON_MODEL, WITH_MODEL};
 use crate::tracking::Tracking;
 
@@ -20,7 +21,6 @@ const LOOK: Duration = Duration::from_millis(100);
 const STILL: Duration = Duration::from_secs(20);
 /// Time in which a recording must hold what was flown: it is flushed once a second.
 const FLUSHED: Duration = Duration::from_secs(10);
-const TICKS_PER_S: f64 = 50.0;
 /// Shortest run for a figure, in s.
 const SHORTEST_S: f64 = 20.0;
 
@@ -53,7 +53,7 @@ impl Adaptation {
             Tracking::of(&ticks).ok_or_else(|| AdaptError::NotRunning { state: "vented on the way".into() })?;
         let [pos, neg] = tracking.rmse_kpa;
         console.say(&format!("{what}: {pos:.3}/{neg:.3} kPa"));
-        self.note_flown(what, tracking)?;
+        self.note_flown(what, tracking, console)?;
         Ok(tracking)
     }
 
@@ -158,14 +158,14 @@ impl Adaptation {
     }
 
     /// Whether the policy that controlled before passes the daemon's trial on the model that was found: without a minute of the rig.
-    fn is_sound_on_the_model(&self, console: &mut dyn Console) -> Result<bool, AdaptError> {
+    fn is_sound_on_the_model(&mut self, console: &mut dyn Console) -> Result<bool, AdaptError> {
         let policy = self.before_folder().join("policy.onnx");
         if !policy.exists() {
             return Ok(false);
         }
         let rig = self.journal.found.clone().unwrap_or_default().join("rig.toml");
         let arguments = ["check-policy".as_ref(), policy.as_os_str(), "--rig".as_ref(), rig.as_os_str()];
-        let said = self.daemon.programs.controller(arguments).run(console)?;
+        let said = self.computed(|this, console| this.daemon.programs.controller(arguments).run(console), console)?;
         if said.status != Some(0) {
             console.say(&said.last_line());
         }
@@ -271,11 +271,18 @@ impl Adaptation {
         self.journal.keep(&self.out)?;
         let most = Duration::from_secs(self.journal.settings.verdict_seconds);
         let (began, mut is_asked) = (Instant::now(), false);
+        let published = self.moment(console)?;
         let verdict = loop {
             let (state, why) = self.daemon.policy(&name, console)?;
             match state.as_str() {
-                "active" | "refused" => break Verdict { state, why },
+                "active" | "refused" => {
+                    if !is_asked {
+                        self.examined_since(&published, console)?;
+                    }
+                    break Verdict { state, why };
+                }
                 "passed" if !is_asked => {
+                    self.examined_since(&published, console)?;
                     self.daemon.tell(&["swap", &name], console)?;
                     is_asked = true;
                 }

@@ -32,6 +32,9 @@ pub struct Flown {
     pub what: String,
     /// Figures.
     pub tracking: Tracking,
+    /// Minutes of the rig from the beginning until it was over.
+    #[serde(default)]
+    pub rig_minutes: f64,
 }
 
 /// What the daemon made of the policy.
@@ -75,6 +78,12 @@ pub struct Journal {
     pub kept: Option<String>,
     /// Ticks of the rig that were used.
     pub ticks: u64,
+    /// Those of them that passed while this machine computed, or in lockstep beyond what real time has.
+    #[serde(default)]
+    pub unused_ticks: u64,
+    /// Seconds that this machine computed meanwhile.
+    #[serde(default)]
+    pub computed_s: f64,
     /// Commands that the safety filter changed meanwhile.
     pub interventions: Option<u64>,
 }
@@ -97,6 +106,8 @@ impl Journal {
             flown: Vec::new(),
             kept: None,
             ticks: 0,
+            unused_ticks: 0,
+            computed_s: 0.0,
             interventions: None,
         }
     }

@@ -12,6 +12,7 @@
 //! | [`run`] | the steps |
 //! | `change` | those that ask the daemon for something, wait, and put back |
 //! | `optimum` | what any controller must leave on the model, and whether there is anything to learn |
+//! | [`rig_time`] | how much of the rig's time it takes |
 //! | [`outcome`] | what came out: text, JSON, page |
 //! | [`rehearsal`] | a concealed rig and a daemon on this machine |
 //!
@@ -28,6 +29,7 @@ pub mod outcome;
 pub mod programs;
 pub mod recorded;
 pub mod rehearsal;
+pub mod rig_time;
 pub mod run;
 pub mod settings;
 pub mod tracking;

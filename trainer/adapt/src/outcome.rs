@@ -9,9 +9,8 @@ use serde::Serialize;
 
 use crate::AdaptError;
 use crate::journal::{Flown, Journal};
+use crate::rig_time::TICKS_PER_MIN;
 use crate::tracking::Tracking;
-
-const TICKS_PER_MIN: f64 = 3000.0;
 
 /// What came of it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -36,8 +35,10 @@ pub struct Outcome {
     pub policy: Option<String>,
     /// Experiments that were played.
     pub experiments: usize,
-    /// Minutes of the rig from the beginning to the end.
+    /// Minutes of the rig that were used, from the beginning to the end; computing is not among them.
     pub rig_minutes: f64,
+    /// Minutes that this machine computed.
+    pub computing_minutes: f64,
     /// Highest positive and lowest negative pressure in the runs, in kPa gauge.
     pub extremes_kpa: [f64; 2],
     /// Commands that the safety filter changed meanwhile; nothing where the daemon does not say.
@@ -88,7 +89,8 @@ impl Outcome {
             model: journal.model_line.clone(),
             policy,
             experiments: journal.experiments.len(),
-            rig_minutes: journal.ticks as f64 / TICKS_PER_MIN,
+            rig_minutes: journal.ticks.saturating_sub(journal.unused_ticks) as f64 / TICKS_PER_MIN,
+            computing_minutes: journal.computed_s / 60.0,
             extremes_kpa: [extremes(0, f64::max, f64::MIN), extremes(1, f64::min, f64::MAX)],
             interventions: journal.interventions,
             concealed: None,
@@ -120,7 +122,7 @@ impl Outcome {
             text += &format!("policy:  {policy}\n");
         }
         text += &format!("\n{:<24} {:>14} {:>14}\n", "RMSE after 5 s", "positive kPa", "negative kPa");
-        for Flown { what, tracking } in &self.flown {
+        for Flown { what, tracking, .. } in &self.flown {
             let [pos, neg] = tracking.rmse_kpa;
             text += &format!("{what:<24} {pos:>14.3} {neg:>14.3}\n");
         }
@@ -135,9 +137,10 @@ impl Outcome {
         }
         let [pos, neg] = self.extremes_kpa;
         text += &format!(
-            "\nkept: {}; {:.1} min of the rig, {} experiments; worst pressures {pos:.1}/{neg:.1} kPa; commands bent by the safety filter: {}\n",
+            "\nkept: {}; {:.1} min of the rig and {:.1} min of computing, {} experiments; worst pressures {pos:.1}/{neg:.1} kPa; commands bent by the safety filter: {}\n",
             self.kept,
             self.rig_minutes,
+            self.computing_minutes,
             self.experiments,
             self.interventions.map_or_else(|| "not known".to_owned(), |n| n.to_string()),
         );
@@ -153,14 +156,15 @@ impl Outcome {
         let mut page = Report::new("Adaptation to a rig").subtitle(&format!("kept: {}", self.kept)).summary([
             KeyFigure::new("RMSE before", &pair(before)).note("positive / negative"),
             KeyFigure::new("RMSE as kept", &pair(after)).note("positive / negative"),
-            KeyFigure::new("Rig time", &format!("{:.1} min", self.rig_minutes)),
+            KeyFigure::new("Rig time", &format!("{:.1} min", self.rig_minutes))
+                .note(&format!("and {:.1} min of computing", self.computing_minutes)),
         ]);
         page = page.heading("What was missing").text(&self.missing).list(self.learned.clone());
         if let Some(concealed) = &self.concealed {
             page = page.heading("What had been concealed").list(concealed.clone());
         }
         let mut table = Table::new(["run", "positive kPa", "negative kPa", "noise positive", "noise negative"]);
-        for Flown { what, tracking: t } in &self.flown {
+        for Flown { what, tracking: t, .. } in &self.flown {
             let numbers = [t.rmse_kpa[0], t.rmse_kpa[1], t.noise_kpa[0], t.noise_kpa[1]];
             table.push(std::iter::once(what.clone()).chain(numbers.map(|n| format!("{n:.3}"))));
         }

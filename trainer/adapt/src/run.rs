@@ -310,18 +310,6 @@ impl Adaptation {
         Ok(())
     }
 
-    /// Does what this machine's processors are needed for, while a rig that can stands still.
-    pub(crate) fn computed<T>(
-        &mut self,
-        work: impl FnOnce(&Self, &mut dyn Console) -> Result<T, AdaptError>,
-        console: &mut dyn Console,
-    ) -> Result<T, AdaptError> {
-        self.rig.pause();
-        let done = work(self, console);
-        self.rig.go_on();
-        done
-    }
-
     /// Whether the rig may be driven by an experiment: as the command line says, or as the operator answers, once.
     fn may_experiment(&mut self, console: &mut dyn Console) -> Result<bool, AdaptError> {
         if let Some(allowed) = self.journal.experiment_allowed {
@@ -346,7 +334,9 @@ impl Adaptation {
             return Ok(());
         }
         let rig = self.journal.found.clone().unwrap_or_default().join("rig.toml");
+        let asked = self.moment(console)?;
         let said = self.daemon.tell(&["model", &rig.to_string_lossy()], console)?;
+        self.examined_since(&asked, console)?;
         let line = said.last_line();
         console.say(&line);
         self.journal.model_line = Some(line);
@@ -363,8 +353,14 @@ impl Adaptation {
         self.journal.keep(&self.out)
     }
 
-    pub(crate) fn note_flown(&mut self, what: &str, tracking: Tracking) -> Result<(), AdaptError> {
-        self.journal.flown.push(Flown { what: what.to_owned(), tracking });
+    pub(crate) fn note_flown(
+        &mut self,
+        what: &str,
+        tracking: Tracking,
+        console: &mut dyn Console,
+    ) -> Result<(), AdaptError> {
+        let rig_minutes = self.rig_minutes(console)?;
+        self.journal.flown.push(Flown { what: what.to_owned(), tracking, rig_minutes });
         self.journal.keep(&self.out)
     }
 }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::AdaptError;
+use crate::rig_time::Pacing;
 
 /// Whether the rig may be driven by a designed experiment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -82,13 +83,15 @@ impl AdaptSettings {
     }
 }
 
-/// Folders that a daemon's configuration names.
+/// What of a daemon's configuration an adaptation needs: its folders, and how its ticks pass.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DaemonFolders {
     /// Where it records.
     pub recordings: PathBuf,
     /// Where policies are published.
     pub policies: PathBuf,
+    /// What its ticks wait for.
+    pub pacing: Pacing,
 }
 
 impl DaemonFolders {
@@ -105,7 +108,12 @@ impl DaemonFolders {
             let value = table.get(table_name).and_then(|table| table.get("directory")).and_then(|value| value.as_str());
             base.join(value.unwrap_or(default))
         };
-        Ok(DaemonFolders { recordings: folder("record", "recordings"), policies: folder("policy", "policies") })
+        let pacing = table.get("link").and_then(|link| link.get("pacing")).and_then(|pacing| pacing.as_str());
+        Ok(DaemonFolders {
+            recordings: folder("record", "recordings"),
+            policies: folder("policy", "policies"),
+            pacing: if pacing == Some("lockstep") { Pacing::Lockstep } else { Pacing::RealTime },
+        })
     }
 }
 
@@ -120,6 +128,7 @@ mod tests {
         let config = folder.join("c.toml");
         std::fs::write(&config, "[link]\naddress = \"a:1\"\n[record]\ndirectory = \"/var/r\"\n").unwrap();
         let folders = DaemonFolders::read(&config).unwrap();
+        assert_eq!(folders.pacing, Pacing::RealTime);
         assert_eq!((folders.recordings, folders.policies), (PathBuf::from("/var/r"), folder.join("policies")));
         std::fs::remove_dir_all(folder).unwrap();
     }

@@ -4,7 +4,7 @@ use law::{ControlInput, ControlOutput, Fallback, PolicyLaw, SoftStart, TICK_S};
 use model::observation::{ACTION_LEN, AHEAD, ActionTrajectory, CHANNELS, CORRECTION_OBSERVATION_LEN, Pair};
 use model::predict::{DualPressureRig, Predictor};
 use model::rig::Rig;
-use proto::emulator::Sensors;
+use proto::emulator::{EmulatedPlant, Sensors};
 use proto::reference::Reference;
 
 use crate::{EnvironmentError, sensor_scales};
@@ -122,8 +122,21 @@ pub fn fly_while(
     controller: &mut impl Controller,
     goes_on: &mut dyn FnMut() -> bool,
 ) -> Result<Option<Flown>, EnvironmentError> {
-    let scales = sensor_scales(plan.rig)?;
     let mut plant = DualPressureRig::new(plan.rig).map_err(EnvironmentError::rig(plan.rig))?;
+    fly_plant(plan, &mut plant, controller, goes_on)
+}
+
+/// As [`fly_while`], with a plant that may be another one than `plan.rig`, of which the sensors' scales are taken.
+///
+/// # Errors
+/// As [`fly`].
+pub fn fly_plant(
+    plan: &FlightPlan<'_>,
+    plant: &mut dyn EmulatedPlant,
+    controller: &mut impl Controller,
+    goes_on: &mut dyn FnMut() -> bool,
+) -> Result<Option<Flown>, EnvironmentError> {
+    let scales = sensor_scales(plan.rig)?;
     let mut predictor = match plan.model {
         Some(model) => Some(Predictor::new(model).map_err(EnvironmentError::rig(model))?),
         None => None,
@@ -137,7 +150,7 @@ pub fn fly_while(
         if !goes_on() {
             return Ok(None);
         }
-        let true_kpa = plant.readings_kpa();
+        let true_kpa = plant.pressures_gauge_kpa();
         let volts = sensors.sample(true_kpa, [&[], &[]]);
         let measured_kpa: Pair = std::array::from_fn(|c| scales[c].gauge_kpa(f64::from(volts[c])));
         if approach.is_none() {

@@ -1,0 +1,361 @@
+//! The loop on rigs that the programs do not know: `trainer adapt` beside a daemon, and other controllers on the same rigs.
+//!
+//! `loop_table RIG [RIG…] --out DIR [--programs DIR] [--seeds N] [--table]`: `RIG` is `bench`, `drawn:N` (the Nth of 20 rigs around
+//! `bench`, as in `trainer evaluate`) or `hidden:SEED:N` (the Nth rig of another maker from suite `SEED` of `hidden_rig` that conceals
+//! something and reaches the paper's reference). Each runs behind the emulated cRIO in lockstep, ten times as fast as in real time
+//! at most; the daemon begins with the shipped policy on the nominal model. What is there is not done again. `DIR/table.md` has a line
+//! a rig; `--table` only writes that anew.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use environment::closed_loop::{Controller, FlightPlan, fly_plant};
+use environment::{Score, fly};
+use evaluate::rigs_around::rigs_around;
+use evaluate::{Dob, Mpc, OptimalOpenLoop, TickTimes};
+use hidden_rig::case;
+use hidden_rig::suite::Suite;
+use hidden_rig::truth::Class;
+use law::{Fallback, FallbackSettings};
+use model::rig::Rig;
+use model::steady::SteadyMap;
+use proto::emulator::{CrioConfig, EmulatedPlant, Emulator, EmulatorConfig, Pace, Sensors, rig_and_crio};
+use proto::reference::Reference;
+use serde_json::{Value, json};
+use tests::hidden_plant::HiddenPlant;
+
+/// Seed of the rigs around `bench` in `trainer evaluate`.
+const DRAWN_SEED: u64 = 2026;
+/// How many there are.
+const DRAWN: usize = 20;
+/// Length of a run in s.
+const SECONDS: f64 = 60.0;
+/// Runs of a reference that iterative learning has had when it counts.
+const REPEATED: usize = 20;
+/// Least time of a tick behind the daemon: a tenth of real time, so that what computes beside it gets the processors.
+const LEAST_TICK: Duration = Duration::from_millis(2);
+/// Time in which the daemon must control.
+const READY: Duration = Duration::from_secs(60);
+
+/// A rig of the table.
+enum UnknownRig {
+    /// One of our own physics.
+    Ours(Box<Rig>),
+    /// One of another maker.
+    Hidden(Box<hidden_rig::run::Rig>, Vec<String>),
+}
+
+impl UnknownRig {
+    fn of(name: &str) -> Self {
+        let parts: Vec<&str> = name.split(':').collect();
+        let number = |text: &str| text.parse::<usize>().unwrap_or_else(|_| panic!("{name}: {text} is no number"));
+        match parts.as_slice() {
+            ["bench"] => UnknownRig::Ours(Box::new(Rig::builtin("bench").unwrap())),
+            ["drawn", n] => {
+                let mut rigs = rigs_around(&Rig::builtin("bench").unwrap(), DRAWN, DRAWN_SEED).unwrap();
+                UnknownRig::Ours(Box::new(rigs.swap_remove(number(n) - 1)))
+            }
+            ["hidden", seed, n] => hidden(number(seed) as u64, number(n)),
+            _ => panic!("{name}: bench, drawn:N or hidden:SEED:N"),
+        }
+    }
+
+    fn plant(&self) -> Box<dyn EmulatedPlant> {
+        match self {
+            UnknownRig::Ours(rig) => Box::new(rig_and_crio(rig).unwrap().0),
+            UnknownRig::Hidden(rig, _) => Box::new(HiddenPlant::at_rest((**rig).clone())),
+        }
+    }
+
+    fn crio(&self) -> CrioConfig {
+        match self {
+            UnknownRig::Ours(rig) => rig_and_crio(rig).unwrap().1,
+            UnknownRig::Hidden(..) => CrioConfig::default(),
+        }
+    }
+
+    fn conceals(&self) -> Vec<String> {
+        match self {
+            UnknownRig::Ours(rig) => {
+                rig.mechanisms.iter().map(|m| format!("{} {}", m.mechanism.id(), m.component)).collect()
+            }
+            UnknownRig::Hidden(_, effects) => effects.clone(),
+        }
+    }
+}
+
+/// The Nth case of a suite that conceals effects of the library on a rig that reaches the paper's reference.
+fn hidden(seed: u64, n: usize) -> UnknownRig {
+    let reference = Reference::paper();
+    let rows = (0..=(SECONDS * 50.0) as usize).map(|k| reference.at(k as f64 / 50.0));
+    let needs: Vec<[f64; 2]> = rows.collect();
+    let reaches =
+        |range: &[[f64; 2]; 2]| needs.iter().all(|goal| (0..2).all(|c| range[c][0] < goal[c] && goal[c] < range[c][1]));
+    let conceals = |class: Class| matches!(class, Class::Single | Class::Pair | Class::Triple);
+    Suite::Full
+        .plans(seed)
+        .into_iter()
+        .filter(|plan| conceals(plan.class))
+        .filter_map(|plan| Some(case::make(&plan, &case::Making::QUICK).ok()?.truth))
+        .filter(|truth| reaches(&truth.range.pressure_kpa))
+        .nth(n - 1)
+        .map(|truth| {
+            let effects = truth.truth.iter().map(|planted| format!("{:?} {:?}", planted.effect, planted.place));
+            UnknownRig::Hidden(Box::new(truth.rig()), effects.collect())
+        })
+        .unwrap_or_else(|| panic!("suite {seed} has no {n} such rigs"))
+}
+
+/// A plant whose ticks take a least time.
+struct Unhurried(Box<dyn EmulatedPlant>, Instant);
+
+impl EmulatedPlant for Unhurried {
+    fn tick(&mut self, duty: [f64; 2], pump_on: bool) {
+        self.0.tick(duty, pump_on);
+        std::thread::sleep(LEAST_TICK.saturating_sub(self.1.elapsed()));
+        self.1 = Instant::now();
+    }
+
+    fn pressures_gauge_kpa(&self) -> [f64; 2] {
+        self.0.pressures_gauge_kpa()
+    }
+}
+
+/// A child that ends with its handle.
+struct Ends(Child);
+
+impl Drop for Ends {
+    fn drop(&mut self) {
+        let pid = rustix::process::Pid::from_raw(self.0.id().cast_signed()).unwrap();
+        let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);
+        let until = Instant::now() + Duration::from_secs(10);
+        while Instant::now() < until && matches!(self.0.try_wait(), Ok(None)) {
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// `trainer adapt` beside a daemon that controls the rig.
+fn adapt(rig: &UnknownRig, folder: &Path, programs: &Path) {
+    let config = EmulatorConfig { crio: rig.crio(), pace: Pace::LOCKSTEP, seed: 1, ..EmulatorConfig::default() };
+    let plant = Unhurried(rig.plant(), Instant::now());
+    let emulator = Emulator::bind("127.0.0.1:0", config, Box::new(plant)).unwrap();
+    let text = format!(
+        "[link]\naddress = \"{}\"\npacing = \"lockstep\"\n[record]\ndirectory = \"recordings\"\nmin_free_mib = 16\n[control]\n\
+         socket = \"s\"\nauto_arm = true\n[realtime]\nenforce = false\n",
+        emulator.local_addr()
+    );
+    let emulator = emulator.start().unwrap();
+    std::fs::write(folder.join("controller.toml"), text).unwrap();
+    let log = |name: &str| std::fs::File::create(folder.join(name)).unwrap();
+    let run = |program: &str, arguments: &[&str]| {
+        let mut command = Command::new(programs.join(program));
+        command.args(arguments).current_dir(folder).stdin(Stdio::null());
+        command
+    };
+    let daemon = run("controller", &["run", "--config", "controller.toml"])
+        .stdout(Stdio::null())
+        .stderr(log("daemon.log"))
+        .spawn()
+        .unwrap();
+    let daemon = Ends(daemon);
+    let until = Instant::now() + READY;
+    let controls = || {
+        let said = run("controller", &["status", "--json", "--config", "controller.toml"]).output().unwrap();
+        let said: Value = serde_json::from_slice(&said.stdout).unwrap_or_default();
+        said["state"] == "run"
+    };
+    while !controls() {
+        assert!(Instant::now() < until, "the daemon does not control: {}", folder.join("daemon.log").display());
+        std::thread::sleep(Duration::from_millis(200));
+    }
+    let arguments = ["adapt", "--config", "controller.toml", "--out", "adapt", "--allow-experiment", "--controller"];
+    let controller = programs.join("controller").display().to_string();
+    let arguments: Vec<&str> = arguments.into_iter().chain([controller.as_str()]).collect();
+    let status = run("trainer", &arguments).stdout(log("adapt.log")).stderr(log("adapt.err")).status().unwrap();
+    println!("adapt ended with {:?}", status.code());
+    drop(daemon);
+    emulator.stop();
+    let _ = emulator.join();
+}
+
+/// One controller, once for each seed: RMSE of the readings in kPa, mean over the seeds.
+fn flown<C: Controller>(
+    rig: &UnknownRig,
+    told: &Rig,
+    seeds: u64,
+    runs: usize,
+    mut controller: impl FnMut() -> C,
+) -> [f64; 2] {
+    let nominal = Rig::builtin("dual_pressure").unwrap();
+    let late = |m: &model::rig::MechanismInstance| {
+        use model::mechanism::Mechanism;
+        m.enabled && matches!(m.mechanism, Mechanism::SensorLag(_) | Mechanism::ResidualResponse(_))
+    };
+    let mut sums = [0.0; 2];
+    for seed in 1..=seeds {
+        let mut controller = controller();
+        for run in 1..=runs {
+            let plan = FlightPlan {
+                // The cRIO's sensors are the paper's on all of these rigs.
+                rig: &nominal,
+                model: told.mechanisms.iter().any(late).then_some(told),
+                reference: &Reference::paper(),
+                seconds: SECONDS,
+                noise_v_rms: Sensors::ADC_NOISE_V_RMS,
+                seed: seed + 1000 * (runs - run) as u64,
+            };
+            let flight = fly_plant(&plan, &mut *rig.plant(), &mut controller, &mut || true).unwrap().unwrap();
+            if run == runs {
+                let score = Score::of(&flight.ticks).rmse_kpa;
+                sums = [sums[0] + score[0], sums[1] + score[1]];
+            }
+        }
+    }
+    sums.map(|sum| sum / seeds as f64)
+}
+
+/// What other controllers leave on the rig: told the nominal model, and told what `adapt` found.
+fn others(rig: &UnknownRig, found: &Rig, seeds: u64) -> Value {
+    let nominal = Rig::builtin("dual_pressure").unwrap();
+    let map = |rig: &Rig| Arc::new(SteadyMap::new(rig).unwrap());
+    let fallback = |told: &Rig| {
+        let map = map(told);
+        flown(rig, told, seeds, 1, || Fallback::new(Arc::clone(&map), FallbackSettings::default()))
+    };
+    let times = Arc::new(TickTimes::default());
+    let mpc = |told: &Rig| {
+        let map = map(told);
+        flown(rig, told, seeds, 1, || Mpc::new(&map, Arc::clone(&times)))
+    };
+    let dob = Dob::tuned(&map(&nominal), &nominal, Sensors::ADC_NOISE_V_RMS).unwrap();
+    let learned = map(found);
+    let repeated = flown(rig, found, 1, REPEATED, || {
+        let mut fallback = Fallback::new(Arc::clone(&learned), FallbackSettings::default());
+        fallback.learn_repetitions();
+        fallback
+    });
+    json!({
+        "fallback": fallback(&nominal), "fallback, found": fallback(found),
+        "observer": flown(rig, &nominal, seeds, 1, || dob.clone()),
+        "mpc": mpc(&nominal), "mpc, found": mpc(found),
+        "learning, found": repeated,
+        "optimum": optimum(rig),
+    })
+}
+
+/// What any controller must leave, where the rig is known.
+fn optimum(rig: &UnknownRig) -> Option<[f64; 2]> {
+    let UnknownRig::Ours(own) = rig else { return None };
+    let nominal = Rig::builtin("dual_pressure").unwrap();
+    let map = Arc::new(SteadyMap::new(&nominal).unwrap());
+    let mut solved = OptimalOpenLoop::solve(&map, own, &Reference::paper(), SECONDS).unwrap();
+    let plan = FlightPlan {
+        rig: own,
+        model: None,
+        reference: &Reference::paper(),
+        seconds: SECONDS,
+        noise_v_rms: Sensors::ADC_NOISE_V_RMS,
+        seed: 1,
+    };
+    Some(Score::of(&fly(&plan, &mut solved).unwrap().ticks).rmse_kpa)
+}
+
+fn read(path: &Path) -> Option<Value> {
+    serde_json::from_str(&std::fs::read_to_string(path).ok()?).ok()
+}
+
+/// All of a rig that is not there yet.
+fn do_rig(name: &str, out: &Path, programs: &Path, seeds: u64) {
+    let folder = out.join(name.replace(':', "-"));
+    std::fs::create_dir_all(&folder).unwrap();
+    let folder = folder.canonicalize().unwrap();
+    let rig = UnknownRig::of(name);
+    if read(&folder.join("adapt/adapt.json")).is_none() {
+        let began = Instant::now();
+        adapt(&rig, &folder, programs);
+        println!("{name}: adapt took {:.0} s", began.elapsed().as_secs_f64());
+    }
+    if read(&folder.join("others.json")).is_none() {
+        let journal = read(&folder.join("adapt/journal.json")).unwrap_or_default();
+        let found = journal["found"].as_str().map(|found| Path::new(found).join("rig.toml"));
+        let found = found.and_then(|path| proto::rig_file::load(&path.display().to_string()).ok());
+        let mut others = others(&rig, &found.unwrap_or_else(|| Rig::builtin("dual_pressure").unwrap()), seeds);
+        others["conceals"] = json!(rig.conceals());
+        std::fs::write(folder.join("others.json"), format!("{others:#}\n")).unwrap();
+    }
+}
+
+/// `DIR/table.md` of all that is there.
+fn table(out: &Path) {
+    let mut folders: Vec<PathBuf> = std::fs::read_dir(out).unwrap().map(|entry| entry.unwrap().path()).collect();
+    folders.sort();
+    let pair = |value: &Value| match (value[0].as_f64(), value[1].as_f64()) {
+        (Some(pos), Some(neg)) => format!("{pos:.3}/{neg:.3}"),
+        _ => "–".to_owned(),
+    };
+    let mut text = String::from(
+        "| rig | fallback | observer | NMPC | shipped policy | NMPC, found | learning, found | adapt: fallback | adapt: shipped policy | adapt: trained | kept | optimum (rig; found) | min | worst kPa |\n\
+         | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
+    );
+    for folder in folders.iter().filter(|folder| folder.is_dir()) {
+        let adapt = read(&folder.join("adapt/adapt.json")).unwrap_or_default();
+        let others = read(&folder.join("others.json")).unwrap_or_default();
+        let flown = |what: &str| {
+            let all = adapt["flown"].as_array().cloned().unwrap_or_default();
+            pair(&all.iter().find(|flown| flown["what"] == what).cloned().unwrap_or_default()["tracking"]["rmse_kpa"])
+        };
+        let name = folder.file_name().unwrap().to_string_lossy();
+        writeln!(
+            text,
+            "| {name} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {}; {} | {:.1} | {} |",
+            pair(&others["fallback"]),
+            pair(&others["observer"]),
+            pair(&others["mpc"]),
+            flown("before"),
+            pair(&others["mpc, found"]),
+            pair(&others["learning, found"]),
+            flown("fallback on the model"),
+            flown("with the model"),
+            flown("with the policy"),
+            adapt["kept"].as_str().unwrap_or("failed"),
+            pair(&others["optimum"]),
+            pair(&adapt["optimum_kpa"]),
+            adapt["rig_minutes"].as_f64().unwrap_or(f64::NAN),
+            pair(&adapt["extremes_kpa"]),
+        )
+        .unwrap();
+    }
+    std::fs::write(out.join("table.md"), &text).unwrap();
+    println!("{text}");
+}
+
+fn main() {
+    let mut arguments = std::env::args().skip(1);
+    let (mut rigs, mut out, mut programs, mut seeds, mut only_table) = (Vec::new(), None, None, 3, false);
+    while let Some(argument) = arguments.next() {
+        let mut value = || arguments.next().unwrap_or_else(|| panic!("{argument} needs a value"));
+        match argument.as_str() {
+            "--out" => out = Some(PathBuf::from(value())),
+            "--programs" => programs = Some(PathBuf::from(value()).canonicalize().unwrap()),
+            "--seeds" => seeds = value().parse().expect("a number of seeds"),
+            "--table" => only_table = true,
+            _ => rigs.push(argument),
+        }
+    }
+    let out = out.unwrap_or_else(|| panic!("loop_table RIG [RIG…] --out DIR [--programs DIR] [--seeds N] [--table]"));
+    std::fs::create_dir_all(&out).unwrap();
+    if !only_table {
+        let programs = programs.unwrap_or_else(|| tests::program("controller").parent().unwrap().to_owned());
+        for rig in &rigs {
+            do_rig(rig, &out, &programs, seeds);
+        }
+    }
+    table(&out);
+}
