@@ -256,7 +256,7 @@ mod tests {
     fn within_the_play_both_ways_are_left() {
         for (planned, side) in [(0.61, 1.0), (0.59, -1.0)] {
             let mut direction = Direction::default();
-            let mut follow =
+            let follow =
                 |direction: &mut Direction, planned: f64| (0..100).map(|_| direction.follow(planned)).last().unwrap();
             follow(&mut direction, 0.5);
             follow(&mut direction, 0.6);
