@@ -284,7 +284,8 @@ fn do_rig(name: &str, out: &Path, programs: &Path, seeds: u64) {
     }
     if read(&folder.join("others.json")).is_none() {
         let journal = read(&folder.join("adapt/journal.json")).unwrap_or_default();
-        let found = journal["found"].as_str().map(|found| Path::new(found).join("rig.toml"));
+        // As the journal names it, from where `adapt` ran.
+        let found = journal["found"].as_str().map(|found| folder.join(found).join("rig.toml"));
         let found = found.and_then(|path| proto::rig_file::load(&path.display().to_string()).ok());
         let mut others = others(&rig, &found.unwrap_or_else(|| Rig::builtin("dual_pressure").unwrap()), seeds);
         others["conceals"] = json!(rig.conceals());
