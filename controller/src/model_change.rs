@@ -6,7 +6,7 @@
 
 use std::collections::VecDeque;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use admission::model_comparison::{Sample, compare, warmed};
@@ -96,12 +96,18 @@ pub struct ModelInForce {
     pub followed: u64,
 }
 
+/// The model in force, and the one before it, to which an operator may always go back.
+struct Models {
+    rig: Rig,
+    before: Option<Rig>,
+}
+
 /// The operators' end.
 #[derive(Clone)]
 pub struct ModelDesk {
     shared: Arc<Shared>,
-    /// The model in force; held for a moment only, also by those who answer operators.
-    rig: Arc<Mutex<Rig>>,
+    /// Held for a moment only, also by those who answer operators.
+    models: Arc<Mutex<Models>>,
     /// Samples that were taken off the tick's queue; held for as long as a change takes.
     samples: Arc<Mutex<VecDeque<Numbered>>>,
 }
@@ -110,8 +116,8 @@ pub struct ModelDesk {
 pub fn ends(rig: &Rig) -> (ModelTickEnd, ModelDesk) {
     let shared =
         Arc::new(Shared { next: ArrayQueue::new(1), retired: ArrayQueue::new(4), samples: ArrayQueue::new(SAMPLES) });
-    let rig = Arc::new(Mutex::new(rig.clone()));
-    (ModelTickEnd { shared: Arc::clone(&shared), kept: 0 }, ModelDesk { shared, rig, samples: Arc::default() })
+    let models = Arc::new(Mutex::new(Models { rig: rig.clone(), before: None }));
+    (ModelTickEnd { shared: Arc::clone(&shared), kept: 0 }, ModelDesk { shared, models, samples: Arc::default() })
 }
 
 impl ModelTickEnd {
@@ -146,16 +152,20 @@ impl ModelTickEnd {
 impl ModelDesk {
     /// The name of the model in force.
     pub fn name(&self) -> String {
-        self.rig.lock().unwrap_or_else(PoisonError::into_inner).name.clone()
+        self.models().rig.name.clone()
     }
 
     /// The model in force.
     pub fn rig(&self) -> Rig {
-        self.rig.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.models().rig.clone()
     }
 
-    /// Reads a rig file, checks it, compares it, and has the tick put it in while the permit counts. Takes seconds; not for the tick nor for the
-    /// thread that answers other operators.
+    fn models(&self) -> MutexGuard<'_, Models> {
+        self.models.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Reads a rig file, checks it, compares it, and has the tick put it in while the permit counts. One that foresees worse is refused,
+    /// unless it was in force before. Takes seconds; not for the tick nor for the thread that answers other operators.
     ///
     /// # Errors
     /// Why not, one line; nothing has changed then.
@@ -178,17 +188,20 @@ impl ModelDesk {
         let followed = samples.back().map_or(0, |(number, _)| *number);
         let run = newest(&samples, followed);
         let figures = compare(&old, &rig, &run).map_err(unfit)?;
-        if let Some(reason) = figures.as_ref().and_then(|f| f.refusal()) {
+        // What was in force before has been flown, and whoever put another one in its place may find that it controls better.
+        let is_back = self.models().before.as_ref() == Some(&rig);
+        if let Some(reason) = figures.as_ref().and_then(|f| f.refusal()).filter(|_| !is_back) {
             return Err(format!("{name}: {reason}"));
         }
         let change = ModelChange::new(&rig, &run).map_err(unfit)?;
         permit.redeem().map_err(|late| format!("{name}: {late}"))?;
         self.hand_over(change)?;
         let new = rig.name.clone();
-        *self.rig.lock().unwrap_or_else(PoisonError::into_inner) = rig;
+        *self.models() = Models { rig, before: Some(old) };
+        let again = if is_back { " again" } else { "" };
         let line = match figures {
             Some(f) => format!(
-                "model {} is in force; five ticks ahead it errs by {:.3}/{:.3} kPa on the last {:.0} s, the one before by {:.3}/{:.3}",
+                "model {} is in force{again}; five ticks ahead it errs by {:.3}/{:.3} kPa on the last {:.0} s, the one before by {:.3}/{:.3}",
                 new,
                 f.after_kpa[1][0],
                 f.after_kpa[1][1],
@@ -196,7 +209,9 @@ impl ModelDesk {
                 f.before_kpa[1][0],
                 f.before_kpa[1][1]
             ),
-            None => format!("model {} is in force; too little was run to compare it with the one before", new),
+            None => {
+                format!("model {new} is in force{again}; too little was run to compare it with the one before")
+            }
         };
         Ok(ModelInForce { line, toml, followed })
     }

@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 #![allow(clippy::type_complexity)] // tables of cases say their shape where they stand
 
+use model::rig::Rig;
 use proto::emulator::SensorFault;
 use proto::wire::{CrioState, Mode};
 use tests::Stream::Err;
@@ -88,6 +89,25 @@ fn another_model_is_put_in_while_it_flies_and_wrong_sensors_are_caught_with_it()
     }
     assert!(moved < 15.0, "moved by {moved:.1} kPa: {}", scene.daemon.said(Err));
     scene.told("reading and model disagree");
+    scene.end();
+}
+
+/// A model that foresees worse is refused, unless it is the one that was in force before: whoever exchanged it may go back.
+#[test]
+fn the_model_before_may_always_be_had_back_and_no_other_that_foresees_worse() {
+    let mut scene = Scene::under_control("bench");
+    scene.control(900);
+    let mut other = Rig::builtin("dual_pressure").unwrap();
+    other.volumes.values_mut().for_each(|volume| volume.volume_l *= 2.0);
+    let other = scene.folder.write("other.toml", other.to_toml().unwrap());
+    assert_eq!(scene.ask_at_length(&["model", "bench"]).status, Some(0));
+    scene.control(900);
+    let refused = scene.ask_at_length(&["model", &other.to_string_lossy()]);
+    assert!(refused.status == Some(1) && refused.stderr.contains("worse than the model in force"), "{refused:?}");
+    let back = scene.ask_at_length(&["model", "dual_pressure"]);
+    assert!(back.status == Some(0) && back.stdout.contains("dual_pressure is in force again"), "{back:?}");
+    scene.control(100);
+    scene.silent_about("VENTED");
     scene.end();
 }
 
