@@ -129,7 +129,7 @@ fn check_reference(
     Ok(())
 }
 
-/// The policy that ships with the program; docs/training.md says how it was trained.
+/// The policy that ships with the program; docs/training-results.md says how it was trained.
 const SHIPPED_POLICY: &[u8] = include_bytes!("../policies/default.onnx");
 
 /// Loads and checks the policy that ships with the program, as any other.

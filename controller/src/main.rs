@@ -8,6 +8,7 @@ use clap::{CommandFactory, Parser};
 use manual::Explained;
 
 fn main() -> ExitCode {
+    proto::parent_process::end_with_parent();
     let arguments = match cli::Arguments::try_parse() {
         Ok(arguments) => arguments,
         Err(error) => return explain(&error),

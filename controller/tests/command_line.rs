@@ -66,6 +66,27 @@ fn export_makes_tables_of_recordings_and_not_of_tables() {
     assert!(said(&output).contains("no recording of the daemon (MCAP)"), "{}", said(&output));
 }
 
+/// A place that cannot hold the result is refused before a recording is read or a rig is moved.
+#[test]
+fn results_have_a_place_before_the_work() {
+    let table = Scratch::new("place.csv", "time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa\n0,1,1,0,0\n0.02,1,1,0,0\n");
+    let taken = Scratch::new("taken.mcap", "a file");
+    let under = format!("{}/x", taken.path());
+    let config = Scratch::new("place.toml", "[link]\naddress = \"127.0.0.1:1\"\n");
+    let commands = Scratch::new("commands.csv", "time_s,u_pos,u_neg,pump_on\n0,1,1,0\n0.02,1,1,0\n");
+    for (arguments, words) in [
+        (vec!["report", table.path(), "--out", &under], "--out"),
+        (vec!["report", table.path(), "--out", "/proc/none/page.html"], "--out"),
+        (vec!["experiment", commands.path(), "--config", config.path(), "--out", taken.path()], "never written over"),
+        (vec!["experiment", commands.path(), "--config", config.path(), "--out", &under], "--out"),
+    ] {
+        let output = controller(&arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", said(&output));
+        assert!(said(&output).contains(words), "{}", said(&output));
+    }
+    assert_eq!(std::fs::read_to_string(taken.path()).unwrap(), "a file");
+}
+
 #[test]
 fn help_fits_a_terminal_and_wrong_use_is_two_lines() {
     let mut commands = vec![vec!["--help"], vec!["help"]];

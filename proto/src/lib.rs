@@ -5,6 +5,7 @@ pub mod diagnosis;
 pub mod emulator;
 pub mod live_line;
 pub mod output;
+pub mod parent_process;
 pub mod policy_metadata;
 pub mod recording;
 pub mod reference;

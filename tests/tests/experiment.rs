@@ -480,7 +480,7 @@ fn an_experiment_on_a_rig_with_a_secret_can_be_diagnosed() {
 
     // A second experiment does not write over the first.
     let again = finish(&mut command);
-    assert!(again.status == Some(1) && again.stderr.contains("experiment.mcap"), "{again:?}");
+    assert!(again.status == Some(2) && again.stderr.contains("experiment.mcap"), "{again:?}");
 }
 
 #[test]

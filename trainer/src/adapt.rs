@@ -12,8 +12,7 @@ use ::adapt::run::GoesOn;
 use ::adapt::settings::{Experiments, Search, Training};
 use ::adapt::{AdaptError, AdaptSettings, Adaptation, Console, Outcome};
 use clap::Args;
-use proto::live_line;
-use proto::rig_file;
+use proto::{live_line, output, rig_file};
 use serde_json::json;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
@@ -92,6 +91,9 @@ pub(crate) fn run(args: &AdaptArgs) -> Result<(), Failure> {
     let mut terminal = Terminal::new(stop);
     let programs = programs(args)?;
     let mut outcome = if let Some(out) = &args.resume {
+        if out.join(REHEARSAL).is_dir() {
+            return Err(Failure::NoRehearsal { out: out.display().to_string() });
+        }
         go(Adaptation::resume(out, programs, Box::new(GoesOn))?, out, &mut terminal)?
     } else {
         // clap asks for it.
@@ -124,19 +126,33 @@ fn go(mut adaptation: Adaptation, out: &Path, terminal: &mut Terminal) -> Result
     })
 }
 
+/// Folder of a rehearsal's rig and daemon within that of `--out`.
+const REHEARSAL: &str = "rehearsal";
+/// Room that the daemon's recordings of a rehearsal and what is made of them need, in bytes.
+const REHEARSAL_BYTES: u64 = 256 << 20;
+
+/// A rehearsal's rig and daemon end with it, so there is nothing to go on with.
+fn rehearsal_over(failure: Failure) -> Failure {
+    match failure {
+        Failure::Adapt { error, .. } => Failure::Rehearsed { error },
+        other => other,
+    }
+}
+
 fn rehearse(args: &AdaptArgs, out: &Path, programs: Programs, terminal: &mut Terminal) -> Result<Outcome, Failure> {
     let rig = match &args.rig {
         Some(rig) => rig_file::load(rig)?,
         None => draw_rig(args.seed)?,
     };
+    output::check_folder(out, REHEARSAL_BYTES)?;
     let began = Instant::now();
-    let folder = absolute(&out.join("rehearsal"))?;
+    let folder = absolute(&out.join(REHEARSAL))?;
     let rehearsal = Rehearsal::start(&rig, args.seed, &folder, &programs, terminal)?;
     let mut settings = settings(args, rehearsal.config().to_owned());
     // Nobody is hurt here.
     settings.experiments = Experiments::Allowed;
     let adaptation = Adaptation::begin(settings, out, programs, rehearsal.pausable())?;
-    let mut outcome = go(adaptation, out, terminal)?;
+    let mut outcome = go(adaptation, out, terminal).map_err(rehearsal_over)?;
     outcome.concealed = Some(concealed(&rig));
     tell(&format!(
         "rehearsed in {:.0} s; the daemon's recordings are in {}",

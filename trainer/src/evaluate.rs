@@ -11,26 +11,28 @@ use ::evaluate::{Dob, TickTimes, payload, rigs_around};
 use clap::{Args, Subcommand};
 use model::rig::Rig;
 use model::steady::SteadyMap;
-use proto::atomic_file;
+use proto::output;
 use proto::reference::Reference;
 use proto::rig_file::{self, RigFileError};
-use training::{TrainedPolicy, TrainingError, TrainingSettings, Variant};
+use training::{TrainingError, Variant};
 
-use crate::failure::{Failure, tell};
+use crate::failure::Failure;
+use crate::interruptible::Interruptible;
 use crate::progress::Progress;
+use crate::run_groups::groups;
 use crate::stdout;
 
 /// Fills the paper's tables: runs controllers and policies on rigs and compares their tracking.
 ///
 /// Policies are found in a folder of runs and grouped: runs that differ in nothing but their seed are one row, with
-/// the spread over seeds. Every table has the clairvoyant optimum ("limit") as its last row: what any controller could reach that knows the
-/// rig and the whole reference. Writes table.json, table.md and table.html.
+/// the spread over seeds. Every table has the clairvoyant optimum as its last row: what any controller could reach that
+/// knows the rig and the whole reference. Writes table.json, table.md and table.html.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   trainer evaluate comparison --runs runs --out tables/comparison
   trainer evaluate ablation --runs runs --rig bench --out tables/ablation
   trainer evaluate loads --runs runs --out tables/loads
-  trainer evaluate join tables/comparison/table.json limit/table.json --out tables/both")]
+  trainer evaluate join tables/comparison/table.json optimum/table.json --out tables/both")]
 pub(crate) struct EvaluateArgs {
     #[command(subcommand)]
     what: What,
@@ -38,7 +40,7 @@ pub(crate) struct EvaluateArgs {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Fallback, disturbance observer, raw policies, full policies, optimum: on each rig and on rigs drawn around the last
+    /// Fallback, disturbance observer, raw policies, full policies, optimum: on each rig and on rigs randomised around the last
     Comparison(TableArgs),
     /// The four variants: with and without model-predicted observations and smooth actions (Table I)
     Ablation(TableArgs),
@@ -50,7 +52,7 @@ enum What {
 
 #[derive(Debug, Args)]
 struct JoinArgs {
-    /// Tables (table.json), at least two; an entrant of several counts in the first, and must fly alike in all
+    /// Tables (table.json), at least two; a controller in several counts in the first, and must track alike in all
     #[arg(required = true, num_args = 2.., value_name = "TABLE")]
     tables: Vec<PathBuf>,
     /// Folder for table.json, table.md and table.html
@@ -73,10 +75,10 @@ struct TableArgs {
     #[arg(long, value_name = "RIG", default_value = "dual_pressure")]
     model: String,
     /// How many rigs to draw around the last rig; 0 for none
-    #[arg(long, value_name = "N", default_value_t = 20)]
+    #[arg(long = "randomised", alias = "drawn", value_name = "N", default_value_t = 20)]
     drawn: usize,
-    /// Seed of the drawn rigs
-    #[arg(long, value_name = "N", default_value_t = 2026)]
+    /// Seed of the randomised rigs
+    #[arg(long = "randomised-seed", alias = "drawn-seed", value_name = "N", default_value_t = 2026)]
     drawn_seed: u64,
     /// Reference: CSV time_s,ref_pos_kpa,ref_neg_kpa, or a recording that has these columns (the paper's)
     #[arg(long, value_name = "FILE")]
@@ -88,8 +90,8 @@ struct TableArgs {
     #[arg(long, value_name = "N", default_value_t = 3)]
     seeds: u64,
     /// Leave out the clairvoyant optimum, which takes twenty-five runs a rig
-    #[arg(long)]
-    without_limit: bool,
+    #[arg(long = "without-optimum", alias = "without-limit")]
+    without_optimum: bool,
     /// Folder for table.json, table.md and table.html
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -148,7 +150,7 @@ fn columns(args: &TableArgs) -> Result<Columns, Failure> {
     let mut columns: Columns = rigs.into_iter().map(|rig| (rig.name.clone(), vec![rig])).collect();
     if let (Some(rig), 1..) = (last, args.drawn) {
         let drawn = rigs_around::rigs_around(&rig, args.drawn, args.drawn_seed).map_err(TrainingError::from)?;
-        columns.push((format!("{} rigs drawn around {}", drawn.len(), rig.name), drawn));
+        columns.push((format!("{} rigs randomised around {}", drawn.len(), rig.name), drawn));
     }
     Ok(columns)
 }
@@ -174,6 +176,7 @@ fn fill(
     paper: &[(&str, [f64; 2])],
     columns: Columns,
 ) -> Result<(), Failure> {
+    let work = begin(&args.out)?;
     let model = rig_file::load(&args.model)?;
     let reference = match &args.reference {
         Some(path) => Reference::read(path)
@@ -200,7 +203,7 @@ fn fill(
         None => (BTreeMap::new(), Vec::new()),
     };
     entrants.extend(groups.into_values().map(|(label, policies)| ControllerUnderTest::Policies { label, policies }));
-    if !args.without_limit {
+    if !args.without_optimum {
         entrants.push(ControllerUnderTest::OptimalOpenLoop);
     }
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
@@ -241,7 +244,7 @@ fn fill(
             ("noise".into(), format!("{noise_v_rms} V RMS and steps of the converter")),
         ],
     };
-    deliver(&table, &args.out, args.json)
+    deliver(&work, &table, &args.out, args.json)
 }
 
 fn join(args: &JoinArgs) -> Result<(), Failure> {
@@ -255,13 +258,24 @@ fn join(args: &JoinArgs) -> Result<(), Failure> {
             .map_err(|error| wrong(format!("is no table of `trainer evaluate`: {error}; give a table.json")))?;
         tables.push((file, table));
     }
+    let work = begin(&args.out)?;
     let later = tables.split_off(1);
     let Some(first) = tables.pop() else { return Ok(()) };
-    deliver(&joined(first, later)?, &args.out, args.json)
+    deliver(&work, &joined(first, later)?, &args.out, args.json)
 }
 
-fn deliver(table: &Table, out: &Path, as_json: bool) -> Result<(), Failure> {
-    write(out, table)?;
+/// Room that a table needs at most, in bytes; ours have some ten kilobytes in three files.
+const TABLE_BYTES: u64 = 1 << 20;
+
+/// Listens for Ctrl-C from here on, and refuses a folder that cannot hold the table before anything is worked out.
+fn begin(out: &Path) -> Result<Interruptible, Failure> {
+    let work = Interruptible::begin()?;
+    work.undisturbed(|| output::check_folder(out, TABLE_BYTES))?;
+    Ok(work)
+}
+
+fn deliver(work: &Interruptible, table: &Table, out: &Path, as_json: bool) -> Result<(), Failure> {
+    work.write(|| write(out, table))?;
     if as_json {
         return stdout::say_json(&serde_json::json!(table));
     }
@@ -269,121 +283,18 @@ fn deliver(table: &Table, out: &Path, as_json: bool) -> Result<(), Failure> {
 }
 
 fn write(folder: &Path, table: &Table) -> Result<(), Failure> {
-    std::fs::create_dir_all(folder).map_err(|error| TrainingError::File {
-        file: folder.display().to_string(),
-        problem: format!("cannot be made: {error}"),
-    })?;
-    let json = serde_json::to_string_pretty(table).unwrap_or_default();
-    atomic_file::write(&folder.join("table.json"), format!("{json}\n").as_bytes())?;
-    atomic_file::write(&folder.join("table.md"), table.to_markdown().as_bytes())?;
-    atomic_file::write(&folder.join("table.html"), table.to_html().as_bytes())?;
-    Ok(())
+    let json = serde_json::to_string_pretty(table).map_err(Failure::Json)? + "\n";
+    let (markdown, page) = (table.to_markdown(), table.to_html());
+    let files = [
+        ("table.md", Some(markdown.as_bytes())),
+        ("table.html", Some(page.as_bytes())),
+        ("table.json", Some(json.as_bytes())),
+    ];
+    Ok(output::replace(folder, &files)?)
 }
 
 /// The command line, without the folder that the program lies in.
 fn command() -> String {
     let program = std::iter::once(env!("CARGO_BIN_NAME").to_owned());
     program.chain(std::env::args().skip(1)).collect::<Vec<_>>().join(" ")
-}
-
-/// Whether two policies of one row are no two seeds: the same seed, or the same weights under another number.
-fn is_same_run(one: &TrainedPolicy, other: &TrainedPolicy) -> bool {
-    one.settings().run.seed == other.settings().run.seed || one.network() == other.network()
-}
-
-fn twin_of(other: &Path, policy: &TrainedPolicy) -> String {
-    format!(
-        "is the run of {} once more (seed {}), and a spread over seeds would count it twice; take one of the two folders away",
-        other.display(),
-        policy.settings().run.seed
-    )
-}
-
-/// Rows of policies by sorting key: their label, and one policy for each seed.
-type Groups = BTreeMap<String, (String, Vec<Arc<TrainedPolicy>>)>;
-
-/// The name of a run that was kept without its policy, where it would be in the table.
-fn without_policy(folder: &Path, shown: &dyn Fn(Variant) -> bool) -> Option<String> {
-    let file = folder.join("settings.toml");
-    let settings = std::fs::read_to_string(&file).ok()?;
-    let settings = TrainingSettings::parse(&file.display().to_string(), &settings).ok()?;
-    shown(settings.policy.variant).then(|| Some(folder.file_name()?.to_string_lossy().into_owned()))?
-}
-
-/// What to say of runs that were kept without their policies, and how one is had again.
-fn tell_lacking(folder: &Path, names: &[String]) {
-    if !names.is_empty() {
-        let folder = folder.display();
-        tell(&format!(
-            "{folder}: runs kept without their policies and not in the table ({}); `trainer train --config {folder}/NAME/settings.toml \
-             --out runs/NAME` trains one anew",
-            names.join(", ")
-        ));
-    }
-}
-
-/// Policies of a folder of runs, and a line on each group's length of training.
-fn groups(folder: &Path, shown: &dyn Fn(Variant) -> bool) -> Result<(Groups, Vec<String>), Failure> {
-    let unreadable = |error: std::io::Error| TrainingError::File {
-        file: folder.display().to_string(),
-        problem: format!("cannot be read: {error}; --runs takes the folder that holds the runs' folders"),
-    };
-    let (mut paths, mut lacking): (Vec<PathBuf>, Vec<String>) = (Vec::new(), Vec::new());
-    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
-        let path = entry.map_err(unreadable)?.path();
-        if TrainedPolicy::is_in(&path) {
-            paths.push(path);
-        } else if let Some(name) = without_policy(&path, shown) {
-            lacking.push(name);
-        }
-    }
-    paths.sort();
-    lacking.sort();
-    tell_lacking(folder, &lacking);
-    if paths.is_empty() {
-        return Err(TrainingError::File {
-            file: folder.display().to_string(),
-            problem: "holds no run with a policy.bin, or a policy.onnx and its settings.toml; train some first, or leave out --runs".into(),
-        }
-        .into());
-    }
-    let mut groups = Groups::new();
-    let mut counted: Vec<(String, PathBuf, Arc<TrainedPolicy>)> = Vec::new();
-    for path in paths {
-        let policy = Arc::new(TrainedPolicy::load(&path)?);
-        let settings = policy.settings();
-        if !shown(settings.policy.variant) {
-            continue;
-        }
-        // The same but for the seed: the same settings with the seed taken out.
-        let mut common = settings.clone();
-        common.run.seed = 0;
-        let drawn = if settings.environment.mechanisms.is_empty() { "" } else { " drawn around" };
-        let order = Variant::ALL.iter().position(|v| *v == settings.policy.variant).unwrap_or(0);
-        let label = format!(
-            "RL {} (contract {}, {} steps,{drawn} {})",
-            settings.policy.variant.name(),
-            settings.policy.contract,
-            policy.steps(),
-            settings.rig.trained_on,
-        );
-        let key = format!("{}{drawn}{order}{}", settings.policy.contract, common.to_toml()?);
-        if let Some((_, other, _)) =
-            counted.iter().find(|(group, _, other)| *group == key && is_same_run(other, &policy))
-        {
-            return Err(
-                TrainingError::File { file: path.display().to_string(), problem: twin_of(other, &policy) }.into()
-            );
-        }
-        counted.push((key.clone(), path, Arc::clone(&policy)));
-        groups.entry(key).or_insert((label, Vec::new())).1.push(policy);
-    }
-    let notes = groups
-        .values()
-        .map(|(label, policies)| {
-            let seeds: Vec<String> = policies.iter().map(|p| p.settings().run.seed.to_string()).collect();
-            format!("{label}: seeds {}.", seeds.join(", "))
-        })
-        .collect();
-    Ok((groups, notes))
 }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use proto::atomic_file;
+use proto::{atomic_file, output};
 use serde_json::json;
 use training::TrainedPolicy;
 
@@ -12,7 +12,7 @@ use crate::stdout;
 
 /// Writes a trained policy as ONNX: kPa gauge in, duties out, normalisation inside the graph.
 ///
-/// The file carries the names and units of its contract, where it comes from (rig and its hash, seed, steps, variant),
+/// The file carries the names and units of its observation layout, where it comes from (rig and its hash, seed, steps, variant),
 /// and golden pairs of inputs and answers; before it is written, the graph is compared with the trainer's own network.
 #[derive(Debug, Args)]
 #[command(
@@ -42,7 +42,11 @@ fn note(text: &str) -> Result<(String, String), String> {
     }
 }
 
+/// Largest file of a policy that the daemon takes, in bytes.
+const POLICY_BYTES: u64 = 16 << 20;
+
 pub(crate) fn run(args: &ExportArgs) -> Result<(), Failure> {
+    output::check_file(&args.out, POLICY_BYTES)?;
     let mut policy = TrainedPolicy::load(&args.policy)?;
     if args.fit_plan {
         policy = policy.with_fitted_plan()?;
@@ -62,7 +66,7 @@ pub(crate) fn run(args: &ExportArgs) -> Result<(), Failure> {
         }));
     }
     stdout::say(&format!(
-        "{}: {} bytes; contract {contract}, variant {variant}, seed {}, {} steps\ncheck it: controller check-policy {}",
+        "{}: {} bytes; observation layout v{contract}, variant {variant}, seed {}, {} steps\ncheck it: controller check-policy {}",
         args.out.display(),
         bytes.len(),
         settings.run.seed,

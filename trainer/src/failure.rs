@@ -36,7 +36,7 @@ pub(crate) enum Failure {
     Fit(#[from] FitError),
     #[error(transparent)]
     Diagnose(#[from] DiagnoseError),
-    #[error("the diagnosis cannot be put into JSON: {0}")]
+    #[error("the answer cannot be put into JSON: {0}")]
     Json(serde_json::Error),
     #[error(transparent)]
     Faults(#[from] FaultScriptError),
@@ -56,6 +56,10 @@ pub(crate) enum Failure {
     Rehearsal(#[from] AdaptError),
     #[error("{error}{}; go on with: trainer adapt --resume {out}", match .error { AdaptError::NotRestored(_) => "", _ => "; model and policy are as they were" })]
     Adapt { error: AdaptError, out: String },
+    #[error("{error}; the rehearsal's rig and daemon have ended with it: begin anew, with another --out")]
+    Rehearsed { error: AdaptError },
+    #[error("{out}: this was a rehearsal, whose rig and daemon have ended with it; begin anew, with another --out")]
+    NoRehearsal { out: String },
     #[error("the rig does not track better than before; kept: {kept}")]
     NotBetter { kept: String },
     #[error(transparent)]
@@ -96,7 +100,7 @@ impl Failure {
             ) => FAILED,
             Self::Finetune(_) => BAD_INPUT,
             Self::Rehearsal(AdaptError::File { .. }) => BAD_INPUT,
-            Self::Rehearsal(_) | Self::Adapt { .. } | Self::NotBetter { .. } => FAILED,
+            Self::Rehearsal(_) | Self::Adapt { .. } | Self::Rehearsed { .. } | Self::NotBetter { .. } => FAILED,
             Self::Rig(RigFileError::Write(_)) | Self::Recording(RecordingError::Write(_)) => FAILED,
             Self::FreeRun(FreeRunError::NotFinite { .. }) => FAILED,
             Self::Fit(FitError::NotFinite { .. })
@@ -116,6 +120,7 @@ impl Failure {
             | Self::OverInputs { .. }
             | Self::OverRecording { .. }
             | Self::OverRig { .. }
+            | Self::NoRehearsal { .. }
             | Self::TooShort { .. } => BAD_INPUT,
             // `host:port` that is none, as against a port that another program has.
             Self::Emulator(EmulatorError::Bind { source, .. }) if source.kind() == io::ErrorKind::InvalidInput => {

@@ -17,6 +17,7 @@ mod progress;
 mod rig;
 mod rig_choice;
 mod rig_log;
+mod run_groups;
 mod schedule;
 mod simulate;
 mod stdout;
@@ -74,6 +75,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    proto::parent_process::end_with_parent();
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => return explain(&error),

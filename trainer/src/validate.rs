@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use fit::data::Records;
-use fit::data::quality::within_ranges;
+use fit::FitError;
+use fit::data::quality::{Finding, Quality, Trouble, within_ranges};
+use fit::data::{Records, noise};
 use fit::simulate::{Arcs, Fidelity, Flapper, Look, Run, Simulator, flappers_of};
 use model::plant::Plant;
 use model::rig::Rig;
@@ -68,7 +69,7 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     // All are read before any is run, so that a bad file shows at once.
     let recordings =
         args.recordings.iter().map(|path| Recording::read_for(path, &rig)).collect::<Result<Vec<_>, _>>()?;
-    within_ranges(&rig, &recordings)?;
+    check_meaning(&rig, &recordings)?;
     let mut free_run = FreeRun::new(&rig, plant.clone())
         .map_err(|problem| RigFileError::Rig { file: args.rig.rig.clone(), problem })?;
     let rows: usize = recordings.iter().map(Recording::rows).sum();
@@ -85,6 +86,9 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     }
     for note in recordings.iter().flat_map(Recording::notes) {
         tell(note);
+    }
+    for finding in misread(&rig, &recordings)? {
+        tell(&finding);
     }
     for note in recordings.iter().filter_map(began_anew) {
         tell(&note);
@@ -105,6 +109,32 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     }
     let several = (figures.len() > 1).then_some(&overall);
     stdout::say(&table(figures.iter().chain(several), &plant))
+}
+
+/// Refuses readings that no sensor of the rig can have, with the likeliest reason.
+fn check_meaning(rig: &Rig, recordings: &[Recording]) -> Result<(), Failure> {
+    let Err(outside) = within_ranges(rig, recordings) else { return Ok(()) };
+    // What the rig would do is the closer word, where it can be asked.
+    let told = misread(rig, recordings).ok().and_then(|told| told.into_iter().next());
+    Err(told.map_or(outside, FitError::Unusable).into())
+}
+
+/// What the checks of units, signs, exchanged columns and sensors say: errors that are not the model's. Worst first.
+fn misread(rig: &Rig, recordings: &[Recording]) -> Result<Vec<String>, FitError> {
+    let records = Records::new(rig, recordings)?;
+    let quality = Quality::of(rig, &records, &noise(&records))?;
+    let of_reading = |finding: &&Finding| {
+        !matches!(
+            finding.trouble,
+            Trouble::TooShort
+                | Trouble::Gaps
+                | Trouble::UnevenTime
+                | Trouble::Spikes
+                | Trouble::NoExcitation
+                | Trouble::PumpOff
+        )
+    };
+    Ok(quality.findings.iter().filter(of_reading).map(ToString::to_string).collect())
 }
 
 /// How often a recording's run begins anew, and why; `None` where it runs through.

@@ -10,7 +10,7 @@ use fit::data::quality::Quality;
 use fit::data::{Records, noise};
 use model::predict::DualPressureRig;
 use model::rig::Rig;
-use program::{Folder, refused};
+use program::{Folder, refused, run};
 use proto::recording::Recording;
 
 /// Time, duties, pressures.
@@ -206,4 +206,41 @@ fn what_is_no_file_is_refused_and_never_waited_for() {
             assert!(line.contains(what) && line.contains(word), "{command}: {line}");
         }
     }
+}
+
+/// `validate` refuses what no sensor can read with the reason that all columns together tell, and says of the rest what it seems to be.
+#[test]
+fn validate_says_what_readings_are_taken_for() {
+    let folder = Folder::new("validated-recordings");
+    let good = sound();
+    type Spoil = fn(&mut Row);
+    let refusals: [(&str, Spoil, &str); 4] = [
+        ("absolute", |r| (r[3], r[4]) = (r[3] + 101.325, r[4] + 101.325), "seems to be absolute"),
+        ("unsigned", |r| r[4] = -r[4], "the sign seems to be lost"),
+        ("exchanged", |r| r.swap(3, 4), "seem to be swapped"),
+        ("hpa", |r| (r[3], r[4]) = (10.0 * r[3] + 1013.25, 10.0 * r[4] + 1013.25), "absolute, in mbar, hPa"),
+    ];
+    for (name, spoil, words) in refusals {
+        let mut rows = good.clone();
+        rows.iter_mut().for_each(spoil);
+        let file = folder.with(&format!("{name}.csv"), csv(&rows));
+        let said = refused(["validate", "--rig", "dual_pressure", &file]);
+        assert!(said.contains(words), "{name}: {said}");
+    }
+    let told: [(&str, Spoil, &str); 4] = [
+        ("psi", |r| (r[3], r[4]) = (0.145_038 * r[3], 0.145_038 * r[4]), "in psi"),
+        ("bar", |r| (r[3], r[4]) = (0.01 * r[3], 0.01 * r[4]), "in bar"),
+        ("duties", |r| r.swap(1, 2), "seem to be swapped"),
+        ("inverted", |r| r[2] = 1.0 - r[2], "inverted"),
+    ];
+    for (name, spoil, words) in told {
+        let mut rows = good.clone();
+        rows.iter_mut().for_each(spoil);
+        let file = folder.with(&format!("{name}.csv"), csv(&rows));
+        let said = run(["validate", "--rig", "dual_pressure", &file]);
+        assert!(said.status == 0 && said.err.contains(words), "{name}: {}", said.err);
+    }
+    let file = folder.with("good.csv", csv(&good));
+    let said = run(["validate", "--rig", "dual_pressure", &file]);
+    assert!(!said.err.contains("seem"), "{}", said.err);
 }

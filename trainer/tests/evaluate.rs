@@ -1,19 +1,22 @@
-//! Tables joined, end to end, from those that the project has flown.
+//! Tables joined, end to end, from those that the project has made; places that cannot hold one, and signals.
 
 // What fails here fails the test, helper functions included.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod program;
 
-use program::{Folder, refused, sound};
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use program::{Folder, refused, sound, trainer};
 
 fn table(name: &str) -> String {
     format!("{}/../docs/runs/{name}/table.json", env!("CARGO_MANIFEST_DIR"))
 }
 
-/// What was flown without the limit gets its multiples from a table that has it.
+/// What was run without the optimum gets its multiples from a table that has it.
 #[test]
-fn a_comparison_and_the_limit_are_one_table() {
+fn a_comparison_and_the_optimum_are_one_table() {
     let folder = Folder::new("join");
     let out = folder.path("joined");
     // The committed comparison has been joined already: it is taken apart again.
@@ -26,7 +29,10 @@ fn a_comparison_and_the_limit_are_one_table() {
     let text = std::fs::read_to_string(format!("{out}/table.md")).unwrap();
     let row = |name: &str| text.lines().find(|line| line.starts_with(&format!("| {name}"))).unwrap().to_owned();
     assert!(row("RL both").matches('×').count() == 6, "two channels of three columns: {}", row("RL both"));
-    assert!(!row("limit").contains('×'));
+    // The committed tables have the names that older programs gave.
+    assert!(!row("clairvoyant optimum").contains('×'));
+    assert!(text.contains("RL both (layout v2, 512000 steps, randomised around dual_pressure)"), "{text}");
+    assert!(!text.contains("limit (rig") && !text.contains("drawn around"), "{text}");
     assert!(text.contains("limit/table.json: command"), "both are told");
 }
 
@@ -40,4 +46,50 @@ fn what_cannot_be_joined_is_said() {
     let unread = refused(["evaluate", "join", &table("comparison"), &none, "--out", &out]);
     assert!(unread.contains("is no table of `trainer evaluate`"), "{unread}");
     assert!(!std::path::Path::new(&out).exists(), "nothing is left");
+}
+
+#[test]
+fn a_table_that_could_not_be_written_is_refused_before_anything_is_run() {
+    let folder = Folder::new("evaluate-out");
+    let file = folder.with("taken", "a file");
+    let begun = Instant::now();
+    for out in [file.clone(), format!("{file}/tables"), "/proc/none/tables".to_owned()] {
+        let said = refused(["evaluate", "comparison", "--seeds", "1", "--randomised", "8", "--out", &out]);
+        assert!(said.contains("--out"), "{said}");
+    }
+    // Eight rigs with their optimum would take minutes.
+    assert!(begun.elapsed() < Duration::from_secs(20), "{:?}", begun.elapsed());
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "a file");
+}
+
+/// Ctrl-C, twice as well, and SIGTERM: over within two seconds, and an older table stays as it was.
+#[test]
+fn a_comparison_that_is_stopped_leaves_the_older_table_as_it_was() {
+    let folder = Folder::new("evaluate-stopped");
+    let older = folder.with("table.json", "older");
+    let out = std::path::Path::new(&older).parent().unwrap().to_owned();
+    for (signals, status) in [(&["-INT"][..], 130), (&["-TERM"], 143), (&["-INT", "-INT"], 130)] {
+        let mut child = trainer()
+            .args(["evaluate", "comparison", "--seeds", "2", "--randomised", "8", "--out"])
+            .arg(&out)
+            .stderr(Stdio::null())
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_millis(1500));
+        assert!(child.try_wait().unwrap().is_none(), "the comparison was over before it could be stopped");
+        let told = Instant::now();
+        for signal in signals {
+            // The second one may find nobody.
+            let _ = std::process::Command::new("kill")
+                .args([signal, &child.id().to_string()])
+                .stderr(Stdio::null())
+                .status();
+        }
+        assert_eq!(child.wait().unwrap().code(), Some(status));
+        assert!(told.elapsed() < Duration::from_secs(2), "{:?}", told.elapsed());
+    }
+    let left: Vec<_> = std::fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(left, ["table.json"]);
+    assert_eq!(std::fs::read_to_string(older).unwrap(), "older");
 }

@@ -159,7 +159,7 @@ pub enum Fault {
     },
     /// The input has another number of values than the contract.
     #[error(
-        "input {name:?} takes {found} values, contract {contract} has {expected}; train and export with the observations of contract {contract}"
+        "input {name:?} takes {found} values, observation layout v{contract} has {expected}; train and export with the observations of layout v{contract}"
     )]
     InputWidth {
         /// Its name in the graph.
@@ -173,7 +173,7 @@ pub enum Fault {
     },
     /// The output has another number of values than the contract.
     #[error(
-        "output {name:?} gives {found} values, contract {contract} has {expected}; train and export with the actions of contract {contract}"
+        "output {name:?} gives {found} values, observation layout v{contract} has {expected}; train and export with the actions of layout v{contract}"
     )]
     OutputWidth {
         /// Its name in the graph.
@@ -376,7 +376,7 @@ pub enum Fault {
     },
     /// The metadata contradict the contract.
     #[error(
-        "metadata key {key:?} says {found:?}, contract {contract} says {expected:?}; export with the settings of contract {contract}"
+        "metadata key {key:?} says {found:?}, observation layout v{contract} says {expected:?}; export with the settings of layout v{contract}"
     )]
     MetadataContradicts {
         /// The key.

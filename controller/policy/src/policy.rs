@@ -217,7 +217,7 @@ impl Policy {
     pub fn describe(&self) -> String {
         let Checks { probes, worst_to_tract, lowest_output, highest_output, .. } = self.checks;
         let mut text = format!(
-            "Policy {:?}: {}, {} parameters, {} bytes of ONNX (opset {}), sha256 {:.16}. PolicySignature {} at {} Hz: \
+            "Policy {:?}: {}, {} parameters, {} bytes of ONNX (opset {}), sha256 {:.16}. Observation layout v{} at {} Hz: \
              {}, {}. Sound: kernel and tract agree within {:.1e} on {} probes, outputs lie in {:.3} to {:.3} over the physical range",
             self.name,
             self.layers(),

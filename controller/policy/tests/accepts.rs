@@ -210,7 +210,7 @@ fn metadata_golden_pairs_and_description() {
         "84 scaled -> 32 relu -> 12 sigmoid",
         "2 golden pairs",
         "variant both",
-        "PolicySignature 1 at 50 Hz",
+        "Observation layout v1 at 50 Hz",
     ] {
         assert!(told.contains(part), "{part} not in: {told}");
     }

@@ -95,7 +95,7 @@ fn what_check_policy_prints_tells_the_contract() {
     let graph = network(&ports, &[64, 64], 10.0, 2);
     let told = load(&export(&graph, &ports, &golden(&graph, &ports, 2))).describe();
     for part in [
-        "PolicySignature 2 at 50 Hz: takes 124 (p_pos[-10] to travel_neg), gives 12 (du_pos[0] to du_neg[5])",
+        "Observation layout v2 at 50 Hz: takes 124 (p_pos[-10] to travel_neg), gives 12 (du_pos[0] to du_neg[5])",
         "124 -> 154 scaled -> 64 relu -> 64 relu -> 12 tanh scaled",
         "2 golden pairs",
         "rig bench",

@@ -12,6 +12,7 @@ use controller::session_recorder::SessionError;
 use controller::socket::is_there;
 use controller::state::State;
 use flight::Recorded;
+use proto::output::check_file;
 use proto::recording::{PERIOD_S, TickRecord};
 use proto::wire::Mode;
 use serde_json::json;
@@ -69,6 +70,20 @@ impl From<ExperimentError> for Failure {
     }
 }
 
+/// Room that the recording of an experiment of two minutes needs, in bytes.
+const RECORDING_BYTES: u64 = 16 << 20;
+
+/// Refuses a place for the recording before the rig moves.
+fn check_out(out: &Path) -> Result<(), Failure> {
+    if out.exists() && !out.is_dir() {
+        let out = out.display();
+        return Err(Failure::input(format!(
+            "{out}: a recording of that name is there already; it is never written over; give --out another name"
+        )));
+    }
+    check_file(out, RECORDING_BYTES).map_err(Failure::input)
+}
+
 impl ExperimentArgs {
     pub(super) fn run(self) -> Result<(), Failure> {
         let played = self.play();
@@ -84,6 +99,7 @@ impl ExperimentArgs {
 
     /// Checks and plays; the range foreseen by channel in kPa, and what came of it.
     fn play(&self) -> Result<([[f64; 2]; 2], Played), Failure> {
+        self.out.as_deref().map_or(Ok(()), check_out)?;
         let read =
             self.config.as_ref().map(|file| Ok::<_, Failure>((file, Config::read_with_text(file)?))).transpose()?;
         let configured = read.as_ref().map(|(_, (config, _))| config.control.socket.clone());

@@ -8,6 +8,7 @@ use flight::{
     ComparedRun, FlightInfo, FlightStatistics, FlightSummary, StatisticsOptions, Verdict, comparison_report,
     flight_report,
 };
+use proto::output::check_file;
 use proto::recording::{Recording, TickRecord, short_name, tick_table};
 use serde_json::json;
 
@@ -59,6 +60,9 @@ pub(crate) struct ExportArgs {
     out: Option<PathBuf>,
 }
 
+/// Room that a report needs, in bytes; that of an hour has six million.
+const PAGE_BYTES: u64 = 8 << 20;
+
 impl From<RunFileError> for Failure {
     fn from(error: RunFileError) -> Self {
         Failure::input(error)
@@ -80,6 +84,7 @@ impl ReportArgs {
         if self.recordings.iter().any(|recording| proto::output::same_file(recording, &page)) {
             return Err(over_recording(&page));
         }
+        check_file(&page, PAGE_BYTES).map_err(Failure::input)?;
         let mut judged = Vec::new();
         for (path, text) in self.recordings.iter().zip(&paths) {
             let name = short_name(text, paths.iter().map(String::as_str));
@@ -178,6 +183,16 @@ impl ExportArgs {
                 recording.display()
             )));
         }
+        let out = out.unwrap_or_else(|| recording.with_extension("csv"));
+        let to_standard_output = out.as_os_str() == "-";
+        if !to_standard_output {
+            if proto::output::same_file(&recording, &out) {
+                return Err(over_recording(&out));
+            }
+            // A row of the table takes about as much room as the tick that it is made from.
+            let bytes = std::fs::metadata(&recording).map_or(0, |of| of.len());
+            check_file(&out, bytes).map_err(Failure::input)?;
+        }
         let run = RunFile::read(&recording)?;
         let (text, rows, notes) = if all {
             (tick_table(&run.content.ticks), run.content.ticks.len(), run.content.notes.clone())
@@ -190,13 +205,9 @@ impl ExportArgs {
         for note in &notes {
             tell(format_args!("{note}"));
         }
-        let out = out.unwrap_or_else(|| recording.with_extension("csv"));
-        if out.as_os_str() == "-" {
+        if to_standard_output {
             say(text.trim_end());
             return Ok(());
-        }
-        if proto::output::same_file(&recording, &out) {
-            return Err(over_recording(&out));
         }
         proto::atomic_file::write(&out, text.as_bytes()).map_err(Failure::work)?;
         say(format_args!("{rows} rows in {}", out.display()));

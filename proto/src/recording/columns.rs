@@ -5,6 +5,7 @@ use model::rig::{Pump, RecordingMap, Rig, Sensor, Term, Terms};
 use super::csv::{CsvError, TIME_COLUMN};
 use super::resample::Kind;
 use super::sheet::Sheet;
+use super::slower;
 use super::table::RecordingError;
 use super::table::rules::{LEAST_READING_KPA, below_vacuum};
 use super::units::Unit;
@@ -113,7 +114,8 @@ pub(super) fn made(
     let mut made = Made { numbers: vec![0.0; sheet.rows()], taken: Vec::new(), from: Vec::new() };
     for term in terms {
         let Some(at) = sheet.find(&term.from)? else { return Err(missing(sheet, name, &term.from)) };
-        let numbers = sheet.numbers(at).map_err(|error| text_column(sheet, &term.from, error))?;
+        let numbers = if kind == Kind::Reading { slower::readings(sheet, at) } else { sheet.numbers(at) };
+        let numbers = numbers.map_err(|error| text_column(sheet, &term.from, error))?;
         let unit = of_unit(sheet, at, term)?;
         let in_rig_unit = converted(sheet, rig, (name, kind), term, unit.as_ref(), numbers)?;
         made.taken.extend(in_rig_unit.1);
@@ -249,8 +251,10 @@ pub(super) fn check(
         Kind::Reading => [LEAST_READING_KPA, f64::MAX],
         Kind::Signal => return Ok(()),
     };
+    // A blank cell of a slower channel is no reading.
     let is_wrong = |number: f64| {
-        !(low..=high).contains(&number) || (kind == Kind::Switch && number.min((number - 1.0).abs()).abs() > ROUNDING)
+        (!number.is_nan() && !(low..=high).contains(&number))
+            || (kind == Kind::Switch && number.min((number - 1.0).abs()).abs() > ROUNDING)
     };
     let Some(row) = numbers.iter().position(|number| is_wrong(*number)) else { return Ok(()) };
     let value = numbers.get(row).copied().unwrap_or(0.0);

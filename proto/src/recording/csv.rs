@@ -34,6 +34,16 @@ pub enum ColumnData {
     Text(Vec<String>),
 }
 
+impl ColumnData {
+    /// The cells of some rows; fewer where there are no more.
+    pub(super) fn cut(&self, rows: &std::ops::Range<usize>) -> Self {
+        match self {
+            ColumnData::Numbers(numbers) => ColumnData::Numbers(numbers.get(rows.clone()).unwrap_or_default().to_vec()),
+            ColumnData::Text(texts) => ColumnData::Text(texts.get(rows.clone()).unwrap_or_default().to_vec()),
+        }
+    }
+}
+
 /// One named column.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Column {
@@ -41,6 +51,16 @@ pub struct Column {
     pub name: String,
     /// Its cells, one per row.
     pub data: ColumnData,
+}
+
+impl Column {
+    /// Its numbers; `None` where it holds text.
+    pub(super) fn numbers(&self) -> Option<&[f64]> {
+        match &self.data {
+            ColumnData::Numbers(numbers) => Some(numbers),
+            ColumnData::Text(_) => None,
+        }
+    }
 }
 
 /// A parsed table: times and the other columns in the file's order.

@@ -11,7 +11,7 @@ struct Refused {
     mend: &'static str,
 }
 
-const REFUSED: [Refused; 8] = [
+const REFUSED: [Refused; 10] = [
     Refused {
         magic: b"MATLAB 7.3",
         what: "a MATLAB 7.3 file (HDF5), which is not read",
@@ -32,8 +32,14 @@ const REFUSED: [Refused; 8] = [
         what: "a workbook or a ZIP archive, which is not read",
         mend: "save the sheet as CSV, or unpack the archive",
     },
-    Refused { magic: b"\x1f\x8b", what: "compressed with gzip", mend: "unpack it with gunzip" },
-    Refused { magic: b"\x28\xb5\x2f\xfd", what: "compressed with zstd", mend: "unpack it with unzstd" },
+    Refused { magic: b"BZh", what: "compressed with bzip2, which is not read", mend: "unpack it with bunzip2" },
+    Refused { magic: b"\xfd7zXZ\0", what: "compressed with xz, which is not read", mend: "unpack it with unxz" },
+    Refused {
+        magic: b"\x04\x22\x4d\x18",
+        what: "compressed with lz4, which is not read",
+        mend: "unpack it with unlz4",
+    },
+    Refused { magic: b"7z\xbc\xaf\x27\x1c", what: "a 7-Zip archive, which is not read", mend: "unpack it" },
     Refused {
         magic: b"\xd0\xcf\x11\xe0",
         what: "an old Excel workbook, which is not read",

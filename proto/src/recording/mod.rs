@@ -10,6 +10,7 @@
 //! | `read_for` | [`Recording::read_for`]: any file for a rig, as its `[recording]` table says; the way in of every command |
 //! | `logger_text`, `labview`, `mat5` | what loggers, LabVIEW and MATLAB write, to a `sheet` of named columns |
 //! | `columns`, `times`, `timestamps`, `units` | a sheet's columns in the rig's units, and its times |
+//! | `packed` | files that were compressed as a whole |
 //! | `resample` | samples of any rate to rows of 20 ms; lost rows bridged |
 //! | [`csv`] | the checked CSV table below it, used for reference files too |
 //!
@@ -36,6 +37,7 @@ mod mcap_reader;
 mod mcap_writer;
 mod messages;
 mod numbers;
+mod packed;
 mod protobuf;
 mod read_for;
 mod recording_info;
@@ -44,6 +46,7 @@ mod resample;
 mod schema;
 mod sheet;
 mod short_names;
+mod slower;
 mod table;
 mod text_encoding;
 mod tick;

@@ -10,21 +10,24 @@
 //! jitter are dealt with alike for both. Columns that the rig does not ask for may hold anything; where samples are rows as they
 //! are they are kept by name.
 
+use std::ops::Range;
 use std::path::Path;
 
 use model::rig::{RecordingMap, Rig};
 
 use super::columns::{Asked, asked, check, is_own};
 use super::csv::{Column, ColumnData, CsvError, TIME_COLUMN};
+use super::repeated::Sensors;
 use super::resample::{Kind, Resampling};
 use super::sheet::Sheet;
+use super::slower::{self, Slower};
 use super::table::{Recording, RecordingError, Rows};
 use super::times::{Times, times};
-use super::{MOST_BYTES, file_kind, logger_text, repeated, text_encoding};
+use super::{MOST_BYTES, file_kind, logger_text, packed, repeated, text_encoding};
 use crate::regular_file;
 
 impl Recording {
-    /// Reads a recording for a rig: MCAP of the daemon, what loggers write as text, MATLAB files.
+    /// Reads a recording for a rig: MCAP of the daemon, what loggers write as text, MATLAB files, also compressed with gzip or zstd.
     ///
     /// # Errors
     /// The file cannot be read, or its content is wrong: one line with file, line and column, and the key of `[recording]` that
@@ -34,6 +37,7 @@ impl Recording {
         let bytes = regular_file::read(path, MOST_BYTES)
             .map_err(|source| RecordingError::Read { file: file.clone(), source })?;
         let named_mcap = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("mcap"));
+        let bytes = packed::unpacked(&file, &bytes)?;
         if bytes.starts_with(mcap::MAGIC) || named_mcap {
             return Recording::parse_mcap(&file, &bytes)?.bridged(rig);
         }
@@ -45,6 +49,7 @@ impl Recording {
     /// # Errors
     /// As [`Recording::read_for`].
     pub fn parse_for(file: &str, bytes: &[u8], rig: &Rig) -> Result<Self, RecordingError> {
+        let bytes = &*packed::unpacked(file, bytes)?;
         let map = rig.recording.clone().unwrap_or_default();
         if let Some(sheet) = file_kind::sheet(file, bytes)? {
             return from_sheet(&sheet, rig, &map);
@@ -98,14 +103,17 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
         check(sheet, (&name, kind), &made.from, &made.numbers)?;
         columns.push((Column { name, data: ColumnData::Numbers(made.numbers) }, kind));
     }
+    let slower = Slower::of(&readings(&columns)).map_err(|at| never_together(sheet, &columns, at))?;
+    let (time_s, columns) = match &slower {
+        Some(slower) => read_rows(&slower.span, time_s, columns),
+        None => (time_s, columns),
+    };
     let mut resampling = Resampling::new(&time_s);
-    let readings =
-        columns.iter().filter(|(_, kind)| *kind == Kind::Reading).filter_map(|(column, _)| match &column.data {
-            ColumnData::Numbers(numbers) => Some(numbers.as_slice()),
-            ColumnData::Text(_) => None,
-        });
-    if let Some((fresh, repeats)) = repeated::fresh(&readings.collect::<Vec<_>>()) {
-        resampling.only(&fresh, repeats);
+    if let Some(slower) = &slower {
+        let read = slower.read.get(slower.span.clone()).unwrap_or_default();
+        resampling.only(read, Sensors::Slower(slower.rows_a_reading()));
+    } else if let Some((fresh, repeats)) = repeated::fresh(&readings(&columns)).filter(|_| resampling.is_as_it_was()) {
+        resampling.only(&fresh, Sensors::Repeated(repeats));
     }
     let rows = |(column, kind): &(Column, Kind)| Column {
         name: column.name.clone(),
@@ -113,7 +121,8 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     };
     let mut made: Vec<Column> = columns.iter().map(rows).collect();
     if resampling.is_as_it_was() {
-        made = with_others(made, sheet, &of_time, &resampling);
+        let span = slower.as_ref().map_or(0..sheet.rows(), |slower| slower.span.clone());
+        made = with_others(made, (sheet, span), &of_time, &resampling);
     }
     let rows = Rows {
         columns: made,
@@ -129,8 +138,42 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     Ok(Recording::from_rows(&sheet.file, rows)?.with_notes(notes))
 }
 
+/// The numbers of all sensors' columns.
+fn readings(columns: &[(Column, Kind)]) -> Vec<&[f64]> {
+    let of = columns.iter().filter(|(_, kind)| *kind == Kind::Reading);
+    of.filter_map(|(column, _)| column.numbers()).collect()
+}
+
+/// The error of a sensor whose readings stand in other rows than those of the rest.
+fn never_together(sheet: &Sheet<'_>, columns: &[(Column, Kind)], sensor: usize) -> RecordingError {
+    let name = columns.iter().filter(|(_, kind)| *kind == Kind::Reading).nth(sensor).map(|(column, _)| &column.name);
+    let column = name.cloned().unwrap_or_default();
+    RecordingError::NeverTogether { file: sheet.file.clone(), column }
+}
+
+/// Times and columns from the first row to the last in which all sensors were read, with lines where one was not.
+fn read_rows(
+    span: &Range<usize>,
+    time_s: Vec<f64>,
+    mut columns: Vec<(Column, Kind)>,
+) -> (Vec<f64>, Vec<(Column, Kind)>) {
+    let time_s = time_s.get(span.clone()).map(<[f64]>::to_vec).unwrap_or_default();
+    for (column, kind) in &mut columns {
+        column.data = column.data.cut(span);
+        if let (Kind::Reading, ColumnData::Numbers(numbers)) = (*kind, &mut column.data) {
+            slower::fill(&time_s, numbers);
+        }
+    }
+    (time_s, columns)
+}
+
 /// The rig's columns and those that nobody asked for, in the file's order where the rig's own names stand in it.
-fn with_others(made: Vec<Column>, sheet: &Sheet<'_>, of_time: &[usize], resampling: &Resampling<'_>) -> Vec<Column> {
+fn with_others(
+    made: Vec<Column>,
+    (sheet, span): (&Sheet<'_>, Range<usize>),
+    of_time: &[usize],
+    resampling: &Resampling<'_>,
+) -> Vec<Column> {
     let mut made: Vec<Option<Column>> = made.into_iter().map(Some).collect();
     let mut all = Vec::with_capacity(sheet.columns.len());
     for (at, column) in sheet.columns.iter().enumerate() {
@@ -143,7 +186,7 @@ fn with_others(made: Vec<Column>, sheet: &Sheet<'_>, of_time: &[usize], resampli
         if let Some(own) = own.and_then(Option::take) {
             all.push(own);
         } else if all.iter().all(|one: &Column| one.name != column.name) {
-            let data = rows_of(resampling, &sheet.kept(at), Kind::Signal);
+            let data = rows_of(resampling, &sheet.kept(at).cut(&span), Kind::Signal);
             all.push(Column { name: column.name.clone(), data });
         }
     }

@@ -8,6 +8,27 @@ const LEAST_RUNS: usize = 40;
 /// Share of the runs that must have the usual length.
 const ALIKE: f64 = 0.8;
 
+/// How samples and sensors' readings go together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Sensors {
+    /// A reading in each sample.
+    EachSample,
+    /// Each reading stands in so many samples.
+    Repeated(usize),
+    /// One of so many samples has a reading, the others have none.
+    Slower(usize),
+}
+
+impl Sensors {
+    /// Samples for each reading.
+    pub(super) fn samples(self) -> usize {
+        match self {
+            Sensors::EachSample => 1,
+            Sensors::Repeated(samples) | Sensors::Slower(samples) => samples,
+        }
+    }
+}
+
 /// Which samples are new and how many stand for one; `None` where readings are not repeated, or not all of them together.
 pub(super) fn fresh(readings: &[&[f64]]) -> Option<(Vec<bool>, usize)> {
     let (first, others) = readings.split_first()?;

@@ -19,6 +19,7 @@
 
 use std::ops::Range;
 
+use super::repeated::Sensors;
 use super::table::PERIOD_S;
 
 /// Steps beyond this many usual ones are gaps, if they are beyond [`BRIDGED_S`] too.
@@ -62,8 +63,8 @@ pub(super) struct Resampling<'t> {
     pub(super) measured: Vec<bool>,
     /// By row, the sample that it is, where samples are rows as they are.
     is_sample: Option<Vec<Option<usize>>>,
-    /// Samples that stand for one reading.
-    repeats: usize,
+    /// How samples and readings go together.
+    sensors: Sensors,
     /// Holes that were bridged: the time of the row or sample before each (s), and the rows or samples that it lacks.
     pub(super) holes: Vec<(f64, usize)>,
 }
@@ -72,14 +73,14 @@ impl<'t> Resampling<'t> {
     /// Lays rows over samples whose times go forward.
     pub(super) fn new(time_s: &'t [f64]) -> Self {
         let step_s = usual_step(time_s).unwrap_or(PERIOD_S);
-        let longest_s = (GAP_STEPS * step_s).max(BRIDGED_S) + 1e-6;
+        let longest_s = (GAP_STEPS * step_s).max(BRIDGED_S) + 2.0 * AS_THEY_ARE_S;
         let mut of = Resampling {
             time_s,
             step_s,
             rows: Vec::new(),
             measured: Vec::new(),
             is_sample: None,
-            repeats: 1,
+            sensors: Sensors::EachSample,
             holes: holes(time_s, step_s, longest_s),
         };
         let runs = runs(time_s, longest_s);
@@ -101,17 +102,25 @@ impl<'t> Resampling<'t> {
 
     /// Usual distance of samples (s), that of rows where they are closer.
     pub(super) fn sampling_s(&self) -> f64 {
-        let step_s = self.step_s * self.repeats as f64;
+        let step_s = self.step_s * self.sensors.samples() as f64;
         if step_s > SPARSE_ROWS * PERIOD_S { step_s } else { PERIOD_S }
     }
 
-    /// Takes only those samples for readings that are `fresh`, one of `repeats`; where samples are rows as they are.
-    pub(super) fn only(&mut self, fresh: &[bool], repeats: usize) {
-        let Some(is_sample) = &self.is_sample else { return };
-        for (measured, sample) in self.measured.iter_mut().zip(is_sample) {
-            *measured &= sample.and_then(|sample| fresh.get(sample)).copied().unwrap_or(false);
+    /// Takes only those samples for readings that are `fresh`: rows that are such a sample, or are the nearest to one.
+    pub(super) fn only(&mut self, fresh: &[bool], sensors: Sensors) {
+        self.sensors = sensors;
+        if let Some(is_sample) = &self.is_sample {
+            for (measured, sample) in self.measured.iter_mut().zip(is_sample) {
+                *measured &= sample.and_then(|sample| fresh.get(sample)).copied().unwrap_or(false);
+            }
+            return;
         }
-        self.repeats = repeats;
+        let mut is_near = vec![false; self.rows.len()];
+        for (time, _) in self.time_s.iter().zip(fresh).filter(|(_, fresh)| **fresh) {
+            let row = self.rows.partition_point(|row| *row < time - 0.5 * PERIOD_S);
+            is_near.get_mut(row).into_iter().for_each(|near| *near = true);
+        }
+        self.measured.iter_mut().zip(is_near).for_each(|(measured, near)| *measured &= near);
     }
 
     /// Whether samples are rows as they are, but for lost ones.
@@ -274,13 +283,17 @@ impl<'t> Resampling<'t> {
             }
             notes.push(note);
         }
-        if self.repeats > 1 {
-            notes.push(format!(
-                "{file}: every reading stands there {} times, so the sensors were read every {:.0} ms; only the first of each is taken for a \
-                 reading, and nothing faster can be told",
-                self.repeats,
-                1e3 * self.step_s * self.repeats as f64
-            ));
+        let apart_ms = 1e3 * self.step_s * self.sensors.samples() as f64;
+        match self.sensors {
+            Sensors::EachSample => {}
+            Sensors::Repeated(times) => notes.push(format!(
+                "{file}: every reading stands there {times} times, so the sensors were read every {apart_ms:.0} ms; only the first of each is \
+                 taken for a reading, and nothing faster can be told"
+            )),
+            Sensors::Slower(_) => notes.push(format!(
+                "{file}: the sensors have no number in some rows; they were read every {apart_ms:.0} ms, what lies between counts as no \
+                 reading, and nothing faster can be told"
+            )),
         }
         if let Some(note) = self.bridged(file) {
             notes.push(note);

@@ -197,6 +197,17 @@ pub enum RecordingError {
         /// What stands there.
         cell: String,
     },
+    /// A sensor has readings in other rows than the rest.
+    #[error(
+        "{file}: column {column} has readings in other rows than the other sensors; write a table in which both stand in one row, or a rig \
+         file with this sensor alone"
+    )]
+    NeverTogether {
+        /// The file.
+        file: String,
+        /// The column.
+        column: String,
+    },
     /// Columns of different lengths were put together.
     #[error("{file}: column {column} has {found} rows, time_s has {expected}")]
     ColumnLength {

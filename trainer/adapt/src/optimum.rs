@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use evaluate::table::{LIMIT, Table};
+use evaluate::table::{OPTIMUM, Table};
 
 use crate::AdaptError;
 use crate::programs::Console;
@@ -50,8 +50,8 @@ impl Adaptation {
         let path = out.join("table.json");
         let table = std::fs::read_to_string(&path).map_err(|error| AdaptError::file(&path, error))?;
         let table: Table = serde_json::from_str(&table).map_err(|error| AdaptError::file(&path, error))?;
-        let limit = table.rows.iter().find(|row| row.entrant == LIMIT).and_then(|row| row.cells.first());
-        let optimum_kpa = limit.ok_or_else(|| AdaptError::file(&path, "has no limit"))?.rmse_kpa;
+        let limit = table.rows.iter().find(|row| row.entrant == OPTIMUM).and_then(|row| row.cells.first());
+        let optimum_kpa = limit.ok_or_else(|| AdaptError::file(&path, "has no clairvoyant optimum"))?.rmse_kpa;
         self.journal.optimum_kpa = Some(optimum_kpa);
         self.journal.keep(&self.out)?;
         Ok(optimum_kpa)

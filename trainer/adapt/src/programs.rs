@@ -8,6 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use proto::parent_process::ends_with_this;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::AdaptError;
@@ -115,7 +116,7 @@ impl<'a> Step<'a> {
     /// # Errors
     /// As [`Step::run`].
     pub fn run_silently(&self, console: &mut dyn Console) -> Result<Said, AdaptError> {
-        let started = Command::new(self.program)
+        let started = ends_with_this(&mut Command::new(self.program))
             .args(&self.arguments)
             .stdin(Stdio::null())
             .stdout(Stdio::piped())

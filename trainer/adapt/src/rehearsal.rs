@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 use environment::draws::{Purpose, stream};
 use environment::{DomainRandomization, EnvironmentSettings, MechanismDraw, RigDraw};
 use model::rig::Rig;
+use proto::parent_process::ends_with_this;
 use proto::{atomic_file, rig_file};
 use rustix::process::Signal;
 
@@ -127,7 +128,9 @@ impl Rehearsal {
         console.command(&format!("trainer {} {}", arguments.join(" "), rig_path.display()));
         let mut command = Command::new(&programs.trainer);
         command.args(arguments).arg(&rig_path).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
-        let child = command.spawn().map_err(|source| AdaptError::Start { command: "trainer rig".into(), source })?;
+        let child = ends_with_this(&mut command)
+            .spawn()
+            .map_err(|source| AdaptError::Start { command: "trainer rig".into(), source })?;
         let out = rehearsal.rig.insert(child).stdout.take();
         let address = listening(out).ok_or_else(|| AdaptError::Failed {
             command: "trainer rig".into(),
@@ -144,7 +147,9 @@ impl Rehearsal {
         let mut command = Command::new(&programs.controller);
         command.args(["run", "--config"]).arg(&rehearsal.config);
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(log);
-        let child = command.spawn().map_err(|source| AdaptError::Start { command: "controller run".into(), source })?;
+        let child = ends_with_this(&mut command)
+            .spawn()
+            .map_err(|source| AdaptError::Start { command: "controller run".into(), source })?;
         rehearsal.daemon = Some(child);
         rehearsal.wait_until_controlled(programs, console)?;
         Ok(rehearsal)

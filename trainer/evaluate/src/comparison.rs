@@ -16,7 +16,7 @@ use training::TrainedPolicy;
 use crate::dob::Dob;
 use crate::mpc::{Mpc, TickTimes};
 use crate::optimal_open_loop::OptimalOpenLoop;
-use crate::table::{Cell, LIMIT, Row};
+use crate::table::{Cell, OPTIMUM, Row};
 
 /// What a controller is told of the rig that it flies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,7 +75,7 @@ impl ControllerUnderTest {
         match self {
             ControllerUnderTest::Fallback(knowledge) => format!("fallback PI{}", knowledge.label()),
             ControllerUnderTest::Repeated { knowledge, flights } => {
-                format!("iterative learning, flight {flights}{}", knowledge.label())
+                format!("iterative learning, run {flights}{}", knowledge.label())
             }
             ControllerUnderTest::Mpc { knowledge, .. } => format!("offset-free NMPC{}", knowledge.label()),
             ControllerUnderTest::Dob(dob) => {
@@ -83,7 +83,7 @@ impl ControllerUnderTest {
                 format!("disturbance observer (K {feedback}/s, L {observer}/s)")
             }
             ControllerUnderTest::Policies { label, .. } => label.clone(),
-            ControllerUnderTest::OptimalOpenLoop => LIMIT.into(),
+            ControllerUnderTest::OptimalOpenLoop => OPTIMUM.into(),
         }
     }
 }

@@ -1,6 +1,6 @@
-//! Tables of one kind put together: what was flown on another day or machine, or the limit, beside the rest.
+//! Tables of one kind put together: what was flown on another day or machine, or the optimum, beside the rest.
 
-use crate::table::{LIMIT, Row, Table};
+use crate::table::{OPTIMUM, Row, Table};
 
 /// Why two tables are not of one kind; files are named as they were given.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -19,7 +19,7 @@ pub enum JoinError {
     },
     /// Nothing tells whether the rigs are the same.
     #[error(
-        "{file}: no entrant flies here and in the tables before, so nothing tells whether they flew the same rigs; \
+        "{file}: no controller stands here and in the tables before, so nothing tells whether the rigs are the same; \
          put a table with one of both between them"
     )]
     NothingInCommon {
@@ -51,7 +51,7 @@ pub enum JoinError {
 const NOISE_SHARE: f64 = 0.2;
 const NOISE_KPA: f64 = 0.02;
 
-/// Adds to a table the rows of later ones (each with the name of its file) whose entrants it lacks; the limit comes last.
+/// Adds to a table the rows of later ones (each with the name of its file) whose entrants it lacks; the optimum comes last.
 ///
 /// A row's numbers are those of its own table. That the rigs are the same is judged by the entrants that fly in several
 /// tables: rig by rig their errors may differ by no more than other noise does to them (a fifth, or 0.02 kPa).
@@ -80,7 +80,7 @@ pub fn joined(first: (String, Table), later: Vec<(String, Table)>) -> Result<Tab
         table.provenance.extend(told_of(&file, other.provenance));
     }
     // Stable: everybody else stays in order.
-    table.rows.sort_by_key(|row| row.entrant == LIMIT);
+    table.rows.sort_by_key(|row| row.entrant == OPTIMUM);
     Ok(table)
 }
 
@@ -137,11 +137,11 @@ mod tests {
 
     #[test]
     fn rows_come_once_and_the_limit_last() {
-        let first = table(vec![row("PI", 0.2), row(LIMIT, 0.1), row("ours", 0.15)]);
+        let first = table(vec![row("PI", 0.2), row(OPTIMUM, 0.1), row("ours", 0.15)]);
         let later = table(vec![row("PI", 0.21), row("theirs", 0.3)]);
         let table = join(first, later).unwrap();
         let names: Vec<&str> = table.rows.iter().map(|row| row.entrant.as_str()).collect();
-        assert_eq!(names, ["PI", "ours", "theirs", LIMIT]);
+        assert_eq!(names, ["PI", "ours", "theirs", OPTIMUM]);
         assert_eq!(table.rows[0].cells[0].rmse_kpa[1], 0.2, "a row's numbers are those of the first table that has it");
         assert_eq!(table.notes, ["once"]);
         let keys: Vec<&str> = table.provenance.iter().map(|(key, _)| key.as_str()).collect();

@@ -4,12 +4,12 @@
 //! | --- | --- |
 //! | [`dob`] | the disturbance-observer controller that the paper compares with |
 //! | [`mpc`] | offset-free nonlinear model-predictive control |
-//! | [`optimal_open_loop`] | the limit: what any controller could reach that knows rig and reference |
-//! | [`comparison`] | entrants fly rigs |
+//! | [`optimal_open_loop`] | the clairvoyant optimum: what any controller could reach that knows rig and reference |
+//! | [`comparison`] | controllers on rigs |
 //! | [`table`] | tables as JSON, Markdown and page |
 //! | [`join`] | tables of one kind put together |
 //! | [`payload`] | rigs with an actuator that carries a load |
-//! | [`rigs_around`] | rigs drawn around a given one |
+//! | [`rigs_around`] | rigs randomised around a given one |
 
 pub mod comparison;
 pub mod dob;
@@ -17,6 +17,7 @@ pub mod join;
 pub mod mpc;
 pub mod optimal_open_loop;
 pub mod payload;
+mod present_names;
 pub mod rigs_around;
 pub mod table;
 

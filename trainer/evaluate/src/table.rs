@@ -1,20 +1,20 @@
-//! A table of the paper: who flew what, how well, with its spread; as JSON, Markdown and page.
+//! A table of the paper: who controlled what, how well, with its spread; as JSON, Markdown and page.
 
 use report::{Color, Line, Panel, Plot, Report, Table as Page};
 use serde::{Deserialize, Serialize};
 
-/// Figures of one entrant on one rig: means over flights, and their spread (standard deviation over seeds).
+/// Figures of one entrant on one rig: means over runs, and their spread (standard deviation over seeds).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Cell {
     /// RMSE of the measured pressures after the first 5 s, in kPa; positive, negative.
     pub rmse_kpa: [f64; 2],
     /// Its spread over seeds, in kPa; 0 with one seed.
     pub spread_kpa: [f64; 2],
-    /// Worst RMSE of any flight in the cell, in kPa.
+    /// Worst RMSE of any run in the cell, in kPa.
     pub worst_kpa: [f64; 2],
     /// RMS of the duty's change per tick.
     pub duty_change_rms: [f64; 2],
-    /// Flights that the cell is the mean of.
+    /// Runs that the cell is the mean of.
     pub flights: usize,
     /// RMSE on each rig of the column, mean over seeds, in kPa.
     pub rigs_kpa: Vec<[f64; 2]>,
@@ -23,7 +23,8 @@ pub struct Cell {
 /// One entrant.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Row {
-    /// Who flew.
+    /// Who controlled.
+    #[serde(deserialize_with = "crate::present_names::one")]
     pub entrant: String,
     /// How many trainings or noise seeds.
     pub seeds: usize,
@@ -36,23 +37,25 @@ pub struct Row {
 pub struct Table {
     /// What it shows.
     pub title: String,
-    /// What is flown in each column.
+    /// What is controlled in each column.
+    #[serde(deserialize_with = "crate::present_names::each")]
     pub columns: Vec<String>,
     /// Entrants.
     pub rows: Vec<Row>,
     /// The paper's own figures, where it has such a table: entrant, positive and negative RMSE in kPa on its rig.
     pub paper: Vec<(String, [f64; 2])>,
     /// What a reader must know.
+    #[serde(deserialize_with = "crate::present_names::each")]
     pub notes: Vec<String>,
     /// Command, versions, seeds: how to make it again.
     pub provenance: Vec<(String, String)>,
 }
 
 /// The row that others are multiples of.
-pub const LIMIT: &str = "limit (rig and reference known)";
+pub const OPTIMUM: &str = "clairvoyant optimum (rig and reference known)";
 
 impl Cell {
-    /// The mean of flights' figures, spread over groups of one seed each.
+    /// The mean of runs' figures, spread over groups of one seed each.
     pub fn of(seeds: &[Vec<environment::Score>]) -> Self {
         let mean = |values: &mut dyn Iterator<Item = f64>| {
             let (mut sum, mut count) = (0.0, 0.0);
@@ -91,18 +94,18 @@ impl Cell {
 }
 
 impl Table {
-    /// The cell of the limit in a column.
-    fn limit(&self, column: usize) -> Option<&Cell> {
-        self.rows.iter().find(|row| row.entrant == LIMIT).and_then(|row| row.cells.get(column))
+    /// The cell of the clairvoyant optimum in a column.
+    fn optimum(&self, column: usize) -> Option<&Cell> {
+        self.rows.iter().find(|row| row.entrant == OPTIMUM).and_then(|row| row.cells.get(column))
     }
 
-    /// What a cell says, in kPa, with the multiple of the limit where there is one.
+    /// What a cell says, in kPa, with the multiple of the optimum where there is one.
     fn words(&self, row: &Row, column: usize) -> String {
         let Some(cell) = row.cells.get(column) else { return String::new() };
         let channel = |c: usize| {
             let spread = if row.seeds > 1 { format!(" ± {:.3}", cell.spread_kpa[c]) } else { String::new() };
-            let times = match self.limit(column) {
-                Some(limit) if row.entrant != LIMIT => format!(" ({:.1}×)", cell.rmse_kpa[c] / limit.rmse_kpa[c]),
+            let times = match self.optimum(column) {
+                Some(optimum) if row.entrant != OPTIMUM => format!(" ({:.1}×)", cell.rmse_kpa[c] / optimum.rmse_kpa[c]),
                 _ => String::new(),
             };
             format!("{:.3}{spread}{times}", cell.rmse_kpa[c])
@@ -110,18 +113,18 @@ impl Table {
         format!("{} / {}", channel(0), channel(1))
     }
 
-    /// As Markdown: RMSE positive / negative in kPa, spread, multiple of the limit; then duty changes.
+    /// As Markdown: RMSE positive / negative in kPa, spread, multiple of the optimum; then duty changes.
     pub fn to_markdown(&self) -> String {
         let mut text =
             format!("# {}\n\nRMSE of the measured pressures after the first 5 s, positive / negative, kPa", self.title);
-        text += ", mean ± spread over seeds; in brackets multiples of the limit.\n\n";
+        text += ", mean ± spread over seeds; in brackets multiples of the clairvoyant optimum.\n\n";
         text += &format!("| | seeds | {} |\n", self.columns.join(" | "));
         text += &format!("| --- | --- |{}\n", " --- |".repeat(self.columns.len()));
         for row in &self.rows {
             let cells: Vec<String> = (0..self.columns.len()).map(|n| self.words(row, n)).collect();
             text += &format!("| {} | {} | {} |\n", row.entrant, row.seeds, cells.join(" | "));
         }
-        text += "\nWorst flight of each cell, kPa, and RMS of the duty's change per tick:\n\n";
+        text += "\nWorst run of each cell, kPa, and RMS of the duty's change per tick:\n\n";
         text += &format!("| | {} |\n| --- |{}\n", self.columns.join(" | "), " --- |".repeat(self.columns.len()));
         for row in &self.rows {
             let cells: Vec<String> = row
@@ -179,7 +182,7 @@ impl Table {
     pub fn to_html(&self) -> String {
         let mut page = Report::new(&self.title).text(
             "RMSE of the measured pressures after the first 5 s, positive / negative, in kPa: mean ± spread over seeds; \
-             in brackets multiples of the limit.",
+             in brackets multiples of the clairvoyant optimum.",
         );
         let mut table = Page::new(std::iter::once("".to_owned()).chain(self.columns.iter().cloned()));
         for row in &self.rows {
@@ -250,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_are_told_as_multiples_of_the_limit() {
+    fn rows_are_told_as_multiples_of_the_optimum() {
         let row = |entrant: &str, rmse: f64| Row {
             entrant: entrant.into(),
             seeds: 1,
@@ -259,7 +262,7 @@ mod tests {
         let table = Table {
             title: "t".into(),
             columns: vec!["bench".into()],
-            rows: vec![row("ours", 0.3), row(LIMIT, 0.1)],
+            rows: vec![row("ours", 0.3), row(OPTIMUM, 0.1)],
             paper: vec![("Our RL".into(), [0.6935, 0.2646])],
             notes: vec![],
             provenance: vec![("commit".into(), "abc".into())],

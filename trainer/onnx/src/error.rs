@@ -5,7 +5,9 @@
 #[non_exhaustive]
 pub enum ExportError {
     /// The network takes or gives another number of values than the contract.
-    #[error("the network has {found} {side}, contract {contract} has {expected}; train and export with one contract")]
+    #[error(
+        "the network has {found} {side}, observation layout v{contract} has {expected}; train and export with one layout"
+    )]
     Width {
         /// `inputs` or `outputs`.
         side: &'static str,
@@ -70,7 +72,7 @@ pub enum ExportError {
         value: f32,
     },
     /// An output that can leave its range.
-    #[error("output {name} reaches {low} to {high}, contract {contract} lets it be {lowest} to {highest}")]
+    #[error("output {name} reaches {low} to {high}, observation layout v{contract} lets it be {lowest} to {highest}")]
     OutputRange {
         /// Its name.
         name: String,

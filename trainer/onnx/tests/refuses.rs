@@ -30,7 +30,7 @@ fn a_network_of_the_other_contract() {
     duties.outputs = vec![OutputMap::onto(0.0, 1.0); 12];
     let refused = to_onnx(&duties, &ports, &provenance(), &[]).unwrap_err();
     assert!(matches!(refused, ExportError::OutputRange { .. }), "{refused}");
-    assert_eq!(refused.to_string(), "output du_pos[0] reaches 0 to 1, contract 2 lets it be -0.25 to 0.25");
+    assert_eq!(refused.to_string(), "output du_pos[0] reaches 0 to 1, observation layout v2 lets it be -0.25 to 0.25");
 }
 
 #[test]

@@ -20,7 +20,7 @@ use training::{TrainedPolicy, TrainingSettings};
 /// No training, no selection and no plan draws rigs of this seed.
 const SEED: u64 = 0x40_1010;
 /// Duty change per tick (RMS) from which a valve hunts: calm runs have 0.002 to 0.01, limit cycles 0.03 to 0.06
-/// (`docs/training.md`).
+/// (`docs/training-results.md`).
 const HUNTS: f64 = 0.02;
 
 /// One thing alone, on both valves.

@@ -1,7 +1,8 @@
 //! Readings outside the range that the rig file states for their sensor.
 //!
 //! A sensor of −5 … 20 kPa never reads 101: where many readings lie outside, the column holds something else, whatever the rig
-//! would do. What it holds is told by which meaning puts the readings inside, and the least of them nearest to the open air.
+//! would do. What it holds is told by which meaning puts the readings inside: columns that were exchanged, a unit that all columns share,
+//! a lost sign, a unit of one column.
 
 use model::rig::{Rig, Sensor};
 use proto::recording::Recording;
@@ -15,6 +16,8 @@ use crate::data::Records;
 const MARGIN: f64 = 0.1;
 /// Share of the readings outside from which on it is no loose contact.
 const MANY: f64 = 0.05;
+/// Share of a sensor's range through which readings move where a chamber does anything. Divided by a thousand any reading lies inside.
+const STANDS_STILL: f64 = 0.01;
 
 /// Refuses recordings whose readings lie outside their sensors' ranges; columns that a recording does not have are passed over.
 ///
@@ -61,13 +64,57 @@ struct Channel<'a> {
     values: Vec<f64>,
 }
 
-impl Channel<'_> {
-    /// Share of the readings, as they would be with a meaning, that lie outside a range.
-    fn outside(&self, [low, high]: [f64; 2], of: impl Fn(f64) -> Option<f64>) -> f64 {
-        let margin = MARGIN * (high - low);
+/// The same with what the rig file says of its sensor.
+struct Judged<'a> {
+    column: &'a str,
+    values: &'a [f64],
+    sensor: &'a Sensor,
+    /// The sensor's range, gauge kPa, lower end first.
+    range: [f64; 2],
+}
+
+/// How far beyond a sensor's range readings still count as within.
+#[derive(Clone, Copy)]
+enum Margin {
+    None,
+    Wide,
+}
+
+/// What readings would be under a meaning.
+struct Under {
+    /// Whether they would move through next to nothing of the sensor's range.
+    stands_still: bool,
+    /// The least of them, from the open air (kPa).
+    from_air: f64,
+}
+
+impl<'a> Judged<'a> {
+    /// `None` for a column without readings, or without a sensor in the rig file.
+    fn of(rig: &'a Rig, channel: &'a Channel<'a>) -> Option<Self> {
+        let sensor = rig.sensors.values().find(|sensor| sensor.column == channel.column)?;
+        let (column, values) = (channel.column, channel.values.as_slice());
+        (!values.is_empty()).then(|| Judged { column, values, sensor, range: range_of(sensor) })
+    }
+
+    /// Share of the readings, as they would be with a meaning, that lie outside the range.
+    fn outside(&self, margin: Margin, of: impl Fn(f64) -> Option<f64>) -> f64 {
+        let [low, high] = self.range;
+        let margin = match margin {
+            Margin::None => 0.0,
+            Margin::Wide => MARGIN * (high - low),
+        };
         let inside = |value: &&f64| of(**value).is_some_and(|kpa| (low - margin..=high + margin).contains(&kpa));
         let count = self.values.iter().filter(inside).count();
         1.0 - count as f64 / self.values.len().max(1) as f64
+    }
+
+    fn under(&self, meaning: Meaning, atmosphere_kpa: f64) -> Under {
+        let all = self.values.iter().filter_map(|value| meaning.of(*value, Some(self.sensor), atmosphere_kpa));
+        let (low, high, from_air) = all
+            .fold((f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY), |(low, high, air), p| {
+                (low.min(p), high.max(p), air.min(p.abs()))
+            });
+        Under { stands_still: high - low < STANDS_STILL * (self.range[1] - self.range[0]), from_air }
     }
 }
 
@@ -77,50 +124,59 @@ fn range_of(sensor: &Sensor) -> [f64; 2] {
 }
 
 fn first_outside(rig: &Rig, source: &str, channels: &[Channel<'_>]) -> Option<Finding> {
-    let sensor = |column: &str| rig.sensors.values().find(|sensor| sensor.column == column);
-    channels.iter().find_map(|channel| {
-        let range = range_of(sensor(channel.column)?);
-        if channel.values.is_empty() || channel.outside(range, Some) <= MANY {
-            return None;
-        }
-        let (trouble, reason) = meant(rig, channel, range)
-            .or_else(|| swapped(rig, channel, channels))
-            .unwrap_or_else(|| {
-                let text = "is it another unit, absolute, or the sensor's volts? Say so in the rig file, [recording] columns, or state the \
-                            sensor's true range_kpa_gauge";
-                (Trouble::WrongUnit, text.to_owned())
-            });
-        let mut sorted = channel.values.clone();
-        sorted.sort_by(f64::total_cmp);
-        let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
-        Some(Finding {
-            source: source.to_owned(),
-            column: channel.column.to_owned(),
-            severity: Severity::Unusable,
-            trouble,
-            text: format!(
-                "reads {median:.1} (median), outside the sensor's {} … {} kPa: {reason}",
-                range[0], range[1]
-            ),
-        })
+    let channels: Vec<Judged<'_>> = channels.iter().filter_map(|channel| Judged::of(rig, channel)).collect();
+    let channel = channels.iter().find(|channel| channel.outside(Margin::Wide, Some) > MANY)?;
+    let (trouble, reason) = swapped(channel, &channels)
+        .or_else(|| meant(rig, channel, &channels).map(|meaning| told(rig, channel, meaning)))
+        .unwrap_or_else(|| {
+            let text = "is it another unit, absolute, or the sensor's volts? Say so in the rig file, [recording] columns, or state the \
+                        sensor's true range_kpa_gauge";
+            (Trouble::WrongUnit, text.to_owned())
+        });
+    let mut sorted = channel.values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let [low, high] = channel.range;
+    Some(Finding {
+        source: source.to_owned(),
+        column: channel.column.to_owned(),
+        severity: Severity::Unusable,
+        trouble,
+        text: format!("reads {median:.1} (median), outside the sensor's {low} … {high} kPa: {reason}"),
     })
 }
 
-/// The meaning under which readings lie inside, the least of them nearest to the open air.
-fn meant(rig: &Rig, channel: &Channel<'_>, range: [f64; 2]) -> Option<(Trouble, String)> {
-    let sensor = rig.sensors.values().find(|sensor| sensor.column == channel.column)?;
+/// The meaning that explains the readings of a channel: one that puts those of all channels inside, else a lost sign of this one, else
+/// one of this channel alone. Of several that which leaves the readings moving, and the least of them nearest to the open air.
+fn meant(rig: &Rig, channel: &Judged<'_>, channels: &[Judged<'_>]) -> Option<Meaning> {
     let atmosphere_kpa = rig.atmosphere.pressure_kpa_abs;
-    let of = |meaning: Meaning| move |value: f64| meaning.of(value, Some(sensor), atmosphere_kpa);
-    let from_air = |meaning: Meaning| {
-        let all = channel.values.iter().filter_map(|value| of(meaning)(*value)).map(f64::abs);
-        all.fold(f64::INFINITY, f64::min)
+    let inside = |channel: &Judged<'_>, margin: Margin, meaning: Meaning| {
+        channel.outside(margin, |value| meaning.of(value, Some(channel.sensor), atmosphere_kpa)) <= MANY
     };
-    let meaning = Meaning::wrong()
-        .filter(|meaning| *meaning != Meaning::Volts && channel.outside(range, of(*meaning)) <= MANY)
-        .min_by(|a, b| from_air(*a).total_cmp(&from_air(*b)))?;
+    let best = |fits: &dyn Fn(Meaning) -> bool| {
+        let fitting = Meaning::wrong().filter(|meaning| *meaning != Meaning::Volts && fits(*meaning));
+        let judged = fitting.map(|meaning| (meaning, channel.under(meaning, atmosphere_kpa)));
+        judged.min_by(|(_, a), (_, b)| a.stands_still.cmp(&b.stands_still).then(a.from_air.total_cmp(&b.from_air)))
+    };
+    let of_all = best(&|meaning| {
+        meaning != Meaning::Unsigned && channels.iter().all(|channel| inside(channel, Margin::None, meaning))
+    });
+    let unsigned = inside(channel, Margin::None, Meaning::Unsigned).then_some(Meaning::Unsigned);
+    let of_this = |margin| best(&move |meaning| inside(channel, margin, meaning)).map(|(meaning, _)| meaning);
+    of_all
+        .filter(|(_, under)| !under.stands_still)
+        .map(|(meaning, _)| meaning)
+        .or(unsigned)
+        .or_else(|| of_this(Margin::None))
+        .or_else(|| of_this(Margin::Wide))
+}
+
+/// A meaning in words, with the key that says so.
+fn told(rig: &Rig, channel: &Judged<'_>, meaning: Meaning) -> (Trouble, String) {
+    let atmosphere_kpa = rig.atmosphere.pressure_kpa_abs;
     let column = channel.column;
     let key = |rest: &str| format!("[recording] columns.{column} = {{ from = \"…\", {rest} }}");
-    Some(match meaning {
+    match meaning {
         Meaning::Absolute(_, "kPa") => (
             Trouble::Absolute,
             format!("the pressure seems to be absolute; {}", key(&format!("offset = -{atmosphere_kpa:.1}"))),
@@ -136,12 +192,13 @@ fn meant(rig: &Rig, channel: &Channel<'_>, range: [f64; 2]) -> Option<(Trouble, 
             Trouble::WrongUnit,
             format!("the pressure seems to be in {unit}; {}", key(&format!("unit = \"{}\"", first(unit)))),
         ),
+        Meaning::Volts => (Trouble::WrongUnit, format!("these seem to be volts; {}", key("unit = \"V\""))),
         Meaning::Unsigned => {
-            let expected = if range[0] + range[1] < 0.0 { -1.0 } else { 1.0 };
+            let [low, high] = channel.range;
+            let expected = if low + high < 0.0 { -1.0 } else { 1.0 };
             (Trouble::WrongUnit, format!("{}: {}", lost_sign(expected), key("scale = -1.0")))
         }
-        Meaning::Volts => return None,
-    })
+    }
 }
 
 /// The first unit of a list of alike ones.
@@ -150,13 +207,12 @@ fn first(units: &str) -> &str {
 }
 
 /// Another channel that this one is within the range of, and the other way round.
-fn swapped(rig: &Rig, channel: &Channel<'_>, channels: &[Channel<'_>]) -> Option<(Trouble, String)> {
-    let range = |column: &str| rig.sensors.values().find(|sensor| sensor.column == column).map(range_of);
-    let own = range(channel.column)?;
-    let other = channels.iter().filter(|other| other.column != channel.column).find(|other| {
-        range(other.column)
-            .is_some_and(|theirs| channel.outside(theirs, Some) <= MANY && other.outside(own, Some) <= MANY)
-    })?;
+fn swapped(channel: &Judged<'_>, channels: &[Judged<'_>]) -> Option<(Trouble, String)> {
+    let fits = |values: &Judged<'_>, range: [f64; 2]| Judged { range, ..*values }.outside(Margin::Wide, Some) <= MANY;
+    let other = channels
+        .iter()
+        .filter(|other| other.column != channel.column)
+        .find(|other| fits(channel, other.range) && fits(other, channel.range))?;
     let (one, two) = (channel.column, other.column);
     Some((Trouble::SwappedPressures, format!("the columns {one} and {two} seem to be swapped")))
 }

@@ -1,0 +1,132 @@
+//! Loggers with one row per command and a sensor that is read less often: the cells between its readings are blank.
+//!
+//! A cell now and then without a number is an error of the file, and refused with its line. Where a third of a sensor's cells or more
+//! are blank it is a slower channel: the rows that have readings count as readings, what lies between them is on straight lines.
+
+use std::ops::Range;
+
+use super::csv::CsvError;
+use super::numbers::parse;
+use super::sheet::{Cells, Sheet};
+
+/// Share of blank cells from which a channel is a slower one.
+const SLOWER: f64 = 1.0 / 3.0;
+/// Readings that such a channel has at least: fewer tell nothing of a rate.
+const LEAST_READINGS: usize = 20;
+/// What loggers write where they have nothing, besides nothing at all and NaN.
+const BLANK: [&str; 9] = ["-", "--", "---", "na", "n/a", "#n/a", "null", "none", "1.#qnan"];
+
+/// The numbers of a sensor's column, NaN where a slower channel has none.
+///
+/// # Errors
+/// As [`Sheet::numbers`], where blank cells are few.
+pub(super) fn readings(sheet: &Sheet<'_>, column: usize) -> Result<Vec<f64>, CsvError> {
+    let numbers = sheet.numbers(column);
+    let Err(refused) = numbers else { return numbers };
+    let cells = sheet.columns.get(column).map(|of| &of.cells);
+    let read: Option<Vec<f64>> = match cells {
+        Some(Cells::Numbers(numbers)) => Some(numbers.clone()),
+        Some(Cells::Text(texts)) => texts
+            .iter()
+            .map(|text| match parse(text, sheet.decimal) {
+                Some(number) if number.is_infinite() => None,
+                None if is_blank(text) => Some(f64::NAN),
+                number => number,
+            })
+            .collect(),
+        None => None,
+    };
+    let Some(read) = read.filter(|read| read.iter().all(|x| !x.is_infinite())) else { return Err(refused) };
+    let count = read.iter().filter(|x| !x.is_nan()).count();
+    let is_slower = (read.len() - count) as f64 >= SLOWER * read.len() as f64 && count >= LEAST_READINGS;
+    if is_slower { Ok(read) } else { Err(refused) }
+}
+
+fn is_blank(text: &str) -> bool {
+    let text = text.trim();
+    text.is_empty() || BLANK.iter().any(|blank| text.eq_ignore_ascii_case(blank))
+}
+
+/// Where the slower channels of a file have readings.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Slower {
+    /// By row, whether every sensor was read.
+    pub(super) read: Vec<bool>,
+    /// From the first of these rows to the last.
+    pub(super) span: Range<usize>,
+}
+
+impl Slower {
+    /// Of sensors' columns; `None` where all have a reading in every row.
+    ///
+    /// # Errors
+    /// The place of a column whose readings stand in other rows than those of the rest.
+    pub(super) fn of(columns: &[&[f64]]) -> Result<Option<Self>, usize> {
+        let count = |of: &[f64]| of.iter().filter(|x| !x.is_nan()).count();
+        let rows = columns.first().map_or(0, |column| column.len());
+        let Some((slowest, fewest)) = columns.iter().map(|of| count(of)).enumerate().min_by_key(|(_, count)| *count)
+        else {
+            return Ok(None);
+        };
+        if fewest == rows {
+            return Ok(None);
+        }
+        let read: Vec<bool> =
+            (0..rows).map(|row| columns.iter().all(|of| of.get(row).is_some_and(|x| !x.is_nan()))).collect();
+        let together = read.iter().filter(|read| **read).count();
+        let (first, last) = (read.iter().position(|read| *read), read.iter().rposition(|read| *read));
+        match (first, last) {
+            (Some(first), Some(last)) if 2 * together >= fewest => Ok(Some(Slower { read, span: first..last + 1 })),
+            _ => Err(slowest),
+        }
+    }
+
+    /// Rows for each that has a reading, as a whole number.
+    pub(super) fn rows_a_reading(&self) -> usize {
+        let count = self.read.iter().filter(|read| **read).count();
+        (self.span.len() as f64 / count.max(1) as f64).round().max(1.0) as usize
+    }
+}
+
+/// Puts straight lines over time where a column has no reading, between those that it has.
+pub(super) fn fill(time_s: &[f64], numbers: &mut [f64]) {
+    let there = time_s.iter().zip(numbers.iter()).filter(|(_, x)| !x.is_nan());
+    let there: Vec<(f64, f64)> = there.map(|(time, x)| (*time, *x)).collect();
+    let mut after = 0;
+    for (time, slot) in time_s.iter().zip(numbers) {
+        while there.get(after).is_some_and(|(of, _)| of < time) {
+            after += 1;
+        }
+        if slot.is_nan() {
+            *slot = match (after.checked_sub(1).and_then(|before| there.get(before)), there.get(after)) {
+                (Some((t0, x0)), Some((t1, x1))) => x0 + (x1 - x0) * (time - t0) / (t1 - t0),
+                (Some((_, x)), None) | (None, Some((_, x))) => *x,
+                (None, None) => f64::NAN,
+            };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_go_from_reading_to_reading_over_time() {
+        let nan = f64::NAN;
+        let mut x = [nan, 1.0, nan, nan, 4.0, nan];
+        fill(&[0.0, 0.02, 0.03, 0.06, 0.08, 0.1], &mut x);
+        let expected = [1.0, 1.0, 1.5, 3.0, 4.0, 4.0];
+        assert!(x.iter().zip(expected).all(|(x, e)| (x - e).abs() < 1e-12), "{x:?}");
+    }
+
+    #[test]
+    fn channels_that_are_never_read_together_are_told() {
+        let nan = f64::NAN;
+        let (a, b) = ([1.0, nan, 1.0, nan], [nan, 1.0, nan, 1.0]);
+        assert_eq!(Slower::of(&[&a, &b]), Err(0));
+        assert_eq!(Slower::of(&[&[1.0; 4], &[2.0; 4]]), Ok(None));
+        let of = Slower::of(&[&a, &[1.0; 4]]).unwrap().unwrap();
+        assert_eq!((of.span.clone(), of.rows_a_reading()), (0..3, 2), "{of:?}");
+    }
+}
