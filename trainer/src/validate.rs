@@ -166,7 +166,7 @@ fn began(rig: &Rig, recording: &Recording) -> Result<Began, Failure> {
 /// A flapper's place in words.
 fn placed(flapper: &Flapper) -> String {
     let (kind, valve) = flapper.unknown.split_once(':').unwrap_or(("", &flapper.unknown));
-    let of = if kind == "play" { "its play" } else { "the band that friction holds it in" };
+    let of = if kind == "play" { "its backlash" } else { "the band that friction holds it in" };
     format!("the flapper of {valve} lay at {:+.0} % of {of}", 100.0 * flapper.share)
 }
 

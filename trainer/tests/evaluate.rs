@@ -82,7 +82,7 @@ fn a_comparison_that_is_stopped_leaves_the_older_table_as_it_was() {
         for signal in signals {
             // The second one may find nobody.
             let _ = std::process::Command::new("kill")
-                .args([signal, &child.id().to_string()])
+                .args([*signal, child.id().to_string().as_str()])
                 .stderr(Stdio::null())
                 .status();
         }

@@ -121,7 +121,7 @@ impl PolicyDesk {
         let board = locked(&self.board);
         if name == FALLBACK {
             return if board.snapshot().incumbent == PolicyTag::FALLBACK {
-                Err("the fallback flies already".to_owned())
+                Err("the fallback controls already".to_owned())
             } else {
                 Ok((String::new(), Haste::Straight, None))
             };
@@ -135,7 +135,7 @@ impl PolicyDesk {
         };
         let known = entry.tag().and_then(|tag| Some((tag, board.bytes(tag)?)));
         match (entry.state, known) {
-            (EntryState::Active, _) => Err(format!("{name} flies already")),
+            (EntryState::Active, _) => Err(format!("{name} controls already")),
             (EntryState::Shadow | EntryState::Ramp | EntryState::Probation, _) => {
                 Err(format!("{name} is on its way already ({})", entry.state.name()))
             }

@@ -6,7 +6,7 @@ use crate::findings::Findings;
 /// What a mechanism does, to be read after the name of the component.
 pub(crate) fn does(id: &str) -> &'static str {
     match id {
-        "valve_hysteresis" => "opens less on the way up than on the way down: it has play",
+        "valve_hysteresis" => "opens less on the way up than on the way down: it has backlash",
         "valve_stiction" => "sticks and then jumps instead of following small changes of its command",
         "valve_lag" => "follows its command late",
         "valve_force_curve" => "is pushed open by the pressure in another way than in proportion",
