@@ -32,6 +32,15 @@ pub(crate) const WITH_POLICY: &str = "with the policy";
 /// A run this much worse than another is worse (both channels together; chosen: flights of one controller differ by half of it).
 pub(crate) const WORSE: f64 = 1.05;
 
+/// Multiples of the noise that a model may leave before another experiment is worth a minute of the rig. Chosen: what is found to its
+/// end leaves one or two.
+const MOST_LEFT: f64 = 3.0;
+
+/// Whether a model leaves much more than noise on rows that nothing was fitted to: several effects that one experiment does not part.
+fn leaves_much(diagnosis: &Diagnosis) -> bool {
+    diagnosis.unexplained.iter().any(|left| left.times_noise > MOST_LEFT)
+}
+
 /// What can stand still while this machine computes: the rig of a rehearsal.
 pub trait Pausable {
     /// Stands still.
@@ -250,6 +259,7 @@ impl Adaptation {
                 Some(csv) if round <= MOST_EXPERIMENTS && self.may_experiment(console)? => {
                     self.experiment(&csv, console)?
                 }
+                _ if leaves_much(&diagnosis) => self.excite(console)?,
                 _ => false,
             };
             if !goes_on {

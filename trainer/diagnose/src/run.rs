@@ -118,6 +118,7 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
         notes.push(JUDGED_IN_THE_MIDDLE.to_owned());
     }
 
+    let reidentified = turning.reidentified(bench, fitted.clone(), !request.quick)?;
     let mut unknown = None;
     if judgement.verdict == Verdict::UnknownMechanism {
         progress("shaping a term for what has no name", 0.0);
@@ -130,14 +131,17 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
     if let Some(mut term) = unknown.take() {
         term.explanation = settled(bench, &term.explanation, passes)?;
         let with_it = of(&term.explanation.fitted.rig)?;
-        if with_it.holds_against(&fitted, &bench.sigma_kpa()) {
+        // Also against parameters alone, where the pump's speed was taken from its ripple: what is written must not err more than they do.
+        let holds = |before: &Figures| with_it.holds_against(before, &bench.sigma_kpa());
+        if holds(&fitted) && holds(&reidentified) {
             extended = with_it;
             if let Some(channel) = term.reading {
                 missing.settle_on_reading(channel);
             }
             unknown = Some(term);
         } else {
-            notes.push(does_not_hold(&term.depends_on, [&fitted, &with_it]));
+            let before = if holds(&fitted) { &reidentified } else { &fitted };
+            notes.push(does_not_hold(&term.depends_on, [before, &with_it]));
         }
     }
 
@@ -183,7 +187,7 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
     notes.extend(changes.iter().skip(1).map(|c| changes::in_words(c, &short_name(&c.recording, sources_of()))));
     Outcome::of(&Findings {
         request,
-        reidentified: turning.reidentified(bench, fitted.clone(), !request.quick)?,
+        reidentified,
         unexplained: unexplained(bench, &extended),
         given,
         fitted,
