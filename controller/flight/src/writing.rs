@@ -6,11 +6,11 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
 use proto::recording::{Attachment, EventLevel, TickRecord};
 
-use crate::disk::free_bytes;
+use crate::disk::{RetentionClock, free_bytes};
 use crate::record_error::RecordError;
 use crate::recorder::{Observer, Recorded, RecorderOptions};
 use crate::rotation::{Destination, TapeSource};
@@ -140,6 +140,7 @@ pub(crate) struct Writing {
     watched: Instant,
     opened: Instant,
     retry: Option<Instant>,
+    dates: RetentionClock,
     event_text: fn(&Event) -> String,
     observer: Option<Observer>,
 }
@@ -168,6 +169,7 @@ impl Writing {
             watched: now,
             opened: now,
             retry: None,
+            dates: RetentionClock::start(),
             event_text,
             observer,
         }
@@ -399,7 +401,8 @@ impl Writing {
         let Some(to) = self.source.destination() else { return };
         let (retention, directory, stems) = (to.retention, to.directory.clone(), to.stems);
         let state = Arc::clone(&self.state);
-        let gone = state.working(|| retention.apply(&directory, stems, SystemTime::now()));
+        let now = self.dates.now();
+        let gone = state.working(|| retention.apply(&directory, stems, now));
         if !gone.is_empty() {
             let text = format!("removed {} old recordings (record.keep_days, record.keep_gib)", gone.len());
             self.say(EventLevel::Info, text);

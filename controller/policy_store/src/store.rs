@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use admission::{Admitted, Examiner, Refusal, Stage, Standing, Tally};
 use handover::{Permit, PolicyTag, StoreEnd};
@@ -17,7 +17,7 @@ use proto::atomic_file;
 use crate::audit::Audit;
 use crate::board::{Board, Change};
 use crate::desk::{FALLBACK, PolicyDesk, locked};
-use crate::entry::Entry;
+use crate::entry::{Entry, EntryState};
 use crate::orders::{KeepOrder, Orders};
 use crate::watch::{Look, Settled, Watcher};
 
@@ -25,8 +25,8 @@ use crate::watch::{Look, Settled, Watcher};
 const ROUND: Duration = Duration::from_millis(100);
 /// How often the directory is read.
 const READING: Duration = Duration::from_secs(1);
-/// A file that ends too early and was written within so many seconds is still being copied.
-const COPYING_S: i64 = 15;
+/// A file that ends too early and has not stood still for so long is still being copied.
+const COPYING: Duration = Duration::from_secs(15);
 /// Who asks where nobody does.
 const FOLLOWS: &str = "policy.follow";
 const STORE: &str = "daemon";
@@ -241,8 +241,9 @@ impl Round {
             let incumbent = {
                 let mut board = locked(&self.desk.board);
                 let same = board.entry(&settled.name).is_some_and(|entry| {
-                    // What flies is read once more under its name, and must not be shown as being checked.
-                    entry.state == crate::EntryState::Active
+                    // What has passed already, flies or has flown is the same where its bytes are, and must not be shown as
+                    // being checked: only its permissions or dates have changed.
+                    !matches!(entry.state, EntryState::Checking | EntryState::Refused | EntryState::Gone)
                         && std::fs::symlink_metadata(&settled.path).is_ok_and(|about| about.is_file())
                         && policy::read(&settled.path, Links::Refuse)
                             .is_ok_and(|bytes| policy::hash(&bytes).to_string() == entry.sha256)
@@ -423,8 +424,7 @@ pub fn refused_file(policy: &Path) -> PathBuf {
 
 /// Whether a file ends too early and was written just now: somebody copies it without a rename.
 fn still_copied(settled: &Settled, refusal: &Refusal) -> bool {
-    let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |t| t.as_secs() as i64);
-    let young = (0..COPYING_S).contains(&(now_s - settled.look.written_s()));
+    let young = settled.at_rest() < COPYING;
     let short = refusal.reason.contains("is cut short") || refusal.reason.contains("is empty");
     young && short && refusal.stage <= Stage::Network
 }

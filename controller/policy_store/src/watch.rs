@@ -2,12 +2,15 @@
 //!
 //! A publisher writes under another name (`.tmp`, a dot in front) and renames. Not everybody does, and a network file
 //! system tells nobody of a rename on another machine; so the directory is read once a second, and a file counts when
-//! two readings in a row found the same inode, size and time of change. A copy that pauses for longer is told by what
-//! it holds: the store waits for a file that ends too early ([`crate::store`]).
+//! two readings in a row found the same inode, size and times. The time of its entry's change is among them, which no program
+//! can set: content that was put in place of other content of the same length and date shows there. A copy that pauses for longer
+//! is told by what it holds: the store waits for a file that ends too early ([`crate::store`]). How long a file has stood still
+//! is measured here, by a clock that nobody sets: a file server has another date than this machine.
 
 use std::collections::HashMap;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use crate::desk::FALLBACK;
 
@@ -21,8 +24,10 @@ const MOST_NAMES: usize = 4096;
 pub struct Look {
     inode: u64,
     size: u64,
-    changed_s: i64,
-    changed_ns: i64,
+    /// When it was last written, as the writer wants it to be known: s and ns.
+    written: (i64, i64),
+    /// When it was last changed in any way, by its file system: s and ns.
+    changed: (i64, i64),
     mode: u32,
 }
 
@@ -33,15 +38,10 @@ impl Look {
         Some(Look {
             inode: about.ino(),
             size: about.size(),
-            changed_s: about.mtime(),
-            changed_ns: about.mtime_nsec(),
+            written: (about.mtime(), about.mtime_nsec()),
+            changed: (about.ctime(), about.ctime_nsec()),
             mode: about.mode(),
         })
-    }
-
-    /// Seconds since 1970 at which it was last written.
-    pub fn written_s(&self) -> i64 {
-        self.changed_s
     }
 }
 
@@ -54,6 +54,15 @@ pub struct Settled {
     pub path: PathBuf,
     /// How it looked.
     pub look: Look,
+    /// When it was first seen to look so.
+    pub since: Instant,
+}
+
+impl Settled {
+    /// For how long it has been seen to stand still.
+    pub fn at_rest(&self) -> Duration {
+        self.since.elapsed()
+    }
 }
 
 /// Watches a directory.
@@ -66,6 +75,8 @@ pub struct Watcher {
 #[derive(Debug, Clone, Copy)]
 struct Known {
     look: Look,
+    /// When it was first seen to look so.
+    since: Instant,
     /// Whether it has been handed out as it is now.
     handed: bool,
 }
@@ -120,22 +131,23 @@ impl Watcher {
         reading.gone = self.known.keys().filter(|name| !seen.contains_key(*name)).cloned().collect();
         self.known.retain(|name, _| seen.contains_key(name));
         for (name, (path, look)) in seen {
-            let before = self.known.get(&name).copied();
-            let same = before.is_some_and(|known| known.look == look);
-            let handed = same && before.is_some_and(|known| known.handed);
-            self.known.insert(name.clone(), Known { look, handed: same });
-            if same && !handed {
-                reading.settled.push(Settled { name, path, look });
+            let same = self.known.get(&name).copied().filter(|known| known.look == look);
+            let since = same.map_or_else(Instant::now, |known| known.since);
+            self.known.insert(name.clone(), Known { look, since, handed: same.is_some() });
+            if same.is_some_and(|known| !known.handed) {
+                reading.settled.push(Settled { name, path, look, since });
             }
         }
-        reading.settled.sort_by_key(|settled| (settled.look.changed_s, settled.look.changed_ns));
+        reading.settled.sort_by_key(|settled| settled.look.written);
         reading.gone.sort();
         reading
     }
 
     /// Hands a file out again once it has come to rest, although it looks as it did.
     pub fn again(&mut self, name: &str) {
-        self.known.remove(name);
+        if let Some(known) = self.known.get_mut(name) {
+            known.handed = false;
+        }
     }
 
     fn all_gone(&mut self) -> Reading {
@@ -198,6 +210,44 @@ mod tests {
         assert_eq!(watcher.read().gone, ["first"]);
         std::fs::remove_dir_all(&folder).unwrap();
         assert_eq!(watcher.read(), Reading::default(), "a directory that is not there holds nothing");
+    }
+
+    /// As `cp -p` or a synchronising program leaves it: the same name, length and date, in the same file.
+    #[test]
+    fn other_content_of_the_same_length_and_date_is_another_file() {
+        let folder = folder("same-date");
+        let mut watcher = Watcher::new(folder.clone());
+        let file = folder.join("first.onnx");
+        std::fs::write(&file, b"one").unwrap();
+        let date = std::fs::metadata(&file).unwrap().modified().unwrap();
+        watcher.read();
+        assert_eq!(names(&watcher.read()), ["first"]);
+        std::fs::write(&file, b"two").unwrap();
+        std::fs::File::options().write(true).open(&file).unwrap().set_modified(date).unwrap();
+        assert!(names(&watcher.read()).is_empty(), "it is seen to have changed");
+        assert_eq!(names(&watcher.read()), ["first"]);
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// A file server may be hours ahead or behind: how long a file has stood still is no matter of dates.
+    #[test]
+    fn how_long_a_file_has_stood_still_is_no_matter_of_its_date() {
+        let folder = folder("dated");
+        let mut watcher = Watcher::new(folder.clone());
+        let file = folder.join("first.onnx");
+        std::fs::write(&file, b"half").unwrap();
+        let ahead = std::time::SystemTime::now() + Duration::from_secs(7_200);
+        std::fs::File::options().write(true).open(&file).unwrap().set_modified(ahead).unwrap();
+        watcher.read();
+        let settled = watcher.read().settled.remove(0);
+        watcher.again("first");
+        let again = watcher.read().settled.remove(0);
+        assert_eq!(
+            (settled.since, &settled.look),
+            (again.since, &again.look),
+            "it waits on from when it was first seen"
+        );
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 
     #[test]
