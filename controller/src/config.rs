@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use proto::regular_file;
 use serde::{Deserialize, Serialize};
+use supervisor::Arming;
 
 /// The largest configuration file that is read, in bytes.
 const MOST_BYTES: u64 = 1 << 20;
@@ -223,6 +224,13 @@ impl Default for Control {
     }
 }
 
+impl Control {
+    /// Who arms.
+    pub fn arming(&self) -> Arming {
+        if self.auto_arm { Arming::Automatic } else { Arming::Manual }
+    }
+}
+
 /// `[safety]`
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
@@ -345,7 +353,8 @@ impl Config {
         let config: Config = toml::from_str(text).map_err(|error| {
             let at = error.span().map_or(0, |span| span.start);
             let line = 1 + text.bytes().take(at).filter(|b| *b == b'\n').count();
-            ConfigError::Parse { file: file.to_owned(), line, problem: error.message().replace('\n', "; ") }
+            let key = key_before(text, at).map_or_else(String::new, |key| format!("{key}: "));
+            ConfigError::Parse { file: file.to_owned(), line, problem: key + &error.message().replace('\n', "; ") }
         })?;
         config.check(file)?;
         Ok(config)
@@ -409,6 +418,12 @@ impl Config {
     }
 }
 
+/// The key whose value stands at a place of the text; `None` where the place is the key's own.
+fn key_before(text: &str, at: usize) -> Option<&str> {
+    let begin = text.get(..at)?.rfind('\n').map_or(0, |end| end + 1);
+    text.get(begin..at)?.split_once('=').map(|(key, _)| key.trim())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -442,7 +457,8 @@ mod tests {
             ("[link]\naddress = \"10.0.0.2\"\n", vec!["link.address", "host:port"]),
             (&format!("{link}speed = 3\n"), vec!["line 3", "speed"]),
             (&format!("{link}[safty]\n"), vec!["line 3", "safty"]),
-            (&format!("{link}pacing = \"fast\"\n"), vec!["line 3", "fast", "lockstep"]),
+            (&format!("{link}pacing = \"fast\"\n"), vec!["line 3: pacing: ", "fast", "lockstep"]),
+            (&format!("safety.max_pos_kpa = \"high\"\n{link}"), vec!["line 1: safety.max_pos_kpa: ", "high"]),
             (&format!("{link}[safety]\nmax_pos_kpa = \"high\"\n"), vec!["line 4", "string"]),
             (&format!("{link}[safety]\nmax_pos_kpa = 500.0\n"), vec!["safety.max_pos_kpa", "500", "280"]),
             (&format!("{link}[safety]\nmin_neg_kpa = nan\n"), vec!["safety.min_neg_kpa", "NaN"]),

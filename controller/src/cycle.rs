@@ -11,6 +11,7 @@
 //! of them, and this is where the action is done. What is steered for while all is sound is its [`DutySource`].
 
 mod construction;
+mod filtering;
 mod limits;
 mod requests;
 mod telling;
@@ -21,25 +22,22 @@ use monitor::plausibility::{Foresight, Phase};
 use monitor::{Frame, Monitor, SentCommand};
 use proto::recording::TickRecord;
 use proto::wire::{Mode, Sense};
-use safety_filter::{Intervention, SafetyFilter, SlewLimit};
+use safety_filter::{SafetyFilter, SlewLimit};
 use supervisor::transition::Acknowledgement;
 use supervisor::{
     Action, Actuation, Arming, Condition, ConditionSet, Inputs, Integration, Memory, Request, State, Tick, next,
 };
 
+use filtering::FilterWatch;
+
 use crate::config::Safety;
-use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, SensorSample, Steering};
+use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, Prediction, SensorSample, Steering};
 use crate::notice::Notice;
 use crate::running_source::RunningSource;
 use crate::sensing::Sensing;
 
 /// Frames that may be missing in a row before the rig is vented; the plan is followed meanwhile.
 const TOLERATED_MISSING: u32 = 1;
-/// The most that a duty moves in a tick of HOLD (chosen: a tenth of the valve's range, half of what a step of a sound
-/// controller takes).
-const HOLD_SLEW_DUTY: f64 = 0.1;
-/// Ticks without an intervention of the safety filter after which the next one is told again.
-const FILTER_TOLD_AGAIN: u32 = 50;
 
 /// The control cycle and everything it remembers.
 pub struct Cycle<H = RunningSource> {
@@ -47,8 +45,7 @@ pub struct Cycle<H = RunningSource> {
     safety: Safety,
     duty_source: H,
     filter: SafetyFilter,
-    /// Ticks since the safety filter last changed a command, for telling each time once.
-    filter_quiet: u32,
+    filter_watch: FilterWatch,
     monitor: Monitor,
     memory: Memory,
     arming: Arming,
@@ -197,8 +194,8 @@ impl<H: DutySource> Cycle<H> {
     /// Runs in the tick; five ticks of the model.
     pub fn predict(&mut self, record: &mut TickRecord) {
         self.duty_source.exchange_model(&mut self.filter, &mut self.monitor, record);
-        if self.state().is_controlling() {
-            self.duty_source.predict(self.measured, record);
+        if self.state().is_controlling() && self.duty_source.predict(self.measured, record) == Prediction::Diverged {
+            self.report(Condition::ModelDiverged, 0.0);
         }
         // Vented as well, so that it stands where the rig is when the rig is armed.
         self.filter.observe(self.measured);
@@ -235,39 +232,6 @@ impl<H: DutySource> Cycle<H> {
             }
         }
         self.note_answer(record)
-    }
-
-    /// In HOLD duties move slowly.
-    fn held(&self, wanted: ActuatorCommand, last: ActuatorCommand) -> ActuatorCommand {
-        if self.action.is_none_or(|action| action.integration == Integration::On) {
-            return wanted;
-        }
-        let duty = std::array::from_fn(|c| {
-            wanted.duty[c].clamp(last.duty[c] - HOLD_SLEW_DUTY, last.duty[c] + HOLD_SLEW_DUTY).clamp(0.0, 1.0)
-        });
-        ActuatorCommand { duty, mode: Mode::Hold, ..wanted }
-    }
-
-    /// The command that may be sent in place of the one that was asked for: the one place between whatever decides and the
-    /// valves.
-    fn filtered(&mut self, asked: ActuatorCommand, record: &mut TickRecord, tell: NoticeSink<'_>) -> ActuatorCommand {
-        let filtered = self.filter.limit(asked.duty);
-        record.command_before_filter = asked.duty;
-        record.filter_active = filtered.intervention != Intervention::None;
-        if filtered.intervention > Intervention::Slew {
-            if self.filter_quiet >= FILTER_TOLD_AGAIN {
-                tell(Notice::Filtered { tick: self.tick, asked: asked.duty, measured: self.measured });
-            }
-            self.filter_quiet = 0;
-        } else {
-            self.filter_quiet = self.filter_quiet.saturating_add(1);
-        }
-        ActuatorCommand { duty: filtered.duty, ..asked }
-    }
-
-    /// Commands that the safety filter has changed since the start.
-    pub fn filter_interventions(&self) -> u64 {
-        self.filter.interventions()
     }
 
     /// No frame came in time. Once the plan or sequence goes on; from then on the vents are open.
@@ -379,7 +343,7 @@ impl<H: DutySource> Cycle<H> {
         record.pump_on = self.answer.pump_on;
         record.state = self.state().code();
         record.fault = self.state().fault(self.memory.cause);
-        record.findings = self.conditions.bits();
+        record.findings = self.conditions.code_bits();
         record.experiment = self.duty_source.experiment().map_or(0, |experiment| experiment.phase.code());
         self.answer
     }
@@ -421,7 +385,8 @@ mod tests {
 
     fn cycle() -> Cycle {
         let rig = Rig::builtin("dual_pressure").unwrap();
-        let mut cycle = Cycle::new(&rig, None, Reference::constant(85.0, -72.0), Safety::default(), true).unwrap();
+        let mut cycle =
+            Cycle::new(&rig, None, Reference::constant(85.0, -72.0), Safety::default(), Arming::Automatic).unwrap();
         cycle.session_opened();
         cycle
     }

@@ -229,7 +229,7 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
         (config.policy.active.clone(), policy.hash(), Arc::from(bytes.as_slice()))
     });
     attachments.extend(policy_bytes.map(|bytes| attachment(attached::POLICY, "application/onnx", bytes)));
-    let cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.auto_arm).map_err(unflyable)?;
+    let cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.arming()).map_err(unflyable)?;
     remarks.extend(cycle.duty_source().tracking().out_of_reach().map(out_of_reach_text));
     let (policy_name, policy_sha256) = policy_id.clone().unwrap_or_else(|| (FALLBACK.to_owned(), String::new()));
     let running = Running {

@@ -37,9 +37,9 @@ impl ActuatorCommand {
     /// The safe state: both vents open, pump off.
     pub const VENT: ActuatorCommand = ActuatorCommand { duty: VENT, mode: Mode::Vent, pump_on: false };
 
-    /// Duties in force, pump as told.
-    pub fn run(duty: Pair, pump_on: bool) -> Self {
-        ActuatorCommand { duty, mode: Mode::Run, pump_on }
+    /// Duties in force, pump on.
+    pub fn run(duty: Pair) -> Self {
+        ActuatorCommand { duty, mode: Mode::Run, pump_on: true }
     }
 }
 
@@ -77,6 +77,15 @@ pub enum Afterwards {
     Armed,
     /// Standing by, as before it.
     StandingBy,
+}
+
+/// What became of a prediction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Prediction {
+    /// It was made, or none is needed.
+    Sound,
+    /// The model came to numbers that are none: what is measured stands in, and the model begins anew from there.
+    Diverged,
 }
 
 /// How the watch takes what a source decides.
@@ -139,8 +148,8 @@ pub trait DutySource: Send {
     /// The rig was armed in this tick.
     fn armed(&mut self, tick: u32, measured: Pair);
 
-    /// Rolls a model ahead from what was measured, where one is used; `applied` is the duty in force.
-    fn predict(&mut self, measured: Pair, record: &mut TickRecord);
+    /// Rolls a model ahead from what was measured, where one is used.
+    fn predict(&mut self, measured: Pair, record: &mut TickRecord) -> Prediction;
 
     /// Decides the tick; `None` if there is no finite answer, and the rig is vented.
     fn decide(

@@ -19,6 +19,7 @@ use crate::notice::sentence_of_one_session;
 use crate::open_loop_playback::{OpenLoopPlayback, Stopped};
 use crate::playback_report::PlaybackReport;
 use crate::preflight_simulation::{Forecast, ForecastError, preflight_simulation};
+use crate::pump_relay::PumpRelay;
 use crate::run_file::attached;
 use crate::run_length::RunLength;
 use crate::session_recorder::{EXPERIMENT_STEM, SessionError, SessionRecorder, attachment, fly_recorded};
@@ -104,7 +105,7 @@ impl Experiment {
     /// When and how far the model leaves the safety envelope, or which rows need the pump off.
     pub fn check(sequence: CommandSequence, rig: Rig, safety: Safety) -> Result<Self, ExperimentError> {
         let forecast = preflight_simulation(&rig, &sequence, safety)?;
-        if !forecast.relay
+        if forecast.relay == PumpRelay::Absent
             && let Some(stretches) = sequence.pump_off()
         {
             let (file, rig) = (sequence.source().to_owned(), rig.name);

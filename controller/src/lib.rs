@@ -12,6 +12,7 @@
 //! | [`running_source`] | a reference, with an experiment in between |
 //! | [`settling`] | whether the pressures stand still |
 //! | [`command_sequence`], [`preflight_simulation`], [`playback_report`] | commands from a file; what the model says they will do; what they did |
+//! | [`pump_relay`] | whether the pump can be switched |
 //! | [`pacing`] | when a frame is due |
 //! | [`link`] | TCP to the cRIO |
 //! | [`session`] | the tick's thread |
@@ -27,7 +28,7 @@
 //! | [`reference_limits`] | how near a reference may come to the safety envelope |
 //! | [`attribution`] | what a missed deadline is put down to |
 //! | [`guard`], [`systemd`] | the watchdogs |
-//! | [`notice`] | what a person is told |
+//! | [`notice`], [`fault_text`] | what a person is told |
 //! | [`policy_service`] | policies beside the tick: what controls from the start, the watched directory |
 //! | [`model_change`] | another model, put in at a tick's edge |
 //! | [`policy_signatures`] | the observation layouts for the policy loader |
@@ -52,6 +53,7 @@ pub mod desk;
 pub mod duty_source;
 pub mod experiment;
 pub mod experiment_log;
+pub mod fault_text;
 pub mod guard;
 pub mod link;
 pub mod live_stream;
@@ -67,6 +69,7 @@ pub mod playback_report;
 pub mod policy_service;
 pub mod policy_signatures;
 pub mod preflight_simulation;
+pub mod pump_relay;
 pub mod realtime;
 mod recorded_orders;
 pub mod reference_limits;

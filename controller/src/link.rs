@@ -122,13 +122,18 @@ pub enum Incoming {
 pub struct Broken {
     /// The condition.
     pub condition: Condition,
-    /// The number behind it.
+    /// The number behind it; of a lost link the system's error, 0 where the cRIO closed it, minus the seconds of a silence.
     pub value: f64,
 }
 
 impl Broken {
     fn because(condition: Condition, value: f64) -> Self {
         Broken { condition, value }
+    }
+
+    /// A cRIO that has said nothing for so long.
+    pub fn silent(ns: u64) -> Self {
+        Broken { condition: Condition::LinkLost, value: -(ns as f64) * 1e-9 }
     }
 
     /// Reason of the BYE that is said before closing.

@@ -5,10 +5,12 @@ use handover::stages::LEVELS;
 use handover::{Loss, PolicyEvent, PolicyTag, StageNow};
 use model::observation::Pair;
 use proto::recording::EventLevel;
-use proto::wire::TripBits;
 use supervisor::Condition;
 
+use crate::fault_text::{vented, what_next};
+
 pub use crate::attribution::MissCause;
+pub use crate::fault_text::{fault_name, fault_text};
 pub use crate::link::Misplaced;
 
 /// Something that happened in the tick.
@@ -285,109 +287,11 @@ fn policy_sentence(event: &Event) -> String {
     }
 }
 
-/// What a recorded fault is called.
-pub fn fault_name(code: u16) -> &'static str {
-    Condition::from_code(code).map_or("unknown fault", Condition::name)
-}
-
-/// A fault with the number behind it, and where to look.
-pub fn fault_text(code: u16, value: f64) -> String {
-    use Condition as C;
-    let Some(condition) = Condition::from_code(code) else { return fault_name(code).to_owned() };
-    match condition {
-        C::FramesScarce => {
-            format!("{value:.0} of the last 100 frames did not come in time; look at the link and its load")
-        }
-        C::NotRealtime => "real-time rights are missing, and realtime.enforce = true asks for them".to_owned(),
-        C::NotRecorded => {
-            "nothing would be recorded; `controller status` says what is wrong with the recording".to_owned()
-        }
-        C::FrameMissing | C::FramesMissing => format!("no frame for {value:.0} ms"),
-        C::FrameImplausible => format!("a frame's numbering cannot be right ({value:.0})"),
-        C::DeadlineMissed => format!("a command left {value:.1} ms after its frame was due"),
-        C::ReadingSuspect => format!("a reading jumped {value:+.1} kPa away from what the model foresaw"),
-        C::TrackingPoor => format!("a pressure stays {value:+.1} kPa away from its reference"),
-        C::PolicyRefused => "the policy gave no usable answer".to_owned(),
-        C::FramesLost => format!("{value:.0} of the last 100 frames did not come in time, more than 25"),
-        C::CommandsScarce => {
-            format!("by its own count the cRIO did not get {value:.0} of the last 100 commands in time, more than 25")
-        }
-        C::DeadlinesMissed => format!("deadlines missed: {value:.0} of the last 100, or three in a row"),
-        C::CommandsLost => "the cRIO got no command in time and vented by itself".to_owned(),
-        C::ClockImplausible => format!(
-            "the frames' sequence number, clock or tick does not go on as time does ({value:.0}); look at the cRIO's program"
-        ),
-        C::FramesDamaged => {
-            format!("{value:.0} of the last 100 frames had a wrong CRC or no place in the session; the link is closed")
-        }
-        C::LinkFlooded => format!("{value:.0} bytes came in one tick; a cRIO sends 64; the link is closed"),
-        C::StreamBroken => format!(
-            "the byte stream is broken: a frame began with wrong magic, type or length (0x{:08X}); the link is closed",
-            value as u32
-        ),
-        C::VersionWrong => {
-            format!("a frame of protocol version {value:.0} came, this program speaks 1; the link is closed")
-        }
-        C::NotRead => "the cRIO no longer reads what is sent to it; the link is closed".to_owned(),
-        C::PeerLeft => "the cRIO said BYE".to_owned(),
-        C::LinkLost => "the link to the cRIO is lost".to_owned(),
-        C::SampleRate => {
-            format!("the cRIO does not sample at 50 Hz (its period now makes {value:.1} Hz); set its loop to 20 ms")
-        }
-        C::LawNotFinite => "the control law gave no finite duty".to_owned(),
-        C::CommandNotInForce => format!(
-            "the cRIO reports command {value:.0} in force, which is none of the last; does it apply what it receives?"
-        ),
-        C::EchoWrong => format!("the cRIO reports a duty of {value:.3} that was not commanded; look at its outputs"),
-        C::CrioIdle => format!("the cRIO reports state {value:.0} although it is told to run"),
-        C::PumpOff => "the cRIO reports the pump off although it is switched on; look at relay and supply".to_owned(),
-        C::Uncontrolled => {
-            format!(
-                "a pressure of {value:.1} kPa stays beyond its reference with the vent open; look at valve and hose"
-            )
-        }
-        C::ModelPositive => format!("positive{}", against_the_model(value)),
-        C::ModelNegative => format!("negative{}", against_the_model(value)),
-        C::FrozenPositive => format!("the positive{}", frozen(value)),
-        C::FrozenNegative => format!("the negative{}", frozen(value)),
-        C::RangePositive => {
-            format!("the positive sensor reads {value:.1} kPa, which no positive chamber has; check sensor and wire")
-        }
-        C::RangeNegative => {
-            format!("the negative sensor reads {value:.1} kPa, which no negative chamber has; check sensor and wire")
-        }
-        C::SensorPositive => {
-            format!("the positive sensor reads {value:.3} V, outside 0.8 … 5.2 V; check sensor and wire")
-        }
-        C::SensorNegative => {
-            format!("the negative sensor reads {value:.3} V, outside 0.8 … 5.2 V; check sensor and wire")
-        }
-        C::TripBits => format!("the cRIO reports {} without having tripped", TripBits::from_bits(value as u8)),
-        C::CrioTripped => format!("the cRIO tripped ({})", TripBits::from_bits(value as u8)),
-        C::OverVacuum => format!("negative pressure {value:.1} kPa is below safety.min_neg_kpa"),
-        C::OverPressure => format!("positive pressure {value:.1} kPa is above safety.max_pos_kpa"),
-        C::VentNotEchoed => format!(
-            "FAULT: both vents were commanded open and the cRIO reports a duty of {value:.3}; switch the pump off by hand"
-        ),
-        C::VentIneffective => format!(
-            "FAULT: the vents are commanded open and {value:.1} kPa does not fall; valve, hose or sensor is stuck: switch the pump off by hand"
-        ),
-    }
-}
-
-fn against_the_model(kpa: f64) -> String {
-    format!(" reading and model disagree by {kpa:+.1} kPa: a wrong sensor, a leak, a stuck valve or a burst hose")
-}
-
-fn frozen(ticks: f64) -> String {
-    format!(" sensor's reading has not moved in a single bit for {ticks:.0} ticks; it is stuck")
-}
-
 /// One plain sentence for an event of a run that is one session: nothing is connected again.
 pub fn sentence_of_one_session(event: &Event) -> String {
     let [tick, value, ..] = event.values;
     match event.code {
-        code @ 101..=199 => format!("VENTED at tick {tick:.0}: {}", fault_text(code - 100, value)),
+        code @ 101..=199 => format!("{} at tick {tick:.0}: {}", vented(code - 100), fault_text(code - 100, value)),
         _ => sentence(event),
     }
 }
@@ -401,7 +305,7 @@ pub fn sentence(event: &Event) -> String {
         2 if b > 0.0 => format!("armed by itself {at} (control.auto_arm)"),
         2 => format!("armed {at}"),
         3 => format!("disarmed {at}; both vents open"),
-        4 => format!("sound again {at}; standing by, vents open"),
+        4 => format!("sound again {at}; standing by with both vents open, ready to be armed"),
         5 => format!("frame {a:.0} did not come ({b:.1} ms late); following the plan for one tick"),
         6 => format!(
             "deadline missed {at}: the command left {b:.1} ms after its frame was due ({})",
@@ -424,45 +328,22 @@ pub fn sentence(event: &Event) -> String {
         29 => format!("exploration is off {at}"),
         27 => format!("at rest; the first row is played {at}"),
         11 => format!("holding {at}: {}", fault_text(b as u16, c)),
-        13 => format!("the fallback took over {at}: {}", fault_text(b as u16, c)),
+        13 => format!("the fallback alone controls from tick {a:.0} on: {}", fault_text(b as u16, c)),
         14 => format!("the policy controls again {at}"),
         15 => format!("acknowledged {at}; arm when you are ready"),
         16 => format!("acknowledged {at}, but it still holds: {}", fault_text(b as u16, c)),
-        17 => format!("{} {at}", fault_text(Condition::FramesScarce.code(), b)),
+        17 => format!("frames are scarce {at}: {}", fault_text(Condition::FramesScarce.code(), b)),
         30 => format!("not armed by itself {at}: {}", fault_text(Condition::NotRecorded.code(), 0.0)),
         18 => format!("the session ended {at}: {}; the rig stays vented", fault_name(b as u16)),
         code @ 101..=199 => {
             let fault = code - 100;
-            format!("VENTED {at}: {}{}", fault_text(fault, b), what_next(fault))
+            format!("{} {at}: {}{}", vented(fault), fault_text(fault, b), what_next(fault))
         }
         code @ 301..=399 => format!(
-            "STILL IN DOUBT after {b:.0} s {at}: {} at {c:.1}/{d:.1} kPa; switch the pump off by hand",
+            "STILL A FAULT after {b:.0} s {at}: {}; {c:.1}/{d:.1} kPa with both vents commanded open; switch the pump off by hand",
             fault_name(code - 300)
         ),
         code => format!("event {code} {:?}", event.values),
-    }
-}
-
-/// What follows by itself, or what a person must do.
-fn what_next(fault: u16) -> &'static str {
-    match Condition::from_code(fault) {
-        Some(
-            Condition::FramesMissing | Condition::FramesLost | Condition::CommandsScarce | Condition::ClockImplausible,
-        ) => "; waiting for the cRIO",
-        Some(Condition::CommandsLost) => "; a new session will be opened",
-        Some(
-            Condition::LinkLost
-            | Condition::PeerLeft
-            | Condition::NotRead
-            | Condition::FramesDamaged
-            | Condition::LinkFlooded
-            | Condition::StreamBroken
-            | Condition::VersionWrong,
-        ) => "; connecting again",
-        Some(condition) if condition.latch() == supervisor::condition::Latch::UntilAcknowledged => {
-            "; `controller acknowledge` once it is mended, then arm"
-        }
-        _ => "",
     }
 }
 

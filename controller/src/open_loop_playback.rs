@@ -15,9 +15,11 @@ use supervisor::Condition;
 
 use crate::command_sequence::Row;
 use crate::duty_source::{
-    ActuatorCommand, DutySource, ExperimentPhase, ExperimentProgress, ModeRequest, NoticeSink, SensorSample, Steering,
+    ActuatorCommand, DutySource, ExperimentPhase, ExperimentProgress, ModeRequest, NoticeSink, Prediction,
+    SensorSample, Steering,
 };
 use crate::notice::{Notice, fault_text};
+use crate::pump_relay::PumpRelay;
 use crate::settling::SettlingDetector;
 
 /// How long the pressures may take to stand still before the first row, in ticks: 60 s.
@@ -79,8 +81,8 @@ enum Phase {
 #[derive(Debug)]
 pub struct OpenLoopPlayback {
     rows: Box<[Row]>,
-    /// Whether the model's pump can be switched, so that the rig begins at the atmosphere's pressure.
-    relay: bool,
+    /// Of the model's pump: with one the rig begins at the atmosphere's pressure.
+    relay: PumpRelay,
     phase: Phase,
     calm: SettlingDetector,
     /// Sound frames in this phase.
@@ -92,8 +94,8 @@ pub struct OpenLoopPlayback {
 }
 
 impl OpenLoopPlayback {
-    /// A sequence that waits for rest; `relay`: whether the pump can be switched.
-    pub fn new(rows: Box<[Row]>, relay: bool) -> Self {
+    /// A sequence that waits for rest.
+    pub fn new(rows: Box<[Row]>, relay: PumpRelay) -> Self {
         OpenLoopPlayback {
             rows,
             relay,
@@ -163,12 +165,12 @@ impl OpenLoopPlayback {
     fn at_rest(&mut self, measured: Pair) -> bool {
         let still = self.calm.add(measured);
         // Without a relay the pump goes on, and rest is a balance somewhere.
-        still && (!self.relay || measured.iter().all(|p| p.abs() <= REST_KPA))
+        still && (self.relay == PumpRelay::Absent || measured.iter().all(|p| p.abs() <= REST_KPA))
     }
 
     fn settle(&mut self, seen: &SensorSample) -> ModeRequest {
         self.pump_runs = if seen.pump_running { self.pump_runs + 1 } else { 0 };
-        if self.relay && self.pump_runs > PUMP_STOPS {
+        if self.relay == PumpRelay::Fitted && self.pump_runs > PUMP_STOPS {
             self.stop(Stopped::PumpRuns);
         } else if self.at_rest(seen.measured) {
             return ModeRequest::Arm;
@@ -183,7 +185,7 @@ impl OpenLoopPlayback {
         let number = tick.wrapping_sub(start_tick);
         let row = self.rows.get(number as usize)?;
         self.reached = self.reached.max(number + 1);
-        Some(ActuatorCommand::run(row.duty, row.pump_on))
+        Some(ActuatorCommand { pump_on: row.pump_on, ..ActuatorCommand::run(row.duty) })
     }
 }
 
@@ -216,7 +218,9 @@ impl DutySource for OpenLoopPlayback {
         }
     }
 
-    fn predict(&mut self, _measured: Pair, _record: &mut TickRecord) {}
+    fn predict(&mut self, _measured: Pair, _record: &mut TickRecord) -> Prediction {
+        Prediction::Sound
+    }
 
     fn decide(
         &mut self,
@@ -283,25 +287,27 @@ mod tests {
     #[test]
     fn waits_until_the_pressures_stand_still() {
         // A vent of half a second's time constant from 90 kPa: below 0.1 kPa of rest after 3.4 s, 170 ticks.
-        let blown =
-            settles(&mut OpenLoopPlayback::new([SHUT].into(), true), |t| 90.0 * (-f64::from(t) / 25.0).exp()).unwrap();
+        let blown = settles(&mut OpenLoopPlayback::new([SHUT].into(), PumpRelay::Fitted), |t| {
+            90.0 * (-f64::from(t) / 25.0).exp()
+        })
+        .unwrap();
         assert!((100..250).contains(&blown), "{blown}");
-        let at_once = settles(&mut OpenLoopPlayback::new([SHUT].into(), true), |_| 0.4).unwrap();
+        let at_once = settles(&mut OpenLoopPlayback::new([SHUT].into(), PumpRelay::Fitted), |_| 0.4).unwrap();
         assert!(at_once < 100, "{at_once}");
     }
 
     #[test]
     fn a_rig_that_stays_under_pressure_is_refused_and_without_a_relay_it_is_not() {
-        let mut playing = OpenLoopPlayback::new([SHUT].into(), true);
+        let mut playing = OpenLoopPlayback::new([SHUT].into(), PumpRelay::Fitted);
         assert_eq!(settles(&mut playing, |_| 40.0), None);
         assert!(matches!(playing.why_stopped(), Some(Stopped::Restless { .. })));
-        assert!(settles(&mut OpenLoopPlayback::new([SHUT].into(), false), |_| 40.0).is_some());
+        assert!(settles(&mut OpenLoopPlayback::new([SHUT].into(), PumpRelay::Absent), |_| 40.0).is_some());
     }
 
     #[test]
     fn rows_follow_the_crios_tick_whatever_is_missing() {
         let rows: Vec<Row> = (0..10).map(|k| Row { duty: [0.1 * f64::from(k), 0.5], pump_on: k % 2 == 0 }).collect();
-        let mut playing = OpenLoopPlayback::new(rows.clone().into(), true);
+        let mut playing = OpenLoopPlayback::new(rows.clone().into(), PumpRelay::Fitted);
         playing.armed(100, [0.0; CHANNELS]);
         for k in [0, 1, 4, 4, 9] {
             let expected = rows[k as usize];
@@ -323,7 +329,7 @@ mod tests {
 
     #[test]
     fn what_stops_it_stops_it_for_good_and_the_first_reason_stays() {
-        let mut playing = OpenLoopPlayback::new([SHUT; 10].into(), true);
+        let mut playing = OpenLoopPlayback::new([SHUT; 10].into(), PumpRelay::Fitted);
         playing.armed(0, [0.0; CHANNELS]);
         playing.bridge(0);
         playing.stopped(Some((Condition::OverPressure, 161.0)));
@@ -337,8 +343,8 @@ mod tests {
 
     #[test]
     fn late_frames_before_the_first_row_only_cost_time() {
-        let mut playing = OpenLoopPlayback::new([SHUT].into(), true);
-        let usual = settles(&mut OpenLoopPlayback::new([SHUT].into(), true), |_| 0.0).unwrap();
+        let mut playing = OpenLoopPlayback::new([SHUT].into(), PumpRelay::Fitted);
+        let usual = settles(&mut OpenLoopPlayback::new([SHUT].into(), PumpRelay::Fitted), |_| 0.0).unwrap();
         for tick in 0..usual {
             assert_eq!(playing.on_sample(&seen(tick, [0.0; CHANNELS], State::Standby)), ModeRequest::None);
         }
@@ -352,7 +358,7 @@ mod tests {
     #[test]
     fn a_pump_that_cannot_be_stopped_is_found_before_anything_moves() {
         let running = |tick| SensorSample { pump_running: true, ..seen(tick, [40.0, -40.0], State::Standby) };
-        let mut playing = OpenLoopPlayback::new([SHUT].into(), true);
+        let mut playing = OpenLoopPlayback::new([SHUT].into(), PumpRelay::Fitted);
         assert!((0..200).all(|tick| playing.on_sample(&running(tick)) == ModeRequest::None));
         assert_eq!(playing.why_stopped(), Some(Stopped::PumpRuns));
         assert_eq!(playing.reached(), 0);

@@ -9,6 +9,8 @@ use proto::recording::TickRecord;
 use proto::wire::{Frame, Mode};
 use serde::{Deserialize, Serialize};
 
+use crate::pump_relay::PumpRelay;
+
 /// Figures of a sequence as it was played.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct PlaybackReport {
@@ -27,7 +29,7 @@ pub struct PlaybackReport {
     #[serde(skip)]
     last: Option<Sent>,
     #[serde(skip)]
-    relay: bool,
+    relay: PumpRelay,
 }
 
 /// A row that waits for its echo.
@@ -39,8 +41,8 @@ struct Sent {
 }
 
 impl PlaybackReport {
-    /// Nothing seen yet; `relay`: whether the pump can be switched.
-    pub fn new(relay: bool) -> Self {
+    /// Nothing seen yet, on a rig with or without a relay.
+    pub fn new(relay: PumpRelay) -> Self {
         PlaybackReport { relay, ..PlaybackReport::default() }
     }
 
@@ -76,7 +78,7 @@ impl PlaybackReport {
 
     fn applied(&self, sent: &Sent, next: &TickRecord) -> bool {
         let pump = match Frame::decode(&next.sense) {
-            Ok(Frame::Sense(sense)) => !self.relay || sense.pump_running == sent.pump_on,
+            Ok(Frame::Sense(sense)) => self.relay == PumpRelay::Absent || sense.pump_running == sent.pump_on,
             _ => true,
         };
         pump && sent.duty == [next.echo_pos, next.echo_neg]
@@ -104,7 +106,7 @@ mod tests {
 
     #[test]
     fn a_command_is_applied_when_the_next_frame_says_so() {
-        let mut witness = PlaybackReport::new(false);
+        let mut witness = PlaybackReport::new(PumpRelay::Absent);
         witness.push(&tick(5, 0.1, 1.0));
         // 0.1 has no exact f32, and the wire carries that.
         witness.push(&tick(6, 0.2, 0.1));
@@ -116,7 +118,7 @@ mod tests {
 
     #[test]
     fn a_missing_frame_is_no_proof_of_anything_but_itself() {
-        let mut witness = PlaybackReport::new(false);
+        let mut witness = PlaybackReport::new(PumpRelay::Absent);
         witness.push(&tick(5, 0.1, 1.0));
         witness.push(&TickRecord { sense_present: false, ..tick(6, 0.2, f32::NAN) });
         witness.push(&tick(7, 0.3, 0.2));

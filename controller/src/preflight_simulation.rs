@@ -12,6 +12,7 @@ use proto::recording::PERIOD_S;
 use crate::command_sequence::CommandSequence;
 use crate::config::Safety;
 use crate::duty_source::VENT;
+use crate::pump_relay::PumpRelay;
 
 /// Ticks of vents open before the first row: 20 s, for a pump without a relay to find its balance.
 const SETTLE: u32 = 1_000;
@@ -21,8 +22,8 @@ const SETTLE: u32 = 1_000;
 pub struct Forecast {
     /// Least and largest reading of each channel, in kPa gauge.
     pub range_kpa: [[f64; 2]; CHANNELS],
-    /// Whether the model's pump can be switched.
-    pub relay: bool,
+    /// Of the model's pump.
+    pub relay: PumpRelay,
 }
 
 /// Why a sequence must not be played.
@@ -123,7 +124,7 @@ pub fn preflight_simulation(rig: &Rig, sequence: &CommandSequence, safety: Safet
         let of = |start: f64, pick: fn(f64, f64) -> f64| readings.iter().map(|r| r[c]).fold(start, pick);
         [of(f64::INFINITY, f64::min), of(f64::NEG_INFINITY, f64::max)]
     });
-    Ok(Forecast { range_kpa, relay: crio.pump_relay })
+    Ok(Forecast { range_kpa, relay: PumpRelay::of(&crio) })
 }
 
 #[cfg(test)]
@@ -140,7 +141,10 @@ mod tests {
         let rig = Rig::builtin("dual_pressure").unwrap();
         let open = preflight_simulation(&rig, &sequence(10, 0.85), Safety::default()).unwrap();
         let [[least, most], [lowest, _]] = open.range_kpa;
-        assert!(open.relay && least >= 0.0 && (60.0..130.0).contains(&most) && lowest < -50.0, "{open:?}");
+        assert!(
+            open.relay == PumpRelay::Fitted && least >= 0.0 && (60.0..130.0).contains(&most) && lowest < -50.0,
+            "{open:?}"
+        );
         // A suction line that is shut is emptied.
         let refused = preflight_simulation(&rig, &sequence(10, 0.0), Safety::default()).unwrap_err();
         let ForecastError::Beyond { first_s, farthest_kpa, farthest_s, line, .. } = &refused else {

@@ -10,6 +10,7 @@ use proto::recording::TickOrder;
 
 use crate::daemon::contracts;
 use crate::model_change::ModelDesk;
+use crate::pump_relay::PumpRelay;
 use crate::run_file::{RunFile, attached};
 
 /// What the recordings of a run hold of it so far.
@@ -79,16 +80,16 @@ impl RecordedOrders {
         end.ask(command).map_err(|_| "more policies took part than the tick of the replay took")
     }
 
-    /// Gives the tick the next model; whether the pump of its rig can be switched.
+    /// Gives the tick the next model; the relay of its rig's pump.
     ///
     /// # Errors
     /// Why it cannot be given: the recording lacks it, or it cannot be flown.
-    pub(crate) fn next_model(&mut self, desk: &ModelDesk) -> Result<bool, &'static str> {
+    pub(crate) fn next_model(&mut self, desk: &ModelDesk) -> Result<PumpRelay, &'static str> {
         desk.follow_replay();
         let (rig, followed) =
             self.models.pop_front().ok_or("another model took over, and the recording does not hold its file")?;
         let unfit = |_| "another model took over, and this program cannot fly it";
         desk.repeat(&rig, followed).map_err(unfit)?;
-        rig_and_crio(&rig).map(|(_, crio)| crio.pump_relay).map_err(unfit)
+        rig_and_crio(&rig).map(|(_, crio)| PumpRelay::of(&crio)).map_err(unfit)
     }
 }

@@ -16,7 +16,7 @@ use proto::reference::Reference;
 use safety_filter::SafetyFilter;
 use supervisor::{Condition, ControlledBy};
 
-use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, SensorSample, VENT};
+use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, Prediction, SensorSample, VENT};
 use crate::model_change::{self, ModelDesk, ModelTickEnd};
 use crate::notice::Notice;
 
@@ -164,10 +164,11 @@ impl DutySource for ReferenceTracking {
         self.trajectory = ActionTrajectory::held(VENT);
     }
 
-    fn predict(&mut self, measured: Pair, record: &mut TickRecord) {
+    fn predict(&mut self, measured: Pair, record: &mut TickRecord) -> Prediction {
         self.undelayed = self.predictor.observe(measured);
         self.predicted = self.predictor.predict(&self.trajectory.remaining(), true);
-        if !self.predicted.as_flattened().iter().all(|p| p.is_finite()) {
+        let sound = self.predicted.as_flattened().iter().all(|p| p.is_finite());
+        if !sound {
             // A diverged model must not reach the policy; "stays as it is" is the plainest forecast.
             self.predicted = [measured; AHEAD];
             self.undelayed = measured;
@@ -175,6 +176,7 @@ impl DutySource for ReferenceTracking {
         }
         record.predicted_pos_kpa = self.predicted.map(|p| p[0]);
         record.predicted_neg_kpa = self.predicted.map(|p| p[1]);
+        if sound { Prediction::Sound } else { Prediction::Diverged }
     }
 
     fn decide(
@@ -222,7 +224,7 @@ impl DutySource for ReferenceTracking {
         });
         decision.raw().iter().all(|u| u.is_finite()).then(|| {
             self.trajectory = decision.trajectory;
-            ActuatorCommand::run(decision.duty(), true)
+            ActuatorCommand::run(decision.duty())
         })
     }
 
@@ -231,7 +233,7 @@ impl DutySource for ReferenceTracking {
         let rest = self.trajectory.remaining();
         self.trajectory = ActionTrajectory(std::array::from_fn(|j| rest[j.min(AHEAD - 1)]));
         self.control.bridged(self.trajectory.now());
-        ActuatorCommand::run(self.trajectory.now(), true)
+        ActuatorCommand::run(self.trajectory.now())
     }
 
     /// Moves model and integrals on through the tick.
@@ -243,6 +245,7 @@ impl DutySource for ReferenceTracking {
 
     /// Only the model moves on.
     fn held(&mut self, answer: &ActuatorCommand) {
+        self.control.held(answer.duty);
         self.predictor.advance(answer.duty, answer.pump_on);
     }
 
@@ -285,5 +288,31 @@ impl DutySource for ReferenceTracking {
             self.start_reference(tick, measured);
         }
         old
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_model_that_diverges_says_so_once_and_begins_anew() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let mut tracking = ReferenceTracking::new(&rig, None, Reference::constant(85.0, -72.0)).unwrap();
+        let mut record = TickRecord::default();
+        let mut fly = |tracking: &mut ReferenceTracking, measured: Pair| {
+            let prediction = tracking.predict(measured, &mut record);
+            tracking.sent(&ActuatorCommand::run([0.85, 0.83]));
+            (prediction, record.predicted_pos_kpa[0])
+        };
+        assert_eq!(fly(&mut tracking, [80.0, -70.0]).0, Prediction::Sound);
+        // The sensors are sound, and the model's own state is none any more.
+        tracking.predictor.observe([f64::NAN; CHANNELS]);
+        tracking.predictor.advance([0.85, 0.83], true);
+        let (prediction, stands_in) = fly(&mut tracking, [80.0, -70.0]);
+        assert_eq!((prediction, stands_in), (Prediction::Diverged, 80.0));
+        let (prediction, foreseen) = fly(&mut tracking, [80.0, -70.0]);
+        assert_eq!(prediction, Prediction::Sound);
+        assert!((foreseen - 80.0).abs() < 10.0, "{foreseen}");
     }
 }

@@ -26,6 +26,7 @@ use crate::config::Config;
 use crate::cycle::Cycle;
 use crate::daemon::contracts;
 use crate::open_loop_playback::OpenLoopPlayback;
+use crate::pump_relay::PumpRelay;
 use crate::recorded_orders::RecordedOrders;
 use crate::run_file::{RunFile, attached};
 
@@ -86,8 +87,8 @@ pub struct Replay {
     known_experiments: usize,
     /// Policies and models that took over while it ran.
     orders: RecordedOrders,
-    /// Whether the pump of the model in force can be switched.
-    relay: bool,
+    /// Of the pump of the model in force.
+    relay: PumpRelay,
     /// First ticks of the recordings so far: session, number, time, and the file.
     begun: Vec<((u32, u32, u64), String)>,
     /// The part of its run that the newest recording is.
@@ -117,7 +118,7 @@ impl Replay {
             experiments: VecDeque::new(),
             known_experiments: 0,
             orders: RecordedOrders::default(),
-            relay: true,
+            relay: PumpRelay::Fitted,
             begun: Vec::new(),
             part: 0,
         }
@@ -289,7 +290,7 @@ impl Replay {
         }
         // What the loop around the tick had found: deadlines, losses, numbering, rights.
         for condition in FOUND_BY_LOOP {
-            if recorded.findings & (1 << condition.rank()) != 0 {
+            if recorded.findings & (1 << condition.code()) != 0 {
                 cycle.report(condition, 0.0);
             }
         }
@@ -327,8 +328,8 @@ fn part(run: &RunFile) -> u32 {
     run.content.metadata.get("part").and_then(|part| part.parse().ok()).unwrap_or(1)
 }
 
-/// The cycle as it was when the recorded daemon began, and whether its model's pump can be switched.
-fn cycle(run: &RunFile) -> Result<(Cycle, bool), ReplayError> {
+/// The cycle as it was when the recorded daemon began, and the relay of its model's pump.
+fn cycle(run: &RunFile) -> Result<(Cycle, PumpRelay), ReplayError> {
     let file = run.path.display().to_string();
     let missing = |name| ReplayError::Missing { file: file.clone(), name };
     let inside = |name| run.attachment(name).ok_or_else(|| missing(name));
@@ -351,8 +352,8 @@ fn cycle(run: &RunFile) -> Result<(Cycle, bool), ReplayError> {
         }
     };
     let (_, crio) = rig_and_crio(&rig).map_err(model)?;
-    let cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.auto_arm).map_err(model)?;
-    Ok((cycle, crio.pump_relay))
+    let cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.arming()).map_err(model)?;
+    Ok((cycle, PumpRelay::of(&crio)))
 }
 
 /// The frame that came, where a sound one did.

@@ -19,7 +19,7 @@ use safety_filter::SafetyFilter;
 use supervisor::{Condition, ControlledBy, State};
 
 use crate::duty_source::{
-    ActuatorCommand, Afterwards, DutySource, ExperimentPhase, ExperimentProgress, ModeRequest, NoticeSink,
+    ActuatorCommand, Afterwards, DutySource, ExperimentPhase, ExperimentProgress, ModeRequest, NoticeSink, Prediction,
     SensorSample, Steering,
 };
 use crate::open_loop_playback::OpenLoopPlayback;
@@ -114,7 +114,7 @@ impl DutySource for RunningSource {
         }
     }
 
-    fn predict(&mut self, measured: Pair, record: &mut TickRecord) {
+    fn predict(&mut self, measured: Pair, record: &mut TickRecord) -> Prediction {
         match self.playing() {
             Some(playback) => playback.predict(measured, record),
             None => self.tracking.predict(measured, record),

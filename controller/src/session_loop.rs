@@ -8,7 +8,7 @@ use monitor::loss_window::{
     DAMAGED_TO_CLOSE, DEADLINES_IN_A_ROW, DEADLINES_TO_VENT, MISSING_TO_VENT, MISSING_TO_WARN, Outcome,
 };
 use proto::recording::{Arrival, TickInput, TickRecord};
-use proto::wire::{ByeReason, Command, DEFAULT_TTL_TICKS, RawFrame, Sense};
+use proto::wire::{ByeReason, Command, DEFAULT_TTL_TICKS, RawFrame, Sense, TICK_NS};
 use supervisor::{Condition, Severity};
 
 use crate::attribution::{TickTimes, thread_cpu_ns};
@@ -123,7 +123,7 @@ pub(crate) fn one_session<H: DutySource>(session: &mut Session<H>, link: &mut Li
             return lost(session, link, sequence_tick, Broken { condition: Condition::NotRead, value: 0.0 });
         }
         if session.cycle.missing() > LINK_LOST_TICKS {
-            return lost(session, link, sequence_tick, Broken { condition: Condition::LinkLost, value: 0.0 });
+            return lost(session, link, sequence_tick, Broken::silent(u64::from(LINK_LOST_TICKS) * TICK_NS));
         }
         if watch.damage.count() >= DAMAGED_TO_CLOSE {
             let value = f64::from(watch.damage.count());
@@ -180,7 +180,7 @@ fn answer<H: DutySource>(
             let now = now_ns();
             let Some(grid) = watch.grid.as_mut().filter(|_| realtime) else {
                 if now - watch.last_heard_ns > LOCKSTEP_PATIENCE_NS {
-                    return Err(Broken { condition: Condition::LinkLost, value: 0.0 });
+                    return Err(Broken::silent(LOCKSTEP_PATIENCE_NS));
                 }
                 return Ok(None);
             };
@@ -250,7 +250,7 @@ fn report<H: DutySource>(session: &mut Session<H>, link: &Link, counts: &Counts,
     if missing > MISSING_TO_WARN {
         session.cycle.report(Condition::FramesScarce, f64::from(missing));
         if !watch.scarce_told {
-            let tick = 0;
+            let tick = session.cycle.tick();
             tell(&mut session.sink, Notice::FramesScarce { tick, missing });
         }
     }

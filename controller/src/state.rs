@@ -1,5 +1,5 @@
-//! The daemon's states and what can be wrong, as the rest of the daemon names them.
+//! The daemon's states, what can be wrong, and who arms, as the rest of the daemon names them.
 //!
-//! Both are the supervisor's ([`supervisor`]), where the one pure function stands that moves between the states.
+//! All are the supervisor's ([`supervisor`]), where the one pure function stands that moves between the states.
 
-pub use supervisor::{Condition, FRAMES_TO_ARM, State};
+pub use supervisor::{Arming, Condition, FRAMES_TO_ARM, State};

@@ -11,6 +11,7 @@ use evaluate::rigs_around;
 use model::rig::Rig;
 use proto::emulator::SensorFault;
 use proto::reference::Reference;
+use supervisor::Arming;
 use tests::lockstep::Flight;
 use tests::strange_rigs::{with_sensor_lag, with_volumes};
 
@@ -41,7 +42,7 @@ fn main() {
             [("paper", Reference::paper()), ("steps", Reference::parse("steps", STEPS.as_bytes()).unwrap())]
         {
             let policy = (word(2, "fallback") == "policy").then(|| controller::daemon::shipped_policy().unwrap().0);
-            let cycle = Cycle::new(model, policy, reference, Safety::default(), true).unwrap();
+            let cycle = Cycle::new(model, policy, reference, Safety::default(), Arming::Automatic).unwrap();
             let mut flight = Flight::new(&rig, cycle, n as u64 + 1);
             let mut sums: [Vec<f64>; 4] = Default::default();
             let (mut from, mut moved, mut said) = (0.0, 0.0f64, Vec::new());

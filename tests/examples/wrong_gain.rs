@@ -12,6 +12,7 @@ use controller::notice::Notice;
 use model::rig::Rig;
 use proto::emulator::SensorFault;
 use proto::reference::Reference;
+use supervisor::Arming;
 use tests::dice::Dice;
 use tests::lockstep::Flight;
 use tests::strange_rigs::with_other_parts;
@@ -26,7 +27,7 @@ fn main() {
         let base = Rig::builtin(if n % 2 == 0 { "dual_pressure" } else { "bench" }).unwrap();
         let rig = with_other_parts(&base, spread, &mut Dice::new(n + 1));
         let reference = Reference::constant(90.0, -70.0);
-        let cycle = Cycle::new(&nominal, None, reference, Safety::default(), true).unwrap();
+        let cycle = Cycle::new(&nominal, None, reference, Safety::default(), Arming::Automatic).unwrap();
         let mut flight = Flight::new(&rig, cycle, n + 1);
         let (mut most_kpa, mut cause) = (0.0_f64, None);
         for _ in 0..(seconds * 50.0) as u64 {

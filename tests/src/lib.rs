@@ -6,6 +6,7 @@
 
 pub mod counting_allocator;
 pub mod dice;
+pub mod fault_table;
 pub mod hidden_plant;
 pub mod in_process;
 pub mod laboratory;
@@ -208,6 +209,11 @@ impl Running {
     /// If the shell's `kill` fails.
     pub fn terminate(&self) {
         self.signal("TERM");
+    }
+
+    /// The child's number.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
     }
 
     /// Sends a signal by its name: INT is what Ctrl-C sends.

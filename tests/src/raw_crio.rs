@@ -9,10 +9,16 @@ use std::time::{Duration, Instant};
 
 use model::rig::Rig;
 use proto::emulator::{Crio, EmulatedPlant, SensorFault, Sensors, rig_and_crio};
-use proto::wire::{ByeReason, Command, CrioState, Frame, FrameReader, Sense, TICK_NS, TripBits};
+use proto::wire::{ByeReason, COMMAND_LENGTH, Command, CrioState, Frame, FrameReader, Sense, TICK_NS, TripBits};
 
 /// How long anything may take on a machine that does other things as well.
 const PATIENCE: Duration = Duration::from_secs(20);
+/// How long an answer that nobody reads is waited for; the daemon gives up a silent link after five seconds.
+const UNREAD_PATIENCE: Duration = Duration::from_secs(1);
+/// How often it is looked for.
+const UNREAD_LOOK: Duration = Duration::from_micros(100);
+/// Room for answers in the socket; the kernel doubles it.
+const UNREAD_BYTES: usize = 4096;
 
 /// What a step brought.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,6 +49,8 @@ pub struct RawCrio {
     pub stuck_duty: [Option<f64>; 2],
     /// HELLOs that came.
     pub hellos: u32,
+    /// Bytes of answers that lie unread.
+    unread: usize,
 }
 
 impl RawCrio {
@@ -62,6 +70,8 @@ impl RawCrio {
         let (plant, config) = rig_and_crio(rig).expect("a sound rig");
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
         listener.set_nonblocking(true).expect("a socket");
+        // Little room for answers, so that one that no longer reads is one soon; what is accepted inherits it.
+        rustix::net::sockopt::set_socket_recv_buffer_size(&listener, UNREAD_BYTES).expect("a socket");
         RawCrio {
             listener,
             link: None,
@@ -73,6 +83,7 @@ impl RawCrio {
             faults: [Vec::new(), Vec::new()],
             stuck_duty: [None; 2],
             hellos: 0,
+            unread: 0,
         }
     }
 
@@ -92,6 +103,12 @@ impl RawCrio {
     /// The state that it reports.
     pub fn reported_state(&self) -> CrioState {
         self.crio.state()
+    }
+
+    /// What it applies now: duties of both valves, and whether the pump runs.
+    pub fn applied(&self) -> ([f32; 2], bool) {
+        let actuation = self.crio.actuation();
+        (actuation.duty, actuation.pump_on)
     }
 
     /// Trips it, as its operator's button does.
@@ -131,7 +148,7 @@ impl RawCrio {
 
     /// Cuts the link without a word.
     pub fn cut(&mut self) {
-        self.link = None;
+        (self.link, self.unread) = (None, 0);
         self.crio.end_session();
     }
 
@@ -162,6 +179,33 @@ impl RawCrio {
         answer
     }
 
+    /// One tick in which the answer is looked at and obeyed, and left lying in the socket: a cRIO that no longer reads, and lives.
+    /// Where no further answer comes, because there is no room for one, it falls silent: `false`.
+    pub fn step_without_reading(&mut self) -> bool {
+        if let Some(sense) = self.sense() {
+            self.write(&sense.encode());
+        }
+        let until = Instant::now() + UNREAD_PATIENCE;
+        let mut lying = vec![0; 16 * UNREAD_BYTES];
+        while let Some((stream, _)) = &self.link {
+            let count = stream.peek(&mut lying).unwrap_or(0);
+            if count > self.unread {
+                self.unread = count;
+                let last = count - count % COMMAND_LENGTH;
+                if let Ok(Frame::Command(command)) = Frame::decode(&lying[last - COMMAND_LENGTH..last]) {
+                    let _ = self.crio.command(&command);
+                }
+                self.advance();
+                return true;
+            }
+            if Instant::now() >= until {
+                break;
+            }
+            std::thread::sleep(UNREAD_LOOK);
+        }
+        false
+    }
+
     /// One tick of the plant under what is in force.
     pub fn advance(&mut self) {
         let actuation = self.crio.actuation();
@@ -171,6 +215,23 @@ impl RawCrio {
         }
         self.plant.tick(duty, actuation.pump_on);
         self.clock_ticks += 1;
+    }
+
+    /// Takes in what has come by now, without waiting.
+    pub fn take_what_came(&mut self) {
+        if let Some((stream, _)) = &self.link {
+            let _ = stream.set_nonblocking(true);
+        }
+        while let Some(frame) = self.next_frame() {
+            match frame {
+                Frame::Command(command) => drop(self.crio.command(&command)),
+                Frame::Bye(_) => self.cut(),
+                _ => {}
+            }
+        }
+        if let Some((stream, _)) = &self.link {
+            let _ = stream.set_nonblocking(false);
+        }
     }
 
     /// Waits for the next command, BYE or the end of the link.

@@ -4,8 +4,11 @@
 
 use std::path::PathBuf;
 use std::process::Command;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use controller::socket::{Ask, ask};
+use controller::state::State;
+use model::rig::Rig;
 use proto::wire::{Mode, Sense};
 
 use crate::Stream::Err;
@@ -16,6 +19,13 @@ use crate::{Folder, RunStatus, Running, finish, program};
 pub const SOON: Duration = Duration::from_secs(60);
 /// Ticks under control before anything is spoilt: 3.4 s, the soft start is over.
 pub const UNDER_CONTROL: u32 = 170;
+/// How long a state may take to be shown; below the time after which a silent cRIO counts as gone in lockstep.
+const SHOWN_WITHIN: Duration = Duration::from_secs(3);
+
+/// Further lines of the rig `dual_pressure`: a leak through which it gets to some 60 kPa and no further, so that the fallback takes over
+/// where 90 are asked for.
+pub const LEAK: &str =
+    "\n[[mechanisms]]\nid = \"chamber_leak\"\ncomponent = \"positive\"\nconductance_kg_per_s_pa2 = 5e-14\n";
 
 /// A daemon, its cRIO, and the folder that both live in.
 pub struct Scene {
@@ -30,16 +40,38 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// A daemon that holds 90/−70 kPa on a rig.
+    /// A daemon that holds 90/−70 kPa on a built-in rig and arms itself.
     pub fn start(rig: &str, more: &str) -> Self {
-        let crio = RawCrio::new(rig);
+        Scene::on(&Rig::builtin(rig).expect("a built-in rig"), &format!("control.auto_arm = true\n{more}"))
+    }
+
+    /// A daemon that holds 90/−70 kPa on a rig; further lines of its configuration, as `table.key = value`. What it believes of
+    /// the rig is `dual_pressure`; the rig's own file lies beside, as `rig.toml`.
+    ///
+    /// # Panics
+    /// If the rig is not sound, or no session comes.
+    pub fn on(rig: &Rig, more: &str) -> Self {
+        Scene::paced(rig, "lockstep", more)
+    }
+
+    /// The same in real time, where the test has to keep it; without the rights that this asks for.
+    ///
+    /// # Panics
+    /// As [`Scene::on`].
+    pub fn in_real_time(rig: &Rig, more: &str) -> Self {
+        Scene::paced(rig, "realtime", &format!("realtime.enforce = false\n{more}"))
+    }
+
+    fn paced(rig: &Rig, pacing: &str, more: &str) -> Self {
+        let crio = RawCrio::with_rig(rig);
         let folder = Folder::new();
         folder.write("hold.csv", "time_s,ref_pos_kpa,ref_neg_kpa\n0,90,-70\n1,90,-70\n");
+        folder.write("rig.toml", rig.to_toml().expect("a rig that can be written"));
         let config = folder.write(
             "controller.toml",
             format!(
-                "[link]\naddress = \"{}\"\npacing = \"lockstep\"\n[policy]\nactive = \"fallback\"\n[reference]\n\
-                 file = \"hold.csv\"\n[record]\ndirectory = \"runs\"\n[control]\nsocket = \"s\"\nauto_arm = true\n{more}",
+                "link.address = \"{}\"\nlink.pacing = \"{pacing}\"\npolicy.active = \"fallback\"\n\
+                 reference.file = \"hold.csv\"\nrecord.directory = \"runs\"\ncontrol.socket = \"s\"\n{more}\n",
                 crio.address()
             ),
         );
@@ -104,6 +136,23 @@ impl Scene {
             }
         }
         panic!("not vented within {most} ticks: {}", self.daemon.said(Err));
+    }
+
+    /// The state that the daemon shows; without a frame nothing changes it, so it is waited for a little.
+    ///
+    /// # Panics
+    /// If it does not come.
+    pub fn wait_for_state(&self, wanted: State) {
+        let socket = self.folder.join("s");
+        let until = Instant::now() + SHOWN_WITHIN;
+        loop {
+            let shown = ask(&socket, &Ask::Status {}).map(|reply| reply.state);
+            if matches!(shown, Ok(state) if state == wanted) {
+                return;
+            }
+            assert!(Instant::now() < until, "{shown:?} instead of {wanted:?}: {}", self.daemon.said(Err));
+            std::thread::sleep(Duration::from_millis(5));
+        }
     }
 
     /// Asks with a command of the program.
@@ -182,6 +231,16 @@ impl Scene {
         assert_eq!(ended.status, Some(0), "{ended:?}");
         drop(folder);
         ended.stderr
+    }
+
+    /// Waits for a person: never armed again by itself, and refused to who arms without having acknowledged.
+    ///
+    /// # Panics
+    /// If it is armed.
+    pub fn check_waits_for_a_person(&mut self) {
+        self.check_latched();
+        let refused = self.ask_while_stepping("arm");
+        assert!(refused.status == Some(1) && refused.stderr.contains("acknowledge"), "{refused:?}");
     }
 
     /// Never armed again by itself, however long all is sound.

@@ -11,6 +11,7 @@ use controller::state::Condition;
 use model::rig::Rig;
 use proto::emulator::SensorFault;
 use proto::reference::Reference;
+use supervisor::Arming;
 use tests::dice::Dice;
 use tests::lockstep::{Flight, Flown};
 
@@ -21,7 +22,7 @@ const THREADS: u32 = 2;
 
 fn flight(seed: u64) -> Flight {
     let rig = Rig::builtin("dual_pressure").unwrap();
-    let cycle = Cycle::new(&rig, None, Reference::paper(), Safety::default(), true).unwrap();
+    let cycle = Cycle::new(&rig, None, Reference::paper(), Safety::default(), Arming::Automatic).unwrap();
     Flight::new(&rig, cycle, seed)
 }
 

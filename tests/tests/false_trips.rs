@@ -13,6 +13,7 @@ use controller::notice::Notice;
 use evaluate::rigs_around::rigs_around;
 use model::rig::Rig;
 use proto::reference::Reference;
+use supervisor::Arming;
 use tests::dice::Dice;
 use tests::lockstep::Flight;
 use tests::strange_rigs::{with_other_parts, with_sensor_lag, with_volumes};
@@ -75,7 +76,7 @@ fn reference(course: Course, minutes: f64) -> Reference {
 fn trips(rig: &Rig, model: &Rig, (by, course): (By, Course), ticks: u64, seed: u64) -> Vec<String> {
     let policy = (by == By::Policy).then(|| controller::daemon::shipped_policy().unwrap().0);
     let minutes = ticks as f64 / MINUTE as f64;
-    let cycle = Cycle::new(model, policy, reference(course, minutes), Safety::default(), true).unwrap();
+    let cycle = Cycle::new(model, policy, reference(course, minutes), Safety::default(), Arming::Automatic).unwrap();
     let mut flight = Flight::new(rig, cycle, seed);
     let (mut found, mut armed) = (Vec::new(), 0);
     for tick in 0..ticks {
@@ -177,7 +178,9 @@ fn rigs_whose_parts_are_all_others_fill_and_hold_without_a_trip() {
     for n in 0..16 {
         let base = Rig::builtin(if n % 2 == 0 { "dual_pressure" } else { "bench" }).unwrap();
         let rig = with_other_parts(&base, 0.1, &mut Dice::new(n + 100));
-        let cycle = Cycle::new(&nominal(), None, Reference::constant(85.0, -70.0), Safety::default(), true).unwrap();
+        let cycle =
+            Cycle::new(&nominal(), None, Reference::constant(85.0, -70.0), Safety::default(), Arming::Automatic)
+                .unwrap();
         let mut flight = Flight::new(&rig, cycle, n + 1);
         let told = (0..1_500).flat_map(|_| flight.step().told).filter(|notice| matches!(notice, Notice::Vented { .. }));
         found.extend(told.map(|notice| format!("{} {n}: {notice:?}", rig.name)));

@@ -6,6 +6,7 @@ use controller::cycle::Cycle;
 use handover::Permit;
 use model::rig::Rig;
 use proto::reference::Reference;
+use supervisor::Arming;
 use tests::Folder;
 use tests::lockstep::Flight;
 
@@ -27,7 +28,7 @@ fn the_monitor_takes_over_the_model_that_is_put_in() {
     let (bench, nominal) = (Rig::builtin("bench").unwrap(), Rig::builtin("dual_pressure").unwrap());
     let folder = Folder::new();
     let file = folder.write("bench.toml", bench.to_toml().unwrap());
-    let cycle = Cycle::new(&nominal, None, Reference::paper(), Safety::default(), true).unwrap();
+    let cycle = Cycle::new(&nominal, None, Reference::paper(), Safety::default(), Arming::Automatic).unwrap();
     let mut flight = Flight::new(&bench, cycle, 3);
     largest_sums(&mut flight, 300);
     let before = largest_sums(&mut flight, 700);
@@ -57,7 +58,7 @@ fn another_model_makes_no_bump() {
     for by_policy in [None, Some(controller::daemon::shipped_policy().unwrap().0)] {
         let who = by_policy.as_ref().map_or("fallback", |_| "policy");
         let hold = Reference::constant(90.0, -70.0);
-        let cycle = Cycle::new(&nominal, by_policy, hold, Safety::default(), true).unwrap();
+        let cycle = Cycle::new(&nominal, by_policy, hold, Safety::default(), Arming::Automatic).unwrap();
         let mut flight = Flight::new(&bench, cycle, 3);
         let step = |flight: &mut Flight| {
             let duty = flight.step().command.duty;

@@ -15,6 +15,7 @@ use controller::config::Safety;
 use controller::cycle::Cycle;
 use controller::duty_source::{ActuatorCommand, DutySource};
 use controller::open_loop_playback::OpenLoopPlayback;
+use controller::pump_relay::PumpRelay;
 use controller::state::State;
 use handover::{Candidate, Command, Haste};
 use model::observation::Pair;
@@ -23,6 +24,7 @@ use model::rig::Rig;
 use proto::recording::TickRecord;
 use proto::reference::Reference;
 use proto::wire::{CrioState, Mode, Sense, TripBits};
+use supervisor::Arming;
 
 thread_local! {
     // Made without allocation and never dropped, so the allocator itself may use it.
@@ -111,7 +113,7 @@ fn tick<H: DutySource>(cycle: &mut Cycle<H>, number: u32, kpa: &mut Pair, notice
 #[test]
 fn five_hundred_ticks_in_run_allocate_nothing() {
     let rig = Rig::builtin("dual_pressure").unwrap();
-    let mut cycle = Cycle::new(&rig, None, Reference::paper(), Safety::default(), true).unwrap();
+    let mut cycle = Cycle::new(&rig, None, Reference::paper(), Safety::default(), Arming::Automatic).unwrap();
     cycle.session_opened();
     let (mut kpa, mut notices) = ([0.0, 0.0], 0);
     let mut number = 0;
@@ -156,7 +158,7 @@ fn five_hundred_ticks_in_run_allocate_nothing() {
 fn policies_that_come_and_go_allocate_nothing() {
     let rig = Rig::builtin("dual_pressure").unwrap();
     let shipped = || Candidate::new(controller::daemon::shipped_policy().unwrap().0);
-    let mut cycle = Cycle::new(&rig, None, Reference::paper(), Safety::default(), true).unwrap();
+    let mut cycle = Cycle::new(&rig, None, Reference::paper(), Safety::default(), Arming::Automatic).unwrap();
     let policies = cycle.duty_source().tracking().policies();
     cycle.session_opened();
     let (mut kpa, mut notices, mut number) = ([0.0, 0.0], 0, 0);
@@ -193,7 +195,7 @@ fn an_experiment_allocates_nothing_either() {
     let rig = Rig::builtin("dual_pressure").unwrap();
     let rows = vec![Row { duty: [0.8, 0.8], pump_on: true }; 300];
     // Without a relay, for the frames of this test say that the pump runs.
-    let mut cycle = Cycle::playing(&rig, rows.into(), false, Safety::default()).unwrap();
+    let mut cycle = Cycle::playing(&rig, rows.into(), PumpRelay::Absent, Safety::default()).unwrap();
     cycle.session_opened();
     let (mut kpa, mut notices, mut running) = ([0.0, 0.0], 0, 0);
     let mut number = 0;
@@ -212,7 +214,7 @@ fn an_experiment_allocates_nothing_either() {
 fn an_experiment_within_a_run_allocates_nothing() {
     let rig = Rig::builtin("dual_pressure").unwrap();
     let mut plant = DualPressureRig::new(&rig).unwrap();
-    let mut cycle = Cycle::new(&rig, None, Reference::paper(), Safety::default(), true).unwrap();
+    let mut cycle = Cycle::new(&rig, None, Reference::paper(), Safety::default(), Arming::Automatic).unwrap();
     cycle.session_opened();
     let (mut notices, mut number) = (0, 0);
     let mut step = |cycle: &mut Cycle| {
@@ -228,7 +230,7 @@ fn an_experiment_within_a_run_allocates_nothing() {
     let controlled = (0..600).filter(|_| step(&mut cycle) == Mode::Run).count();
     assert!(controlled > 500, "{controlled}");
     let rows = vec![Row { duty: [0.8, 0.8], pump_on: true }; 300];
-    let mut playback = Some(Box::new(OpenLoopPlayback::new(rows.into(), false)));
+    let mut playback = Some(Box::new(OpenLoopPlayback::new(rows.into(), PumpRelay::Absent)));
     let (mut finished, mut after) = (None, 0);
     let mut allocations = counted(|| {
         assert!(cycle.begin_experiment(playback.take().unwrap(), &mut |_| ()).is_ok());

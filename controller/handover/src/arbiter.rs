@@ -319,6 +319,14 @@ impl Arbiter {
         self.decided = duty;
     }
 
+    /// Tells what was really sent in a tick in which nothing learns or integrates: whatever takes over next goes on from there.
+    ///
+    /// # Real-time
+    /// Runs in the tick, after the command is out.
+    pub fn held(&mut self, duty: Pair) {
+        self.sent = duty;
+    }
+
     /// Tells what was really sent, and moves the candidate on.
     ///
     /// # Real-time

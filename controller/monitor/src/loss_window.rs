@@ -55,6 +55,11 @@ impl LossWindow {
         self.bits.count_ones()
     }
 
+    /// Bad ticks of the newest so many, at most [`WINDOW`].
+    pub fn count_newest(&self, ticks: u32) -> u32 {
+        (self.bits & ((1u128 << ticks.min(WINDOW)) - 1)).count_ones()
+    }
+
     /// True where this stands: bad for so many ticks in a row, or off and on.
     pub fn stands(&self, in_a_row: u32) -> bool {
         self.in_a_row() >= in_a_row || self.count() > FLICKERS_TO_VENT
@@ -79,6 +84,8 @@ mod tests {
             let expected = (k.saturating_sub(99)..=k).filter(|j| j % 3 == 0).count();
             assert_eq!(count as usize, expected, "{k}");
             assert_eq!(window.in_a_row(), u32::from(bad));
+            let newest = (k.saturating_sub(49)..=k).filter(|j| j % 3 == 0).count();
+            assert_eq!(window.count_newest(50) as usize, newest, "{k}");
         }
     }
 }

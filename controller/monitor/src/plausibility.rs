@@ -150,6 +150,9 @@ impl Monitor {
         self.phase = frame.phase;
         ranges(frame.readings_kpa, found);
         self.echo.judge(frame.sense, found);
+        if frame.phase == Phase::Vented {
+            self.vent.begin_as_found(frame.readings_kpa);
+        }
         self.vent.judge(frame.sense.duty, frame.readings_kpa, found);
         for (c, volts) in frame.sense.volts.iter().take(CHANNELS).enumerate() {
             if let Some(ticks) = self.frozen[c].push(*volts) {

@@ -66,3 +66,40 @@ impl Tracking {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ticks until something is found of a positive channel, and what, over a course of its reading; 90 kPa are asked for.
+    fn found(duty: f64, reading_kpa: impl Fn(u32) -> f64) -> Option<(u32, Vec<Condition>)> {
+        let mut tracking = Tracking::new();
+        (0..2_000).find_map(|k| {
+            let mut set = ConditionSet::EMPTY;
+            tracking.judge([90.0, -70.0], [reading_kpa(k), -70.0], [duty, 0.8], &mut set);
+            (!set.is_empty()).then(|| (k, set.iter().collect()))
+        })
+    }
+
+    #[test]
+    fn what_stays_away_is_given_up_and_what_comes_nearer_is_not() {
+        assert_eq!(found(0.8, |_| 80.0), None, "near enough");
+        assert_eq!(found(0.0, |k| 0.0 + 0.05 * f64::from(k)), None, "on its way, by 2.5 kPa/s");
+        let poor = Some((TICKS_TO_REVERT - 1, vec![Condition::TrackingPoor]));
+        assert_eq!(found(0.0, |_| 60.0), poor);
+        assert_eq!(found(0.8, |_| 120.0), poor, "above it, the vent not open");
+    }
+
+    #[test]
+    fn an_open_vent_that_does_not_lower_a_pressure_is_more_than_poor_tracking() {
+        let found = found(1.0, |_| 120.0).unwrap();
+        assert!(found.1.contains(&Condition::TrackingPoor), "{found:?}");
+        let mut tracking = Tracking::new();
+        let mut set = ConditionSet::EMPTY;
+        for _ in 0..TICKS_TO_VENT + 2 {
+            set = ConditionSet::EMPTY;
+            tracking.judge([90.0, -70.0], [120.0, -70.0], [1.0, 0.8], &mut set);
+        }
+        assert!(set.contains(Condition::Uncontrolled), "{set:?}");
+    }
+}

@@ -19,6 +19,12 @@ const RISE_KPA: f64 = 5.0;
 /// Frames, at the least, in which a reading may still rise: the valve's delay and lag, and what a late sensor has yet to show.
 const FRAMES_TO_RISE: u32 = 10;
 
+/// Frames in a row in which it must have risen, so that one wrong reading is no fault (as for a reading that jumps).
+const FRAMES_RISEN: u32 = 3;
+/// Distance from rest from which on a rig that is found vented, by a session that begins, must be seen to empty, in kPa
+/// (chosen: well above what a bias, or a pump that runs on against another muffler than the model's, leaves).
+const UNDER_PRESSURE_KPA: f64 = 30.0;
+
 /// How a rig vents, by its model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VentModel {
@@ -39,6 +45,14 @@ struct Venting {
     frames: u32,
     disagreeing: u32,
     fallen: [bool; CHANNELS],
+    /// Frames in a row in which each has risen.
+    risen: [u32; CHANNELS],
+}
+
+impl Venting {
+    fn from(from_kpa: Pair, fallen: [bool; CHANNELS]) -> Self {
+        Venting { from_kpa, frames: 0, disagreeing: 0, fallen, risen: [0; CHANNELS] }
+    }
 }
 
 /// Watches a rig that was under pressure and is vented now.
@@ -61,7 +75,20 @@ impl VentCheck {
 
     /// The vents are commanded open from now on, at these pressures.
     pub fn begin(&mut self, measured_kpa: Pair) {
-        self.venting = Some(Venting { from_kpa: measured_kpa, frames: 0, disagreeing: 0, fallen: [false; CHANNELS] });
+        self.venting = Some(Venting::from(measured_kpa, [false; CHANNELS]));
+    }
+
+    /// The vents are commanded open by a session that has just begun, and nobody knows since when: what it finds under pressure
+    /// must be seen to empty. Changes nothing while a venting is watched already.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn begin_as_found(&mut self, readings_kpa: [Option<f64>; CHANNELS]) {
+        if let (None, [Some(positive), Some(negative)]) = (&self.venting, readings_kpa) {
+            let found = [positive, negative];
+            let at_rest = |c: usize| found[c].abs() - self.model.rest_kpa[c].abs() < UNDER_PRESSURE_KPA;
+            self.venting = Some(Venting::from(found, std::array::from_fn(at_rest)));
+        }
     }
 
     /// The vents are no longer commanded open, or there is nobody who could say.
@@ -95,11 +122,12 @@ impl VentCheck {
             venting.fallen[c] |= left <= NEAR_REST_KPA || left <= from * (1.0 - LEAST_FALL);
             let late = venting.frames >= FRAMES_TO_FALL.max(half) && !venting.fallen[c];
             let rising = !may_rise && left > from.max(0.0) + RISE_KPA && left > NEAR_REST_KPA;
+            venting.risen[c] = if rising { venting.risen[c] + 1 } else { 0 };
             // Once it has fallen, what counts is the lowest it has reached.
             if venting.fallen[c] && left < from {
                 venting.from_kpa[c] = now;
             }
-            if late || rising {
+            if late || venting.risen[c] >= FRAMES_RISEN {
                 found.insert(Condition::VentIneffective, now);
             }
         }
@@ -133,10 +161,32 @@ mod tests {
         let stuck = found(OPEN, |k| [90.0, empties(25.0)(k)[1]]);
         assert!(stuck.is_some_and(|(k, c)| k < FRAMES_TO_FALL && c == Condition::VentIneffective), "{stuck:?}");
         let rising = found(OPEN, |k| [90.0 + 2.0 * f64::from(k), -70.0]);
-        assert!(rising.is_some_and(|(k, _)| k <= FRAMES_TO_RISE + 3), "{rising:?}");
+        assert!(rising.is_some_and(|(k, _)| k < FRAMES_TO_RISE + 3 + FRAMES_RISEN), "{rising:?}");
         // It falls and comes back: somebody else opens a supply.
         let back = found(OPEN, |k| if k < 40 { empties(25.0)(k) } else { [60.0, -1.0] });
         assert_eq!(back.map(|(_, c)| c), Some(Condition::VentIneffective));
+    }
+
+    /// Frames until something is found of a rig that a session finds vented.
+    fn found_as_found(course: impl Fn(u32) -> Pair) -> Option<(u32, Condition)> {
+        let mut check = VentCheck::new(VentModel::QUICK);
+        (0..500).find_map(|k| {
+            let mut set = ConditionSet::EMPTY;
+            check.begin_as_found(course(k).map(Some));
+            check.judge(OPEN, course(k).map(Some), &mut set);
+            set.iter().next().map(|condition| (k, condition))
+        })
+    }
+
+    #[test]
+    fn what_a_session_finds_under_pressure_must_empty_and_what_it_finds_at_rest_must_stay_there() {
+        let stuck = found_as_found(|_| [90.0, 0.0]);
+        assert!(stuck.is_some_and(|(k, c)| k < FRAMES_TO_FALL && c == Condition::VentIneffective), "{stuck:?}");
+        assert_eq!(found_as_found(|k| [90.0 * (-f64::from(k) / 25.0).exp(), -20.0]), None, "it empties");
+        assert_eq!(found_as_found(|_| [20.0, 9.0]), None, "another rest than the model's, or a bias");
+        assert!(found_as_found(|k| [if k < 50 { 0.0 } else { 40.0 }, 0.0]).is_some(), "somebody opens a supply");
+        let spike = |k: u32| [if k % 50 < 2 { 40.0 } else { 0.0 }, 0.0];
+        assert_eq!(found_as_found(move |k| spike(k + 2)), None, "two wrong readings in a row are none");
     }
 
     #[test]

@@ -6,6 +6,7 @@ use controller::config::Config;
 use controller::cycle::Cycle;
 use controller::daemon;
 use controller::machine_check;
+use controller::state::Arming;
 use controller::tick_trial::TickTrial;
 use serde_json::json;
 
@@ -46,7 +47,7 @@ fn sound(file: &Path) -> Result<Sound, Failure> {
     let runs = loaded.policy.as_ref().map_or("the feed-forward PI".to_owned(), |p| p.name().to_owned());
     let summary =
         format!("cRIO {}, model {name}, {runs} runs, reference {}", config.link.address, loaded.reference_name);
-    let cycle = Cycle::new(&loaded.rig, loaded.policy, loaded.reference, config.safety, false)
+    let cycle = Cycle::new(&loaded.rig, loaded.policy, loaded.reference, config.safety, Arming::Manual)
         .map_err(|e| Failure::input(format!("rig {}: {e}", config.rig.file)))?;
     remarks.extend(cycle.duty_source().tracking().out_of_reach().map(daemon::out_of_reach_text));
     // Read once more, for the trial uses up what it runs.

@@ -157,7 +157,8 @@ fn print_tick(s: &Status, reply: &Reply) {
         Some(age_ms) => format!(", last data {:.1} s ago", age_ms as f64 / 1000.0),
         None => ", no data yet".to_owned(),
     };
-    say(format_args!("session    {:08X}, tick {}{armable}{old}", s.session, s.tick));
+    let session = if s.session == 0 { "none".to_owned() } else { format!("{:08X}", s.session) };
+    say(format_args!("session    {session}, tick {}{armable}{old}", s.tick));
     if let Some(condition) = s.fault {
         say(format_args!("fault      {}", condition.name()));
     }

@@ -9,11 +9,13 @@ use proto::reference::Reference;
 use safety_filter::{Envelope, SafetyFilter, SlewLimit};
 use supervisor::{Arming, ConditionSet, Memory};
 
-use super::{Cycle, FILTER_TOLD_AGAIN};
+use super::Cycle;
+use super::filtering::FilterWatch;
 use crate::command_sequence::Row;
 use crate::config::Safety;
 use crate::duty_source::{ActuatorCommand, DutySource};
 use crate::open_loop_playback::OpenLoopPlayback;
+use crate::pump_relay::PumpRelay;
 use crate::running_source::RunningSource;
 use crate::sensing::Sensing;
 
@@ -27,9 +29,8 @@ impl Cycle<RunningSource> {
         policy: Option<Policy>,
         reference: Reference,
         safety: Safety,
-        auto_arm: bool,
+        arming: Arming,
     ) -> Result<Self, RigError> {
-        let arming = if auto_arm { Arming::Automatic } else { Arming::Manual };
         let duty_source = RunningSource::new(rig, policy, reference)?;
         let filter = SafetyFilter::new(rig, envelope(safety), SlewLimit::DEFAULT)?;
         let monitor = Monitor::new(rig, Foresight::Judged)?;
@@ -39,12 +40,11 @@ impl Cycle<RunningSource> {
 }
 
 impl Cycle<OpenLoopPlayback> {
-    /// A cycle that plays the rows of a sequence once, from rest, and arms itself for it; `relay`: whether the rig's
-    /// pump can be switched.
+    /// A cycle that plays the rows of a sequence once, from rest, and arms itself for it.
     ///
     /// # Errors
     /// If the rig lacks one of the two sensors.
-    pub fn playing(rig: &Rig, rows: Box<[Row]>, relay: bool, safety: Safety) -> Result<Self, RigError> {
+    pub fn playing(rig: &Rig, rows: Box<[Row]>, relay: PumpRelay, safety: Safety) -> Result<Self, RigError> {
         // Rows are played as they are; only what would leave the envelope is bent.
         let filter = SafetyFilter::new(rig, envelope(safety), SlewLimit::None)?;
         let monitor = Monitor::new(rig, Foresight::Unjudged)?;
@@ -71,7 +71,7 @@ impl<H: DutySource> Cycle<H> {
         let Parts { sensing, monitor, filter, safety } = parts;
         Cycle {
             filter,
-            filter_quiet: FILTER_TOLD_AGAIN,
+            filter_watch: FilterWatch::new(),
             sensing,
             safety,
             duty_source,

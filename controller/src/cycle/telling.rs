@@ -4,6 +4,7 @@ use handover::ExplorationShown;
 use supervisor::{Arming, Condition, State, Transition};
 
 use super::Cycle;
+use super::filtering::FilterWatch;
 use crate::duty_source::{DutySource, NoticeSink, Steering};
 use crate::notice::Notice;
 
@@ -32,6 +33,7 @@ impl<H: DutySource> Cycle<H> {
             Transition::None | Transition::SessionOpened | Transition::Stopped => {}
             Transition::Armed(arming) => {
                 self.monitor.armed();
+                self.filter_watch = FilterWatch::new();
                 self.duty_source.armed(tick, self.measured);
                 tell(match self.duty_source.steering() {
                     Steering::ClosedLoop => Notice::Armed { tick, auto: arming == Arming::Automatic },

@@ -85,6 +85,10 @@ conditions! {
     ReadingSuspect = 15, Hold, ClearsItself, "reading suspect";
     /// The pressures stay away from their references.
     TrackingPoor = 16, Revert, ClearsItself, "tracking poor";
+    /// The safety filter has bent more than 20 of the last 50 commands.
+    FilterBusy = 17, Revert, ClearsItself, "safety filter busy";
+    /// The model behind the predictions came to numbers that are none; it begins anew from what is measured.
+    ModelDiverged = 45, Revert, ClearsItself, "model diverged";
     /// The policy gave no usable answer.
     PolicyRefused = 18, Revert, ClearsItself, "policy refused";
     /// Frames stopped coming.
@@ -187,6 +191,7 @@ mod tests {
         }
         assert!(Condition::ALL.windows(2).all(|pair| pair[0].severity() <= pair[1].severity()));
         assert!(Condition::ALL.len() <= 64, "they must fit the set");
+        assert!(Condition::ALL.iter().all(|c| c.code() < 64), "and a recording's 64 bits");
         assert_eq!(Condition::from_code(0), None);
     }
 }

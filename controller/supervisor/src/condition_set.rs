@@ -45,9 +45,12 @@ impl ConditionSet {
         self.bits == 0
     }
 
-    /// One bit per condition, by its place in [`Condition::ALL`].
-    pub fn bits(&self) -> u64 {
-        self.bits
+    /// One bit per condition, by its [code](Condition::code): what recordings carry, whatever conditions come to be.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn code_bits(&self) -> u64 {
+        self.iter().fold(0, |bits, condition| bits | 1 << condition.code())
     }
 
     /// The number behind a condition; 0 where it is not there.

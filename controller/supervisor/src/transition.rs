@@ -254,12 +254,22 @@ pub fn next(memory: &Memory, inputs: &Inputs<'_>) -> (Memory, Action) {
     let action = Action {
         actuation: actuation(after.state, inputs.tick),
         controlled_by: if after.reverted.is_some() { ControlledBy::Fallback } else { ControlledBy::Policy },
-        integration: if after.state == State::Hold { Integration::Off } else { Integration::On },
+        integration: integration(&after, inputs),
         transition,
         acknowledgement,
         renew_session: renews(&after, inputs),
     };
     (after, action)
+}
+
+/// What is in doubt is not integrated, also where something worse has made another state of it.
+fn integration(memory: &Memory, inputs: &Inputs<'_>) -> Integration {
+    let in_doubt = inputs.conditions.iter().any(|c| c.severity() == Severity::Hold);
+    match memory.state {
+        State::Hold => Integration::Off,
+        state if state.is_controlling() && in_doubt => Integration::Off,
+        _ => Integration::On,
+    }
 }
 
 fn actuation(state: State, tick: Tick) -> Actuation {

@@ -89,9 +89,12 @@ fn of_every_pair_of_conditions_the_worse_decides_and_is_told_also_while_vented()
     for first in Condition::ALL {
         for second in Condition::ALL {
             let worse = if first.rank() >= second.rank() { *first } else { *second };
-            let (together, _) = step(&ripe(State::Run), Tick::Frame, &set(&[*first, *second]), None);
+            let (together, together_action) = step(&ripe(State::Run), Tick::Frame, &set(&[*first, *second]), None);
             let (alone, _) = step(&ripe(State::Run), Tick::Frame, &set(&[worse]), None);
             assert_eq!(together.state, alone.state, "{first:?} and {second:?}");
+            let in_doubt = [first, second].iter().any(|c| c.severity() == Severity::Hold);
+            let still = together_action.integration == Integration::Off;
+            assert_eq!(still, in_doubt && together.state.is_controlling(), "{first:?} and {second:?}");
             if first.severity() < Severity::Vent || second.severity() < Severity::Vent {
                 continue;
             }

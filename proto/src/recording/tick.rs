@@ -155,7 +155,7 @@ pub struct TickRecord {
     /// Records that a full queue refused since the session began: says why rows are missing.
     pub records_dropped: u32,
 
-    /// Findings of the tick's checks, a bit each; the bits are the daemon's own, 0 is none.
+    /// Conditions that the tick found: bit n stands for the one of code n; 0 is none.
     pub findings: u64,
     /// What reached the tick before it began: codes of four bits, the first in the lowest, 0 after the last
     /// ([`TickInput`]).
