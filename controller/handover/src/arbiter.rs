@@ -12,21 +12,19 @@
 
 use std::sync::Arc;
 
-use law::{ControlInput, ControlOutput, DutyTerms, PolicyLaw, saturated};
-use model::observation::{
-    ACTION_LEN, AHEAD, ActionTrajectory, CHANNELS, CORRECTION_OBSERVATION_LEN, ObservationLayout, Pair,
-};
+use law::{ControlInput, ControlOutput, PolicyLaw, saturated};
+use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
 use model::steady::SteadyMap;
-use proto::recording::observation_hash;
 
+use crate::blend::blended;
 use crate::channel::{Candidate, Command, Haste, PolicyEvent, PolicyTag, Snapshot, TickEnd};
 use crate::conditions::Conditions;
 use crate::exploration::{Exploration, ExplorationRules, ExplorationShown, NO_NOISE};
 use crate::record::Record;
+use crate::remainder::{Remainder, away};
+use crate::seat::{Answer, PolicyAnswer, Seat, layout_of};
 use crate::stages::{Loss, Next, Shown, StageNow, Stages};
 
-/// Ticks over which a remainder decays.
-const DECAY_TICKS: u32 = 25;
 /// Seconds after arming that are not held against anybody: the rig comes from rest.
 const APPROACH_TICKS: u32 = 250;
 /// Duties that differ by less were not changed by anybody: roundings of a wire's f32.
@@ -48,62 +46,6 @@ pub struct ArbitratedCommand {
     pub exploration: Pair,
 }
 
-/// A policy's answer, for the recording.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PolicyAnswer {
-    /// Hash of the observation ([`observation_hash`]).
-    pub observation_hash: u64,
-    /// All of its outputs, without exploration: now and the next five ticks, positive and negative valve in turn.
-    pub outputs: [f32; ACTION_LEN],
-    /// Stage of the policy: 0 active, or one more than [`StageNow::code`].
-    pub stage: u8,
-    /// Its share of the command, 0 … 1.
-    pub authority: f64,
-}
-
-/// A policy in its law; without a policy the law's fallback.
-struct Seat {
-    law: PolicyLaw,
-    taken: Option<Box<Candidate>>,
-}
-
-/// A seat's answer.
-struct Answer {
-    decision: ControlOutput,
-    refused: bool,
-    policy: Option<PolicyAnswer>,
-}
-
-impl Seat {
-    fn tag(&self) -> PolicyTag {
-        self.taken.as_ref().map_or(PolicyTag::FALLBACK, |taken| taken.tag)
-    }
-
-    fn answer(&mut self, input: &ControlInput, predicted_kpa: &[Pair; AHEAD], noise: Pair) -> Answer {
-        let fallback = self.law.observe(input);
-        let Some(policy) = self.taken.as_mut().and_then(|taken| taken.policy.as_mut()) else {
-            return Answer { decision: fallback, refused: false, policy: None };
-        };
-        let mut observation = [0.0; CORRECTION_OBSERVATION_LEN];
-        let told = observation.get_mut(..self.law.contract().observation_len()).unwrap_or_default();
-        self.law.write_observation(input, predicted_kpa, told);
-        let mut outputs = [0.0; ACTION_LEN];
-        match policy.run(told, &mut outputs) {
-            Ok(()) => {
-                let policy =
-                    PolicyAnswer { observation_hash: observation_hash(told), outputs, stage: 0, authority: 1.0 };
-                if noise != NO_NOISE {
-                    for (output, noise) in outputs.iter_mut().zip(noise) {
-                        *output = (f64::from(*output) + noise) as f32;
-                    }
-                }
-                Answer { decision: self.law.decide(input, &outputs), refused: false, policy: Some(policy) }
-            }
-            Err(_) => Answer { decision: fallback, refused: true, policy: None },
-        }
-    }
-}
-
 /// Whose answers count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Trust {
@@ -122,8 +64,8 @@ pub struct Arbiter {
     record: Record,
     conditions: Conditions,
     end: TickEnd,
-    /// What is left of a bump, and ticks until it is gone.
-    remainder: (Pair, u32),
+    /// What is left of a bump.
+    remainder: Remainder,
     /// Whether the next command is the first on another model.
     on_new_model: bool,
     /// Changes of what is active since the start.
@@ -153,7 +95,7 @@ impl Arbiter {
             record: Record::default(),
             conditions: Conditions::default(),
             end,
-            remainder: ([0.0; CHANNELS], 0),
+            remainder: Remainder::NONE,
             on_new_model: false,
             swaps: 0,
             ticks: 0,
@@ -206,7 +148,7 @@ impl Arbiter {
         if trust != self.trust {
             self.trust = trust;
             self.stop_exploring();
-            self.remainder_from_sent();
+            self.remainder = Remainder::FROM_SENT;
         }
     }
 
@@ -222,7 +164,7 @@ impl Arbiter {
             *stages = stages.anew();
         }
         self.conditions = Conditions::default();
-        self.remainder = ([0.0; CHANNELS], 0);
+        self.remainder = Remainder::NONE;
         self.on_new_model = false;
         self.ticks = 0;
         (self.decided, self.sent) = (duty, duty);
@@ -299,13 +241,13 @@ impl Arbiter {
             }
         }
         if let Some(loss) = lost {
-            self.continue_from(&decision);
+            self.remainder = Remainder::between(self.sent, &decision);
             event = self.lose(loss);
         }
         if std::mem::take(&mut self.on_new_model) {
             decision = self.absorbed(decision);
         }
-        decision = self.with_remainder(decision);
+        decision = self.remainder.add_to(decision, self.sent);
         self.decided = decision.duty();
         self.show();
         ArbitratedCommand { decision, event, ordered, answer: shown, exploration: self.noise }
@@ -356,7 +298,7 @@ impl Arbiter {
             Next::Passed(stage) => Some(self.told(PolicyEvent::Passed(tag, stage.code()))),
             Next::Active => self.promote(),
             Next::Lost(loss) => {
-                self.remainder_from_sent();
+                self.remainder = Remainder::FROM_SENT;
                 self.lose(loss)
             }
         }
@@ -377,7 +319,7 @@ impl Arbiter {
         match self.end.command()? {
             Command::Try(candidate, haste) => {
                 if self.lose(Loss::Withdrawn).is_some() {
-                    self.remainder_from_sent();
+                    self.remainder = Remainder::FROM_SENT;
                 }
                 let law = self.incumbent.law.for_layout(layout_of(Some(&candidate)));
                 let tag = candidate.tag;
@@ -389,7 +331,7 @@ impl Arbiter {
                 Some(self.told(PolicyEvent::Taken(tag)))
             }
             Command::Rollback if self.candidate.is_some() => {
-                self.remainder_from_sent();
+                self.remainder = Remainder::FROM_SENT;
                 self.lose(Loss::Withdrawn)
             }
             Command::Rollback => match self.before.take() {
@@ -411,7 +353,7 @@ impl Arbiter {
         let tag = taken.tag;
         self.end.retire(taken);
         self.swaps = self.swaps.wrapping_add(1);
-        self.remainder_from_sent();
+        self.remainder = Remainder::FROM_SENT;
         Some(self.told(PolicyEvent::Refused(tag)))
     }
 
@@ -456,21 +398,9 @@ impl Arbiter {
         });
     }
 
-    /// The next tick's command goes on from the last one, whatever the incumbent would have sent.
-    fn remainder_from_sent(&mut self) {
-        self.remainder = ([f64::NAN; CHANNELS], DECAY_TICKS);
-    }
-
-    /// This tick's command goes on from the last one.
-    fn continue_from(&mut self, decision: &ControlOutput) {
-        let raw = decision.raw();
-        self.remainder = (std::array::from_fn(|c| self.sent[c] - raw[c].clamp(0.0, 1.0)), DECAY_TICKS);
-    }
-
     /// Puts into the integrals what this command is away from the last one.
     fn absorbed(&mut self, mut decision: ControlOutput) -> ControlOutput {
-        let raw = decision.raw();
-        let moved: Pair = std::array::from_fn(|c| self.sent[c] - raw[c].clamp(0.0, 1.0));
+        let moved = away(self.sent, &decision);
         self.incumbent.law.absorb(moved);
         if let Some((seat, _)) = &mut self.candidate {
             seat.law.absorb(moved);
@@ -482,60 +412,5 @@ impl Arbiter {
         decision.trajectory =
             ActionTrajectory(planned.map(|duty| std::array::from_fn(|c| saturated(duty[c] + moved[c]))));
         decision
-    }
-
-    fn with_remainder(&mut self, mut decision: ControlOutput) -> ControlOutput {
-        let (remainder, left) = self.remainder;
-        if left == 0 {
-            return decision;
-        }
-        if remainder.iter().any(|r| r.is_nan()) {
-            self.continue_from(&decision);
-        }
-        let (remainder, left) = self.remainder;
-        let share = f64::from(left) / f64::from(DECAY_TICKS);
-        for (parts, remainder) in decision.parts.iter_mut().zip(remainder) {
-            parts.correction += share * remainder;
-        }
-        decision.trajectory = ActionTrajectory(std::array::from_fn(|j| {
-            let ahead = (share - j as f64 / f64::from(DECAY_TICKS)).max(0.0);
-            std::array::from_fn(|c| saturated(decision.trajectory.0[j][c] + ahead * remainder[c]))
-        }));
-        self.remainder.1 = left - 1;
-        decision
-    }
-}
-
-fn layout_of(candidate: Option<&Candidate>) -> ObservationLayout {
-    // A file is only ever loaded against the layouts this program offers.
-    candidate
-        .and_then(|c| c.policy.as_ref())
-        .and_then(|p| ObservationLayout::of_version(p.contract().version))
-        .unwrap_or(ObservationLayout::Paper)
-}
-
-fn blended(incumbent: &ControlOutput, candidate: &ControlOutput, authority: f64) -> ControlOutput {
-    // Both ends must be what either decided, to the bit.
-    if authority == 0.0 {
-        return *incumbent;
-    }
-    if authority == 1.0 {
-        return *candidate;
-    }
-    let mix = |a: f64, b: f64| (1.0 - authority) * a + authority * b;
-    ControlOutput {
-        parts: std::array::from_fn(|c| {
-            let (a, b) = (incumbent.parts[c], candidate.parts[c]);
-            DutyTerms {
-                feed_forward: mix(a.feed_forward, b.feed_forward),
-                play: mix(a.play, b.play),
-                correction: mix(a.correction, b.correction),
-                proportional: mix(a.proportional, b.proportional),
-                integral: mix(a.integral, b.integral),
-            }
-        }),
-        trajectory: ActionTrajectory(std::array::from_fn(|j| {
-            std::array::from_fn(|c| mix(incumbent.trajectory.0[j][c], candidate.trajectory.0[j][c]))
-        })),
     }
 }

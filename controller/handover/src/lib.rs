@@ -13,7 +13,8 @@
 //! | [`record`] | the incumbent's own errors, by condition |
 //! | [`sequential_test`] | Wald's test: as good as the incumbent, or half as much error again? |
 //! | [`stages`] | shadow, ramp, probation: how much authority a candidate has, and why it loses it |
-//! | [`arbiter`] | incumbent and candidate side by side, blended; what is left of a bump decays |
+//! | [`arbiter`] | incumbent and candidate side by side; who decides, and what came of it for the policies |
+//! | `seat`, `blend`, `remainder` | a policy in its law; two decisions in one; what is left of a bump decays |
 //! | [`exploration`] | bounded noise on the active policy's answer |
 //! | [`permit`] | until when a request counts that takes work before it is handed over |
 //! | [`mod@channel`] | queues between the tick and the thread that publishes: policies in, retired ones out |
@@ -22,16 +23,20 @@
 //! that goes is handed back through a queue, to be dropped elsewhere.
 
 pub mod arbiter;
+mod blend;
 pub mod channel;
 pub mod conditions;
 pub mod exploration;
 pub mod permit;
 pub mod record;
+mod remainder;
+mod seat;
 pub mod sequential_test;
 pub mod stages;
 
-pub use arbiter::{Arbiter, ArbitratedCommand, PolicyAnswer, Trust};
+pub use arbiter::{Arbiter, ArbitratedCommand, Trust};
 pub use channel::{Candidate, Command, Haste, PolicyEvent, PolicyTag, Snapshot, StoreEnd, TickEnd, channel};
 pub use exploration::{ExplorationRules, ExplorationShown, StdOrigin};
 pub use permit::{NoLongerWanted, Permit};
+pub use seat::PolicyAnswer;
 pub use stages::{Loss, StageNow};

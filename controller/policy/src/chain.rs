@@ -20,10 +20,11 @@ use tract_onnx::pb::{NodeProto, tensor_proto::DataType};
 
 use crate::activation::Activation;
 use crate::constant::{Constant, Data, transposed};
-use crate::error::{Fault, shown};
+use crate::error::Fault;
 use crate::graph_signature::GraphSignature;
 use crate::kernel::{Arithmetic, Dense, Layer};
 use crate::node::Node;
+use crate::wording::shown;
 
 /// The operators that a policy may use.
 pub const SUPPORTED_OPS: [&str; 20] = [

@@ -5,7 +5,8 @@
 
 use tract_onnx::pb::{TensorProto, tensor_proto::DataLocation, tensor_proto::DataType};
 
-use crate::error::{Fault, shown};
+use crate::error::Fault;
+use crate::wording::shown;
 
 /// A constant tensor in row-major order.
 #[derive(Debug, Clone, PartialEq)]

@@ -6,8 +6,9 @@
 
 use sha2::{Digest, Sha256};
 
-use crate::error::{Fault, shown};
+use crate::error::Fault;
 use crate::metadata::Metadata;
+use crate::wording::shown;
 
 /// Metadata key of the hash.
 pub(crate) const KEY: &str = "content_sha256";

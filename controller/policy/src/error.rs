@@ -1,10 +1,13 @@
-//! Why a policy file, or one inference, is refused: one line each, with the mend.
+//! Why a policy file is refused: one line each, with the mend.
 
 use std::io;
 use std::path::PathBuf;
 
 use crate::chain::SUPPORTED_OPS;
 use crate::file::MAX_FILE_BYTES;
+use crate::golden_problem::GoldenProblem;
+use crate::refused::Refused;
+use crate::wording::{listed, versions};
 
 /// A policy file that must not fly: which file, and why.
 #[derive(Debug, thiserror::Error)]
@@ -14,43 +17,6 @@ pub struct PolicyError {
     pub file: PathBuf,
     /// What is wrong with it.
     pub fault: Fault,
-}
-
-/// One inference that gave no action; the caller flies its fallback this tick.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum Refused {
-    /// The observation has the wrong length.
-    #[error("observation has {found} values, the policy takes {expected}")]
-    InputLength {
-        /// Values given.
-        found: usize,
-        /// Values the policy takes.
-        expected: usize,
-    },
-    /// The action buffer has the wrong length.
-    #[error("action buffer holds {found} values, the policy gives {expected}")]
-    OutputLength {
-        /// Places given.
-        found: usize,
-        /// Values the policy gives.
-        expected: usize,
-    },
-    /// An observation is NaN or infinite.
-    #[error("observation {index} is {value}")]
-    InputNotFinite {
-        /// Its place in the observation.
-        index: usize,
-        /// The value.
-        value: f32,
-    },
-    /// An action is NaN or infinite.
-    #[error("action {index} is {value}")]
-    OutputNotFinite {
-        /// Its place in the action.
-        index: usize,
-        /// The value.
-        value: f32,
-    },
 }
 
 /// What is wrong with a policy file.
@@ -466,74 +432,6 @@ pub enum Fault {
     },
 }
 
-/// What is wrong with a golden pair.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum GoldenProblem {
-    /// Only one of the two keys is there, or they hold different numbers of pairs.
-    #[error("golden_input holds {inputs} pairs and golden_output {outputs}")]
-    Count {
-        /// Pairs in `golden_input`.
-        inputs: usize,
-        /// Pairs in `golden_output`.
-        outputs: usize,
-    },
-    /// A pair of the wrong width.
-    #[error("{found} numbers where {expected} belong")]
-    Width {
-        /// Numbers found.
-        found: usize,
-        /// Numbers wanted.
-        expected: usize,
-    },
-    /// Something that is no finite number.
-    #[error("{text:?} is no finite number")]
-    Number {
-        /// What stands there.
-        text: String,
-    },
-}
-
-/// The start of a name from a file, short enough for a one-line message.
-pub(crate) fn shown(name: &str) -> String {
-    const LONGEST: usize = 60;
-    match name.char_indices().nth(LONGEST) {
-        Some((at, _)) => format!("{}...", &name[..at]),
-        None => name.to_owned(),
-    }
-}
-
-/// A foreign error's text on one line of bounded length.
-pub(crate) fn one_line(text: &str) -> String {
-    const LONGEST: usize = 300;
-    let mut line = String::new();
-    for word in text.split_whitespace() {
-        if line.len() + word.len() > LONGEST {
-            line.push_str(" ...");
-            break;
-        }
-        if !line.is_empty() {
-            line.push(' ');
-        }
-        line.push_str(word);
-    }
-    line.retain(|c| !c.is_control());
-    line
-}
-
-fn listed(names: &[String]) -> String {
-    if names.is_empty() {
-        return String::new();
-    }
-    let quoted: Vec<String> = names.iter().take(6).map(|n| format!("{n:?}")).collect();
-    let more = if names.len() > 6 { ", ..." } else { "" };
-    format!(" ({}{more})", quoted.join(", "))
-}
-
-fn versions(known: &[u32]) -> String {
-    let list: Vec<String> = known.iter().map(|v| format!("{v:?}")).collect();
-    list.join(", ")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -544,7 +442,5 @@ mod tests {
         let text = PolicyError { file: "p.onnx".into(), fault }.to_string();
         assert!(text.starts_with("p.onnx: node \"a\\nb\\u{1b}[31m\" is a Lstm"), "{text}");
         assert_eq!(text.lines().count(), 1);
-        assert_eq!(shown(&"é".repeat(100)).chars().count(), 63);
-        assert_eq!(one_line("a\n b\u{7}c\t d"), "a bc d");
     }
 }

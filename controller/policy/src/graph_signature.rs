@@ -8,8 +8,9 @@ use tract_onnx::pb::{
 };
 
 use crate::constant::type_name;
-use crate::error::{Fault, shown};
+use crate::error::Fault;
 use crate::policy_signature::PolicySignature;
+use crate::wording::shown;
 
 /// Lowest opset whose operators mean what the kernel computes.
 const OPSET_LOWEST: i64 = 13;

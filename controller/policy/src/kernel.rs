@@ -17,7 +17,7 @@
 //! these saves 0.007 %, and at 50 Hz caches are cold and all are alike; that is not worth unsafe code.
 
 use crate::activation::Activation;
-use crate::error::Refused;
+use crate::refused::Refused;
 
 /// Floats in a cache line: the unit of padding.
 const LINE: usize = 16;

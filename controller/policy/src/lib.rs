@@ -27,6 +27,7 @@
 //! | `activation`, `kernel` | the arithmetic, the same bits on every machine |
 //! | `oracle`, `probe`, `rounding` | tract, the inputs on which both must agree, and how closely they can |
 //! | `policy` | [`Policy::load`] and [`Policy::run`] |
+//! | `error`, `golden_problem`, `refused`, `wording` | why a file, its pairs or one inference are refused, and foreign words in messages |
 //!
 //! Left out: recurrent cells, convolutions and branching graphs (residuals, attention); float16 and
 //! quantised weights; weights in side files; signatures over the file (`admission`).
@@ -37,6 +38,7 @@ mod constant;
 mod content_hash;
 mod error;
 mod file;
+mod golden_problem;
 mod graph_signature;
 mod kernel;
 mod metadata;
@@ -45,11 +47,14 @@ mod oracle;
 mod policy;
 pub mod policy_signature;
 mod probe;
+mod refused;
 mod rounding;
+mod wording;
 
 pub use chain::SUPPORTED_OPS;
-pub use error::{Fault, PolicyError, Refused};
+pub use error::{Fault, PolicyError};
 pub use file::{Links, MAX_FILE_BYTES, PolicyHash, hash, read};
 pub use metadata::Metadata;
 pub use policy::{Checks, Policy};
 pub use policy_signature::{Channel, PolicySignature};
+pub use refused::Refused;

@@ -14,8 +14,10 @@
 
 use tract_onnx::pb::ModelProto;
 
-use crate::error::{Fault, GoldenProblem, shown};
+use crate::error::Fault;
+use crate::golden_problem::GoldenProblem;
 use crate::policy_signature::{Channel, PolicySignature};
+use crate::wording::shown;
 
 /// Golden pairs that are read; more only make loading slow.
 const MOST_GOLDEN_PAIRS: usize = 256;

@@ -3,7 +3,8 @@
 use tract_onnx::pb::{AttributeProto, NodeProto, attribute_proto::AttributeType};
 
 use crate::constant::{Constant, Data};
-use crate::error::{Fault, shown};
+use crate::error::Fault;
+use crate::wording::shown;
 
 /// A node with strict access to what it says.
 pub(crate) struct Node<'a> {

@@ -15,9 +15,10 @@ use std::thread;
 use tract_onnx::pb::ModelProto;
 use tract_onnx::prelude::*;
 
-use crate::error::{Fault, one_line};
+use crate::error::Fault;
 use crate::policy_signature::PolicySignature;
 use crate::probe;
+use crate::wording::one_line;
 
 /// Decodes the protobuf.
 ///

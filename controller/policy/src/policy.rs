@@ -4,13 +4,14 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use crate::content_hash;
-use crate::error::{Fault, PolicyError, Refused};
+use crate::error::{Fault, PolicyError};
 use crate::file::{self, Links, PolicyHash};
 use crate::kernel::{Kernel, Layer};
 use crate::metadata::{GoldenPair, Metadata};
 use crate::oracle;
 use crate::policy_signature::{Channel, PolicySignature};
 use crate::probe;
+use crate::refused::Refused;
 use crate::{chain, graph_signature, rounding};
 
 /// Largest difference to tract on a probe. Two orders of summation of 256 products of order one differ

@@ -1,0 +1,28 @@
+//! Why the golden pairs in a file's metadata cannot be read.
+
+/// What is wrong with a golden pair.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum GoldenProblem {
+    /// Only one of the two keys is there, or they hold different numbers of pairs.
+    #[error("golden_input holds {inputs} pairs and golden_output {outputs}")]
+    Count {
+        /// Pairs in `golden_input`.
+        inputs: usize,
+        /// Pairs in `golden_output`.
+        outputs: usize,
+    },
+    /// A pair of the wrong width.
+    #[error("{found} numbers where {expected} belong")]
+    Width {
+        /// Numbers found.
+        found: usize,
+        /// Numbers wanted.
+        expected: usize,
+    },
+    /// Something that is no finite number.
+    #[error("{text:?} is no finite number")]
+    Number {
+        /// What stands there.
+        text: String,
+    },
+}
