@@ -21,7 +21,7 @@ fn pressure(time_s: f64) -> f64 {
 fn table(rows: usize, period_ms: f64, every: usize, blank: &str) -> String {
     let line = |k: usize| {
         let t = 1e-3 * period_ms * k as f64;
-        let reading = |p: f64| if k % every == 0 { format!("{p:.6}") } else { blank.to_owned() };
+        let reading = |p: f64| if k.is_multiple_of(every) { format!("{p:.6}") } else { blank.to_owned() };
         let duty = 0.5 + 0.01 * (k % 7) as f64;
         format!("{t:.4},{duty},0.8,{},{}\n", reading(pressure(t)), reading(-pressure(t) + 20.0))
     };
