@@ -247,10 +247,13 @@ fn main() -> ExitCode {
     while Instant::now() < until {
         std::thread::sleep(Duration::from_secs(1));
         // A miss may vent the rig, as it should; the operator of this run looks and arms again.
-        let state = daemon.ask(&Ask::Status {}).map(|reply| reply.state);
-        if state.is_some_and(|state| matches!(state, State::Vent | State::Fault)) {
-            vented += 1;
-            daemon.ask(&Ask::Acknowledge {});
+        match daemon.ask(&Ask::Status {}).map(|reply| reply.state) {
+            Some(State::Vent | State::Fault) => {
+                vented += 1;
+                daemon.ask(&Ask::Acknowledge {});
+            }
+            Some(State::Standby) => drop(daemon.ask(&Ask::Arm {})),
+            _ => {}
         }
     }
     stop.store(true, Ordering::Relaxed);

@@ -16,6 +16,9 @@ const AHEAD_OF_CLOCK_TICKS: i64 = 2;
 const AHEAD_OF_ARRIVAL_NS: i64 = 100_000_000;
 /// How fast the origin of [`AHEAD_OF_ARRIVAL_NS`] follows, in ns per tick: 1 %, above any clock's error (chosen).
 const FOLLOW_NS: i64 = 200_000;
+/// Frames at the start of a session of which the earliest, against its tick, tells where the ticks stand: one that comes after a stall
+/// of either side tells nothing. Chosen: a stall of 0.2 s is over by then.
+const ORIGIN_FRAMES: u32 = 10;
 /// Rejected frames in a row, agreeing among themselves, that make a new numbering (chosen).
 const REJECTED_TO_RENUMBER: u32 = 3;
 /// A period by the cRIO's clock counts as 20 ms within this, in ns: 10 % (chosen: above the scatter of a clock read in a thread).
@@ -92,6 +95,8 @@ pub struct FrameGate {
     rejected: Option<(Last, u32)>,
     /// Arrival minus tick × 20 ms, ns: where the ticks stand against the daemon's clock.
     origin_ns: Option<i64>,
+    /// Frames that counted since the origin was begun.
+    since_origin: u32,
     ahead_ns: i64,
     wrong_periods: u64,
     periods: u32,
@@ -107,6 +112,7 @@ impl FrameGate {
             last: None,
             rejected: None,
             origin_ns: None,
+            since_origin: 0,
             ahead_ns: 0,
             wrong_periods: 0,
             periods: 0,
@@ -148,7 +154,7 @@ impl FrameGate {
             }
         };
         if self.renumbered(sense) {
-            self.origin_ns = None;
+            (self.origin_ns, self.since_origin) = (None, 0);
             self.accept(sense, at_ns);
             return Ok(());
         }
@@ -165,7 +171,14 @@ impl FrameGate {
             && (self.wrong_periods & ((1 << RATE_FRAMES) - 1)).count_ones() > RATE_WRONG;
         // Ticks that come faster than time passes, whatever the cRIO's own clock says.
         let fast = self.ahead_ns > AHEAD_OF_ARRIVAL_NS;
-        (wrong || fast).then(|| (Condition::SampleRate, 1e9 / self.period_ns.max(1) as f64))
+        let period_ns = match wrong {
+            true => self.period_ns as f64,
+            false => {
+                let ticks_ns = f64::from(self.since_origin.saturating_sub(ORIGIN_FRAMES)) * TICK_NS as f64;
+                TICK_NS as f64 * (1.0 - self.ahead_ns as f64 / ticks_ns.max(TICK_NS as f64))
+            }
+        };
+        (wrong || fast).then(|| (Condition::SampleRate, 1e9 / period_ns.max(1.0)))
     }
 
     fn ahead_of_arrival(&self, sense: &Sense, at_ns: u64) -> i64 {
@@ -209,7 +222,11 @@ impl FrameGate {
         }
         if self.pacing == Pacing::RealTime {
             let offset = offset_ns(sense, at_ns);
-            let origin = self.origin_ns.unwrap_or(offset);
+            let mut origin = self.origin_ns.unwrap_or(offset);
+            if self.since_origin < ORIGIN_FRAMES {
+                origin = origin.min(offset);
+            }
+            self.since_origin = self.since_origin.saturating_add(1);
             self.ahead_ns = origin - offset;
             self.origin_ns = Some(origin + (offset - origin).clamp(-FOLLOW_NS, FOLLOW_NS));
         }
@@ -306,13 +323,29 @@ mod tests {
         }
     }
 
+    /// The machine stands still as a session begins: its first frames wait, and are read together.
+    #[test]
+    fn a_stall_at_the_start_of_a_session_is_no_other_sample_rate() {
+        for stall_ns in [145_000_000, 190_000_000] {
+            let mut gate = FrameGate::new(Pacing::RealTime);
+            for k in 0..500u32 {
+                let sent = 1 + u64::from(k) * TICK_NS;
+                assert_eq!(gate.judge(&frame(k + 1, k, sent), sent.max(stall_ns)), Ok(()));
+                assert_eq!(gate.wrong_rate(), None, "{k}");
+            }
+        }
+    }
+
     #[test]
     fn another_sample_rate_is_found_by_either_clock() {
         for (period_ns, clock_ns) in [(10_000_000, 10_000_000), (10_000_000, 20_000_000), (25_000_000, 25_000_000)] {
             let mut gate = FrameGate::new(Pacing::RealTime);
             let found = (0..100u32).find(|k| {
                 let _ = gate.judge(&frame(k + 1, *k, 1 + u64::from(*k) * clock_ns), 1 + u64::from(*k) * period_ns);
-                gate.wrong_rate().is_some()
+                let rate = gate.wrong_rate();
+                // The rate that a person is told is that which is wrong.
+                assert!(rate.is_none_or(|(_, hz)| (hz - 1e9 / period_ns as f64).abs() < 8.0), "{rate:?}");
+                rate.is_some()
             });
             assert!(found.is_some_and(|k| k < 30), "{period_ns} {clock_ns}: {found:?}");
         }
