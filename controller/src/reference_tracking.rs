@@ -297,7 +297,8 @@ mod tests {
 
     #[test]
     fn a_model_that_diverges_says_so_once_and_begins_anew() {
-        let rig = Rig::builtin("dual_pressure").unwrap();
+        // A rig whose air warms: a reading does not put that right.
+        let rig = Rig::builtin("bench").unwrap();
         let mut tracking = ReferenceTracking::new(&rig, None, Reference::constant(85.0, -72.0)).unwrap();
         let mut record = TickRecord::default();
         let mut fly = |tracking: &mut ReferenceTracking, measured: Pair| {
