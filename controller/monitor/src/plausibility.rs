@@ -150,7 +150,8 @@ impl Monitor {
         self.phase = frame.phase;
         ranges(frame.readings_kpa, found);
         self.echo.judge(frame.sense, found);
-        if frame.phase == Phase::Vented {
+        // A pump that runs on, for want of a relay, holds the chambers under pressure with both vents open.
+        if frame.phase == Phase::Vented && !frame.sense.pump_running {
             self.vent.begin_as_found(frame.readings_kpa);
         }
         self.vent.judge(frame.sense.duty, frame.readings_kpa, found);

@@ -155,7 +155,7 @@ mod tests {
         renamed.columns = vec!["bench".into()];
         let problem = |later: Table| join(first(), later).unwrap_err().to_string();
         assert!(problem(renamed).contains("b.json: its columns are bench, those of a.json 2 rigs"));
-        assert!(problem(table(vec![row("theirs", 0.2)])).contains("b.json: no entrant"));
+        assert!(problem(table(vec![row("theirs", 0.2)])).contains("b.json: no controller stands here"));
         let other = problem(table(vec![row("PI", 0.3)]));
         assert!(other.contains("PI errs by 0.300 kPa on rig 1 of 2 rigs and by 0.200"), "{other}");
     }
