@@ -61,7 +61,10 @@ const FAULTS: [(&str, Tick); 42] = [
     ("duty echo is another", frame!(|s, _k| s.duty = [0.5, 0.5])),
     ("duty echo is another, for good", frame!(|s, _k| s.duty = [0.5, 0.5])),
     ("duty echo is NaN", frame!(|s, _k| s.duty[1] = f32::NAN)),
-    ("duty echo is another, one tick in three", frame!(|s, k| s.duty[0] -= if k.is_multiple_of(3) { 0.2 } else { 0.0 })),
+    (
+        "duty echo is another, one tick in three",
+        frame!(|s, k| s.duty[0] -= if k.is_multiple_of(3) { 0.2 } else { 0.0 }),
+    ),
     ("no command in force", frame!(|s, _k| s.command_in_force = 0)),
     ("an old command in force", frame!(|s, _k| s.command_in_force = s.command_in_force.saturating_sub(20))),
     ("cRIO idle", frame!(|s, _k| s.state = CrioState::Idle)),
