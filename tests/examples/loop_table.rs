@@ -15,6 +15,7 @@ use std::time::{Duration, Instant};
 
 use environment::closed_loop::{Controller, FlightPlan, fly_plant};
 use environment::{Score, fly};
+use evaluate::comparison::sensors_are_late;
 use evaluate::rigs_around::rigs_around;
 use evaluate::{Dob, Mpc, OptimalOpenLoop, TickTimes};
 use hidden_rig::case;
@@ -194,10 +195,6 @@ fn flown<C: Controller>(
     mut controller: impl FnMut() -> C,
 ) -> [f64; 2] {
     let nominal = Rig::builtin("dual_pressure").unwrap();
-    let late = |m: &model::rig::MechanismInstance| {
-        use model::mechanism::Mechanism;
-        m.enabled && matches!(m.mechanism, Mechanism::SensorLag(_) | Mechanism::ResidualResponse(_))
-    };
     let mut sums = [0.0; 2];
     for seed in 1..=seeds {
         let mut controller = controller();
@@ -205,7 +202,7 @@ fn flown<C: Controller>(
             let plan = FlightPlan {
                 // The cRIO's sensors are the paper's on all of these rigs.
                 rig: &nominal,
-                model: told.mechanisms.iter().any(late).then_some(told),
+                model: sensors_are_late(told).then_some(told),
                 reference: &Reference::paper(),
                 seconds: SECONDS,
                 noise_v_rms: Sensors::ADC_NOISE_V_RMS,

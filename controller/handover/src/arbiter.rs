@@ -64,7 +64,7 @@ pub struct Arbiter {
     record: Record,
     conditions: Conditions,
     end: TickEnd,
-    /// What is left of a bump.
+    /// Remainder of a bump.
     remainder: Remainder,
     /// Whether the next command is the first on another model.
     on_new_model: bool,

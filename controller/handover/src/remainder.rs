@@ -1,4 +1,4 @@
-//! What is left of a bump: the command goes on from where it was, whatever controls from now on, and comes to what that wants over
+//! Remainder of a bump: the command goes on from where it was, whatever controls from now on, and comes to what that wants over
 //! half a second.
 
 use law::{ControlOutput, saturated};
@@ -22,7 +22,7 @@ impl Remainder {
     /// The next decision goes on from the last command, whatever it is.
     pub(crate) const FROM_SENT: Remainder = Remainder { duty: None, left: DECAY_TICKS };
 
-    /// What this decision is away from the command that was sent last.
+    /// Distance of this decision from the command that was sent last.
     pub(crate) fn between(sent: Pair, decision: &ControlOutput) -> Self {
         Remainder { duty: Some(away(sent, decision)), left: DECAY_TICKS }
     }
@@ -49,7 +49,7 @@ impl Remainder {
     }
 }
 
-/// What a decision is away from what was sent.
+/// Distance of a decision from what was sent.
 pub(crate) fn away(sent: Pair, decision: &ControlOutput) -> Pair {
     let raw = decision.raw();
     std::array::from_fn(|c| sent[c] - raw[c].clamp(0.0, 1.0))

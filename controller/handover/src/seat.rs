@@ -16,7 +16,7 @@ pub struct PolicyAnswer {
     pub outputs: [f32; ACTION_LEN],
     /// Stage of the policy: 0 active, or one more than [`crate::StageNow::code`].
     pub stage: u8,
-    /// Its share of the command, 0 … 1.
+    /// Share of the command, 0 … 1.
     pub authority: f64,
 }
 

@@ -87,7 +87,7 @@ struct Pending {
     reachable: bool,
     /// Proportional part in duty.
     proportional: f64,
-    /// How the channel stands to its goal; at rest nothing integrates.
+    /// State of the channel against its goal; at rest nothing integrates.
     hold: Hold,
 }
 

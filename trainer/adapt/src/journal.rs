@@ -6,6 +6,7 @@ use proto::atomic_file;
 use serde::{Deserialize, Serialize};
 
 use crate::AdaptError;
+use crate::rig_time::TICKS_PER_MIN;
 use crate::settings::AdaptSettings;
 use crate::tracking::Tracking;
 
@@ -140,6 +141,11 @@ impl Journal {
         let path = out.join(FILE);
         let text = serde_json::to_string_pretty(self).map_err(|error| AdaptError::file(&path, error))?;
         Ok(atomic_file::write(&path, format!("{text}\n").as_bytes())?)
+    }
+
+    /// Minutes of the rig that were used of so many ticks since the beginning.
+    pub fn rig_minutes(&self, ticks: u64) -> f64 {
+        ticks.saturating_sub(self.unused_ticks) as f64 / TICKS_PER_MIN
     }
 
     /// Forgets what was changed and has been put back; what was learned stays.

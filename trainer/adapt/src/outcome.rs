@@ -9,7 +9,6 @@ use serde::Serialize;
 
 use crate::AdaptError;
 use crate::journal::{Flown, Journal};
-use crate::rig_time::TICKS_PER_MIN;
 use crate::tracking::Tracking;
 
 /// What came of it.
@@ -89,7 +88,7 @@ impl Outcome {
             model: journal.model_line.clone(),
             policy,
             experiments: journal.experiments.len(),
-            rig_minutes: journal.ticks.saturating_sub(journal.unused_ticks) as f64 / TICKS_PER_MIN,
+            rig_minutes: journal.rig_minutes(journal.ticks),
             computing_minutes: journal.computed_s / 60.0,
             extremes_kpa: [extremes(0, f64::max, f64::MIN), extremes(1, f64::min, f64::MAX)],
             interventions: journal.interventions,

@@ -52,7 +52,7 @@ impl Adaptation {
             Some(before) if before.at.0 == now.0 => u64::from(now.1.wrapping_sub(before.at.1)),
             _ => self.journal.ticks,
         };
-        Ok(ticks.saturating_sub(self.journal.unused_ticks) as f64 / TICKS_PER_MIN)
+        Ok(self.journal.rig_minutes(ticks))
     }
 
     /// Does what this machine's processors are needed for, while a rig that can stands still.

@@ -142,8 +142,8 @@ impl<'a> Told<'a> {
     }
 }
 
-/// Whether a rig's sensors show pressures late.
-fn sensors_are_late(rig: &Rig) -> bool {
+/// Tells whether a rig's sensors show pressures late: its controllers are then told by an observer.
+pub fn sensors_are_late(rig: &Rig) -> bool {
     let late = |m: &Mechanism| matches!(m, Mechanism::SensorLag(_) | Mechanism::ResidualResponse(_));
     rig.mechanisms.iter().any(|m| m.enabled && late(&m.mechanism))
 }
