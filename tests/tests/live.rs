@@ -85,14 +85,25 @@ fn a_run_is_watched_from_beside_and_a_killed_viewer_is_nothing_to_it() {
     assert!(content.complete && content.ticks.iter().all(|tick| tick.records_dropped == 0));
 }
 
-/// Python with the package `websockets`, which is nobody's of this project; `None` after a line that says so.
-fn client() -> Option<&'static str> {
-    let there = Command::new("python3").args(["-c", "import websockets"]).stderr(Stdio::null()).status();
+/// A program that can load what a foreign viewer needs; `None` after a line that says so.
+fn with_packages(program: &'static str, (option, load): (&str, &str), needed: &str) -> Option<&'static str> {
+    let there = Command::new(program).args([option, load]).stderr(Stdio::null()).status();
     let there = there.is_ok_and(|status| status.success());
     if !there {
-        println!("SKIPPED: no python3 with the package websockets here, so no foreign viewer");
+        println!("SKIPPED: no {program} with {needed} here, so no foreign viewer");
     }
-    there.then_some("python3")
+    there.then_some(program)
+}
+
+/// Python with the package `websockets`, which is nobody's of this project.
+fn client() -> Option<&'static str> {
+    with_packages("python3", ("-c", "import websockets"), "the package websockets")
+}
+
+fn assert_lines(said: &str, lines: &[&str]) {
+    for line in lines {
+        assert!(said.lines().any(|found| found == *line), "{line} is not in {said}");
+    }
 }
 
 #[test]
@@ -103,16 +114,77 @@ fn a_foreign_client_of_foxgloves_protocol_sees_every_tick() {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/live_client.py");
     let ended = finish(Command::new(python).arg(&script).args(["foxglove", &scene.address]));
     assert_eq!(ended.status, Some(0), "{ended:?}");
-    for line in [
-        "subprotocol foxglove.websocket.v1",
-        "op serverInfo",
-        "channel /tick protobuf pneumatic.Tick protobuf True",
-        "channel /event protobuf foxglove.Log protobuf True",
-        "age_below_10_s True",
-        "ticks 50",
-    ] {
-        assert!(ended.stdout.lines().any(|found| found == line), "{line} is not in {}", ended.stdout);
-    }
+    assert_lines(
+        &ended.stdout,
+        &[
+            "subprotocol foxglove.websocket.v1",
+            "op serverInfo",
+            "channel /tick protobuf pneumatic.Tick protobuf True",
+            "channel /event protobuf foxglove.Log protobuf True",
+            "age_below_10_s True",
+            "ticks 50",
+        ],
+    );
+}
+
+#[test]
+fn foxgloves_own_client_decodes_what_comes_and_may_die_in_the_middle() {
+    let load = "require('@foxglove/ws-protocol'); require('ws'); require('protobufjs/ext/descriptor')";
+    let needed = "the npm packages @foxglove/ws-protocol, ws and protobufjs (NODE_PATH says where they are)";
+    let Some(node) = with_packages("node", ("-e", load), needed) else { return };
+    let _alone = alone();
+    let scene = scene();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foxglove_client.cjs");
+    let killed = finish(Command::new(node).arg(&script).args([&scene.address, "dies"]));
+    assert_eq!(killed.status, None, "{killed:?}");
+    let ended = finish(Command::new(node).arg(&script).arg(&scene.address));
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    assert_lines(
+        &ended.stdout,
+        &[
+            "server controller live []",
+            "channel /tick protobuf pneumatic.Tick true",
+            "channel /event protobuf foxglove.Log true",
+            "status 1 advertise is not offered: this server is read-only",
+            "forward true",
+            "moves true",
+            "gauge_kpa true",
+            "now true",
+        ],
+    );
+}
+
+#[test]
+fn prometheus_own_parser_reads_every_metric() {
+    let parser = ("-c", "import prometheus_client");
+    let Some(python) = with_packages("python3", parser, "the package prometheus_client") else { return };
+    let _alone = alone();
+    let scene = scene();
+    wait_for("a tick at the viewer", || {
+        sample(&scene.address, "controller_pressure_kpa{channel=\"positive\"}").is_some()
+    });
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/live_client.py");
+    let ended = finish(Command::new(python).arg(&script).args(["metrics", &scene.address]));
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    assert_lines(
+        &ended.stdout,
+        &[
+            "type text/plain; version=0.0.4; charset=utf-8",
+            "family controller_up gauge 1 True",
+            "family controller_pressure_kpa gauge 2 True",
+            "family controller_ticks counter 1 True",
+            "family controller_info gauge 1 True",
+            "family controller_tick_compute_seconds histogram 15 True",
+        ],
+    );
+    // Every line that is no comment became a sample of some family, and none is of a type that was not declared.
+    let text = get(&scene.address, &scene.address, "GET /metrics");
+    let (_, text) = text.split_once("\r\n\r\n").unwrap();
+    let samples = text.lines().filter(|line| !line.starts_with('#')).count();
+    let families = || ended.stdout.lines().filter(|line| line.starts_with("family "));
+    let parsed: usize = families().map(|line| line.split(' ').nth(3).unwrap().parse::<usize>().unwrap()).sum();
+    assert_eq!(parsed, samples, "{}", ended.stdout);
+    assert!(families().all(|line| !line.contains(" unknown ") && !line.contains(" untyped ")), "{}", ended.stdout);
 }
 
 #[test]

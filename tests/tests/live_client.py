@@ -2,6 +2,7 @@
 
 Usage: live_client.py foxglove HOST:PORT          prints what came
        live_client.py page HOST:PORT CHROMIUM     prints what the page showed, twice
+       live_client.py metrics HOST:PORT           prints what Prometheus' own parser made of /metrics
 """
 import asyncio
 import base64
@@ -13,10 +14,20 @@ import tempfile
 import time
 import urllib.request
 
-import websockets
+
+def metrics(address):
+    from prometheus_client.parser import text_string_to_metric_families
+
+    with urllib.request.urlopen(f"http://{address}/metrics") as answer:
+        print("type", answer.headers["Content-Type"])
+        text = answer.read().decode()
+    for family in text_string_to_metric_families(text):
+        print("family", family.name, family.type, len(family.samples), bool(family.documentation))
 
 
 async def foxglove(address):
+    import websockets
+
     async with websockets.connect(f"ws://{address}", subprotocols=["foxglove.websocket.v1"]) as socket:
         print("subprotocol", socket.subprotocol)
         info = json.loads(await socket.recv())
@@ -41,6 +52,8 @@ async def foxglove(address):
 
 
 async def page(address, chromium):
+    import websockets
+
     # Children of the browser may still write there when it has ended.
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         arguments = ["--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0", f"--user-data-dir={profile}", "about:blank"]
@@ -76,7 +89,9 @@ async def page(address, chromium):
             browser.wait()
 
 
-if sys.argv[1] == "foxglove":
+if sys.argv[1] == "metrics":
+    metrics(sys.argv[2])
+elif sys.argv[1] == "foxglove":
     asyncio.run(foxglove(sys.argv[2]))
 else:
     asyncio.run(page(sys.argv[2], sys.argv[3]))

@@ -8,6 +8,7 @@ use ::evaluate::join::JoinError;
 use ::finetune::FinetuneError;
 use diagnose::DiagnoseError;
 use fit::FitError;
+use free_run::FreeRunError;
 use proto::atomic_file::AtomicFileError;
 use proto::emulator::{EmulatorError, FaultScriptError};
 use proto::output::OutputError;
@@ -16,7 +17,6 @@ use proto::rig_file::RigFileError;
 use training::TrainingError;
 
 use crate::bench::LanesDiffer;
-use crate::free_run::FreeRunError;
 
 /// Exit status of work that failed.
 pub(crate) const FAILED: u8 = 1;

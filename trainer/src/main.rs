@@ -10,7 +10,6 @@ mod evaluate;
 mod export;
 mod failure;
 mod finetune;
-mod free_run;
 mod identify;
 mod interruptible;
 mod progress;

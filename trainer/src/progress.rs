@@ -3,6 +3,7 @@
 //! On standard error, so that results on standard output stay clean.
 
 use std::io::{IsTerminal, Write};
+use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use proto::live_line;
@@ -54,6 +55,14 @@ impl Progress {
         };
         // Progress that cannot be shown is no reason to stop the work.
         let _ = std::io::stderr().lock().write_all(text.as_bytes());
+    }
+}
+
+impl Progress {
+    /// The same for work that asks whether to go on: it does.
+    pub(crate) fn go_on(&mut self, steps: u64) -> ControlFlow<()> {
+        self.advance(steps);
+        ControlFlow::Continue(())
     }
 }
 

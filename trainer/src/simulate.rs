@@ -8,6 +8,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use fit::data::quality::within_ranges;
+use free_run::{Began, FreeRun, Trace};
 use model::plant::{FreeRunStart, Plant};
 use proto::atomic_file;
 use proto::recording::Recording;
@@ -16,7 +17,6 @@ use proto::rig_file::RigFileError;
 use serde_json::json;
 
 use crate::failure::{Failure, tell};
-use crate::free_run::{Began, FreeRun, Trace};
 use crate::progress::Progress;
 use crate::rig_choice::RigChoice;
 use crate::stdout;
@@ -65,7 +65,7 @@ pub(crate) fn run(args: &SimulateArgs) -> Result<(), Failure> {
         .map_err(|problem| RigFileError::Rig { file: args.rig.rig.clone(), problem })?;
     let trace = {
         let mut progress = Progress::new("simulating", recording.rows() as u64);
-        free_run.over(&recording, &Began::new(), &mut progress)?
+        free_run.over(&recording, &Began::new(), |rows| progress.go_on(rows))?
     };
     if !trace.pressures_given {
         tell(&format!("{}: no column {}; starting at rest", recording.source(), plant.sensor_columns().join(" or ")));

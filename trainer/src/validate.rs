@@ -7,6 +7,7 @@ use fit::FitError;
 use fit::data::quality::{Finding, Quality, Trouble, within_ranges};
 use fit::data::{Records, noise};
 use fit::simulate::{Arcs, Fidelity, Flapper, Look, Run, Simulator, flappers_of};
+use free_run::{Began, FreeRun, FreeRunError};
 use model::plant::Plant;
 use model::rig::Rig;
 use proto::recording::{PERIOD_S, Recording};
@@ -15,7 +16,6 @@ use serde_json::{Map, Value, json};
 
 use crate::accuracy::{Compared, Errors};
 use crate::failure::{Failure, tell};
-use crate::free_run::{Began, FreeRun, FreeRunError};
 use crate::progress::Progress;
 use crate::rig_choice::RigChoice;
 use crate::stdout;
@@ -180,7 +180,7 @@ fn compare(
 ) -> Result<Figures, FreeRunError> {
     // Without pressures a simulation would start at rest; here there would be nothing to compare it with.
     let recorded = recording.require_all(plant.sensor_columns().iter().map(String::as_str))?;
-    let trace = free_run.over(recording, &began, progress)?;
+    let trace = free_run.over(recording, &began, |rows| progress.go_on(rows))?;
     let channels = recorded
         .iter()
         .zip(&trace.readings_kpa)

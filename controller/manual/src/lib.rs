@@ -19,6 +19,14 @@ pub fn write(command: Command, folder: &Path) -> io::Result<()> {
     let pages = folder.join("man1");
     std::fs::create_dir_all(&pages)?;
     clap_mangen::generate_to(command.clone().disable_help_subcommand(true), &pages)?;
+    let source = format!("{name} {}", command.get_version().unwrap_or_default());
+    for page in std::fs::read_dir(&pages)? {
+        let page = page?.path();
+        let file = page.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        if file == format!("{name}.1") || file.starts_with(&format!("{name}-")) {
+            std::fs::write(&page, edited(&std::fs::read_to_string(&page)?, source.trim()))?;
+        }
+    }
     for (shell, place) in [
         (Shell::Bash, format!("bash/{name}")),
         (Shell::Zsh, format!("zsh/_{name}")),
@@ -33,6 +41,26 @@ pub fn write(command: Command, folder: &Path) -> io::Result<()> {
         std::fs::write(path, text)?;
     }
     Ok(())
+}
+
+/// A manual page with the program and its version in its last line (a subcommand has none of its own), and with what stands
+/// behind the options under a heading that says what it is.
+fn edited(page: &str, source: &str) -> String {
+    let mut out = String::with_capacity(page.len());
+    let mut lines = page.lines().peekable();
+    while let Some(line) = lines.next() {
+        let title = line.strip_prefix(".TH ").and_then(|title| title.split('"').next());
+        if let Some(title) = title {
+            out.push_str(&format!(".TH {title}\"{source}\""));
+        } else if line == ".SH EXTRA" {
+            let examples = lines.peek().is_some_and(|next| next.starts_with("Example"));
+            out.push_str(if examples { ".SH EXAMPLES" } else { ".SH NOTES" });
+        } else {
+            out.push_str(line);
+        }
+        out.push('\n');
+    }
+    out
 }
 
 /// Columns of a line of help.
@@ -103,13 +131,15 @@ mod tests {
     #[test]
     fn every_command_has_a_page_and_every_shell_its_file() {
         let folder = std::env::temp_dir().join(format!("manual-{}", std::process::id()));
-        let command = Command::new("pump")
-            .about("Pumps.")
-            .subcommand(Command::new("fill").about("Fills a chamber.").arg(Arg::new("kpa").long("kpa")));
+        let fill = Command::new("fill").about("Fills a chamber.").after_help("Example: pump fill --kpa 90");
+        let command =
+            Command::new("pump").version("1.2").about("Pumps.").subcommand(fill.arg(Arg::new("kpa").long("kpa")));
         write(command, &folder).unwrap();
         for (file, word) in [
             ("man1/pump.1", "Pumps"),
             ("man1/pump-fill.1", "kpa"),
+            ("man1/pump-fill.1", "\n.TH pump-fill 1  \"pump 1.2\"\n"),
+            ("man1/pump-fill.1", "\n.SH EXAMPLES\nExample: pump fill"),
             ("bash/pump", "fill"),
             ("zsh/_pump", "fill"),
             ("fish/pump.fish", "fill"),

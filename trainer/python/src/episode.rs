@@ -8,7 +8,8 @@ use std::sync::Arc;
 
 use environment::draws::{Purpose, stream};
 use environment::reward::reward;
-use environment::{DomainRandomization, EnvironmentSettings, RigDraw, reference_draw, sensor_scales};
+use environment::vector_env::ENVELOPE_KPA;
+use environment::{DomainRandomization, EnvironmentError, EnvironmentSettings, RigDraw, reference_draw, sensor_scales};
 use law::{ControlInput, PolicyLaw, SoftStart, TICK_S, saturated};
 use model::observation::{
     ACTION_LEN, AHEAD, ActionTrajectory, CHANNELS, GOALS_AHEAD, OBSERVATION_LEN, ObservationLayout, PAST, Pair,
@@ -17,6 +18,7 @@ use model::predict::{DualPressureRig, Predictor};
 use model::rig::Rig;
 use model::steady::SteadyMap;
 use proto::emulator::{SensorScale, Sensors};
+use proto::rig_file::RigFileError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use rand::RngExt as _;
@@ -26,13 +28,13 @@ use crate::{bytes_of, refused};
 /// Readings that a sound rig shows, kPa gauge: the bounds of the observation space.
 const LOWEST_KPA: Pair = [-20.0, -101.0];
 const HIGHEST_KPA: Pair = [300.0, 20.0];
-/// Pressures beyond which the daemon vents, kPa gauge.
-const ENVELOPE_KPA: Pair = [160.0, -95.0];
 /// Share of episodes that begin at rest and vented; the others begin where the reference does. Chosen.
 const FROM_REST: f64 = 0.1;
 
 /// The numbers that are shown beside an observation, by name.
 type Info = [(&'static str, f64); 6];
+/// An observation's bytes and info.
+type Begun<'py> = (Bound<'py, PyBytes>, Vec<(&'static str, f64)>);
 /// An observation's bytes, reward, terminal, truncated, info.
 type Stepped<'py> = (Bound<'py, PyBytes>, f64, bool, bool, Vec<(&'static str, f64)>);
 
@@ -70,8 +72,11 @@ impl Env {
     /// `ValueError` with the line that names file, key or range.
     #[new]
     fn new(rig: &str, model: Option<&str>, episode_s: f64, noise_v_rms: Option<f64>, spread: f64) -> PyResult<Self> {
+        let model_file = model.unwrap_or(rig);
         let plant = proto::rig_file::load(rig).map_err(refused)?;
-        let model = model.map_or_else(|| Ok(plant.clone()), proto::rig_file::load).map_err(refused)?;
+        let model = proto::rig_file::load(model_file).map_err(refused)?;
+        fit_for_the_controller(rig, &plant)?;
+        fit_for_the_controller(model_file, &model)?;
         let mut settings = EnvironmentSettings {
             episode_s,
             spread: DomainRandomization {
@@ -85,10 +90,9 @@ impl Env {
         if let Some(volts) = noise_v_rms {
             settings.noise_v_rms = volts;
         }
-        settings.check().map_err(refused)?;
+        settings.check().map_err(named_as_here)?;
         let draw = RigDraw::new(&plant, &settings).map_err(refused)?;
         let (scales, map) = (sensor_scales(&plant).map_err(refused)?, SteadyMap::new(&model).map_err(refused)?);
-        Predictor::new(&model).map_err(refused)?;
         Ok(Env { model, draw, settings, scales, map: Arc::new(map), episode: None })
     }
 
@@ -101,15 +105,15 @@ impl Env {
         (of(LOWEST_KPA), of(HIGHEST_KPA))
     }
 
-    /// Begins the episode of this number; its first observation, bytes of `f32`.
+    /// Begins the episode of this number; its first observation, bytes of `f32`, and info.
     ///
     /// # Errors
     /// `ValueError` if the drawn rig is unsound.
-    fn reset<'py>(&mut self, py: Python<'py>, number: u64) -> PyResult<Bound<'py, PyBytes>> {
+    fn reset<'py>(&mut self, py: Python<'py>, number: u64) -> PyResult<Begun<'py>> {
         let episode = self.begin(number)?;
-        let bytes = PyBytes::new(py, &episode.observation());
+        let begun = (PyBytes::new(py, &episode.observation()), episode.info(episode.plant.readings_kpa()).to_vec());
         self.episode = Some(episode);
-        Ok(bytes)
+        Ok(begun)
     }
 
     /// One tick under twelve duties (positive, negative; this tick and the next five).
@@ -136,6 +140,23 @@ impl Env {
         let truncated = episode.tick >= ticks;
         let info: Info = episode.info(pressures);
         Ok((PyBytes::new(py, &episode.observation()), value, terminal, truncated, info.to_vec()))
+    }
+}
+
+/// Refuses a rig that lacks what the controller reads and commands, by its file.
+fn fit_for_the_controller(file: &str, rig: &Rig) -> PyResult<()> {
+    let wrong = |problem| refused(RigFileError::Rig { file: file.to_owned(), problem });
+    Predictor::new(rig).map(|_| ()).map_err(wrong)
+}
+
+/// A setting's error under the name that the argument has in Python.
+fn named_as_here(error: EnvironmentError) -> PyErr {
+    match error {
+        EnvironmentError::Setting { key, problem } => {
+            let key = key.trim_start_matches("environment.");
+            refused(format!("{}: {problem}", if key.starts_with("spread.") { "spread" } else { key }))
+        }
+        rig => refused(rig),
     }
 }
 

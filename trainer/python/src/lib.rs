@@ -38,5 +38,14 @@ mod _native {
     #[pymodule_export]
     use crate::tables::read_recording;
     #[pymodule_export]
+    use crate::tables::read_ticks;
+    #[pymodule_export]
     use crate::tables::simulate;
+    use pyo3::prelude::*;
+
+    /// Integrator steps per step of the rig file, unless another number is asked for.
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("REFINE", free_run::refine::REFINE)
+    }
 }

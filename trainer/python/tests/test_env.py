@@ -1,68 +1,169 @@
-"""The environment by Gymnasium's own checker, and trained by Stable-Baselines3 where that is installed."""
+"""The environment by Gymnasium's own checker, against the paper's reward, and trained by Stable-Baselines3 where that is.
+
+Run: python3 -m pytest trainer/python/tests
+"""
+
+import unittest
+import warnings
 
 import numpy as np
-import pytest
 
-gymnasium = pytest.importorskip("gymnasium")
+import dual_pressure
 
-import dual_pressure  # noqa: E402
+try:
+    import gymnasium
+    from gymnasium.utils.env_checker import check_env
+except ImportError as missing:
+    raise unittest.SkipTest("no Gymnasium here (pip install gymnasium)") from missing
+try:
+    import stable_baselines3
+    import torch
+except ImportError:
+    stable_baselines3 = None
+
+OPEN = np.full(12, 0.85, np.float32)
 
 
 def make(**settings):
-    return dual_pressure.DualPressureEnv(rig="bench", model="dual_pressure", episode_s=2.0, **settings)
+    settings = {"rig": "bench", "model": "dual_pressure", "episode_s": 2.0} | settings
+    return dual_pressure.DualPressureEnv(**settings)
 
 
-def test_passes_gymnasiums_own_checker():
-    from gymnasium.utils.env_checker import check_env
-
-    check_env(make(), skip_render_check=True)
-
-
-def test_a_seed_is_an_episode_and_another_seed_another():
-    def flown(seed):
-        env = make(spread=10.0)
-        observation, _ = env.reset(seed=seed)
-        rewards = [env.step(np.full(12, 0.85, np.float32))[1] for _ in range(20)]
-        return observation.tolist(), rewards
-
-    assert flown(3) == flown(3)
-    assert flown(3) != flown(4)
+def refusal(call, *arguments, **settings):
+    """The line of the ValueError that a call raises."""
+    try:
+        call(*arguments, **settings)
+    except ValueError as refused:
+        assert "\n" not in str(refused), refused
+        return str(refused)
+    raise AssertionError(f"{arguments} {settings} is not refused")
 
 
-def test_predictions_are_what_comes_where_the_model_is_the_plant():
-    env = dual_pressure.DualPressureEnv(rig="dual_pressure", episode_s=4.0, noise_v_rms=0.0)
-    env.reset(seed=1)
+class Interface(unittest.TestCase):
+    def test_passes_gymnasiums_own_checker_without_a_warning(self):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            # The checker says so of every environment that is not made by gymnasium.make.
+            warnings.filterwarnings("ignore", message=".*not initialized using `gymnasium.make`.*|.*render.*|.*spec.*")
+            check_env(make(), skip_render_check=True)
 
-    def plan(tick):
-        # Duties of this tick and the next five, positive and negative side by side: what is then done.
-        ahead = 0.3 * (tick + np.arange(6))
-        return np.stack([0.8 + 0.08 * np.sin(ahead), 0.85 + 0.08 * np.cos(ahead)], axis=1).astype(np.float32).ravel()
+    def test_spaces_are_those_of_the_layout_and_hold_what_comes(self):
+        env = make()
+        self.assertEqual((env.observation_space.shape, env.action_space.shape), ((84,), (12,)))
+        self.assertEqual((env.action_space.low.min(), env.action_space.high.max()), (0.0, 1.0))
+        env.action_space.seed(2)
+        observation, info = env.reset(seed=2)
+        for _ in range(100):
+            self.assertTrue(env.observation_space.contains(observation))
+            self.assertEqual(set(info), {"p_pos_kpa", "p_neg_kpa", "ref_pos_kpa", "ref_neg_kpa", "u_pos", "u_neg"})
+            observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+            self.assertEqual([type(x) for x in (reward, terminated, truncated)], [float, bool, bool])
 
-    seen = [env.step(plan(tick))[0] for tick in range(80)]
-    # Numbers 22..31 are predictions for the next five ticks, 20 and 21 the reading now. What no plan contains is the
-    # integral's way over five ticks, and half a step of the converter (0.04 kPa) on either side.
-    pairs = list(zip(seen[20:], seen[25:]))
-    predicted = max(np.abs(now[30:32] - later[20:22]).max() for now, later in pairs)
-    unchanged = max(np.abs(now[20:22] - later[20:22]).max() for now, later in pairs)
-    assert predicted < 0.3 and predicted < 0.2 * unchanged, (predicted, unchanged)
+    def test_a_seed_is_an_episode_and_without_one_another_follows(self):
+        def flown(env, **seed):
+            observation, _ = env.reset(**seed)
+            return observation.tolist(), [env.step(OPEN)[1] for _ in range(20)]
+
+        one, other = make(spread=10.0), make(spread=10.0)
+        first = flown(one, seed=3)
+        self.assertEqual(first, flown(other, seed=3))
+        # The series of episodes that a seed begins is the seed's as well.
+        self.assertNotEqual(first, second := flown(one))
+        self.assertEqual(second, flown(other))
+        self.assertEqual(first, flown(one, seed=3))
+        self.assertNotEqual(first, flown(one, seed=4))
+
+    def test_refusals_are_one_line_under_the_names_of_arguments(self):
+        for words, settings in [
+            ("no_such: there is neither a file nor a built-in rig", {"rig": "no_such"}),
+            ("no_such: there is neither a file nor a built-in rig", {"model": "no_such"}),
+            ("spread: 80 is not within 0 … 50 %", {"spread": 80.0}),
+            ("episode_s: 0 is not within", {"episode_s": 0.0}),
+            ("noise_v_rms: -1 is not within", {"noise_v_rms": -1.0}),
+        ]:
+            self.assertIn(words, refusal(make, **settings))
+        env = make()
+        self.assertIn("call reset() before step()", refusal(env.step, OPEN))
+        env.reset(seed=0)
+        nan = OPEN.copy()
+        nan[3] = np.nan
+        self.assertEqual(refusal(env.step, nan), "action[3] is nan; duties are within 0 ... 1")
+        self.assertIn("12 duties", refusal(env.step, OPEN[:2]))
+        self.assertIn("12 duties", refusal(env.step, OPEN.reshape(6, 2)))
 
 
-def test_an_episode_ends_as_a_truncation_and_leaving_the_envelope_as_a_terminal_state():
-    env = make()
-    env.reset(seed=5)
-    ends = [env.step(np.full(12, 0.85, np.float32))[2:4] for _ in range(100)]
-    assert ends[-1] == (False, True) and not any(terminal or cut for terminal, cut in ends[:-1])
-    env = dual_pressure.DualPressureEnv(rig="bench", episode_s=20.0)
-    env.reset(seed=5)
-    assert any(env.step(np.zeros(12, np.float32))[2] for _ in range(1000)), "shut valves must leave the envelope"
+class Physics(unittest.TestCase):
+    def test_predictions_are_what_comes_where_the_model_is_the_plant(self):
+        env = make(rig="dual_pressure", model=None, episode_s=4.0, noise_v_rms=0.0)
+        env.reset(seed=1)
+
+        def plan(tick):
+            # Duties of this tick and the next five, positive and negative side by side: what is then done.
+            ahead = 0.3 * (tick + np.arange(6))
+            return np.stack([0.8 + 0.08 * np.sin(ahead), 0.85 + 0.08 * np.cos(ahead)], axis=1).ravel()
+
+        seen = [env.step(plan(tick))[0] for tick in range(80)]
+        # Numbers 22..31 are predictions for the next five ticks, 20 and 21 the reading now. What no plan contains is the
+        # integral's way over five ticks, and half a step of the converter (0.04 kPa) on either side.
+        pairs = list(zip(seen[20:], seen[25:]))
+        predicted = max(np.abs(now[30:32] - later[20:22]).max() for now, later in pairs)
+        unchanged = max(np.abs(now[20:22] - later[20:22]).max() for now, later in pairs)
+        self.assertLess(predicted, min(0.3, 0.2 * unchanged))
+
+    def test_rewards_are_the_papers(self):
+        # Table IV: 0.3 per kPa now, 0.01 for each of the next four ticks, 0.25 for the fifth; from the observation alone.
+        env = make()
+        env.reset(seed=6)
+        weights = np.repeat([0.3, 0.01, 0.01, 0.01, 0.01, 0.25], 2)
+        for tick in range(60):
+            observation, reward, *_ = env.step(np.full(12, 0.75 + 0.002 * tick))
+            now_and_ahead, goals = observation[20:32], observation[32 + 20 : 32 + 32]
+            self.assertAlmostEqual(reward, -(weights * np.abs(goals - now_and_ahead)).sum(), delta=1e-3)
+
+    def test_the_past_moves_up_and_readings_are_those_of_info_but_for_noise(self):
+        env = make(noise_v_rms=0.0)
+        before, _ = env.reset(seed=7)
+        for _ in range(30):
+            after, *_, info = env.step(OPEN)
+            np.testing.assert_array_equal(after[:20], before[2:22])
+            readings = [info["p_pos_kpa"], info["p_neg_kpa"]]
+            # A step of the converter is 0.08 kPa.
+            np.testing.assert_allclose(after[20:22], readings, atol=0.08)
+            np.testing.assert_allclose(after[52:54], [info["ref_pos_kpa"], info["ref_neg_kpa"]], rtol=1e-6)
+            before = after
+
+    def test_time_is_a_truncation_and_leaving_the_envelope_a_terminal_state(self):
+        env = make()
+        env.reset(seed=5)
+        ends = [env.step(OPEN)[2:4] for _ in range(100)]
+        self.assertEqual(ends[-1], (False, True))
+        self.assertFalse(any(terminated or truncated for terminated, truncated in ends[:-1]))
+        env = make(episode_s=20.0)
+        env.reset(seed=5)
+        for _ in range(1000):
+            _, reward, terminated, truncated, info = env.step(np.zeros(12))
+            if terminated:
+                break
+        # Shut valves lead out; what that costs is said, and it is no matter of time.
+        self.assertTrue(terminated and not truncated)
+        self.assertEqual(reward, -300.0)
+        self.assertTrue(info["p_pos_kpa"] > 160.0 or info["p_neg_kpa"] < -95.0)
 
 
-def test_stable_baselines3_learns_on_it():
-    sb3 = pytest.importorskip("stable_baselines3")
-    import torch
+@unittest.skipIf(stable_baselines3 is None, "no Stable-Baselines3 here (pip install stable-baselines3)")
+class StableBaselines3(unittest.TestCase):
+    def test_sac_runs_on_it_and_answers(self):
+        torch.set_num_threads(1)
+        model = stable_baselines3.SAC("MlpPolicy", make(), learning_starts=100, device="cpu", seed=0)
+        before = [parameter.detach().clone() for parameter in model.actor.parameters()]
+        model.learn(300)
+        moved = [(now.detach() - then).abs().max().item() for now, then in zip(model.actor.parameters(), before)]
+        self.assertGreater(max(moved), 1e-4)
+        observation = model.env.reset()
+        action, _ = model.predict(observation, deterministic=True)
+        self.assertEqual(action.shape, (1, 12))
+        self.assertTrue(np.isfinite(action).all() and (0 <= action).all() and (action <= 1).all())
 
-    torch.set_num_threads(1)
-    model = sb3.SAC("MlpPolicy", make(), learning_starts=100, device="cpu", seed=0)
-    model.learn(300)
-    action, _ = model.predict(model.env.reset(), deterministic=True)
-    assert action.shape == (1, 12) and np.isfinite(action).all()
+
+if __name__ == "__main__":
+    unittest.main()

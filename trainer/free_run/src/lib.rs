@@ -10,7 +10,10 @@
 //! they lie where the first pressures would hold, as near to that as the first commands allow: a rig that is recorded has
 //! mostly settled under some command before.
 
+pub mod refine;
+
 use std::cell::OnceCell;
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use fit::simulate::{Flapper, Room, rooms};
@@ -20,11 +23,9 @@ use model::rig::{Rig, RigError};
 use model::steady::SteadyMap;
 use proto::recording::{PERIOD_S, Recording, RecordingError};
 
-use crate::progress::Progress;
-
 /// A compiled rig that runs freely over recordings.
 #[derive(Debug)]
-pub(crate) struct FreeRun {
+pub struct FreeRun {
     simulation: Simulation<f64>,
     ticks_per_row: u32,
     /// Valves of the paper's rig whose flappers have room to lie anywhere in, each with its channel.
@@ -36,32 +37,52 @@ pub(crate) struct FreeRun {
 
 /// What a free run gave.
 #[derive(Debug)]
-pub(crate) struct Trace {
+pub struct Trace {
     /// Simulated readings in gauge kPa: one column per sensor of the rig, one number per row.
-    pub(crate) readings_kpa: Vec<Vec<f64>>,
+    pub readings_kpa: Vec<Vec<f64>>,
     /// How the first stretch started.
-    pub(crate) start: FreeRunStart,
+    pub start: FreeRunStart,
     /// Whether the recording had pressures to start from.
-    pub(crate) pressures_given: bool,
+    pub pressures_given: bool,
 }
 
 /// Where flappers lay at the first row of each stretch of a recording; empty where nothing is known of it.
-pub(crate) type Began = Vec<Vec<Flapper>>;
+pub type Began = Vec<Vec<Flapper>>;
 
 /// Why a recording cannot be run.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum FreeRunError {
+pub enum FreeRunError {
+    /// A column that the rig asks for is missing or is text.
     #[error(transparent)]
     Recording(#[from] RecordingError),
+    /// The caller broke the run off.
+    #[error("the simulation was stopped")]
+    Stopped,
+    /// Nothing tells where the rig was behind a gap.
     #[error(
         "{file}: a gap before {time_s} s and no pressures to start from again; add column {column} or close the gap"
     )]
-    GapWithoutPressures { file: String, time_s: f64, column: String },
+    GapWithoutPressures {
+        /// The recording.
+        file: String,
+        /// When the run would begin anew (s).
+        time_s: f64,
+        /// The rig's pressures.
+        column: String,
+    },
+    /// The rig's numbers let the simulation diverge.
     #[error("{file}: column {column}: the simulation left the numbers at {time_s} s; check the rig's parameters")]
-    NotFinite { file: String, time_s: f64, column: String },
+    NotFinite {
+        /// The recording.
+        file: String,
+        /// Time of the row (s).
+        time_s: f64,
+        /// The pressure.
+        column: String,
+    },
 }
 
-/// Rows between two looks at the clock of the progress.
+/// Rows between two calls of `advanced`.
 const ROWS_AT_ONCE: usize = 64;
 
 impl FreeRun {
@@ -69,7 +90,7 @@ impl FreeRun {
     ///
     /// # Errors
     /// The rig's tick does not divide the 20 ms between rows.
-    pub(crate) fn new(rig: &Rig, plant: Arc<Plant<f64>>) -> Result<Self, RigError> {
+    pub fn new(rig: &Rig, plant: Arc<Plant<f64>>) -> Result<Self, RigError> {
         let ticks = PERIOD_S / plant.tick_s();
         // Ticks are written in ms with a few digits.
         if ticks < 0.5 || (ticks - ticks.round()).abs() > 1e-6 {
@@ -94,22 +115,23 @@ impl FreeRun {
     }
 
     /// Whether some valve's flapper may lie anywhere in a room of its own when a recording begins.
-    pub(crate) fn has_flappers(&self) -> bool {
+    pub fn has_flappers(&self) -> bool {
         !self.rooms.is_empty()
     }
 
     /// Runs over a recording from the first row of each stretch, flappers where they `began`.
     ///
-    /// A recording without any of the rig's pressures starts at rest, if it has no gap.
+    /// A recording without any of the rig's pressures starts at rest, if it has no gap. `advanced` is told of rows that are done,
+    /// some at a time.
     ///
     /// # Errors
     /// A command column is missing or is text, some but not all pressures are missing, a gap without
-    /// pressures, or a simulation that diverges.
-    pub(crate) fn over(
+    /// pressures, a simulation that diverges, or `advanced` breaks it off.
+    pub fn over(
         &mut self,
         recording: &Recording,
         began: &Began,
-        progress: &mut Progress,
+        mut advanced: impl FnMut(u64) -> ControlFlow<()>,
     ) -> Result<Trace, FreeRunError> {
         let plant = Arc::clone(self.simulation.plant());
         let inputs = inputs(&plant, recording)?;
@@ -156,7 +178,9 @@ impl FreeRun {
                     self.simulation.tick(&commands);
                 }
                 if (row + 1) % ROWS_AT_ONCE == 0 {
-                    progress.advance(ROWS_AT_ONCE as u64);
+                    if advanced(ROWS_AT_ONCE as u64).is_break() {
+                        return Err(FreeRunError::Stopped);
+                    }
                 }
             }
         }
