@@ -177,10 +177,8 @@ impl FreeRun {
                 for _ in 0..self.ticks_per_row {
                     self.simulation.tick(&commands);
                 }
-                if (row + 1) % ROWS_AT_ONCE == 0 {
-                    if advanced(ROWS_AT_ONCE as u64).is_break() {
-                        return Err(FreeRunError::Stopped);
-                    }
+                if (row + 1) % ROWS_AT_ONCE == 0 && advanced(ROWS_AT_ONCE as u64).is_break() {
+                    return Err(FreeRunError::Stopped);
                 }
             }
         }
