@@ -44,7 +44,7 @@ client.on("message", ({ subscriptionId, timestamp, data }) => {
     return;
   }
   seen.ticks.push({ number: message.tick, at: timestamp });
-  seen.pressures.add(message.pPosKpa);
+  seen.pressures.add(message.p_pos_kpa);
   if (seen.ticks.length < TICKS) {
     return;
   }
