@@ -3,12 +3,17 @@
 Run: python3 -m pytest trainer/python/tests
 """
 
+import importlib.util
+import json
+import subprocess
+import sys
 import unittest
 import warnings
 
 import numpy as np
 
 import dual_pressure
+from programs import ROOT, folder, program
 
 try:
     import gymnasium
@@ -163,6 +168,23 @@ class StableBaselines3(unittest.TestCase):
         action, _ = model.predict(observation, deterministic=True)
         self.assertEqual(action.shape, (1, 12))
         self.assertTrue(np.isfinite(action).all() and (0 <= action).all() and (action <= 1).all())
+
+    @unittest.skipUnless(all(map(importlib.util.find_spec, ("onnx", "onnxruntime"))), "no onnx and onnxruntime here")
+    def test_the_example_trains_on_the_plant_exports_and_flies(self):
+        controller, script = program("controller"), ROOT / "docs/examples/sb3_policy.py"
+        with folder() as here:
+            file = here / "tiny.onnx"
+            command = [sys.executable, str(script), "--steps", "150", "--out", str(file)]
+            said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+            self.assertRegex(said, r"onnxruntime and torch agree within \S+ on \d+ observations\nmean error on bench")
+            # File and network are sound; 150 steps teach nobody to track, which is what may be found wrong.
+            command = [controller, "check-policy", str(file), "--json"]
+            found = json.loads(subprocess.run(command, capture_output=True, text=True).stdout)
+            self.assertTrue(found["sound"] or found["stage"] in ("answers", "trial"), found)
+            command = [controller, "demo", "--fast", "--seconds", "2", "--policy", str(file), "--out", str(here / "flown")]
+            flown = subprocess.run(command, capture_output=True, text=True)
+            self.assertIn(flown.returncode, (0, 1), flown.stderr)
+            self.assertIn("in control: tiny", flown.stdout)
 
 
 if __name__ == "__main__":
