@@ -5,8 +5,11 @@
 //! the old file or the new one, never half of either, and a crash leaves at most a hidden file
 //! behind.
 //!
+//! A device, a pipe or a socket (`/dev/null`, `/dev/stdout`) is written to as it is: a rename would put a
+//! file in its place, and it would be gone.
+//!
 //! Left out: keeping the old file's owner and mode (a rename gives the new file those of this
-//! process), and following links (a link is replaced, not what it points to).
+//! process), and following links to files (such a link is replaced, not what it points to).
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
@@ -52,6 +55,9 @@ pub enum AtomicFileStep {
 /// beside it.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), AtomicFileError> {
     let fail = |step| move |source| AtomicFileError { path: path.to_owned(), step, source };
+    if is_no_file(path) {
+        return write_through(path, bytes).map_err(fail(AtomicFileStep::Write));
+    }
     let aside = aside_path(path).map_err(fail(AtomicFileStep::Name))?;
     let written = write_aside(&aside, path, bytes);
     written.map_err(|(step, source)| {
@@ -59,6 +65,18 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), AtomicFileError> {
         let _ = std::fs::remove_file(&aside);
         fail(step)(source)
     })
+}
+
+/// Whether a path leads to something that is there and neither a file nor a folder: a device, a pipe, a socket.
+pub fn is_no_file(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|about| !about.is_file() && !about.is_dir())
+}
+
+/// Writes into what is no file, which can be neither replaced nor synced.
+fn write_through(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let mut target = OpenOptions::new().write(true).open(path)?;
+    target.write_all(bytes)?;
+    target.flush()
 }
 
 /// Renames a file that is already synced, and syncs the folder so that the name is kept.
@@ -150,6 +168,27 @@ mod tests {
         assert!(!message.contains('\n'));
         let error = write(Path::new("/"), b"x").unwrap_err();
         assert_eq!(error.step, AtomicFileStep::Name);
+    }
+
+    #[test]
+    fn what_is_no_file_is_written_to_and_stays_what_it_is() {
+        let folder = folder("pipe");
+        let pipe = folder.join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let reader = std::thread::spawn({
+            let pipe = pipe.clone();
+            move || std::fs::read(pipe).unwrap()
+        });
+        write(&pipe, b"through").unwrap();
+        assert_eq!(reader.join().unwrap(), b"through");
+        assert!(is_no_file(&pipe));
+        // A link to a device as well: /dev/stdout is one.
+        let link = folder.join("link");
+        std::os::unix::fs::symlink("/dev/null", &link).unwrap();
+        write(&link, b"gone").unwrap();
+        assert!(link.is_symlink() && is_no_file(Path::new("/dev/null")));
+        assert_eq!(names(&folder), ["link", "pipe"]);
+        std::fs::remove_dir_all(folder).unwrap();
     }
 
     #[test]

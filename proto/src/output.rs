@@ -24,6 +24,14 @@ pub enum OutputError {
     /// A file is asked for, and a folder is there.
     #[error("{}: this is a folder, and the result is one file; give --out the name of a file", .0.display())]
     NoFile(PathBuf),
+    /// The folder of a file is not there.
+    #[error("{}: the folder {} is not there; make it, or give --out another place", .file.display(), .folder.display())]
+    NoSuchFolder {
+        /// The file that was asked for.
+        file: PathBuf,
+        /// The folder that it would stand in.
+        folder: PathBuf,
+    },
     /// It cannot be written.
     #[error("{}: nothing can be written here: {source}; give --out another place, or make room", .path.display())]
     Unwritable {
@@ -59,12 +67,21 @@ pub fn check_folder(folder: &Path, bytes: u64) -> Result<(), OutputError> {
 /// Checks that a file of `bytes` can be written, and writes none.
 ///
 /// # Errors
-/// It is a folder, or nothing can be written there.
+/// It is a folder, its folder is not there, or nothing can be written there.
 pub fn check_file(file: &Path, bytes: u64) -> Result<(), OutputError> {
     if file.is_dir() || file.file_name().is_none() {
         return Err(OutputError::NoFile(file.to_owned()));
     }
-    probe(file, file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")), bytes)
+    if atomic_file::is_no_file(file) {
+        // A probe would go into it, or beside it where there is no disk. That it may be written is all there is to ask.
+        let writable = rustix::fs::access(file, rustix::fs::Access::WRITE_OK);
+        return writable.map_err(|source| OutputError::Unwritable { path: file.to_owned(), source: source.into() });
+    }
+    let folder = file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !folder.exists() {
+        return Err(OutputError::NoSuchFolder { file: file.to_owned(), folder: folder.to_owned() });
+    }
+    probe(file, folder, bytes)
 }
 
 /// Whether two paths lead to one file that is there, by whatever links.
@@ -184,6 +201,9 @@ mod tests {
         assert!(matches!(check_folder(&folder.join("file"), 1), Err(OutputError::NoFolder(_))));
         assert!(matches!(check_folder(&folder.join("file/below"), 1), Err(OutputError::Unwritable { .. })));
         assert!(matches!(check_file(&folder, 1), Err(OutputError::NoFile(_))));
+        let nowhere = folder.join("not/there.csv");
+        assert!(matches!(check_file(&nowhere, 1), Err(OutputError::NoSuchFolder { .. })));
+        check_file(Path::new("/dev/null"), 1 << 40).unwrap();
         std::fs::remove_dir_all(&folder).unwrap();
     }
 

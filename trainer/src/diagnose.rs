@@ -58,7 +58,7 @@ pub(crate) fn run(args: &DiagnoseArgs) -> Result<(), Failure> {
     work.write(|| outcome.write(&args.out))?;
     let diagnosis = &outcome.diagnosis;
     if args.json {
-        return stdout::say(&diagnosis.to_json().map_err(Failure::Json)?);
+        return stdout::put(&diagnosis.to_json().map_err(Failure::Json)?);
     }
     for note in &diagnosis.notes {
         tell(note);

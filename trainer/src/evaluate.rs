@@ -244,7 +244,7 @@ fn fill(
             ("noise".into(), format!("{noise_v_rms} V RMS and steps of the converter")),
         ],
     };
-    deliver(&work, &table, &args.out, args.json)
+    deliver(&work, &table, &args.out, Printed::with(args.json))
 }
 
 fn join(args: &JoinArgs) -> Result<(), Failure> {
@@ -261,7 +261,7 @@ fn join(args: &JoinArgs) -> Result<(), Failure> {
     let work = begin(&args.out)?;
     let later = tables.split_off(1);
     let Some(first) = tables.pop() else { return Ok(()) };
-    deliver(&work, &joined(first, later)?, &args.out, args.json)
+    deliver(&work, &joined(first, later)?, &args.out, Printed::with(args.json))
 }
 
 /// Room that a table needs at most, in bytes; ours have some ten kilobytes in three files.
@@ -274,12 +274,27 @@ fn begin(out: &Path) -> Result<Interruptible, Failure> {
     Ok(work)
 }
 
-fn deliver(work: &Interruptible, table: &Table, out: &Path, as_json: bool) -> Result<(), Failure> {
-    work.write(|| write(out, table))?;
-    if as_json {
-        return stdout::say_json(&serde_json::json!(table));
+/// What is printed of a table.
+#[derive(Debug, Clone, Copy)]
+enum Printed {
+    Markdown,
+    Json,
+}
+
+impl Printed {
+    /// What `--json` asks for.
+    fn with(json: bool) -> Self {
+        if json { Printed::Json } else { Printed::Markdown }
     }
-    stdout::say(&format!("{}\nwritten to {}", table.to_markdown(), out.display()))
+}
+
+/// Writes a table and prints it.
+fn deliver(work: &Interruptible, table: &Table, out: &Path, printed: Printed) -> Result<(), Failure> {
+    work.write(|| write(out, table))?;
+    match printed {
+        Printed::Json => stdout::say_json(&serde_json::json!(table)),
+        Printed::Markdown => stdout::say(&format!("{}\nwritten to {}", table.to_markdown(), out.display())),
+    }
 }
 
 fn write(folder: &Path, table: &Table) -> Result<(), Failure> {

@@ -112,8 +112,14 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
     );
     if let Some(kept) = summary.kept {
         text += &format!(
-            "kept: the policy after {} steps, the best on randomised rigs set aside ({:.3} kPa)\n",
-            kept.step, kept.score_kpa
+            "kept: the policy after {} steps, the best on randomised rigs set aside ({:.3} kPa){}\n",
+            kept.step,
+            kept.score_kpa,
+            if kept.step == 0 {
+                ": the one that the run began with; nothing that was learned tracked better"
+            } else {
+                ""
+            }
         );
     }
     text += "rig                        RMSE positive  RMSE negative  duty change/tick pos, neg (RMS)\n";

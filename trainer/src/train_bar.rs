@@ -48,8 +48,9 @@ impl TrainingCallback for TrainBar {
         }
         self.phase = Some(p.phase);
         if self.terminal {
-            let percent = 100 * p.steps / p.steps_planned.max(1);
-            let full = BAR_WIDTH * usize::try_from(percent.min(100)).unwrap_or(100) / 100;
+            // What comes after the last step takes its time as well.
+            let percent = (100 * p.steps / p.steps_planned.max(1)).min(99);
+            let full = BAR_WIDTH * usize::try_from(percent).unwrap_or(99) / 100;
             let bar = format!("[{}{}] {percent:3} %", "#".repeat(full), "-".repeat(BAR_WIDTH - full));
             write(&live_line::written_over(&format!("{bar} {}", figures(p))));
             self.is_shown = true;
@@ -69,16 +70,17 @@ impl TrainingCallback for TrainBar {
     }
 }
 
-/// What is being done, how well, and how long it will take still; within 57 characters, so that bar and figures fit 80.
+/// How long it will take still, what is being done, and how well; within 57 characters, so that bar and figures fit 80. A narrower
+/// terminal cuts off what stands last.
 fn figures(p: &Progress) -> String {
-    let left = p.left_s.map_or(String::new(), |s| format!(", {}:{:02} left", s as u64 / 60, s as u64 % 60));
+    let left = p.left_s.map_or(String::new(), |s| format!("{}:{:02} left, ", s as u64 / 60, s as u64 % 60));
     let last = p.last_evaluation.as_ref();
     let evaluated = last.map_or(String::new(), |e| format!(", RMSE {:.2}/{:.2} kPa", e.rmse_kpa[0], e.rmse_kpa[1]));
     match p.phase {
         Phase::GoingOn => "going back into the episode".to_owned(),
-        Phase::Evaluating => format!("evaluating{evaluated}{left}"),
+        Phase::Evaluating => format!("{left}evaluating{evaluated}"),
         Phase::FittingPlan => "fitting the plan".to_owned(),
-        Phase::Learning => format!("{:.0} steps/s{evaluated}{left}", p.steps_per_s),
+        Phase::Learning => format!("{left}{:.0} steps/s{evaluated}", p.steps_per_s),
     }
 }
 
@@ -103,7 +105,7 @@ mod tests {
             acting_rmse_kpa: [0.0; 2],
             last_evaluation: None,
         };
-        assert_eq!(figures(&progress), "evaluating, 61:01 left");
+        assert_eq!(figures(&progress), "61:01 left, evaluating");
         assert_eq!(figures(&Progress { phase: Phase::Learning, left_s: None, ..progress }), "1234 steps/s");
     }
 }

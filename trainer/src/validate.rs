@@ -25,7 +25,7 @@ use crate::stdout;
 /// The run starts at the first row's pressures, then only the commands count. Accuracy is 1 minus the mean absolute
 /// percentage error of gauge pressures (the paper's figure); rows nearer to the atmosphere than --least-kpa are left out
 /// of it, for a percentage of nearly nothing says nothing, and are counted under `near 0`. RMSE and the largest error
-/// are over all rows. Where a valve's flapper with play or friction lay when a recording began is told by no reading: it is
+/// are over all rows with a sound reading: those of a sensor that stands still, is clipped or jumps for a row are left out, and told. Where a valve's flapper with play or friction lay when a recording began is told by no reading: it is
 /// placed where the first 20 s come out best, and said.
 ///
 /// Recordings of any rate are brought to rows of 20 ms; only rows with a sample are compared. Lost rows up to 0.1 s are bridged;
@@ -39,9 +39,10 @@ pub(crate) struct ValidateArgs {
     /// (time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa: s, duty 0 to 1, gauge kPa) or as the rig file's `[recording]` says
     #[arg(value_name = "RECORDING", required = true)]
     recordings: Vec<PathBuf>,
-    /// Smallest recorded pressure, in kPa above or below the atmosphere, that counts for the accuracy
-    #[arg(long, value_name = "KPA", default_value_t = 5.0, value_parser = least_kpa)]
-    least_kpa: f64,
+    /// Smallest recorded pressure, in kPa above or below the atmosphere, that counts for the accuracy [default: 5, or a tenth of the
+    /// largest one where that is less]
+    #[arg(long, value_name = "KPA", value_parser = least_kpa)]
+    least_kpa: Option<f64>,
     /// Print the figures as one JSON object instead of a table
     #[arg(long)]
     json: bool,
@@ -72,38 +73,29 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     check_meaning(&rig, &recordings)?;
     let mut free_run = FreeRun::new(&rig, plant.clone())
         .map_err(|problem| RigFileError::Rig { file: args.rig.rig.clone(), problem })?;
-    let rows: usize = recordings.iter().map(Recording::rows).sum();
-    let mut figures = Vec::with_capacity(recordings.len());
-    {
-        let mut progress = Progress::new("validating", rows as u64);
-        for recording in &recordings {
-            let began = if free_run.has_flappers() { began(&rig, recording)? } else { Began::new() };
-            figures.push(compare(&mut free_run, &plant, recording, began, args.least_kpa, &mut progress)?);
-        }
+    for recording in &recordings {
+        recording.require_all(plant.sensor_columns().iter().map(String::as_str))?;
     }
     if let Some(short) = recordings.iter().find(|recording| recording.rows() < LEAST_ROWS) {
         return Err(Failure::TooShort { file: short.source().to_owned(), rows: short.rows(), least: LEAST_ROWS });
     }
-    for note in recordings.iter().flat_map(Recording::notes) {
-        tell(note);
-    }
-    for finding in misread(&rig, &recordings)? {
-        tell(&finding);
-    }
-    for note in recordings.iter().filter_map(began_anew) {
-        tell(&note);
-    }
-    for each in &figures {
-        if let (Some(file), Some(first)) = (&each.file, each.began.first().filter(|flappers| !flappers.is_empty())) {
-            let places: Vec<String> = first.iter().map(placed).collect();
-            tell(&format!("{file}: by its first 20 s, {}", places.join(", ")));
+    let rows: usize = recordings.iter().map(Recording::rows).sum();
+    let looked = looked_at(&rig, &recordings)?;
+    let mut figures = Vec::with_capacity(recordings.len());
+    {
+        let mut progress = Progress::new("validating", rows as u64);
+        for (recording, usable) in recordings.iter().zip(&looked.usable) {
+            let began = if free_run.has_flappers() { began(&rig, recording)? } else { Began::new() };
+            let rows = Judged { usable, least_kpa: args.least_kpa };
+            figures.push(compare(&mut free_run, recording, began, rows, &mut progress)?);
         }
     }
+    tell_all(&recordings, &looked.findings, &figures);
     let overall = overall(&figures);
     if args.json {
         let recordings: Vec<Value> = figures.iter().map(|each| json_of(each, &plant)).collect();
         return stdout::say_json(&json!({
-            "rig": rig.name, "least_kpa": args.least_kpa, "recordings": recordings,
+            "rig": rig.name, "least_kpa": args.least_kpa.unwrap_or(LEAST_KPA), "recordings": recordings,
             "overall": json_of(&overall, &plant),
         }));
     }
@@ -111,30 +103,72 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     stdout::say(&table(figures.iter().chain(several), &plant))
 }
 
+/// Tells what the figures have to be read with.
+fn tell_all(recordings: &[Recording], findings: &[String], figures: &[Figures]) {
+    let notes = recordings.iter().flat_map(Recording::notes);
+    notes.chain(findings).for_each(|note| tell(note));
+    recordings.iter().filter_map(began_anew).for_each(|note| tell(&note));
+    for each in figures {
+        if let (Some(file), Some(first)) = (&each.file, each.began.first().filter(|flappers| !flappers.is_empty())) {
+            let places: Vec<String> = first.iter().map(placed).collect();
+            tell(&format!("{file}: by its first 20 s, {}", places.join(", ")));
+        }
+    }
+}
+
 /// Refuses readings that no sensor of the rig can have, with the likeliest reason.
 fn check_meaning(rig: &Rig, recordings: &[Recording]) -> Result<(), Failure> {
     let Err(outside) = within_ranges(rig, recordings) else { return Ok(()) };
     // What the rig would do is the closer word, where it can be asked.
-    let told = misread(rig, recordings).ok().and_then(|told| told.into_iter().next());
+    let told = looked_at(rig, recordings).ok().and_then(|looked| looked.findings.into_iter().next());
     Err(told.map_or(outside, FitError::Unusable).into())
 }
 
-/// What the checks of units, signs, exchanged columns and sensors say: errors that are not the model's. Worst first.
-fn misread(rig: &Rig, recordings: &[Recording]) -> Result<Vec<String>, FitError> {
+/// What the checks of units, signs, exchanged columns and sensors say of recordings.
+struct Looked {
+    /// Errors that are not the model's, worst first.
+    findings: Vec<String>,
+    /// By recording, sensor and row, whether a sound sample was taken there.
+    usable: Vec<Vec<Vec<bool>>>,
+}
+
+fn looked_at(rig: &Rig, recordings: &[Recording]) -> Result<Looked, FitError> {
     let records = Records::new(rig, recordings)?;
     let quality = Quality::of(rig, &records, &noise(&records))?;
     let of_reading = |finding: &&Finding| {
         !matches!(
             finding.trouble,
-            Trouble::TooShort
-                | Trouble::Gaps
-                | Trouble::UnevenTime
-                | Trouble::Spikes
-                | Trouble::NoExcitation
-                | Trouble::PumpOff
+            Trouble::TooShort | Trouble::Gaps | Trouble::UnevenTime | Trouble::NoExcitation | Trouble::PumpOff
         )
     };
-    Ok(quality.findings.iter().filter(of_reading).map(ToString::to_string).collect())
+    let findings = quality.findings.iter().filter(of_reading).map(ToString::to_string).collect();
+    let of = |record: usize, channel: usize| {
+        let rows = quality.usable.get(records.layout().channel(record, channel)).unwrap_or_default();
+        rows.iter().map(|usable| *usable > 0.0).collect()
+    };
+    let channels = 0..records.sensors().len();
+    let usable = (0..recordings.len()).map(|record| channels.clone().map(|channel| of(record, channel)).collect());
+    Ok(Looked { findings, usable: usable.collect() })
+}
+
+/// Which rows of a recording are compared.
+#[derive(Clone, Copy)]
+struct Judged<'a> {
+    /// By sensor and row, whether a sound sample was taken there.
+    usable: &'a [Vec<bool>],
+    /// Smallest recorded pressure that counts for the accuracy (kPa), where one was asked for.
+    least_kpa: Option<f64>,
+}
+
+/// The smallest recorded pressure that counts for the accuracy where nobody says one (kPa) …
+const LEAST_KPA: f64 = 5.0;
+/// … or this share of the largest one, on rigs of low pressures.
+const LEAST_SHARE: f64 = 0.1;
+
+/// The smallest pressure of a channel that counts for its accuracy, in kPa.
+fn least_of(recorded_kpa: &[f64], usable: &[bool]) -> f64 {
+    let sound = recorded_kpa.iter().zip(usable).filter(|(_, usable)| **usable);
+    LEAST_KPA.min(LEAST_SHARE * sound.map(|(kpa, _)| kpa.abs()).fold(0.0, f64::max))
 }
 
 /// How often a recording's run begins anew, and why; `None` where it runs through.
@@ -172,20 +206,22 @@ fn placed(flapper: &Flapper) -> String {
 
 fn compare(
     free_run: &mut FreeRun,
-    plant: &Plant<f64>,
     recording: &Recording,
     began: Began,
-    least_kpa: f64,
+    judged: Judged<'_>,
     progress: &mut Progress,
 ) -> Result<Figures, FreeRunError> {
+    let plant = free_run.plant();
     // Without pressures a simulation would start at rest; here there would be nothing to compare it with.
     let recorded = recording.require_all(plant.sensor_columns().iter().map(String::as_str))?;
     let trace = free_run.over(recording, &began, |rows| progress.go_on(rows))?;
     let channels = recorded
         .iter()
         .zip(&trace.readings_kpa)
-        .map(|(recorded_kpa, simulated_kpa)| {
-            let (time_s, measured) = (recording.time_s(), recording.measured());
+        .zip(judged.usable)
+        .map(|((recorded_kpa, simulated_kpa), usable)| {
+            let (time_s, measured) = (recording.time_s(), Some(usable.as_slice()));
+            let least_kpa = judged.least_kpa.unwrap_or_else(|| least_of(recorded_kpa, usable));
             Errors::of(Compared { time_s, recorded_kpa, simulated_kpa, measured }, least_kpa)
         })
         .collect();

@@ -144,8 +144,17 @@ fn wrong_units_signs_and_commands_of_a_rig_of_low_pressures_are_told() {
         said.lines().last().unwrap_or_default().to_owned()
     };
     #[allow(clippy::type_complexity)] // a table of cases
-    let cases: [(&str, &dyn Fn(&[f64; 3]) -> [f64; 3], &[&str]); 6] = [
-        ("psi", &|[t, u, p]| [*t, *u, 0.145_038 * p], &["p_box_kpa", "psi"]),
+    let cases: [(&str, &dyn Fn(&[f64; 3]) -> [f64; 3], &[&str]); 9] = [
+        (
+            "psi",
+            &|[t, u, p]| [*t, *u, 0.145_038 * p],
+            &["p_box_kpa", "psi", "columns.p_box_kpa = { from = \"kPa\", unit = \"psi\" }"],
+        ),
+        // 0 … 5 V and 4 … 20 mA over −5 … 20 kPa.
+        ("millivolts", &|[t, u, p]| [*t, *u, 200.0 * (p + 5.0)], &["millivolts", "unit = \"mV\""]),
+        ("loop", &|[t, u, p]| [*t, *u, 4.0 + 0.64 * (p + 5.0)], &["current loop", "unit = \"mA\""]),
+        // Within the sensor's range, and where a gauge pressure may be.
+        ("absolute_bar", &|[t, u, p]| [*t, *u, 0.01 * p + 1.013_25], &["absolute, in bar", "unit = \"bar abs\""]),
         ("bar", &|[t, u, p]| [*t, *u, 0.01 * p], &["p_box_kpa", "bar"]),
         ("mmhg", &|[t, u, p]| [*t, *u, 7.500_62 * p], &["p_box_kpa", "mmHg"]),
         ("turned", &|[t, u, p]| [*t, *u, -p], &["p_box_kpa", "sign", "turned round"]),
@@ -164,6 +173,42 @@ fn wrong_units_signs_and_commands_of_a_rig_of_low_pressures_are_told() {
         let file = folder.with("sound.csv", csv("t,duty,kPa", rows, |row| *row));
         sound(["identify", "--rig", &rig, &file, "--out", &folder.path("fitted.toml")]);
     }
+}
+
+/// Readings that the rig would have, outside the range that its file states: the range is wrong, not the unit.
+#[test]
+fn a_range_that_is_stated_too_narrow_is_told() {
+    let folder = Folder::new("narrow");
+    let rig = folder.with("box.toml", BOX.replace("[-5.0, 20.0]", "[-0.5, 0.5]"));
+    let file = folder.with("run.csv", csv("t,duty,kPa", &boxed(20, 60), |row| *row));
+    for said in [
+        refused(["identify", "--rig", &rig, &file, "--out", &folder.path("fitted.toml")]),
+        refused(["validate", "--rig", &rig, &file]),
+    ] {
+        assert!(said.contains("the rig would go there") && said.contains("range_kpa_gauge"), "{said}");
+    }
+}
+
+/// What `validate` says it leaves out it leaves out: a sensor that stands still, and a reading that is no pressure.
+#[test]
+fn validate_leaves_out_what_it_says() {
+    let folder = Folder::new("left-out");
+    let rig = folder.with("box.toml", BOX);
+    let mut rows = boxed(20, 60);
+    let whole =
+        json(&["validate", "--json", "--rig", &rig, &folder.with("sound.csv", csv("t,duty,kPa", &rows, |row| *row))]);
+    let held = rows[2500][2];
+    rows.iter_mut().skip(2500).for_each(|row| row[2] = held);
+    rows[700][2] = 1e30;
+    let file = folder.with("held.csv", csv("t,duty,kPa", &rows, |row| *row));
+    let said = run(["validate", "--rig", &rig, &file]);
+    assert!(said.err.contains("stuck") && said.err.contains("1 wild reading"), "{}", said.err);
+    let left = json(&["validate", "--json", "--rig", &rig, &file]);
+    let of = |value: &Value, key: &str| value["overall"][format!("box_{key}")].as_f64().unwrap();
+    assert!(of(&left, "rows") < of(&whole, "rows") - 400.0, "{left}");
+    assert!(of(&left, "rmse_kpa") < 1.2 * of(&whole, "rmse_kpa"), "{left} {whole}");
+    // Below 5 kPa throughout there is a percentage all the same.
+    assert!(of(&whole, "accuracy") > 0.9, "{whole}");
 }
 
 /// Two readings of a loose contact, 1.5 kPa off on a rig that reaches 1.7, are told and left out.

@@ -159,12 +159,16 @@ fn a_recording_too_short_to_tell_anything_is_no_perfect_fit() {
 }
 
 #[test]
-fn a_file_that_cannot_be_written_is_work_that_failed() {
+fn a_file_whose_folder_is_not_there_is_refused_before_the_work() {
     let folder = Folder::new("no-folder");
     let path = folder.with("run.csv", format!("{HEADER}\n0,1,1,0,0\n"));
     let said = run(["simulate", "--inputs", &path, "--out", &folder.path("nowhere/out.csv")]);
-    assert_eq!((said.status, said.err.lines().count()), (1, 1), "{}", said.err);
-    assert!(said.err.contains("out.csv: cannot write the file"), "{}", said.err);
+    assert_eq!((said.status, said.err.lines().count()), (2, 1), "{}", said.err);
+    assert!(said.err.contains("nowhere is not there; make it"), "{}", said.err);
+    // What is there and no file is written to, and stays what it is.
+    let said = run(["simulate", "--inputs", &path, "--out", "/dev/full"]);
+    assert_eq!(said.status, 1, "{}", said.err);
+    assert!(!std::fs::metadata("/dev/full").unwrap().is_file());
 }
 
 #[test]

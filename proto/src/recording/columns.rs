@@ -15,6 +15,14 @@ const ROUNDING: f64 = 1e-3;
 /// Numbers that loggers write for a command in full, smallest first.
 const FULL_SCALES: [f64; 9] = [100.0, 127.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0];
 
+/// A current loop's ends, at which a sensor's range begins and ends (IEC 60381-1).
+const LOOP_MA: [f64; 2] = [4.0, 20.0];
+/// What loggers write for no reading, beyond any pressure: the round numbers are those of data acquisition programs, the others the
+/// least that 16 bits and a float hold.
+const NO_READING: [f64; 8] = [-999.0, -999.9, -9999.0, -99_999.0, -999_999.0, -32_768.0, -1e30, -1e38];
+/// Readings that go further up than down by so much do not go below the atmosphere: what they do is scatter about it.
+const MOSTLY_ABOVE: f64 = 10.0;
+
 /// A column that a rig asks for.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Asked {
@@ -114,7 +122,14 @@ pub(super) fn made(
     let mut made = Made { numbers: vec![0.0; sheet.rows()], taken: Vec::new(), from: Vec::new() };
     for term in terms {
         let Some(at) = sheet.find(&term.from)? else { return Err(missing(sheet, name, &term.from)) };
-        let numbers = if kind == Kind::Reading { slower::readings(sheet, at) } else { sheet.numbers(at) };
+        let numbers = match kind {
+            Kind::Reading => slower::readings(sheet, at),
+            Kind::Command | Kind::Switch => slower::commands(sheet, at).map(|(numbers, held)| {
+                made.taken.extend(held.then(|| format!("{name} held where its cells are blank")));
+                numbers
+            }),
+            Kind::Signal => sheet.numbers(at),
+        };
         let numbers = numbers.map_err(|error| text_column(sheet, &term.from, error))?;
         let unit = of_unit(sheet, at, term)?;
         let in_rig_unit = converted(sheet, rig, (name, kind), term, unit.as_ref(), numbers)?;
@@ -177,7 +192,7 @@ fn of_unit(sheet: &Sheet<'_>, column: usize, term: &Term) -> Result<Option<Named
         let unit = Unit::parse(text).ok_or_else(|| RecordingError::Unit {
             file: sheet.file.clone(),
             column: term.from.clone(),
-            problem: format!("`unit = \"{text}\"` in [recording] is no unit known here; use kPa, Pa, hPa, mbar, bar, psi, mmHg, V, % … or a scale"),
+            problem: format!("`unit = \"{text}\"` in [recording] is no unit known here; use kPa, Pa, hPa, mbar, bar, psi, mmHg, V, mA, % … or a scale"),
         })?;
         return Ok(Some((unit, text.clone())));
     }
@@ -199,11 +214,12 @@ fn converted(
     let line = match (kind, unit, sensor) {
         (Kind::Reading, Unit::Gauge(kpa), _) => linear(*kpa, 0.0),
         (Kind::Reading, Unit::Absolute(kpa), _) => linear(*kpa, -rig.atmosphere.pressure_kpa_abs),
-        (Kind::Reading, Unit::Volt(volt), Some(sensor)) => of_volts(sensor, *volt),
+        (Kind::Reading, Unit::Volt(volt), Some(sensor)) => of_output(sensor, *volt, sensor.range_v),
+        (Kind::Reading, Unit::Loop(ma), Some(sensor)) => of_output(sensor, *ma, LOOP_MA),
         (Kind::Command | Kind::Switch, Unit::Share(share), _) => linear(*share, 0.0),
         // A flow's unit is that of the source's own number; a command's volts are of a scale that nothing tells.
         (Kind::Signal, _, _) => return Ok((numbers, Some(format!("{name} as it stands ({text})")))),
-        (Kind::Command | Kind::Switch, Unit::Volt(_) | Unit::Other, _)
+        (Kind::Command | Kind::Switch, Unit::Volt(_) | Unit::Loop(_) | Unit::Other, _)
             if numbers.iter().all(|u| (0.0..=1.0).contains(u)) =>
         {
             return Ok((numbers, Some(format!("{name} as it stands, a share of 1 ({text} is said)"))));
@@ -214,7 +230,7 @@ fn converted(
                 file: sheet.file.clone(),
                 column: term.from.clone(),
                 problem: format!(
-                    "its unit is {text}, and {name} is {what}; say how it is scaled: [recording] columns.{name} = {{ from = \"{}\", scale = … }}",
+                    "its unit is {text}, and {name} is {what}; say how it is scaled: [recording] columns.{name} = {{ from = \"{}\", scale = …, offset = … }}",
                     term.from
                 ),
             });
@@ -229,11 +245,11 @@ fn linear(scale: f64, offset: f64) -> [f64; 2] {
     [scale, offset]
 }
 
-/// Gauge kPa per unit, and at zero, of a sensor's output.
-fn of_volts(sensor: &Sensor, volt: f64) -> [f64; 2] {
-    let ([p0, p1], [v0, v1]) = (sensor.range_kpa_gauge, sensor.range_v);
-    let slope = (p1 - p0) / (v1 - v0);
-    [volt * slope, p0 - v0 * slope]
+/// Gauge kPa per unit, and at zero, of a sensor's output over its range.
+fn of_output(sensor: &Sensor, per_unit: f64, [from, to]: [f64; 2]) -> [f64; 2] {
+    let [p0, p1] = sensor.range_kpa_gauge;
+    let slope = (p1 - p0) / (to - from);
+    [per_unit * slope, p0 - from * slope]
 }
 
 /// Refuses what a column of this kind cannot hold, made from these places of the file.
@@ -242,6 +258,7 @@ fn of_volts(sensor: &Sensor, volt: f64) -> [f64; 2] {
 /// The first number that is out of range, with its line and the key that would help.
 pub(super) fn check(
     sheet: &Sheet<'_>,
+    rig: &Rig,
     (name, kind): (&str, Kind),
     from: &[usize],
     numbers: &[f64],
@@ -261,7 +278,7 @@ pub(super) fn check(
     let at = from.first().copied().unwrap_or(0);
     let title = sheet.columns.get(at).map_or_else(String::new, |column| column.title.clone());
     let hint = match kind {
-        Kind::Reading => below_vacuum(value).to_owned(),
+        Kind::Reading => of_reading(rig, (name, &title), value, numbers),
         Kind::Switch => "; the pump is on (1) or off (0)".to_owned(),
         _ => of_scale(name, &title, numbers),
     };
@@ -276,6 +293,39 @@ pub(super) fn check(
         hint,
     }
     .into())
+}
+
+/// What a reading below any vacuum is, and the key that says so.
+fn of_reading(rig: &Rig, (name, title): (&str, &str), value: f64, numbers: &[f64]) -> String {
+    let key = |rest: &str| format!("[recording] columns.{name} = {{ from = \"{title}\", {rest} }}");
+    if NO_READING.contains(&value) {
+        return "; it seems to be what the logger writes for no reading: leave out rows without a reading".to_owned();
+    }
+    let Some(sensor) = rig.sensors.values().find(|sensor| sensor.column == name) else {
+        return below_vacuum(value).to_owned();
+    };
+    let [one, other] = sensor.range_kpa_gauge;
+    let (low, high) = (one.min(other), one.max(other));
+    let finite = || numbers.iter().copied().filter(|x| x.is_finite());
+    let (least, most) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), x| (l.min(x), m.max(x)));
+    // A sensor that goes further up than any vacuum, and readings that would be within it with the other sign.
+    if high > -LEAST_READING_KPA && -least <= 1.1 * high && most < 0.1 * high && low > LEAST_READING_KPA {
+        return format!(
+            "; the sign seems to be turned round, above the atmosphere is positive: {}",
+            key("scale = -1.0")
+        );
+    }
+    if most > MOSTLY_ABOVE * -least {
+        let units = [("Pa", 1e-3), ("mbar", 0.1), ("mmHg", 0.133_322)];
+        let likely = units.iter().find(|(_, kpa)| (0.02 * high..=1.1 * high).contains(&(kpa * most)));
+        return match likely {
+            Some((unit, _)) => {
+                format!("; with readings up to {most} it seems to be {unit}: {}", key(&format!("unit = \"{unit}\"")))
+            }
+            None => format!("; with readings up to {most} it seems to be another unit: {}", key("unit = \"…\"")),
+        };
+    }
+    format!("{}: {}", below_vacuum(value), key("unit = \"…\""))
 }
 
 /// What a command beyond 1 is scaled by, and the key that says so.

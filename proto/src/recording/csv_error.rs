@@ -185,6 +185,22 @@ pub enum CsvError {
         /// Rows that do.
         repeats: usize,
     },
+    /// A cell that is no time.
+    #[error(
+        "{file}: line {line}, column {position} ({column}): \"{cell}\" is neither a number nor a date or time of day that is known here; write s or 2026-03-29 01:59:00.020, or say the distance of rows in the rig file: [recording] period_ms = …"
+    )]
+    NotATime {
+        /// The file.
+        file: String,
+        /// Line, from 1.
+        line: u64,
+        /// Column, from 1.
+        position: usize,
+        /// Its name.
+        column: String,
+        /// What stands there.
+        cell: String,
+    },
     /// A quote is opened and not closed.
     #[error("{file}: line {line}, column {position}: the quote that opens here is never closed")]
     OpenQuote {
@@ -222,7 +238,10 @@ fn not_forward_mend(value: f64, previous: f64) -> &'static str {
 
 /// What helps where a cell is no number.
 fn no_number_mend(cell: &str) -> &'static str {
-    if cell.is_empty() { "; leave out rows without a reading" } else { "" }
+    const NOTHING: [&str; 10] = ["", "-", "--", "---", "na", "n/a", "#n/a", "none", "null", "ol"];
+    let is_nothing = NOTHING.iter().any(|nothing| cell.trim().eq_ignore_ascii_case(nothing));
+    // A spreadsheet's errors: #DIV/0!, #VALUE!, #REF!.
+    if is_nothing || (cell.starts_with('#') && cell.ends_with('!')) { "; leave out rows without a reading" } else { "" }
 }
 
 fn not_finite_mend(column: &str) -> &'static str {

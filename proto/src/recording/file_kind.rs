@@ -11,7 +11,16 @@ struct Refused {
     mend: &'static str,
 }
 
-const REFUSED: [Refused; 10] = [
+const REFUSED: [Refused; 15] = [
+    Refused {
+        magic: b"version https://git-lfs",
+        what: "a pointer of Git LFS, not the file",
+        mend: "fetch it with: git lfs pull",
+    },
+    Refused { magic: b"\x89PNG", what: "a picture", mend: "give the table that it shows" },
+    Refused { magic: b"\xff\xd8\xff", what: "a picture", mend: "give the table that it shows" },
+    Refused { magic: b"%PDF", what: "a PDF file", mend: "give the table that it shows, as CSV" },
+    Refused { magic: b"\xff\xfe\0\0", what: "UTF-32 text, which is not read", mend: "save it as UTF-8" },
     Refused {
         magic: b"MATLAB 7.3",
         what: "a MATLAB 7.3 file (HDF5), which is not read",

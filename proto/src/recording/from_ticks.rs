@@ -36,7 +36,9 @@ const COLUMNS: [Source; 8] = [
 const REFERENCES: [Source; 2] = [("ref_pos_kpa", |tick| tick.ref_pos_kpa), ("ref_neg_kpa", |tick| tick.ref_neg_kpa)];
 
 pub(super) fn recording(source: &str, ticks: &[TickRecord]) -> Result<Recording, RecordingError> {
-    let (ticks_to_rest, sound) = from_rest(ticks.iter().filter(|tick| has_row(tick)).collect());
+    // A file that another program kept the ticks of alone has no frames; what was sent stands in the ticks.
+    let frames = if ticks.iter().any(|tick| tick.command_present) { Frames::Kept } else { Frames::LeftOut };
+    let (ticks_to_rest, sound) = from_rest(ticks.iter().filter(|tick| has_row(tick, frames)).collect());
     let (rows, time_s) = timed(&sound);
     if rows.is_empty() {
         return Err(RecordingError::NoReadings { file: source.to_owned(), ticks: ticks.len() });
@@ -86,11 +88,18 @@ fn from_rest(ticks: Vec<&TickRecord>) -> (usize, Vec<&TickRecord>) {
     (left_out, kept)
 }
 
-fn has_row(tick: &TickRecord) -> bool {
+/// Whether a file has the frames beside the ticks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Frames {
+    Kept,
+    LeftOut,
+}
+
+fn has_row(tick: &TickRecord, frames: Frames) -> bool {
+    let numbers = [tick.u_pos, tick.u_neg, tick.p_pos_kpa, tick.p_neg_kpa];
     matches!(tick.arrival, Arrival::InTime | Arrival::Late)
-        && tick.command_present
-        && tick.p_pos_kpa.is_finite()
-        && tick.p_neg_kpa.is_finite()
+        && (tick.command_present || frames == Frames::LeftOut)
+        && numbers.iter().all(|number| number.is_finite())
 }
 
 fn referenced(tick: &TickRecord) -> bool {

@@ -1,8 +1,10 @@
 //! LabVIEW measurement files (`.lvm`), as the Write To Measurement File VI writes them.
 //!
 //! A header of `key<separator>value` lines says separator, decimal mark and how many columns of times there are; each segment
-//! repeats a head with the channels' units and, where there is no column of times, first time and step. Rows follow a line of
-//! names that begins with `X_Value`. Segments with the same names are one recording.
+//! repeats a head with the channels' units, the clock when it began and, where there is no column of times, first time and step.
+//! Rows follow a line of names that begins with `X_Value`. Segments with the same names are one recording: times go on from segment
+//! to segment where `X0` does; where each begins at the same `X0`, its clock says when; where that stands still as well, rows follow
+//! each other.
 
 use std::borrow::Cow;
 
@@ -12,6 +14,7 @@ use super::cells::{Comments, Grammar, Rows};
 use super::csv::CsvError;
 use super::logger_text::{Head, LastRow, Row, fill, next};
 use super::sheet::{Cells, Sheet, SheetColumn};
+use super::timestamps;
 
 /// First words of such a file.
 const MAGIC: &str = "LabVIEW Measurement";
@@ -25,11 +28,16 @@ pub(super) fn is_measurement(text: &str) -> bool {
     text.trim_start().starts_with(MAGIC)
 }
 
-/// Times that stand in no column.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Steps {
+/// What the head of a segment says of its times.
+#[derive(Debug, Clone, Default, PartialEq)]
+struct Segment {
+    /// Line of its names: its rows stand behind it.
+    line: u64,
+    /// `X0` and `Delta_X`, where there is no column of times (s).
     first_s: f64,
     step_s: f64,
+    /// `Date` and `Time` when it began, as written.
+    clock: [String; 2],
 }
 
 /// Reads such a file.
@@ -49,16 +57,19 @@ pub(super) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
     let mut walk = Rows::with(text.as_bytes(), grammar);
     let (mut cells, mut rows): (_, Vec<Row<'a>>) = (Vec::new(), Vec::new());
     let mut head = Head::default();
-    let (mut in_head, mut units, mut steps, mut segments) = (true, Vec::new(), None, 0_usize);
+    let (mut in_head, mut units, mut segment, mut segments) = (true, Vec::new(), Segment::default(), Vec::new());
     while let Some((line, row)) = next(file, &mut walk, &mut cells)? {
         let first = row.first().map_or("", AsRef::as_ref);
         match first {
             MAGIC | "Channels" => in_head = true,
             "Y_Unit_Label" => units = row.iter().skip(1).cloned().collect(),
-            "X0" | "Delta_X" => steps = step_of(steps, first, row.get(1).map_or("", AsRef::as_ref), decimal),
+            "X0" | "Delta_X" | "Date" | "Time" if in_head => {
+                segment.takes(first, row.get(1).map_or("", AsRef::as_ref), decimal);
+            }
             TIME => {
                 in_head = false;
-                segments += 1;
+                segment.line = line;
+                segments.push(segment.clone());
                 if head.line.is_none() {
                     head.line = Some(line);
                     head.names = row.iter().map(ToString::to_string).collect();
@@ -86,12 +97,12 @@ pub(super) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
     if decimal == Decimal::Comma {
         sheet.manner.push("decimal commas".to_owned());
     }
-    if segments > 1 {
-        sheet.manner.push(format!("{segments} segments"));
+    if segments.len() > 1 {
+        sheet.manner.push(format!("{} segments", segments.len()));
     }
     let last = if text.ends_with('\n') { LastRow::Whole } else { LastRow::MayBeCut };
     fill(&mut sheet, &head, &rows, last)?;
-    timed(&mut sheet, steps)?;
+    timed(&mut sheet, &segments)?;
     Ok(sheet)
 }
 
@@ -102,18 +113,56 @@ fn value_of<'a>(text: &'a str, key: &str) -> Option<&'a str> {
         .find_map(|line| line.strip_prefix(key)?.strip_prefix(['\t', ',']).map(str::trim))
 }
 
-fn step_of(steps: Option<Steps>, key: &str, value: &str, decimal: Decimal) -> Option<Steps> {
-    let mut of = steps.unwrap_or(Steps { first_s: 0.0, step_s: 0.0 });
-    let number = super::numbers::parse(value, decimal)?;
-    match key {
-        "X0" => of.first_s = number,
-        _ => of.step_s = number,
+impl Segment {
+    /// Takes a line of a head; a number that is none says nothing.
+    fn takes(&mut self, key: &str, value: &str, decimal: Decimal) {
+        let number = super::numbers::parse(value, decimal);
+        match (key, number) {
+            ("X0", Some(number)) => self.first_s = number,
+            ("Delta_X", Some(number)) => self.step_s = number,
+            ("Date", _) => self.clock[0] = value.to_owned(),
+            ("Time", _) => self.clock[1] = value.to_owned(),
+            _ => {}
+        }
     }
-    Some(of)
+}
+
+/// Times of the first rows of segments (s), which have `rows` each.
+fn begun_s(segments: &[Segment], rows: &[usize]) -> Vec<f64> {
+    let first = segments.first().map_or(0.0, |segment| segment.first_s);
+    if segments.iter().any(|segment| segment.first_s != first) {
+        return segments.iter().map(|segment| segment.first_s).collect();
+    }
+    let clocks: Vec<String> = segments.iter().map(|segment| segment.clock.join(" ")).collect();
+    let clocks: Vec<&str> = clocks.iter().map(String::as_str).collect();
+    let clocks_s = timestamps::column_s(&clocks).unwrap_or_default();
+    if clocks_s.windows(2).any(|pair| pair[0] != pair[1]) {
+        let begun = clocks_s.first().copied().unwrap_or(0.0);
+        return clocks_s.iter().map(|clock| first + clock - begun).collect();
+    }
+    let mut at = first;
+    let each = segments.iter().zip(rows).map(|(segment, rows)| {
+        let begun = at;
+        at += segment.step_s * *rows as f64;
+        begun
+    });
+    each.collect()
+}
+
+/// Times by row, of `lines`, where the file has no column of them (s).
+fn steps_of(lines: &[u64], segments: &[Segment]) -> Vec<f64> {
+    let row_at = |segment: &Segment| lines.partition_point(|line| *line < segment.line);
+    let bounds: Vec<usize> = segments.iter().map(row_at).chain([lines.len()]).collect();
+    let rows: Vec<usize> = bounds.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let begun = begun_s(segments, &rows);
+    let of = |((segment, begun), rows): ((&Segment, f64), usize)| {
+        (0..rows).map(move |row| begun + segment.step_s * row as f64).collect::<Vec<_>>()
+    };
+    segments.iter().zip(begun).zip(rows).flat_map(of).collect()
 }
 
 /// Makes the one column of times: from `X0` and `Delta_X` where it is empty; the first of several that are alike.
-fn timed(sheet: &mut Sheet<'_>, steps: Option<Steps>) -> Result<(), CsvError> {
+fn timed(sheet: &mut Sheet<'_>, segments: &[Segment]) -> Result<(), CsvError> {
     let is_time = |column: &SheetColumn<'_>| column.title == TIME;
     let times: Vec<usize> = (0..sheet.columns.len()).filter(|at| sheet.columns.get(*at).is_some_and(is_time)).collect();
     let Some(first) = times.first().copied() else { return Ok(()) };
@@ -122,8 +171,8 @@ fn timed(sheet: &mut Sheet<'_>, steps: Option<Steps>) -> Result<(), CsvError> {
         Cells::Numbers(_) => false,
     };
     if sheet.columns.get(first).is_some_and(empty) {
-        let Steps { first_s, step_s } = steps.unwrap_or(Steps { first_s: 0.0, step_s: 0.0 });
-        let numbers = (0..sheet.rows()).map(|row| first_s + step_s * row as f64).collect();
+        let step_s = segments.first().map_or(0.0, |segment| segment.step_s);
+        let numbers = steps_of(&sheet.lines, segments);
         if let Some(column) = sheet.columns.get_mut(first) {
             column.cells = Cells::Numbers(numbers);
         }
@@ -143,4 +192,38 @@ fn timed(sheet: &mut Sheet<'_>, steps: Option<Steps>) -> Result<(), CsvError> {
         sheet.columns.remove(other);
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A file of two segments of three rows, without a column of times.
+    fn begins(x0: [f64; 2], clock: [&str; 2]) -> Vec<f64> {
+        let head = "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\tNo\nDate\t2026/03/29\nTime\t01:59:59.98\n***End_of_Header***\t\n\t\n";
+        let segment = |at: usize| {
+            let (x0, clock) = (x0[at], clock[at]);
+            format!(
+                "Channels\t1\nSamples\t3\nDate\t2026/03/29\nTime\t{clock}\nX0\t{x0}\nDelta_X\t0.02\n***End_of_Header***\t\n\
+                 X_Value\tp\tComment\n\t1.0\n\t2.0\n\t3.0\n"
+            )
+        };
+        let text = format!("{head}{}{}", segment(0), segment(1));
+        let sheet = sheet("a.lvm", &text, &RecordingMap::default()).unwrap();
+        sheet.numbers(0).unwrap()
+    }
+
+    #[test]
+    fn segments_begin_when_they_say() {
+        let same = ["10:00:00.00", "10:00:00.00"];
+        let near = |found: Vec<f64>, expected: [f64; 2]| {
+            let expected: Vec<f64> = expected.iter().flat_map(|at| [*at, at + 0.02, at + 0.04]).collect();
+            assert!(found.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?} {expected:?}");
+            assert_eq!(found.len(), expected.len());
+        };
+        // X0 goes on; the clock does; neither does.
+        near(begins([1.0, 4.5], same), [1.0, 4.5]);
+        near(begins([0.0, 0.0], ["10:00:00.00", "10:00:07.50"]), [0.0, 7.5]);
+        near(begins([0.0, 0.0], same), [0.0, 0.06]);
+    }
 }

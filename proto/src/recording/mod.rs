@@ -21,11 +21,13 @@
 //! (see [`RecordingWriter`]).
 
 pub mod attached;
+mod bursts;
 mod cells;
 mod columns;
 pub mod csv;
 mod csv_error;
 mod decompress;
+mod doubled;
 mod file_kind;
 mod from_ticks;
 mod labview;

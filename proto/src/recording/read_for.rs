@@ -93,6 +93,8 @@ fn rows_of(resampling: &Resampling<'_>, data: &ColumnData, kind: Kind) -> Column
 
 /// The recording that a sheet is for a rig.
 fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Recording, RecordingError> {
+    let once = super::doubled::once(sheet);
+    let sheet = once.as_ref().unwrap_or(sheet);
     let own = is_own(sheet, rig, map)?;
     let Times { time_s, columns: of_time, taken } = times(sheet, map, own)?;
     let mut units = taken;
@@ -100,7 +102,7 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     for Asked { name, kind, default } in asked(rig) {
         let Some(made) = super::columns::made(sheet, rig, map, own, (&name, kind, default))? else { continue };
         units.extend(made.taken);
-        check(sheet, (&name, kind), &made.from, &made.numbers)?;
+        check(sheet, rig, (&name, kind), &made.from, &made.numbers)?;
         columns.push((Column { name, data: ColumnData::Numbers(made.numbers) }, kind));
     }
     let slower = Slower::of(&readings(&columns)).map_err(|at| never_together(sheet, &columns, at))?;

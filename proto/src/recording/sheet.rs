@@ -81,6 +81,12 @@ impl<'a> SheetColumn<'a> {
     }
 }
 
+/// The last part of a name of parts with points between them.
+pub(super) fn field(name: &str) -> Option<&str> {
+    let (of, field) = name.rsplit_once('.')?;
+    (!of.is_empty() && field.starts_with(|c: char| c.is_alphabetic())).then_some(field)
+}
+
 /// A number and the unit behind it, with blanks between them or without.
 fn quantity(text: &str, decimal: Decimal) -> Option<(&str, &str)> {
     let text = text.trim();
@@ -105,8 +111,8 @@ impl Sheet<'_> {
         self.lines.len()
     }
 
-    /// Place of a column from 0, by its name with or without the unit in brackets, in other case where no name is written so;
-    /// `None` where there is none.
+    /// Place of a column from 0, by its name with or without the unit in brackets, in other case where no name is written so, behind the
+    /// name of what it is a field of (`run.p`) where none stands by itself; `None` where there is none.
     ///
     /// # Errors
     /// Two columns have this name.
@@ -115,10 +121,11 @@ impl Sheet<'_> {
             let mut those = self.columns.iter().enumerate().filter(|(_, one)| same(one, name)).map(|(at, _)| at);
             (those.next(), those.next())
         };
-        let ways: [fn(&SheetColumn<'_>, &str) -> bool; 3] = [
+        let ways: [fn(&SheetColumn<'_>, &str) -> bool; 4] = [
             |column, name| column.title == name,
             |column, name| column.name == name,
             |column, name| column.title.eq_ignore_ascii_case(name) || column.name.eq_ignore_ascii_case(name),
+            |column, name| field(&column.name) == Some(name),
         ];
         let (first, second) = ways.into_iter().map(named).find(|(first, _)| first.is_some()).unwrap_or_default();
         match second {

@@ -1,7 +1,8 @@
-//! Loggers with one row per command and a sensor that is read less often: the cells between its readings are blank.
+//! Loggers with one row per command and a sensor that is read less often, or the other way round: the cells between are blank.
 //!
 //! A cell now and then without a number is an error of the file, and refused with its line. Where a third of a sensor's cells or more
-//! are blank it is a slower channel: the rows that have readings count as readings, what lies between them is on straight lines.
+//! are blank it is a slower channel: the rows that have readings count as readings, what lies between them is on straight lines. A command
+//! that is written less often is in force until the next one.
 
 use std::ops::Range;
 
@@ -13,6 +14,8 @@ use super::sheet::{Cells, Sheet};
 const SLOWER: f64 = 1.0 / 3.0;
 /// Readings that such a channel has at least: fewer tell nothing of a rate.
 const LEAST_READINGS: usize = 20;
+/// Commands that such a channel has at least: written where they change, there are few.
+const LEAST_COMMANDS: usize = 2;
 /// What loggers write where they have nothing, besides nothing at all and NaN.
 const BLANK: [&str; 9] = ["-", "--", "---", "na", "n/a", "#n/a", "null", "none", "1.#qnan"];
 
@@ -23,6 +26,32 @@ const BLANK: [&str; 9] = ["-", "--", "---", "na", "n/a", "#n/a", "null", "none",
 pub(super) fn readings(sheet: &Sheet<'_>, column: usize) -> Result<Vec<f64>, CsvError> {
     let numbers = sheet.numbers(column);
     let Err(refused) = numbers else { return numbers };
+    match with_blanks(sheet, column, LEAST_READINGS) {
+        Some(read) => Ok(read),
+        None => Err(refused),
+    }
+}
+
+/// The numbers of a command's column, each held where the cells behind it are blank, and whether any are; the first one also before it.
+///
+/// # Errors
+/// As [`Sheet::numbers`], where blank cells are few.
+pub(super) fn commands(sheet: &Sheet<'_>, column: usize) -> Result<(Vec<f64>, bool), CsvError> {
+    let refused = match sheet.numbers(column) {
+        Ok(numbers) => return Ok((numbers, false)),
+        Err(refused) => refused,
+    };
+    let Some(mut written) = with_blanks(sheet, column, LEAST_COMMANDS) else { return Err(refused) };
+    let mut last = written.iter().copied().find(|x| !x.is_nan()).unwrap_or(f64::NAN);
+    for x in &mut written {
+        last = if x.is_nan() { last } else { *x };
+        *x = last;
+    }
+    Ok((written, true))
+}
+
+/// A column's numbers, `least` of them, NaN at blank cells; `None` where those are few or other cells hold no number.
+fn with_blanks(sheet: &Sheet<'_>, column: usize, least: usize) -> Option<Vec<f64>> {
     let cells = sheet.columns.get(column).map(|of| &of.cells);
     let read: Option<Vec<f64>> = match cells {
         Some(Cells::Numbers(numbers)) => Some(numbers.clone()),
@@ -36,10 +65,10 @@ pub(super) fn readings(sheet: &Sheet<'_>, column: usize) -> Result<Vec<f64>, Csv
             .collect(),
         None => None,
     };
-    let Some(read) = read.filter(|read| read.iter().all(|x| !x.is_infinite())) else { return Err(refused) };
+    let read = read.filter(|read| read.iter().all(|x| !x.is_infinite()))?;
     let count = read.iter().filter(|x| !x.is_nan()).count();
-    let is_slower = (read.len() - count) as f64 >= SLOWER * read.len() as f64 && count >= LEAST_READINGS;
-    if is_slower { Ok(read) } else { Err(refused) }
+    let is_slower = (read.len() - count) as f64 >= SLOWER * read.len() as f64 && count >= least;
+    is_slower.then_some(read)
 }
 
 fn is_blank(text: &str) -> bool {

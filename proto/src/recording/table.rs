@@ -161,6 +161,24 @@ pub enum RecordingError {
         /// What is wrong, and the mend.
         problem: String,
     },
+    /// Times of writing instead of reading.
+    #[error(
+        "{file}: {column}: rows come in bursts, {rows} at a time, {step_ms:.1} ms apart, every {every_ms:.0} ms: these seem to be the times of writing, not of reading; say how far apart rows were read in the rig file, [recording] period_ms = {period_ms:.1}, or keep one row of each burst"
+    )]
+    Bursts {
+        /// The file.
+        file: String,
+        /// The column of times.
+        column: String,
+        /// Rows of a burst.
+        rows: usize,
+        /// Distance of rows within it (ms).
+        step_ms: f64,
+        /// Distance of bursts (ms).
+        every_ms: f64,
+        /// Distance of rows that are laid out evenly (ms).
+        period_ms: f64,
+    },
     /// Samples too far apart to be a recording.
     #[error("{file}: samples are {step_s} s apart (median of {column}), more than {most_s} s; {mend}")]
     TooSparse {

@@ -7,10 +7,11 @@
 
 use model::rig::{RecordingMap, Term};
 
-use super::csv::TIME_COLUMN;
+use super::bursts::{Bursts, bursts};
+use super::csv::{CsvError, TIME_COLUMN};
 use super::read_for::forward;
 use super::resample::median_step;
-use super::sheet::Sheet;
+use super::sheet::{Sheet, field};
 use super::table::RecordingError;
 use super::table::rules::time_hint;
 use super::units::Unit;
@@ -77,7 +78,7 @@ enum Said {
     Nothing,
 }
 
-/// The times of a sheet's rows.
+/// The times of a sheet's rows, or those of rows at the distance that the map says where the file's tell rows not apart.
 ///
 /// # Errors
 /// No column of times, a cell that is no time, times that do not go forward, steps of another unit.
@@ -86,19 +87,47 @@ pub(super) fn times(sheet: &Sheet<'_>, map: &RecordingMap, own: bool) -> Result<
     let there: Option<Vec<usize>> = mapped.into_iter().collect();
     let of_its_own_name = map.time.0.iter().all(|term| term.from == TIME_COLUMN);
     let times = match there {
-        Some(places) if map.names_time() && (!own || of_its_own_name) => of_terms(sheet, map, &places)?,
+        Some(places) if map.names_time() && (!own || of_its_own_name) => {
+            or_every(sheet, map, of_terms(sheet, map, &places))?
+        }
         _ => match place(sheet, map)? {
-            Found::Columns(places) => match (of_columns(sheet, &places), map.period_ms) {
-                (Ok(times), Some(period_ms)) if times.time_s.windows(2).any(|pair| pair[1] <= pair[0]) => {
-                    every(sheet, 1e-3 * period_ms)
-                }
-                (times, _) => times?,
-            },
+            Found::Columns(places) => or_every(sheet, map, of_columns(sheet, &places))?,
             Found::Period(period_s) => every(sheet, period_s),
         },
     };
-    forward(sheet, times.columns.first().copied().unwrap_or(0), &times.time_s)?;
-    Ok(times)
+    let column = times.columns.first().copied().unwrap_or(0);
+    forward(sheet, column, &times.time_s)?;
+    match bursts(&times.time_s) {
+        Some(bursts) if !times.columns.is_empty() => Err(come_in(sheet, column, bursts)),
+        _ => Ok(times),
+    }
+}
+
+/// Times as the file has them, or at the map's distance where it says one and they are none, stand still or come in bursts.
+fn or_every(
+    sheet: &Sheet<'_>,
+    map: &RecordingMap,
+    times: Result<Times, RecordingError>,
+) -> Result<Times, RecordingError> {
+    let Some(period_ms) = map.period_ms else { return times };
+    match times {
+        Ok(times) if times.time_s.windows(2).all(|pair| pair[1] > pair[0]) && bursts(&times.time_s).is_none() => {
+            Ok(times)
+        }
+        _ => Ok(every(sheet, 1e-3 * period_ms)),
+    }
+}
+
+/// The error of rows whose times are those of the writing.
+fn come_in(sheet: &Sheet<'_>, column: usize, of: Bursts) -> RecordingError {
+    RecordingError::Bursts {
+        file: sheet.file.clone(),
+        column: sheet.columns.get(column).map_or_else(|| TIME_COLUMN.to_owned(), |column| column.title.clone()),
+        rows: of.rows,
+        step_ms: of.step_s * 1e3,
+        every_ms: of.every_s * 1e3,
+        period_ms: of.even_s * 1e3,
+    }
 }
 
 /// Times of rows that come at one distance.
@@ -160,7 +189,15 @@ fn guessed(sheet: &Sheet<'_>) -> Option<Vec<usize>> {
     if let ([date], [clock]) = (parts.0.as_slice(), parts.1.as_slice()) {
         return Some(vec![*date, *clock]);
     }
-    if let Some(at) = NAMES.iter().find_map(|(name, _)| called(name)) {
+    let is_field = |name: &str| {
+        let mut those = all().filter(|at| {
+            let column = sheet.columns.get(*at).and_then(|column| field(&column.name));
+            column.is_some_and(|field| field.eq_ignore_ascii_case(name))
+        });
+        those.next().filter(|_| those.next().is_none())
+    };
+    let named = NAMES.iter().find_map(|(name, _)| called(name));
+    if let Some(at) = named.or_else(|| NAMES.iter().find_map(|(name, _)| is_field(name))) {
         return Some(vec![at]);
     }
     let dates: Vec<usize> = (0..sheet.columns.len()).filter(|at| sheet.is_timestamped(*at)).collect();
@@ -245,7 +282,7 @@ fn said(sheet: &Sheet<'_>, at: usize, term: Option<&Term>) -> Result<Said, Recor
 /// The seconds of one column, and a word where they were not seconds already.
 fn seconds(sheet: &Sheet<'_>, at: usize, said: Said) -> Result<(Vec<f64>, Option<String>), RecordingError> {
     let title = sheet.columns.get(at).map_or("", |column| column.title.as_str());
-    let mut numbers = sheet.times(at)?;
+    let mut numbers = sheet.times(at).map_err(no_time)?;
     if sheet.is_timestamped(at) {
         return Ok((numbers, Some(format!("{title} as date and time"))));
     }
@@ -268,6 +305,16 @@ fn seconds(sheet: &Sheet<'_>, at: usize, said: Said) -> Result<(Vec<f64>, Option
         numbers.iter_mut().for_each(|x| *x *= factor);
     }
     Ok((numbers, word))
+}
+
+/// The error of a cell of times that is no number.
+fn no_time(error: CsvError) -> CsvError {
+    match error {
+        CsvError::NotANumber { file, line, position, column, cell } if !cell.is_empty() => {
+            CsvError::NotATime { file, line, position, column, cell }
+        }
+        error => error,
+    }
 }
 
 /// Whether numbers are days of a calendar: as large as its days, and so close that seconds would be no logger's.

@@ -1,8 +1,9 @@
 //! Times as loggers write them: dates, times of day, zones, epochs.
 //!
 //! Read are `2026-03-29 01:59:00.020`, with `T` or a blank, `/` or `.` between the parts of a date in the orders year-month-day,
-//! day-month-year and month-day-year, a fraction behind a point or a comma, `AM`/`PM`, a zone (`Z`, `+02:00`, `-0700`, `UTC`);
-//! a date alone; a time of day alone (`01:59:00,020`). Only differences count, so that a zone matters where it changes within a
+//! day-month-year and month-day-year, a fraction behind a point or a comma, `AM`/`PM`, a zone (`Z`, `+02:00`, `-0700`, `UTC`, `CEST`);
+//! the same in digits alone (`20260329T015900.020Z`); a date alone; a time of day alone (`01:59:00,020`), or of the hour, with a
+//! fraction (`59:00.0`, as spreadsheets show it); days and a time (`0 days 00:00:00.020`). Only differences count, so that a zone matters where it changes within a
 //! file; without one, the hour that summer time takes or gives is noticed and taken back.
 
 /// Seconds of a day.
@@ -18,8 +19,29 @@ enum DateOrder {
     MonthDayYear,
 }
 
+/// Zones by the names that loggers write, and their hours before UTC. Only differences within a file count.
+const ZONES: [(&str, f64); 15] = [
+    ("WET", 0.0),
+    ("WEST", 1.0),
+    ("BST", 1.0),
+    ("CET", 1.0),
+    ("CEST", 2.0),
+    ("MEZ", 1.0),
+    ("MESZ", 2.0),
+    ("EST", -5.0),
+    ("EDT", -4.0),
+    ("CST", -6.0),
+    ("CDT", -5.0),
+    ("PST", -8.0),
+    ("PDT", -7.0),
+    ("JST", 9.0),
+    ("KST", 9.0),
+];
+
 /// Whether a text is a date, a time of day, or both.
 pub(super) fn is_timestamp(text: &str) -> bool {
+    let spread = in_digits(text);
+    let text = spread.as_deref().unwrap_or(text);
     seconds(text, DateOrder::DayMonthYear).or_else(|| seconds(text, DateOrder::MonthDayYear)).is_some()
 }
 
@@ -38,6 +60,9 @@ pub(super) fn is_clock_alone(text: &str) -> bool {
 /// # Errors
 /// The first row that is neither date nor time.
 pub(super) fn column_s(texts: &[&str]) -> Result<Vec<f64>, usize> {
+    let spread: Option<Vec<String>> = texts.iter().map(|text| in_digits(text)).collect();
+    let spread: Vec<&str> = spread.iter().flatten().map(String::as_str).collect();
+    let texts = if spread.len() == texts.len() { &spread } else { texts };
     let in_order = |order: DateOrder| -> Result<Vec<f64>, usize> {
         texts.iter().enumerate().map(|(row, text)| seconds(text, order).ok_or(row)).collect()
     };
@@ -52,8 +77,9 @@ pub(super) fn column_s(texts: &[&str]) -> Result<Vec<f64>, usize> {
         (Ok(times), Err(_)) | (Err(_), Ok(times)) => times,
         (Err(row), Err(_)) => return Err(row),
     };
-    let dated = texts.first().is_some_and(|text| parts(text).date.is_some());
-    let zoned = texts.first().is_some_and(|text| parts(text).zone.is_some());
+    let first = texts.first().map(|text| parts(text));
+    let dated = first.as_ref().is_some_and(|first| first.date.is_some() || first.days.is_some());
+    let zoned = first.is_some_and(|first| first.zone.is_some());
     unwrap(&mut times, dated, zoned);
     Ok(times)
 }
@@ -77,8 +103,31 @@ fn unwrap(times: &mut [f64], dated: bool, zoned: bool) {
     }
 }
 
+/// `20260329T015900.020Z`, the basic format of ISO 8601, with its marks; `None` of any other text.
+fn in_digits(text: &str) -> Option<String> {
+    let text = text.trim();
+    let digits = |text: &str, count: usize| {
+        let (head, rest) = text.split_at_checked(count)?;
+        head.bytes().all(|byte| byte.is_ascii_digit()).then(|| (head.to_owned(), rest.to_owned()))
+    };
+    let (date, rest) = digits(text, 8)?;
+    let (clock, rest) = digits(rest.strip_prefix(['T', 't', ' ', '_', '-'])?, 6)?;
+    let zone = rest.find(['Z', 'z', '+', '-', ' ']).unwrap_or(rest.len());
+    let (fraction, zone) = rest.split_at(zone);
+    let fraction_digits = if fraction.is_empty() { "0" } else { fraction.strip_prefix(['.', ','])? };
+    if !fraction_digits.bytes().all(|byte| byte.is_ascii_digit()) {
+        return None;
+    }
+    let part = |text: &str, from: usize, to: usize| text.get(from..to).unwrap_or_default().to_owned();
+    let [year, month, day] = [part(&date, 0, 4), part(&date, 4, 6), part(&date, 6, 8)];
+    let [hours, minutes, seconds] = [part(&clock, 0, 2), part(&clock, 2, 4), part(&clock, 4, 6)];
+    Some(format!("{year}-{month}-{day} {hours}:{minutes}:{seconds}{fraction}{zone}"))
+}
+
 /// A timestamp in its parts.
 struct Parts<'t> {
+    /// Days since the beginning.
+    days: Option<f64>,
     date: Option<&'t str>,
     clock: Option<&'t str>,
     afternoon: Option<bool>,
@@ -86,7 +135,7 @@ struct Parts<'t> {
 }
 
 fn parts(text: &str) -> Parts<'_> {
-    let mut parts = Parts { date: None, clock: None, afternoon: None, zone: None };
+    let mut parts = Parts { days: None, date: None, clock: None, afternoon: None, zone: None };
     let (date_and, clock) = halves(text.trim());
     let words = date_and.split_whitespace().chain(clock.split_whitespace());
     for word in words {
@@ -94,6 +143,10 @@ fn parts(text: &str) -> Parts<'_> {
             "AM" | "A.M." => parts.afternoon = Some(false),
             "PM" | "P.M." => parts.afternoon = Some(true),
             "Z" | "UTC" | "GMT" => parts.zone = Some(0.0),
+            "DAY" | "DAYS" if parts.clock.is_none() => {
+                parts.days = parts.date.take().and_then(|days| days.parse::<u32>().ok()).map(f64::from);
+            }
+            name if parts.clock.is_some() && zone_s(name).is_some() => parts.zone = zone_s(name),
             _ if word.contains(':') && parts.clock.is_none() => {
                 let (clock, zone) = split_zone(word);
                 parts.clock = Some(clock);
@@ -101,10 +154,15 @@ fn parts(text: &str) -> Parts<'_> {
             }
             _ if parts.clock.is_some() && word.starts_with(['+', '-']) => parts.zone = offset_s(word),
             _ if parts.date.is_none() => parts.date = Some(word),
-            _ => return Parts { date: Some(""), clock: None, afternoon: None, zone: None },
+            _ => return Parts { days: None, date: Some(""), clock: None, afternoon: None, zone: None },
         }
     }
     parts
+}
+
+/// A zone of a name, in s.
+fn zone_s(name: &str) -> Option<f64> {
+    ZONES.iter().find(|(zone, _)| *zone == name).map(|(_, hours)| 3600.0 * hours)
 }
 
 /// What stands before and behind the `T` between a date and a time.
@@ -159,10 +217,19 @@ fn seconds(text: &str, order: DateOrder) -> Option<f64> {
         Some(clock) => clock_s(clock, parts.afternoon)?,
         None => 0.0,
     };
+    let days = days + parts.days.unwrap_or(0.0);
     Some(DAY_S * days + clock_s - parts.zone.unwrap_or(0.0))
 }
 
 fn clock_s(clock: &str, afternoon: Option<bool>) -> Option<f64> {
+    // Minutes and seconds with a fraction: what a spreadsheet makes of a clock when it writes it out.
+    if let Some((minutes, seconds)) = clock.split_once(':').filter(|(_, seconds)| seconds.contains(['.', ','])) {
+        if !seconds.contains(':') {
+            let seconds: f64 = seconds.replace(',', ".").parse().ok()?;
+            let minutes = f64::from(minutes.parse::<u32>().ok()?);
+            return (minutes < 60.0 && (0.0..61.0).contains(&seconds)).then_some(60.0 * minutes + seconds);
+        }
+    }
     let mut fields = clock.split(':');
     let hours: u32 = fields.next()?.parse().ok()?;
     let minutes: u32 = fields.next()?.parse().ok()?;
@@ -262,6 +329,11 @@ mod tests {
         near(steps(&["2026-03-29 01:59:59.980", "2026-03-29 03:00:00.000", "2026-03-29 03:00:00.020"]));
         near(steps(&["2026-10-25 02:59:59.980", "2026-10-25 02:00:00.000", "2026-10-25 02:00:00.020"]));
         near(steps(&["2026-03-29T01:59:59.980+01:00", "2026-03-29T03:00:00.000+02:00"]));
+        near(steps(&["20260329T015959.980Z", "20260329T020000.000Z", "20260329T020000.020Z"]));
+        near(steps(&["20260329 015959,980", "20260329 020000,000"]));
+        near(steps(&["59:59.98", "00:00.00", "00:00.02"]));
+        near(steps(&["0 days 23:59:59.98", "1 days 00:00:00.00", "1 days 00:00:00.02"]));
+        near(steps(&["2026-03-29 01:59:59.980 CET", "2026-03-29 03:00:00.000 CEST"]));
         // With a zone an hour is an hour.
         assert_eq!(steps(&["2026-03-29T01:00:00Z", "2026-03-29T02:00:00Z"]), [3600.0]);
         // Day and month exchanged would be 28 days.

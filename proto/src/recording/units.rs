@@ -15,6 +15,8 @@ pub(super) enum Unit {
     Time(f64),
     /// Electric: V per unit.
     Volt(f64),
+    /// A current loop of 4 … 20 mA: mA per unit.
+    Loop(f64),
     /// Share of 1 per unit.
     Share(f64),
     /// Something that is no pressure, no time and no command (a flow, a temperature, a current).
@@ -71,8 +73,8 @@ const TIMES: [(&str, f64); 17] = [
 ];
 
 /// Units of what a rig neither reads nor is commanded by, which make a row of units one all the same.
-const OTHERS: [&str; 24] = [
-    "a", "ma", "w", "hz", "khz", "rpm", "1/min", "c", "degc", "f", "degf", "k", "l/min", "lpm", "slpm", "l/s", "ml/s",
+const OTHERS: [&str; 23] = [
+    "a", "w", "hz", "khz", "rpm", "1/min", "c", "degc", "f", "degf", "k", "l/min", "lpm", "slpm", "l/s", "ml/s",
     "ml/min", "n", "mm", "m", "deg", "v/v", "count",
 ];
 
@@ -103,6 +105,7 @@ impl Unit {
             "0-255" | "0…255" | "8bit" => return Some(Unit::Share(1.0 / 255.0)),
             "v" | "volt" | "volts" | "vdc" => return Some(Unit::Volt(1.0)),
             "mv" => return Some(Unit::Volt(1e-3)),
+            "ma" | "madc" => return Some(Unit::Loop(1.0)),
             _ => {}
         }
         let of =
@@ -132,9 +135,16 @@ impl Unit {
         OTHERS.contains(&plain.as_str()).then_some(Unit::Other)
     }
 
-    /// The unit in brackets at the end of a column's name, and the name before it.
+    /// The unit at the end of a column's name, in brackets (`p [kPa]`), behind a stroke as ISO 80000 has it (`p / kPa`) or behind `in`,
+    /// and the name before it.
     pub(super) fn in_name(name: &str) -> Option<(&str, &str)> {
         let name = name.trim();
+        let apart = [" / ", " in "].into_iter().find_map(|mark| name.rsplit_once(mark));
+        // `flow / n` is a ratio more often than a flow in newtons.
+        let is_sure = |unit: &str| Unit::parse(unit).is_some_and(|unit| unit != Unit::Other);
+        if let Some((before, unit)) = apart.filter(|(before, unit)| !before.trim().is_empty() && is_sure(unit)) {
+            return Some((before.trim_end(), unit.trim()));
+        }
         let (open, close) = [('[', ']'), ('(', ')')].into_iter().find(|(_, close)| name.ends_with(*close))?;
         // The bracket that the last one closes: `p (kPa(g))`.
         let mut depth = 0_i32;
@@ -168,6 +178,7 @@ mod tests {
             ("cmH₂O", Unit::Gauge(0.098_066_5)),
             ("V", Unit::Volt(1.0)),
             ("mV", Unit::Volt(1e-3)),
+            ("mA", Unit::Loop(1.0)),
             ("%", Unit::Share(0.01)),
             ("-", Unit::Share(1.0)),
             ("ms", Unit::Time(1e-3)),
@@ -186,7 +197,10 @@ mod tests {
     fn units_in_names_are_found() {
         assert_eq!(Unit::in_name("P [mbar]"), Some(("P", "mbar")));
         assert_eq!(Unit::in_name("chamber 1 (kPa(g))"), Some(("chamber 1", "kPa(g)")));
+        assert_eq!(Unit::in_name("p / kPa"), Some(("p", "kPa")));
+        assert_eq!(Unit::in_name("duty in %"), Some(("duty", "%")));
         assert_eq!(Unit::in_name("valve (left)"), None);
+        assert_eq!(Unit::in_name("plug in c"), None);
         assert_eq!(Unit::in_name("[kPa]"), None);
     }
 }

@@ -159,8 +159,13 @@ impl FinetuneRun {
         self.sitting = Sitting::begin();
         let status = self.work(source, callback)?;
         self.keep()?;
+        let is_empty = self.position.steps == 0 && status == Status::UsedUp;
+        // Whoever stops the run a second time once it is kept finds a summary all the same.
+        if !is_empty {
+            self.sum_up()?;
+        }
         callback.is_kept();
-        if self.position.steps == 0 && status == Status::UsedUp {
+        if is_empty {
             return Err(self.nothing_to_learn());
         }
         let ended = match status {
@@ -168,11 +173,16 @@ impl FinetuneRun {
             _ if self.position.published_at != self.position.steps && !self.publish(callback)? => Status::Stopped,
             _ => status,
         };
+        self.sum_up()?;
+        Ok(ended)
+    }
+
+    /// Writes the summary.
+    fn sum_up(&self) -> Result<(), FinetuneError> {
         let path = self.files.summary();
         let text = serde_json::to_string_pretty(&self.summary())
             .map_err(|error| TrainingError::file(&path, &error.to_string()))?;
-        RunFiles::write(&path, format!("{text}\n").as_bytes())?;
-        Ok(ended)
+        Ok(RunFiles::write(&path, format!("{text}\n").as_bytes())?)
     }
 
     fn work(&mut self, source: Source, callback: &mut dyn FinetuneCallback) -> Result<Status, FinetuneError> {

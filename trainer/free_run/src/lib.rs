@@ -114,6 +114,11 @@ impl FreeRun {
         Ok(FreeRun { simulation, ticks_per_row, rooms, rig: rig.clone(), steady: OnceCell::new() })
     }
 
+    /// The compiled rig.
+    pub fn plant(&self) -> Arc<Plant<f64>> {
+        Arc::clone(self.simulation.plant())
+    }
+
     /// Whether some valve's flapper may lie anywhere in a room of its own when a recording begins.
     pub fn has_flappers(&self) -> bool {
         !self.rooms.is_empty()

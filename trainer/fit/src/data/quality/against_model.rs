@@ -6,6 +6,9 @@
 //! sensor with a range of 500; those of lesser ones are less in proportion, since what a sensor is off by goes with its range. Where
 //! they are less, a rig must also be one that forgets where it began: what measured flows add up to in a lung that nothing empties
 //! drifts away from any reading by a kPa or two.
+//!
+//! A meaning is asked at three places: where the rig first stands far enough from the atmosphere to tell, and where it would stand
+//! lowest and highest. One number may be a pressure in several units; that all three are in the wrong one is no chance.
 
 use std::ops::Range;
 
@@ -39,7 +42,19 @@ const OFF_BY_AIR: [f64; 2] = [0.5, 8.0];
 /// … and a gauge one, in atmospheres, that is taken for one.
 const FAR_FROM_AIR: f64 = 0.5;
 
-pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -> Result<(), FitError> {
+/// A column of a recording that stands where the rig would, as it was read.
+pub(super) struct Agreed {
+    /// The file.
+    pub(super) source: String,
+    /// The column.
+    pub(super) column: String,
+}
+
+/// Adds what the model tells of pressures and duties; gives the columns that agree with it.
+///
+/// # Errors
+/// The rig cannot be simulated.
+pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -> Result<Vec<Agreed>, FitError> {
     let channels = records.sensors().len();
     let arcs = from_rest(rig, records);
     let simulator = Simulator::new(records, Fidelity::Coarse);
@@ -64,7 +79,11 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
         let of = |medians: &Vec<Medians>, channel| standing(rig, records, medians, &simulated, channel);
         let whole: Vec<Standing<'_>> = (0..channels).filter_map(|c| of(windows.first()?, c)).collect();
         let tells = |s: &Standing<'_>| s.simulated.abs() > TELLING_KPA * s.scale;
-        let telling = (0..channels).filter_map(|c| windows.iter().filter_map(|medians| of(medians, c)).find(tells));
+        let telling = (0..channels).filter_map(|channel| {
+            let all: Vec<Standing<'_>> = windows.iter().filter_map(|medians| of(medians, channel)).collect();
+            let ends = ends(&all);
+            all.into_iter().find(tells).map(|first| Standing { ends, ..first })
+        });
         standings.push(Recorded { source: source.clone(), telling: telling.collect() });
         // What a chamber holds that nothing drives is for its leaks to say.
         if !records.inputs().is_empty() {
@@ -72,7 +91,7 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
             absolutes.push((Recorded { source, telling: whole }, recorded, simulated));
         }
     }
-    let compare = Compare { columns: records.sensors(), atmosphere_kpa: rig.atmosphere.pressure_kpa_abs };
+    let compare = Compare { rig, columns: records.sensors(), atmosphere_kpa: rig.atmosphere.pressure_kpa_abs };
     // What the duties do is told by the pressures, so what is sure about those comes first. A duty never turns a
     // pressure's sign, but one that is inverted or exchanged moves what is expected of it, so the rest comes last.
     let before = findings.len();
@@ -90,7 +109,14 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
             check(findings);
         }
     }
-    Ok(())
+    Ok(standings.iter().flat_map(|recorded| compare.agreed(recorded)).collect())
+}
+
+/// Medians where a channel would stand lowest and highest, recorded and simulated.
+fn ends(all: &[Standing<'_>]) -> Vec<[f64; 2]> {
+    let by_simulated = |a: &&Standing<'_>, b: &&Standing<'_>| a.simulated.total_cmp(&b.simulated);
+    let (lowest, highest) = (all.iter().min_by(by_simulated), all.iter().max_by(by_simulated));
+    lowest.into_iter().chain(highest).map(|s| [s.recorded, s.simulated]).collect()
 }
 
 /// The first rows of each recording, simulated from rest.
@@ -168,11 +194,12 @@ fn standing<'a>(
     let [low, high] = *reached.get(channel)?;
     let range_kpa = sensor.map_or(WHOLE_RANGE_KPA, |s| (s.range_kpa_gauge[0] - s.range_kpa_gauge[1]).abs());
     let scale = (low.abs().max(high.abs()) / WHOLE_REACH_KPA).max(range_kpa / WHOLE_RANGE_KPA).min(1.0);
-    (forgets || scale >= 1.0).then_some(Standing { channel, recorded, simulated, sensor, scale })
+    (forgets || scale >= 1.0).then_some(Standing { channel, recorded, simulated, sensor, scale, ends: Vec::new() })
 }
 
 /// Compares recorded and simulated medians.
 struct Compare<'a> {
+    rig: &'a Rig,
     columns: &'a [String],
     atmosphere_kpa: f64,
 }
@@ -192,23 +219,46 @@ impl Compare<'_> {
             } else {
                 Trouble::WrongUnit
             },
-            text: meaning.text(standing, self.atmosphere_kpa),
+            text: meaning.text(self.rig, &self.column(standing.channel), standing),
         }
+    }
+
+    /// The meaning that all of some channels have instead of gauge kPa, with its misfit where they tell first: one that explains what
+    /// gauge kPa do not, there or at the ends; `None` where gauge kPa do.
+    fn meaning(&self, of: &[&Standing<'_>], wrong: [f64; 2]) -> Option<(f64, Meaning)> {
+        let first = |meaning: Meaning, margins| {
+            of.iter().map(|s| meaning.misfit(s, self.atmosphere_kpa, margins)).fold(0.0, f64::max)
+        };
+        let anywhere = |meaning: Meaning, margins| {
+            of.iter().map(|s| meaning.misfit_anywhere(s, self.atmosphere_kpa, margins)).fold(0.0, f64::max)
+        };
+        let at_first = first(RIGHT, NEAR) >= 1.0;
+        if !at_first && anywhere(RIGHT, NEAR) < 1.0 {
+            return None;
+        }
+        let judged: Vec<(f64, f64, Meaning)> =
+            Meaning::wrong().map(|meaning| (first(meaning, wrong), anywhere(meaning, wrong), meaning)).collect();
+        let fits = |(first, anywhere, _): &(f64, f64, Meaning)| if at_first { *first < 1.0 } else { *anywhere < 1.0 };
+        let best = judged.iter().filter(|one| fits(one)).min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.total_cmp(&b.0)));
+        let nearest = || judged.iter().filter(|_| at_first).min_by(|a, b| a.0.total_cmp(&b.0));
+        best.or_else(nearest).map(|(first, _, meaning)| (*first, *meaning))
+    }
+
+    /// Columns that stand where the rig would.
+    fn agreed(&self, recorded: &Recorded<'_>) -> Vec<Agreed> {
+        let agrees = |s: &&Standing<'_>| RIGHT.misfit_anywhere(s, self.atmosphere_kpa, NEAR) < 1.0;
+        let of = |s: &Standing<'_>| Agreed { source: recorded.source.clone(), column: self.column(s.channel) };
+        recorded.telling.iter().filter(agrees).map(of).collect()
     }
 
     /// All channels in one unit, as a logger does it, or two columns exchanged.
     fn together(&self, recorded: &Recorded<'_>) -> Option<Finding> {
         let telling = &recorded.telling;
-        let worst =
-            |meaning: Meaning| telling.iter().map(|s| meaning.misfit(s, self.atmosphere_kpa, NEAR)).fold(0.0, f64::max);
-        if worst(RIGHT) < 1.0 {
-            return None;
-        }
-        let (misfit, meaning) =
-            Meaning::wrong().map(|meaning| (worst(meaning), meaning)).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let (misfit, meaning) = self.meaning(&telling.iter().collect::<Vec<_>>(), NEAR)?;
         if let [a, b] = telling.as_slice() {
-            let of =
-                |recorded: f64, s: &Standing<'_>| RIGHT.misfit(&Standing { recorded, ..*s }, self.atmosphere_kpa, NEAR);
+            let of = |recorded: f64, s: &Standing<'_>| {
+                RIGHT.misfit(&Standing { recorded, ends: Vec::new(), ..*s }, self.atmosphere_kpa, NEAR)
+            };
             let exchanged = of(a.recorded, b).max(of(b.recorded, a));
             if exchanged < misfit.min(1.0) {
                 let (one, other) = (self.column(a.channel), self.column(b.channel));
@@ -261,19 +311,9 @@ impl Compare<'_> {
 
     /// Channels by themselves, as a person does it sensor by sensor.
     fn alone(&self, recorded: &Recorded<'_>, of: impl Fn(&Standing<'_>) -> bool) -> Vec<Finding> {
-        let misfits = |s: &&Standing<'_>| RIGHT.misfit(s, self.atmosphere_kpa, NEAR) >= 1.0 && of(s);
-        let closest = |standing: &Standing<'_>| {
-            Meaning::wrong()
-                .map(|meaning| (meaning.misfit(standing, self.atmosphere_kpa, NEARER), meaning))
-                .min_by(|a, b| a.0.total_cmp(&b.0))
-                .filter(|(misfit, _)| *misfit < 1.0)
-        };
-        recorded
-            .telling
-            .iter()
-            .filter(misfits)
-            .filter_map(|standing| Some(self.wrong(recorded, standing, closest(standing)?.1)))
-            .collect()
+        let closest = |s: &Standing<'_>| self.meaning(&[s], NEARER).filter(|(misfit, _)| *misfit < 1.0);
+        let those = recorded.telling.iter().filter(|s| of(s));
+        those.filter_map(|standing| Some(self.wrong(recorded, standing, closest(standing)?.1))).collect()
     }
 }
 

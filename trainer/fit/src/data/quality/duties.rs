@@ -2,6 +2,7 @@
 
 use model::rig::{Pump, Rig};
 
+use super::mend::inverted_key;
 use super::{Finding, Severity, Trouble};
 use crate::data::Records;
 use crate::least_squares::{LinearFit, solve};
@@ -38,7 +39,7 @@ enum Is {
 pub(super) fn duties(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) {
     let actuators = actuators(rig, records);
     if let [only] = actuators.as_slice() {
-        inverted_alone(records, only, findings);
+        inverted_alone(rig, records, only, findings);
     }
     let [one, other] = actuators.as_slice() else { return };
     if one.channel == other.channel || records.sensors().len() != 2 {
@@ -70,12 +71,12 @@ pub(super) fn duties(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) 
         .map_or(own, |[first, second]| [t(&first, 1, one.sign), t(&second, 2, other.sign)]);
     for ((effect, settled), valve) in own.iter().zip(settled).zip(pair) {
         if *effect < -SURE && settled < 0.0 {
-            findings.push(inverted(valve));
+            findings.push(inverted(rig, valve));
         }
     }
 }
 
-fn inverted(actuator: &Actuator<'_>) -> Finding {
+fn inverted(rig: &Rig, actuator: &Actuator<'_>) -> Finding {
     let [what, full] = match actuator.is {
         Is::Valve => ["opening the valve", "open"],
         Is::Pump => ["driving the pump", "full speed"],
@@ -85,13 +86,16 @@ fn inverted(actuator: &Actuator<'_>) -> Finding {
         column: actuator.command.to_owned(),
         severity: Severity::Unusable,
         trouble: Trouble::InvertedDuty,
-        text: format!("{what} moves the pressure the wrong way: the duty seems to be inverted (1 is {full})"),
+        text: format!(
+            "{what} moves the pressure the wrong way: the duty seems to be inverted (1 is {full}): {}",
+            inverted_key(rig, actuator.command)
+        ),
     }
 }
 
 /// Tells whether the only duty of a rig is inverted: the rate of its chamber's pressure on it and on that pressure, and the pressure
 /// after two seconds of it.
-fn inverted_alone(records: &Records, only: &Actuator<'_>, findings: &mut Vec<Finding>) {
+fn inverted_alone(rig: &Rig, records: &Records, only: &Actuator<'_>, findings: &mut Vec<Finding>) {
     let t = |fit: &LinearFit| only.sign * fit.x[1] / fit.sd[1].max(1e-12);
     let of = |window: usize, answer: &dyn Fn(&[f64], std::ops::Range<usize>) -> f64| {
         let (mut columns, mut answers) = (vec![Vec::new(); 3], Vec::new());
@@ -113,7 +117,7 @@ fn inverted_alone(records: &Records, only: &Actuator<'_>, findings: &mut Vec<Fin
     let fast = of(ANSWER_ROWS, &|p, rows| p[rows.end] - p[rows.start]);
     let settled = of(SETTLED_ROWS, &|p, rows| p[rows.clone()].iter().sum::<f64>() / rows.len() as f64);
     if fast.is_some_and(|t| t < -SURE) && settled.is_some_and(|t| t < -SURE) {
-        findings.push(inverted(only));
+        findings.push(inverted(rig, only));
     }
 }
 

@@ -4,7 +4,9 @@
 //! what the rig would do is the one told. Units closer to each other than rigs are to their files (bar and atm) share a
 //! line.
 
-use model::rig::Sensor;
+use model::rig::{Rig, Sensor};
+
+use super::mend::pressure_key;
 
 /// Units that pressures are found in, and how many there are of each in 1 kPa.
 const UNITS: [(f64, &str); 8] = [
@@ -30,6 +32,41 @@ pub(super) struct Standing<'a> {
     pub(super) sensor: Option<&'a Sensor>,
     /// Margins of this channel as a share of those of a rig of 50 kPa or more.
     pub(super) scale: f64,
+    /// Medians, recorded and simulated (kPa), where the rig would stand lowest and highest of all rows.
+    pub(super) ends: Vec<[f64; 2]>,
+}
+
+/// An electric output of a sensor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Output {
+    /// Volts over the sensor's `range_v`.
+    Volts,
+    /// The same in millivolts.
+    Millivolts,
+    /// A current loop, 4 … 20 mA over the sensor's range (IEC 60381-1).
+    Loop,
+}
+
+impl Output {
+    const ALL: [Output; 3] = [Output::Volts, Output::Millivolts, Output::Loop];
+
+    /// As `[recording]` calls it.
+    pub(super) fn unit(self) -> &'static str {
+        match self {
+            Output::Volts => "V",
+            Output::Millivolts => "mV",
+            Output::Loop => "mA",
+        }
+    }
+
+    /// At the ends of the sensor's range.
+    fn ends(self, sensor: &Sensor) -> [f64; 2] {
+        match self {
+            Output::Volts => sensor.range_v,
+            Output::Millivolts => sensor.range_v.map(|volts| 1e3 * volts),
+            Output::Loop => [4.0, 20.0],
+        }
+    }
 }
 
 /// What the numbers of a column are.
@@ -39,8 +76,8 @@ pub(super) enum Meaning {
     Gauge(f64, &'static str),
     /// Absolute pressure, so many to 1 kPa.
     Absolute(f64, &'static str),
-    /// The sensor's volts.
-    Volts,
+    /// What the sensor puts out.
+    Output(Output),
     /// Gauge kPa without its sign.
     Unsigned,
 }
@@ -56,58 +93,81 @@ impl Meaning {
             .clone()
             .map(|(per_kpa, unit)| Meaning::Gauge(per_kpa, unit))
             .chain(units.map(|(per_kpa, unit)| Meaning::Absolute(per_kpa, unit)))
-            .chain([Meaning::Absolute(1.0, "kPa"), Meaning::Volts, Meaning::Unsigned])
+            .chain([Meaning::Absolute(1.0, "kPa"), Meaning::Unsigned])
+            .chain(Output::ALL.into_iter().map(Meaning::Output))
     }
 
-    /// The gauge pressure (kPa) that a number is under this meaning; `None` where it cannot have it.
-    fn kpa(self, standing: &Standing<'_>, atmosphere_kpa: f64) -> Option<f64> {
-        self.of(standing.recorded, standing.sensor, atmosphere_kpa)
-    }
-
-    /// The same of any number that a sensor's column holds.
-    pub(super) fn of(self, recorded: f64, sensor: Option<&Sensor>, atmosphere_kpa: f64) -> Option<f64> {
+    /// Gauge kPa per number and at zero; `None` where the rig file says nothing of the sensor.
+    pub(super) fn line(self, sensor: Option<&Sensor>, atmosphere_kpa: f64) -> Option<[f64; 2]> {
         match self {
-            Meaning::Gauge(per_kpa, _) => Some(recorded / per_kpa),
-            // Nothing is below vacuum.
-            Meaning::Absolute(per_kpa, _) => (recorded > 0.0).then_some(recorded / per_kpa - atmosphere_kpa),
-            Meaning::Volts => sensor.map(|sensor| {
-                let ([p0, p1], [v0, v1]) = (sensor.range_kpa_gauge, sensor.range_v);
-                p0 + (recorded - v0) / (v1 - v0) * (p1 - p0)
+            Meaning::Gauge(per_kpa, _) => Some([1.0 / per_kpa, 0.0]),
+            Meaning::Absolute(per_kpa, _) => Some([1.0 / per_kpa, -atmosphere_kpa]),
+            Meaning::Output(output) => sensor.map(|sensor| {
+                let ([p0, p1], [from, to]) = (sensor.range_kpa_gauge, output.ends(sensor));
+                let slope = (p1 - p0) / (to - from);
+                [slope, p0 - from * slope]
             }),
-            Meaning::Unsigned => Some(-recorded),
+            Meaning::Unsigned => Some([-1.0, 0.0]),
         }
+    }
+
+    /// The gauge pressure (kPa) of any number that a sensor's column holds; `None` where it cannot have this meaning.
+    pub(super) fn of(self, recorded: f64, sensor: Option<&Sensor>, atmosphere_kpa: f64) -> Option<f64> {
+        // Nothing is below vacuum.
+        let can_be = !matches!(self, Meaning::Absolute(..)) || recorded > 0.0;
+        self.line(sensor, atmosphere_kpa).filter(|_| can_be).map(|[scale, offset]| scale * recorded + offset)
     }
 
     /// How far this meaning puts a channel from the simulation, in units of `share` of it and `kpa` (at scale 1); above 1 it does
     /// not fit.
-    pub(super) fn misfit(self, standing: &Standing<'_>, atmosphere_kpa: f64, [share, kpa]: [f64; 2]) -> f64 {
-        let allowed = share * standing.simulated.abs() + kpa * standing.scale;
-        self.kpa(standing, atmosphere_kpa).map_or(f64::INFINITY, |p| (p - standing.simulated).abs() / allowed)
+    pub(super) fn misfit(self, standing: &Standing<'_>, atmosphere_kpa: f64, margins: [f64; 2]) -> f64 {
+        self.misfit_at(standing, [standing.recorded, standing.simulated], atmosphere_kpa, margins)
     }
 
-    /// What is wrong, and the mend.
-    pub(super) fn text(self, standing: &Standing<'_>, atmosphere_kpa: f64) -> String {
+    /// The same of the worst of all places that the channel stood at.
+    pub(super) fn misfit_anywhere(self, standing: &Standing<'_>, atmosphere_kpa: f64, margins: [f64; 2]) -> f64 {
+        let places = standing.ends.iter().copied().chain([[standing.recorded, standing.simulated]]);
+        places.map(|place| self.misfit_at(standing, place, atmosphere_kpa, margins)).fold(0.0, f64::max)
+    }
+
+    fn misfit_at(
+        self,
+        standing: &Standing<'_>,
+        [recorded, simulated]: [f64; 2],
+        atmosphere_kpa: f64,
+        [share, kpa]: [f64; 2],
+    ) -> f64 {
+        let allowed = share * simulated.abs() + kpa * standing.scale;
+        let meant = self.of(recorded, standing.sensor, atmosphere_kpa);
+        meant.map_or(f64::INFINITY, |p| (p - simulated).abs() / allowed)
+    }
+
+    /// What is wrong with a column, and the mend.
+    pub(super) fn text(self, rig: &Rig, column: &str, standing: &Standing<'_>) -> String {
         let Standing { recorded, simulated, sensor, .. } = standing;
-        let recorded = figures(*recorded);
-        let reads = format!("reads {recorded} where about {} kPa are expected", about(*simulated));
-        match self {
-            Meaning::Gauge(_, unit) => format!("{reads}: the pressure seems to be in {unit}; convert it to gauge kPa"),
+        let atmosphere_kpa = rig.atmosphere.pressure_kpa_abs;
+        let is = match self {
+            Meaning::Gauge(_, unit) => format!("the pressure seems to be in {unit}"),
             Meaning::Absolute(_, "kPa") => {
-                format!("{reads}: the pressure seems to be absolute; subtract the atmosphere's {atmosphere_kpa:.1} kPa")
+                format!("the pressure seems to be absolute; subtract the atmosphere's {atmosphere_kpa:.1} kPa")
             }
-            Meaning::Absolute(_, unit) => format!(
-                "{reads}: the pressure seems to be absolute, in {unit}; convert it to kPa and subtract the atmosphere's \
-                 {atmosphere_kpa:.1} kPa"
-            ),
-            Meaning::Volts => {
+            Meaning::Absolute(_, unit) => format!("the pressure seems to be absolute, in {unit}"),
+            Meaning::Output(output) => {
+                let what = match output {
+                    Output::Volts => "the sensor's volts",
+                    Output::Millivolts => "the sensor's millivolts",
+                    Output::Loop => "the mA of a current loop",
+                };
                 let scale = sensor.map_or_else(String::new, |sensor| {
-                    let ([p0, p1], [v0, v1]) = (sensor.range_kpa_gauge, sensor.range_v);
-                    format!(" ({v0:.0} … {v1:.0} V are {p0:.0} … {p1:.0} kPa)")
+                    let ([p0, p1], [from, to]) = (sensor.range_kpa_gauge, output.ends(sensor));
+                    format!(" ({from} … {to} {} are {p0} … {p1} kPa)", output.unit())
                 });
-                format!("{reads}: these seem to be the sensor's volts; convert them to gauge kPa{scale}")
+                format!("these seem to be {what}{scale}")
             }
-            Meaning::Unsigned => format!("{reads}: {}", lost_sign(*simulated)),
-        }
+            Meaning::Unsigned => lost_sign(*simulated).to_owned(),
+        };
+        let key = pressure_key(rig, column, self);
+        format!("reads {} where about {} kPa are expected: {is}: {key}", figures(*recorded), about(*simulated))
     }
 }
 

@@ -11,6 +11,7 @@
 //! | `ranges` | readings outside what their sensor can tell |
 //! | `unmoved` | pressures that move in a rig that nothing moves |
 //! | `meaning` | units and scales that pressures are found in |
+//! | `mend` | the key of `[recording]` that says so |
 //!
 //! A fit to bad recordings does not fail, it names the wrong parameter. So the checks come first, and each says what a
 //! person at the rig would: which file, which column, what it looks like, what to do. Rows that cannot be trusted
@@ -21,6 +22,7 @@ mod duties;
 mod excitation;
 mod finding;
 mod meaning;
+mod mend;
 mod ranges;
 mod readings;
 mod shape;
@@ -59,10 +61,10 @@ impl Quality {
             excitation::check(rig, records, noise, &mut findings);
         }
         unmoved::check(rig, records, noise, &mut findings);
-        against_model::check(rig, records, &mut findings)?;
+        let agreed = against_model::check(rig, records, &mut findings)?;
         // What the model and the duties tell is the closer word.
         if findings.iter().all(|f| f.severity != Severity::Unusable) {
-            ranges::check(rig, records, &mut findings);
+            ranges::check(rig, records, &agreed, &mut findings);
         }
         findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
         Ok(Quality { findings, usable })

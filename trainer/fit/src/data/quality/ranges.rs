@@ -7,7 +7,9 @@
 use model::rig::{Rig, Sensor};
 use proto::recording::Recording;
 
+use super::against_model::Agreed;
 use super::meaning::{Meaning, lost_sign};
+use super::mend::pressure_key;
 use super::{Finding, Severity, Trouble};
 use crate::FitError;
 use crate::data::Records;
@@ -34,7 +36,7 @@ pub fn within_ranges(rig: &Rig, recordings: &[Recording]) -> Result<(), FitError
                 Channel { column, values: rows.filter_map(|row| values.get(row)).copied().collect() }
             })
             .collect();
-        if let Some(finding) = first_outside(rig, recording.source(), &channels) {
+        if let Some(finding) = first_outside(rig, recording.source(), &channels, &[]) {
             return Err(FitError::Unusable(finding.to_string()));
         }
     }
@@ -42,7 +44,7 @@ pub fn within_ranges(rig: &Rig, recordings: &[Recording]) -> Result<(), FitError
 }
 
 /// Adds a finding for every recording with readings outside.
-pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) {
+pub(super) fn check(rig: &Rig, records: &Records, agreed: &[Agreed], findings: &mut Vec<Finding>) {
     for (record, r) in records.records().iter().enumerate() {
         let channels: Vec<Channel<'_>> = records
             .sensors()
@@ -54,7 +56,7 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) {
                 Channel { column, values }
             })
             .collect();
-        findings.extend(first_outside(rig, &r.source, &channels));
+        findings.extend(first_outside(rig, &r.source, &channels, agreed));
     }
 }
 
@@ -123,10 +125,13 @@ fn range_of(sensor: &Sensor) -> [f64; 2] {
     [a.min(b), a.max(b)]
 }
 
-fn first_outside(rig: &Rig, source: &str, channels: &[Channel<'_>]) -> Option<Finding> {
+fn first_outside(rig: &Rig, source: &str, channels: &[Channel<'_>], agreed: &[Agreed]) -> Option<Finding> {
     let channels: Vec<Judged<'_>> = channels.iter().filter_map(|channel| Judged::of(rig, channel)).collect();
     let channel = channels.iter().find(|channel| channel.outside(Margin::Wide, Some) > MANY)?;
-    let (trouble, reason) = swapped(channel, &channels)
+    let is_agreed = agreed.iter().any(|of| of.source == source && of.column == channel.column);
+    let (trouble, reason) = is_agreed
+        .then(|| (Trouble::WrongUnit, beyond(rig, channel.column)))
+        .or_else(|| swapped(channel, &channels))
         .or_else(|| meant(rig, channel, &channels).map(|meaning| told(rig, channel, meaning)))
         .unwrap_or_else(|| {
             let text = "is it another unit, absolute, or the sensor's volts? Say so in the rig file, [recording] columns, or state the \
@@ -154,7 +159,7 @@ fn meant(rig: &Rig, channel: &Judged<'_>, channels: &[Judged<'_>]) -> Option<Mea
         channel.outside(margin, |value| meaning.of(value, Some(channel.sensor), atmosphere_kpa)) <= MANY
     };
     let best = |fits: &dyn Fn(Meaning) -> bool| {
-        let fitting = Meaning::wrong().filter(|meaning| *meaning != Meaning::Volts && fits(*meaning));
+        let fitting = Meaning::wrong().filter(|meaning| !matches!(meaning, Meaning::Output(_)) && fits(*meaning));
         let judged = fitting.map(|meaning| (meaning, channel.under(meaning, atmosphere_kpa)));
         judged.min_by(|(_, a), (_, b)| a.stands_still.cmp(&b.stands_still).then(a.from_air.total_cmp(&b.from_air)))
     };
@@ -171,39 +176,28 @@ fn meant(rig: &Rig, channel: &Judged<'_>, channels: &[Judged<'_>]) -> Option<Mea
         .or_else(|| of_this(Margin::Wide))
 }
 
+/// What is wrong where the rig would go as far as the readings do.
+fn beyond(rig: &Rig, column: &str) -> String {
+    let name = rig.sensors.iter().find(|(_, sensor)| sensor.column == column).map_or("", |(name, _)| name.as_str());
+    format!("the rig would go there, too; state the range that the sensor has, [sensors.{name}] range_kpa_gauge")
+}
+
 /// A meaning in words, with the key that says so.
 fn told(rig: &Rig, channel: &Judged<'_>, meaning: Meaning) -> (Trouble, String) {
-    let atmosphere_kpa = rig.atmosphere.pressure_kpa_abs;
-    let column = channel.column;
-    let key = |rest: &str| format!("[recording] columns.{column} = {{ from = \"…\", {rest} }}");
+    let key = pressure_key(rig, channel.column, meaning);
     match meaning {
-        Meaning::Absolute(_, "kPa") => (
-            Trouble::Absolute,
-            format!("the pressure seems to be absolute; {}", key(&format!("offset = -{atmosphere_kpa:.1}"))),
-        ),
-        Meaning::Absolute(_, unit) => (
-            Trouble::WrongUnit,
-            format!(
-                "the pressure seems to be absolute, in {unit}; {}",
-                key(&format!("unit = \"{} abs\"", first(unit)))
-            ),
-        ),
-        Meaning::Gauge(_, unit) => (
-            Trouble::WrongUnit,
-            format!("the pressure seems to be in {unit}; {}", key(&format!("unit = \"{}\"", first(unit)))),
-        ),
-        Meaning::Volts => (Trouble::WrongUnit, format!("these seem to be volts; {}", key("unit = \"V\""))),
+        Meaning::Absolute(_, "kPa") => (Trouble::Absolute, format!("the pressure seems to be absolute; {key}")),
+        Meaning::Absolute(_, unit) => {
+            (Trouble::WrongUnit, format!("the pressure seems to be absolute, in {unit}; {key}"))
+        }
+        Meaning::Gauge(_, unit) => (Trouble::WrongUnit, format!("the pressure seems to be in {unit}; {key}")),
+        Meaning::Output(output) => (Trouble::WrongUnit, format!("these seem to be {}; {key}", output.unit())),
         Meaning::Unsigned => {
             let [low, high] = channel.range;
             let expected = if low + high < 0.0 { -1.0 } else { 1.0 };
-            (Trouble::WrongUnit, format!("{}: {}", lost_sign(expected), key("scale = -1.0")))
+            (Trouble::WrongUnit, format!("{}: {key}", lost_sign(expected)))
         }
     }
-}
-
-/// The first unit of a list of alike ones.
-fn first(units: &str) -> &str {
-    units.split([',', ' ']).next().unwrap_or(units)
 }
 
 /// Another channel that this one is within the range of, and the other way round.

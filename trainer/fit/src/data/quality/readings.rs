@@ -207,8 +207,11 @@ fn wild(values: &[f64], sigma: f64, mask: &mut [f64], add: &mut impl FnMut(Sever
             if many { Severity::Unusable } else { Severity::Doubtful },
             Trouble::Spikes,
             format!(
-                "{count} wild readings, up to {worst:.1} kPa off their neighbours; they are left out. Look for a \
-                 loose contact or interference"
+                "{count} wild reading{}, up to {} kPa off the neighbours; left out. Look for a \
+                 loose contact or interference",
+                if count == 1 { "" } else { "s" },
+                // A number that is no pressure at all has no digits behind the point worth reading.
+                if worst < 1e6 { format!("{worst:.1}") } else { format!("{worst:.0e}") }
             ),
         );
     }

@@ -1,0 +1,111 @@
+//! The key of `[recording]` that gives a column its meaning.
+
+use model::rig::{Rig, Term};
+
+use super::meaning::Meaning;
+
+/// Numbers that are no scale any more.
+const LEAST_SCALE: f64 = 1e-12;
+
+/// The key that says what a column of pressures holds, `meaning` being what its numbers are as they were read.
+pub(super) fn pressure_key(rig: &Rig, column: &str, meaning: Meaning) -> String {
+    let Some(term) = only_term(rig, column) else { return format!("mend [recording] columns.{column}") };
+    let atmosphere_kpa = rig.atmosphere.pressure_kpa_abs;
+    if term.is_plain() {
+        let says = match meaning {
+            Meaning::Absolute(_, "kPa") => format!("offset = -{}", number(atmosphere_kpa)),
+            Meaning::Gauge(_, words) => format!("unit = \"{}\"", unit(words)),
+            Meaning::Absolute(_, words) => format!("unit = \"{} abs\"", unit(words)),
+            Meaning::Output(output) => format!("unit = \"{}\"", output.unit()),
+            Meaning::Unsigned => "scale = -1.0".to_owned(),
+        };
+        return key(column, &term, &says);
+    }
+    let sensor = rig.sensors.values().find(|sensor| sensor.column == column);
+    let of = |x: f64| meaning.line(sensor, atmosphere_kpa).map(|[scale, offset]| scale * x + offset);
+    match (of(term.offset), of(term.offset + term.scale)) {
+        (Some(at_zero), Some(at_one)) if (at_one - at_zero).abs() > LEAST_SCALE => {
+            key(column, &term, &line(&term, at_one - at_zero, at_zero))
+        }
+        _ => format!("mend [recording] columns.{column}"),
+    }
+}
+
+/// The key that turns a command round: 1 where it is 0.
+pub(super) fn inverted_key(rig: &Rig, column: &str) -> String {
+    match only_term(rig, column) {
+        Some(term) => key(column, &term, &line(&term, -term.scale, 1.0 - term.offset)),
+        None => format!("mend [recording] columns.{column}"),
+    }
+}
+
+/// What a column is made from; `None` where that is a sum.
+fn only_term(rig: &Rig, column: &str) -> Option<Term> {
+    let map = rig.recording.as_ref();
+    match map.and_then(|map| map.columns.get(column)) {
+        Some(terms) => match terms.0.as_slice() {
+            [only] => Some(only.clone()),
+            _ => None,
+        },
+        None => Some(Term::plain(column)),
+    }
+}
+
+fn key(column: &str, term: &Term, says: &str) -> String {
+    format!("[recording] columns.{column} = {{ from = \"{}\", {says} }}", term.from)
+}
+
+/// A straight line of the file's numbers, with what the term says besides.
+fn line(term: &Term, scale: f64, offset: f64) -> String {
+    let unit = term.unit.as_ref().map_or_else(String::new, |unit| format!("unit = \"{unit}\", "));
+    let root = if term.root { ", root = true" } else { "" };
+    let offset = if offset == 0.0 { String::new() } else { format!(", offset = {}", number(offset)) };
+    format!("{unit}scale = {}{offset}{root}", number(scale))
+}
+
+/// A number with a point and no more digits than anyone measures.
+fn number(x: f64) -> String {
+    let rounded: f64 = format!("{x:.6e}").parse().unwrap_or(x);
+    format!("{rounded:?}")
+}
+
+/// The first of alike units, as `[recording]` knows it.
+fn unit(words: &str) -> &str {
+    match words {
+        "m of water" => "mH2O",
+        words => words.split([',', ' ']).next().unwrap_or(words),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_keep_what_the_map_says_already() {
+        let text = include_str!("../../../../../model/rigs/dual_pressure.toml");
+        let with = |map: &str| Rig::from_toml(&format!("{text}\n[recording]\n{map}")).unwrap();
+        let absolute = Meaning::Absolute(1.0, "kPa");
+        let key = |map: &str, meaning| pressure_key(&with(map), "p_pos_kpa", meaning);
+        assert_eq!(
+            key("columns.p_pos_kpa = { from = \"hPa\", scale = 0.1 }", absolute),
+            "[recording] columns.p_pos_kpa = { from = \"hPa\", scale = 0.1, offset = -101.325 }"
+        );
+        assert_eq!(
+            key("columns.p_pos_kpa = \"P\"", Meaning::Gauge(0.145_038, "psi")),
+            "[recording] columns.p_pos_kpa = { from = \"P\", unit = \"psi\" }"
+        );
+        // Volts of 1 … 5 for 0 … 1000 kPa that were halved: 500 kPa a number, -250 kPa at zero.
+        assert_eq!(
+            key(
+                "columns.p_pos_kpa = { from = \"P\", scale = 2.0 }",
+                Meaning::Output(super::super::meaning::Output::Volts)
+            ),
+            "[recording] columns.p_pos_kpa = { from = \"P\", scale = 500.0, offset = -250.0 }"
+        );
+        assert_eq!(
+            inverted_key(&with("columns.u_pos = { from = \"PWM\", scale = 0.01 }"), "u_pos"),
+            "[recording] columns.u_pos = { from = \"PWM\", scale = -0.01, offset = 1.0 }"
+        );
+    }
+}
