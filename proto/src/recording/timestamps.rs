@@ -223,12 +223,11 @@ fn seconds(text: &str, order: DateOrder) -> Option<f64> {
 
 fn clock_s(clock: &str, afternoon: Option<bool>) -> Option<f64> {
     // Minutes and seconds with a fraction: what a spreadsheet makes of a clock when it writes it out.
-    if let Some((minutes, seconds)) = clock.split_once(':').filter(|(_, seconds)| seconds.contains(['.', ','])) {
-        if !seconds.contains(':') {
-            let seconds: f64 = seconds.replace(',', ".").parse().ok()?;
-            let minutes = f64::from(minutes.parse::<u32>().ok()?);
-            return (minutes < 60.0 && (0.0..61.0).contains(&seconds)).then_some(60.0 * minutes + seconds);
-        }
+    let of_the_hour = |seconds: &str| seconds.contains(['.', ',']) && !seconds.contains(':');
+    if let Some((minutes, seconds)) = clock.split_once(':').filter(|(_, seconds)| of_the_hour(seconds)) {
+        let seconds: f64 = seconds.replace(',', ".").parse().ok()?;
+        let minutes = f64::from(minutes.parse::<u32>().ok()?);
+        return (minutes < 60.0 && (0.0..61.0).contains(&seconds)).then_some(60.0 * minutes + seconds);
     }
     let mut fields = clock.split(':');
     let hours: u32 = fields.next()?.parse().ok()?;
