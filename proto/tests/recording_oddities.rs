@@ -1,6 +1,8 @@
 //! What else loggers write that is not plain: current loops, commands written where they change, rows that stand twice, times of writing,
 //! markers for no reading.
 
+#![allow(clippy::unwrap_used, reason = "the helpers of a test fail by panicking, as the test does")]
+
 use model::rig::Rig;
 use proto::recording::{Recording, RecordingError};
 
@@ -33,7 +35,7 @@ range_kpa_gauge = [0.0, 100.0]
 range_v = [0.0, 5.0]
 "#;
 
-/// The rig with a map that only says what `time` and `rest` do.
+/// Reads a text with a map of these lines.
 fn read_with(map: &str, text: &str) -> Result<Recording, RecordingError> {
     let rig = Rig::from_toml(&format!("{}[recording]\n{map}", RIG)).unwrap();
     Recording::parse_for("x.csv", text.as_bytes(), &rig)
