@@ -174,7 +174,10 @@ fn every_bad_file_gets_its_one_line() {
 #[test]
 fn an_extra_column_that_began_with_a_number_must_go_on_with_numbers() {
     let message = error("time_s,ambient_c\n0,21\n0.02,n/a\n");
-    assert_eq!(message, "rec.csv: line 3, column 2 (ambient_c): \"n/a\" is not a number");
+    assert_eq!(
+        message,
+        "rec.csv: line 3, column 2 (ambient_c): \"n/a\" is not a number; leave out rows without a reading"
+    );
     let message = error("time_s,ambient_c\n0,nan\n");
     assert!(message.contains("line 2, column 2 (ambient_c): nan is not a finite number"), "{message}");
 }
