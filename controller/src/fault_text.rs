@@ -24,8 +24,10 @@ pub fn fault_text(code: u16, value: f64) -> String {
         C::FrameMissing | C::FramesMissing => format!("no frame for {value:.0} ms"),
         C::FrameImplausible => format!("a frame's numbering cannot be right ({value:.0})"),
         C::DeadlineMissed => format!("a command left {value:.1} ms after its frame was due"),
-        C::ReadingSuspect => format!("a reading jumped {value:+.1} kPa away from what the model foresaw"),
-        C::TrackingPoor => format!("a pressure stays {value:+.1} kPa away from its reference"),
+        C::SuspectPositive => format!("the positive reading jumped {value:+.1} kPa away from what the model foresaw"),
+        C::SuspectNegative => format!("the negative reading jumped {value:+.1} kPa away from what the model foresaw"),
+        C::TrackingPositive => format!("the positive pressure stays {value:+.1} kPa away from its reference"),
+        C::TrackingNegative => format!("the negative pressure stays {value:+.1} kPa away from its reference"),
         C::FilterBusy => {
             format!("the safety filter had to bend {value:.0} of the last 50 commands toward vent, more than 20")
         }

@@ -101,13 +101,13 @@ const CASES: [(&str, Flies, Event); 9] = [
     ("HOLD and RUN, the policy flying", Flies::Policy, |flight, k| jump(flight, 1, k)),
     ("REVERT and RUN", Flies::Policy, |flight, k| {
         if k == 0 {
-            flight.cycle.report(Condition::TrackingPoor, 15.0);
+            flight.cycle.report(Condition::TrackingPositive, 15.0);
         }
     }),
     ("HOLD, REVERT and RUN", Flies::Policy, |flight, k| {
         jump(flight, 0, k);
         if k == 3 {
-            flight.cycle.report(Condition::TrackingPoor, 15.0);
+            flight.cycle.report(Condition::TrackingPositive, 15.0);
         }
     }),
 ];

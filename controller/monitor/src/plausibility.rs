@@ -21,6 +21,7 @@ const WRONG_SIDE_KPA: f64 = 5.0;
 const BELOW_VACUUM_KPA: f64 = -101.325 - WRONG_SIDE_KPA;
 /// Conditions by channel.
 const MODEL: [Condition; CHANNELS] = [Condition::ModelPositive, Condition::ModelNegative];
+const SUSPECT: [Condition; CHANNELS] = [Condition::SuspectPositive, Condition::SuspectNegative];
 const FROZEN: [Condition; CHANNELS] = [Condition::FrozenPositive, Condition::FrozenNegative];
 
 /// Limits of the residuals by channel.
@@ -187,7 +188,7 @@ impl Monitor {
             match self.jumps[c].judge(reading, [self.believed_kpa[c], fast[c], slow[c]], JUMP_KPA) {
                 Worth::Believed => false,
                 Worth::Suspect { kpa, instead_kpa } => {
-                    found.insert(Condition::ReadingSuspect, kpa);
+                    found.insert(SUSPECT[c], kpa);
                     believed[c] = Some(instead_kpa);
                     true
                 }

@@ -17,6 +17,8 @@ const OPEN: f64 = 0.95;
 /// delivery on the rig `dual_pressure` (measured: 8 kPa/s from 85 kPa).
 const NEARER_KPA: f64 = 0.02;
 
+const POOR: [Condition; CHANNELS] = [Condition::TrackingPositive, Condition::TrackingNegative];
+
 /// Watches both errors.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tracking {
@@ -58,7 +60,7 @@ impl Tracking {
                 channel.away = 0;
             }
             if channel.away > TICKS_TO_REVERT {
-                found.insert(Condition::TrackingPoor, error);
+                found.insert(POOR[c], error);
             }
             if channel.beyond > TICKS_TO_VENT && error.is_finite() && channel.away > TICKS_TO_VENT {
                 found.insert(Condition::Uncontrolled, measured_kpa[c]);
@@ -85,7 +87,7 @@ mod tests {
     fn what_stays_away_is_given_up_and_what_comes_nearer_is_not() {
         assert_eq!(found(0.8, |_| 80.0), None, "near enough");
         assert_eq!(found(0.0, |k| 0.0 + 0.05 * f64::from(k)), None, "on its way, by 2.5 kPa/s");
-        let poor = Some((TICKS_TO_REVERT - 1, vec![Condition::TrackingPoor]));
+        let poor = Some((TICKS_TO_REVERT - 1, vec![Condition::TrackingPositive]));
         assert_eq!(found(0.0, |_| 60.0), poor);
         assert_eq!(found(0.8, |_| 120.0), poor, "above it, the vent not open");
     }
@@ -93,7 +95,7 @@ mod tests {
     #[test]
     fn an_open_vent_that_does_not_lower_a_pressure_is_more_than_poor_tracking() {
         let found = found(1.0, |_| 120.0).unwrap();
-        assert!(found.1.contains(&Condition::TrackingPoor), "{found:?}");
+        assert!(found.1.contains(&Condition::TrackingPositive), "{found:?}");
         let mut tracking = Tracking::new();
         let mut set = ConditionSet::EMPTY;
         for _ in 0..TICKS_TO_VENT + 2 {

@@ -1,7 +1,8 @@
 //! Everything that can be wrong, in one list from the least to the worst.
 //!
 //! The place in [`Condition::ALL`] is the rank: of two conditions the later one is the worse, replaces the earlier as
-//! the reason of a state, and is told. The code is what recordings and `status` carry; it never changes its meaning.
+//! the reason of a state, and is told. The code is what recordings and `status` carry; it never changes its meaning, and one that
+//! is no longer used is not used again (15 and 16: a reading suspect, tracking poor, of either channel).
 
 use serde::{Deserialize, Serialize};
 
@@ -81,10 +82,14 @@ conditions! {
     FrameImplausible = 13, Hold, ClearsItself, "frame implausible";
     /// One command left after its deadline.
     DeadlineMissed = 14, Hold, ClearsItself, "deadline missed";
-    /// A reading jumped away from what the model foresaw; it is believed neither way for some ticks.
-    ReadingSuspect = 15, Hold, ClearsItself, "reading suspect";
-    /// The pressures stay away from their references.
-    TrackingPoor = 16, Revert, ClearsItself, "tracking poor";
+    /// The positive reading jumped away from what the model foresaw; it is believed neither way for some ticks.
+    SuspectPositive = 46, Hold, ClearsItself, "positive reading suspect";
+    /// The negative reading jumped away from what the model foresaw; it is believed neither way for some ticks.
+    SuspectNegative = 47, Hold, ClearsItself, "negative reading suspect";
+    /// The positive pressure stays away from its reference.
+    TrackingPositive = 48, Revert, ClearsItself, "positive tracking poor";
+    /// The negative pressure stays away from its reference.
+    TrackingNegative = 49, Revert, ClearsItself, "negative tracking poor";
     /// The safety filter has bent more than 20 of the last 50 commands.
     FilterBusy = 17, Revert, ClearsItself, "safety filter busy";
     /// The model behind the predictions came to numbers that are none; it begins anew from what is measured.

@@ -29,7 +29,7 @@ fn ripe(state: State) -> Memory {
         state,
         sound_frames: FRAMES_TO_ARM,
         good_ticks: 1_000,
-        reverted: (state == State::Revert).then_some(Condition::TrackingPoor),
+        reverted: (state == State::Revert).then_some(Condition::TrackingPositive),
         cause: state.is_vented().then_some(Condition::FramesMissing),
         ..Memory::START
     }
@@ -308,7 +308,7 @@ fn hold_and_revert_come_back_and_a_policy_that_refused_does_not() {
     assert_eq!(memory.state, State::Run);
     let mut returned = 0;
     for round in 0..=RETURNS_PER_PERIOD {
-        memory = step(&memory, Tick::Frame, &set(&[Condition::TrackingPoor]), None).0;
+        memory = step(&memory, Tick::Frame, &set(&[Condition::TrackingPositive]), None).0;
         assert_eq!(memory.state, State::Revert);
         // HOLD within REVERT goes back to REVERT.
         memory = step(&memory, Tick::Missing, &set(&[Condition::FrameMissing]), None).0;
