@@ -100,6 +100,8 @@ pub enum PolicyEvent {
 /// What flies, as of the newest tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Snapshot {
+    /// Events told before it: of an event and a snapshot the reader then knows which is the later.
+    pub told: u32,
     /// The incumbent.
     pub incumbent: PolicyTag,
     /// The candidate, if one is on its way.
@@ -122,6 +124,7 @@ pub struct TickEnd {
     retired: Arc<ArrayQueue<Box<Candidate>>>,
     events: Arc<ArrayQueue<PolicyEvent>>,
     snapshot: Arc<ArrayQueue<Snapshot>>,
+    told: u32,
 }
 
 /// The publishing thread's end.
@@ -145,7 +148,7 @@ pub fn channel() -> (TickEnd, StoreEnd) {
         events: Arc::clone(&events),
         snapshot: Arc::clone(&snapshot),
     };
-    (TickEnd { commands, retired, events, snapshot }, store)
+    (TickEnd { commands, retired, events, snapshot, told: 0 }, store)
 }
 
 impl TickEnd {
@@ -168,12 +171,13 @@ impl TickEnd {
         }
     }
 
-    pub(crate) fn tell(&self, event: PolicyEvent) {
+    pub(crate) fn tell(&mut self, event: PolicyEvent) {
+        self.told = self.told.wrapping_add(1);
         self.events.force_push(event);
     }
 
     pub(crate) fn show(&self, snapshot: Snapshot) {
-        self.snapshot.force_push(snapshot);
+        self.snapshot.force_push(Snapshot { told: self.told, ..snapshot });
     }
 }
 

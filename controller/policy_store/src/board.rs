@@ -23,6 +23,8 @@ pub struct Board {
     /// What has been active in this run.
     proven: HashSet<PolicyTag>,
     snapshot: Snapshot,
+    /// Events heard from the tick.
+    heard: u32,
     /// What is active by the tick's own word, and what was before it.
     active: PolicyTag,
     previous: Option<PolicyTag>,
@@ -206,8 +208,11 @@ impl Board {
         Change { name: name.to_owned(), sha256: entry.sha256.clone(), what: "refused", refusal: Some(refusal) }
     }
 
-    /// What the tick shows.
+    /// What the tick shows; what it showed before an event that is known already says nothing any more.
     pub fn show(&mut self, snapshot: Snapshot) {
+        if (snapshot.told.wrapping_sub(self.heard) as i32) < 0 {
+            return;
+        }
         self.snapshot = snapshot;
         if let Some(candidate) = snapshot.candidate {
             let percent = 100.0 * snapshot.authority;
@@ -224,6 +229,15 @@ impl Board {
 
     /// What happened in the tick.
     pub fn happened(&mut self, event: PolicyEvent) -> Option<Change> {
+        self.heard = self.heard.wrapping_add(1);
+        // Until the tick shows what came of it, so that what is asked for now is judged by what is.
+        match event {
+            PolicyEvent::Taken(tag) => self.snapshot.candidate = Some(tag),
+            PolicyEvent::Active(tag) => (self.snapshot.incumbent, self.snapshot.candidate) = (tag, None),
+            PolicyEvent::Lost(..) => self.snapshot.candidate = None,
+            PolicyEvent::Refused(_) => self.snapshot.incumbent = PolicyTag::FALLBACK,
+            PolicyEvent::Passed(..) | PolicyEvent::NothingBefore => {}
+        }
         match event {
             PolicyEvent::Taken(tag) => self.changed(tag, EntryState::Shadow, "in shadow"),
             PolicyEvent::Passed(tag, stage) => {
@@ -287,5 +301,29 @@ impl Board {
         if self.bytes.len() > MOST_KEPT {
             self.bytes.remove(0);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A tick shows what flies, and only then tells that something else does from now on; whoever asks in between is told the newer.
+    #[test]
+    fn what_was_shown_before_an_event_does_not_undo_it() {
+        let policy = PolicyTag(7);
+        let mut board = Board::default();
+        let shown = Snapshot { candidate: Some(policy), told: 1, ..Snapshot::default() };
+        board.happened(PolicyEvent::Taken(policy));
+        board.show(shown);
+        board.happened(PolicyEvent::Active(policy));
+        assert_eq!((board.snapshot().incumbent, board.snapshot().candidate), (policy, None));
+        board.show(shown);
+        assert_eq!((board.snapshot().incumbent, board.snapshot().candidate), (policy, None));
+        board.show(Snapshot { incumbent: policy, told: 2, stage_ticks: 9, ..Snapshot::default() });
+        assert_eq!((board.snapshot().incumbent, board.snapshot().stage_ticks), (policy, 9));
+        // Of events that found no room the tick has told more than was heard.
+        board.show(Snapshot { incumbent: PolicyTag::FALLBACK, told: 40, ..Snapshot::default() });
+        assert_eq!(board.snapshot().incumbent, PolicyTag::FALLBACK);
     }
 }
