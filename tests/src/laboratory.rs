@@ -22,6 +22,8 @@ pub const SOCKET: &str = "s.sock";
 /// The recordings' folder in the folder.
 pub const RECORDINGS: &str = "recordings";
 
+/// Generous: how long the replay of one tick may take on such a machine.
+const REPLAY_OF_A_TICK: Duration = Duration::from_millis(2);
 /// How often a wait asks.
 const LOOK: Duration = Duration::from_millis(20);
 
@@ -211,11 +213,13 @@ impl Closed {
     /// # Panics
     /// If a bit differs, or a tick was not compared.
     pub fn check_replay(&self) -> Value {
+        let ticks = self.ticks().len();
         let mut command = Command::new(program("controller"));
-        let ended = finish(command.args(["replay", "--json"]).args(self.recordings("run-")));
+        let replay = Running::start(command.args(["replay", "--json"]).args(self.recordings("run-")));
+        let ended = replay.wait(SOON + REPLAY_OF_A_TICK * u32::try_from(ticks).unwrap_or(u32::MAX));
         assert_eq!(ended.status, Some(0), "{ended:?}");
         let found: Value = serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"));
-        assert_eq!(found["ticks"], self.ticks().len(), "{found}");
+        assert_eq!(found["ticks"], ticks, "{found}");
         found
     }
 }

@@ -16,6 +16,8 @@ pub mod raw_crio;
 pub mod scene;
 pub mod strange_rigs;
 pub mod task;
+pub mod unhurried_daemon;
+pub mod unknown_rig;
 
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -71,7 +73,7 @@ pub fn python() -> Option<&'static str> {
     found.then_some("python3")
 }
 
-/// A folder that goes away with its handle.
+/// A folder that goes away with its handle; what a test that failed had in it stays, and where is said.
 #[derive(Debug)]
 pub struct Folder(PathBuf);
 
@@ -121,7 +123,11 @@ impl Default for Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
+        if std::thread::panicking() {
+            eprintln!("left for a look: {}", self.0.display());
+        } else {
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
     }
 }
 
