@@ -1,189 +1,45 @@
 //! The loop on rigs that the programs do not know: `trainer adapt` beside a daemon, and other controllers on the same rigs.
 //!
-//! `loop_table RIG [RIG…] --out DIR [--programs DIR] [--seeds N] [--table]`: `RIG` is `bench`, `drawn:N` (the Nth of 20 rigs around
-//! `bench`, as in `trainer evaluate`) or `hidden:SEED:N` (the Nth rig of another maker from suite `SEED` of `hidden_rig` that conceals
-//! something and reaches the paper's reference). Each runs behind the emulated cRIO in lockstep, ten times as fast as in real time
-//! at most; the daemon begins with the shipped policy on the nominal model. What is there is not done again. `DIR/table.md` has a line
-//! a rig; `--table` only writes that anew.
+//! `loop_table RIG [RIG…] --out DIR [--programs DIR] [--seeds N] [--table]`, with rigs as [`UnknownRig::of`]
+//! names them. Each runs behind the emulated cRIO in lockstep, ten times as fast as in real time at most; the daemon begins with the
+//! shipped policy on the nominal model. What is there is not done again. `DIR/table.md` has a line a rig; `--table` only writes that anew.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use environment::closed_loop::{Controller, FlightPlan, fly_plant};
 use environment::{Score, fly};
 use evaluate::comparison::sensors_are_late;
-use evaluate::rigs_around::rigs_around;
-use evaluate::{Dob, Mpc, OptimalOpenLoop, TickTimes};
-use hidden_rig::case;
-use hidden_rig::suite::Suite;
-use hidden_rig::truth::Class;
+use evaluate::{Dob, Mpc, OptimalOpenLoop, RepeatedFallback, TickTimes};
 use law::{Fallback, FallbackSettings};
 use model::rig::Rig;
 use model::steady::SteadyMap;
-use proto::emulator::{CrioConfig, EmulatedPlant, Emulator, EmulatorConfig, Pace, Sensors, rig_and_crio};
+use proto::emulator::Sensors;
 use proto::reference::Reference;
 use serde_json::{Value, json};
-use tests::hidden_plant::HiddenPlant;
+use tests::unhurried_daemon::UnhurriedDaemon;
+use tests::unknown_rig::UnknownRig;
 
-/// Seed of the rigs around `bench` in `trainer evaluate`.
-const DRAWN_SEED: u64 = 2026;
-/// How many there are.
-const DRAWN: usize = 20;
 /// Length of a run in s.
 const SECONDS: f64 = 60.0;
 /// Runs of a reference that iterative learning has had when it counts.
 const REPEATED: usize = 20;
 /// Least time of a tick behind the daemon: a tenth of real time, so that what computes beside it gets the processors.
 const LEAST_TICK: Duration = Duration::from_millis(2);
-/// Time in which the daemon must control.
-const READY: Duration = Duration::from_secs(60);
-
-/// A rig of the table.
-enum UnknownRig {
-    /// One of our own physics.
-    Ours(Box<Rig>),
-    /// One of another maker.
-    Hidden(Box<hidden_rig::run::Rig>, Vec<String>),
-}
-
-impl UnknownRig {
-    fn of(name: &str) -> Self {
-        let parts: Vec<&str> = name.split(':').collect();
-        let number = |text: &str| text.parse::<usize>().unwrap_or_else(|_| panic!("{name}: {text} is no number"));
-        match parts.as_slice() {
-            ["bench"] => UnknownRig::Ours(Box::new(Rig::builtin("bench").unwrap())),
-            ["drawn", n] => {
-                let mut rigs = rigs_around(&Rig::builtin("bench").unwrap(), DRAWN, DRAWN_SEED).unwrap();
-                UnknownRig::Ours(Box::new(rigs.swap_remove(number(n) - 1)))
-            }
-            ["hidden", seed, n] => hidden(number(seed) as u64, number(n)),
-            _ => panic!("{name}: bench, drawn:N or hidden:SEED:N"),
-        }
-    }
-
-    fn plant(&self) -> Box<dyn EmulatedPlant> {
-        match self {
-            UnknownRig::Ours(rig) => Box::new(rig_and_crio(rig).unwrap().0),
-            UnknownRig::Hidden(rig, _) => Box::new(HiddenPlant::at_rest((**rig).clone())),
-        }
-    }
-
-    fn crio(&self) -> CrioConfig {
-        match self {
-            UnknownRig::Ours(rig) => rig_and_crio(rig).unwrap().1,
-            UnknownRig::Hidden(..) => CrioConfig::default(),
-        }
-    }
-
-    fn conceals(&self) -> Vec<String> {
-        match self {
-            UnknownRig::Ours(rig) => {
-                rig.mechanisms.iter().map(|m| format!("{} {}", m.mechanism.id(), m.component)).collect()
-            }
-            UnknownRig::Hidden(_, effects) => effects.clone(),
-        }
-    }
-}
-
-/// The Nth case of a suite that conceals effects of the library on a rig that reaches the paper's reference.
-fn hidden(seed: u64, n: usize) -> UnknownRig {
-    let reference = Reference::paper();
-    let rows = (0..=(SECONDS * 50.0) as usize).map(|k| reference.at(k as f64 / 50.0));
-    let needs: Vec<[f64; 2]> = rows.collect();
-    let reaches =
-        |range: &[[f64; 2]; 2]| needs.iter().all(|goal| (0..2).all(|c| range[c][0] < goal[c] && goal[c] < range[c][1]));
-    let conceals = |class: Class| matches!(class, Class::Single | Class::Pair | Class::Triple);
-    Suite::Full
-        .plans(seed)
-        .into_iter()
-        .filter(|plan| conceals(plan.class))
-        .filter_map(|plan| Some(case::make(&plan, &case::Making::QUICK).ok()?.truth))
-        .filter(|truth| reaches(&truth.range.pressure_kpa))
-        .nth(n - 1)
-        .map(|truth| {
-            let effects = truth.truth.iter().map(|planted| format!("{:?} {:?}", planted.effect, planted.place));
-            UnknownRig::Hidden(Box::new(truth.rig()), effects.collect())
-        })
-        .unwrap_or_else(|| panic!("suite {seed} has no {n} such rigs"))
-}
-
-/// A plant whose ticks take a least time.
-struct Unhurried(Box<dyn EmulatedPlant>, Instant);
-
-impl EmulatedPlant for Unhurried {
-    fn tick(&mut self, duty: [f64; 2], pump_on: bool) {
-        self.0.tick(duty, pump_on);
-        std::thread::sleep(LEAST_TICK.saturating_sub(self.1.elapsed()));
-        self.1 = Instant::now();
-    }
-
-    fn pressures_gauge_kpa(&self) -> [f64; 2] {
-        self.0.pressures_gauge_kpa()
-    }
-}
-
-/// A child that ends with its handle.
-struct Ends(Child);
-
-impl Drop for Ends {
-    fn drop(&mut self) {
-        let pid = rustix::process::Pid::from_raw(self.0.id().cast_signed()).unwrap();
-        let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);
-        let until = Instant::now() + Duration::from_secs(10);
-        while Instant::now() < until && matches!(self.0.try_wait(), Ok(None)) {
-            std::thread::sleep(Duration::from_millis(50));
-        }
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
 
 /// `trainer adapt` beside a daemon that controls the rig.
 fn adapt(rig: &UnknownRig, folder: &Path, programs: &Path) {
-    let config = EmulatorConfig { crio: rig.crio(), pace: Pace::LOCKSTEP, seed: 1, ..EmulatorConfig::default() };
-    let plant = Unhurried(rig.plant(), Instant::now());
-    let emulator = Emulator::bind("127.0.0.1:0", config, Box::new(plant)).unwrap();
-    let text = format!(
-        "[link]\naddress = \"{}\"\npacing = \"lockstep\"\n[record]\ndirectory = \"recordings\"\nmin_free_mib = 16\n[control]\n\
-         socket = \"s\"\nauto_arm = true\n[realtime]\nenforce = false\n",
-        emulator.local_addr()
-    );
-    let emulator = emulator.start().unwrap();
-    std::fs::write(folder.join("controller.toml"), text).unwrap();
+    let daemon = UnhurriedDaemon::start(rig, LEAST_TICK, folder, programs, "");
     let log = |name: &str| std::fs::File::create(folder.join(name)).unwrap();
-    let run = |program: &str, arguments: &[&str]| {
-        let mut command = Command::new(programs.join(program));
-        command.args(arguments).current_dir(folder).stdin(Stdio::null());
-        command
-    };
-    let daemon = run("controller", &["run", "--config", "controller.toml"])
-        .stdout(Stdio::null())
-        .stderr(log("daemon.log"))
-        .spawn()
-        .unwrap();
-    let daemon = Ends(daemon);
-    let until = Instant::now() + READY;
-    let controls = || {
-        let said = run("controller", &["status", "--json", "--config", "controller.toml"]).output().unwrap();
-        let said: Value = serde_json::from_slice(&said.stdout).unwrap_or_default();
-        said["state"] == "run"
-    };
-    while !controls() {
-        assert!(Instant::now() < until, "the daemon does not control: {}", folder.join("daemon.log").display());
-        std::thread::sleep(Duration::from_millis(200));
-    }
     let arguments = ["adapt", "--config", "controller.toml", "--out", "adapt", "--allow-experiment", "--controller"];
     let controller = programs.join("controller").display().to_string();
     let arguments: Vec<&str> = arguments.into_iter().chain([controller.as_str()]).collect();
-    let status = run("trainer", &arguments).stdout(log("adapt.log")).stderr(log("adapt.err")).status().unwrap();
+    let mut adapt = daemon.command("trainer", &arguments);
+    let status = adapt.stdout(log("adapt.log")).stderr(log("adapt.err")).status().unwrap();
     println!("adapt ended with {:?}", status.code());
-    drop(daemon);
-    emulator.stop();
-    let _ = emulator.join();
 }
 
 /// One controller, once for each seed: RMSE of the readings in kPa, mean over the seeds.
@@ -233,11 +89,7 @@ fn others(rig: &UnknownRig, found: &Rig, seeds: u64) -> Value {
     };
     let dob = Dob::tuned(&map(&nominal), &nominal, Sensors::ADC_NOISE_V_RMS).unwrap();
     let learned = map(found);
-    let repeated = flown(rig, found, 1, REPEATED, || {
-        let mut fallback = Fallback::new(Arc::clone(&learned), FallbackSettings::default());
-        fallback.learn_repetitions();
-        fallback
-    });
+    let repeated = flown(rig, found, 1, REPEATED, || RepeatedFallback::new(&learned, FallbackSettings::default()));
     json!({
         "fallback": fallback(&nominal), "fallback, found": fallback(found),
         "observer": flown(rig, &nominal, seeds, 1, || dob.clone()),
