@@ -5,9 +5,12 @@
 
 use std::path::{Path, PathBuf};
 
+use law::AfterEnd;
 use proto::regular_file;
 use serde::{Deserialize, Serialize};
 use supervisor::Arming;
+
+use crate::model_change::RepetitionLearning;
 
 /// The largest configuration file that is read, in bytes.
 const MOST_BYTES: u64 = 1 << 20;
@@ -160,6 +163,23 @@ pub struct ReferenceChoice {
     /// CSV file `time_s,ref_pos_kpa,ref_neg_kpa`; absent means `reference.csv` where there is one, else the
     /// paper's reference.
     pub file: Option<PathBuf>,
+    /// Whether the reference begins again at its end; otherwise its last row is held.
+    pub repeat: bool,
+    /// Whether the fallback, and what corrects it, learns from each flight of the reference for the next one
+    /// ([`law::repetition`]).
+    pub learn: bool,
+}
+
+impl ReferenceChoice {
+    /// What follows the reference's end.
+    pub fn after_end(&self) -> AfterEnd {
+        if self.repeat { AfterEnd::Repeat } else { AfterEnd::Hold }
+    }
+
+    /// Whether flights of it are learned from.
+    pub fn learning(&self) -> RepetitionLearning {
+        if self.learn { RepetitionLearning::On } else { RepetitionLearning::Off }
+    }
 }
 
 /// `[record]`

@@ -110,6 +110,11 @@ pub fn load(config: &Config) -> Result<Loaded, DaemonError> {
     };
     let chosen = load_policy(config, &rig, &mut remarks)?;
     check_reference(config, &reference, &reference_name, &mut remarks)?;
+    if let Some(problem) = reference_limits::too_short_to_repeat(&reference, &config.reference) {
+        return Err(DaemonError::ReferenceBeyond { name: reference_name, why: problem });
+    }
+    let step = reference_limits::step_at_end(&reference, &config.reference);
+    remarks.extend(step.map(|step| format!("reference {reference_name}: {step}")));
     let rig_text = rig.to_toml().unwrap_or_default();
     let (policy, policy_bytes) = chosen.map_or((None, None), |(policy, bytes)| (Some(policy), Some(bytes)));
     Ok(Loaded { rig, rig_text, reference, reference_name, policy, policy_bytes, remarks })
@@ -229,7 +234,8 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
         (config.policy.active.clone(), policy.hash(), Arc::from(bytes.as_slice()))
     });
     attachments.extend(policy_bytes.map(|bytes| attachment(attached::POLICY, "application/onnx", bytes)));
-    let cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.arming()).map_err(unflyable)?;
+    let mut cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.arming()).map_err(unflyable)?;
+    cycle.duty_source_mut().tracking_mut().repeat(config.reference.after_end(), config.reference.learning());
     remarks.extend(cycle.duty_source().tracking().out_of_reach().map(out_of_reach_text));
     let (policy_name, policy_sha256) = policy_id.clone().unwrap_or_else(|| (FALLBACK.to_owned(), String::new()));
     let running = Running {

@@ -6,6 +6,7 @@
 
 use std::collections::VecDeque;
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -13,6 +14,7 @@ use admission::model_comparison::{Sample, compare, warmed};
 use crossbeam::queue::ArrayQueue;
 use flight::Noter;
 use handover::Permit;
+use law::{FallbackSettings, Repetition};
 use model::predict::Predictor;
 use model::rig::{Rig, RigError};
 use model::steady::SteadyMap;
@@ -45,14 +47,29 @@ pub struct ModelChange {
     pub filter: SafetyFilter,
     /// What the monitor holds readings against.
     pub monitor: MonitorModels,
+    /// What flights of the reference will teach on this model, where that is learned: nothing yet.
+    pub repetition: Option<Box<Repetition>>,
+}
+
+/// Whether flights of a reference teach the next ones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum RepetitionLearning {
+    /// They do not.
+    #[default]
+    Off,
+    /// They do ([`law::repetition`]).
+    On,
 }
 
 impl ModelChange {
     /// All that is made of `rig`, having run along with the newest samples.
-    fn new(rig: &Rig, run: &[Sample]) -> Result<Self, RigError> {
+    fn new(rig: &Rig, run: &[Sample], learning: RepetitionLearning) -> Result<Self, RigError> {
+        let map = Arc::new(SteadyMap::new(rig)?);
+        let learns = learning == RepetitionLearning::On;
         Ok(ModelChange {
             predictor: warmed(rig, run)?,
-            map: Arc::new(SteadyMap::new(rig)?),
+            repetition: learns.then(|| Box::new(FallbackSettings::default().repetition(&map))),
+            map,
             // The tick puts the limits of the filter in force into it.
             filter: SafetyFilter::new(rig, Envelope::DEFAULT, SlewLimit::DEFAULT)?,
             monitor: monitor_models(rig, run)?,
@@ -80,6 +97,14 @@ struct Shared {
     next: ArrayQueue<Box<ModelChange>>,
     retired: ArrayQueue<Box<ModelChange>>,
     samples: ArrayQueue<Numbered>,
+    /// Whether a change brings what learns from flights.
+    learns: AtomicBool,
+}
+
+impl Shared {
+    fn learning(&self) -> RepetitionLearning {
+        if self.learns.load(Ordering::Relaxed) { RepetitionLearning::On } else { RepetitionLearning::Off }
+    }
 }
 
 /// A sample, and how many there have been with it since the start.
@@ -114,8 +139,12 @@ pub struct ModelDesk {
 
 /// Makes both ends for a loop that begins with `rig`.
 pub fn ends(rig: &Rig) -> (ModelTickEnd, ModelDesk) {
-    let shared =
-        Arc::new(Shared { next: ArrayQueue::new(1), retired: ArrayQueue::new(4), samples: ArrayQueue::new(SAMPLES) });
+    let shared = Arc::new(Shared {
+        next: ArrayQueue::new(1),
+        retired: ArrayQueue::new(4),
+        samples: ArrayQueue::new(SAMPLES),
+        learns: AtomicBool::new(false),
+    });
     let models = Arc::new(Mutex::new(Models { rig: rig.clone(), before: None }));
     (ModelTickEnd { shared: Arc::clone(&shared), kept: 0 }, ModelDesk { shared, models, samples: Arc::default() })
 }
@@ -137,6 +166,11 @@ impl ModelTickEnd {
         if let Err(change) = self.shared.retired.push(change) {
             std::mem::forget(change);
         }
+    }
+
+    /// Says whether models that follow bring what learns from flights; before the run.
+    pub fn learn_repetitions(&self, learning: RepetitionLearning) {
+        self.shared.learns.store(learning == RepetitionLearning::On, Ordering::Relaxed);
     }
 
     /// Keeps a tick for later comparisons; the oldest goes.
@@ -193,7 +227,7 @@ impl ModelDesk {
         if let Some(reason) = figures.as_ref().and_then(|f| f.refusal()).filter(|_| !is_back) {
             return Err(format!("{name}: {reason}"));
         }
-        let change = ModelChange::new(&rig, &run).map_err(unfit)?;
+        let change = ModelChange::new(&rig, &run, self.shared.learning()).map_err(unfit)?;
         permit.redeem().map_err(|late| format!("{name}: {late}"))?;
         self.hand_over(change)?;
         let new = rig.name.clone();
@@ -235,7 +269,7 @@ impl ModelDesk {
     /// The rig cannot be flown.
     pub fn repeat(&self, rig: &Rig, followed: u64) -> Result<(), RigError> {
         let samples = self.samples.lock().unwrap_or_else(PoisonError::into_inner);
-        let change = ModelChange::new(rig, &newest(&samples, followed))?;
+        let change = ModelChange::new(rig, &newest(&samples, followed), self.shared.learning())?;
         while self.shared.retired.pop().is_some() {}
         // There is room: each that was put in before was taken in the tick that it was put in for.
         let _ = self.shared.next.push(Box::new(change));

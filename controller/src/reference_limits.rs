@@ -4,15 +4,19 @@
 //! limit than that ripple opens the vents by itself. So a reference is refused within [`RIPPLE_KPA`] of a limit and
 //! remarked on within [`ROOM_KPA`].
 
+use law::course::SHORTEST_REPEATED_S;
 use proto::reference::Reference;
 
-use crate::config::Safety;
+use crate::config::{ReferenceChoice, Safety};
 
 /// Nearer to a limit than this the ripple of a settled controller alone trips it, in kPa. Measured: the largest error of
 /// the fallback after 5 s on the paper's reference, rig `bench`, is 1.45 kPa (`controller demo --fast --policy fallback`).
 pub const RIPPLE_KPA: f64 = 1.5;
 /// Nearer than this an overshoot after a step may trip it, in kPa: chosen, twice the ripple.
 pub const ROOM_KPA: f64 = 3.0;
+
+/// A change of the reference from its end to its beginning that is remarked on, in kPa: chosen, what a controller needs a second for.
+const STEP_KPA: f64 = 0.5;
 
 /// How near a reference comes to the safety envelope.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,6 +54,27 @@ pub fn check(reference: &Reference, safety: &Safety) -> Margin {
     } else {
         Margin::Wide
     }
+}
+
+/// Why a reference cannot be repeated although that is asked for, in one clause.
+pub fn too_short_to_repeat(reference: &Reference, choice: &ReferenceChoice) -> Option<String> {
+    (choice.repeat && reference.end_s() < SHORTEST_REPEATED_S).then(|| {
+        format!(
+            "it lasts {:.1} s, and reference.repeat needs {SHORTEST_REPEATED_S} s at least; write a longer period, or leave reference.repeat out to hold its last row",
+            reference.end_s()
+        )
+    })
+}
+
+/// What a person should know of a reference that is repeated and does not end where it begins.
+pub fn step_at_end(reference: &Reference, choice: &ReferenceChoice) -> Option<String> {
+    let ([pos, neg], [pos_first, neg_first]) = (reference.at(reference.end_s()), reference.at(0.0));
+    let steps = (pos - pos_first).abs() > STEP_KPA || (neg - neg_first).abs() > STEP_KPA;
+    (choice.repeat && steps).then(|| {
+        format!(
+            "it ends at {pos:.1}/{neg:.1} kPa and begins again at {pos_first:.1}/{neg_first:.1} kPa, a step each time; let it end where it begins for none"
+        )
+    })
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use admission::model_comparison::Sample;
 use handover::{Arbiter, Candidate, ExplorationRules, ExplorationShown, PolicyEvent, StoreEnd, Trust, channel};
-use law::{ControlInput, SoftStart, TICK_S};
+use law::{AfterEnd, ControlInput, Course, FallbackSettings};
 use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
 use model::predict::Predictor;
 use model::rig::{Rig, RigError};
@@ -17,7 +17,7 @@ use safety_filter::SafetyFilter;
 use supervisor::{Condition, ControlledBy};
 
 use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, Prediction, SensorSample, VENT};
-use crate::model_change::{self, ModelDesk, ModelTickEnd};
+use crate::model_change::{self, ModelDesk, ModelTickEnd, RepetitionLearning};
 use crate::notice::Notice;
 
 /// How often a reference is looked at for places out of reach, in s, and at how many places at most.
@@ -42,8 +42,10 @@ pub struct ReferenceTracking {
     measured: Pair,
     tick: u32,
     reference: Box<Reference>,
-    approach: SoftStart,
-    start_tick: u32,
+    after_end: AfterEnd,
+    course: Course,
+    /// Flights of the reference that were over in the last tick.
+    flight: u32,
     predicted: [Pair; AHEAD],
     /// What the sensors would read now if none of them lagged, in kPa gauge.
     undelayed: Pair,
@@ -72,12 +74,27 @@ impl ReferenceTracking {
             tick: 0,
             map,
             reference: Box::new(reference),
-            approach: SoftStart::new([0.0; CHANNELS], [0.0; CHANNELS]),
-            start_tick: 0,
+            after_end: AfterEnd::Hold,
+            course: Course::at_rest(),
+            flight: 0,
             predicted: [[f64::NAN; CHANNELS]; AHEAD],
             undelayed: [f64::NAN; CHANNELS],
             trajectory: ActionTrajectory::held(VENT),
         })
+    }
+
+    /// What follows the reference's end, and whether flights of it are learned from; before the run, not for the tick.
+    pub fn repeat(&mut self, after_end: AfterEnd, learning: RepetitionLearning) {
+        self.after_end = after_end;
+        let repetition =
+            (learning == RepetitionLearning::On).then(|| Box::new(FallbackSettings::default().repetition(&self.map)));
+        self.models.learn_repetitions(learning);
+        self.control.exchange_repetition(repetition);
+    }
+
+    /// Flights of the reference that were learned from; nothing where none are.
+    pub fn flights(&self) -> Option<usize> {
+        self.control.flights()
     }
 
     /// Where policies are published to this loop.
@@ -128,8 +145,19 @@ impl ReferenceTracking {
     }
 
     fn start_reference(&mut self, tick: u32, measured: Pair) {
-        self.start_tick = tick;
-        self.approach = SoftStart::new(measured, self.reference.at(0.0));
+        let reference = (self.reference.at(0.0), self.reference.end_s());
+        self.course.start(tick, measured, reference, self.after_end);
+        self.flight = 0;
+        self.control.begin_flight(self.course.period_ticks());
+    }
+
+    /// The next flight begins where the reference begins again.
+    fn follow_course(&mut self, tick: u32) {
+        let flight = self.course.flight(tick);
+        if flight != self.flight {
+            self.flight = flight;
+            self.control.begin_flight(self.course.period_ticks());
+        }
     }
 }
 
@@ -141,6 +169,8 @@ impl DutySource for ReferenceTracking {
         TickInput::Model.append(&mut record.inputs);
         std::mem::swap(&mut self.predictor, &mut change.predictor);
         self.control.exchange_map(&change.map);
+        change.repetition = self.control.exchange_repetition(change.repetition.take());
+        self.control.begin_flight(self.course.period_ticks());
         // What was in force goes back whole; nothing of it is freed here.
         std::mem::swap(&mut self.map, &mut change.map);
         change.filter.continue_from(filter);
@@ -187,18 +217,12 @@ impl DutySource for ReferenceTracking {
         tell: NoticeSink<'_>,
     ) -> Option<ActuatorCommand> {
         self.looked(tick, measured);
-        let time_s = f64::from(tick.wrapping_sub(self.start_tick)) * TICK_S;
-        let goals_kpa = std::array::from_fn(|j| {
-            let at = time_s + j as f64 * TICK_S;
-            let (goal, offset) = (self.reference.at(at), self.approach.offset_kpa(at));
-            std::array::from_fn(|c| goal[c] + offset[c])
-        });
+        self.follow_course(tick);
+        let goals_kpa = self.course.goals_kpa(tick, |time_s| self.reference.at(time_s));
         // What a person compares with is the reference as given, not the way to it.
-        [record.ref_pos_kpa, record.ref_neg_kpa] = self.reference.at(time_s);
-        let arbitrated = self.control.decide(
-            &ControlInput { measured_kpa: measured, undelayed_kpa: self.undelayed, goals_kpa },
-            &self.predicted,
-        );
+        [record.ref_pos_kpa, record.ref_neg_kpa] = self.reference.at(self.course.time_s(tick));
+        let input = ControlInput { undelayed_kpa: self.undelayed, ..ControlInput::of_measured(measured, goals_kpa) };
+        let arbitrated = self.control.decide(&input, &self.predicted);
         if arbitrated.ordered {
             TickInput::Policy.append(&mut record.inputs);
         }
@@ -229,7 +253,8 @@ impl DutySource for ReferenceTracking {
     }
 
     /// The plan is followed.
-    fn bridge(&mut self, _tick: u32) -> ActuatorCommand {
+    fn bridge(&mut self, tick: u32) -> ActuatorCommand {
+        self.follow_course(tick);
         let rest = self.trajectory.remaining();
         self.trajectory = ActionTrajectory(std::array::from_fn(|j| rest[j.min(AHEAD - 1)]));
         self.control.bridged(self.trajectory.now());
@@ -284,6 +309,7 @@ impl DutySource for ReferenceTracking {
 
     fn exchange_reference(&mut self, reference: Box<Reference>, running: Option<(u32, Pair)>) -> Box<Reference> {
         let old = std::mem::replace(&mut self.reference, reference);
+        self.control.forget_flights();
         if let Some((tick, measured)) = running {
             self.start_reference(tick, measured);
         }

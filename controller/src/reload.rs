@@ -73,6 +73,8 @@ pub fn needs_restart(old: &Config, new: &Config) -> Vec<&'static str> {
         ("policy", old.policy == new.policy),
         ("record.directory", same_folder),
         ("control", old.control == new.control),
+        ("reference.repeat", old.reference.repeat == new.reference.repeat),
+        ("reference.learn", old.reference.learn == new.reference.learn),
         ("safety", old.safety == new.safety),
         ("realtime", old.realtime == new.realtime),
     ]

@@ -352,7 +352,8 @@ fn cycle(run: &RunFile) -> Result<(Cycle, PumpRelay), ReplayError> {
         }
     };
     let (_, crio) = rig_and_crio(&rig).map_err(model)?;
-    let cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.arming()).map_err(model)?;
+    let mut cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.arming()).map_err(model)?;
+    cycle.duty_source_mut().tracking_mut().repeat(config.reference.after_end(), config.reference.learning());
     Ok((cycle, PumpRelay::of(&crio)))
 }
 

@@ -234,6 +234,7 @@ pub fn fly_recorded<H: DutySource + 'static>(
     let desk_options = |may| DeskOptions {
         mailbox: desk.clone(),
         safety: config.safety,
+        reference: config.reference.clone(),
         health: recorder.health(),
         notes: recorder.noter(),
         may,

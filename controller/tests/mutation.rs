@@ -17,7 +17,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
 use std::time::{Duration, Instant};
 
-use controller::config::{Config, Safety};
+use controller::config::{Config, ReferenceChoice, Safety};
 use controller::daemon::contracts;
 use controller::desk::DeskOptions;
 use controller::mailbox::mailbox;
@@ -254,6 +254,7 @@ fn requests(time: Duration) {
     let options = DeskOptions {
         mailbox: desk,
         safety: Safety::default(),
+        reference: ReferenceChoice::default(),
         health: recorder.health(),
         notes: recorder.noter(),
         may: May::Fly,

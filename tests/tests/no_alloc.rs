@@ -14,10 +14,12 @@ use controller::command_sequence::Row;
 use controller::config::Safety;
 use controller::cycle::Cycle;
 use controller::duty_source::{ActuatorCommand, DutySource};
+use controller::model_change::RepetitionLearning;
 use controller::open_loop_playback::OpenLoopPlayback;
 use controller::pump_relay::PumpRelay;
 use controller::state::State;
 use handover::{Candidate, Command, Haste};
+use law::AfterEnd;
 use model::observation::Pair;
 use model::predict::{DualPressureRig, Predictor};
 use model::rig::Rig;
@@ -151,6 +153,30 @@ fn five_hundred_ticks_in_run_allocate_nothing() {
     });
     assert_eq!(broken, 0, "while venting");
     assert!(matches!(cycle.state(), State::Vent | State::Fault));
+}
+
+/// A reference that begins again every four seconds, and teaches: flights and the hand-over from one to the next.
+#[test]
+fn flights_that_teach_allocate_nothing() {
+    let rig = Rig::builtin("dual_pressure").unwrap();
+    let wave = "time_s,ref_pos_kpa,ref_neg_kpa\n0,85,-70\n1,87,-71\n3,83,-69\n4,85,-70\n";
+    let reference = Reference::parse("wave", wave.as_bytes()).unwrap();
+    let mut cycle = Cycle::new(&rig, None, reference, Safety::default(), Arming::Automatic).unwrap();
+    cycle.duty_source_mut().tracking_mut().repeat(AfterEnd::Repeat, RepetitionLearning::On);
+    cycle.session_opened();
+    let (mut kpa, mut notices, mut number) = ([0.0, 0.0], 0, 0);
+    while number < 2_500 {
+        tick(&mut cycle, number, &mut kpa, &mut notices);
+        number += 1;
+    }
+    let allocations = counted(|| {
+        while number < 4_000 {
+            tick(&mut cycle, number, &mut kpa, &mut notices);
+            number += 1;
+        }
+    });
+    assert!(cycle.state() == State::Run && cycle.duty_source().tracking().flights() > Some(4));
+    assert_eq!(allocations, 0);
 }
 
 /// Policies that come, gain authority, are withdrawn and go: boxes in and boxes out, nothing made or freed in between.

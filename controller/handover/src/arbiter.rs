@@ -12,7 +12,7 @@
 
 use std::sync::Arc;
 
-use law::{ControlInput, ControlOutput, PolicyLaw, saturated};
+use law::{ControlInput, ControlOutput, Left, PolicyLaw, Repetition, saturated};
 use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
 use model::steady::SteadyMap;
 
@@ -80,6 +80,10 @@ pub struct Arbiter {
     /// Noise of a recorded tick, in place of what would be drawn.
     imposed_noise: Option<Pair>,
     noise: Pair,
+    /// What earlier flights of the reference have taught, where that is learned.
+    repetition: Option<Box<Repetition>>,
+    /// What the last decision leaves for the next flight.
+    left: Left,
 }
 
 impl Arbiter {
@@ -107,7 +111,43 @@ impl Arbiter {
             exploration: None,
             imposed_noise: None,
             noise: NO_NOISE,
+            repetition: None,
+            left: Left::NOTHING,
         }
+    }
+
+    /// Learns from here on what flights of the reference leave, and hands back what was learned in its place before; with nothing it
+    /// learns no more.
+    ///
+    /// # Real-time
+    /// May run in the tick: nothing is freed as long as somebody else holds what is handed back.
+    pub fn exchange_repetition(&mut self, repetition: Option<Box<Repetition>>) -> Option<Box<Repetition>> {
+        std::mem::replace(&mut self.repetition, repetition)
+    }
+
+    /// A flight of the reference begins; after `period_ticks` the next one follows, where it does by itself.
+    ///
+    /// # Real-time
+    /// Runs in the tick; bounded.
+    pub fn begin_flight(&mut self, period_ticks: Option<u32>) {
+        if let Some(repetition) = &mut self.repetition {
+            repetition.begin(period_ticks);
+        }
+    }
+
+    /// Another reference is flown: what was learned of the one before is forgotten.
+    ///
+    /// # Real-time
+    /// Runs in the tick; bounded.
+    pub fn forget_flights(&mut self) {
+        if let Some(repetition) = &mut self.repetition {
+            repetition.forget();
+        }
+    }
+
+    /// Flights of the reference that were learned from; nothing where none are.
+    pub fn flights(&self) -> Option<usize> {
+        self.repetition.as_ref().map(|repetition| repetition.flights())
     }
 
     /// Explores around the active policy from the next tick on; answers whether it does. It does not where the fallback
@@ -204,6 +244,8 @@ impl Arbiter {
     /// # Real-time
     /// Allocation-free and bounded: two inferences where a candidate is on its way.
     pub fn decide(&mut self, input: &ControlInput, predicted_kpa: &[Pair; AHEAD]) -> ArbitratedCommand {
+        let learned_duty = self.repetition.as_ref().and_then(|repetition| repetition.learned());
+        let input = &ControlInput { learned_duty, ..*input };
         let mut event = self.serve();
         let ordered = event.is_some();
         self.kinds = self.conditions.kinds(input);
@@ -249,6 +291,7 @@ impl Arbiter {
         }
         decision = self.remainder.add_to(decision, self.sent);
         self.decided = decision.duty();
+        self.left = if self.builds_on_fallback() { self.incumbent.law.left() } else { Left::NOTHING };
         self.show();
         ArbitratedCommand { decision, event, ordered, answer: shown, exploration: self.noise }
     }
@@ -267,6 +310,20 @@ impl Arbiter {
     /// Runs in the tick, after the command is out.
     pub fn held(&mut self, duty: Pair) {
         self.sent = duty;
+        self.learn(&Left::NOTHING);
+    }
+
+    fn learn(&mut self, left: &Left) {
+        if let Some(repetition) = &mut self.repetition {
+            repetition.follow(left);
+        }
+    }
+
+    /// Whether what flights have taught is part of the whole command: a policy of the paper's layout decides without the fallback.
+    fn builds_on_fallback(&self) -> bool {
+        let candidate = self.candidate.as_ref().filter(|(_, stages)| stages.authority() > 0.0).map(|(seat, _)| seat);
+        self.trust == Trust::FallbackOnly
+            || std::iter::once(&self.incumbent).chain(candidate).all(Seat::builds_on_fallback)
     }
 
     /// Tells what was really sent, and moves the candidate on.
@@ -277,6 +334,8 @@ impl Arbiter {
         let filtered = (0..CHANNELS).any(|c| (duty[c] - self.decided[c]).abs() > SAME_DUTY);
         let change_duty = std::array::from_fn(|c| duty[c] - self.sent[c]);
         self.sent = duty;
+        let left = std::mem::replace(&mut self.left, Left::NOTHING);
+        self.learn(if filtered { &Left::NOTHING } else { &left });
         self.incumbent.law.applied(duty);
         if let Some((seat, _)) = &mut self.candidate {
             seat.law.applied(duty);
@@ -377,10 +436,11 @@ impl Arbiter {
         }
         self.record = Record::default();
         self.swaps = self.swaps.wrapping_add(1);
-        Some(self.told(PolicyEvent::Active(self.incumbent.tag())))
+        let active = PolicyEvent::Active(self.incumbent.tag());
+        Some(self.told(active))
     }
 
-    fn told(&self, event: PolicyEvent) -> PolicyEvent {
+    fn told(&mut self, event: PolicyEvent) -> PolicyEvent {
         self.end.tell(event);
         event
     }
@@ -388,6 +448,7 @@ impl Arbiter {
     fn show(&self) {
         let candidate = self.candidate.as_ref();
         self.end.show(Snapshot {
+            told: 0,
             incumbent: self.incumbent.tag(),
             candidate: candidate.map(|(seat, _)| seat.tag()),
             stage: candidate.map_or(0, |(_, stages)| stages.now().code()),

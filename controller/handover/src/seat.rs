@@ -38,6 +38,12 @@ impl Seat {
         self.taken.as_ref().map_or(PolicyTag::FALLBACK, |taken| taken.tag)
     }
 
+    /// Whether its command is the fallback's, with a correction or without.
+    pub(crate) fn builds_on_fallback(&self) -> bool {
+        let replaces = self.law.contract() == ObservationLayout::Paper;
+        !replaces || self.taken.as_ref().is_none_or(|taken| taken.policy.is_none())
+    }
+
     pub(crate) fn answer(&mut self, input: &ControlInput, predicted_kpa: &[Pair; AHEAD], noise: Pair) -> Answer {
         let fallback = self.law.observe(input);
         let Some(policy) = self.taken.as_mut().and_then(|taken| taken.policy.as_mut()) else {

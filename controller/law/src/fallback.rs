@@ -27,7 +27,7 @@ use model::valve_path::ValvePath;
 use crate::direction::{BacklashEstimator, Direction};
 use crate::foresight::{Foresight, is_told};
 use crate::integral::{IntegralAction, IntegralSettings, VENT_SIGN};
-use crate::repetition::Repetition;
+use crate::repetition::{Left, Repetition};
 use crate::rest::{Hold, Rest};
 use crate::{ControlInput, ControlOutput, DutyTerms, TICK_S, saturated};
 
@@ -59,6 +59,14 @@ pub struct FallbackSettings {
     pub reset_gate_kpa: Pair,
     /// Integral action.
     pub integral: IntegralSettings,
+}
+
+impl FallbackSettings {
+    /// Iterative learning beside a fallback with these gains for the rig that `map` was made of. Takes 700 kB and a tenth of a second.
+    pub fn repetition(&self, map: &SteadyMap) -> Repetition {
+        let paths = map.valve_paths();
+        Repetition::new(paths, bandwidths(paths, self))
+    }
 }
 
 impl Default for FallbackSettings {
@@ -103,7 +111,8 @@ pub struct Fallback {
     directions: [Direction; CHANNELS],
     play: [BacklashEstimator; CHANNELS],
     pending: [Pending; CHANNELS],
-    repetition: Option<Box<Repetition>>,
+    /// What a duty made of the pressures in the last tick, in kPa/s per duty.
+    gain_kpa_per_s: Pair,
     rest: Rest,
     /// Whether the rig file says anything of each valve's path.
     is_known: [bool; CHANNELS],
@@ -125,7 +134,7 @@ impl Fallback {
             directions: paths.map(|path| direction(&path)),
             play: paths.map(|path| play(&path, &settings)),
             pending: [Pending::default(); CHANNELS],
-            repetition: None,
+            gain_kpa_per_s: [1.0; CHANNELS],
             rest: Rest::default(),
             is_known: paths.each_ref().map(is_told),
             sent: [None; CHANNELS],
@@ -133,7 +142,7 @@ impl Fallback {
     }
 
     /// Takes its feed-forward and gains from another model from now on, and hands back the one in force. Play begins anew from
-    /// the width that the new model states, where it states one; what repetitions taught is forgotten.
+    /// the width that the new model states, where it states one.
     ///
     /// # Real-time
     /// May run in the tick: nothing is freed as long as somebody else holds what is handed back.
@@ -149,34 +158,21 @@ impl Fallback {
             }
         }
         self.foresight = Foresight::in_flight(Arc::clone(&map));
-        if let Some(repetition) = &mut self.repetition {
-            repetition.forget();
-        }
         std::mem::replace(&mut self.map, map)
     }
 
-    /// Learns from here on what a reference that is flown again and again leaves ([`crate::repetition`]). Not for the tick.
-    pub fn learn_repetitions(&mut self) {
-        let repetition = Repetition::new(self.map.valve_paths(), self.bandwidth_per_s);
-        self.repetition = Some(Box::new(repetition));
-    }
-
-    /// Says by any number of its own which reference is flown from now on.
+    /// What the last decision leaves for the next flight of the reference.
     ///
     /// # Real-time
-    /// As [`Repetition::set_reference`]: may run in the tick.
-    pub fn set_reference(&mut self, reference: u64) {
-        if let Some(repetition) = &mut self.repetition {
-            repetition.set_reference(reference);
-        }
+    /// May run in the tick.
+    pub fn left(&self) -> Left {
+        // At a limit nothing that is added acts, and what is left there teaches nothing.
+        let acts = |p: &Pending| p.reachable && (0.0..=1.0).contains(&p.raw);
+        let error_kpa = self.pending.map(|p| if acts(&p) { p.error_kpa } else { 0.0 });
+        Left { error_kpa, gain_kpa_per_s: self.gain_kpa_per_s }
     }
 
-    /// Flights that were learned from; 0 where none are.
-    pub fn repeated(&self) -> usize {
-        self.repetition.as_ref().map_or(0, |repetition| repetition.flights())
-    }
-
-    /// Forgets integral and direction; keeps what was learned about the valves' play. A flight of the reference begins.
+    /// Forgets integral and direction; keeps what was learned about the valves' play.
     pub fn restart(&mut self) {
         self.integral.set([0.0; CHANNELS]);
         self.directions.iter_mut().for_each(Direction::restart);
@@ -184,9 +180,6 @@ impl Fallback {
         self.rest = Rest::default();
         self.sent = [None; CHANNELS];
         self.pending = [Pending::default(); CHANNELS];
-        if let Some(repetition) = &mut self.repetition {
-            repetition.begin();
-        }
     }
 
     /// Puts the integral where it is known to have been, in duty. Not for the tick.
@@ -204,8 +197,8 @@ impl Fallback {
         let gain = self.map.gain_kpa_per_s(self.map.chamber_kpa(situation.undelayed_kpa));
         let integral = self.integral.duty();
         let holds = self.rest.follow(situation);
-        let learned = self.learned(0);
-        let repeats = self.repeated() > 0;
+        let learned = learned(situation, 0);
+        let repeats = situation.learned_duty.is_some();
         let mut parts = [DutyTerms::default(); CHANNELS];
         for c in 0..CHANNELS {
             let error_kpa = situation.goals_kpa[0][c] - situation.undelayed_kpa[c];
@@ -237,12 +230,7 @@ impl Fallback {
         }
         let trajectory = self.trajectory(situation, &parts);
         self.foresight.advance(situation);
-        if let Some(repetition) = &mut self.repetition {
-            // At a limit nothing that is added acts, and what is left there teaches nothing.
-            let acts = |p: &Pending| repeats && p.reachable && (0.0..=1.0).contains(&p.raw);
-            let errors = self.pending.map(|p| if acts(&p) { p.error_kpa } else { 0.0 });
-            repetition.follow(errors, gain);
-        }
+        self.gain_kpa_per_s = gain;
         ControlOutput { parts, trajectory }
     }
 
@@ -257,11 +245,6 @@ impl Fallback {
         }
     }
 
-    /// What repetitions have taught for `ahead` ticks from now, in duty.
-    fn learned(&self, ahead: usize) -> Pair {
-        self.repetition.as_ref().map_or([0.0; CHANNELS], |repetition| repetition.duty(ahead))
-    }
-
     /// The duties of now, and what is planned for the next ticks: feed-forward and play as they will be, feedback as it is.
     fn trajectory(&self, situation: &ControlInput, parts: &[DutyTerms; CHANNELS]) -> ActionTrajectory {
         let mut directions = self.directions;
@@ -270,7 +253,7 @@ impl Fallback {
                 return parts.map(|p| saturated(p.raw()));
             }
             let (ahead, turning) = self.foresight.duties(situation, j);
-            let learned = self.learned(j);
+            let learned = learned(situation, j);
             std::array::from_fn(|c| {
                 directions[c].follow(turning[c].clamp(0.0, 1.0));
                 let play = self.play[c].half_width() * directions[c].drive();
@@ -326,6 +309,11 @@ impl Fallback {
     pub fn learned_play(&self) -> Pair {
         self.play.map(|p| p.half_width())
     }
+}
+
+/// What repetitions have taught for `ahead` ticks from now, in duty.
+fn learned(situation: &ControlInput, ahead: usize) -> Pair {
+    situation.learned_duty.map_or([0.0; CHANNELS], |learned| learned[ahead])
 }
 
 /// What was asked for, less what a limit on the command's speed held back of it: that comes a tick later, and winds nothing up. `sent` is

@@ -6,6 +6,7 @@
 //! | [`policy_law`] | what a policy is told, and how its answer becomes a duty |
 //! | [`integral`] | the paper's integral action and anti-windup, on top of a policy or of the fallback |
 //! | [`repetition`] | what a reference flown again and again teaches |
+//! | [`course`] | where on its reference a run is: approach, flights, goals |
 //! | [`rest`] | holds on which integral action stands still |
 //! | [`soft_start`] | from where the rig is to where the reference is, without saturating |
 //! | [`foresight`] | feed-forward: the reference, as much ahead as each valve is late |
@@ -15,6 +16,7 @@
 //! that is really sent, it is told that too, so that what saturates does not wind up. Daemon, trainer and
 //! tests use these same laws. Everything here is bounded and allocation-free and may run in the tick.
 
+pub mod course;
 pub mod direction;
 pub mod fallback;
 pub mod foresight;
@@ -24,12 +26,14 @@ pub mod repetition;
 pub mod rest;
 pub mod soft_start;
 
+pub use course::{AfterEnd, Course};
 pub use fallback::{Fallback, FallbackSettings};
 pub use integral::{IntegralAction, IntegralSettings};
 pub use policy_law::PolicyLaw;
+pub use repetition::{Left, Repetition};
 pub use soft_start::SoftStart;
 
-use model::observation::{ActionTrajectory, CHANNELS, GOALS_AHEAD, Pair, TICKS_PER_S};
+use model::observation::{AHEAD, ActionTrajectory, CHANNELS, GOALS_AHEAD, Pair, TICKS_PER_S};
 
 /// Length of a control tick in seconds.
 pub const TICK_S: f64 = 1.0 / TICKS_PER_S;
@@ -44,12 +48,15 @@ pub struct ControlInput {
     pub undelayed_kpa: Pair,
     /// Goals in kPa gauge: now, and the next fifteen ticks.
     pub goals_kpa: [Pair; GOALS_AHEAD + 1],
+    /// Duties that earlier flights of the reference have taught, for now and the next five ticks ([`Repetition::learned`]); nothing
+    /// where nothing learns, or in flights that teach play.
+    pub learned_duty: Option<[Pair; AHEAD + 1]>,
 }
 
 impl ControlInput {
     /// What is known where sensors read what is there.
     pub fn of_measured(measured_kpa: Pair, goals_kpa: [Pair; GOALS_AHEAD + 1]) -> Self {
-        ControlInput { measured_kpa, undelayed_kpa: measured_kpa, goals_kpa }
+        ControlInput { measured_kpa, undelayed_kpa: measured_kpa, goals_kpa, learned_duty: None }
     }
 }
 

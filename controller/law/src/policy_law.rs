@@ -31,6 +31,7 @@ use model::steady::SteadyMap;
 use crate::direction::ReversalTravel;
 use crate::fallback::{Fallback, FallbackSettings};
 use crate::integral::{IntegralAction, IntegralSettings};
+use crate::repetition::Left;
 use crate::{ControlInput, ControlOutput, DutyTerms, saturated};
 
 /// E: errors in kPa up to which a correction acts in full.
@@ -99,6 +100,14 @@ impl PolicyLaw {
             ObservationLayout::Paper => self.integral.set(duty),
             ObservationLayout::Correction => self.fallback.set_integral(duty),
         }
+    }
+
+    /// What the last decision leaves for the next flight of the reference, where it builds on the fallback.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn left(&self) -> Left {
+        self.fallback.left()
     }
 
     /// What the policy is told and answers.

@@ -11,12 +11,14 @@
 //! `G` is what a duty does to the pressure in the closed loop: delay and lag of the valve, then a chamber that the feedback
 //! holds. Divided by the valve's gain it is the same all along a reference, so `Q` and `L` are two short symmetric filters,
 //! worked out once, and a tick costs some hundred multiplications. A tick's `δ` is renewed half a filter after it was flown
-//! and used in the next flight, so nothing has to be worked out between flights.
+//! and used in the next flight, so nothing has to be worked out between flights. The first flight, or as
+//! many as make a minute, teaches the fallback the valves' play and nothing else.
 //!
-//! What is learned belongs to one reference and to one model: another reference empties it ([`Repetition::set_reference`]), and a law for another model begins
-//! without it.
+//! What is learned belongs to one reference and to one model: another one of either empties it ([`Repetition::forget`]). It lies
+//! beside the law and not in it: what controls may change from flight to flight, and all that build on the fallback are told the same
+//! ([`crate::ControlInput::learned_duty`]).
 
-use model::observation::{CHANNELS, Pair};
+use model::observation::{AHEAD, CHANNELS, Pair};
 use model::valve_path::ValvePath;
 use nalgebra::{DMatrix, DVector};
 
@@ -41,6 +43,9 @@ const MOST_DUTY: f64 = 0.2;
 /// Share of the step that a flight takes: the first ones whole, later ones less, so that noise is averaged over several.
 const SHARES: [f64; 4] = [1.0, 0.8, 0.6, 0.45];
 const LATER_SHARE: f64 = 0.3;
+/// Ticks of flight that teach the valves' play alone: 50 s, in which the fallback has learned most of it on `bench`. What is learned of both
+/// at once drifts against each other.
+const PLAY_TICKS: usize = 2_500;
 
 /// Both filters of a channel.
 #[derive(Debug, Clone, PartialEq)]
@@ -95,6 +100,20 @@ fn response(path: &ValvePath, bandwidth_per_s: f64) -> [f64; TAPS] {
     response
 }
 
+/// What a tick left, for the next flight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Left {
+    /// Errors in kPa; 0 where nothing that is added acts: at a limit, or while something else decides.
+    pub error_kpa: Pair,
+    /// What a duty makes of the pressures, in kPa/s per duty.
+    pub gain_kpa_per_s: Pair,
+}
+
+impl Left {
+    /// Nothing to learn from.
+    pub const NOTHING: Left = Left { error_kpa: [0.0; CHANNELS], gain_kpa_per_s: [1.0; CHANNELS] };
+}
+
 /// What has been learned of one reference.
 #[derive(Debug, Clone)]
 pub struct Repetition {
@@ -106,9 +125,11 @@ pub struct Repetition {
     /// Errors over the valve's gain, by tick of this flight.
     errors: Vec<Pair>,
     tick: usize,
+    /// Ticks of the flights that are over.
+    flown_ticks: usize,
     flights: usize,
-    /// Which reference it belongs to.
-    reference: Option<u64>,
+    /// Ticks after which the next flight follows, where it does by itself.
+    period_ticks: Option<usize>,
 }
 
 impl Repetition {
@@ -121,43 +142,34 @@ impl Repetition {
             next: empty.clone(),
             errors: empty,
             tick: 0,
+            flown_ticks: 0,
             flights: 0,
-            reference: None,
+            period_ticks: None,
         }
     }
 
-    /// Flights that have been learned from.
+    /// Flights that have been learned from; those that taught play count as one.
     pub fn flights(&self) -> usize {
         self.flights
     }
 
-    /// Says by any number of its own which reference is flown from now on; another one empties what was learned.
+    /// Empties what was learned: another reference or model is flown from now on.
     ///
     /// # Real-time
-    /// Bounded (480 kB written at most), allocation-free: may run in the tick.
-    pub fn set_reference(&mut self, reference: u64) {
-        if self.reference.is_some_and(|known| known != reference) {
-            self.forget();
-        }
-        self.reference = Some(reference);
-    }
-
-    /// Empties what was learned.
-    ///
-    /// # Real-time
-    /// As [`Repetition::set_reference`].
+    /// Bounded (480 kB written), allocation-free: may run in the tick.
     pub fn forget(&mut self) {
         self.flown.fill([0.0; CHANNELS]);
         self.next.fill([0.0; CHANNELS]);
-        self.flights = 0;
-        self.tick = 0;
+        (self.flights, self.flown_ticks, self.tick) = (0, 0, 0);
     }
 
-    /// Begins a flight of the reference: what the last one taught counts from here.
+    /// Begins a flight of the reference: what the last one taught counts from here. After `period_ticks` the next one follows, where it
+    /// does by itself.
     ///
     /// # Real-time
     /// Bounded, allocation-free: may run in the tick.
-    pub fn begin(&mut self) {
+    pub fn begin(&mut self, period_ticks: Option<u32>) {
+        self.period_ticks = period_ticks.map(|ticks| ticks as usize);
         let flown = self.tick.min(LONGEST_TICKS);
         for tick in flown.saturating_sub(HALF)..flown {
             self.renew(tick, flown);
@@ -165,25 +177,33 @@ impl Repetition {
         if let (Some(flown), Some(next)) = (self.flown.get_mut(..flown), self.next.get(..flown)) {
             flown.copy_from_slice(next);
         }
-        self.flights += usize::from(flown > HALF);
+        self.flown_ticks = self.flown_ticks.saturating_add(flown);
+        self.flights += usize::from(flown > HALF && self.flown_ticks >= PLAY_TICKS);
         self.tick = 0;
     }
 
-    /// The duty to be added `ahead` ticks from now.
+    /// The duties to be added in this tick and the next ones; nothing in the flights that teach play.
     ///
     /// # Real-time
     /// May run in the tick.
-    pub fn duty(&self, ahead: usize) -> Pair {
-        self.flown.get(self.tick + ahead).copied().unwrap_or([0.0; CHANNELS])
+    pub fn learned(&self) -> Option<[Pair; AHEAD + 1]> {
+        (self.flights > 0).then(|| std::array::from_fn(|ahead| self.duty(ahead)))
     }
 
-    /// Takes in the error (kPa) of this tick and the valves' gains (kPa/s per duty); goes on to the next tick.
+    fn duty(&self, ahead: usize) -> Pair {
+        let tick = self.tick + ahead;
+        let tick = self.period_ticks.map_or(tick, |period| tick % period.max(1));
+        self.flown.get(tick).copied().unwrap_or([0.0; CHANNELS])
+    }
+
+    /// Takes in what this tick left; goes on to the next tick.
     ///
     /// # Real-time
     /// Some three hundred multiplications; may run in the tick.
-    pub fn follow(&mut self, error_kpa: Pair, gain_kpa_per_s: Pair) {
+    pub fn follow(&mut self, left: &Left) {
         let seen: Pair = std::array::from_fn(|c| {
-            let error = if error_kpa[c].abs() < MOST_ERROR_KPA[c] { error_kpa[c] / gain_kpa_per_s[c] } else { 0.0 };
+            let (error_kpa, gain) = (left.error_kpa[c], left.gain_kpa_per_s[c]);
+            let error = if self.flights > 0 && error_kpa.abs() < MOST_ERROR_KPA[c] { error_kpa / gain } else { 0.0 };
             if error.is_finite() { error } else { 0.0 }
         });
         if let Some(slot) = self.errors.get_mut(self.tick) {
@@ -231,13 +251,14 @@ mod tests {
         let wave = |t: f64| 0.01 * (0.8 * t).sin() + 0.004 * (2.1 * t).cos();
         let mut last = f64::INFINITY;
         for _ in 0..10 {
-            repetition.begin();
+            repetition.begin(None);
+            repetition.flown_ticks = PLAY_TICKS;
             let (mut sent, mut coil, mut pressure, mut squares) = ([0.0; 2], 0.0, 0.0, 0.0);
             for tick in 0..1000 {
                 let t = tick as f64 * TICK_S;
                 let error = -pressure;
                 let duty = repetition.duty(0)[0] + bandwidth[0] * error / gain[0];
-                repetition.follow([error, 0.0], gain);
+                repetition.follow(&Left { error_kpa: [error, 0.0], gain_kpa_per_s: gain });
                 sent = [duty, sent[0]];
                 let keeps = (-TICK_S / 0.05_f64).exp();
                 coil = keeps * coil + (1.0 - keeps) * sent[1];
@@ -253,34 +274,47 @@ mod tests {
         assert!((last / 800.0).sqrt() < 0.05, "{}", (last / 800.0).sqrt());
     }
 
+    const SOME: Left = Left { error_kpa: [0.5, 0.2], gain_kpa_per_s: [-150.0, 90.0] };
+
     #[test]
     fn another_reference_begins_with_nothing() {
         let mut repetition = Repetition::new(&[late(); CHANNELS], [3.0; CHANNELS]);
-        repetition.set_reference(1);
-        for _ in 0..2 {
-            repetition.begin();
-            (0..200).for_each(|_| repetition.follow([0.5, 0.2], [-150.0, 90.0]));
+        for ticks in [PLAY_TICKS - 200, 200, 200, 200] {
+            repetition.begin(None);
+            (0..ticks).for_each(|_| repetition.follow(&SOME));
         }
-        repetition.begin();
-        assert!(repetition.duty(100)[0].abs() > 1e-4 && repetition.flights() == 2);
-        repetition.set_reference(1);
-        assert!(repetition.duty(100)[0].abs() > 1e-4);
-        repetition.set_reference(2);
-        assert_eq!((repetition.duty(100), repetition.flights()), ([0.0; CHANNELS], 0));
+        repetition.begin(None);
+        assert!(repetition.duty(100)[0].abs() > 1e-4 && repetition.flights() == 3);
+        repetition.forget();
+        assert_eq!((repetition.duty(100), repetition.flights(), repetition.learned()), ([0.0; CHANNELS], 0, None));
+    }
+
+    /// The plan at the end of a flight is that of the next one's beginning.
+    #[test]
+    fn what_repeats_by_itself_is_planned_across_its_end() {
+        let mut repetition = Repetition::new(&[late(); CHANNELS], [3.0; CHANNELS]);
+        for _ in 0..PLAY_TICKS / 200 + 2 {
+            repetition.begin(Some(200));
+            (0..200).for_each(|_| repetition.follow(&SOME));
+        }
+        repetition.begin(Some(200));
+        let first = repetition.learned().unwrap();
+        (0..197).for_each(|_| repetition.follow(&SOME));
+        assert_eq!(repetition.learned().unwrap()[3..], first[..3]);
     }
 
     /// A flight that is broken off leaves what was learned of the rest.
     #[test]
     fn a_short_flight_keeps_the_rest() {
         let mut repetition = Repetition::new(&[late(); CHANNELS], [3.0; CHANNELS]);
-        for ticks in [400, 0] {
-            repetition.begin();
-            (0..ticks).for_each(|_| repetition.follow([0.5, 0.2], [-150.0, 90.0]));
+        for ticks in [PLAY_TICKS, 400, 0] {
+            repetition.begin(None);
+            (0..ticks).for_each(|_| repetition.follow(&SOME));
         }
         let learned = repetition.duty(300);
-        repetition.begin();
-        (0..50).for_each(|_| repetition.follow([0.5, 0.2], [-150.0, 90.0]));
-        repetition.begin();
+        repetition.begin(None);
+        (0..50).for_each(|_| repetition.follow(&SOME));
+        repetition.begin(None);
         assert_eq!(repetition.duty(300), learned);
         assert!(learned[0] != 0.0);
     }

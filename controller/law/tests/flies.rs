@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use law::{ControlInput, Fallback, FallbackSettings, SoftStart, TICK_S};
+use law::{ControlInput, Fallback, FallbackSettings, Repetition, SoftStart, TICK_S};
 use model::observation::{CHANNELS, GOALS_AHEAD, MOST_CHANGE_DUTY, Pair};
 use model::predict::DualPressureRig;
 use model::rig::Rig;
@@ -21,11 +21,25 @@ fn rmse(rig: &str, reference: &Reference, seconds: f64, skip_s: f64, seed: u64) 
 }
 
 /// The same of a law that may have flown before.
-fn flown(rig: &Rig, law: &mut Fallback, reference: &Reference, [seconds, skip_s]: [f64; 2], seed: u64) -> Pair {
+fn flown(rig: &Rig, law: &mut Fallback, reference: &Reference, seconds: [f64; 2], seed: u64) -> Pair {
+    flown_again(rig, (law, None), reference, seconds, seed)
+}
+
+/// The same with what earlier flights have taught.
+fn flown_again(
+    rig: &Rig,
+    (law, mut repetition): (&mut Fallback, Option<&mut Repetition>),
+    reference: &Reference,
+    [seconds, skip_s]: [f64; 2],
+    seed: u64,
+) -> Pair {
     let mut plant = DualPressureRig::new(rig).unwrap();
     let scales = [PSE540A_R06, PSE541A_R06];
     let mut sensors = Sensors::new(scales, Sensors::ADC_NOISE_V_RMS, seed);
     law.restart();
+    if let Some(repetition) = &mut repetition {
+        repetition.begin(None);
+    }
     let mut approach = None;
     let mut duty = [1.0; CHANNELS];
     let (mut squares, mut count) = ([0.0; CHANNELS], 0.0);
@@ -38,7 +52,11 @@ fn flown(rig: &Rig, law: &mut Fallback, reference: &Reference, [seconds, skip_s]
             let (goal, offset) = (reference.at(time_s), approach.offset_kpa(time_s));
             std::array::from_fn(|c| goal[c] + offset[c])
         });
-        let decision = law.decide(&ControlInput::of_measured(measured_kpa, goals_kpa));
+        let learned_duty = repetition.as_ref().and_then(|repetition| repetition.learned());
+        let decision = law.decide(&ControlInput { learned_duty, ..ControlInput::of_measured(measured_kpa, goals_kpa) });
+        if let Some(repetition) = &mut repetition {
+            repetition.follow(&law.left());
+        }
         // What stands behind every law limits how fast a command changes.
         let asked = decision.duty();
         duty = std::array::from_fn(|c| asked[c].clamp(duty[c] - MOST_CHANGE_DUTY, duty[c] + MOST_CHANGE_DUTY));
@@ -213,10 +231,12 @@ fn a_told_fallback_tracks_better() {
 fn repetitions_take_off_what_repeats() {
     let bench = Rig::builtin("bench").unwrap();
     let fly = |model: &Rig| {
-        let mut law = Fallback::new(Arc::new(SteadyMap::new(model).unwrap()), FallbackSettings::default());
-        law.learn_repetitions();
-        let flights: Vec<Pair> =
-            (1..=10).map(|seed| flown(&bench, &mut law, &Reference::paper(), [60.0, 5.0], seed)).collect();
+        let (map, settings) = (Arc::new(SteadyMap::new(model).unwrap()), FallbackSettings::default());
+        let mut repetition = settings.repetition(&map);
+        let mut law = Fallback::new(map, settings);
+        let mut flight =
+            |seed| flown_again(&bench, (&mut law, Some(&mut repetition)), &Reference::paper(), [60.0, 5.0], seed);
+        let flights: Vec<Pair> = (1..=10).map(&mut flight).collect();
         println!("{}: first {:.3?}, last {:.3?} kPa", model.name, flights[0], flights[9]);
         (flights[0], flights[9])
     };

@@ -21,7 +21,7 @@ use flight::{Noter, RecorderHealth};
 use handover::ExplorationRules;
 
 use crate::clock::now_ns;
-use crate::config::Safety;
+use crate::config::{ReferenceChoice, Safety};
 use crate::experiment_log::ExperimentLog;
 use crate::mailbox::{OperatorMailbox, Request, Status, Ticket};
 use crate::operator_protocol::{Ask, EFFECT_TIME, Reply, Running};
@@ -59,6 +59,8 @@ pub struct DeskOptions {
     pub mailbox: OperatorMailbox,
     /// Limits that references must keep.
     pub safety: Safety,
+    /// How references are followed.
+    pub reference: ReferenceChoice,
     /// How the recording does.
     pub health: RecorderHealth,
     /// Where the record of who asked for what goes.

@@ -14,7 +14,7 @@ use crate::clock::now_ns;
 use crate::mailbox::{Fate, Request, Ticket};
 use crate::operator_protocol::{EFFECT_TIME, READ_TIME};
 use crate::peer::Peer;
-use crate::reference_limits::{self, Margin};
+use crate::reference_limits::{self, Margin, too_short_to_repeat};
 use crate::reload::Reloaded;
 use crate::run_file::attached;
 use crate::session_recorder::attachment;
@@ -68,6 +68,10 @@ impl Desk {
         let checked = read.and_then(|r| match reference_limits::check(&r, &self.options.safety) {
             Margin::Beyond(why) => Err(format!("{name}: {why}")),
             Margin::Close(_) | Margin::Wide => Ok(r),
+        });
+        let checked = checked.and_then(|r| match too_short_to_repeat(&r, &self.options.reference) {
+            Some(why) => Err(format!("{name}: {why}")),
+            None => Ok(r),
         });
         let asking = checked.and_then(|reference| {
             let csv = reference.to_csv();

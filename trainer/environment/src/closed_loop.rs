@@ -172,7 +172,8 @@ pub fn fly_plant(
             }
             None => (measured_kpa, [measured_kpa; AHEAD]),
         };
-        let decision = controller.decide(&ControlInput { measured_kpa, undelayed_kpa, goals_kpa }, &predicted);
+        let decision = controller
+            .decide(&ControlInput { undelayed_kpa, ..ControlInput::of_measured(measured_kpa, goals_kpa) }, &predicted);
         let duty = decision.duty();
         trajectory = decision.trajectory;
         controller.applied(duty);

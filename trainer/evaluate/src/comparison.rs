@@ -16,6 +16,7 @@ use training::TrainedPolicy;
 use crate::dob::Dob;
 use crate::mpc::{Mpc, TickTimes};
 use crate::optimal_open_loop::OptimalOpenLoop;
+use crate::repeated::RepeatedFallback;
 use crate::table::{Cell, OPTIMUM, Row};
 
 /// What a controller is told of the rig that it flies.
@@ -245,8 +246,7 @@ impl Comparison {
             ControllerUnderTest::Repeated { knowledge, flights } => {
                 let told = Told::of(self, map, rig, *knowledge)?;
                 let plan = FlightPlan { model: told.observed_by(), ..plan };
-                let mut fallback = Fallback::new(Arc::clone(&told.map), FallbackSettings::default());
-                fallback.learn_repetitions();
+                let mut fallback = RepeatedFallback::new(&told.map, FallbackSettings::default());
                 // Another noise in every flight: what is learned of it would show as no error at all.
                 let seed = |flight: usize| plan.seed + 1000 * flight as u64;
                 for flight in 1..*flights {

@@ -18,9 +18,11 @@ pub mod mpc;
 pub mod optimal_open_loop;
 pub mod payload;
 mod present_names;
+pub mod repeated;
 pub mod rigs_around;
 pub mod table;
 
 pub use dob::Dob;
 pub use mpc::{Mpc, TickTimes};
 pub use optimal_open_loop::OptimalOpenLoop;
+pub use repeated::RepeatedFallback;

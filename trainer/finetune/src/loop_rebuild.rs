@@ -13,7 +13,7 @@
 
 use std::sync::Arc;
 
-use law::{ControlInput, ControlOutput, PolicyLaw, SoftStart, TICK_S};
+use law::{AfterEnd, ControlInput, ControlOutput, Course, FallbackSettings, Left, PolicyLaw, Repetition};
 use model::observation::{ACTION_LEN, AHEAD, CHANNELS, ObservationLayout, Pair};
 use model::predict::Predictor;
 use model::rig::Rig;
@@ -95,6 +95,15 @@ pub struct RebuiltTick {
     pub is_sound: bool,
 }
 
+/// Whether the daemon learned from flights of its reference.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FlightLearning {
+    /// It did not.
+    Off,
+    /// It did.
+    On,
+}
+
 /// The loop of one run of the daemon.
 pub struct LoopRebuild {
     layout: ObservationLayout,
@@ -102,8 +111,14 @@ pub struct LoopRebuild {
     predictor: Predictor,
     model: Rig,
     reference: Reference,
-    approach: SoftStart,
-    start_tick: u32,
+    after_end: AfterEnd,
+    course: Course,
+    /// Flights of the reference that were over in the last tick.
+    flight: u32,
+    /// What flights have taught, where the daemon learned from them.
+    repetition: Option<Repetition>,
+    /// What the last decision leaves for the next flight.
+    left: Left,
     is_controlling: bool,
     measured_kpa: Pair,
     tick: u32,
@@ -127,13 +142,29 @@ impl LoopRebuild {
             predictor,
             model,
             reference,
-            approach: SoftStart::new([0.0; CHANNELS], [0.0; CHANNELS]),
-            start_tick: 0,
+            after_end: AfterEnd::Hold,
+            course: Course::at_rest(),
+            flight: 0,
+            repetition: None,
+            left: Left::NOTHING,
             is_controlling: false,
             measured_kpa: [0.0; CHANNELS],
             tick: 0,
             joined: 0,
         })
+    }
+
+    /// Flies the reference again at its end, and learns from its flights, as the daemon was configured to.
+    ///
+    /// # Errors
+    /// A model that cannot be run.
+    pub fn repeat(&mut self, after_end: AfterEnd, learns: FlightLearning) -> Result<(), FinetuneError> {
+        self.after_end = after_end;
+        self.repetition = match learns {
+            FlightLearning::Off => None,
+            FlightLearning::On => Some(repetition(&self.model)?),
+        };
+        Ok(())
     }
 
     /// The model in force.
@@ -149,6 +180,9 @@ impl LoopRebuild {
     /// Another reference is followed from the next tick on.
     pub fn exchange_reference(&mut self, reference: Reference) {
         self.reference = reference;
+        if let Some(repetition) = &mut self.repetition {
+            repetition.forget();
+        }
         if self.is_controlling {
             self.start_reference(self.tick, self.measured_kpa);
         }
@@ -164,6 +198,10 @@ impl LoopRebuild {
         self.predictor = Predictor::new(&model).map_err(unfit)?;
         self.predictor.restart(self.measured_kpa, VENT);
         let _ = self.law.exchange_map(map);
+        if self.repetition.is_some() {
+            self.repetition = Some(repetition(&model)?);
+        }
+        self.begin_flight();
         self.model = model;
         Ok(())
     }
@@ -190,8 +228,18 @@ impl LoopRebuild {
             self.start_reference(record.tick, self.measured_kpa);
             self.law.restart(VENT);
         }
+        let flight = self.course.flight(record.tick);
+        if flight != self.flight {
+            self.flight = flight;
+            self.begin_flight();
+        }
         let rebuilt = has_frame.then(|| self.decide(record));
         let duty = [record.u_pos, record.u_neg];
+        let left = std::mem::replace(&mut self.left, Left::NOTHING);
+        let is_taught = record.state != HOLD && !record.filter_active;
+        if let Some(repetition) = &mut self.repetition {
+            repetition.follow(if is_taught { &left } else { &Left::NOTHING });
+        }
         if record.state != HOLD {
             self.law.applied(duty);
         }
@@ -200,8 +248,16 @@ impl LoopRebuild {
     }
 
     fn start_reference(&mut self, tick: u32, measured_kpa: Pair) {
-        self.start_tick = tick;
-        self.approach = SoftStart::new(measured_kpa, self.reference.at(0.0));
+        let reference = (self.reference.at(0.0), self.reference.end_s());
+        self.course.start(tick, measured_kpa, reference, self.after_end);
+        self.flight = 0;
+        self.begin_flight();
+    }
+
+    fn begin_flight(&mut self) {
+        if let Some(repetition) = &mut self.repetition {
+            repetition.begin(self.course.period_ticks());
+        }
     }
 
     fn decide(&mut self, record: &TickRecord) -> RebuiltTick {
@@ -220,6 +276,11 @@ impl LoopRebuild {
             self.joined += 1;
             decision = self.answer(&input, record, controlled_by);
         }
+        self.left = match controlled_by {
+            // It decides without the fallback.
+            ControlledBy::Policy(ObservationLayout::Paper) => Left::NOTHING,
+            _ => self.law.left(),
+        };
         let mut observation = vec![0.0; self.layout.observation_len()];
         self.law.write_observation(&input, &predicted_kpa, &mut observation);
         let is_law = is_own && law_agrees(record, &decision);
@@ -252,13 +313,9 @@ impl LoopRebuild {
         let measured_kpa = self.measured_kpa;
         let observed = self.predictor.observe(measured_kpa);
         let undelayed_kpa = if observed.iter().all(|p| p.is_finite()) { observed } else { measured_kpa };
-        let time_s = f64::from(tick.wrapping_sub(self.start_tick)) * TICK_S;
-        let goals_kpa = std::array::from_fn(|j| {
-            let at = time_s + j as f64 * TICK_S;
-            let (goal, offset) = (self.reference.at(at), self.approach.offset_kpa(at));
-            std::array::from_fn(|c| goal[c] + offset[c])
-        });
-        ControlInput { measured_kpa, undelayed_kpa, goals_kpa }
+        let goals_kpa = self.course.goals_kpa(tick, |time_s| self.reference.at(time_s));
+        let learned_duty = self.repetition.as_ref().and_then(Repetition::learned);
+        ControlInput { measured_kpa, undelayed_kpa, goals_kpa, learned_duty }
     }
 
     fn answer(&mut self, input: &ControlInput, record: &TickRecord, controlled_by: ControlledBy) -> ControlOutput {
@@ -268,6 +325,12 @@ impl LoopRebuild {
             _ => base,
         }
     }
+}
+
+/// What learns from flights on a model.
+fn repetition(model: &Rig) -> Result<Repetition, FinetuneError> {
+    let map = SteadyMap::new(model).map_err(|problem| FinetuneError::Model { name: model.name.clone(), problem })?;
+    Ok(FallbackSettings::default().repetition(&map))
 }
 
 /// The policy's answer with what exploration added to its duties for now, in the bits in which the law was told it.

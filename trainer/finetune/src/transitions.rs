@@ -15,6 +15,7 @@ use std::path::Path;
 use environment::reward::{correction_price, reward};
 use environment::vector_env::ENVELOPE_KPA;
 use environment::{EnvironmentSettings, vector_env};
+use law::AfterEnd;
 use model::observation::{ACTION_LEN, ObservationLayout};
 use model::rig::Rig;
 use proto::recording::{FollowEnd, TickInput, TickRecord, attached};
@@ -22,7 +23,7 @@ use proto::reference::Reference;
 use training::TrainingSettings;
 
 use crate::FinetuneError;
-use crate::loop_rebuild::{LeftOut, LoopRebuild, RebuiltTick};
+use crate::loop_rebuild::{FlightLearning, LeftOut, LoopRebuild, RebuiltTick};
 use crate::recording_folder::{Read, RecordingFolder};
 
 /// Largest size of an answer that counts as within the policy's range; a tanh gets no nearer to 1 in f32.
@@ -199,7 +200,12 @@ impl Transitions {
         let lacks = |name| FinetuneError::Lacks { file: file.clone(), name };
         let model = recording.attachments(attached::MODEL).next().ok_or_else(|| lacks(attached::MODEL))?;
         let reference = recording.attachments(attached::REFERENCE).next().ok_or_else(|| lacks(attached::REFERENCE))?;
-        self.rebuild = Some(LoopRebuild::new(rig(&file, model)?, parsed_reference(&file, reference)?, self.layout)?);
+        let mut rebuild = LoopRebuild::new(rig(&file, model)?, parsed_reference(&file, reference)?, self.layout)?;
+        // Recordings of daemons that knew of no repetition hold no such choice.
+        let chosen = recording.attachments(attached::EFFECTIVE).next().map(ChosenReference::parse).unwrap_or_default();
+        let learns = if chosen.learn { FlightLearning::On } else { FlightLearning::Off };
+        rebuild.repeat(if chosen.repeat { AfterEnd::Repeat } else { AfterEnd::Hold }, learns)?;
+        self.rebuild = Some(rebuild);
         self.known = [1; 2];
         self.before = None;
         Ok(())
@@ -326,6 +332,25 @@ const fn name_of(what: Exchanged) -> &'static str {
     match what {
         Exchanged::Reference => attached::REFERENCE,
         Exchanged::Model => attached::MODEL,
+    }
+}
+
+/// `[reference]` of the daemon's configuration, as far as the loop depends on it.
+#[derive(Debug, Default, serde::Deserialize)]
+#[serde(default)]
+struct ChosenReference {
+    repeat: bool,
+    learn: bool,
+}
+
+impl ChosenReference {
+    fn parse(configuration: &[u8]) -> Self {
+        #[derive(Default, serde::Deserialize)]
+        #[serde(default)]
+        struct Configuration {
+            reference: ChosenReference,
+        }
+        toml::from_str::<Configuration>(&String::from_utf8_lossy(configuration)).unwrap_or_default().reference
     }
 }
 
