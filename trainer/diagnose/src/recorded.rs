@@ -37,7 +37,7 @@ impl Recorded {
         }
         refuse_what_nothing_moves(rig, &records, &noise)?;
         let mut notes: Vec<String> = recordings.iter().flat_map(|r| r.notes().to_vec()).collect();
-        notes.extend(quality.doubts().map(|finding| finding.to_string()));
+        notes.extend(quality.doubts().map(ToString::to_string));
         // What was checked whole is run in pieces where a meter's error would add up.
         if let Some(source) = closed::accumulates(rig) {
             notes.push(format!(
