@@ -131,8 +131,11 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
     if let Some(mut term) = unknown.take() {
         term.explanation = settled(bench, &term.explanation, passes)?;
         let with_it = of(&term.explanation.fitted.rig)?;
-        // Also against parameters alone, where the pump's speed was taken from its ripple: what is written must not err more than they do.
-        let holds = |before: &Figures| with_it.holds_against(before, &bench.sigma_kpa());
+        // Also against parameters alone, where the pump's speed was taken from its ripple. What has no name has nothing but its figures to
+        // speak for it, so it must err less than they do, not just no more but for chance.
+        let holds = |before: &Figures| {
+            with_it.holds_against(before, &bench.sigma_kpa()) && with_it.total_rmse_kpa() < before.total_rmse_kpa()
+        };
         if holds(&fitted) && holds(&reidentified) {
             extended = with_it;
             if let Some(channel) = term.reading {
