@@ -112,7 +112,7 @@ fn flat_stuck_clipped_and_wild_readings() {
     assert_finds(&clipped, Trouble::Clipped, Severity::Doubtful, &["p_pos_kpa", "a limit"]);
 
     let wild = with(&|p| [300, 900, 1500].map(|k: usize| p[k] += 25.0).into_iter().for_each(drop));
-    assert_finds(&wild, Trouble::Spikes, Severity::Doubtful, &["3 wild", "kPa off their neighbours"]);
+    assert_finds(&wild, Trouble::Spikes, Severity::Doubtful, &["3 wild", "kPa off the neighbours"]);
     assert_eq!(wild.usable[..ROWS].iter().filter(|u| **u == 0.0).count(), 3);
 
     // A line that rings stands out of its neighbours at every crest; those are readings.
