@@ -65,7 +65,12 @@ impl Adaptation {
         self.rig.pause();
         let done = work(self, console);
         self.rig.go_on();
-        let (ticks, wall) = before.until(&self.moment(console)?);
+        let after = match self.moment(console) {
+            Ok(after) => after,
+            // What went wrong in the work says more than that the daemon has gone meanwhile.
+            Err(gone) => return done.and(Err(gone)),
+        };
+        let (ticks, wall) = before.until(&after);
         self.journal.unused_ticks += ticks;
         self.journal.computed_s += wall.as_secs_f64();
         done
