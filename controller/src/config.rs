@@ -5,12 +5,10 @@
 
 use std::path::{Path, PathBuf};
 
-use law::AfterEnd;
+use law::{AfterEnd, RepetitionLearning};
 use proto::regular_file;
 use serde::{Deserialize, Serialize};
 use supervisor::Arming;
-
-use crate::model_change::RepetitionLearning;
 
 /// The largest configuration file that is read, in bytes.
 const MOST_BYTES: u64 = 1 << 20;

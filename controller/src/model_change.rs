@@ -14,7 +14,7 @@ use admission::model_comparison::{Sample, compare, warmed};
 use crossbeam::queue::ArrayQueue;
 use flight::Noter;
 use handover::Permit;
-use law::{FallbackSettings, Repetition};
+use law::{FallbackSettings, Repetition, RepetitionLearning};
 use model::predict::Predictor;
 use model::rig::{Rig, RigError};
 use model::steady::SteadyMap;
@@ -49,16 +49,6 @@ pub struct ModelChange {
     pub monitor: MonitorModels,
     /// What flights of the reference will teach on this model, where that is learned: nothing yet.
     pub repetition: Option<Box<Repetition>>,
-}
-
-/// Whether flights of a reference teach the next ones.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum RepetitionLearning {
-    /// They do not.
-    #[default]
-    Off,
-    /// They do ([`law::repetition`]).
-    On,
 }
 
 impl ModelChange {

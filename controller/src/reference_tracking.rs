@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use admission::model_comparison::Sample;
 use handover::{Arbiter, Candidate, ExplorationRules, ExplorationShown, PolicyEvent, StoreEnd, Trust, channel};
-use law::{AfterEnd, ControlInput, Course, FallbackSettings};
+use law::{AfterEnd, ControlInput, Course, FallbackSettings, RepetitionLearning};
 use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
 use model::predict::Predictor;
 use model::rig::{Rig, RigError};
@@ -17,7 +17,7 @@ use safety_filter::SafetyFilter;
 use supervisor::{Condition, ControlledBy};
 
 use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, Prediction, SensorSample, VENT};
-use crate::model_change::{self, ModelDesk, ModelTickEnd, RepetitionLearning};
+use crate::model_change::{self, ModelDesk, ModelTickEnd};
 use crate::notice::Notice;
 
 /// How often a reference is looked at for places out of reach, in s, and at how many places at most.

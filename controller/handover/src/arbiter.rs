@@ -80,9 +80,9 @@ pub struct Arbiter {
     /// Noise of a recorded tick, in place of what would be drawn.
     imposed_noise: Option<Pair>,
     noise: Pair,
-    /// What earlier flights of the reference have taught, where that is learned.
+    /// Store of what earlier flights of the reference have taught, where that is learned.
     repetition: Option<Box<Repetition>>,
-    /// What the last decision leaves for the next flight.
+    /// Error that the last decision leaves for the next flight.
     left: Left,
 }
 
@@ -319,7 +319,7 @@ impl Arbiter {
         }
     }
 
-    /// Whether what flights have taught is part of the whole command: a policy of the paper's layout decides without the fallback.
+    /// Tells whether what flights have taught is part of the whole command: a policy of the paper's layout decides without the fallback.
     fn builds_on_fallback(&self) -> bool {
         let candidate = self.candidate.as_ref().filter(|(_, stages)| stages.authority() > 0.0).map(|(seat, _)| seat);
         self.trust == Trust::FallbackOnly

@@ -38,7 +38,7 @@ impl Seat {
         self.taken.as_ref().map_or(PolicyTag::FALLBACK, |taken| taken.tag)
     }
 
-    /// Whether its command is the fallback's, with a correction or without.
+    /// Tells whether its command is the fallback's, with a correction or without.
     pub(crate) fn builds_on_fallback(&self) -> bool {
         let replaces = self.law.contract() == ObservationLayout::Paper;
         !replaces || self.taken.as_ref().is_none_or(|taken| taken.policy.is_none())

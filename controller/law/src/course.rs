@@ -4,7 +4,7 @@ use model::observation::{GOALS_AHEAD, Pair};
 
 use crate::{SoftStart, TICK_S};
 
-/// What follows the last row of a reference.
+/// Continuation behind the last row of a reference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum AfterEnd {
     /// It is held.

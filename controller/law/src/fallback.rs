@@ -111,7 +111,7 @@ pub struct Fallback {
     directions: [Direction; CHANNELS],
     play: [BacklashEstimator; CHANNELS],
     pending: [Pending; CHANNELS],
-    /// What a duty made of the pressures in the last tick, in kPa/s per duty.
+    /// Gain of a duty on the pressures in the last tick, in kPa/s per duty.
     gain_kpa_per_s: Pair,
     rest: Rest,
     /// Whether the rig file says anything of each valve's path.

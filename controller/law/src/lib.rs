@@ -30,7 +30,7 @@ pub use course::{AfterEnd, Course};
 pub use fallback::{Fallback, FallbackSettings};
 pub use integral::{IntegralAction, IntegralSettings};
 pub use policy_law::PolicyLaw;
-pub use repetition::{Left, Repetition};
+pub use repetition::{Left, Repetition, RepetitionLearning};
 pub use soft_start::SoftStart;
 
 use model::observation::{AHEAD, ActionTrajectory, CHANNELS, GOALS_AHEAD, Pair, TICKS_PER_S};

@@ -100,7 +100,17 @@ fn response(path: &ValvePath, bandwidth_per_s: f64) -> [f64; TAPS] {
     response
 }
 
-/// What a tick left, for the next flight.
+/// Choice whether flights of a reference teach the next ones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum RepetitionLearning {
+    /// They do not.
+    #[default]
+    Off,
+    /// They do.
+    On,
+}
+
+/// Error that a tick left, for the next flight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Left {
     /// Errors in kPa; 0 where nothing that is added acts: at a limit, or while something else decides.

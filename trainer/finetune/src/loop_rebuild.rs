@@ -13,7 +13,9 @@
 
 use std::sync::Arc;
 
-use law::{AfterEnd, ControlInput, ControlOutput, Course, FallbackSettings, Left, PolicyLaw, Repetition};
+use law::{
+    AfterEnd, ControlInput, ControlOutput, Course, FallbackSettings, Left, PolicyLaw, Repetition, RepetitionLearning,
+};
 use model::observation::{ACTION_LEN, AHEAD, CHANNELS, ObservationLayout, Pair};
 use model::predict::Predictor;
 use model::rig::Rig;
@@ -95,15 +97,6 @@ pub struct RebuiltTick {
     pub is_sound: bool,
 }
 
-/// Whether the daemon learned from flights of its reference.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FlightLearning {
-    /// It did not.
-    Off,
-    /// It did.
-    On,
-}
-
 /// The loop of one run of the daemon.
 pub struct LoopRebuild {
     layout: ObservationLayout,
@@ -158,11 +151,11 @@ impl LoopRebuild {
     ///
     /// # Errors
     /// A model that cannot be run.
-    pub fn repeat(&mut self, after_end: AfterEnd, learns: FlightLearning) -> Result<(), FinetuneError> {
+    pub fn repeat(&mut self, after_end: AfterEnd, learns: RepetitionLearning) -> Result<(), FinetuneError> {
         self.after_end = after_end;
         self.repetition = match learns {
-            FlightLearning::Off => None,
-            FlightLearning::On => Some(repetition(&self.model)?),
+            RepetitionLearning::Off => None,
+            RepetitionLearning::On => Some(repetition(&self.model)?),
         };
         Ok(())
     }

@@ -15,7 +15,7 @@ use std::path::Path;
 use environment::reward::{correction_price, reward};
 use environment::vector_env::ENVELOPE_KPA;
 use environment::{EnvironmentSettings, vector_env};
-use law::AfterEnd;
+use law::{AfterEnd, RepetitionLearning};
 use model::observation::{ACTION_LEN, ObservationLayout};
 use model::rig::Rig;
 use proto::recording::{FollowEnd, TickInput, TickRecord, attached};
@@ -23,7 +23,7 @@ use proto::reference::Reference;
 use training::TrainingSettings;
 
 use crate::FinetuneError;
-use crate::loop_rebuild::{FlightLearning, LeftOut, LoopRebuild, RebuiltTick};
+use crate::loop_rebuild::{LeftOut, LoopRebuild, RebuiltTick};
 use crate::recording_folder::{Read, RecordingFolder};
 
 /// Largest size of an answer that counts as within the policy's range; a tanh gets no nearer to 1 in f32.
@@ -203,7 +203,7 @@ impl Transitions {
         let mut rebuild = LoopRebuild::new(rig(&file, model)?, parsed_reference(&file, reference)?, self.layout)?;
         // Recordings of daemons that knew of no repetition hold no such choice.
         let chosen = recording.attachments(attached::EFFECTIVE).next().map(ChosenReference::parse).unwrap_or_default();
-        let learns = if chosen.learn { FlightLearning::On } else { FlightLearning::Off };
+        let learns = if chosen.learn { RepetitionLearning::On } else { RepetitionLearning::Off };
         rebuild.repeat(if chosen.repeat { AfterEnd::Repeat } else { AfterEnd::Hold }, learns)?;
         self.rebuild = Some(rebuild);
         self.known = [1; 2];
