@@ -89,7 +89,8 @@ fn origins(runs: &[Laid<'_>]) -> Table {
     for Laid { run, .. } in runs {
         let control = run.info.policy.as_ref().map_or("feed-forward PI", |(name, _)| name);
         let info = run.info;
-        table.push([run.name, &info.started, control, &info.rig, &info.model_rig, &info.reference]);
+        let started = wording::instant(&info.started);
+        table.push([run.name, &started, control, &info.rig, &info.model_rig, &info.reference]);
     }
     table
 }

@@ -34,10 +34,15 @@ pub fn flight_report(ticks: &[TickRecord], info: &FlightInfo) -> String {
     page = page.heading("Run").plot(report_plots::pressures(&flight));
     page = page.heading("What happened").table(happened_table(&happened));
     page = page.heading("Predictions (MPObs)").table(prediction_table(&flight, &checks));
-    for (name, check) in ["positive", "negative"].into_iter().zip(&checks) {
-        if check.loses_to_nothing(&flight.tracked()) {
-            page = page.text(&why_predictions_are_off(name, info));
-        }
+    let [pos, neg] = checks.each_ref().map(|check| check.loses_to_nothing(&flight.tracked()));
+    let off = match (pos, neg) {
+        (true, true) => Some("Both channels"),
+        (true, false) => Some("The positive channel"),
+        (false, true) => Some("The negative channel"),
+        (false, false) => None,
+    };
+    if let Some(channels) = off {
+        page = page.text(&why_predictions_are_off(channels, info));
     }
     if let Some(plot) = report_plots::prediction_close_up(&flight, &checks) {
         page = page.plot(plot);
@@ -62,9 +67,9 @@ pub fn flight_report(ticks: &[TickRecord], info: &FlightInfo) -> String {
 }
 
 /// Why predictions may be worse than none, as far as the recording tells.
-fn why_predictions_are_off(channel: &str, info: &FlightInfo) -> String {
+fn why_predictions_are_off(channels: &str, info: &FlightInfo) -> String {
     let begin = format!(
-        "The {channel} channel: five ticks ahead, MPObs is further off than assuming that nothing changes. Predictions roll the model from the plan of the tick before, so they miss"
+        "{channels}: five ticks ahead, MPObs is further off than assuming that nothing changes. Predictions roll the model from the plan of the tick before, so they miss"
     );
     let rig = info.rig.trim_end_matches(" (emulated)");
     if !rig.is_empty() && !info.model_rig.is_empty() && rig != info.model_rig {
@@ -86,7 +91,7 @@ fn why_predictions_are_off(channel: &str, info: &FlightInfo) -> String {
 fn subtitle(info: &FlightInfo) -> String {
     let policy = info.policy.as_ref().map(|(name, _)| format!("policy {name}"));
     let rig = Some(&info.rig).filter(|rig| !rig.is_empty()).map(|rig| format!("rig {rig}"));
-    let started = info.started.replace('T', " ").replace('Z', " UTC");
+    let started = wording::instant(&info.started);
     let parts = [started, info.program.clone(), rig.unwrap_or_default(), policy.unwrap_or_default()];
     parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" · ")
 }

@@ -63,6 +63,13 @@ pub(crate) fn seconds(time_s: f64) -> String {
     if time_s < 99.95 { format!("{time_s:.1} s") } else { format!("{time_s:.0} s") }
 }
 
+/// An instant of RFC 3339 in UTC to the second, as one reads it: `2026-11-28 06:12:58 UTC`.
+pub(crate) fn instant(rfc3339: &str) -> String {
+    let (date, time) = rfc3339.trim_end_matches('Z').split_once('T').unwrap_or((rfc3339, ""));
+    let time = time.split('.').next().unwrap_or_default();
+    if time.is_empty() { date.to_owned() } else { format!("{date} {time} UTC") }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -78,6 +85,7 @@ mod tests {
             [1.24, 310.2, 999.4, 999.6, 99_940.0, 99_960.0].map(|us| short_time(Some(us))),
             ["1.2 µs", "310 µs", "999 µs", "1.0 ms", "99.9 ms", "100 ms"]
         );
+        assert_eq!(["2026-11-28T06:12:58.227Z", "", "n/a"].map(instant), ["2026-11-28 06:12:58 UTC", "", "n/a"]);
         assert_eq!([0.52, 99.94, 99.96].map(seconds), ["0.5 s", "99.9 s", "100 s"]);
     }
 }

@@ -303,6 +303,8 @@ fn draw_series(out: &mut String, panel: &Placed<'_>, styled: &Styled<'_>) {
 
 /// Names of levels and moments, beside their lines, on a white ground so that curves do not cross them.
 fn labels_in_place(out: &mut String, panel: &Placed<'_>) {
+    // Names of moments that would stand on one another go one below the other.
+    let mut taken: Vec<(f64, f64)> = Vec::new();
     for Styled { series, color, .. } in &panel.series {
         let (x, y, anchor) = match series {
             Series::Level { y, .. } if y.is_finite() => {
@@ -315,7 +317,11 @@ fn labels_in_place(out: &mut String, panel: &Placed<'_>) {
                 let at = panel.px(*x);
                 let fits = at + 6.0 + text_width(series.name()) < RIGHT;
                 let (text, anchor) = if fits { (at + 6.0, "start") } else { (at - 6.0, "end") };
-                (text, panel.top + FONT + 3.0, anchor)
+                let from = if fits { text } else { text - text_width(series.name()) };
+                let to = from + text_width(series.name());
+                let above = taken.iter().filter(|(begin, end)| from < end + 6.0 && to > begin - 6.0).count();
+                taken.push((from, to));
+                (text, panel.top + FONT + 3.0 + above as f64 * (FONT + 3.0), anchor)
             }
             _ => continue,
         };

@@ -246,11 +246,13 @@
       for (let l = 0; l < 3; l++)
         panel.s.forEach((s, i) => { if (layer(s) === l && this.visible(p, i)) out += this.series(s, X, px, py, g, top, bottom); });
       out += `</g><path d="M${g.left} ${top}V${bottom}H${g.right}" fill="none" stroke="#57606a" stroke-width="1"/>`;
-      panel.s.forEach(s => { out += this.label(s, px, py, g, top, bottom); });
+      const taken = [];
+      panel.s.forEach(s => { out += this.label(s, px, py, g, top, bottom, taken); });
       return out;
     }
 
-    label(s, px, py, g, top, bottom) {
+    // Names of moments that would stand on one another go one below the other.
+    label(s, px, py, g, top, bottom, taken) {
       if (!s.n || (s.k !== 'level' && s.k !== 'moment')) return '';
       let x, y, anchor;
       if (s.k === 'level') {
@@ -258,7 +260,10 @@
         [x, y, anchor] = [g.right - 6, at - FONT - 4 < top ? at + FONT + 1 : at - 5, 'end'];
       } else {
         const at = px(s.at), fits = at + 6 + textWidth(s.n) < g.right;
-        [x, y, anchor] = [fits ? at + 6 : at - 6, top + FONT + 3, fits ? 'start' : 'end'];
+        const wide = textWidth(s.n), from = fits ? at + 6 : at - 6 - wide;
+        const above = taken.filter(([begin, end]) => from < end + 6 && from + wide > begin - 6).length;
+        taken.push([from, from + wide]);
+        [x, y, anchor] = [fits ? at + 6 : at - 6, top + FONT + 3 + above * (FONT + 3), fits ? 'start' : 'end'];
       }
       if (!(x >= g.left && x <= g.right && y >= top && y <= bottom + FONT)) return '';
       return `<text x="${num(x)}" y="${num(y)}" text-anchor="${anchor}" fill="${s.c}" stroke="#ffffff" stroke-width="3" paint-order="stroke">${esc(s.n)}</text>`;
@@ -345,7 +350,8 @@
     point(event) {
       const box = this.svg.getBoundingClientRect(), g = this.geometry;
       const x = (event.clientX - box.left) * g.width / box.width, y = (event.clientY - box.top) * g.width / box.width;
-      const inside = x >= g.left && x <= g.right && y >= g.panels[0].top - ROW && y <= g.panels[g.panels.length - 1].bottom + 4;
+      // Not above the first panel: what would stand there hides the names that are being clicked.
+      const inside = x >= g.left && x <= g.right && y >= g.panels[0].top && y <= g.panels[g.panels.length - 1].bottom + 4;
       return {x, y, inside, share: Math.max(0, Math.min(1, (x - g.left) / (g.right - g.left)))};
     }
 

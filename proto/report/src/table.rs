@@ -43,11 +43,13 @@ impl Table {
     pub(crate) fn to_html(&self) -> String {
         let numbers: Vec<bool> = (0..self.columns.len()).map(|column| self.holds_numbers(column)).collect();
         let class = |number: bool| if number { " class=\"number\"" } else { "" };
-        let mut out = String::from("<div class=\"scroll\"><table>");
-        // Writing to a String cannot fail.
+        let mut out = String::new();
+        // Outside of what scrolls: a sentence that is as wide as its table cannot be read on a phone.
         if let Some(caption) = &self.caption {
-            let _ = write!(out, "<caption>{}</caption>", escape(caption));
+            // Writing to a String cannot fail.
+            let _ = write!(out, "<p class=\"caption\">{}</p>", escape(caption));
         }
+        out.push_str("<div class=\"scroll\"><table>");
         out.push_str("<thead><tr>");
         for (column, number) in self.columns.iter().zip(&numbers) {
             let _ = write!(out, "<th scope=\"col\"{}>{}</th>", class(*number), escape(column));
@@ -56,7 +58,7 @@ impl Table {
         for row in &self.rows {
             out.push_str("<tr>");
             for (cell, number) in row.iter().zip(&numbers) {
-                let text = if *number { with_minus(cell) } else { cell.clone() };
+                let text = if *number || cell.parse::<f64>().is_ok() { with_minus(cell) } else { cell.clone() };
                 let _ = write!(out, "<td{}>{}</td>", class(*number), escape(&text));
             }
             out.push_str("</tr>");
@@ -92,8 +94,9 @@ mod tests {
 
     #[test]
     fn numbers_have_a_true_minus_and_texts_keep_their_hyphens() {
-        let html = Table::new(["gain", "rig"]).row(["-3.1", "re-identified"]).to_html();
+        let html = Table::new(["gain", "rig"]).row(["-3.1", "re-identified"]).row(["1", "-0.2"]).to_html();
         assert!(html.contains("<td class=\"number\">\u{2212}3.1</td><td>re-identified</td>"), "{html}");
+        assert!(html.contains("<td>\u{2212}0.2</td>"), "a number among texts: {html}");
     }
 
     #[test]

@@ -144,7 +144,20 @@ impl Run {
         }
         RunFiles::write(&files.metrics(), lines.as_bytes())?;
         RunFiles::write(&files.settings(), settings.to_toml()?.as_bytes())?;
-        Self::assemble(settings, files, replay, threads, parts, env, evaluated_on)
+        let mut run = Self::assemble(settings, files, replay, threads, parts, env, evaluated_on)?;
+        run.fallback = run.earlier_fallback();
+        Ok(run)
+    }
+
+    /// The fallback's flights of an earlier sitting, so that a page that is written before the next point has its line; none where
+    /// other rigs were flown.
+    fn earlier_fallback(&self) -> Vec<Evaluated> {
+        let earlier =
+            std::fs::read(self.files.summary()).ok().and_then(|text| serde_json::from_slice::<Summary>(&text).ok());
+        let flown = earlier.map_or_else(Vec::new, |summary| summary.fallback);
+        let same = flown.len() <= self.evaluated_on.len()
+            && flown.iter().zip(&self.evaluated_on).all(|(flown, (name, _))| flown.rig == *name);
+        if same { flown } else { Vec::new() }
     }
 
     fn assemble(

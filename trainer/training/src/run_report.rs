@@ -8,13 +8,13 @@ use crate::settings::TrainingSettings;
 
 /// Renders the page of a run.
 pub fn page(settings: &TrainingSettings, summary: &Summary, points: &[Point]) -> String {
-    let title = format!("Training: {} after {} steps", summary.variant, summary.steps);
+    let title = format!("Training: variant {}, {} steps", summary.variant, summary.steps);
     let mut page = Report::new(&title).subtitle(&format!(
-        "{}; seed {}; {:.0} steps/s with {} threads, environment {:.0} % of the time; {:.0} MiB",
+        "{}; seed {}; {:.0} steps/s with {}, environment {:.0} % of the time; {:.0} MiB",
         summary.taken,
         summary.seed,
         summary.steps_per_s,
-        summary.threads,
+        if summary.threads == 1 { "1 thread".to_owned() } else { format!("{} threads", summary.threads) },
         100.0 * summary.environment_share,
         summary.memory_mib
     ));
@@ -32,8 +32,11 @@ pub fn page(settings: &TrainingSettings, summary: &Summary, points: &[Point]) ->
     let x: Vec<f64> = points.iter().map(|p| p.step as f64 / 1000.0).collect();
     let curve = |value: &dyn Fn(&Point) -> f64| points.iter().map(value).collect::<Vec<f64>>();
     let colors = [Color::Blue, Color::Vermilion, Color::Green, Color::Purple, Color::Black];
-    let mut evaluation = Plot::new("Evaluated on the paper's reference", "thousand steps")
-        .caption("RMSE of the measured pressures after the first 5 s, mean action, without exploration. Dashed: the fallback on the same rig under the same noise.");
+    let dashed =
+        if summary.fallback.is_empty() { "" } else { " Dashed: the fallback on the same rig under the same noise." };
+    let mut evaluation = Plot::new("Evaluated on the paper's reference", "thousand steps").caption(&format!(
+        "RMSE of the measured pressures after the first 5 s, mean action, without exploration.{dashed}"
+    ));
     for (c, channel) in ["positive RMSE (kPa)", "negative RMSE (kPa)"].into_iter().enumerate() {
         let mut panel = Panel::new(channel).log_y();
         for (n, e) in summary.evaluated.iter().enumerate() {
@@ -81,8 +84,15 @@ pub fn page(settings: &TrainingSettings, summary: &Summary, points: &[Point]) ->
                 Color::Vermilion,
             ))),
     );
-    let mut table =
-        Table::new(["steps", "rig", "RMSE pos (kPa)", "RMSE neg (kPa)", "offset pos", "offset neg", "tripped"]);
+    let mut table = Table::new([
+        "steps",
+        "rig",
+        "RMSE pos (kPa)",
+        "RMSE neg (kPa)",
+        "offset pos (kPa)",
+        "offset neg (kPa)",
+        "tripped",
+    ]);
     for point in points {
         for e in &point.evaluated {
             table.push([
