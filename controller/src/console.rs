@@ -11,6 +11,8 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
+use proto::terminal_lines::for_stream;
+
 use crate::signals::ordered_to_stop;
 
 /// Lines that may wait: with 160 characters each, 80 KiB.
@@ -128,7 +130,7 @@ impl Console {
 
 /// A notice on standard error; dropped and counted where nobody reads.
 pub fn notice(line: impl std::fmt::Display) {
-    put(Stream::Err, format!("controller: {line}\n"));
+    put(Stream::Err, for_stream(&format!("controller: {line}\n"), &io::stderr()).into_owned());
 }
 
 /// Text on standard error as it is, for a line that is written over; dropped where nobody reads.
@@ -152,7 +154,7 @@ fn put(stream: Stream, text: String) {
 /// A line of results on standard output; waits for room until somebody asks the process to stop.
 pub fn result(line: impl std::fmt::Display) {
     let Some(console) = console() else { return };
-    let mut text = format!("{line}\n");
+    let mut text = for_stream(&format!("{line}\n"), &io::stdout()).into_owned();
     let begun = Instant::now();
     while let Err(back) = console.offer(Stream::Out, text) {
         if ordered_to_stop() && begun.elapsed() > STOP_TIME {

@@ -12,4 +12,5 @@ pub mod reference;
 pub mod regular_file;
 pub mod rig_file;
 pub mod stream;
+pub mod terminal_lines;
 pub mod wire;

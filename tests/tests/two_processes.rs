@@ -57,7 +57,7 @@ fn an_operator_flies_the_emulated_rig() {
     });
     let wild = laboratory.folder.write("wild.csv", "time_s,ref_pos_kpa,ref_neg_kpa\n0,70,-65\n1,170,-65\n");
     let refused = laboratory.ask(&["reference", wild.to_str().unwrap()]);
-    assert!(refused.status == Some(1) && refused.stderr.contains("safety envelope"), "{refused:?}");
+    assert!(refused.status == Some(2) && refused.stderr.contains("safety envelope"), "{refused:?}");
 
     let (reply, status) = laboratory.ask_json(&["disarm"]);
     assert_eq!((status, &reply["ok"], &reply["state"]), (Some(0), &true.into(), &"standby".into()), "{reply}");

@@ -14,6 +14,7 @@ use proto::emulator::{EmulatorError, FaultScriptError};
 use proto::output::OutputError;
 use proto::recording::RecordingError;
 use proto::rig_file::RigFileError;
+use proto::terminal_lines;
 use training::TrainingError;
 
 use crate::bench::LanesDiffer;
@@ -75,6 +76,8 @@ pub(crate) enum Failure {
          {before_kpa:.2} kPa: worse than before, so {out} is not written; `trainer diagnose` looks for what the rig file lacks"
     )]
     WorseThanBefore { before_kpa: f64, after_kpa: f64, out: String },
+    #[error("not good: {0}; until that is mended the figures compare different quantities")]
+    NotGood(String),
     #[error("{file}: {rows} of at least {least} rows of 20 ms: too short to tell anything; are its times in seconds?")]
     TooShort { file: String, rows: usize, least: usize },
     #[error("{out}: this is the rig file that is read, which would be lost; give --out another name")]
@@ -134,6 +137,7 @@ impl Failure {
             | Self::Generate { .. }
             | Self::Stdout(_)
             | Self::Signals(_)
+            | Self::NotGood(_)
             | Self::WorseThanBefore { .. } => FAILED,
         }
     }
@@ -145,10 +149,11 @@ impl Failure {
     }
 }
 
-/// One line on standard error, whatever is in the text.
+/// One line on standard error, whatever is in the text; broken between words on a terminal.
 pub(crate) fn tell(text: &str) {
     // A file's name may hold line ends; a message that falls apart over lines is not found again in a log.
     let line: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    let text = format!("trainer: {line}\n");
     // Where standard error is closed there is no one to tell.
-    let _ = writeln!(io::stderr().lock(), "trainer: {line}");
+    let _ = io::stderr().lock().write_all(terminal_lines::for_stream(&text, &io::stderr()).as_bytes());
 }

@@ -10,7 +10,7 @@ use fit::simulate::{Arcs, Fidelity, Flapper, Look, Run, Simulator, flappers_of};
 use free_run::{Began, FreeRun, FreeRunError};
 use model::plant::Plant;
 use model::rig::Rig;
-use proto::recording::{PERIOD_S, Recording};
+use proto::recording::{PERIOD_S, Recording, short_name};
 use proto::rig_file::RigFileError;
 use serde_json::{Map, Value, json};
 
@@ -31,7 +31,10 @@ use crate::stdout;
 /// Recordings of any rate are brought to rows of 20 ms; only rows with a sample are compared. Lost rows up to 0.1 s are bridged;
 /// at a longer gap the run begins anew from the recorded pressures, which makes its error smaller: the column `anew` counts that.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: trainer validate --rig dual_pressure run1.mcap run2.csv --json")]
+#[command(after_help = "Exit status: 0 compared; 1 compared, and the recording does not hold what the rig file says
+(another unit, swapped columns, a command turned round); 2 wrong use or input.
+
+Example: trainer validate --rig dual_pressure run1.mcap run2.csv --json")]
 pub(crate) struct ValidateArgs {
     #[command(flatten)]
     rig: RigChoice,
@@ -90,23 +93,26 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
             figures.push(compare(&mut free_run, recording, began, rows, &mut progress)?);
         }
     }
-    tell_all(&recordings, &looked.findings, &figures);
+    tell_all(&recordings, &looked, &figures);
     let overall = overall(&figures);
     if args.json {
         let recordings: Vec<Value> = figures.iter().map(|each| json_of(each, &plant)).collect();
-        return stdout::say_json(&json!({
+        stdout::say_json(&json!({
             "rig": rig.name, "least_kpa": args.least_kpa.unwrap_or(LEAST_KPA), "recordings": recordings,
-            "overall": json_of(&overall, &plant),
-        }));
+            "overall": json_of(&overall, &plant), "good": looked.unusable.is_none(), "not_good": looked.unusable,
+            "doubts": looked.doubts,
+        }))?;
+    } else {
+        let several = (figures.len() > 1).then_some(&overall);
+        stdout::say(&table(figures.iter().chain(several), &plant))?;
     }
-    let several = (figures.len() > 1).then_some(&overall);
-    stdout::say(&table(figures.iter().chain(several), &plant))
+    looked.unusable.map_or(Ok(()), |why| Err(Failure::NotGood(why)))
 }
 
 /// Tells what the figures have to be read with.
-fn tell_all(recordings: &[Recording], findings: &[String], figures: &[Figures]) {
+fn tell_all(recordings: &[Recording], looked: &Looked, figures: &[Figures]) {
     let notes = recordings.iter().flat_map(Recording::notes);
-    notes.chain(findings).for_each(|note| tell(note));
+    notes.chain(&looked.doubts).for_each(|note| tell(note));
     recordings.iter().filter_map(began_anew).for_each(|note| tell(&note));
     for each in figures {
         if let (Some(file), Some(first)) = (&each.file, each.began.first().filter(|flappers| !flappers.is_empty())) {
@@ -120,35 +126,39 @@ fn tell_all(recordings: &[Recording], findings: &[String], figures: &[Figures]) 
 fn check_meaning(rig: &Rig, recordings: &[Recording]) -> Result<(), Failure> {
     let Err(outside) = within_ranges(rig, recordings) else { return Ok(()) };
     // What the rig would do is the closer word, where it can be asked.
-    let told = looked_at(rig, recordings).ok().and_then(|looked| looked.findings.into_iter().next());
+    let told = looked_at(rig, recordings).ok().and_then(|looked| looked.unusable.or(looked.doubts.into_iter().next()));
     Err(told.map_or(outside, FitError::Unusable).into())
 }
 
 /// What the checks of units, signs, exchanged columns and sensors say of recordings.
 struct Looked {
-    /// Errors that are not the model's, worst first.
-    findings: Vec<String>,
+    /// Errors that are not the model's and that no figure is worth anything with; all in one line.
+    unusable: Option<String>,
+    /// Errors that are not the model's and that figures have to be read with.
+    doubts: Vec<String>,
     /// By recording, sensor and row, whether a sound sample was taken there.
     usable: Vec<Vec<Vec<bool>>>,
 }
 
 fn looked_at(rig: &Rig, recordings: &[Recording]) -> Result<Looked, FitError> {
     let records = Records::new(rig, recordings)?;
-    let quality = Quality::of(rig, &records, &noise(&records))?;
-    let of_reading = |finding: &&Finding| {
+    let mut quality = Quality::of(rig, &records, &noise(&records))?;
+    // What a fit cannot do without a comparison can.
+    let of_reading = |finding: &Finding| {
         !matches!(
             finding.trouble,
             Trouble::TooShort | Trouble::Gaps | Trouble::UnevenTime | Trouble::NoExcitation | Trouble::PumpOff
         )
     };
-    let findings = quality.findings.iter().filter(of_reading).map(ToString::to_string).collect();
+    quality.findings.retain(of_reading);
+    let (unusable, doubts) = (quality.refusal(), quality.doubts().map(ToString::to_string).collect());
     let of = |record: usize, channel: usize| {
         let rows = quality.usable.get(records.layout().channel(record, channel)).unwrap_or_default();
         rows.iter().map(|usable| *usable > 0.0).collect()
     };
     let channels = 0..records.sensors().len();
     let usable = (0..recordings.len()).map(|record| channels.clone().map(|channel| of(record, channel)).collect());
-    Ok(Looked { findings, usable: usable.collect() })
+    Ok(Looked { unusable, doubts, usable: usable.collect() })
 }
 
 /// Which rows of a recording are compared.
@@ -293,12 +303,19 @@ const HEAD: [&str; 9] = ["recording", "channel", "accuracy", "RMSE kPa", "max kP
 
 fn table<'a>(figures: impl Iterator<Item = &'a Figures>, plant: &Plant<f64>) -> String {
     let mut lines = vec![HEAD.map(str::to_owned)];
-    for each in figures {
+    let figures: Vec<&Figures> = figures.collect();
+    // The end of a path by which files differ: whole paths make rows that no terminal holds.
+    let paths = || figures.iter().filter_map(|each| each.file.as_deref());
+    for each in &figures {
         for (index, (column, errors)) in plant.sensor_columns().iter().zip(&each.channels).enumerate() {
             let (worst_kpa, worst_time_s) = errors.worst();
             let (rows, near_zero) = errors.rows();
             lines.push([
-                if index == 0 { each.file.clone().unwrap_or_else(|| "all".to_owned()) } else { String::new() },
+                match (index, &each.file) {
+                    (0, Some(file)) => short_name(file, paths()),
+                    (0, None) => "all".to_owned(),
+                    _ => String::new(),
+                },
                 channel(column).to_owned(),
                 errors.accuracy().map_or("-".to_owned(), |share| format!("{:.2} %", 100.0 * share)),
                 format!("{:.4}", errors.rmse_kpa()),

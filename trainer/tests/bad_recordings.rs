@@ -238,7 +238,7 @@ fn validate_says_what_readings_are_taken_for() {
         rows.iter_mut().for_each(spoil);
         let file = folder.with(&format!("{name}.csv"), csv(&rows));
         let said = run(["validate", "--rig", "dual_pressure", &file]);
-        assert!(said.status == 0 && said.err.contains(words), "{name}: {}", said.err);
+        assert!(said.status == 1 && said.err.contains(words), "{name}: {}", said.err);
     }
     let file = folder.with("good.csv", csv(&good));
     let said = run(["validate", "--rig", "dual_pressure", &file]);

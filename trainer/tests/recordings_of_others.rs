@@ -9,6 +9,7 @@ mod program;
 
 use std::path::PathBuf;
 
+use model::rig::Rig;
 use program::{Folder, elsewhere, refused, run, sound};
 use serde_json::Value;
 
@@ -128,6 +129,39 @@ fn absolute_pressures_and_scaled_commands_are_refused_on_any_rig() {
     assert!(said.contains("u_pump") && said.contains("driving the pump") && said.contains("inverted"), "{said}");
 }
 
+/// The paper's rig as a logger without scales writes it, through a converter of 12 bits over 5 V and one of 16 over 10 V.
+#[test]
+fn raw_counts_of_a_converter_get_the_key_that_scales_them() {
+    let folder = Folder::new("counts");
+    let rows: Vec<Vec<f64>> = paper(&folder)
+        .iter()
+        .skip(1)
+        .map(|line| line.split(',').take(5).map(|cell| cell.parse().unwrap()).collect())
+        .collect();
+    for (full, volts) in [(4095.0, 5.0), (65_535.0, 10.0)] {
+        // 1 … 5 V are 0 … 1000 kPa and 0 … -101 kPa.
+        let count = |kpa: f64, range_kpa: f64| ((1.0 + 4.0 * kpa / range_kpa) / volts * full).round();
+        let line = |row: &Vec<f64>| {
+            format!("{},{},{},{},{}\n", row[0], row[1], row[2], count(row[3], 1000.0), count(row[4], -101.0))
+        };
+        let text = format!("time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa\n{}", rows.iter().map(line).collect::<String>());
+        let file = folder.with("counts.csv", text);
+        let said = refused(["identify", &file, "--out", &folder.path("fitted.toml")]);
+        assert!(said.contains("raw counts of a converter"), "{said}");
+        let scale = |range_kpa: f64| range_kpa * volts / (4.0 * full);
+        let key = said.split("columns.p_pos_kpa = ").nth(1).unwrap().trim();
+        let named: f64 = key.split("scale = ").nth(1).unwrap().split(',').next().unwrap().parse().unwrap();
+        // Two converters may have one scale to a few parts in ten thousand: 13 bits over 10 V are 12 bits over 5 V.
+        assert!((named / scale(1000.0) - 1.0).abs() < 1e-3 && key.contains("offset = -250.0"), "{key}");
+        let map = format!(
+            "[recording]\ncolumns.p_pos_kpa = {key}\ncolumns.p_neg_kpa = {{ from = \"p_neg_kpa\", scale = {}, offset = 25.25 }}\n",
+            scale(-101.0)
+        );
+        let rig = folder.with("scaled.toml", format!("{}\n{map}", Rig::builtin_text("dual_pressure").unwrap()));
+        sound(["validate", "--rig", &rig, &file]);
+    }
+}
+
 /// A rig that reaches 1.7 kPa behind a sensor of −5 … 20: what is wrong lies inside the sensor's range, and the fit would take it
 /// up by moving the rig's parameters.
 #[test]
@@ -166,6 +200,16 @@ fn wrong_units_signs_and_commands_of_a_rig_of_low_pressures_are_told() {
             let said = said_of(name, rows, of);
             for word in words {
                 assert!(said.contains(word), "{name}, {when}: `{word}` is not in: {said}");
+            }
+            // A comparison is made all the same, where there is one to make, and is not good.
+            let compared = run(["validate", "--rig", &rig, &folder.path(&format!("{name}.csv"))]);
+            assert_ne!(compared.status, 0, "{name}, {when}: {}", compared.err);
+            if compared.status == 1 {
+                assert!(
+                    compared.out.contains("RMSE") && compared.err.contains("trainer: not good: "),
+                    "{}",
+                    compared.err
+                );
             }
         }
     }
@@ -284,6 +328,23 @@ fn lost_rows_do_not_flatter() {
     let (bridged, anew, said) = rmse(&lost);
     assert!(whole > 0.2 && (bridged / whole - 1.0).abs() < 0.05, "{whole} {bridged}");
     assert_eq!((anew, &said["overall"]["rows_without_sample"]), (0, &75.into()), "{said:#}");
+    // A cell without a reading loses its row in the same words.
+    let blank: Vec<String> = lines
+        .iter()
+        .enumerate()
+        .map(|(k, line)| match line.rsplit_once(',') {
+            Some((rest, _)) if k > 0 && k % 20 == 7 => format!("{rest},"),
+            _ => line.clone(),
+        })
+        .collect();
+    let blank = folder.with("blank.csv", blank.join("\n") + "\n");
+    assert_eq!(rmse(&blank).0, bridged);
+    let told = run(["validate", "--refine", "1", &blank]);
+    assert!(
+        told.err.contains("75 rows lost in 75 places") && told.err.contains("75 rows have no number in"),
+        "{}",
+        told.err
+    );
     let told = run(["validate", "--refine", "1", &lost]);
     assert!(told.err.contains("75 rows lost in 75 places") && told.out.contains("anew"), "{}{}", told.out, told.err);
     let torn = run(["validate", "--refine", "1", &file("torn.csv", &|k| k % 100 > 25)]);

@@ -15,13 +15,13 @@ const NAME: usize = 32;
 impl FlightStatistics {
     /// The line that stands above the live lines.
     pub fn live_header() -> &'static str {
-        concat!("   time  positive -> reference (kPa)  negative -> reference (kPa)  ", "valve duty   slowest  missed")
+        "   time  positive -> ref., error  negative -> ref., error  valve duty  slowest"
     }
 
     /// The state of the flight now, in one line of fixed columns; begins another second.
     ///
     /// `note` stands at the end: the daemon's state or fault in a few words, or nothing. The compute time
-    /// is the slowest tick since the last line.
+    /// is the slowest tick since the last line; deadlines that were missed stand behind it once there are any.
     ///
     /// # Real-time
     /// Not in the tick: it allocates.
@@ -31,17 +31,21 @@ impl FlightStatistics {
             return format!("     0 s  no tick yet  {note}").trim_end().to_owned();
         };
         let channel = |measured: f64, reference: f64| {
-            let (now, target, error) = (cell(measured, 7), cell(reference, 7), signed_cell(measured - reference));
-            format!("{now} -> {target} ({error})")
+            let (now, target, error) = (cell(measured, 6), cell(reference, 6), signed_cell(measured - reference));
+            format!("{now} -> {target} {error}")
         };
+        let missed = match self.counts.deadline_misses {
+            0 => String::new(),
+            misses => format!("{misses} missed"),
+        };
+        let note = [missed.as_str(), note].into_iter().filter(|words| !words.is_empty()).collect::<Vec<_>>().join("  ");
         format!(
-            "{:>5.0} s  {}  {}  {:.3} {:.3}  {slowest_ms:>4.1} ms  {:>6}  {note}",
+            "{:>5.0} s  {}  {}  {:.3} {:.3} {slowest_ms:>4.1} ms  {note}",
             moment.time_s.floor(),
             channel(tick.p_pos_kpa, tick.ref_pos_kpa),
             channel(tick.p_neg_kpa, tick.ref_neg_kpa),
             tick.u_pos,
             tick.u_neg,
-            self.counts.deadline_misses,
         )
         .trim_end()
         .to_owned()

@@ -96,7 +96,13 @@ impl Target {
             file.to_owned()
         } else {
             // The daemon has another working directory.
-            std::path::absolute(file).map_err(|e| Failure::input(format!("{}: {e}", file.display())))?
+            let file = std::path::absolute(file).map_err(|e| Failure::input(format!("{}: {e}", file.display())))?;
+            // What is wrong in a rig file that this person may read is told here, as wrong input; another is the daemon's to judge.
+            match std::fs::File::open(&file) {
+                Err(error) if error.kind() == std::io::ErrorKind::PermissionDenied => {}
+                _ => drop(proto::rig_file::load(&file.display().to_string()).map_err(Failure::input)?),
+            }
+            file
         };
         let reply = self.ask(&Ask::Model { file })?;
         self.done(reply.done.as_deref().unwrap_or("done"))
@@ -116,6 +122,7 @@ impl Target {
             say(format_args!("{}", serde_json::to_string(&reply).map_err(Failure::work)?));
         }
         match &reply.error {
+            Some(error) if reply.bad_input => Err(Failure::input(error)),
             Some(error) => Err(Failure::work(error)),
             None => Ok(reply),
         }

@@ -73,12 +73,18 @@ impl Desk {
             Some(why) => Err(format!("{name}: {why}")),
             None => Ok(r),
         });
-        let asking = checked.and_then(|reference| {
-            let csv = reference.to_csv();
-            Ok((self.ask_tick(Request::Reference(Box::new(reference)))?, csv))
-        });
-        match asking {
-            Ok((ticket, csv)) => asked.taking(EFFECT_TIME).pending(What::Following(Following { ticket, name, csv })),
+        let reference = match checked {
+            Ok(reference) => reference,
+            Err(why) => {
+                self.record("reference", asked.peer, &Err(why.clone()));
+                let mut reply = self.reply(Err(why));
+                reply.bad_input = true;
+                return Step::Done(Box::new(reply));
+            }
+        };
+        let csv = reference.to_csv();
+        match self.ask_tick(Request::Reference(Box::new(reference))) {
+            Ok(ticket) => asked.taking(EFFECT_TIME).pending(What::Following(Following { ticket, name, csv })),
             Err(why) => self.over("reference", asked.peer, Err(why)),
         }
     }

@@ -124,22 +124,37 @@ pub(super) fn made(
         let Some(at) = sheet.find(&term.from)? else { return Err(missing(sheet, name, &term.from)) };
         let numbers = match kind {
             Kind::Reading => slower::readings(sheet, at),
-            Kind::Command | Kind::Switch => slower::commands(sheet, at).map(|(numbers, held)| {
-                made.taken.extend(held.then(|| format!("{name} held where its cells are blank")));
-                numbers
-            }),
-            Kind::Signal => sheet.numbers(at),
+            Kind::Command | Kind::Switch => {
+                let read = if kind == Kind::Switch { slower::switches } else { slower::commands };
+                read(sheet, at).map(|(numbers, held)| {
+                    made.taken.extend(held.then(|| format!("{name} held where its cells are blank")));
+                    numbers
+                })
+            }
+            Kind::Signal => slower::signals(sheet, at),
         };
         let numbers = numbers.map_err(|error| text_column(sheet, &term.from, error))?;
+        let markers = if kind == Kind::Reading { markers(&numbers) } else { Vec::new() };
         let unit = of_unit(sheet, at, term)?;
         let in_rig_unit = converted(sheet, rig, (name, kind), term, unit.as_ref(), numbers)?;
         made.taken.extend(in_rig_unit.1);
         made.from.push(at);
-        for (slot, x) in made.numbers.iter_mut().zip(in_rig_unit.0) {
+        for (row, (slot, x)) in made.numbers.iter_mut().zip(in_rig_unit.0).enumerate() {
             *slot += term.of(x);
+            // No pressure: the row has none.
+            if markers.contains(&row) && *slot < LEAST_READING_KPA {
+                *slot = f64::NAN;
+            }
         }
     }
     Ok(Some(made))
+}
+
+/// Rows in which the logger wrote its number for no reading, where they are few.
+fn markers(numbers: &[f64]) -> Vec<usize> {
+    let rows: Vec<usize> =
+        (0..numbers.len()).filter(|row| numbers.get(*row).is_some_and(|x| NO_READING.contains(x))).collect();
+    if 3 * rows.len() < numbers.len() { rows } else { Vec::new() }
 }
 
 /// The error of a column whose first cell is no number: of a whole column of text, or of a row that the logger had nothing for.

@@ -35,6 +35,17 @@ pub enum ColumnData {
 }
 
 impl ColumnData {
+    /// The cells of these rows alone.
+    pub(super) fn rows_alone(&self, rows: &[usize]) -> Self {
+        fn taken<T: Clone>(all: &[T], rows: &[usize]) -> Vec<T> {
+            rows.iter().filter_map(|row| all.get(*row)).cloned().collect()
+        }
+        match self {
+            ColumnData::Numbers(numbers) => ColumnData::Numbers(taken(numbers, rows)),
+            ColumnData::Text(texts) => ColumnData::Text(taken(texts, rows)),
+        }
+    }
+
     /// The cells of some rows; fewer where there are no more.
     pub(super) fn cut(&self, rows: &std::ops::Range<usize>) -> Self {
         match self {

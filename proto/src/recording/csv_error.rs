@@ -238,10 +238,7 @@ fn not_forward_mend(value: f64, previous: f64) -> &'static str {
 
 /// What helps where a cell is no number.
 fn no_number_mend(cell: &str) -> &'static str {
-    const NOTHING: [&str; 10] = ["", "-", "--", "---", "na", "n/a", "#n/a", "none", "null", "ol"];
-    let is_nothing = NOTHING.iter().any(|nothing| cell.trim().eq_ignore_ascii_case(nothing));
-    // A spreadsheet's errors: #DIV/0!, #VALUE!, #REF!.
-    if is_nothing || (cell.starts_with('#') && cell.ends_with('!')) { "; leave out rows without a reading" } else { "" }
+    if super::numbers::says_nothing(cell) { "; leave out rows without a reading" } else { "" }
 }
 
 fn not_finite_mend(column: &str) -> &'static str {

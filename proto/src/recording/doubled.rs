@@ -3,7 +3,7 @@
 //! A row that is the one before it in every cell says nothing new and is passed over, and told. Where nothing in the file counts
 //! on from row to row, alike rows are readings that did not move, and stay.
 
-use super::sheet::{Cells, Sheet, SheetColumn};
+use super::sheet::{Cells, Sheet};
 
 /// Rows from which on it can be seen that a column counts on.
 const LEAST_ROWS: usize = 3;
@@ -15,13 +15,7 @@ pub(super) fn once<'a>(sheet: &Sheet<'a>) -> Option<Sheet<'a>> {
     if kept.len() == sheet.rows() || kept.len() < LEAST_ROWS {
         return None;
     }
-    let columns =
-        sheet.columns.iter().map(|column| SheetColumn { cells: taken(&column.cells, &kept), ..column.clone() });
-    let mut of = Sheet {
-        columns: columns.collect(),
-        lines: kept.iter().filter_map(|row| sheet.lines.get(*row)).copied().collect(),
-        ..sheet.clone()
-    };
+    let mut of = sheet.rows_alone(&kept);
     let goes_on = |column: usize| of.times(column).is_ok_and(|times| times.windows(2).all(|pair| pair[1] > pair[0]));
     if !(0..of.columns.len()).any(goes_on) {
         return None;
@@ -39,12 +33,5 @@ fn is_alike(cells: &Cells<'_>, row: usize) -> bool {
         Cells::Text(texts) => texts.get(row) == texts.get(row - 1),
         // A cell without a number is like another one.
         Cells::Numbers(numbers) => numbers.get(row).map(|x| x.to_bits()) == numbers.get(row - 1).map(|x| x.to_bits()),
-    }
-}
-
-fn taken<'a>(cells: &Cells<'a>, rows: &[usize]) -> Cells<'a> {
-    match cells {
-        Cells::Text(texts) => Cells::Text(rows.iter().filter_map(|row| texts.get(*row)).cloned().collect()),
-        Cells::Numbers(numbers) => Cells::Numbers(rows.iter().filter_map(|row| numbers.get(*row)).copied().collect()),
     }
 }

@@ -20,7 +20,7 @@ use model::rig::{Decimal, RecordingMap, Separator};
 use super::cells::{Broken, Comments, Grammar, Rows};
 use super::csv::CsvError;
 use super::labview;
-use super::numbers::is_grouped;
+use super::numbers::{is_grouped, says_nothing};
 use super::sheet::{Cells, Sheet, SheetColumn, is_data};
 use super::units::Unit;
 
@@ -344,11 +344,23 @@ fn above(rows: &[Row<'_>], first: usize, manner: &Manner) -> Option<usize> {
         (texts && filled(&row.1) > 0 && cells.abs_diff(manner.cells) <= 1).then_some(at)
     };
     let directly = first.checked_sub(1).and_then(named)?;
-    let is_of_units = is_units(&rows.get(directly)?.1);
-    match directly.checked_sub(1).and_then(named) {
-        Some(higher) if is_of_units => Some(higher),
-        _ => Some(directly),
+    let cells = |at: usize| rows.get(at).map_or(&[] as &[Cow<'_, str>], |row| row.1.as_slice());
+    // What each number is (its unit, how it was sampled, a line of dashes) may stand between names and data.
+    let mut between = std::iter::successors(Some(directly), |at| at.checked_sub(1).and_then(named));
+    if is_units(cells(directly)) {
+        return between.nth(1).or(Some(directly));
     }
+    if are_names(cells(directly)) {
+        return Some(directly);
+    }
+    let alike = |at: &usize| cells(*at).len() == cells(directly).len();
+    between.skip(1).take_while(alike).find(|at| are_names(cells(*at))).or(Some(directly))
+}
+
+/// Whether cells can name columns: no name twice.
+fn are_names(row: &[Cow<'_, str>]) -> bool {
+    let mut seen = std::collections::HashSet::new();
+    row.iter().filter(|cell| !cell.is_empty()).all(|cell| seen.insert(cell.as_ref()))
 }
 
 /// Whether a row holds units: at least one, and nothing else but empty cells and dashes.
@@ -375,6 +387,11 @@ fn is_remark(row: &[Cow<'_, str>], rows: &[Row<'_>], width: usize, decimal: Deci
         |row: &[Cow<'_, str>]| row.first().is_some_and(|cell| !cell.is_empty() && is_data(cell, decimal));
     let is_text = row.first().is_some_and(|cell| !cell.is_empty()) && !begins_with_data(row);
     filled(row) < width && is_text && rows.first().is_some_and(|(_, first)| begins_with_data(first))
+}
+
+/// What is told of lines of text below a table: notes, means of the columns.
+fn behind_the_data(file: &str, lines: usize, from: u64) -> String {
+    format!("{file}: {} of text behind the data, from line {from} on", counted(lines, "line"))
 }
 
 /// Puts the rows below a head into the columns of a sheet.
@@ -408,16 +425,21 @@ pub(super) fn fill<'a>(
             remarks.push((*line, row.first().map(|cell| super::csv::shown(cell)).unwrap_or_default()));
             continue;
         }
+        let behind = rows.get(index..).unwrap_or_default();
+        let begins_with_data =
+            |row: &[Cow<'_, str>]| row.first().is_some_and(|cell| is_data(cell, sheet.decimal) || says_nothing(cell));
+        if index > 0
+            && rows.first().is_some_and(|(_, first)| begins_with_data(first))
+            && behind.iter().all(|(_, row)| !begins_with_data(row))
+        {
+            sheet.notes.push(behind_the_data(&sheet.file, behind.len(), *line));
+            break;
+        }
         let short = row.len() < width && !(spare && row.len() + 1 == width);
         let long = filled(row) > width;
         if short || long {
-            let behind = rows.get(index..).unwrap_or_default();
             if index > 0 && behind.iter().all(|(_, row)| row.iter().all(|cell| !is_data(cell, sheet.decimal))) {
-                sheet.notes.push(format!(
-                    "{}: {} of text behind the data, from line {line} on",
-                    sheet.file,
-                    counted(behind.len(), "line")
-                ));
+                sheet.notes.push(behind_the_data(&sheet.file, behind.len(), *line));
                 break;
             }
             if index > 0 && short && index + 1 == rows.len() && last == LastRow::MayBeCut {

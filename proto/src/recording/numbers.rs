@@ -1,10 +1,26 @@
-//! Numbers as loggers write them: decimal points or commas, thousands in groups, a typographic minus, exponents of Fortran.
+//! Numbers as loggers write them: decimal points or commas, thousands in groups, a typographic minus, exponents of Fortran; and what
+//! they write where they have none.
 
 use model::rig::Decimal;
 
 /// Marks between groups of thousands, besides the comma or point that is not the decimal mark: apostrophes, blanks that do not
 /// break a line.
 const GROUP_MARKS: [char; 5] = ['\'', '\u{2019}', '\u{a0}', '\u{202f}', '\u{2009}'];
+
+/// What loggers write where they have nothing, besides nothing at all and NaN.
+const NOTHING: [&str; 16] = [
+    "-", "--", "---", "na", "n/a", "#n/a", "null", "none", "1.#qnan", "-1.#ind", "ol", "err", "error", "bad",
+    "invalid", "no data",
+];
+
+/// Whether a cell says that there is nothing: blank, NaN, a logger's word for it, a spreadsheet's error (`#DIV/0!`).
+pub(super) fn says_nothing(text: &str) -> bool {
+    let text = text.trim();
+    text.is_empty()
+        || text.eq_ignore_ascii_case("nan")
+        || NOTHING.iter().any(|nothing| text.eq_ignore_ascii_case(nothing))
+        || (text.starts_with('#') && text.ends_with('!'))
+}
 
 /// A number with this decimal mark; `true` and `false` are 1 and 0.
 pub(super) fn parse(text: &str, decimal: Decimal) -> Option<f64> {

@@ -22,8 +22,8 @@ use super::resample::{Kind, Resampling};
 use super::sheet::Sheet;
 use super::slower::{self, Slower};
 use super::table::{Recording, RecordingError, Rows};
-use super::times::{Times, times};
-use super::{MOST_BYTES, file_kind, logger_text, packed, repeated, text_encoding};
+use super::times::{Times, places_of_time, times};
+use super::{MOST_BYTES, file_kind, logger_text, lost_rows, packed, repeated, serial_monitor, text_encoding};
 use crate::regular_file;
 
 impl Recording {
@@ -56,6 +56,7 @@ impl Recording {
         }
         let text = text_encoding::decode(file, bytes)?;
         file_kind::check_text(file, &text)?;
+        let text = serial_monitor::unfolded(text);
         from_sheet(&logger_text::sheet(file, &text, &map)?, rig, &map)
     }
 
@@ -96,7 +97,9 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     let once = super::doubled::once(sheet);
     let sheet = once.as_ref().unwrap_or(sheet);
     let own = is_own(sheet, rig, map)?;
-    let Times { time_s, columns: of_time, taken } = times(sheet, map, own)?;
+    let timed = lost_rows::timed(sheet, &places_of_time(sheet, map, own));
+    let sheet = timed.as_ref().unwrap_or(sheet);
+    let Times { mut time_s, columns: of_time, taken } = times(sheet, map, own)?;
     let mut units = taken;
     let mut columns = Vec::new();
     for Asked { name, kind, default } in asked(rig) {
@@ -105,6 +108,8 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
         check(sheet, rig, (&name, kind), &made.from, &made.numbers)?;
         columns.push((Column { name, data: ColumnData::Numbers(made.numbers) }, kind));
     }
+    let numbered = lost_rows::numbered(sheet, &mut time_s, &mut columns);
+    let sheet = numbered.as_ref().unwrap_or(sheet);
     let slower = Slower::of(&readings(&columns)).map_err(|at| never_together(sheet, &columns, at))?;
     let (time_s, columns) = match &slower {
         Some(slower) => read_rows(&slower.span, time_s, columns),

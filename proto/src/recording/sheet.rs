@@ -56,11 +56,13 @@ pub(super) struct Sheet<'a> {
 impl<'a> SheetColumn<'a> {
     /// A column, its unit taken out of brackets behind its name.
     pub(super) fn new(title: &str, cells: Cells<'a>) -> Self {
-        let (name, unit) = match Unit::in_name(title) {
+        // Brackets that are kept for a unit and empty say nothing.
+        let title = ["()", "[]"].into_iter().find_map(|empty| title.trim_end().strip_suffix(empty)).unwrap_or(title);
+        let (name, unit) = match Unit::in_name(title.trim_end()) {
             Some((name, unit)) => (name, Some(unit.to_owned())),
-            None => (title, None),
+            None => (title.trim_end(), None),
         };
-        SheetColumn { name: name.to_owned(), title: title.to_owned(), unit, cells }
+        SheetColumn { name: name.to_owned(), title: title.trim_end().to_owned(), unit, cells }
     }
 
     /// Takes the unit that stands behind every number of the column (`90.5 kPa`) out of the cells.
@@ -105,7 +107,20 @@ fn quantity(text: &str, decimal: Decimal) -> Option<(&str, &str)> {
         .find(|(number, _)| number.starts_with(|c: char| !c.is_alphabetic()) && parse(number, decimal).is_some())
 }
 
-impl Sheet<'_> {
+impl<'a> Sheet<'a> {
+    /// The sheet of these rows alone.
+    pub(super) fn rows_alone(&self, rows: &[usize]) -> Self {
+        fn taken<T: Clone>(all: &[T], rows: &[usize]) -> Vec<T> {
+            rows.iter().filter_map(|row| all.get(*row)).cloned().collect()
+        }
+        let cells = |cells: &Cells<'a>| match cells {
+            Cells::Text(texts) => Cells::Text(taken(texts, rows)),
+            Cells::Numbers(numbers) => Cells::Numbers(taken(numbers, rows)),
+        };
+        let columns = self.columns.iter().map(|column| SheetColumn { cells: cells(&column.cells), ..column.clone() });
+        Sheet { columns: columns.collect(), lines: taken(&self.lines, rows), ..self.clone() }
+    }
+
     /// Rows of data.
     pub(super) fn rows(&self) -> usize {
         self.lines.len()

@@ -1,13 +1,13 @@
 //! Loggers with one row per command and a sensor that is read less often, or the other way round: the cells between are blank.
 //!
-//! A cell now and then without a number is an error of the file, and refused with its line. Where a third of a sensor's cells or more
+//! A cell now and then without a number makes its row a lost one ([`super::lost_rows`]). Where a third of a sensor's cells or more
 //! are blank it is a slower channel: the rows that have readings count as readings, what lies between them is on straight lines. A command
 //! that is written less often is in force until the next one.
 
 use std::ops::Range;
 
 use super::csv::CsvError;
-use super::numbers::parse;
+use super::numbers::{parse, says_nothing};
 use super::sheet::{Cells, Sheet};
 
 /// Share of blank cells from which a channel is a slower one.
@@ -16,32 +16,46 @@ const SLOWER: f64 = 1.0 / 3.0;
 const LEAST_READINGS: usize = 20;
 /// Commands that such a channel has at least: written where they change, there are few.
 const LEAST_COMMANDS: usize = 2;
-/// What loggers write where they have nothing, besides nothing at all and NaN.
-const BLANK: [&str; 9] = ["-", "--", "---", "na", "n/a", "#n/a", "null", "none", "1.#qnan"];
+/// Words for what a relay does.
+const SWITCHED: [(&str, f64); 8] = [
+    ("on", 1.0),
+    ("off", 0.0),
+    ("yes", 1.0),
+    ("no", 0.0),
+    ("run", 1.0),
+    ("stop", 0.0),
+    ("running", 1.0),
+    ("stopped", 0.0),
+];
 
-/// The numbers of a sensor's column, NaN where a slower channel has none.
+/// The numbers of a sensor's column, NaN where a slower channel has none, or a row now and then.
 ///
 /// # Errors
-/// As [`Sheet::numbers`], where blank cells are few.
+/// As [`Sheet::numbers`], where cells hold something else or hardly any a number.
 pub(super) fn readings(sheet: &Sheet<'_>, column: usize) -> Result<Vec<f64>, CsvError> {
     let numbers = sheet.numbers(column);
     let Err(refused) = numbers else { return numbers };
-    match with_blanks(sheet, column, LEAST_READINGS) {
-        Some(read) => Ok(read),
-        None => Err(refused),
+    match with_blanks(sheet, column) {
+        Some(read) if !is_slower(&read) || count(&read) >= LEAST_READINGS => Ok(read),
+        _ => Err(refused),
     }
 }
 
-/// The numbers of a command's column, each held where the cells behind it are blank, and whether any are; the first one also before it.
+/// The numbers of a command's column, each held where many cells behind it are blank, and whether that is so; the first one also before
+/// it. NaN where a row now and then has none.
 ///
 /// # Errors
-/// As [`Sheet::numbers`], where blank cells are few.
+/// As [`Sheet::numbers`], where cells hold something else or hardly any a number.
 pub(super) fn commands(sheet: &Sheet<'_>, column: usize) -> Result<(Vec<f64>, bool), CsvError> {
     let refused = match sheet.numbers(column) {
         Ok(numbers) => return Ok((numbers, false)),
         Err(refused) => refused,
     };
-    let Some(mut written) = with_blanks(sheet, column, LEAST_COMMANDS) else { return Err(refused) };
+    let mut written = match with_blanks(sheet, column) {
+        Some(written) if !is_slower(&written) => return Ok((written, false)),
+        Some(written) if count(&written) >= LEAST_COMMANDS => written,
+        _ => return Err(refused),
+    };
     let mut last = written.iter().copied().find(|x| !x.is_nan()).unwrap_or(f64::NAN);
     for x in &mut written {
         last = if x.is_nan() { last } else { *x };
@@ -50,30 +64,68 @@ pub(super) fn commands(sheet: &Sheet<'_>, column: usize) -> Result<(Vec<f64>, bo
     Ok((written, true))
 }
 
-/// A column's numbers, `least` of them, NaN at blank cells; `None` where those are few or other cells hold no number.
-fn with_blanks(sheet: &Sheet<'_>, column: usize, least: usize) -> Option<Vec<f64>> {
-    let cells = sheet.columns.get(column).map(|of| &of.cells);
-    let read: Option<Vec<f64>> = match cells {
-        Some(Cells::Numbers(numbers)) => Some(numbers.clone()),
+/// The numbers of a relay's column, which may hold words: as [`commands`].
+///
+/// # Errors
+/// As [`commands`], where words are others.
+pub(super) fn switches(sheet: &Sheet<'_>, column: usize) -> Result<(Vec<f64>, bool), CsvError> {
+    let refused = match commands(sheet, column) {
+        Ok(numbers) => return Ok(numbers),
+        Err(refused) => refused,
+    };
+    let Some(Cells::Text(texts)) = sheet.columns.get(column).map(|of| &of.cells) else { return Err(refused) };
+    let word = |text: &str| SWITCHED.iter().find(|(word, _)| text.trim().eq_ignore_ascii_case(word)).map(|(_, on)| *on);
+    let numbers: Option<Vec<f64>> = texts.iter().map(|text| word(text)).collect();
+    numbers.map(|numbers| (numbers, false)).ok_or(refused)
+}
+
+/// The numbers of a prescribed flow or pressure, NaN where a row now and then has none.
+///
+/// # Errors
+/// As [`Sheet::numbers`], where cells hold something else or many hold nothing.
+pub(super) fn signals(sheet: &Sheet<'_>, column: usize) -> Result<Vec<f64>, CsvError> {
+    let numbers = sheet.numbers(column);
+    let Err(refused) = numbers else { return numbers };
+    with_blanks(sheet, column).filter(|written| !is_slower(written)).ok_or(refused)
+}
+
+/// By row, whether a column has nothing there, where that is so in a row now and then; all false elsewhere.
+pub(super) fn now_and_then_blank(sheet: &Sheet<'_>, column: usize) -> Vec<bool> {
+    let blank: Vec<bool> = match sheet.columns.get(column).map(|of| &of.cells) {
+        Some(Cells::Numbers(numbers)) => numbers.iter().map(|x| x.is_nan()).collect(),
+        Some(Cells::Text(texts)) => texts.iter().map(|text| says_nothing(text)).collect(),
+        None => Vec::new(),
+    };
+    let few = (blank.iter().filter(|blank| **blank).count() as f64) < SLOWER * blank.len() as f64;
+    if few { blank } else { vec![false; blank.len()] }
+}
+
+/// A column's numbers, NaN at blank cells; `None` where other cells hold no number.
+fn with_blanks(sheet: &Sheet<'_>, column: usize) -> Option<Vec<f64>> {
+    match sheet.columns.get(column).map(|of| &of.cells) {
+        Some(Cells::Numbers(numbers)) => {
+            Some(numbers.iter().map(|x| if x.is_finite() { *x } else { f64::NAN }).collect())
+        }
         Some(Cells::Text(texts)) => texts
             .iter()
             .map(|text| match parse(text, sheet.decimal) {
-                Some(number) if number.is_infinite() => None,
-                None if is_blank(text) => Some(f64::NAN),
+                None if says_nothing(text) => Some(f64::NAN),
+                // What a converter that was overdriven writes.
+                Some(number) if number.is_infinite() => Some(f64::NAN),
                 number => number,
             })
             .collect(),
         None => None,
-    };
-    let read = read.filter(|read| read.iter().all(|x| !x.is_infinite()))?;
-    let count = read.iter().filter(|x| !x.is_nan()).count();
-    let is_slower = (read.len() - count) as f64 >= SLOWER * read.len() as f64 && count >= least;
-    is_slower.then_some(read)
+    }
 }
 
-fn is_blank(text: &str) -> bool {
-    let text = text.trim();
-    text.is_empty() || BLANK.iter().any(|blank| text.eq_ignore_ascii_case(blank))
+fn count(numbers: &[f64]) -> usize {
+    numbers.iter().filter(|x| !x.is_nan()).count()
+}
+
+/// Whether so many rows have no number that the column is a slower one.
+pub(super) fn is_slower(numbers: &[f64]) -> bool {
+    (numbers.len() - count(numbers)) as f64 >= SLOWER * numbers.len() as f64
 }
 
 /// Where the slower channels of a file have readings.
@@ -91,7 +143,6 @@ impl Slower {
     /// # Errors
     /// The place of a column whose readings stand in other rows than those of the rest.
     pub(super) fn of(columns: &[&[f64]]) -> Result<Option<Self>, usize> {
-        let count = |of: &[f64]| of.iter().filter(|x| !x.is_nan()).count();
         let rows = columns.first().map_or(0, |column| column.len());
         let Some((slowest, fewest)) = columns.iter().map(|of| count(of)).enumerate().min_by_key(|(_, count)| *count)
         else {

@@ -13,17 +13,14 @@ use super::read_for::forward;
 use super::resample::median_step;
 use super::sheet::{Sheet, field};
 use super::table::RecordingError;
-use super::table::rules::time_hint;
 use super::units::Unit;
+use super::unlikely_times::{DAY_S, MOST_STEP_S, plausible};
 
-/// Samples further apart than this (s) are refused: a pump moves a chamber within seconds, and a rate so slow is mostly
-/// milliseconds taken for seconds.
-const MOST_STEP_S: f64 = 5.0;
 /// Epochs in seconds lie between these (2001 and 2286), which no recording's own seconds reach.
 const EPOCH_S: [f64; 2] = [1e9, 1e10];
 
 /// Names that columns of times go by, in the order in which they are preferred, and the s per number that the name says.
-const NAMES: [(&str, Option<f64>); 22] = [
+const NAMES: [(&str, Option<f64>); 24] = [
     ("time", None),
     ("t", None),
     ("timestamp", None),
@@ -46,15 +43,14 @@ const NAMES: [(&str, Option<f64>); 22] = [
     ("ms", Some(1e-3)),
     ("time_us", Some(1e-6)),
     ("micros", Some(1e-6)),
+    ("t_min", Some(60.0)),
+    ("time_min", Some(60.0)),
 ];
+/// What joins the name of a time to its unit: `elapsed_ms`, `time-min`.
+const UNIT_MARKS: [char; 3] = ['_', '-', ' '];
 
 /// Days since 1900, as spreadsheets count them, of 1954 to 2118, and days since year 0, as MATLAB does, of 1971 to 2108.
 const SERIAL_DAYS: [[f64; 2]; 2] = [[20_000.0, 80_000.0], [720_000.0, 770_000.0]];
-const DAY_S: f64 = 86_400.0;
-/// No logger of a pneumatic rig is faster (s between samples); smaller steps are those of another unit.
-const LEAST_STEP_S: f64 = 2e-6;
-/// … and most are slower than this, which tells the unit that is meant (s).
-const LEAST_LIKELY_STEP_S: f64 = 1e-3;
 
 /// Times and where they come from.
 #[derive(Debug)]
@@ -69,7 +65,7 @@ pub(super) struct Times {
 
 /// Where the seconds of a column come from.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Said {
+pub(super) enum Said {
     /// The map, the file or the name says the unit: s per number.
     Unit(f64),
     /// The map names the column, which is in s then.
@@ -83,14 +79,9 @@ enum Said {
 /// # Errors
 /// No column of times, a cell that is no time, times that do not go forward, steps of another unit.
 pub(super) fn times(sheet: &Sheet<'_>, map: &RecordingMap, own: bool) -> Result<Times, RecordingError> {
-    let mapped = map.time.0.iter().map(|term| sheet.find(&term.from)).collect::<Result<Vec<_>, _>>()?;
-    let there: Option<Vec<usize>> = mapped.into_iter().collect();
-    let of_its_own_name = map.time.0.iter().all(|term| term.from == TIME_COLUMN);
-    let times = match there {
-        Some(places) if map.names_time() && (!own || of_its_own_name) => {
-            or_every(sheet, map, of_terms(sheet, map, &places))?
-        }
-        _ => match place(sheet, map)? {
+    let times = match mapped(sheet, map, own)? {
+        Some(places) => or_every(sheet, map, of_terms(sheet, map, &places))?,
+        None => match place(sheet, map)? {
             Found::Columns(places) => or_every(sheet, map, of_columns(sheet, &places))?,
             Found::Period(period_s) => every(sheet, period_s),
         },
@@ -101,6 +92,30 @@ pub(super) fn times(sheet: &Sheet<'_>, map: &RecordingMap, own: bool) -> Result<
         Some(bursts) if !times.columns.is_empty() => Err(come_in(sheet, column, bursts)),
         _ => Ok(times),
     }
+}
+
+/// Places of the columns that hold the times, for what must be known of them before they are read; none where rows have none, or where
+/// the map says what to take where their times are none.
+pub(super) fn places_of_time(sheet: &Sheet<'_>, map: &RecordingMap, own: bool) -> Vec<usize> {
+    if map.period_ms.is_some() {
+        return Vec::new();
+    }
+    match mapped(sheet, map, own) {
+        Ok(Some(places)) => places,
+        _ => match place(sheet, map) {
+            Ok(Found::Columns(places)) => places,
+            _ => Vec::new(),
+        },
+    }
+}
+
+/// Places of the columns that the map names for the time; `None` where it names none, one that the file does not have, or where the
+/// file has the rig's `own` names.
+fn mapped(sheet: &Sheet<'_>, map: &RecordingMap, own: bool) -> Result<Option<Vec<usize>>, CsvError> {
+    let places = map.time.0.iter().map(|term| sheet.find(&term.from)).collect::<Result<Vec<_>, _>>()?;
+    let of_its_own_name = map.time.0.iter().all(|term| term.from == TIME_COLUMN);
+    let asked = map.names_time() && (!own || of_its_own_name);
+    Ok(places.into_iter().collect::<Option<Vec<_>>>().filter(|_| asked))
 }
 
 /// Times as the file has them, or at the map's distance where it says one and they are none, stand still or come in bursts.
@@ -196,12 +211,36 @@ fn guessed(sheet: &Sheet<'_>) -> Option<Vec<usize>> {
         });
         those.next().filter(|_| those.next().is_none())
     };
-    let named = NAMES.iter().find_map(|(name, _)| called(name));
+    let named = NAMES.iter().find_map(|(name, _)| called(name)).or_else(|| with_its_unit(sheet));
     if let Some(at) = named.or_else(|| NAMES.iter().find_map(|(name, _)| is_field(name))) {
         return Some(vec![at]);
     }
     let dates: Vec<usize> = (0..sheet.columns.len()).filter(|at| sheet.is_timestamped(*at)).collect();
-    (dates.len() == 1).then_some(dates)
+    if dates.is_empty() {
+        called_time_somehow(sheet).map(|at| vec![at])
+    } else {
+        Some(dates).filter(|dates| dates.len() == 1)
+    }
+}
+
+/// The only column with a time in its name (`rosbagTimestamp`) whose numbers go on from row to row.
+fn called_time_somehow(sheet: &Sheet<'_>) -> Option<usize> {
+    let is_called = |name: &str| ["time", "stamp", "zeit"].iter().any(|word| name.to_ascii_lowercase().contains(word));
+    let goes_on =
+        |at: usize| sheet.numbers(at).is_ok_and(|x| x.len() > 1 && x.windows(2).all(|pair| pair[1] > pair[0]));
+    let mut those = sheet.columns.iter().enumerate().filter(|(_, column)| is_called(&column.name)).map(|(at, _)| at);
+    those.next().filter(|at| those.next().is_none() && goes_on(*at))
+}
+
+/// The only column that is called a time with a unit behind: `elapsed_min`.
+fn with_its_unit(sheet: &Sheet<'_>) -> Option<usize> {
+    let is_time = |name: &str| {
+        name.rsplit_once(UNIT_MARKS)
+            .is_some_and(|(stem, _)| NAMES.iter().any(|(known, _)| stem.eq_ignore_ascii_case(known)))
+            && unit_behind(name).is_some()
+    };
+    let mut those = sheet.columns.iter().enumerate().filter(|(_, column)| is_time(&column.name)).map(|(at, _)| at);
+    those.next().filter(|_| those.next().is_none())
 }
 
 /// Times as the map makes them.
@@ -234,6 +273,11 @@ fn of_columns(sheet: &Sheet<'_>, places: &[usize]) -> Result<Times, RecordingErr
         time_s.iter_mut().zip(numbers).for_each(|(slot, x)| *slot += x);
     }
     plausible(sheet, places, &time_s, least)?;
+    if let ([at], Some(first)) = (places, time_s.first().copied())
+        && sheet.is_clock_alone(*at)
+    {
+        time_s.iter_mut().for_each(|time| *time -= first);
+    }
     let names: Vec<&str> = places.iter().filter_map(|at| sheet.columns.get(*at)).map(|c| c.title.as_str()).collect();
     if taken.is_empty() && names != [TIME_COLUMN] {
         taken.push(format!("time from {} in s", names.join(" and ")));
@@ -272,11 +316,23 @@ fn said(sheet: &Sheet<'_>, at: usize, term: Option<&Term>) -> Result<Said, Recor
     if let Some(Unit::Time(s)) = column.unit.as_ref().and_then(|unit| Unit::parse(unit)) {
         return Ok(Said::Unit(s));
     }
-    if term.is_some() {
-        return Ok(Said::Column);
+    let nobody = if term.is_some() { Said::Column } else { Said::Nothing };
+    Ok(by_name(&column.name).map_or(nobody, Said::Unit))
+}
+
+/// s per number of a time that says so in its name.
+fn by_name(name: &str) -> Option<f64> {
+    let known = NAMES.iter().find(|(known, _)| name.eq_ignore_ascii_case(known)).and_then(|(_, s)| *s);
+    // `time_s` is what a column is called that somebody meant to bring to seconds.
+    known.or_else(|| unit_behind(name).filter(|s| *s != 1.0))
+}
+
+/// s per number by the unit behind a name.
+fn unit_behind(name: &str) -> Option<f64> {
+    match Unit::parse(name.rsplit_once(UNIT_MARKS)?.1) {
+        Some(Unit::Time(s)) => Some(s),
+        _ => None,
     }
-    let by_name = NAMES.iter().find(|(name, _)| column.name.eq_ignore_ascii_case(name)).and_then(|(_, s)| *s);
-    Ok(by_name.map_or(Said::Nothing, Said::Unit))
 }
 
 /// The seconds of one column, and a word where they were not seconds already.
@@ -286,6 +342,7 @@ fn seconds(sheet: &Sheet<'_>, at: usize, said: Said) -> Result<(Vec<f64>, Option
     if sheet.is_timestamped(at) {
         return Ok((numbers, Some(format!("{title} as date and time"))));
     }
+    let wrapped = super::counter_wrap::unwrapped(&mut numbers);
     let (factor, word) = match said {
         Said::Unit(s) => (s, (s != 1.0).then(|| format!("{title} in {s} s"))),
         Said::Column | Said::Nothing => {
@@ -304,7 +361,12 @@ fn seconds(sheet: &Sheet<'_>, at: usize, said: Said) -> Result<(Vec<f64>, Option
     } else {
         numbers.iter_mut().for_each(|x| *x *= factor);
     }
-    Ok((numbers, word))
+    let wrapped = wrapped.map(|(bits, times)| {
+        let times = if times == 1 { "once".to_owned() } else { format!("{times} times") };
+        format!("{title} as a counter of {bits} bits that began anew {times}")
+    });
+    let words: Vec<String> = word.into_iter().chain(wrapped).collect();
+    Ok((numbers, (!words.is_empty()).then(|| words.join(", "))))
 }
 
 /// The error of a cell of times that is no number.
@@ -328,49 +390,4 @@ fn is_in_days(numbers: &[f64]) -> bool {
 fn epoch_unit(first: f64) -> f64 {
     let [from, to] = EPOCH_S;
     [1.0, 1e-3, 1e-6, 1e-9].into_iter().find(|factor| (from..to).contains(&(first * factor))).unwrap_or(1.0)
-}
-
-/// Refuses steps that only another unit explains.
-fn plausible(sheet: &Sheet<'_>, places: &[usize], time_s: &[f64], said: Said) -> Result<(), RecordingError> {
-    let Some(step_s) = median_step(time_s).filter(|step| *step > 0.0) else { return Ok(()) };
-    let title =
-        places.first().and_then(|at| sheet.columns.get(*at)).map_or(TIME_COLUMN, |column| column.title.as_str());
-    let key = |unit: &str| format!("[recording] time = {{ from = \"{title}\", unit = \"{unit}\" }}");
-    if let Some(hint) = time_hint(step_s).filter(|_| said == Said::Nothing) {
-        return Err(RecordingError::TimeUnit {
-            file: sheet.file.clone(),
-            median_ms: (step_s * 1e6).round() / 1e3,
-            mend: format!("{title} seems to {hint}, or say what it is in the rig file: {}", key(unit_of(hint))),
-            column: title.to_owned(),
-        });
-    }
-    if step_s < LEAST_STEP_S && said == Said::Nothing {
-        let larger = [("min", 60.0), ("h", 3600.0), ("days", DAY_S)];
-        let likely =
-            larger.into_iter().find(|(_, s)| step_s * s >= LEAST_LIKELY_STEP_S).map_or("days", |(unit, _)| unit);
-        return Err(RecordingError::TimeUnit {
-            file: sheet.file.clone(),
-            median_ms: step_s * 1e3,
-            mend: format!("{title} seems to be in {likely}: say so in the rig file, {}", key(likely)),
-            column: title.to_owned(),
-        });
-    }
-    if step_s <= MOST_STEP_S {
-        return Ok(());
-    }
-    let smaller = [("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
-    let likely = smaller.into_iter().find(|(_, s)| step_s * s <= MOST_STEP_S).map_or("ns", |(unit, _)| unit);
-    Err(RecordingError::TooSparse {
-        file: sheet.file.clone(),
-        column: title.to_owned(),
-        step_s: (step_s * 1e3).round() / 1e3,
-        most_s: MOST_STEP_S,
-        mend: format!("{title} seems to be in {likely}: say so in the rig file, {}", key(likely)),
-    })
-}
-
-/// The unit that a hint is about.
-fn unit_of(hint: &str) -> &'static str {
-    let units = [("milli", "ms"), ("micro", "us"), ("nano", "ns"), ("minutes", "min"), ("hours", "h")];
-    units.into_iter().find(|(word, _)| hint.contains(word)).map_or("s", |(_, unit)| unit)
 }

@@ -72,10 +72,10 @@ const TIMES: [(&str, f64); 17] = [
     ("days", 86_400.0),
 ];
 
-/// Units of what a rig neither reads nor is commanded by, which make a row of units one all the same.
-const OTHERS: [&str; 23] = [
+/// Units (and what data loggers write for those of a time stamp and a record number) of what a rig neither reads nor is commanded by, which make a row of units one all the same.
+const OTHERS: [&str; 25] = [
     "a", "w", "hz", "khz", "rpm", "1/min", "c", "degc", "f", "degf", "k", "l/min", "lpm", "slpm", "l/s", "ml/s",
-    "ml/min", "n", "mm", "m", "deg", "v/v", "count",
+    "ml/min", "n", "mm", "m", "deg", "v/v", "count", "ts", "rn",
 ];
 
 impl Unit {

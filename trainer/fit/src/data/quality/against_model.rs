@@ -14,6 +14,7 @@ use std::ops::Range;
 
 use model::rig::Rig;
 
+use super::counts::{converters, look_like_counts};
 use super::duties::duties;
 use super::meaning::{Meaning, RIGHT, Standing};
 use super::{Finding, Severity, Trouble};
@@ -84,19 +85,28 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
             let ends = ends(&all);
             all.into_iter().find(tells).map(|first| Standing { ends, ..first })
         });
-        standings.push(Recorded { source: source.clone(), telling: telling.collect() });
+        let record = arc.record;
+        standings.push(Recorded { record, source: source.clone(), telling: telling.collect() });
         // What a chamber holds that nothing drives is for its leaks to say.
         if !records.inputs().is_empty() {
             let recorded = extremes(records, arc, records.readings_kpa());
-            absolutes.push((Recorded { source, telling: whole }, recorded, simulated));
+            absolutes.push((Recorded { record, source, telling: whole }, recorded, simulated));
         }
     }
     let compare = Compare { rig, columns: records.sensors(), atmosphere_kpa: rig.atmosphere.pressure_kpa_abs };
     // What the duties do is told by the pressures, so what is sure about those comes first. A duty never turns a
     // pressure's sign, but one that is inverted or exchanged moves what is expected of it, so the rest comes last.
     let before = findings.len();
-    let checks: [Check<'_>; 5] = [
+    let counted = |r: &Recorded<'_>| {
+        r.telling.iter().all(|s| {
+            let readings = records.channel_kpa(r.record, s.channel).iter().enumerate();
+            let of = records.records().get(r.record);
+            look_like_counts(readings.filter(|(row, _)| of.is_some_and(|of| of.is_measured(*row))).map(|(_, kpa)| *kpa))
+        })
+    };
+    let checks: [Check<'_>; 6] = [
         &|found| standings.iter().for_each(|r| found.extend(compare.together(r))),
+        &|found| standings.iter().filter(|r| counted(r)).for_each(|r| found.extend(compare.counts(r))),
         &|found| standings.iter().for_each(|r| found.extend(compare.alone(r, |s| s.recorded * s.simulated < 0.0))),
         &|found| duties(rig, records, found),
         &|found| standings.iter().for_each(|r| found.extend(compare.alone(r, |_| true))),
@@ -151,6 +161,8 @@ type Check<'c> = &'c dyn Fn(&mut Vec<Finding>);
 
 /// A recording's channels that tell something.
 struct Recorded<'a> {
+    /// Its place among the recordings.
+    record: usize,
     source: String,
     telling: Vec<Standing<'a>>,
 }
@@ -278,6 +290,20 @@ impl Compare<'_> {
         (misfit < 1.0 && telling.len() > 1)
             .then(|| telling.first().map(|first| self.wrong(recorded, first, meaning)))
             .flatten()
+    }
+
+    /// Counts of one converter in all channels; one channel says nothing about all of them.
+    fn counts(&self, recorded: &Recorded<'_>) -> Option<Finding> {
+        let misfit = |meaning: Meaning| {
+            let of = |s: &Standing<'_>| meaning.misfit_anywhere(s, self.atmosphere_kpa, NEAR);
+            recorded.telling.iter().map(of).fold(0.0, f64::max)
+        };
+        if recorded.telling.len() < 2 || misfit(RIGHT) < 1.0 {
+            return None;
+        }
+        let judged = converters().map(|meaning| (misfit(meaning), meaning)).filter(|(misfit, _)| *misfit < 1.0);
+        let (_, meaning) = judged.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        recorded.telling.first().map(|first| self.wrong(recorded, first, meaning))
     }
 
     /// Channels that read an atmosphere too much, in whatever unit: told of rigs near the atmosphere too, since no rig is off by that.

@@ -78,6 +78,13 @@ pub(super) enum Meaning {
     Absolute(f64, &'static str),
     /// What the sensor puts out.
     Output(Output),
+    /// What a converter makes of it: the largest count, and the volts that give it; without those, counts over the sensor's range.
+    Counts {
+        /// The largest count.
+        full: f64,
+        /// Volts at the largest count.
+        volts: Option<f64>,
+    },
     /// Gauge kPa without its sign.
     Unsigned,
 }
@@ -104,6 +111,12 @@ impl Meaning {
             Meaning::Absolute(per_kpa, _) => Some([1.0 / per_kpa, -atmosphere_kpa]),
             Meaning::Output(output) => sensor.map(|sensor| {
                 let ([p0, p1], [from, to]) = (sensor.range_kpa_gauge, output.ends(sensor));
+                let slope = (p1 - p0) / (to - from);
+                [slope, p0 - from * slope]
+            }),
+            Meaning::Counts { full, volts } => sensor.map(|sensor| {
+                let [p0, p1] = sensor.range_kpa_gauge;
+                let [from, to] = volts.map_or([0.0, full], |volts| sensor.range_v.map(|v| v / volts * full));
                 let slope = (p1 - p0) / (to - from);
                 [slope, p0 - from * slope]
             }),
@@ -163,6 +176,10 @@ impl Meaning {
                     format!(" ({from} … {to} {} are {p0} … {p1} kPa)", output.unit())
                 });
                 format!("these seem to be {what}{scale}")
+            }
+            Meaning::Counts { full, volts } => {
+                let over = volts.map_or("the sensor's range".to_owned(), |volts| format!("0 … {volts} V"));
+                format!("these seem to be the raw counts of a converter (0 … {full} over {over})")
             }
             Meaning::Unsigned => lost_sign(*simulated).to_owned(),
         };

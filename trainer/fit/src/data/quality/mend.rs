@@ -11,14 +11,15 @@ const LEAST_SCALE: f64 = 1e-12;
 pub(super) fn pressure_key(rig: &Rig, column: &str, meaning: Meaning) -> String {
     let Some(term) = only_term(rig, column) else { return format!("mend [recording] columns.{column}") };
     let atmosphere_kpa = rig.atmosphere.pressure_kpa_abs;
-    if term.is_plain() {
-        let says = match meaning {
-            Meaning::Absolute(_, "kPa") => format!("offset = -{}", number(atmosphere_kpa)),
-            Meaning::Gauge(_, words) => format!("unit = \"{}\"", unit(words)),
-            Meaning::Absolute(_, words) => format!("unit = \"{} abs\"", unit(words)),
-            Meaning::Output(output) => format!("unit = \"{}\"", output.unit()),
-            Meaning::Unsigned => "scale = -1.0".to_owned(),
-        };
+    let says = match meaning {
+        Meaning::Absolute(_, "kPa") => Some(format!("offset = -{}", number(atmosphere_kpa))),
+        Meaning::Gauge(_, words) => Some(format!("unit = \"{}\"", unit(words))),
+        Meaning::Absolute(_, words) => Some(format!("unit = \"{} abs\"", unit(words))),
+        Meaning::Output(output) => Some(format!("unit = \"{}\"", output.unit())),
+        Meaning::Unsigned => Some("scale = -1.0".to_owned()),
+        Meaning::Counts { .. } => None,
+    };
+    if let Some(says) = says.filter(|_| term.is_plain()) {
         return key(column, &term, &says);
     }
     let sensor = rig.sensors.values().find(|sensor| sensor.column == column);
@@ -28,6 +29,14 @@ pub(super) fn pressure_key(rig: &Rig, column: &str, meaning: Meaning) -> String 
             key(column, &term, &line(&term, at_one - at_zero, at_zero))
         }
         _ => format!("mend [recording] columns.{column}"),
+    }
+}
+
+/// The key that scales what no unit explains.
+pub(super) fn scaled_key(rig: &Rig, column: &str) -> String {
+    match only_term(rig, column) {
+        Some(term) => key(column, &term, "scale = …, offset = …"),
+        None => format!("mend [recording] columns.{column}"),
     }
 }
 

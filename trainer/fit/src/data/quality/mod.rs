@@ -10,6 +10,7 @@
 //! | `duties` | swapped and inverted duties, told by which chamber answers, and which way |
 //! | `ranges` | readings outside what their sensor can tell |
 //! | `unmoved` | pressures that move in a rig that nothing moves |
+//! | `counts` | raw counts of a converter |
 //! | `meaning` | units and scales that pressures are found in |
 //! | `mend` | the key of `[recording]` that says so |
 //!
@@ -18,6 +19,7 @@
 //! (stuck, clipped, wild) are masked; the rest of their recording is still good.
 
 mod against_model;
+mod counts;
 mod duties;
 mod excitation;
 mod finding;

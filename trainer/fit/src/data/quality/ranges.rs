@@ -8,8 +8,9 @@ use model::rig::{Rig, Sensor};
 use proto::recording::Recording;
 
 use super::against_model::Agreed;
+use super::counts::look_like_counts;
 use super::meaning::{Meaning, lost_sign};
-use super::mend::pressure_key;
+use super::mend::{pressure_key, scaled_key};
 use super::{Finding, Severity, Trouble};
 use crate::FitError;
 use crate::data::Records;
@@ -133,6 +134,7 @@ fn first_outside(rig: &Rig, source: &str, channels: &[Channel<'_>], agreed: &[Ag
         .then(|| (Trouble::WrongUnit, beyond(rig, channel.column)))
         .or_else(|| swapped(channel, &channels))
         .or_else(|| meant(rig, channel, &channels).map(|meaning| told(rig, channel, meaning)))
+        .or_else(|| counts(rig, channel))
         .unwrap_or_else(|| {
             let text = "is it another unit, absolute, or the sensor's volts? Say so in the rig file, [recording] columns, or state the \
                         sensor's true range_kpa_gauge";
@@ -176,6 +178,18 @@ fn meant(rig: &Rig, channel: &Judged<'_>, channels: &[Judged<'_>]) -> Option<Mea
         .or_else(|| of_this(Margin::Wide))
 }
 
+/// Whole numbers that no unit brings inside: the counts of a converter, of whatever scale.
+fn counts(rig: &Rig, channel: &Judged<'_>) -> Option<(Trouble, String)> {
+    let most = channel.values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    look_like_counts(channel.values.iter().copied()).then(|| {
+        let key = scaled_key(rig, channel.column);
+        let text = format!(
+            "whole numbers of up to {most} seem to be the raw counts of a converter: bring them to gauge kPa by {key}"
+        );
+        (Trouble::WrongUnit, text)
+    })
+}
+
 /// What is wrong where the rig would go as far as the readings do.
 fn beyond(rig: &Rig, column: &str) -> String {
     let name = rig.sensors.iter().find(|(_, sensor)| sensor.column == column).map_or("", |(name, _)| name.as_str());
@@ -192,6 +206,9 @@ fn told(rig: &Rig, channel: &Judged<'_>, meaning: Meaning) -> (Trouble, String) 
         }
         Meaning::Gauge(_, unit) => (Trouble::WrongUnit, format!("the pressure seems to be in {unit}; {key}")),
         Meaning::Output(output) => (Trouble::WrongUnit, format!("these seem to be {}; {key}", output.unit())),
+        Meaning::Counts { .. } => {
+            (Trouble::WrongUnit, format!("these seem to be the raw counts of a converter; {key}"))
+        }
         Meaning::Unsigned => {
             let [low, high] = channel.range;
             let expected = if low + high < 0.0 { -1.0 } else { 1.0 };

@@ -1,0 +1,127 @@
+//! Data loggers, serial monitors and counters: tables whose head, cells or clock are of another kind.
+
+#![allow(clippy::unwrap_used, reason = "the helpers of a test fail by panicking, as the test does")]
+
+use model::rig::Rig;
+use proto::recording::{Recording, RecordingError};
+
+const ROWS: usize = 60;
+
+fn read(text: &str) -> Result<Recording, RecordingError> {
+    Recording::parse_for("x.csv", text.as_bytes(), &Rig::builtin("dual_pressure").unwrap())
+}
+
+/// Commands and pressures of a row.
+fn numbers(k: usize) -> [String; 4] {
+    let x = k as f64;
+    [0.5 + 0.001 * x, 0.6, 90.0 + (0.7 * x).sin(), -60.0 - (0.9 * x).cos()].map(|number| format!("{number:.4}"))
+}
+
+/// Reads a text of rows; all of them are there, 20 ms apart, with their numbers.
+fn assert_read(text: &str) -> Recording {
+    let of = read(text).unwrap();
+    assert_eq!((of.rows(), of.segments().len()), (ROWS, 1), "{:?}", of.notes());
+    for (at, name) in ["u_pos", "u_neg", "p_pos_kpa", "p_neg_kpa"].into_iter().enumerate() {
+        let expected: Vec<f64> = (0..ROWS).map(|k| numbers(k)[at].parse().unwrap()).collect();
+        assert_eq!(of.column(name).unwrap(), expected, "{name}");
+    }
+    let time_s = of.time_s();
+    assert!(time_s[0].abs() < 1e-6 && (time_s[50] - 1.0).abs() < 1e-6, "{} {}", time_s[0], time_s[50]);
+    of
+}
+
+fn rows(line: impl Fn(usize, [String; 4]) -> String) -> String {
+    (0..ROWS).map(|k| line(k, numbers(k)) + "\n").collect()
+}
+
+fn clock(k: usize) -> String {
+    format!("13:59:{:06.3}", 59.0 + 0.02 * k as f64).replace("13:59:60.", "14:00:00.")
+}
+
+#[test]
+fn heads_of_data_loggers_are_read() {
+    let stamp = |k: usize| format!("\"2026-03-29 12:00:{:05.2}\",{k}", 0.02 * k as f64);
+    let of = assert_read(
+        &("\"TOA5\",\"CR1000X\",\"rig\",\"1\",\"std\",\"prog\",\"1234\",\"data\"\n\
+           \"TIMESTAMP\",\"RECORD\",\"u_pos\",\"u_neg\",\"p_pos_kpa\",\"p_neg_kpa\"\n\
+           \"TS\",\"RN\",\"\",\"\",\"kPa\",\"kPa\"\n\"\",\"\",\"Smp\",\"Smp\",\"Smp\",\"Smp\"\n"
+            .to_owned()
+            + &rows(|k, n| format!("{},{}", stamp(k), n.join(",")))),
+    );
+    assert!(of.notes()[0].contains("TIMESTAMP as date and time"), "{:?}", of.notes());
+    assert_read(
+        &("| time_s | u_pos | u_neg | p_pos_kpa | p_neg_kpa |\n|---|---|---|---|---|\n".to_owned()
+            + &rows(|k, n| format!("| {:.2} | {} |", 0.02 * k as f64, n.join(" | ")))),
+    );
+    assert_read(
+        &("sample,rosbagTimestamp,u_pos (),u_neg [],p_pos_kpa (kPa),p_neg_kpa (kPa)\n".to_owned()
+            + &rows(|k, n| format!("{k},{},{}", 1_774_749_590_000_000_000_u64 + 20_000_000 * k as u64, n.join(",")))),
+    );
+}
+
+#[test]
+fn what_a_logger_adds_up_below_is_passed_over() {
+    let table = "time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa\n".to_owned()
+        + &rows(|k, n| format!("{:.2},{}", 0.02 * k as f64, n.join(",")))
+        + "Mean,0.5,0.6,90.0,-60.0\nMax,0.6,0.6,91.0,-59.0\n";
+    let of = assert_read(&table);
+    assert!(of.notes()[0].contains("2 lines of text behind the data, from line 62 on"), "{:?}", of.notes());
+}
+
+#[test]
+fn serial_monitors_are_read() {
+    let names = ["u_pos", "u_neg", "p_pos_kpa", "p_neg_kpa"];
+    let pairs = |n: &[String; 4]| {
+        names.iter().zip(n).map(|(name, number)| format!("{name}:{number}")).collect::<Vec<_>>().join(",")
+    };
+    let header = format!("13:59:58.900 -> {}\n", names.join(","));
+    assert_read(&(header + &rows(|k, n| format!("{} -> {}", clock(k), n.join(",")))));
+    assert_read(&rows(|k, n| format!("{} -> {}", clock(k), pairs(&n))));
+    assert_read(&rows(|k, n| format!("time_s:{:.2},{}", 0.02 * k as f64, pairs(&n))));
+}
+
+#[test]
+fn counters_go_over_their_ends() {
+    for (name, begin, step, bits) in [("ms", 65_000_u64, 20_u64, 16), ("micros", 4_294_900_000, 20_000, 32)] {
+        let of = read(
+            &(format!("{name},u_pos,u_neg,p_pos_kpa,p_neg_kpa\n")
+                + &rows(|k, n| format!("{},{}", (begin + step * k as u64) % (1_u64 << bits), n.join(",")))),
+        )
+        .unwrap();
+        assert_eq!((of.rows(), of.segments().len()), (ROWS, 1), "{name}");
+        assert!(of.notes()[0].contains(&format!("a counter of {bits} bits that began anew once")), "{:?}", of.notes());
+    }
+}
+
+#[test]
+fn words_for_relays_and_numbers_for_nothing_are_known() {
+    let header = "time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa,pump_on\n";
+    let on = |k: usize| if k < 40 { "ON" } else { "off" };
+    let table = |change: &dyn Fn(usize, &mut [String; 4])| {
+        header.to_owned()
+            + &rows(|k, mut n| {
+                change(k, &mut n);
+                format!("{:.2},{},{}", 0.02 * k as f64, n.join(","), on(k))
+            })
+    };
+    let of = assert_read(&table(&|_, _| {}));
+    assert_eq!((of.column("pump_on").unwrap()[39], of.column("pump_on").unwrap()[40]), (1.0, 0.0));
+    for word in ["-9999", "Inf", "-999.0", "1e999"] {
+        let of = read(&table(&|k, n| {
+            if k == 30 {
+                n[2] = word.to_owned();
+            }
+        }))
+        .unwrap();
+        assert_eq!((of.rows(), of.segments().len()), (ROWS, 1), "{word}");
+        assert_eq!(of.measured().unwrap().iter().filter(|m| !**m).count(), 1, "{word}");
+        assert!(of.notes().iter().any(|note| note.contains("1 row has no number in p_pos_kpa (in line 32)")), "{word}");
+    }
+    // Beyond any pressure, and no logger's number for nothing.
+    let said = read(&table(&|k, n| {
+        if k == 30 {
+            n[2] = "-321.5".to_owned();
+        }
+    }));
+    assert!(said.unwrap_err().to_string().contains("line 32"));
+}
