@@ -200,7 +200,7 @@ impl Demo {
             return;
         }
         say(format_args!(
-            "{PROGRAM}: {} s of {}{}; pressures in gauge kPa\nrig `{}` behind the emulated cRIO, model `{}`, in control: {}",
+            "{PROGRAM}: {} s of {}{}\nrig `{}` behind the emulated cRIO, model `{}`, in control: {}; pressures in kPa gauge",
             self.seconds,
             self.reference.as_ref().map_or("the paper's reference".to_owned(), |file| file.display().to_string()),
             if self.fast { ", in lockstep" } else { "" },
