@@ -40,7 +40,7 @@ mod tests {
     #[test]
     fn counts_are_many_large_whole_numbers() {
         assert!(look_like_counts((0..40).map(|k| f64::from(100 * k))));
-        assert!(!look_like_counts((0..40).map(|k| f64::from(k))), "whole kPa");
+        assert!(!look_like_counts((0..40).map(f64::from)), "whole kPa");
         assert!(!look_like_counts((0..400).map(|k| f64::from(200 * (k % 5)))), "holds in whole kPa");
         assert!(!look_like_counts((0..40).map(|k| 100.5 * f64::from(k))));
     }
