@@ -14,7 +14,7 @@ use admission::model_comparison::{Sample, compare, warmed};
 use crossbeam::queue::ArrayQueue;
 use flight::Noter;
 use handover::Permit;
-use law::{FallbackSettings, Repetition, RepetitionLearning};
+use law::{FallbackSettings, RepetitionLearning, Repetitions};
 use model::predict::Predictor;
 use model::rig::{Rig, RigError};
 use model::steady::SteadyMap;
@@ -47,8 +47,8 @@ pub struct ModelChange {
     pub filter: SafetyFilter,
     /// What the monitor holds readings against.
     pub monitor: MonitorModels,
-    /// What flights of the reference will teach on this model, where that is learned: nothing yet.
-    pub repetition: Option<Box<Repetition>>,
+    /// What flights of references will teach on this model, where that is learned: nothing yet.
+    pub repetitions: Option<Box<Repetitions>>,
 }
 
 impl ModelChange {
@@ -58,7 +58,7 @@ impl ModelChange {
         let learns = learning == RepetitionLearning::On;
         Ok(ModelChange {
             predictor: warmed(rig, run)?,
-            repetition: learns.then(|| Box::new(FallbackSettings::default().repetition(&map))),
+            repetitions: learns.then(|| Box::new(FallbackSettings::default().repetitions(&map))),
             map,
             // The tick puts the limits of the filter in force into it.
             filter: SafetyFilter::new(rig, Envelope::DEFAULT, SlewLimit::DEFAULT)?,

@@ -272,6 +272,7 @@ fn policy_sentence(event: &Event) -> String {
         StageNow::Ramp(level) => {
             format!("ramp, {:.0} % authority", 100.0 * LEVELS.get(level).copied().unwrap_or(1.0))
         }
+        StageNow::Recheck => "recheck, no authority while the incumbent is measured anew".to_owned(),
         StageNow::Probation => "probation, full authority".to_owned(),
     };
     match event.code {

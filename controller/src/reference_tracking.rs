@@ -86,10 +86,11 @@ impl ReferenceTracking {
     /// What follows the reference's end, and whether flights of it are learned from; before the run, not for the tick.
     pub fn repeat(&mut self, after_end: AfterEnd, learning: RepetitionLearning) {
         self.after_end = after_end;
-        let repetition =
-            (learning == RepetitionLearning::On).then(|| Box::new(FallbackSettings::default().repetition(&self.map)));
+        let learns = learning == RepetitionLearning::On;
+        let repetitions = learns.then(|| Box::new(FallbackSettings::default().repetitions(&self.map)));
         self.models.learn_repetitions(learning);
-        self.control.exchange_repetition(repetition);
+        self.control.exchange_repetitions(repetitions);
+        self.control.choose_reference(self.reference.identity());
     }
 
     /// Flights of the reference that were learned from; nothing where none are.
@@ -169,7 +170,8 @@ impl DutySource for ReferenceTracking {
         TickInput::Model.append(&mut record.inputs);
         std::mem::swap(&mut self.predictor, &mut change.predictor);
         self.control.exchange_map(&change.map);
-        change.repetition = self.control.exchange_repetition(change.repetition.take());
+        change.repetitions = self.control.exchange_repetitions(change.repetitions.take());
+        self.control.choose_reference(self.reference.identity());
         self.control.begin_flight(self.course.period_ticks());
         // What was in force goes back whole; nothing of it is freed here.
         std::mem::swap(&mut self.map, &mut change.map);
@@ -309,7 +311,7 @@ impl DutySource for ReferenceTracking {
 
     fn exchange_reference(&mut self, reference: Box<Reference>, running: Option<(u32, Pair)>) -> Box<Reference> {
         let old = std::mem::replace(&mut self.reference, reference);
-        self.control.forget_flights();
+        self.control.choose_reference(self.reference.identity());
         if let Some((tick, measured)) = running {
             self.start_reference(tick, measured);
         }

@@ -23,12 +23,17 @@ const VACUUM_KPA: f64 = -101.325;
 /// No sensor of this rig reads higher (kPa gauge).
 const SENSOR_TOP_KPA: f64 = 1000.0;
 
+/// FNV-1a of 64 bits: what the hash begins with, and what each byte multiplies it by.
+const FNV_OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
+const FNV_PRIME: u64 = 0x0000_0100_0000_01b3;
+
 /// A reference for both channels over time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reference {
     time_s: Vec<f64>,
     // Positive and negative side by side: one lookup reads both.
     kpa: Vec<[f64; 2]>,
+    identity: u64,
 }
 
 /// What is wrong with a reference.
@@ -111,7 +116,7 @@ impl Reference {
             }
         }
         let kpa = pos.iter().zip(neg).map(|(pos, neg)| [*pos, *neg]).collect();
-        Ok(Self { time_s: table.time_s, kpa })
+        Ok(Self::of(table.time_s, kpa))
     }
 
     /// The paper's test reference: 60 s in 20 ms rows.
@@ -135,12 +140,27 @@ impl Reference {
                 ]
             })
             .collect();
-        Self { time_s, kpa }
+        Self::of(time_s, kpa)
     }
 
     /// The same reference for ever.
     pub fn constant(pos_kpa: f64, neg_kpa: f64) -> Self {
-        Self { time_s: vec![0.0], kpa: vec![[pos_kpa, neg_kpa]] }
+        Self::of(vec![0.0], vec![[pos_kpa, neg_kpa]])
+    }
+
+    fn of(time_s: Vec<f64>, kpa: Vec<[f64; 2]>) -> Self {
+        let numbers = time_s.iter().chain(kpa.as_flattened());
+        let bytes = numbers.flat_map(|number| number.to_bits().to_le_bytes());
+        let identity = bytes.fold(FNV_OFFSET, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(FNV_PRIME));
+        Self { time_s, kpa, identity }
+    }
+
+    /// Number that a reference with the same rows has as well: FNV-1a of 64 bits (Fowler, Noll, Vo) over all of them.
+    ///
+    /// # Real-time
+    /// Was worked out when the reference was made; may run in the tick.
+    pub fn identity(&self) -> u64 {
+        self.identity
     }
 
     /// Positive and negative reference at a time since the reference started (kPa gauge).
@@ -247,6 +267,17 @@ mod tests {
         let message = parse(text).unwrap_err().to_string();
         assert!(message.starts_with("ref.csv: ") && !message.contains('\n'), "{message}");
         message
+    }
+
+    #[test]
+    fn the_same_rows_have_the_same_identity() {
+        let paper = Reference::paper();
+        let read_back = Reference::parse("paper.csv", paper.to_csv().as_bytes()).unwrap();
+        assert_eq!(paper.identity(), read_back.identity());
+        let constants =
+            [(85.0, -71.0), (85.0, -71.1), (-71.0, 85.0)].map(|(pos, neg)| Reference::constant(pos, neg).identity());
+        assert!(constants.iter().all(|identity| *identity != paper.identity()));
+        assert!(constants[0] != constants[1] && constants[0] != constants[2], "{constants:?}");
     }
 
     #[test]

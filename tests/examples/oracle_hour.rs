@@ -152,16 +152,24 @@ impl EmulatedPlant for Noted {
     }
 }
 
+/// Ticks to either side whose edges tell where an edge was due: a second, within which a cRIO that has fallen behind has not yet come to
+/// another grid.
+const NEIGHBOURS: usize = 50;
+
 /// Edges at which the cRIO itself had its frame ready late: when it was due, and by how much. Its grid is that of the edge that was
-/// earliest in its period.
+/// earliest in its period within a second; where more than a period has passed since the edge before, it is late by what is more.
 fn late_edges(ticks: &[(u64, u64)]) -> Vec<Late> {
-    let Some((first_ns, _)) = ticks.first() else { return Vec::new() };
-    let phase = |ns: u64| (ns - first_ns + PERIOD_NS / 2) % PERIOD_NS;
-    let earliest = ticks.iter().map(|(began_ns, _)| phase(*began_ns)).min().unwrap_or(0);
     let mut late = Vec::new();
-    for (began_ns, ready_ns) in ticks {
-        let due_ns = began_ns - (phase(*began_ns) - earliest);
-        keep(&mut late, due_ns, *ready_ns);
+    for (k, (began_ns, ready_ns)) in ticks.iter().enumerate() {
+        let near = &ticks[k.saturating_sub(NEIGHBOURS)..ticks.len().min(k + NEIGHBOURS)];
+        // How much earlier in its period another edge was, within half a period.
+        let earlier = |other_ns: u64| {
+            let apart = (*began_ns as i64 - other_ns as i64).rem_euclid(PERIOD_NS as i64) as u64;
+            if apart < PERIOD_NS / 2 { apart } else { 0 }
+        };
+        let in_period_ns = near.iter().map(|(other_ns, _)| earlier(*other_ns)).max().unwrap_or(0);
+        let gap_ns = k.checked_sub(1).map_or(0, |k| (began_ns - ticks[k].0).saturating_sub(PERIOD_NS));
+        keep(&mut late, began_ns - in_period_ns.max(gap_ns), *ready_ns);
     }
     late
 }

@@ -222,7 +222,7 @@ fn the_newest_is_followed() {
     let (_, sound) = corpus::trained().into_iter().find(|(name, _)| name == "default").unwrap();
     publish(&laboratory, "first", &sound);
     wait_for(&laboratory, "first", "on its way", |e| {
-        ["shadow", "ramp", "probation", "active"].iter().any(|state| e["state"] == *state)
+        ["shadow", "ramp", "recheck", "probation", "active"].iter().any(|state| e["state"] == *state)
     });
     check_ticks(&laboratory.close().ticks());
 }

@@ -12,18 +12,20 @@
 
 use std::sync::Arc;
 
-use law::{ControlInput, ControlOutput, Left, PolicyLaw, Repetition, saturated};
+use law::{ControlInput, ControlOutput, Left, PolicyLaw, Repetitions, saturated};
 use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
 use model::steady::SteadyMap;
 
 use crate::blend::blended;
 use crate::channel::{Candidate, Command, Haste, PolicyEvent, PolicyTag, Snapshot, TickEnd};
 use crate::conditions::Conditions;
+use crate::conduct::Shown;
 use crate::exploration::{Exploration, ExplorationRules, ExplorationShown, NO_NOISE};
+use crate::loss::Loss;
 use crate::record::Record;
 use crate::remainder::{Remainder, away};
 use crate::seat::{Answer, PolicyAnswer, Seat, layout_of};
-use crate::stages::{Loss, Next, Shown, StageNow, Stages};
+use crate::stages::{Next, StageNow, Stages};
 
 /// Seconds after arming that are not held against anybody: the rig comes from rest.
 const APPROACH_TICKS: u32 = 250;
@@ -74,14 +76,16 @@ pub struct Arbiter {
     kinds: [usize; CHANNELS],
     error_kpa: Pair,
     decided: Pair,
+    /// What the candidate's share has changed about the last decision.
+    part_duty: Pair,
     sent: Pair,
     trust: Trust,
     exploration: Option<Exploration>,
     /// Noise of a recorded tick, in place of what would be drawn.
     imposed_noise: Option<Pair>,
     noise: Pair,
-    /// Store of what earlier flights of the reference have taught, where that is learned.
-    repetition: Option<Box<Repetition>>,
+    /// Store of what earlier flights of each reference have taught, where that is learned.
+    repetitions: Option<Box<Repetitions>>,
     /// Error that the last decision leaves for the next flight.
     left: Left,
 }
@@ -106,12 +110,13 @@ impl Arbiter {
             kinds: [0; CHANNELS],
             error_kpa: [0.0; CHANNELS],
             decided: [1.0; CHANNELS],
+            part_duty: [0.0; CHANNELS],
             sent: [1.0; CHANNELS],
             trust: Trust::Policies,
             exploration: None,
             imposed_noise: None,
             noise: NO_NOISE,
-            repetition: None,
+            repetitions: None,
             left: Left::NOTHING,
         }
     }
@@ -121,8 +126,8 @@ impl Arbiter {
     ///
     /// # Real-time
     /// May run in the tick: nothing is freed as long as somebody else holds what is handed back.
-    pub fn exchange_repetition(&mut self, repetition: Option<Box<Repetition>>) -> Option<Box<Repetition>> {
-        std::mem::replace(&mut self.repetition, repetition)
+    pub fn exchange_repetitions(&mut self, repetitions: Option<Box<Repetitions>>) -> Option<Box<Repetitions>> {
+        std::mem::replace(&mut self.repetitions, repetitions)
     }
 
     /// A flight of the reference begins; after `period_ticks` the next one follows, where it does by itself.
@@ -130,24 +135,24 @@ impl Arbiter {
     /// # Real-time
     /// Runs in the tick; bounded.
     pub fn begin_flight(&mut self, period_ticks: Option<u32>) {
-        if let Some(repetition) = &mut self.repetition {
-            repetition.begin(period_ticks);
+        if let Some(repetitions) = &mut self.repetitions {
+            repetitions.begin(period_ticks);
         }
     }
 
-    /// Another reference is flown: what was learned of the one before is forgotten.
+    /// Another reference is flown, by its identity ([`Repetitions::choose`]).
     ///
     /// # Real-time
     /// Runs in the tick; bounded.
-    pub fn forget_flights(&mut self) {
-        if let Some(repetition) = &mut self.repetition {
-            repetition.forget();
+    pub fn choose_reference(&mut self, reference: u64) {
+        if let Some(repetitions) = &mut self.repetitions {
+            repetitions.choose(reference);
         }
     }
 
     /// Flights of the reference that were learned from; nothing where none are.
     pub fn flights(&self) -> Option<usize> {
-        self.repetition.as_ref().map(|repetition| repetition.flights())
+        self.repetitions.as_ref().map(|repetitions| repetitions.flights())
     }
 
     /// Explores around the active policy from the next tick on; answers whether it does. It does not where the fallback
@@ -234,7 +239,7 @@ impl Arbiter {
     /// Runs in the tick.
     pub fn vented(&mut self) {
         self.stop_exploring();
-        if self.candidate.as_ref().is_some_and(|(_, stages)| stages.now() != StageNow::Shadow) {
+        if self.candidate.as_ref().is_some_and(|(_, stages)| stages.authority() > 0.0) {
             self.lose(Loss::Vented);
         }
     }
@@ -244,7 +249,7 @@ impl Arbiter {
     /// # Real-time
     /// Allocation-free and bounded: two inferences where a candidate is on its way.
     pub fn decide(&mut self, input: &ControlInput, predicted_kpa: &[Pair; AHEAD]) -> ArbitratedCommand {
-        let learned_duty = self.repetition.as_ref().and_then(|repetition| repetition.learned());
+        let learned_duty = self.repetitions.as_ref().and_then(|repetitions| repetitions.learned());
         let input = &ControlInput { learned_duty, ..*input };
         let mut event = self.serve();
         let ordered = event.is_some();
@@ -269,13 +274,17 @@ impl Arbiter {
         let mut decision = answer.decision;
         let mut shown = answer.policy;
         let mut lost = None;
+        self.part_duty = [0.0; CHANNELS];
         if let Some((seat, stages)) = self.candidate.as_mut().filter(|_| trusted) {
             let candidate = seat.answer(input, predicted_kpa, NO_NOISE);
             if candidate.refused {
                 lost = Some(Loss::NotFinite);
             } else {
                 let authority = stages.begin_tick();
+                let by_itself = decision.duty();
                 decision = blended(&decision, &candidate.decision, authority);
+                let shared = decision.duty();
+                self.part_duty = std::array::from_fn(|c| shared[c] - by_itself[c]);
                 if authority > 0.0 {
                     let stage = stages.now().code() + 1;
                     shown = candidate.policy.map(|answer| PolicyAnswer { stage, authority, ..answer });
@@ -314,8 +323,8 @@ impl Arbiter {
     }
 
     fn learn(&mut self, left: &Left) {
-        if let Some(repetition) = &mut self.repetition {
-            repetition.follow(left);
+        if let Some(repetitions) = &mut self.repetitions {
+            repetitions.follow(left);
         }
     }
 
@@ -345,16 +354,22 @@ impl Arbiter {
             return None;
         }
         let alone =
-            self.candidate.as_ref().is_none_or(|(_, stages)| stages.authority() == 0.0) && self.noise == NO_NOISE;
+            self.candidate.as_ref().is_none_or(|(_, stages)| stages.incumbent_alone()) && self.noise == NO_NOISE;
         if alone {
             self.record.add(self.kinds, self.error_kpa, change_duty);
         }
-        let shown = Shown { kinds: self.kinds, error_kpa: self.error_kpa, change_duty, filtered };
+        let shown =
+            Shown { kinds: self.kinds, error_kpa: self.error_kpa, change_duty, filtered, part_duty: self.part_duty };
         let (seat, stages) = self.candidate.as_mut()?;
         let tag = seat.tag();
         match stages.end_tick(&shown, &self.record) {
             Next::Stay => None,
-            Next::Passed(stage) => Some(self.told(PolicyEvent::Passed(tag, stage.code()))),
+            Next::Passed(stage) => {
+                if stage == StageNow::Recheck {
+                    self.record = Record::default();
+                }
+                Some(self.told(PolicyEvent::Passed(tag, stage.code())))
+            }
             Next::Active => self.promote(),
             Next::Lost(loss) => {
                 self.remainder = Remainder::FROM_SENT;

@@ -1,10 +1,11 @@
 //! From one policy to the next while the rig is controlled, without a bump and with a way back.
 //!
 //! ```text
-//!            250 ticks and a record          6 levels, each passed           500 ticks in full
-//!  candidate ── SHADOW ───────────▶ RAMP 5 … 100 % ───────────▶ PROBATION ───────────▶ active
-//!                 │                     │                           │
-//!                 └────────── refused: the incumbent alone decides from this very tick ──────
+//!            250 ticks and a record     6 levels, each passed    the incumbent measured anew     500 ticks in full
+//!  candidate ── SHADOW ──────▶ RAMP 5 … 100 % ──────▶ RECHECK ──────▶ RAMP 100 % ──────▶ PROBATION ──────▶ active
+//!                 ▲                  │                                    │                  │
+//!                 │                  └──── refused: the incumbent alone decides from this very tick
+//!                 └──── something went wrong that the candidate had no part in
 //! ```
 //!
 //! | module | subject |
@@ -12,7 +13,9 @@
 //! | [`conditions`] | what kind of tick it is: rest, motion, a jump; errors are only compared in like conditions |
 //! | [`record`] | the incumbent's own errors, by condition |
 //! | [`sequential_test`] | Wald's test: as good as the incumbent, or half as much error again? |
-//! | [`stages`] | shadow, ramp, probation: how much authority a candidate has, and why it loses it |
+//! | [`stages`] | shadow, ramp, recheck, probation: how much authority a candidate has |
+//! | [`conduct`] | interventions, far-off pressures, hunting, and whether the candidate had a part in them |
+//! | [`loss`] | why a candidate loses its authority |
 //! | [`arbiter`] | incumbent and candidate side by side; who decides, and what came of it for the policies |
 //! | `seat`, `blend`, `remainder` | a policy in its law; two decisions in one; what is left of a bump decays |
 //! | [`exploration`] | bounded noise on the active policy's answer |
@@ -26,7 +29,9 @@ pub mod arbiter;
 mod blend;
 pub mod channel;
 pub mod conditions;
+pub mod conduct;
 pub mod exploration;
+pub mod loss;
 pub mod permit;
 pub mod record;
 mod remainder;
@@ -37,6 +42,7 @@ pub mod stages;
 pub use arbiter::{Arbiter, ArbitratedCommand, Trust};
 pub use channel::{Candidate, Command, Haste, PolicyEvent, PolicyTag, Snapshot, StoreEnd, TickEnd, channel};
 pub use exploration::{ExplorationRules, ExplorationShown, StdOrigin};
+pub use loss::Loss;
 pub use permit::{NoLongerWanted, Permit};
 pub use seat::PolicyAnswer;
-pub use stages::{Loss, StageNow};
+pub use stages::StageNow;

@@ -19,8 +19,11 @@ const REFUSED_RATIO: f64 = 1.5 * 1.5;
 const ALIKE_TICKS: f64 = 25.0;
 /// ln(1/ε) with ε = 1 %: both errors of the test, for each level.
 const DECIDED: f64 = 4.605;
-/// The most that a single tick counts, as a multiple of the incumbent's mean square: a knock at the rig is no verdict.
-const MOST_EXCESS: f64 = 25.0;
+/// The most that a single tick counts, as a multiple of the incumbent's mean square: of Gaussian errors one in seventy is beyond. A knock at
+/// the rig, or a turn of the reference at which the valve's backlash costs more than at others, is no verdict.
+const MOST_EXCESS: f64 = 6.0;
+/// What counts for an error that is no number.
+const NOT_FINITE_EXCESS: f64 = 25.0;
 
 /// What the test says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,8 +51,7 @@ impl SequentialTest {
     /// May run in the tick.
     pub fn add(&mut self, channel: usize, excess: f64) {
         let (Some(sum), Some(passed)) = (self.log_ratio.get_mut(channel), self.passed.get_mut(channel)) else { return };
-        // What is not finite counts as bad as can be.
-        let excess = if excess.is_finite() { excess.min(MOST_EXCESS) } else { MOST_EXCESS };
+        let excess = if excess.is_finite() { excess.min(MOST_EXCESS) } else { NOT_FINITE_EXCESS };
         let gained = 0.5 * (excess * (1.0 - 1.0 / REFUSED_RATIO) - REFUSED_RATIO.ln()) / ALIKE_TICKS;
         *sum += gained;
         if *sum <= -DECIDED {

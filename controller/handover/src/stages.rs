@@ -1,7 +1,9 @@
-//! How much authority a candidate has, and why it loses it.
+//! How much authority a candidate has.
 
-use model::observation::{CHANNELS, Pair};
+use model::observation::CHANNELS;
 
+use crate::conduct::{Finding, Judged, Shown, Watched};
+use crate::loss::Loss;
 use crate::record::Record;
 use crate::sequential_test::{SequentialTest, TestVerdict};
 
@@ -9,6 +11,10 @@ use crate::sequential_test::{SequentialTest, TestVerdict};
 const SHADOW_TICKS: u32 = 250;
 /// Ticks that the incumbent's record must hold before anything is held against it: 20 s.
 const RECORD_TICKS: u32 = 1000;
+/// Ticks of the recheck before the record begins anew: what the candidate did has died away by then, 2 s.
+const DIES_AWAY_TICKS: u32 = 100;
+/// Least ticks of the level that follows the recheck: as many as the record was made of.
+const RECHECKED_TICKS: u32 = RECORD_TICKS;
 /// Authorities of the ramp, as shares of the command.
 pub const LEVELS: [f64; 6] = [0.05, 0.1, 0.2, 0.4, 0.7, 1.0];
 /// Least ticks on a level: the loop has settled twice.
@@ -19,19 +25,6 @@ const MOST_LEVEL_TICKS: u32 = 3000;
 const PROBATION_TICKS: u32 = 500;
 /// How fast authority moves, a tick: from nothing to all of it in half a second.
 pub const AUTHORITY_PER_TICK: f64 = 0.04;
-/// Ticks over which duties' changes and the safety filter's interventions are watched.
-const WATCHED_TICKS: u32 = 50;
-/// Interventions of the safety filter within them that end it.
-const MOST_INTERVENTIONS: u32 = 3;
-/// A candidate whose duties change by more than this (RMS a tick, in duty) and by three times the incumbent's hunts.
-const CHATTER_DUTY: f64 = 0.025;
-/// Errors beyond this many times the incumbent's RMS, and beyond [`WIDE_KPA`], for [`WIDE_TICKS`] end it at once; beyond
-/// [`WIDE_WATCHED_KPA`] where an operator went back to what errs more.
-const WIDE_RATIO: f64 = 6.0;
-const WIDE_KPA: Pair = [2.0, 1.0];
-const WIDE_WATCHED_KPA: Pair = [4.0, 3.0];
-const WIDE_TICKS: u32 = 10;
-
 /// Where a candidate stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum StageNow {
@@ -39,17 +32,21 @@ pub enum StageNow {
     Shadow,
     /// Part of the command; the level's place in [`LEVELS`].
     Ramp(usize),
+    /// Not used for a while: the incumbent controls alone, and what it does now is what the last level is held against once more. It
+    /// goes on learning the rig, and what was as good as it in the beginning need not be so later.
+    Recheck,
     /// All of the command, with the way back open.
     Probation,
 }
 
 impl StageNow {
-    /// The number that events carry: 0 shadow, 1 … 6 ramp, 7 probation.
+    /// The number that events carry: 0 shadow, 1 … 6 ramp, 7 probation, 8 recheck.
     pub fn code(self) -> u8 {
         match self {
             StageNow::Shadow => 0,
             StageNow::Ramp(level) => level as u8 + 1,
             StageNow::Probation => LEVELS.len() as u8 + 1,
+            StageNow::Recheck => LEVELS.len() as u8 + 2,
         }
     }
 
@@ -58,76 +55,10 @@ impl StageNow {
         match usize::from(code) {
             0 => StageNow::Shadow,
             level if level <= LEVELS.len() => StageNow::Ramp(level - 1),
-            _ => StageNow::Probation,
+            level if level == LEVELS.len() + 1 => StageNow::Probation,
+            _ => StageNow::Recheck,
         }
     }
-}
-
-/// Why a candidate loses its authority.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
-pub enum Loss {
-    /// It answered something that is not finite.
-    NotFinite = 1,
-    /// Its errors are worse than the incumbent's in like conditions.
-    Worse = 2,
-    /// It was not found as good within a minute on a level.
-    Undecided = 3,
-    /// The safety filter had to bend commands that it had a part in.
-    Filtered = 4,
-    /// Its duties hunt.
-    Hunts = 5,
-    /// The pressures went far off.
-    FarOff = 6,
-    /// An operator took it back.
-    Withdrawn = 7,
-    /// The rig was vented while it was in full authority.
-    Vented = 8,
-}
-
-impl Loss {
-    /// The loss of a number.
-    pub fn of_code(code: u8) -> Option<Self> {
-        [
-            Loss::NotFinite,
-            Loss::Worse,
-            Loss::Undecided,
-            Loss::Filtered,
-            Loss::Hunts,
-            Loss::FarOff,
-            Loss::Withdrawn,
-            Loss::Vented,
-        ]
-        .into_iter()
-        .find(|loss| *loss as u8 == code)
-    }
-
-    /// One line for an operator, without the stage.
-    pub fn reason(self) -> &'static str {
-        match self {
-            Loss::NotFinite => "answers something that is not finite",
-            Loss::Worse => "its errors are worse than those of what it was to replace, in like conditions",
-            Loss::Undecided => "not found as good as what it was to replace within a minute on one level",
-            Loss::Filtered => "the safety filter had to bend its commands",
-            Loss::Hunts => "its duties hunt",
-            Loss::FarOff => "the pressures went far from the reference",
-            Loss::Withdrawn => "taken back by an operator",
-            Loss::Vented => "the rig was vented while it had authority",
-        }
-    }
-}
-
-/// What a tick showed, once the command was out.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shown {
-    /// Kinds of the tick.
-    pub kinds: [usize; CHANNELS],
-    /// Errors in kPa.
-    pub error_kpa: Pair,
-    /// Changes of the duties.
-    pub change_duty: Pair,
-    /// Whether the safety filter changed the command.
-    pub filtered: bool,
 }
 
 /// What comes next.
@@ -148,28 +79,20 @@ pub enum Next {
 pub struct Stages {
     now: StageNow,
     judged: Judged,
+    round: Round,
     ticks: u32,
     test: SequentialTest,
     authority: f64,
     watched: Watched,
 }
 
-/// What a candidate is held against.
+/// How often the incumbent has been measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Judged {
-    /// The incumbent's errors, besides the rules on hunting, interventions and far-off pressures.
-    Compared,
-    /// Those rules alone: an operator may go back to what errs more than what controls now.
-    Watched,
-}
-
-/// Sums over the ticks watched.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Watched {
-    ticks: u32,
-    interventions: u32,
-    changes: Pair,
-    wide: [u32; CHANNELS],
+enum Round {
+    /// Before the ramp.
+    First,
+    /// Again, by the recheck.
+    Rechecked,
 }
 
 impl Stages {
@@ -194,7 +117,16 @@ impl Stages {
     }
 
     fn at(now: StageNow, judged: Judged) -> Self {
-        Stages { now, judged, ticks: 0, test: SequentialTest::default(), authority: 0.0, watched: Watched::default() }
+        let round = Round::First;
+        Stages {
+            now,
+            judged,
+            round,
+            ticks: 0,
+            test: SequentialTest::default(),
+            authority: 0.0,
+            watched: Watched::default(),
+        }
     }
 
     /// The stage.
@@ -223,7 +155,7 @@ impl Stages {
     /// May run in the tick.
     pub fn begin_tick(&mut self) -> f64 {
         let wanted = match self.now {
-            StageNow::Shadow => 0.0,
+            StageNow::Shadow | StageNow::Recheck => 0.0,
             StageNow::Ramp(level) => LEVELS.get(level).copied().unwrap_or(1.0),
             StageNow::Probation => 1.0,
         };
@@ -236,98 +168,112 @@ impl Stages {
         self.authority
     }
 
+    /// Tells whether what the incumbent does is its own again: nothing of the candidate's share is left in it.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn incumbent_alone(&self) -> bool {
+        self.authority == 0.0 && (self.now != StageNow::Recheck || self.ticks >= DIES_AWAY_TICKS)
+    }
+
     /// Judges a tick once its command is out.
     ///
     /// # Real-time
     /// May run in the tick.
     pub fn end_tick(&mut self, shown: &Shown, record: &Record) -> Next {
         self.ticks = self.ticks.saturating_add(1);
-        if self.now == StageNow::Shadow {
-            let known = self.ticks >= SHADOW_TICKS && record.ticks() >= RECORD_TICKS;
-            return if known { self.pass(StageNow::Ramp(0)) } else { Next::Stay };
+        match self.now {
+            StageNow::Shadow if self.ticks >= SHADOW_TICKS && record.ticks() >= RECORD_TICKS => {
+                return self.pass(StageNow::Ramp(0));
+            }
+            StageNow::Recheck if record.ticks() >= RECORD_TICKS => {
+                self.round = Round::Rechecked;
+                return self.pass(StageNow::Ramp(LEVELS.len() - 1));
+            }
+            StageNow::Shadow | StageNow::Recheck => return Next::Stay,
+            StageNow::Ramp(_) | StageNow::Probation => {}
         }
-        if let Some(loss) = self.watched.judge(shown, record, self.judged) {
-            return Next::Lost(loss);
+        match self.watched.judge(shown, record, self.judged) {
+            Some(Finding::Fault(loss)) => return Next::Lost(loss),
+            // What is not held against the incumbent goes on: it would come back to the same place for ever.
+            Some(Finding::NotIts) if self.judged == Judged::Watched => self.watched = Watched::default(),
+            Some(Finding::NotIts) => {
+                *self = Stages { authority: self.authority, ..self.anew() };
+                return Next::Passed(self.now);
+            }
+            None => {}
         }
         for c in (0..CHANNELS).filter(|_| self.judged == Judged::Compared) {
             if let Some(excess) = record.excess(c, shown.kinds[c], shown.error_kpa[c]) {
                 self.test.add(c, excess);
             }
         }
-        let verdict = self.test.verdict();
         match self.now {
-            _ if verdict == TestVerdict::Worse => Next::Lost(Loss::Worse),
-            StageNow::Ramp(level) if verdict == TestVerdict::AsGood && self.ticks >= LEVEL_TICKS => {
-                let next = if level + 1 < LEVELS.len() { StageNow::Ramp(level + 1) } else { StageNow::Probation };
-                self.pass(next)
-            }
-            StageNow::Ramp(_) if self.ticks >= MOST_LEVEL_TICKS => Next::Lost(Loss::Undecided),
+            _ if self.test.verdict() == TestVerdict::Worse => Next::Lost(Loss::Worse),
+            StageNow::Ramp(level) => self.on_level(level),
             StageNow::Probation if self.ticks >= PROBATION_TICKS => Next::Active,
             _ => Next::Stay,
         }
     }
 
-    fn pass(&mut self, to: StageNow) -> Next {
-        *self = Stages { authority: self.authority, watched: self.watched, ..Stages::at(to, self.judged) };
-        Next::Passed(to)
+    fn on_level(&mut self, level: usize) -> Next {
+        let (least, last) = (if self.round == Round::First { LEVEL_TICKS } else { RECHECKED_TICKS }, LEVELS.len() - 1);
+        if self.test.verdict() == TestVerdict::AsGood && self.ticks >= least {
+            return self.pass(match self.round {
+                Round::First if level < last => StageNow::Ramp(level + 1),
+                Round::First => StageNow::Recheck,
+                Round::Rechecked => StageNow::Probation,
+            });
+        }
+        if self.ticks >= MOST_LEVEL_TICKS { Next::Lost(Loss::Undecided) } else { Next::Stay }
     }
-}
 
-impl Watched {
-    fn judge(&mut self, shown: &Shown, record: &Record, judged: Judged) -> Option<Loss> {
-        self.ticks += 1;
-        // After a jump of the reference the slew limit holds anybody back.
-        self.interventions += u32::from(shown.filtered && shown.kinds.iter().all(|kind| *kind < 2));
-        let rms_kpa = record.rms_kpa();
-        let wide_kpa = if judged == Judged::Compared { WIDE_KPA } else { WIDE_WATCHED_KPA };
-        for c in 0..CHANNELS {
-            self.changes[c] += shown.change_duty[c].powi(2);
-            let wide = shown.error_kpa[c].abs() > (WIDE_RATIO * rms_kpa[c]).max(wide_kpa[c]);
-            // After a jump of the reference anything may be far off.
-            self.wide[c] = if wide && shown.kinds[c] < 2 { self.wide[c] + 1 } else { 0 };
-        }
-        if self.interventions >= MOST_INTERVENTIONS {
-            return Some(Loss::Filtered);
-        }
-        if self.wide.iter().any(|ticks| *ticks >= WIDE_TICKS) {
-            return Some(Loss::FarOff);
-        }
-        if self.ticks < WATCHED_TICKS {
-            return None;
-        }
-        let hunts = (0..CHANNELS).any(|c| {
-            let rms = (self.changes[c] / f64::from(self.ticks)).sqrt();
-            rms > CHATTER_DUTY.max(3.0 * record.change_duty(c))
-        });
-        *self = Watched { wide: self.wide, ..Watched::default() };
-        hunts.then_some(Loss::Hunts)
+    fn pass(&mut self, to: StageNow) -> Next {
+        let fresh = Stages::at(to, self.judged);
+        *self = Stages { authority: self.authority, watched: self.watched, round: self.round, ..fresh };
+        Next::Passed(to)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::conduct::WIDE_TICKS;
 
     fn record() -> Record {
         let mut record = Record::default();
-        for tick in 0..2000 {
-            let sign = if tick % 60 < 30 { 1.0 } else { -1.0 };
-            record.add([0, 1], [0.3 * sign, 0.2 * sign], [0.002, 0.002]);
-        }
+        (0..2000).for_each(|tick| add(&mut record, tick, 1.0));
         record
     }
 
-    /// Ticks with errors `scale` times the record's, until something comes of it.
+    fn add(record: &mut Record, tick: u32, scale: f64) {
+        let sign = if tick % 60 < 30 { scale } else { -scale };
+        record.add([0, 1], [0.3 * sign, 0.2 * sign], [0.002, 0.002]);
+    }
+
+    /// Ticks with errors `scale` times the record's, until something comes of it; the incumbent errs as it did.
     fn run(stages: &mut Stages, scale: f64, change: f64) -> (Vec<Next>, u32) {
-        let (mut all, record) = (Vec::new(), record());
+        against(stages, scale, change, 1.0)
+    }
+
+    /// The same where the incumbent, measured once more, errs `later` times what it did.
+    fn against(stages: &mut Stages, scale: f64, change: f64, later: f64) -> (Vec<Next>, u32) {
+        let (mut all, mut record) = (Vec::new(), record());
         for tick in 0..30_000 {
             stages.begin_tick();
             let sign = if tick % 60 < 30 { 1.0 } else { -1.0 };
             let error_kpa = [0.3 * sign * scale, 0.2 * sign * scale];
-            let shown = Shown { kinds: [0, 1], error_kpa, change_duty: [change; 2], filtered: false };
+            let part_duty = [0.1 * stages.authority(); 2];
+            let shown = Shown { kinds: [0, 1], error_kpa, change_duty: [change; 2], filtered: false, part_duty };
+            if stages.now() == StageNow::Recheck && stages.incumbent_alone() {
+                add(&mut record, tick, later);
+            }
             match stages.end_tick(&shown, &record) {
                 Next::Stay => {}
                 next => all.push(next),
+            }
+            if all.last() == Some(&Next::Passed(StageNow::Recheck)) && stages.ticks() == 0 {
+                record = Record::default();
             }
             if matches!(all.last(), Some(Next::Active | Next::Lost(_))) {
                 return (all, tick);
@@ -341,9 +287,11 @@ mod tests {
         let mut stages = Stages::from_shadow();
         let (all, ticks) = run(&mut stages, 1.0, 0.002);
         let mut expected: Vec<Next> = (0..LEVELS.len()).map(|level| Next::Passed(StageNow::Ramp(level))).collect();
-        expected.extend([Next::Passed(StageNow::Probation), Next::Active]);
+        let again = [StageNow::Recheck, StageNow::Ramp(LEVELS.len() - 1), StageNow::Probation];
+        expected.extend(again.map(Next::Passed));
+        expected.push(Next::Active);
         assert_eq!(all, expected);
-        // Six levels, decided after some 900 ticks each: within the ten minutes that are asked for.
+        // Six levels and the last again, decided after some 900 ticks each: within the ten minutes that are asked for.
         assert!((3_000..30_000).contains(&ticks), "{ticks}");
         assert_eq!(stages.authority(), 1.0);
     }
@@ -361,9 +309,46 @@ mod tests {
     }
 
     #[test]
+    fn what_was_as_good_as_an_incumbent_that_still_learned_is_found_out_by_the_recheck() {
+        let (all, _) = against(&mut Stages::from_shadow(), 1.0, 0.002, 0.55);
+        assert!(all.contains(&Next::Passed(StageNow::Recheck)), "{all:?}");
+        assert_eq!(all.last(), Some(&Next::Lost(Loss::Worse)));
+    }
+
+    /// At 5 % of a command that is the incumbent's to a tenth of a per cent: the rig was knocked, or the incumbent errs.
+    #[test]
+    fn what_a_candidate_had_no_part_in_sends_it_back_to_the_shadow() {
+        let record = record();
+        for (part, expected) in [(0.0001, Next::Passed(StageNow::Shadow)), (0.01, Next::Lost(Loss::FarOff))] {
+            let mut stages = Stages { authority: 0.05, ..Stages::at(StageNow::Ramp(0), Judged::Compared) };
+            let far = Shown {
+                kinds: [0; 2],
+                error_kpa: [5.0, 0.1],
+                change_duty: [0.0; 2],
+                filtered: false,
+                part_duty: [0.0, part],
+            };
+            let all: Vec<Next> = (0..WIDE_TICKS).map(|_| stages.end_tick(&far, &record)).collect();
+            assert_eq!(all.last(), Some(&expected));
+        }
+    }
+
+    /// A reference out of reach keeps whoever controls far off: the fallback, asked for by an operator, takes over all the same.
+    #[test]
+    fn what_an_operator_asks_for_takes_over_where_nobody_could_do_better() {
+        let (mut stages, record) = (Stages::straight(), Record::default());
+        let far =
+            Shown { kinds: [0; 2], error_kpa: [5.0, 0.1], change_duty: [0.0; 2], filtered: false, part_duty: [0.0; 2] };
+        let nexts: Vec<Next> = (0..PROBATION_TICKS).map(|_| stages.end_tick(&far, &record)).collect();
+        assert!(nexts[..nexts.len() - 1].iter().all(|next| *next == Next::Stay), "{nexts:?}");
+        assert_eq!(nexts.last(), Some(&Next::Active));
+    }
+
+    #[test]
     fn the_filter_ends_it_at_the_third_intervention() {
         let (mut stages, record) = (Stages::straight(), record());
-        let shown = Shown { kinds: [0; 2], error_kpa: [0.0; 2], change_duty: [0.0; 2], filtered: true };
+        let shown =
+            Shown { kinds: [0; 2], error_kpa: [0.0; 2], change_duty: [0.0; 2], filtered: true, part_duty: [0.1; 2] };
         assert_eq!(stages.end_tick(&shown, &record), Next::Stay);
         assert_eq!(stages.end_tick(&shown, &record), Next::Stay);
         assert_eq!(stages.end_tick(&shown, &record), Next::Lost(Loss::Filtered));

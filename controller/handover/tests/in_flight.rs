@@ -36,7 +36,8 @@ fn a_better_policy_comes_to_full_authority_within_ten_minutes() {
         .iter()
         .filter_map(|(_, event)| if let PolicyEvent::Passed(_, stage) = event { Some(*stage) } else { None })
         .collect();
-    assert_eq!(stages, [1, 2, 3, 4, 5, 6, 7]);
+    // All levels, then the last once more, behind the recheck.
+    assert_eq!(stages, [1, 2, 3, 4, 5, 6, 8, 6, 7]);
     println!("active after {} ticks, steepest change {:.4} of duty", run.errors.len() - 400, run.steepest);
     assert!(run.steepest < CALM_DUTY, "{}", run.steepest);
     let (before, after) = (run.errors[400..1400].to_vec(), run.errors.len());
@@ -148,5 +149,7 @@ fn candidates_can_be_withdrawn_and_replaced_and_nothing_is_freed_in_the_tick() {
         run.events.last()
     );
     assert_eq!((run.store.sweep(), run.arbiter.active()), (1, PolicyTag::FALLBACK));
-    assert_eq!(StageNow::of_code(StageNow::Probation.code()), StageNow::Probation);
+    for stage in [StageNow::Shadow, StageNow::Ramp(0), StageNow::Ramp(5), StageNow::Probation, StageNow::Recheck] {
+        assert_eq!(StageNow::of_code(stage.code()), stage);
+    }
 }

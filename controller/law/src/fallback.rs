@@ -28,6 +28,7 @@ use crate::direction::{BacklashEstimator, Direction};
 use crate::foresight::{Foresight, is_told};
 use crate::integral::{IntegralAction, IntegralSettings, VENT_SIGN};
 use crate::repetition::{Left, Repetition};
+use crate::repetitions::Repetitions;
 use crate::rest::{Hold, Rest};
 use crate::{ControlInput, ControlOutput, DutyTerms, TICK_S, saturated};
 
@@ -66,6 +67,11 @@ impl FallbackSettings {
     pub fn repetition(&self, map: &SteadyMap) -> Repetition {
         let paths = map.valve_paths();
         Repetition::new(paths, bandwidths(paths, self))
+    }
+
+    /// The same for several references, each kept by itself.
+    pub fn repetitions(&self, map: &SteadyMap) -> Repetitions {
+        Repetitions::new(&self.repetition(map))
     }
 }
 

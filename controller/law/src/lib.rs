@@ -6,6 +6,7 @@
 //! | [`policy_law`] | what a policy is told, and how its answer becomes a duty |
 //! | [`integral`] | the paper's integral action and anti-windup, on top of a policy or of the fallback |
 //! | [`repetition`] | what a reference flown again and again teaches |
+//! | [`repetitions`] | the same of several references, each kept by itself |
 //! | [`course`] | where on its reference a run is: approach, flights, goals |
 //! | [`rest`] | holds on which integral action stands still |
 //! | [`soft_start`] | from where the rig is to where the reference is, without saturating |
@@ -23,6 +24,7 @@ pub mod foresight;
 pub mod integral;
 pub mod policy_law;
 pub mod repetition;
+pub mod repetitions;
 pub mod rest;
 pub mod soft_start;
 
@@ -31,6 +33,7 @@ pub use fallback::{Fallback, FallbackSettings};
 pub use integral::{IntegralAction, IntegralSettings};
 pub use policy_law::PolicyLaw;
 pub use repetition::{Left, Repetition, RepetitionLearning};
+pub use repetitions::Repetitions;
 pub use soft_start::SoftStart;
 
 use model::observation::{AHEAD, ActionTrajectory, CHANNELS, GOALS_AHEAD, Pair, TICKS_PER_S};

@@ -14,7 +14,7 @@
 //! and used in the next flight, so nothing has to be worked out between flights. The first flight, or as
 //! many as make a minute, teaches the fallback the valves' play and nothing else.
 //!
-//! What is learned belongs to one reference and to one model: another one of either empties it ([`Repetition::forget`]). It lies
+//! What is learned belongs to one reference and to one model; [`crate::repetitions`] keeps that of several references. It lies
 //! beside the law and not in it: what controls may change from flight to flight, and all that build on the fallback are told the same
 //! ([`crate::ControlInput::learned_duty`]).
 
@@ -163,7 +163,7 @@ impl Repetition {
         self.flights
     }
 
-    /// Empties what was learned: another reference or model is flown from now on.
+    /// Empties what was learned: another reference is flown from now on.
     ///
     /// # Real-time
     /// Bounded (480 kB written), allocation-free: may run in the tick.

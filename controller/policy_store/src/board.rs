@@ -217,7 +217,7 @@ impl Board {
         if let Some(candidate) = snapshot.candidate {
             let percent = 100.0 * snapshot.authority;
             let state = EntryState::of_stage(StageNow::of_code(snapshot.stage));
-            let on_its_way = [EntryState::Shadow, EntryState::Ramp, EntryState::Probation];
+            let on_its_way = [EntryState::Shadow, EntryState::Ramp, EntryState::Recheck, EntryState::Probation];
             // A snapshot may be older than the event that ended the way.
             let entries = self.entries.values_mut().filter(|e| e.tag() == Some(candidate));
             for entry in entries.filter(|e| on_its_way.contains(&e.state)) {
@@ -245,6 +245,7 @@ impl Board {
                 let what = match stage {
                     StageNow::Shadow => "in shadow",
                     StageNow::Ramp(_) => "next level of the ramp",
+                    StageNow::Recheck => "rechecked",
                     StageNow::Probation => "in probation",
                 };
                 self.changed(tag, EntryState::of_stage(stage), what)

@@ -22,6 +22,8 @@ pub enum EntryState {
     Shadow,
     /// Part of the command.
     Ramp,
+    /// Not used for a while, so that what it is held against is measured anew.
+    Recheck,
     /// All of the command, with the way back open.
     Probation,
     /// What flies.
@@ -40,6 +42,7 @@ impl EntryState {
         match stage {
             StageNow::Shadow => EntryState::Shadow,
             StageNow::Ramp(_) => EntryState::Ramp,
+            StageNow::Recheck => EntryState::Recheck,
             StageNow::Probation => EntryState::Probation,
         }
     }
@@ -47,7 +50,7 @@ impl EntryState {
     /// The stage at which a candidate in this state is refused.
     pub fn stage(self) -> Stage {
         match self {
-            EntryState::Ramp => Stage::Ramp,
+            EntryState::Ramp | EntryState::Recheck => Stage::Ramp,
             EntryState::Probation => Stage::Probation,
             _ => Stage::Shadow,
         }
@@ -60,6 +63,7 @@ impl EntryState {
             EntryState::Passed => "passed",
             EntryState::Shadow => "shadow",
             EntryState::Ramp => "ramp",
+            EntryState::Recheck => "recheck",
             EntryState::Probation => "probation",
             EntryState::Active => "active",
             EntryState::Previous => "previous",

@@ -14,7 +14,7 @@
 use std::sync::Arc;
 
 use law::{
-    AfterEnd, ControlInput, ControlOutput, Course, FallbackSettings, Left, PolicyLaw, Repetition, RepetitionLearning,
+    AfterEnd, ControlInput, ControlOutput, Course, FallbackSettings, Left, PolicyLaw, RepetitionLearning, Repetitions,
 };
 use model::observation::{ACTION_LEN, AHEAD, CHANNELS, ObservationLayout, Pair};
 use model::predict::Predictor;
@@ -109,7 +109,7 @@ pub struct LoopRebuild {
     /// Flights of the reference that were over in the last tick.
     flight: u32,
     /// What flights have taught, where the daemon learned from them.
-    repetition: Option<Repetition>,
+    repetitions: Option<Repetitions>,
     /// What the last decision leaves for the next flight.
     left: Left,
     is_controlling: bool,
@@ -138,7 +138,7 @@ impl LoopRebuild {
             after_end: AfterEnd::Hold,
             course: Course::at_rest(),
             flight: 0,
-            repetition: None,
+            repetitions: None,
             left: Left::NOTHING,
             is_controlling: false,
             measured_kpa: [0.0; CHANNELS],
@@ -153,9 +153,9 @@ impl LoopRebuild {
     /// A model that cannot be run.
     pub fn repeat(&mut self, after_end: AfterEnd, learns: RepetitionLearning) -> Result<(), FinetuneError> {
         self.after_end = after_end;
-        self.repetition = match learns {
+        self.repetitions = match learns {
             RepetitionLearning::Off => None,
-            RepetitionLearning::On => Some(repetition(&self.model)?),
+            RepetitionLearning::On => Some(repetitions(&self.model, &self.reference)?),
         };
         Ok(())
     }
@@ -173,8 +173,8 @@ impl LoopRebuild {
     /// Another reference is followed from the next tick on.
     pub fn exchange_reference(&mut self, reference: Reference) {
         self.reference = reference;
-        if let Some(repetition) = &mut self.repetition {
-            repetition.forget();
+        if let Some(repetitions) = &mut self.repetitions {
+            repetitions.choose(self.reference.identity());
         }
         if self.is_controlling {
             self.start_reference(self.tick, self.measured_kpa);
@@ -191,8 +191,8 @@ impl LoopRebuild {
         self.predictor = Predictor::new(&model).map_err(unfit)?;
         self.predictor.restart(self.measured_kpa, VENT);
         let _ = self.law.exchange_map(map);
-        if self.repetition.is_some() {
-            self.repetition = Some(repetition(&model)?);
+        if self.repetitions.is_some() {
+            self.repetitions = Some(repetitions(&model, &self.reference)?);
         }
         self.begin_flight();
         self.model = model;
@@ -230,8 +230,8 @@ impl LoopRebuild {
         let duty = [record.u_pos, record.u_neg];
         let left = std::mem::replace(&mut self.left, Left::NOTHING);
         let is_taught = record.state != HOLD && !record.filter_active;
-        if let Some(repetition) = &mut self.repetition {
-            repetition.follow(if is_taught { &left } else { &Left::NOTHING });
+        if let Some(repetitions) = &mut self.repetitions {
+            repetitions.follow(if is_taught { &left } else { &Left::NOTHING });
         }
         if record.state != HOLD {
             self.law.applied(duty);
@@ -248,8 +248,8 @@ impl LoopRebuild {
     }
 
     fn begin_flight(&mut self) {
-        if let Some(repetition) = &mut self.repetition {
-            repetition.begin(self.course.period_ticks());
+        if let Some(repetitions) = &mut self.repetitions {
+            repetitions.begin(self.course.period_ticks());
         }
     }
 
@@ -307,7 +307,7 @@ impl LoopRebuild {
         let observed = self.predictor.observe(measured_kpa);
         let undelayed_kpa = if observed.iter().all(|p| p.is_finite()) { observed } else { measured_kpa };
         let goals_kpa = self.course.goals_kpa(tick, |time_s| self.reference.at(time_s));
-        let learned_duty = self.repetition.as_ref().and_then(Repetition::learned);
+        let learned_duty = self.repetitions.as_ref().and_then(Repetitions::learned);
         ControlInput { measured_kpa, undelayed_kpa, goals_kpa, learned_duty }
     }
 
@@ -320,10 +320,12 @@ impl LoopRebuild {
     }
 }
 
-/// What learns from flights on a model.
-fn repetition(model: &Rig) -> Result<Repetition, FinetuneError> {
+/// What learns from flights on a model, with a reference to begin with.
+fn repetitions(model: &Rig, reference: &Reference) -> Result<Repetitions, FinetuneError> {
     let map = SteadyMap::new(model).map_err(|problem| FinetuneError::Model { name: model.name.clone(), problem })?;
-    Ok(FallbackSettings::default().repetition(&map))
+    let mut repetitions = FallbackSettings::default().repetitions(&map);
+    repetitions.choose(reference.identity());
+    Ok(repetitions)
 }
 
 /// The policy's answer with what exploration added to its duties for now, in the bits in which the law was told it.
