@@ -19,7 +19,8 @@ const WIDE_RATIO: f64 = 6.0;
 const WIDE_KPA: Pair = [2.0, 1.0];
 const WIDE_WATCHED_KPA: Pair = [4.0, 3.0];
 pub(crate) const WIDE_TICKS: u32 = 10;
-/// A share that has changed the duties by less than this within the last second is not to blame for what the rig does: DUTY_ORIGIN
+/// A share that has changed the duties by less than this within the last second is not to blame for what the rig does:
+/// on `dual_pressure` it moves the settled pressures by 0.17 kPa at most.
 const BLAMELESS_DUTY: f64 = 0.001;
 
 /// What a tick showed, once the command was out.

@@ -1,8 +1,8 @@
 //! From one policy to the next while the rig is controlled, without a bump and with a way back.
 //!
 //! ```text
-//!            250 ticks and a record     6 levels, each passed    the incumbent measured anew     500 ticks in full
-//!  candidate ── SHADOW ──────▶ RAMP 5 … 100 % ──────▶ RECHECK ──────▶ RAMP 100 % ──────▶ PROBATION ──────▶ active
+//!            250 ticks and a record     5 levels, each passed    the incumbent measured anew     500 ticks in full
+//!  candidate ── SHADOW ──────▶ RAMP 5 … 70 % ──────▶ RECHECK ──────▶ RAMP 100 % ──────▶ PROBATION ──────▶ active
 //!                 ▲                  │                                    │                  │
 //!                 │                  └──── refused: the incumbent alone decides from this very tick
 //!                 └──── something went wrong that the candidate had no part in

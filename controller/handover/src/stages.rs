@@ -13,7 +13,7 @@ const SHADOW_TICKS: u32 = 250;
 const RECORD_TICKS: u32 = 1000;
 /// Ticks of the recheck before the record begins anew: what the candidate did has died away by then, 2 s.
 const DIES_AWAY_TICKS: u32 = 100;
-/// Least ticks of the level that follows the recheck: as many as the record was made of.
+/// Least ticks in all of the command, behind the recheck: as many as the record was made of.
 const RECHECKED_TICKS: u32 = RECORD_TICKS;
 /// Authorities of the ramp, as shares of the command.
 pub const LEVELS: [f64; 6] = [0.05, 0.1, 0.2, 0.4, 0.7, 1.0];
@@ -32,7 +32,7 @@ pub enum StageNow {
     Shadow,
     /// Part of the command; the level's place in [`LEVELS`].
     Ramp(usize),
-    /// Not used for a while: the incumbent controls alone, and what it does now is what the last level is held against once more. It
+    /// Not used for a while: the incumbent controls alone, and what it does now is what all of the command is held against. It
     /// goes on learning the rig, and what was as good as it in the beginning need not be so later.
     Recheck,
     /// All of the command, with the way back open.
@@ -220,7 +220,7 @@ impl Stages {
         let (least, last) = (if self.round == Round::First { LEVEL_TICKS } else { RECHECKED_TICKS }, LEVELS.len() - 1);
         if self.test.verdict() == TestVerdict::AsGood && self.ticks >= least {
             return self.pass(match self.round {
-                Round::First if level < last => StageNow::Ramp(level + 1),
+                Round::First if level + 1 < last => StageNow::Ramp(level + 1),
                 Round::First => StageNow::Recheck,
                 Round::Rechecked => StageNow::Probation,
             });
@@ -286,12 +286,12 @@ mod tests {
     fn as_good_a_candidate_goes_all_the_way() {
         let mut stages = Stages::from_shadow();
         let (all, ticks) = run(&mut stages, 1.0, 0.002);
-        let mut expected: Vec<Next> = (0..LEVELS.len()).map(|level| Next::Passed(StageNow::Ramp(level))).collect();
+        let mut expected: Vec<Next> = (0..LEVELS.len() - 1).map(|level| Next::Passed(StageNow::Ramp(level))).collect();
         let again = [StageNow::Recheck, StageNow::Ramp(LEVELS.len() - 1), StageNow::Probation];
         expected.extend(again.map(Next::Passed));
         expected.push(Next::Active);
         assert_eq!(all, expected);
-        // Six levels and the last again, decided after some 900 ticks each: within the ten minutes that are asked for.
+        // Six levels, decided after some 900 ticks each: within the ten minutes that are asked for.
         assert!((3_000..30_000).contains(&ticks), "{ticks}");
         assert_eq!(stages.authority(), 1.0);
     }
