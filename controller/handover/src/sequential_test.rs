@@ -19,9 +19,9 @@ const REFUSED_RATIO: f64 = 1.5 * 1.5;
 const ALIKE_TICKS: f64 = 25.0;
 /// ln(1/ε) with ε = 1 %: both errors of the test, for each level.
 const DECIDED: f64 = 4.605;
-/// The most that a single tick counts, as a multiple of the incumbent's mean square: of Gaussian errors one in seventy is beyond. A knock at
+/// The most that a single tick counts, as a multiple of the incumbent's mean square: of Gaussian errors one in two thousand is beyond. A knock at
 /// the rig, or a turn of the reference at which the valve's backlash costs more than at others, is no verdict.
-const MOST_EXCESS: f64 = 6.0;
+const MOST_EXCESS: f64 = 12.0;
 /// What counts for an error that is no number.
 const NOT_FINITE_EXCESS: f64 = 25.0;
 
