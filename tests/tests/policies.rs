@@ -227,10 +227,10 @@ fn the_newest_is_followed() {
     check_ticks(&laboratory.close().ticks());
 }
 
-/// Thirty swaps between two policies that have both been active, under the eyes of the recording.
+/// A dozen swaps between two policies that have both been active, under the eyes of the recording.
 #[test]
-fn thirty_swaps_lose_no_tick_and_move_no_duty_too_far() {
-    swaps(30);
+fn a_dozen_swaps_lose_no_tick_and_move_no_duty_too_far() {
+    swaps(12);
 }
 
 /// The same a thousand times: `cargo test --release -p tests --test policies -- --ignored a_thousand --nocapture`.

@@ -446,6 +446,7 @@ fn handed_recordings_of_something_else_are_refused() {
 }
 
 #[test]
+#[ignore = "slow: twelve seconds, and the sparse recordings made here are in the suite"]
 fn handed_sparse_recordings_of_a_sound_rig_name_nothing() {
     let (Some(sparse), Some(rig)) =
         (handed("05_sparse_rows_noise"), handed("03_absolute_pressure_foreign/rig_gauge.toml"))
