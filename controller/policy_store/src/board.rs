@@ -245,7 +245,7 @@ impl Board {
                 let what = match stage {
                     StageNow::Shadow => "in shadow",
                     StageNow::Ramp(_) => "next level of the ramp",
-                    StageNow::Recheck => "rechecked",
+                    StageNow::Recheck => "in recheck",
                     StageNow::Probation => "in probation",
                 };
                 self.changed(tag, EntryState::of_stage(stage), what)
