@@ -108,7 +108,7 @@ fn stopped_before_the_run_it_leaves_the_folder_as_it_was() {
     let mut command = Command::new(program("controller"));
     command.args(["demo", "--fast", "--seconds", "3000", "--out"]).arg(folder.join(""));
     let demo = Running::start(&mut command);
-    demo.line(Stream::Out, "slowest  missed", Duration::from_secs(20));
+    demo.line(Stream::Out, "valve duty  slowest", Duration::from_secs(20));
     demo.signal("INT");
     let ended = demo.wait(Duration::from_secs(30));
     assert_eq!(ended.status, Some(130), "{}", ended.stderr);
