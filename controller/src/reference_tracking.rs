@@ -89,8 +89,7 @@ impl ReferenceTracking {
         let learns = learning == RepetitionLearning::On;
         let repetitions = learns.then(|| Box::new(FallbackSettings::default().repetitions(&self.map)));
         self.models.learn_repetitions(learning);
-        self.control.exchange_repetitions(repetitions);
-        self.control.choose_reference(self.reference.identity());
+        self.control.exchange_repetitions(repetitions, self.reference.identity());
     }
 
     /// Flights of the reference that were learned from; nothing where none are.
@@ -170,8 +169,7 @@ impl DutySource for ReferenceTracking {
         TickInput::Model.append(&mut record.inputs);
         std::mem::swap(&mut self.predictor, &mut change.predictor);
         self.control.exchange_map(&change.map);
-        change.repetitions = self.control.exchange_repetitions(change.repetitions.take());
-        self.control.choose_reference(self.reference.identity());
+        change.repetitions = self.control.exchange_repetitions(change.repetitions.take(), self.reference.identity());
         self.control.begin_flight(self.course.period_ticks());
         // What was in force goes back whole; nothing of it is freed here.
         std::mem::swap(&mut self.map, &mut change.map);

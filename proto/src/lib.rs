@@ -3,6 +3,7 @@
 pub mod atomic_file;
 pub mod diagnosis;
 pub mod emulator;
+mod fnv1a;
 pub mod live_line;
 pub mod output;
 pub mod parent_process;

@@ -11,6 +11,7 @@
 
 use std::path::Path;
 
+use crate::fnv1a::fnv1a;
 use crate::recording::csv::{self, Column, ColumnData, CsvError, Table};
 use crate::regular_file;
 
@@ -22,10 +23,6 @@ const COLUMNS: [&str; 2] = ["ref_pos_kpa", "ref_neg_kpa"];
 const VACUUM_KPA: f64 = -101.325;
 /// No sensor of this rig reads higher (kPa gauge).
 const SENSOR_TOP_KPA: f64 = 1000.0;
-
-/// FNV-1a of 64 bits: what the hash begins with, and what each byte multiplies it by.
-const FNV_OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
-const FNV_PRIME: u64 = 0x0000_0100_0000_01b3;
 
 /// A reference for both channels over time.
 #[derive(Debug, Clone, PartialEq)]
@@ -151,7 +148,7 @@ impl Reference {
     fn of(time_s: Vec<f64>, kpa: Vec<[f64; 2]>) -> Self {
         let numbers = time_s.iter().chain(kpa.as_flattened());
         let bytes = numbers.flat_map(|number| number.to_bits().to_le_bytes());
-        let identity = bytes.fold(FNV_OFFSET, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(FNV_PRIME));
+        let identity = fnv1a(bytes.map(u64::from));
         Self { time_s, kpa, identity }
     }
 

@@ -76,7 +76,7 @@ pub struct Arbiter {
     kinds: [usize; CHANNELS],
     error_kpa: Pair,
     decided: Pair,
-    /// What the candidate's share has changed about the last decision.
+    /// Part of the last decision that is the candidate's.
     part_duty: Pair,
     sent: Pair,
     trust: Trust,
@@ -121,13 +121,19 @@ impl Arbiter {
         }
     }
 
-    /// Learns from here on what flights of the reference leave, and hands back what was learned in its place before; with nothing it
-    /// learns no more.
+    /// Learns from here on what flights of a reference leave, named by its identity, and hands back what was learned in its place before;
+    /// with nothing it learns no more.
     ///
     /// # Real-time
     /// May run in the tick: nothing is freed as long as somebody else holds what is handed back.
-    pub fn exchange_repetitions(&mut self, repetitions: Option<Box<Repetitions>>) -> Option<Box<Repetitions>> {
-        std::mem::replace(&mut self.repetitions, repetitions)
+    pub fn exchange_repetitions(
+        &mut self,
+        repetitions: Option<Box<Repetitions>>,
+        reference: u64,
+    ) -> Option<Box<Repetitions>> {
+        let before = std::mem::replace(&mut self.repetitions, repetitions);
+        self.choose_reference(reference);
+        before
     }
 
     /// A flight of the reference begins; after `period_ticks` the next one follows, where it does by itself.

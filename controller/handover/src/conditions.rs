@@ -40,9 +40,8 @@ impl Conditions {
         let [now, next, later, ..] = input.goals_kpa;
         std::array::from_fn(|c| {
             let (move_kpa, next_move_kpa) = (next[c] - now[c], later[c] - next[c]);
-            let has_jumped = felt(&mut self.since_jump[c], move_kpa.abs() > JUMP_KPA[c]);
-            let turn_kpa_per_s = (next_move_kpa - move_kpa).abs() * TICKS_PER_S;
-            let has_kinked = felt(&mut self.since_kink[c], turn_kpa_per_s > KINK_KPA_PER_S[c]);
+            let has_jumped = felt(&mut self.since_jump[c], move_kpa, JUMP_KPA[c]);
+            let has_kinked = felt(&mut self.since_kink[c], (next_move_kpa - move_kpa) * TICKS_PER_S, KINK_KPA_PER_S[c]);
             match (has_jumped, has_kinked) {
                 (true, _) => JUMPED,
                 (false, true) => KINKED,
@@ -53,9 +52,9 @@ impl Conditions {
     }
 }
 
-/// Counts ticks since something happened; tells whether that is still felt.
-fn felt(since: &mut Option<u32>, happens: bool) -> bool {
-    *since = if happens { Some(0) } else { since.map(|ticks| ticks.saturating_add(1)) };
+/// Counts ticks since a size was beyond its limit; tells whether that is still felt.
+fn felt(since: &mut Option<u32>, size: f64, limit: f64) -> bool {
+    *since = if size.abs() > limit { Some(0) } else { since.map(|ticks| ticks.saturating_add(1)) };
     since.is_some_and(|ticks| ticks < FELT_TICKS)
 }
 

@@ -23,7 +23,7 @@ pub(crate) const WIDE_TICKS: u32 = 10;
 /// on `dual_pressure` it moves the settled pressures by 0.17 kPa at most.
 const BLAMELESS_DUTY: f64 = 0.001;
 
-/// What a tick showed, once the command was out.
+/// Showing of a tick, once its command was out.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shown {
     /// Kinds of the tick.
@@ -32,13 +32,13 @@ pub struct Shown {
     pub error_kpa: Pair,
     /// Changes of the duties.
     pub change_duty: Pair,
-    /// Whether the safety filter changed the command.
+    /// True where the safety filter changed the command.
     pub filtered: bool,
-    /// What the candidate's share has changed about the duties, away from what the incumbent decided.
+    /// Part of the duties that is the candidate's: away from what the incumbent decided.
     pub part_duty: Pair,
 }
 
-/// What a candidate is held against.
+/// Yardstick that a candidate is held against.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Judged {
     /// The incumbent's errors, besides the rules on hunting, interventions and far-off pressures.
@@ -57,7 +57,7 @@ pub(crate) struct Watched {
     part_duty: Pair,
 }
 
-/// What the rules on interventions, far-off pressures and hunting say of a tick.
+/// Answer of the rules on interventions, far-off pressures and hunting to a tick.
 pub(crate) enum Finding {
     Fault(Loss),
     /// Something is wrong, and the candidate has no part in it worth the name.
@@ -65,7 +65,7 @@ pub(crate) enum Finding {
 }
 
 impl Watched {
-    /// What the rules say of a tick, once its command is out.
+    /// Applies the rules to a tick, once its command is out.
     ///
     /// # Real-time
     /// May run in the tick.

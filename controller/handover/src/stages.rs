@@ -17,6 +17,8 @@ const DIES_AWAY_TICKS: u32 = 100;
 const RECHECKED_TICKS: u32 = RECORD_TICKS;
 /// Authorities of the ramp, as shares of the command.
 pub const LEVELS: [f64; 6] = [0.05, 0.1, 0.2, 0.4, 0.7, 1.0];
+/// Place of all of the command in them.
+const LAST_LEVEL: usize = LEVELS.len() - 1;
 /// Least ticks on a level: the loop has settled twice.
 const LEVEL_TICKS: u32 = 100;
 /// Most ticks on a level; a candidate that is still undecided then is not as good as it should be. 60 s.
@@ -79,20 +81,10 @@ pub enum Next {
 pub struct Stages {
     now: StageNow,
     judged: Judged,
-    round: Round,
     ticks: u32,
     test: SequentialTest,
     authority: f64,
     watched: Watched,
-}
-
-/// How often the incumbent has been measured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Round {
-    /// Before the ramp.
-    First,
-    /// Again, by the recheck.
-    Rechecked,
 }
 
 impl Stages {
@@ -117,16 +109,7 @@ impl Stages {
     }
 
     fn at(now: StageNow, judged: Judged) -> Self {
-        let round = Round::First;
-        Stages {
-            now,
-            judged,
-            round,
-            ticks: 0,
-            test: SequentialTest::default(),
-            authority: 0.0,
-            watched: Watched::default(),
-        }
+        Stages { now, judged, ticks: 0, test: SequentialTest::default(), authority: 0.0, watched: Watched::default() }
     }
 
     /// The stage.
@@ -186,10 +169,7 @@ impl Stages {
             StageNow::Shadow if self.ticks >= SHADOW_TICKS && record.ticks() >= RECORD_TICKS => {
                 return self.pass(StageNow::Ramp(0));
             }
-            StageNow::Recheck if record.ticks() >= RECORD_TICKS => {
-                self.round = Round::Rechecked;
-                return self.pass(StageNow::Ramp(LEVELS.len() - 1));
-            }
+            StageNow::Recheck if record.ticks() >= RECORD_TICKS => return self.pass(StageNow::Ramp(LAST_LEVEL)),
             StageNow::Shadow | StageNow::Recheck => return Next::Stay,
             StageNow::Ramp(_) | StageNow::Probation => {}
         }
@@ -198,7 +178,7 @@ impl Stages {
             // What is not held against the incumbent goes on: it would come back to the same place for ever.
             Some(Finding::NotIts) if self.judged == Judged::Watched => self.watched = Watched::default(),
             Some(Finding::NotIts) => {
-                *self = Stages { authority: self.authority, ..self.anew() };
+                *self = Stages { authority: self.authority, ..Stages::from_shadow() };
                 return Next::Passed(self.now);
             }
             None => {}
@@ -217,20 +197,21 @@ impl Stages {
     }
 
     fn on_level(&mut self, level: usize) -> Next {
-        let (least, last) = (if self.round == Round::First { LEVEL_TICKS } else { RECHECKED_TICKS }, LEVELS.len() - 1);
+        // The recheck lies before the last level, which is thus held against a record that is as new as it.
+        let (least, next) = match level + 1 {
+            above if above < LAST_LEVEL => (LEVEL_TICKS, StageNow::Ramp(above)),
+            LAST_LEVEL => (LEVEL_TICKS, StageNow::Recheck),
+            _ => (RECHECKED_TICKS, StageNow::Probation),
+        };
         if self.test.verdict() == TestVerdict::AsGood && self.ticks >= least {
-            return self.pass(match self.round {
-                Round::First if level + 1 < last => StageNow::Ramp(level + 1),
-                Round::First => StageNow::Recheck,
-                Round::Rechecked => StageNow::Probation,
-            });
+            return self.pass(next);
         }
         if self.ticks >= MOST_LEVEL_TICKS { Next::Lost(Loss::Undecided) } else { Next::Stay }
     }
 
     fn pass(&mut self, to: StageNow) -> Next {
         let fresh = Stages::at(to, self.judged);
-        *self = Stages { authority: self.authority, watched: self.watched, round: self.round, ..fresh };
+        *self = Stages { authority: self.authority, watched: self.watched, ..fresh };
         Next::Passed(to)
     }
 }
@@ -287,7 +268,7 @@ mod tests {
         let mut stages = Stages::from_shadow();
         let (all, ticks) = run(&mut stages, 1.0, 0.002);
         let mut expected: Vec<Next> = (0..LEVELS.len() - 1).map(|level| Next::Passed(StageNow::Ramp(level))).collect();
-        let again = [StageNow::Recheck, StageNow::Ramp(LEVELS.len() - 1), StageNow::Probation];
+        let again = [StageNow::Recheck, StageNow::Ramp(LAST_LEVEL), StageNow::Probation];
         expected.extend(again.map(Next::Passed));
         expected.push(Next::Active);
         assert_eq!(all, expected);

@@ -75,17 +75,26 @@ fn is_of_its_own_name(name: &str, terms: &Terms) -> bool {
     terms.0.iter().all(|term| term.from == name)
 }
 
-/// Whether a file has the rig's own names: `time_s` and all that the map would make from others.
+/// Whose names a file has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Naming {
+    /// The rig's: `time_s` and all that the map would make from others.
+    Own,
+    /// A logger's, which the map gives their meaning.
+    Foreign,
+}
+
+/// Tells whose names a file has.
 ///
 /// # Errors
 /// A name stands twice.
-pub(super) fn is_own(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<bool, CsvError> {
+pub(super) fn naming(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Naming, CsvError> {
     let mut all = sheet.find(TIME_COLUMN)?.is_some();
     let from_others = |name: &&String| map.columns.get(*name).is_some_and(|terms| !is_of_its_own_name(name, terms));
     for name in rig.columns().iter().filter(from_others) {
         all = all && sheet.find(name)?.is_some();
     }
-    Ok(all)
+    Ok(if all { Naming::Own } else { Naming::Foreign })
 }
 
 /// A column in the rig's unit.
@@ -98,8 +107,7 @@ pub(super) struct Made {
     pub(super) from: Vec<usize>,
 }
 
-/// Makes a column of the rig, `own` where the file has the rig's own names; `None` where the file does not have it and the rig does
-/// without.
+/// Makes a column of the rig; `None` where the file does not have it and the rig does without.
 ///
 /// # Errors
 /// A column that is needed and not there, a cell that is no number, a unit that cannot be.
@@ -107,11 +115,11 @@ pub(super) fn made(
     sheet: &Sheet<'_>,
     rig: &Rig,
     map: &RecordingMap,
-    own: bool,
+    naming: Naming,
     (name, kind, presence): (&str, Kind, Presence),
 ) -> Result<Option<Made>, RecordingError> {
     let own_term = [Term::plain(name)];
-    let asked = map.columns.get(name).filter(|terms| !own || is_of_its_own_name(name, terms));
+    let asked = map.columns.get(name).filter(|terms| naming == Naming::Foreign || is_of_its_own_name(name, terms));
     let mapped = asked.map(|terms| terms.0.as_slice());
     let terms = match mapped {
         Some(terms) if !all_there(sheet, terms)? && sheet.find(name)?.is_some() => own_term.as_slice(),

@@ -34,15 +34,17 @@ pub enum ColumnData {
     Text(Vec<String>),
 }
 
+/// What stands in these rows alone.
+pub(super) fn rows_alone<T: Clone>(all: &[T], rows: &[usize]) -> Vec<T> {
+    rows.iter().filter_map(|row| all.get(*row)).cloned().collect()
+}
+
 impl ColumnData {
     /// The cells of these rows alone.
     pub(super) fn rows_alone(&self, rows: &[usize]) -> Self {
-        fn taken<T: Clone>(all: &[T], rows: &[usize]) -> Vec<T> {
-            rows.iter().filter_map(|row| all.get(*row)).cloned().collect()
-        }
         match self {
-            ColumnData::Numbers(numbers) => ColumnData::Numbers(taken(numbers, rows)),
-            ColumnData::Text(texts) => ColumnData::Text(taken(texts, rows)),
+            ColumnData::Numbers(numbers) => ColumnData::Numbers(rows_alone(numbers, rows)),
+            ColumnData::Text(texts) => ColumnData::Text(rows_alone(texts, rows)),
         }
     }
 

@@ -3,7 +3,7 @@
 //! Such a row is a lost one, as if it were not in the file: a hole that is bridged where it is short and a gap where it is long, and
 //! told as that. Which cells and how many is told besides, for whoever looks for the rows.
 
-use super::csv::Column;
+use super::csv::{Column, rows_alone};
 use super::resample::Kind;
 use super::sheet::Sheet;
 use super::slower::now_and_then_blank;
@@ -32,7 +32,7 @@ pub(super) fn numbered<'a>(
         }
         let lost = |row: usize| numbers.get(row).is_some_and(|x| x.is_nan());
         let Some((left, kept)) = without(sheet, &column.name, lost) else { continue };
-        *time_s = kept.iter().filter_map(|row| time_s.get(*row)).copied().collect();
+        *time_s = rows_alone(time_s, &kept);
         for (column, _) in columns.iter_mut() {
             column.data = column.data.rows_alone(&kept);
         }

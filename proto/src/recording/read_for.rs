@@ -15,7 +15,7 @@ use std::path::Path;
 
 use model::rig::{RecordingMap, Rig};
 
-use super::columns::{Asked, asked, check, is_own};
+use super::columns::{Asked, asked, check, naming};
 use super::csv::{Column, ColumnData, CsvError, TIME_COLUMN};
 use super::repeated::Sensors;
 use super::resample::{Kind, Resampling};
@@ -96,14 +96,14 @@ fn rows_of(resampling: &Resampling<'_>, data: &ColumnData, kind: Kind) -> Column
 fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Recording, RecordingError> {
     let once = super::doubled::once(sheet);
     let sheet = once.as_ref().unwrap_or(sheet);
-    let own = is_own(sheet, rig, map)?;
-    let timed = lost_rows::timed(sheet, &places_of_time(sheet, map, own));
+    let naming = naming(sheet, rig, map)?;
+    let timed = lost_rows::timed(sheet, &places_of_time(sheet, map, naming));
     let sheet = timed.as_ref().unwrap_or(sheet);
-    let Times { mut time_s, columns: of_time, taken } = times(sheet, map, own)?;
+    let Times { mut time_s, columns: of_time, taken } = times(sheet, map, naming)?;
     let mut units = taken;
     let mut columns = Vec::new();
     for Asked { name, kind, default } in asked(rig) {
-        let Some(made) = super::columns::made(sheet, rig, map, own, (&name, kind, default))? else { continue };
+        let Some(made) = super::columns::made(sheet, rig, map, naming, (&name, kind, default))? else { continue };
         units.extend(made.taken);
         check(sheet, rig, (&name, kind), &made.from, &made.numbers)?;
         columns.push((Column { name, data: ColumnData::Numbers(made.numbers) }, kind));

@@ -7,7 +7,7 @@ use std::borrow::Cow;
 
 use model::rig::Decimal;
 
-use super::csv::CsvError;
+use super::csv::{CsvError, rows_alone};
 use super::numbers::parse;
 use super::timestamps;
 use super::units::Unit;
@@ -110,15 +110,12 @@ fn quantity(text: &str, decimal: Decimal) -> Option<(&str, &str)> {
 impl<'a> Sheet<'a> {
     /// The sheet of these rows alone.
     pub(super) fn rows_alone(&self, rows: &[usize]) -> Self {
-        fn taken<T: Clone>(all: &[T], rows: &[usize]) -> Vec<T> {
-            rows.iter().filter_map(|row| all.get(*row)).cloned().collect()
-        }
         let cells = |cells: &Cells<'a>| match cells {
-            Cells::Text(texts) => Cells::Text(taken(texts, rows)),
-            Cells::Numbers(numbers) => Cells::Numbers(taken(numbers, rows)),
+            Cells::Text(texts) => Cells::Text(rows_alone(texts, rows)),
+            Cells::Numbers(numbers) => Cells::Numbers(rows_alone(numbers, rows)),
         };
         let columns = self.columns.iter().map(|column| SheetColumn { cells: cells(&column.cells), ..column.clone() });
-        Sheet { columns: columns.collect(), lines: taken(&self.lines, rows), ..self.clone() }
+        Sheet { columns: columns.collect(), lines: rows_alone(&self.lines, rows), ..self.clone() }
     }
 
     /// Rows of data.

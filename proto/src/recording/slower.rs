@@ -96,8 +96,8 @@ pub(super) fn now_and_then_blank(sheet: &Sheet<'_>, column: usize) -> Vec<bool> 
         Some(Cells::Text(texts)) => texts.iter().map(|text| says_nothing(text)).collect(),
         None => Vec::new(),
     };
-    let few = (blank.iter().filter(|blank| **blank).count() as f64) < SLOWER * blank.len() as f64;
-    if few { blank } else { vec![false; blank.len()] }
+    let count = blank.iter().filter(|blank| **blank).count();
+    if are_many(count, blank.len()) { vec![false; blank.len()] } else { blank }
 }
 
 /// A column's numbers, NaN at blank cells; `None` where other cells hold no number.
@@ -125,7 +125,12 @@ fn count(numbers: &[f64]) -> usize {
 
 /// Whether so many rows have no number that the column is a slower one.
 pub(super) fn is_slower(numbers: &[f64]) -> bool {
-    (numbers.len() - count(numbers)) as f64 >= SLOWER * numbers.len() as f64
+    are_many(numbers.len() - count(numbers), numbers.len())
+}
+
+/// Whether so many blank cells of a column are more than a row now and then.
+fn are_many(blank: usize, cells: usize) -> bool {
+    blank as f64 >= SLOWER * cells as f64
 }
 
 /// Where the slower channels of a file have readings.

@@ -253,10 +253,7 @@ impl TickInput {
 /// # Real-time
 /// May run in the tick: a multiplication per number.
 pub fn observation_hash(observation: &[f32]) -> u64 {
-    let hash = observation.iter().fold(0xcbf2_9ce4_8422_2325_u64, |hash, value| {
-        (hash ^ u64::from(value.to_bits())).wrapping_mul(0x0000_0100_0000_01b3)
-    });
-    hash.max(1)
+    crate::fnv1a::fnv1a(observation.iter().map(|value| u64::from(value.to_bits()))).max(1)
 }
 
 impl Default for TickRecord {

@@ -8,6 +8,7 @@
 use model::rig::{RecordingMap, Term};
 
 use super::bursts::{Bursts, bursts};
+use super::columns::Naming;
 use super::csv::{CsvError, TIME_COLUMN};
 use super::read_for::forward;
 use super::resample::median_step;
@@ -78,8 +79,8 @@ pub(super) enum Said {
 ///
 /// # Errors
 /// No column of times, a cell that is no time, times that do not go forward, steps of another unit.
-pub(super) fn times(sheet: &Sheet<'_>, map: &RecordingMap, own: bool) -> Result<Times, RecordingError> {
-    let times = match mapped(sheet, map, own)? {
+pub(super) fn times(sheet: &Sheet<'_>, map: &RecordingMap, naming: Naming) -> Result<Times, RecordingError> {
+    let times = match mapped(sheet, map, naming)? {
         Some(places) => or_every(sheet, map, of_terms(sheet, map, &places))?,
         None => match place(sheet, map)? {
             Found::Columns(places) => or_every(sheet, map, of_columns(sheet, &places))?,
@@ -96,11 +97,11 @@ pub(super) fn times(sheet: &Sheet<'_>, map: &RecordingMap, own: bool) -> Result<
 
 /// Places of the columns that hold the times, for what must be known of them before they are read; none where rows have none, or where
 /// the map says what to take where their times are none.
-pub(super) fn places_of_time(sheet: &Sheet<'_>, map: &RecordingMap, own: bool) -> Vec<usize> {
+pub(super) fn places_of_time(sheet: &Sheet<'_>, map: &RecordingMap, naming: Naming) -> Vec<usize> {
     if map.period_ms.is_some() {
         return Vec::new();
     }
-    match mapped(sheet, map, own) {
+    match mapped(sheet, map, naming) {
         Ok(Some(places)) => places,
         _ => match place(sheet, map) {
             Ok(Found::Columns(places)) => places,
@@ -110,11 +111,11 @@ pub(super) fn places_of_time(sheet: &Sheet<'_>, map: &RecordingMap, own: bool) -
 }
 
 /// Places of the columns that the map names for the time; `None` where it names none, one that the file does not have, or where the
-/// file has the rig's `own` names.
-fn mapped(sheet: &Sheet<'_>, map: &RecordingMap, own: bool) -> Result<Option<Vec<usize>>, CsvError> {
+/// file has the rig's own names.
+fn mapped(sheet: &Sheet<'_>, map: &RecordingMap, naming: Naming) -> Result<Option<Vec<usize>>, CsvError> {
     let places = map.time.0.iter().map(|term| sheet.find(&term.from)).collect::<Result<Vec<_>, _>>()?;
     let of_its_own_name = map.time.0.iter().all(|term| term.from == TIME_COLUMN);
-    let asked = map.names_time() && (!own || of_its_own_name);
+    let asked = map.names_time() && (naming == Naming::Foreign || of_its_own_name);
     Ok(places.into_iter().collect::<Option<Vec<_>>>().filter(|_| asked))
 }
 

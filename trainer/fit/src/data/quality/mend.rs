@@ -9,7 +9,10 @@ const LEAST_SCALE: f64 = 1e-12;
 
 /// The key that says what a column of pressures holds, `meaning` being what its numbers are as they were read.
 pub(super) fn pressure_key(rig: &Rig, column: &str, meaning: Meaning) -> String {
-    let Some(term) = only_term(rig, column) else { return format!("mend [recording] columns.{column}") };
+    keyed(rig, column, |term| pressure_says(rig, column, meaning, term))
+}
+
+fn pressure_says(rig: &Rig, column: &str, meaning: Meaning, term: &Term) -> Option<String> {
     let atmosphere_kpa = rig.atmosphere.pressure_kpa_abs;
     let says = match meaning {
         Meaning::Absolute(_, "kPa") => Some(format!("offset = -{}", number(atmosphere_kpa))),
@@ -20,32 +23,26 @@ pub(super) fn pressure_key(rig: &Rig, column: &str, meaning: Meaning) -> String 
         Meaning::Counts { .. } => None,
     };
     if let Some(says) = says.filter(|_| term.is_plain()) {
-        return key(column, &term, &says);
+        return Some(says);
     }
     let sensor = rig.sensors.values().find(|sensor| sensor.column == column);
     let of = |x: f64| meaning.line(sensor, atmosphere_kpa).map(|[scale, offset]| scale * x + offset);
     match (of(term.offset), of(term.offset + term.scale)) {
         (Some(at_zero), Some(at_one)) if (at_one - at_zero).abs() > LEAST_SCALE => {
-            key(column, &term, &line(&term, at_one - at_zero, at_zero))
+            Some(line(term, at_one - at_zero, at_zero))
         }
-        _ => format!("mend [recording] columns.{column}"),
+        _ => None,
     }
 }
 
 /// The key that scales what no unit explains.
 pub(super) fn scaled_key(rig: &Rig, column: &str) -> String {
-    match only_term(rig, column) {
-        Some(term) => key(column, &term, "scale = …, offset = …"),
-        None => format!("mend [recording] columns.{column}"),
-    }
+    keyed(rig, column, |_| Some("scale = …, offset = …".to_owned()))
 }
 
 /// The key that turns a command round: 1 where it is 0.
 pub(super) fn inverted_key(rig: &Rig, column: &str) -> String {
-    match only_term(rig, column) {
-        Some(term) => key(column, &term, &line(&term, -term.scale, 1.0 - term.offset)),
-        None => format!("mend [recording] columns.{column}"),
-    }
+    keyed(rig, column, |term| Some(line(term, -term.scale, 1.0 - term.offset)))
 }
 
 /// What a column is made from; `None` where that is a sum.
@@ -60,8 +57,13 @@ fn only_term(rig: &Rig, column: &str) -> Option<Term> {
     }
 }
 
-fn key(column: &str, term: &Term, says: &str) -> String {
-    format!("[recording] columns.{column} = {{ from = \"{}\", {says} }}", term.from)
+/// The key that says something of a column's only term; where it is a sum, or nothing can be said, that it is to be mended.
+fn keyed(rig: &Rig, column: &str, says: impl Fn(&Term) -> Option<String>) -> String {
+    let said = only_term(rig, column).and_then(|term| Some((says(&term)?, term)));
+    match said {
+        Some((says, term)) => format!("[recording] columns.{column} = {{ from = \"{}\", {says} }}", term.from),
+        None => format!("mend [recording] columns.{column}"),
+    }
 }
 
 /// A straight line of the file's numbers, with what the term says besides.
