@@ -125,3 +125,19 @@ fn words_for_relays_and_numbers_for_nothing_are_known() {
     }));
     assert!(said.unwrap_err().to_string().contains("line 32"));
 }
+
+/// A run over midnight whose date and time of day stand in two columns, or whose date is that of the day on which the file was begun.
+#[test]
+fn a_date_beside_a_time_of_day_passes_midnight_once() {
+    let clock = |k: usize| format!("23:59:{:06.3}", 59.5 + 0.02 * k as f64).replace("23:59:60.", "00:00:00.");
+    let day = |k: usize| if k < 25 { "2026-03-01" } else { "2026-03-02" };
+    let head = "u_pos,u_neg,p_pos_kpa,p_neg_kpa\n";
+    let two = format!("Date,Time,{head}");
+    assert_read(&(two.clone() + &rows(|k, n| format!("{},{},{}", day(k), clock(k), n.join(",")))));
+    assert_read(&(two.clone() + &rows(|k, n| format!("2026-03-01,{},{}", clock(k), n.join(",")))));
+    let german = |k: usize| if k < 25 { "01.03.2026" } else { "02.03.2026" };
+    assert_read(&(two + &rows(|k, n| format!("{},{},{}", german(k), clock(k), n.join(",")))));
+    let one = format!("stamp,{head}");
+    assert_read(&(one.clone() + &rows(|k, n| format!("{} {},{}", day(k), clock(k), n.join(",")))));
+    assert_read(&(one + &rows(|k, n| format!("2026-03-01 {},{}", clock(k), n.join(",")))));
+}

@@ -222,6 +222,25 @@ impl<'a> Sheet<'a> {
             .map_err(|row| self.not_a_number(column, row, texts.get(row).copied().unwrap_or_default()))
     }
 
+    /// The times in s of a date and a time of day in two columns, as if they stood in one; `None` where they do not.
+    pub(super) fn moments(&self, places: &[usize]) -> Option<Vec<f64>> {
+        let [a, b] = places else { return None };
+        let (date, clock) = if self.is_date_alone(*a) { (*a, *b) } else { (*b, *a) };
+        if !self.is_date_alone(date) || !self.is_clock_alone(clock) {
+            return None;
+        }
+        let text = |column: usize| match self.columns.get(column).map(|column| &column.cells) {
+            Some(Cells::Text(texts)) => Some(texts),
+            _ => None,
+        };
+        let both: Vec<String> = text(date)?
+            .iter()
+            .zip(text(clock)?)
+            .map(|(date, clock)| format!("{} {}", date.trim(), clock.trim()))
+            .collect();
+        timestamps::column_s(&both.iter().map(String::as_str).collect::<Vec<_>>()).ok()
+    }
+
     /// A column as it is kept where nobody asks for it: numbers where all cells are, text otherwise.
     pub(super) fn kept(&self, column: usize) -> super::csv::ColumnData {
         use super::csv::ColumnData;

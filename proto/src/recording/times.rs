@@ -254,6 +254,9 @@ fn of_terms(sheet: &Sheet<'_>, map: &RecordingMap, places: &[usize]) -> Result<T
         taken.extend(word);
         time_s.iter_mut().zip(numbers).for_each(|(slot, x)| *slot += term.of(x));
     }
+    if let Some(moments) = sheet.moments(places).filter(|_| map.time.0.iter().all(Term::is_plain)) {
+        time_s = moments;
+    }
     let explicit = map.time.0.iter().any(|term| term.unit.is_some() || !term.is_plain());
     let said = if explicit { Said::Unit(1.0) } else { Said::Column };
     plausible(sheet, places, &time_s, said)?;
@@ -272,6 +275,10 @@ fn of_columns(sheet: &Sheet<'_>, places: &[usize]) -> Result<Times, RecordingErr
             least = said;
         }
         time_s.iter_mut().zip(numbers).for_each(|(slot, x)| *slot += x);
+    }
+    // Each by itself would go on at midnight: the date by a day, and the time of day as one that has no date.
+    if let Some(moments) = sheet.moments(places) {
+        time_s = moments;
     }
     plausible(sheet, places, &time_s, least)?;
     if let ([at], Some(first)) = (places, time_s.first().copied())

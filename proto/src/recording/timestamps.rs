@@ -8,6 +8,8 @@
 
 /// Seconds of a day.
 const DAY_S: f64 = 86_400.0;
+/// Longest step over midnight, in s, at which a date that stands still is no second run of the day before.
+const STILL_DATE_S: f64 = 60.0;
 /// Seconds that clocks are set by for summer time.
 const SUMMER_TIME_S: f64 = 3600.0;
 
@@ -20,7 +22,7 @@ enum DateOrder {
 }
 
 /// Zones by the names that loggers write, and their hours before UTC. Only differences within a file count.
-const ZONES: [(&str, f64); 15] = [
+const ZONES: [(&str, f64); 20] = [
     ("WET", 0.0),
     ("WEST", 1.0),
     ("BST", 1.0),
@@ -36,6 +38,11 @@ const ZONES: [(&str, f64); 15] = [
     ("PDT", -7.0),
     ("JST", 9.0),
     ("KST", 9.0),
+    ("AWST", 8.0),
+    ("AEST", 10.0),
+    ("AEDT", 11.0),
+    ("NZST", 12.0),
+    ("NZDT", 13.0),
 ];
 
 /// Whether a text is a date, a time of day, or both.
@@ -91,7 +98,9 @@ fn unwrap(times: &mut [f64], dated: bool, zoned: bool) {
     for time in times {
         let mut step_s = previous.map_or(0.0, |previous| *time - previous);
         previous = Some(*time);
-        if !dated && step_s < -0.5 * DAY_S {
+        // Beside a time of day a date may stand still: the day on which a file was begun.
+        let is_midnight = if dated { (0.0..STILL_DATE_S).contains(&(step_s + DAY_S)) } else { step_s < -0.5 * DAY_S };
+        if is_midnight {
             shift_s += DAY_S;
             step_s += DAY_S;
         }

@@ -105,6 +105,17 @@ fn flat_stuck_clipped_and_wild_readings() {
     assert_finds(&stuck, Trouble::Stuck, Severity::Doubtful, &["p_pos_kpa", "100 readings", "2.0 s"]);
     assert!(stuck.usable[700..800].iter().all(|u| *u == 0.0) && stuck.usable[690] == 1.0);
 
+    // A reading without noise that stands for most of the recording leaves nothing to tell noise by.
+    let smooth: Vec<f64> = (0..ROWS).map(|k| -60.0 + 5.0 * (0.01 * k as f64).sin()).collect();
+    let frozen = |from: usize| {
+        let mut pressures = g.pressures.clone();
+        pressures[1].clone_from(&smooth);
+        pressures[1][from..].fill(smooth[from]);
+        quality(&g.rig, &[recording("bad.csv", &g.duty, &pressures)])
+    };
+    assert_finds(&frozen(700), Trouble::Stuck, Severity::Unusable, &["p_neg_kpa", "26.0 s", "dead sensor"]);
+    assert!(frozen(700).usable[ROWS + 700..2 * ROWS].iter().all(|u| *u == 0.0));
+
     let mut sorted = g.pressures[0].clone();
     sorted.sort_by(f64::total_cmp);
     let limit = (sorted[ROWS * 9 / 10] / 0.03).round() * 0.03;

@@ -5,6 +5,7 @@
 //! | `finding` | a finding: where, how bad, what it is, what to do |
 //! | `shape` | too short, gaps, uneven time |
 //! | `readings` | flat, stuck, clipped and wild readings |
+//! | `frozen` | readings that stand for long while all else moves |
 //! | `excitation` | commands that never move, a pump that never runs |
 //! | `against_model` | swapped pressures and wrong units, told by what the rig would do |
 //! | `duties` | swapped and inverted duties, told by which chamber answers, and which way |
@@ -23,6 +24,7 @@ mod counts;
 mod duties;
 mod excitation;
 mod finding;
+mod frozen;
 mod meaning;
 mod mend;
 mod ranges;

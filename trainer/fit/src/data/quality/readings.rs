@@ -6,7 +6,7 @@
 
 use model::rig::Rig;
 
-use super::{Finding, Severity, Trouble};
+use super::{Finding, Severity, Trouble, frozen};
 use crate::data::{Noise, Records};
 
 /// A run of this many equal readings is stuck: 0.5 s. With noise of half a step two neighbours are equal with
@@ -40,6 +40,9 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], usable: &mut 
             let of = Channel { values: &values, sigma, range: range_of(rig, column), sampling_s: r.sampling_s };
             of.check(&mut mask, add);
             let usable = usable.get_mut(records.layout().channel(record, channel)).unwrap_or_default();
+            if !scatters(&values) && distinct(&values) >= DISTINCT {
+                frozen::check(records, record, channel, usable, findings);
+            }
             for (row, kept) in rows.iter().zip(&mask) {
                 if let Some(slot) = usable.get_mut(*row) {
                     *slot *= kept;
@@ -62,11 +65,8 @@ struct Channel<'a> {
 impl Channel<'_> {
     /// Masks what cannot be trusted and tells it.
     fn check(&self, mask: &mut [f64], mut add: impl FnMut(Severity, Trouble, String)) {
-        let mut distinct: Vec<f64> = self.values.to_vec();
-        distinct.sort_by(f64::total_cmp);
-        distinct.dedup();
-        if distinct.len() < DISTINCT && self.values.len() >= STUCK_ROWS {
-            let at = distinct.first().copied().unwrap_or(0.0);
+        if distinct(self.values) < DISTINCT && self.values.len() >= STUCK_ROWS {
+            let at = self.values.iter().copied().fold(f64::INFINITY, f64::min);
             add(
                 Severity::Unusable,
                 Trouble::Flat,
@@ -84,6 +84,14 @@ impl Channel<'_> {
             wild(self.values, self.sigma, mask, &mut add);
         }
     }
+}
+
+/// How many different readings there are.
+fn distinct(values: &[f64]) -> usize {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.dedup();
+    sorted.len()
 }
 
 /// Whether readings scatter by noise: most differ from the one before; where long runs of equal ones hide that, most of

@@ -1,0 +1,109 @@
+//! A reading that stands for long while the commands and another channel move.
+//!
+//! Where readings scatter by noise a second of equal ones is told ([`super::readings`]). A reading that hardly scatters (a fine
+//! sensor behind a coarse converter, or one that stands for most of the recording) leaves no noise to tell by. Ten
+//! seconds of the very same digits while every command and another pressure go over a tenth of their way are no plant either: the
+//! chambers are tied together by the pump, and a chamber that is shut off has a command that stands.
+
+use std::ops::Range;
+
+use proto::recording::PERIOD_S;
+
+use super::{Finding, Severity, Trouble};
+use crate::data::Records;
+
+/// Shortest run of equal readings that is asked for, in s.
+const LONG_S: f64 = 10.0;
+/// Share of its whole way that a command or another channel goes meanwhile.
+const MOVES: f64 = 0.1;
+/// Time at the beginning of the run in which what moves may still be what came before it, in s.
+const BEFORE_S: f64 = 1.0;
+/// Share of a recording from which on it is of no use.
+const TOO_MUCH: f64 = 0.2;
+
+/// Masks the rows of such runs in one channel of one recording, and tells them.
+pub(super) fn check(records: &Records, record: usize, channel: usize, usable: &mut [f64], findings: &mut Vec<Finding>) {
+    let (Some(r), Some(column)) = (records.records().get(record), records.sensors().get(channel)) else { return };
+    let readings = records.channel_kpa(record, channel);
+    let others: Vec<&[f64]> =
+        (0..records.sensors().len()).filter(|c| *c != channel).map(|c| records.channel_kpa(record, c)).collect();
+    let inputs: Vec<&[f64]> = r.inputs.iter().map(Vec::as_slice).filter(|input| is_graded(input)).collect();
+    let mut frozen: Vec<Range<usize>> = runs(readings).filter(|run| stands_alone(run, &inputs, &others)).collect();
+    frozen.retain(|run| r.segments.iter().any(|segment| segment.start <= run.start && run.end <= segment.end));
+    let Some(longest) = frozen.iter().map(Range::len).max() else { return };
+    let rows: usize = frozen.iter().map(Range::len).sum();
+    for run in frozen {
+        usable.get_mut(run).unwrap_or_default().fill(0.0);
+    }
+    let share = rows as f64 / readings.len() as f64;
+    findings.push(Finding {
+        source: r.source.clone(),
+        column: column.clone(),
+        severity: if share > TOO_MUCH { Severity::Unusable } else { Severity::Doubtful },
+        trouble: Trouble::Stuck,
+        text: format!(
+            "stuck: the same reading for up to {:.1} s ({:.1} % of the recording) while commands and the other channel move; left \
+             out. Look for a dead sensor or a logger that holds the last value",
+            longest as f64 * PERIOD_S,
+            100.0 * share
+        ),
+    });
+}
+
+/// Runs of equal readings that are long.
+fn runs(readings: &[f64]) -> impl Iterator<Item = Range<usize>> {
+    let least = (LONG_S / PERIOD_S) as usize;
+    let mut start = 0;
+    readings.chunk_by(|a, b| a == b).filter_map(move |run| {
+        let range = start..start + run.len();
+        start = range.end;
+        (run.len() >= least).then_some(range)
+    })
+}
+
+/// Whether every command and some other channel move during a run.
+fn stands_alone(run: &Range<usize>, inputs: &[&[f64]], others: &[&[f64]]) -> bool {
+    let within = run.start + (BEFORE_S / PERIOD_S) as usize..run.end;
+    let moves = |x: &&[f64]| x.get(within.clone()).is_some_and(|part| span(part) > MOVES * span(x));
+    !inputs.is_empty() && inputs.iter().all(moves) && others.iter().any(moves)
+}
+
+/// Whether a command is more than a switch.
+fn is_graded(input: &[f64]) -> bool {
+    span(input) > 0.0 && input.iter().any(|x| *x != 0.0 && *x != 1.0)
+}
+
+fn span(x: &[f64]) -> f64 {
+    let (low, high) = x.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    if low < high { high - low } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ROWS: usize = 2000;
+
+    fn wave(period: f64) -> Vec<f64> {
+        (0..ROWS).map(|k| 0.7 + 0.2 * (std::f64::consts::TAU * k as f64 / period).sin()).collect()
+    }
+
+    #[test]
+    fn a_run_counts_where_all_commands_and_another_channel_move() {
+        let (duty, shut) = (wave(400.0), vec![0.8; ROWS]);
+        let (moving, resting) = (wave(300.0), vec![3.0; ROWS]);
+        let run = 300..1500;
+        assert!(stands_alone(&run, &[&duty, &duty], &[&moving]));
+        assert!(!stands_alone(&run, &[&duty, &shut], &[&moving]), "a chamber that is shut off may rest");
+        assert!(!stands_alone(&run, &[&duty, &duty], &[&resting]), "with the pump off both rest");
+        assert!(!stands_alone(&run, &[&duty, &duty], &[]), "of one chamber alone this says nothing");
+    }
+
+    #[test]
+    fn runs_of_ten_seconds_are_found_with_their_rows() {
+        let mut readings = wave(300.0);
+        readings[100..700].fill(1.5);
+        readings[900..1100].fill(1.5);
+        assert_eq!(runs(&readings).collect::<Vec<_>>(), [100..700]);
+    }
+}
