@@ -132,6 +132,19 @@ pub struct Fits {
     pub extended: Fit,
 }
 
+/// RMSE of one channel with the same three rigs on the same rows, in kPa: for rigs of any number of channels.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ChannelFit {
+    /// Column of the recordings.
+    pub channel: String,
+    /// With the rig as it was given.
+    pub nominal_rmse_kpa: f64,
+    /// With its parameters fitted.
+    pub reidentified_rmse_kpa: f64,
+    /// With what was found.
+    pub extended_rmse_kpa: f64,
+}
+
 /// The unexplained residual of one channel with the rig that was written, beyond the noise.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Unexplained {
@@ -222,6 +235,9 @@ pub struct Diagnosis {
     pub location: Vec<Location>,
     /// Before and after, on held-out stretches.
     pub fit: Fits,
+    /// The same for every channel, in the order of the rig's sensors.
+    #[serde(default)]
+    pub fit_by_channel: Vec<ChannelFit>,
     /// What these recordings cannot tell apart, as `id:where`.
     pub rivals: Vec<Vec<String>>,
     /// Name of the experiment's file, if one is needed.
@@ -296,6 +312,12 @@ mod tests {
             mechanisms: vec![found],
             location: Vec::new(),
             fit: Fits::default(),
+            fit_by_channel: vec![ChannelFit {
+                channel: "p_pos_kpa".to_owned(),
+                nominal_rmse_kpa: 2.5,
+                reidentified_rmse_kpa: 1.25,
+                extended_rmse_kpa: 0.75,
+            }],
             rivals: vec![vec!["chamber_leak:positive".to_owned(), "piston_blowby:both".to_owned()]],
             next_experiment: None,
             notes: Vec::new(),

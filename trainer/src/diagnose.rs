@@ -5,7 +5,6 @@ use std::time::Instant;
 
 use clap::Args;
 use diagnose::{Diagnosis, Request, check_out_dir, work_out};
-use model::rig::Rig;
 use proto::diagnosis::RigKind;
 use proto::recording::Recording;
 use proto::rig_file;
@@ -48,7 +47,6 @@ pub(crate) fn run(args: &DiagnoseArgs) -> Result<(), Failure> {
         args.recordings.iter().map(|path| Recording::read_for(path, &rig)).collect::<Result<Vec<_>, _>>()?;
     let work = Interruptible::begin()?;
     work.undisturbed(|| check_out_dir(&args.out))?;
-    let channels = channels(&rig);
     let request =
         Request { rig, rig_argument: args.rig.clone(), recordings, out_dir: args.out.clone(), quick: args.quick };
     let outcome = {
@@ -63,38 +61,12 @@ pub(crate) fn run(args: &DiagnoseArgs) -> Result<(), Failure> {
     for note in &diagnosis.notes {
         tell(note);
     }
-    stdout::say(&text(diagnosis, args, &channels))
-}
-
-/// Names of the channels: the paper's rig has its two sides, any other one its sensors' names.
-fn channels(rig: &Rig) -> Vec<String> {
-    if rig.sensors.len() == 2 && rig.volumes.contains_key("positive") {
-        vec!["positive".to_owned(), "negative".to_owned()]
-    } else {
-        rig.sensors.keys().take(2).cloned().collect()
-    }
+    stdout::say(&text(diagnosis, args))
 }
 
 /// The answer for people.
-fn text(diagnosis: &Diagnosis, args: &DiagnoseArgs, channels: &[String]) -> String {
-    let mut text = format!("{}: {}\n\n", diagnosis.verdict.as_str(), diagnosis.summary);
-    text.push_str(&format!("{:<30}", "open loop, validation data"));
-    for channel in channels {
-        text.push_str(&format!(" {:>14}", format!("{channel} kPa")));
-    }
-    text.push('\n');
-    let mut fits = vec![("rig as given", &diagnosis.fit.nominal), ("parameters fitted", &diagnosis.fit.reidentified)];
-    if diagnosis.rig.kind == RigKind::Extended {
-        fits.push(("with what was found", &diagnosis.fit.extended));
-    }
-    for (name, fit) in fits {
-        text.push_str(&format!("{name:<30}"));
-        for (channel, rmse) in channels.iter().zip([fit.pos_rmse_kpa, fit.neg_rmse_kpa]) {
-            let width = 14.max(channel.len() + 4);
-            text.push_str(&format!(" {rmse:>width$.3}"));
-        }
-        text.push('\n');
-    }
+fn text(diagnosis: &Diagnosis, args: &DiagnoseArgs) -> String {
+    let mut text = format!("{}: {}\n\n{}", diagnosis.verdict.as_str(), diagnosis.summary, fits(diagnosis));
     for group in &diagnosis.rivals {
         text.push_str(&format!("\nnot told apart: {}", group.join(", ")));
     }
@@ -103,6 +75,24 @@ fn text(diagnosis: &Diagnosis, args: &DiagnoseArgs, channels: &[String]) -> Stri
     text.push_str(&format!("next:   {}\n", diagnosis.next_step.why));
     for command in &diagnosis.next_step.commands {
         text.push_str(&format!("        {command}\n"));
+    }
+    text
+}
+
+/// A line a channel: how far off each rig is.
+fn fits(diagnosis: &Diagnosis) -> String {
+    let extended = diagnosis.rig.kind == RigKind::Extended;
+    let channels = &diagnosis.fit_by_channel;
+    let width = channels.iter().map(|fit| fit.channel.chars().count()).max().unwrap_or(0);
+    let mut text = "RMSE in kPa on validation data, simulated from the commands alone (open loop)\n".to_owned();
+    text.push_str(&format!("{:width$}  {:>12}  {:>17}", "", "rig as given", "parameters fitted"));
+    text.push_str(if extended { "  with what was found\n" } else { "\n" });
+    for fit in channels {
+        text.push_str(&format!(
+            "{:width$}  {:>12.3}  {:>17.3}",
+            fit.channel, fit.nominal_rmse_kpa, fit.reidentified_rmse_kpa
+        ));
+        text.push_str(&if extended { format!("  {:>19.3}\n", fit.extended_rmse_kpa) } else { "\n".to_owned() });
     }
     text
 }

@@ -3,10 +3,11 @@
 use std::path::Path;
 
 use model::rig::Rig;
-use proto::diagnosis::{Diagnosis, Fits, RigKind, WrittenRig};
+use proto::diagnosis::{ChannelFit, Diagnosis, Fits, RigKind, WrittenRig};
 use proto::output;
 
 use crate::error::DiagnoseError;
+use crate::figures::Figures;
 use crate::findings::Findings;
 use crate::next_step::{Situation, next_step};
 use crate::{page, summary, whereabouts};
@@ -15,6 +16,10 @@ use crate::{page, summary, whereabouts};
 pub const NEXT_EXPERIMENT: &str = "next_experiment.csv";
 /// Room in bytes that the files of an answer need: pages of an hour's recordings took 3 MB.
 const ROOM: u64 = 8 << 20;
+
+/// Multiples of the noise from which on what was found is a part of the truth (chosen; docs/diagnose.md says so,
+/// where three of them are what `adapt` plays another experiment for).
+const IN_PART: f64 = 10.0;
 
 /// An answer with its files, worked out and not yet written.
 #[derive(Debug, Clone)]
@@ -77,6 +82,7 @@ fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {
         kind: findings.kind,
         planned: findings.plan.is_some(),
         groups: &judgement.groups,
+        in_part: !findings.doubtful.is_empty() || findings.unexplained.iter().any(|left| left.times_noise > IN_PART),
     };
     Diagnosis {
         verdict: judgement.verdict,
@@ -89,6 +95,7 @@ fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {
             reidentified: findings.reidentified.to_fit(),
             extended: findings.extended.to_fit(),
         },
+        fit_by_channel: fit_by_channel(findings),
         rivals: judgement.groups.clone(),
         next_experiment: findings.plan.as_ref().map(|_| NEXT_EXPERIMENT.to_owned()),
         notes: findings.notes.clone(),
@@ -98,6 +105,20 @@ fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {
         rig: WrittenRig { name: findings.rig.name.clone(), kind: findings.kind },
         next_step: next_step(&situation),
     }
+}
+
+/// Errors of the three rigs channel by channel.
+fn fit_by_channel(findings: &Findings<'_, '_>) -> Vec<ChannelFit> {
+    let of = |(index, unexplained): (usize, &proto::diagnosis::Unexplained)| {
+        let rmse_kpa = |figures: &Figures| figures.free.get(index).map_or(f64::NAN, |error| error.rmse_kpa);
+        ChannelFit {
+            channel: unexplained.channel.clone(),
+            nominal_rmse_kpa: rmse_kpa(&findings.given),
+            reidentified_rmse_kpa: rmse_kpa(&findings.reidentified),
+            extended_rmse_kpa: rmse_kpa(&findings.extended),
+        }
+    };
+    findings.unexplained.iter().enumerate().map(of).collect()
 }
 
 /// Mechanisms of the written rig that neither the given one has nor the answer names, as the rig file states them.

@@ -15,11 +15,14 @@ pub(crate) struct Situation<'a> {
     pub(crate) planned: bool,
     /// What the recordings do not tell apart, as `id:where`.
     pub(crate) groups: &'a [Vec<String>],
+    /// Whether the rig that was written is a part of the truth at most: much of it is left unexplained, or a parameter went where
+    /// nobody would believe it.
+    pub(crate) in_part: bool,
 }
 
 /// The next step.
 pub(crate) fn next_step(situation: &Situation<'_>) -> NextStep {
-    let Situation { request, verdict, kind, planned, groups } = situation;
+    let Situation { request, verdict, kind, planned, groups, in_part } = situation;
     let rig_toml = shell(&request.out_dir.join("rig.toml").display().to_string());
     let again = |more: &str, out: &str| {
         let recordings: Vec<String> = request.recordings.iter().map(|r| shell(r.source())).collect();
@@ -48,6 +51,15 @@ pub(crate) fn next_step(situation: &Situation<'_>) -> NextStep {
         }
         Verdict::UnknownMechanism if *kind == RigKind::AsGiven => step(
             "Look in report.html at where and when the model is off, and record more of that operating region.",
+            vec![again(" new_recording.csv", &next_out)],
+        ),
+        _ if *in_part && request.quick => step(
+            "What was found is a part of the truth: look again with the whole search, which takes a few minutes.",
+            vec![again("", &next_out)],
+        ),
+        _ if *in_part => step(
+            "What was found is a part of the truth: look in report.html at where and when the model is off, and record more of that \
+             operating region.",
             vec![again(" new_recording.csv", &next_out)],
         ),
         _ if drives(&request.rig) => step(
@@ -109,7 +121,21 @@ mod tests {
     }
 
     fn next(request: &Request, verdict: Verdict, planned: bool, groups: &[Vec<String>]) -> NextStep {
-        next_step(&Situation { request, verdict, kind: RigKind::Extended, planned, groups })
+        next_step(&Situation { request, verdict, kind: RigKind::Extended, planned, groups, in_part: false })
+    }
+
+    #[test]
+    fn a_part_of_the_truth_is_not_given_to_the_daemon() {
+        let mut request = request(Rig::builtin("dual_pressure").unwrap());
+        let at_hand = |request: &Request| {
+            let (verdict, kind) = (Verdict::MissingPhysics, RigKind::Extended);
+            next_step(&Situation { request, verdict, kind, planned: false, groups: &[], in_part: true })
+        };
+        let step = at_hand(&request);
+        assert!(step.commands[0].starts_with("trainer diagnose") && !step.commands[0].contains("--quick"), "{step:?}");
+        request.quick = false;
+        let step = at_hand(&request);
+        assert!(step.commands[0].contains("new_recording.csv"), "{step:?}");
     }
 
     #[test]

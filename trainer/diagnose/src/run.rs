@@ -232,7 +232,9 @@ fn kind_of_rig(
         return RigKind::AsGiven;
     }
     let [before_kpa, after_kpa] = [given, extended].map(Figures::total_rmse_kpa);
-    if after_kpa <= CHANCE * before_kpa {
+    // What has no name has nothing but its figures to speak for it.
+    let most = if unknown.is_some() { 1.0 } else { CHANCE };
+    if after_kpa <= most * before_kpa {
         let extends = unknown.is_some() || !found.best.terms.is_empty();
         return if extends { RigKind::Extended } else { RigKind::Fitted };
     }
