@@ -4,12 +4,12 @@ mod cli;
 
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser};
+use clap::CommandFactory;
 use manual::Explained;
 
 fn main() -> ExitCode {
     proto::parent_process::end_with_parent();
-    let arguments = match cli::Arguments::try_parse() {
+    let arguments = match manual::parse::<cli::Arguments>() {
         Ok(arguments) => arguments,
         Err(error) => return explain(&error),
     };

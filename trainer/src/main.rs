@@ -75,7 +75,7 @@ enum Command {
 
 fn main() -> ExitCode {
     proto::parent_process::end_with_parent();
-    let cli = match Cli::try_parse() {
+    let cli = match manual::parse::<Cli>() {
         Ok(cli) => cli,
         Err(error) => return explain(&error),
     };

@@ -310,6 +310,7 @@ fn table<'a>(figures: impl Iterator<Item = &'a Figures>, plant: &Plant<f64>) -> 
         for (index, (column, errors)) in plant.sensor_columns().iter().zip(&each.channels).enumerate() {
             let (worst_kpa, worst_time_s) = errors.worst();
             let (rows, near_zero) = errors.rows();
+            let of_rows = |figure: String| if rows == 0 { "-".to_owned() } else { figure };
             lines.push([
                 match (index, &each.file) {
                     (0, Some(file)) => short_name(file, paths()),
@@ -318,9 +319,9 @@ fn table<'a>(figures: impl Iterator<Item = &'a Figures>, plant: &Plant<f64>) -> 
                 },
                 channel(column).to_owned(),
                 errors.accuracy().map_or("-".to_owned(), |share| format!("{:.2} %", 100.0 * share)),
-                format!("{:.4}", errors.rmse_kpa()),
-                format!("{worst_kpa:.4}"),
-                each.file.as_ref().map_or("-".to_owned(), |_| format!("{worst_time_s:.2}")),
+                of_rows(format!("{:.4}", errors.rmse_kpa())),
+                of_rows(format!("{worst_kpa:.4}")),
+                each.file.as_ref().map_or("-".to_owned(), |_| of_rows(format!("{worst_time_s:.2}"))),
                 rows.to_string(),
                 near_zero.to_string(),
                 if index == 0 { each.restarts().to_string() } else { String::new() },

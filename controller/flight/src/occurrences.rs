@@ -182,7 +182,7 @@ fn sessions(flight: &Flight<'_>) -> Vec<Occurrence> {
         part: "link".to_owned(),
         text: match row.tick.session {
             0 => "no session with the cRIO".to_owned(),
-            session => format!("session {session:#010x} begins"),
+            session => format!("session {session:08X} begins"),
         },
     })
     .collect()

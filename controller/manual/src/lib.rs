@@ -8,7 +8,7 @@ use std::path::Path;
 use clap::Command;
 use clap_complete::Shell;
 
-pub use usage::{Explained, explain};
+pub use usage::{Explained, explain, parse};
 
 /// Writes `man1/PROGRAM.1`, `man1/PROGRAM-SUBCOMMAND.1` and completions for bash, zsh and fish into a folder.
 ///

@@ -1,7 +1,7 @@
 //! A command line that is not to be carried out: help where it was asked for, two plain lines for what is wrong.
 
-use clap::Command;
 use clap::error::ErrorKind;
+use clap::{Arg, Command, CommandFactory, FromArgMatches};
 
 use crate::wrapped;
 
@@ -12,6 +12,25 @@ pub enum Explained {
     Help(String),
     /// What is wrong and where to look, for standard error; exit status 2.
     Wrong([String; 2]),
+}
+
+/// Parses the program's own command line. A number below zero behind an option is that option's value, whether it takes one or not:
+/// what is said of it then names the option.
+///
+/// # Errors
+/// As clap has it; [`explain`] puts it into words.
+pub fn parse<C: CommandFactory + FromArgMatches>() -> Result<C, clap::Error> {
+    let mut matches = with_negative_numbers(C::command()).try_get_matches()?;
+    C::from_arg_matches_mut(&mut matches).map_err(|error| error.format(&mut C::command()))
+}
+
+/// The command with each option, its own and those of the commands below, open to numbers below zero.
+fn with_negative_numbers(command: Command) -> Command {
+    let open = |arg: Arg| {
+        let takes_value = !arg.is_positional() && arg.get_action().takes_values();
+        if takes_value { arg.allow_negative_numbers(true) } else { arg }
+    };
+    command.mut_args(open).mut_subcommands(with_negative_numbers)
 }
 
 /// Puts clap's own words into this project's.
@@ -29,6 +48,9 @@ fn explain_of(command: &Command, error: &clap::Error, given: impl Iterator<Item 
             format!("no command given; there are {}", commands(meant).join(", ")),
             format!("see {name} --help"),
         ]),
+        ErrorKind::ValueValidation => {
+            Explained::Wrong([about_numbers(&in_one_line(&text)), format!("see {name} --help")])
+        }
         _ => Explained::Wrong([in_one_line(&text), format!("see {name} --help")]),
     }
 }
@@ -49,6 +71,19 @@ fn meant(program: &Command, given: impl Iterator<Item = String>) -> (&Command, S
 
 fn commands(command: &Command) -> Vec<&str> {
     command.get_subcommands().filter(|c| !c.is_hide_set()).map(Command::get_name).collect()
+}
+
+/// What the standard library says of a number that is none, in words that name what would do.
+fn about_numbers(line: &str) -> String {
+    const SAID: [(&str, &str); 5] = [
+        ("invalid digit found in string", "a whole number, 0 or more, is needed"),
+        ("cannot parse integer from empty string", "a whole number, 0 or more, is needed"),
+        ("number too large to fit in target type", "that is too large"),
+        ("invalid float literal", "a number is needed"),
+        ("cannot parse float from empty string", "a number is needed"),
+    ];
+    let said = SAID.iter().find_map(|(theirs, ours)| Some(format!("{}{ours}", line.strip_suffix(theirs)?)));
+    said.unwrap_or_else(|| line.to_owned())
 }
 
 /// What clap says before its usage line, in one line.
@@ -87,6 +122,29 @@ mod tests {
         assert_eq!(said(&["fill"]), wrong(["no command given; there are slowly, fast", "see pump fill --help"]));
         let Explained::Wrong([_, see]) = said(&["fill", "fast", "--now"]) else { panic!("this is wrong") };
         assert_eq!(see, "see pump fill fast --help");
+    }
+
+    #[test]
+    fn a_number_that_will_not_do_is_told_with_its_option() {
+        let steps = Arg::new("steps").long("steps").value_name("N").value_parser(clap::value_parser!(u64));
+        let pace = Arg::new("pace").long("pace").value_name("S").value_parser(clap::value_parser!(f64));
+        let program = Command::new("pump").subcommand(Command::new("fill").args([steps, pace]));
+        let said = |words: &[&str]| {
+            let all = std::iter::once("pump").chain(words.iter().copied());
+            let error = with_negative_numbers(program.clone()).try_get_matches_from(all).unwrap_err();
+            match explain_of(&program, &error, words.iter().map(|word| (*word).to_owned())) {
+                Explained::Wrong([line, _]) => line,
+                Explained::Help(text) => text,
+            }
+        };
+        let whole = "invalid value '-5' for '--steps <N>': a whole number, 0 or more, is needed";
+        assert_eq!(said(&["fill", "--steps", "-5"]), whole);
+        assert_eq!(said(&["fill", "--steps=-5"]), whole);
+        assert_eq!(said(&["fill", "--pace", "fast"]), "invalid value 'fast' for '--pace <S>': a number is needed");
+        assert_eq!(
+            said(&["fill", "--steps", "99999999999999999999"]),
+            "invalid value '99999999999999999999' for '--steps <N>': that is too large"
+        );
     }
 
     #[test]

@@ -46,7 +46,7 @@ const STOPPED: &str = "stopped before the run began; nothing was written, and ol
 #[derive(Debug, Args)]
 pub(crate) struct Demo {
     /// Length of the run, whatever happens in it.
-    #[arg(long, default_value_t = 60.0, value_name = "S", allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 60.0, value_name = "S")]
     seconds: f64,
     /// In lockstep, as fast as it goes, instead of in real time.
     #[arg(long)]

@@ -51,7 +51,7 @@ enum Command {
         config: PathBuf,
         /// End this many seconds after the first arming, whatever happens in between (a fault, standing by, arming
         /// anew); without it, run until stopped.
-        #[arg(long, value_name = "S", allow_negative_numbers = true)]
+        #[arg(long, value_name = "S")]
         seconds: Option<f64>,
     },
     Experiment(experiment::ExperimentArgs),

@@ -25,7 +25,7 @@ use super::console::{say, tell};
   sudo -u dual-pressure controller rt-test --config /etc/dual-pressure/controller.toml")]
 pub(crate) struct RtTestArgs {
     /// Seconds it takes, half of them under load
-    #[arg(long, default_value_t = 20.0, value_name = "S", allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 20.0, value_name = "S")]
     seconds: f64,
     /// Configuration file, for [realtime]; without it the defaults
     #[arg(long, value_name = "FILE")]

@@ -56,7 +56,7 @@ fn a_rig_that_is_off_is_found_again() {
         assert!((valve.coefficients[1] / expected - 1.0).abs() < 0.15, "{valve:?}, {expected}");
     }
     // Words: a line for each parameter; the displacement of the pump and its gas temperature act alike.
-    assert_eq!(table(&found).lines().count(), 1 + found.fitted.estimates.len());
+    assert_eq!(table(&found).lines().filter(|line| !line.starts_with('*')).count(), 1 + found.fitted.estimates.len());
     assert!(verdict(&found).iter().filter(|line| line.contains("nothing more to explain")).count() == 2);
     assert!(
         undetermined(&found.fitted).iter().any(|line| line.contains("pumps.pump.")),

@@ -29,24 +29,25 @@ const IMPLAUSIBLE: f64 = 3.0;
 pub fn table(identified: &Identified) -> String {
     let mut text = String::new();
     let width = identified.fitted.estimates.iter().map(|e| e.parameter.path.chars().count()).max().unwrap_or(9).max(9);
-    let _ = writeln!(
-        text,
-        "{:<width$}  {:>10}  {:>10}  {:>9}  {:<7}  moved",
-        "parameter", "rig file", "identified", "±", "unit"
-    );
+    let _ = writeln!(text, "{:<width$}  {:>8}  {:>10}  {:>7}  moved", "parameter", "rig file", "identified", "±");
+    let mut any_as_before = false;
     for e in &identified.fitted.estimates {
         let digits = decimals(e.sd);
-        let mark = if e.undetermined > AS_BEFORE { "  as known before" } else { "" };
+        let as_before = e.undetermined > AS_BEFORE;
+        any_as_before |= as_before;
         let _ = writeln!(
             text,
-            "{:<width$}  {:>10.digits$}  {:>10.digits$}  {:>9.digits$}  {:<7}  {}{mark}",
+            "{:<width$}  {:>8.digits$}  {:>10.digits$}  {:>7.digits$}  {}{}",
             e.parameter.path,
             e.parameter.mean,
             e.value,
             e.sd,
-            e.parameter.unit(),
             moved(e),
+            if as_before { " *" } else { "" },
         );
+    }
+    if any_as_before {
+        text.push_str("* known no better than before\n");
     }
     text
 }
@@ -95,17 +96,17 @@ pub fn undetermined(fitted: &Fitted) -> Vec<String> {
         }
         let shown = parts_of(&direction.components);
         match shown.as_slice() {
-            [(one, _)] => said.push(format!("these recordings do not determine {}", name(*one))),
+            [(one, _)] => said.push(format!("{} hardly shows", name(*one))),
             [(first, sign), rest @ ..] => {
                 let others: Vec<String> = rest
                     .iter()
                     .map(|(i, c)| format!("{} {}", if c * sign > 0.0 { "raising" } else { "lowering" }, name(*i)))
                     .collect();
                 said.push(format!(
-                    "these recordings hardly tell raising {} from {}",
+                    "raising {} looks the same as {}",
                     name(*first),
                     // To move along the direction leaves the readings as they are: what one does the others undo.
-                    inverted(&others).join(" with ")
+                    joined(&inverted(&others))
                 ));
             }
             [] => {}
@@ -155,12 +156,24 @@ pub fn determined(fitted: &Fitted) -> Vec<String> {
         let others: Vec<String> = parts
             .iter()
             .skip(1)
-            .map(|(i, c)| format!("{}{}", if c * largest > 0.0 { "" } else { "less " }, name(*i)))
+            .map(|(i, c)| format!("{} {}", if c * largest > 0.0 { "raising" } else { "lowering" }, name(*i)))
             .collect();
-        let with = if others.is_empty() { String::new() } else { format!(" together with {}", others.join(", ")) };
-        said.push(format!("{}{with}: to {known} of {}", name(first), name(first)));
+        said.push(if others.is_empty() {
+            format!("{} is known to {known}", name(first))
+        } else {
+            format!("what raising {0} while {1} does is known to {known} of {0}", name(first), joined(&others))
+        });
     }
     said
+}
+
+/// Words with commas and an "and" before the last.
+fn joined(words: &[String]) -> String {
+    match words {
+        [] => String::new(),
+        [one] => one.clone(),
+        [first @ .., last] => format!("{} and {last}", first.join(", ")),
+    }
 }
 
 /// The opposite of each "raising"/"lowering".
