@@ -144,7 +144,7 @@ pub(crate) fn what_next(fault: u16) -> &'static str {
             | Condition::VersionWrong,
         ) => "; connecting again",
         Some(condition) if condition.latch() == Latch::UntilAcknowledged => {
-            "; `controller acknowledge` once it is mended, then arm"
+            "; `controller acknowledge` once it is fixed, then arm"
         }
         _ => "",
     }

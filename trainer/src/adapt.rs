@@ -21,7 +21,7 @@ use crate::stdout;
 
 /// Adapts model and policy to the rig that a running daemon controls: the whole loop in one command.
 ///
-/// Records, diagnoses, asks for an experiment where one is needed, gives the daemon the model that was found, flies the
+/// Records, diagnoses, asks for an experiment where one is needed, gives the daemon the model that was found, runs the
 /// fallback on it and the policy that controlled, trains a policy where more is left than any controller must leave,
 /// publishes it, waits for the daemon's verdict, and tells what came of it. The
 /// reference is begun anew for every figure. Every step is a command that is shown; one that fails leaves model and
@@ -52,7 +52,7 @@ pub(crate) struct AdaptArgs {
     #[arg(long)]
     allow_experiment: bool,
     /// Longest run for a figure, in s of the rig; a shorter reference is run to its end
-    #[arg(long, value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u32).range(20..=600))]
+    #[arg(long = "run-seconds", alias = "fly-seconds", value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u32).range(20..=600))]
     fly_seconds: u32,
     /// The most of what was recorded that diagnosis reads, in s of the rig
     #[arg(long, value_name = "S", default_value_t = 120, value_parser = clap::value_parser!(u32).range(20..=3600))]

@@ -76,7 +76,7 @@ pub(crate) enum Failure {
          {before_kpa:.2} kPa: worse than before, so {out} is not written; `trainer diagnose` looks for what the rig file lacks"
     )]
     WorseThanBefore { before_kpa: f64, after_kpa: f64, out: String },
-    #[error("not good: {0}; until that is mended the figures compare different quantities")]
+    #[error("not good: {0}; until that is fixed the figures compare different quantities")]
     NotGood(String),
     #[error("{file}: {rows} of at least {least} rows of 20 ms: too short to tell anything; are its times in seconds?")]
     TooShort { file: String, rows: usize, least: usize },

@@ -25,7 +25,7 @@ use crate::stdout;
 ///
 /// Row k holds the pressures at t_k and the commands from t_k to t_{k+1}, 20 ms later. A first row within 0.5 kPa of
 /// the atmosphere starts a rig that stood still; any other one a rig whose pump was running, and whose valves, where they
-/// have play or friction, lie as if the first pressures had settled before. A file without any
+/// have backlash or friction, lie as if the first pressures had settled before. A file without any
 /// pressure column (such as next_experiment.csv) starts at rest. Lost rows up to 0.1 s are bridged; a longer gap starts the run anew
 /// at the next row.
 #[derive(Debug, Args)]

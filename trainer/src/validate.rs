@@ -25,8 +25,9 @@ use crate::stdout;
 /// The run starts at the first row's pressures, then only the commands count. Accuracy is 1 minus the mean absolute
 /// percentage error of gauge pressures (the paper's figure); rows nearer to the atmosphere than --least-kpa are left out
 /// of it, for a percentage of nearly nothing says nothing, and are counted under `near 0`. RMSE and the largest error
-/// are over all rows with a sound reading: those of a sensor that stands still, is clipped or jumps for a row are left out, and told. Where a valve's flapper with play or friction lay when a recording began is told by no reading: it is
-/// placed where the first 20 s come out best, and said.
+/// are over all rows with a sound reading: those of a sensor that stands still, is clipped or jumps for a row are left out, and told.
+/// Where a valve's flapper with backlash or friction lay when a recording began is told by no reading: it is placed where the first
+/// 20 s come out best, and said.
 ///
 /// Recordings of any rate are brought to rows of 20 ms; only rows with a sample are compared. Lost rows up to 0.1 s are bridged;
 /// at a longer gap the run begins anew from the recorded pressures, which makes its error smaller: the column `anew` counts that.

@@ -6,7 +6,8 @@
 //! | [`entry`] | what is known of a policy: state, provenance, figures, why it was refused |
 //! | [`board`] | all entries, and what flies |
 //! | [`audit`] | who did what to which policy, line by line |
-//! | [`store`] | the thread: examines what is published, follows what becomes of it in the tick |
+//! | [`examination`] | the thread that examines what is published, and what controls on each model |
+//! | [`store`] | the thread that reads the directory and follows what becomes of each policy in the tick |
 //! | [`desk`] | what operators ask: list, swap, rollback |
 //! | [`orders`] | the way into the tick, and of each order into the recording |
 //!
@@ -16,11 +17,13 @@ pub mod audit;
 pub mod board;
 pub mod desk;
 pub mod entry;
+pub mod examination;
 pub mod orders;
 pub mod store;
 pub mod watch;
 
 pub use desk::PolicyDesk;
 pub use entry::{Entry, EntryState};
+pub use examination::Examination;
 pub use orders::KeepOrder;
-pub use store::{ActivePolicy, Adoption, Examination, PolicyStore, StoreSettings, Voices, WhenBehind};
+pub use store::{ActivePolicy, Adoption, PolicyStore, StoreSettings, Voices, WhenBehind};

@@ -1,16 +1,14 @@
-//! The thread that examines what is published and follows what becomes of it in the tick.
+//! The thread that reads the directory of policies and follows what becomes of each in the tick.
 
-use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use admission::{Admitted, Examiner, Refusal, Stage, Standing, Tally};
+use admission::{Admitted, Refusal, Stage, Standing};
 use handover::{Permit, PolicyTag, StoreEnd};
-use model::rig::Rig;
 use policy::{Links, PolicySignature};
 use proto::atomic_file;
 
@@ -18,8 +16,9 @@ use crate::audit::Audit;
 use crate::board::{Board, Change};
 use crate::desk::{FALLBACK, PolicyDesk, locked};
 use crate::entry::{Entry, EntryState};
+use crate::examination::{Examination, Job, Outcome, examine_all};
 use crate::orders::{KeepOrder, Orders};
-use crate::watch::{Look, Settled, Watcher};
+use crate::watch::{Settled, Watcher};
 
 /// How often the tick's events are looked at.
 const ROUND: Duration = Duration::from_millis(100);
@@ -80,18 +79,6 @@ pub struct ActivePolicy {
 pub struct PolicyStore {
     desk: PolicyDesk,
     thread: JoinHandle<()>,
-}
-
-/// Makes the examiner for a model, in the store's own thread: it flies the fallback through the trial, which takes a second
-/// or two.
-pub type MakeExaminer = Box<dyn Fn(&Rig) -> Result<Examiner, String> + Send>;
-
-/// How policies are examined, and on which model at first.
-pub struct Examination {
-    /// The model in force at the start.
-    pub model: Rig,
-    /// Makes the examiner for this model, and for each that is put in force after it.
-    pub examiner: MakeExaminer,
 }
 
 /// Where the store speaks.
@@ -169,24 +156,6 @@ struct Round {
     problem: Option<String>,
     /// Problem of the directory, as of its last reading.
     directory_problem: Option<String>,
-}
-
-/// What the examining thread is given.
-enum Job {
-    /// A file on its way through the stages.
-    File { settled: Settled, incumbent: Option<Vec<Tally>> },
-    /// Another model is in force.
-    Model(Box<Rig>),
-}
-
-/// What comes back from it.
-enum Outcome {
-    /// What became of a file.
-    File { settled: Settled, outcome: Box<Result<(Admitted, Arc<[u8]>), Refusal>> },
-    /// A file was changed or taken away before or while it was examined: whatever was found is of another one.
-    Changed(Settled),
-    /// How what controls stands against the fallback on the model of this name.
-    Standing { tag: PolicyTag, standing: Standing, model: String },
 }
 
 impl Round {
@@ -446,77 +415,4 @@ fn shown(entry: &Entry) -> serde_json::Value {
         "reason": reason,
         "figures": figures,
     })
-}
-
-fn examine_all(
-    examination: Examination,
-    board: &Mutex<Board>,
-    todo: &Receiver<Job>,
-    done: &Sender<Outcome>,
-    stop: &AtomicBool,
-) {
-    let Examination { mut model, examiner: make } = examination;
-    let mut examiner = match make(&model) {
-        Ok(examiner) => examiner,
-        Err(problem) => {
-            locked(board).problem = Some(format!("policies cannot be examined: {problem}"));
-            return;
-        }
-    };
-    if !hold_against_fallback(&examiner, &model.name, board, done) {
-        return;
-    }
-    let mut waiting = VecDeque::new();
-    while let Some(job) = next_job(todo, &mut waiting) {
-        if stop.load(Ordering::Relaxed) {
-            return;
-        }
-        let told = match job {
-            Job::File { settled, incumbent } => {
-                let incumbent = incumbent.as_deref().unwrap_or(examiner.fallback());
-                if Look::at(&settled.path) != Some(settled.look) {
-                    done.send(Outcome::Changed(settled)).is_ok()
-                } else {
-                    let outcome = Box::new(examiner.examine_file(&settled.path, Links::Refuse, incumbent));
-                    let same = Look::at(&settled.path) == Some(settled.look);
-                    let found = if same { Outcome::File { settled, outcome } } else { Outcome::Changed(settled) };
-                    done.send(found).is_ok()
-                }
-            }
-            Job::Model(new) => match make(&new) {
-                Ok(on_new) => {
-                    (examiner, model) = (on_new, *new);
-                    locked(board).forget_standings();
-                    hold_against_fallback(&examiner, &model.name, board, done)
-                }
-                Err(problem) => {
-                    let why = format!("policies are still examined on model {}: {problem}", model.name);
-                    locked(board).problem = Some(why);
-                    true
-                }
-            },
-        };
-        if !told {
-            return;
-        }
-    }
-}
-
-/// The next job; another model comes before all files that wait, for what controls is held against the fallback on it.
-fn next_job(todo: &Receiver<Job>, waiting: &mut VecDeque<Job>) -> Option<Job> {
-    if waiting.is_empty() {
-        waiting.push_back(todo.recv().ok()?);
-    }
-    waiting.extend(todo.try_iter());
-    let model = waiting.iter().position(|job| matches!(job, Job::Model(_)));
-    waiting.remove(model.unwrap_or(0))
-}
-
-/// Flies what controls through the trial on the model in force; `false` where nobody takes the outcome any more.
-fn hold_against_fallback(examiner: &Examiner, model: &str, board: &Mutex<Board>, done: &Sender<Outcome>) -> bool {
-    let held = locked(board).to_be_held();
-    let Some((tag, bytes)) = held else { return true };
-    let Some((standing, tallies)) = examiner.stand(&bytes) else { return true };
-    locked(board).flown(tag, tallies);
-    done.send(Outcome::Standing { tag, standing, model: model.to_owned() }).is_ok()
 }

@@ -19,6 +19,9 @@ const ARMED_AGAIN: Duration = Duration::from_secs(20);
 /// Time in which a person sees to a rig that was vented, and arms it.
 const PERSON_ARMS: Duration = Duration::from_secs(600);
 
+/// Beginning of the conditions that another model may explain: a reading and the model are apart.
+const MODEL: &str = "model";
+
 /// What a vented rig means to a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Vented {
@@ -137,7 +140,7 @@ impl Daemon {
     }
 
     /// What a daemon that controls is doing. A session that was lost may be opened and armed anew by the daemon itself. A condition
-    /// that waits for a person ends the wait at once, or is told and waited for, as `vented` has it.
+    /// that waits for a person ends the wait at once, or is told and waited for where a model may explain it, as `vented` has it.
     ///
     /// # Errors
     /// Nobody answers; the rig is not being controlled.
@@ -150,8 +153,9 @@ impl Daemon {
             }
             let most = match (status.waits_for.as_str(), vented) {
                 ("", _) if !is_told => ARMED_AGAIN,
-                (_, Vented::Fails) => Duration::ZERO,
-                (_, Vented::WaitsForPerson) => PERSON_ARMS,
+                ("", Vented::WaitsForPerson) => PERSON_ARMS,
+                (why, Vented::WaitsForPerson) if why.starts_with(MODEL) => PERSON_ARMS,
+                _ => Duration::ZERO,
             };
             if began.elapsed() > most {
                 return Err(status.not_running());

@@ -3,9 +3,15 @@
 //! One TOML file; every key has a default, which is the paper's (Table IV) where the paper has one. Presets are
 //! such files built in.
 
+mod learner;
+mod policy;
+
 use environment::{EnvironmentSettings, SIDE_BY_SIDE};
 use model::observation::{GOAL_LEN, OBSERVATION_LEN, ObservationLayout, STATE_LEN};
 use serde::{Deserialize, Serialize};
+
+pub use learner::{CapsSettings, SacSettings};
+pub use policy::{Features, Plan, PolicySettings, Variant};
 
 use crate::{TrainingError, features, plan_fit};
 
@@ -97,173 +103,6 @@ impl Default for RigSettings {
             model: None,
             evaluated_on: vec!["dual_pressure".into(), "bench".into()],
         }
-    }
-}
-
-/// The ablation's four variants.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Variant {
-    /// Neither MPObs nor CAPS.
-    Raw,
-    /// MPObs without CAPS.
-    Mpobs,
-    /// CAPS without MPObs.
-    Caps,
-    /// Both: the paper's controller.
-    Both,
-}
-
-impl Variant {
-    /// All four, in the paper's order.
-    pub const ALL: [Variant; 4] = [Variant::Raw, Variant::Mpobs, Variant::Caps, Variant::Both];
-
-    /// Its name in files and on command lines.
-    pub fn name(self) -> &'static str {
-        match self {
-            Variant::Raw => "raw",
-            Variant::Mpobs => "mpobs",
-            Variant::Caps => "caps",
-            Variant::Both => "both",
-        }
-    }
-
-    /// Whether the policy is told predictions and paid for them.
-    pub fn predicts(self) -> bool {
-        matches!(self, Variant::Mpobs | Variant::Both)
-    }
-
-    /// Whether the policy's changes are penalised.
-    pub fn smooths(self) -> bool {
-        matches!(self, Variant::Caps | Variant::Both)
-    }
-}
-
-impl std::str::FromStr for Variant {
-    type Err = String;
-
-    fn from_str(name: &str) -> Result<Self, String> {
-        let known = || Variant::ALL.map(Variant::name).join(", ");
-        Variant::ALL
-            .into_iter()
-            .find(|v| v.name() == name)
-            .ok_or_else(|| format!("`{name}` is no variant; there are {}", known()))
-    }
-}
-
-/// How the numbers of an observation are put to the network.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Features {
-    /// Each pressure and goal by itself, scaled: what the paper describes.
-    Plain,
-    /// Errors to the goal of the same tick, changes of the goal, and the goal itself.
-    Errors,
-}
-
-/// Where the plan comes from that MPObs rolls ahead: a policy's outputs for the next five ticks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Plan {
-    /// From the rewards, as in the paper.
-    Learned,
-    /// The actor answers for now alone; what comes later is fitted at the end to what the policy then does.
-    Fitted,
-}
-
-/// What the policy is told and answers.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct PolicySettings {
-    /// Version of the observation contract: 1 is the paper's, 2 corrects the fallback.
-    pub contract: u32,
-    /// Ablation.
-    pub variant: Variant,
-    /// How observations are put to the network.
-    pub features: Features,
-    /// Where the plan comes from.
-    pub plan: Plan,
-    /// Units of the hidden layers.
-    pub hidden: [usize; 2],
-    /// Factor of the actor's last layer at the start: a small one starts with hardly any action.
-    pub first_output_scale: f64,
-    /// Logarithm of the actor's standard deviation at the start.
-    pub first_log_std: f64,
-}
-
-impl Default for PolicySettings {
-    fn default() -> Self {
-        PolicySettings {
-            contract: 1,
-            variant: Variant::Both,
-            features: Features::Plain,
-            plan: Plan::Learned,
-            hidden: [256, 256],
-            first_output_scale: 1.0,
-            first_log_std: 0.0,
-        }
-    }
-}
-
-/// Soft Actor-Critic (paper, Table IV).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SacSettings {
-    /// Adam's learning rate, of all three losses.
-    pub learning_rate: f64,
-    /// Share of the learning rate that is left after `annealed_over_steps`, towards which it falls linearly; the paper's
-    /// rate is constant, 1.
-    pub annealed_to: f64,
-    /// Steps over which the learning rate falls. Not the run's length: a run must not depend on how far it was planned, or
-    /// going on with it would not be the run that was planned so far at once.
-    pub annealed_over_steps: u64,
-    /// Discount γ.
-    pub discount: f64,
-    /// Target smoothing τ.
-    pub soft_update: f64,
-    /// Samples per update.
-    pub batch: usize,
-    /// Transitions that are kept.
-    pub replay: usize,
-    /// Entropy that the temperature aims at; the paper has −dim(a) = −12.
-    pub target_entropy: f64,
-    /// Temperature at the start.
-    pub first_temperature: f64,
-}
-
-impl Default for SacSettings {
-    fn default() -> Self {
-        SacSettings {
-            learning_rate: 3e-4,
-            annealed_to: 1.0,
-            annealed_over_steps: 512_000,
-            discount: 0.9,
-            soft_update: 0.005,
-            batch: 128,
-            replay: 500_000,
-            target_entropy: -12.0,
-            first_temperature: 1.0,
-        }
-    }
-}
-
-/// Conditioning for action policy smoothness (paper, Table IV).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct CapsSettings {
-    /// λ_T.
-    pub temporal: f64,
-    /// λ_S.
-    pub spatial: f64,
-    /// σ of the spatial term on pressures, in kPa.
-    pub sigma_kpa: f64,
-    /// σ of the spatial term on duties that the second contract tells.
-    pub sigma_duty: f64,
-}
-
-impl Default for CapsSettings {
-    fn default() -> Self {
-        CapsSettings { temporal: 1.0, spatial: 0.4, sigma_kpa: 1.5, sigma_duty: 0.0 }
     }
 }
 

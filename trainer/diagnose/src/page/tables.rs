@@ -74,7 +74,7 @@ pub(super) fn suspects(findings: &Findings<'_, '_>) -> Table {
         findings.bench.rig.sensors.values().nth(*channel).map_or_else(String::new, |s| s.volume.clone())
     };
     let mut table = Table::new(["switched on alone", "gain in log-likelihood", "time scale (s)", "size"]).caption(
-        "Each equation given a free error of its own, one at a time: which one mends the most? An error that may be \
+        "Each equation given a free error of its own, one at a time: which one explains the most? An error that may be \
          anything at any time gains far more than a mechanism can. Time scales and sizes are the best of a coarse grid.",
     );
     for s in &findings.missing.suspicions {

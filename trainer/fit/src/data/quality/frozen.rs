@@ -104,6 +104,7 @@ mod tests {
         let mut readings = wave(300.0);
         readings[100..700].fill(1.5);
         readings[900..1100].fill(1.5);
-        assert_eq!(runs(&readings).collect::<Vec<_>>(), [100..700]);
+        let found: Vec<Range<usize>> = runs(&readings).collect();
+        assert!(found.len() == 1 && found[0] == (100..700), "{found:?}");
     }
 }

@@ -62,7 +62,7 @@ fn keyed(rig: &Rig, column: &str, says: impl Fn(&Term) -> Option<String>) -> Str
     let said = only_term(rig, column).and_then(|term| Some((says(&term)?, term)));
     match said {
         Some((says, term)) => format!("[recording] columns.{column} = {{ from = \"{}\", {says} }}", term.from),
-        None => format!("mend [recording] columns.{column}"),
+        None => format!("fix [recording] columns.{column}"),
     }
 }
 

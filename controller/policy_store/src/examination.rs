@@ -1,0 +1,119 @@
+//! The thread that examines: files on their way to the rig, and what controls on each model that is put in force.
+
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender};
+use std::sync::{Arc, Mutex};
+
+use admission::{Admitted, Examiner, Refusal, Standing, Tally};
+use handover::PolicyTag;
+use model::rig::Rig;
+use policy::Links;
+
+use crate::board::Board;
+use crate::desk::locked;
+use crate::watch::{Look, Settled};
+
+/// Makes the examiner for a model, in the store's own thread: it flies the fallback through the trial, which takes a second
+/// or two.
+pub type MakeExaminer = Box<dyn Fn(&Rig) -> Result<Examiner, String> + Send>;
+
+/// How policies are examined, and on which model at first.
+pub struct Examination {
+    /// The model in force at the start.
+    pub model: Rig,
+    /// Makes the examiner for this model, and for each that is put in force after it.
+    pub examiner: MakeExaminer,
+}
+
+/// What the examining thread is given.
+pub(crate) enum Job {
+    /// A file on its way through the stages.
+    File { settled: Settled, incumbent: Option<Vec<Tally>> },
+    /// Another model is in force.
+    Model(Box<Rig>),
+}
+
+/// What comes back from it.
+pub(crate) enum Outcome {
+    /// What became of a file.
+    File { settled: Settled, outcome: Box<Result<(Admitted, Arc<[u8]>), Refusal>> },
+    /// A file was changed or taken away before or while it was examined: whatever was found is of another one.
+    Changed(Settled),
+    /// How what controls stands against the fallback on the model of this name.
+    Standing { tag: PolicyTag, standing: Standing, model: String },
+}
+
+/// Examines what it is given until nobody gives or takes any more.
+pub(crate) fn examine_all(
+    examination: Examination,
+    board: &Mutex<Board>,
+    todo: &Receiver<Job>,
+    done: &Sender<Outcome>,
+    stop: &AtomicBool,
+) {
+    let Examination { mut model, examiner: make } = examination;
+    let mut examiner = match make(&model) {
+        Ok(examiner) => examiner,
+        Err(problem) => {
+            locked(board).problem = Some(format!("policies cannot be examined: {problem}"));
+            return;
+        }
+    };
+    if !hold_against_fallback(&examiner, &model.name, board, done) {
+        return;
+    }
+    let mut waiting = VecDeque::new();
+    while let Some(job) = next_job(todo, &mut waiting) {
+        if stop.load(Ordering::Relaxed) {
+            return;
+        }
+        let told = match job {
+            Job::File { settled, incumbent } => {
+                let incumbent = incumbent.as_deref().unwrap_or(examiner.fallback());
+                if Look::at(&settled.path) != Some(settled.look) {
+                    done.send(Outcome::Changed(settled)).is_ok()
+                } else {
+                    let outcome = Box::new(examiner.examine_file(&settled.path, Links::Refuse, incumbent));
+                    let same = Look::at(&settled.path) == Some(settled.look);
+                    let found = if same { Outcome::File { settled, outcome } } else { Outcome::Changed(settled) };
+                    done.send(found).is_ok()
+                }
+            }
+            Job::Model(new) => match make(&new) {
+                Ok(on_new) => {
+                    (examiner, model) = (on_new, *new);
+                    locked(board).forget_standings();
+                    hold_against_fallback(&examiner, &model.name, board, done)
+                }
+                Err(problem) => {
+                    let why = format!("policies are still examined on model {}: {problem}", model.name);
+                    locked(board).problem = Some(why);
+                    true
+                }
+            },
+        };
+        if !told {
+            return;
+        }
+    }
+}
+
+/// The next job; another model comes before all files that wait, for what controls is held against the fallback on it.
+fn next_job(todo: &Receiver<Job>, waiting: &mut VecDeque<Job>) -> Option<Job> {
+    if waiting.is_empty() {
+        waiting.push_back(todo.recv().ok()?);
+    }
+    waiting.extend(todo.try_iter());
+    let model = waiting.iter().position(|job| matches!(job, Job::Model(_)));
+    waiting.remove(model.unwrap_or(0))
+}
+
+/// Flies what controls through the trial on the model in force; `false` where nobody takes the outcome any more.
+fn hold_against_fallback(examiner: &Examiner, model: &str, board: &Mutex<Board>, done: &Sender<Outcome>) -> bool {
+    let held = locked(board).to_be_held();
+    let Some((tag, bytes)) = held else { return true };
+    let Some((standing, tallies)) = examiner.stand(&bytes) else { return true };
+    locked(board).flown(tag, tallies);
+    done.send(Outcome::Standing { tag, standing, model: model.to_owned() }).is_ok()
+}
