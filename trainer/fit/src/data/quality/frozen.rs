@@ -3,7 +3,8 @@
 //! Where readings scatter by noise a second of equal ones is told ([`super::readings`]). A reading that hardly scatters (a fine
 //! sensor behind a coarse converter, or one that stands for most of the recording) leaves no noise to tell by. Ten
 //! seconds of the very same digits while every command and another pressure go over a tenth of their way are no plant either: the
-//! chambers are tied together by the pump, and a chamber that is shut off has a command that stands.
+//! chambers are tied together by the pump, and a chamber that is shut off has a command that stands. A coarse reading is not asked:
+//! a good controller may hold a pressure within one of its steps for as long.
 
 use std::ops::Range;
 
@@ -18,6 +19,8 @@ const LONG_S: f64 = 10.0;
 const MOVES: f64 = 0.1;
 /// Time at the beginning of the run in which what moves may still be what came before it, in s.
 const BEFORE_S: f64 = 1.0;
+/// Steps of the converter, at least, that all that a channel moves through is worth: one of a thousand is 0.1 kPa of 100.
+const FINE: f64 = 1000.0;
 /// Share of a recording from which on it is of no use.
 const TOO_MUCH: f64 = 0.2;
 
@@ -25,6 +28,9 @@ const TOO_MUCH: f64 = 0.2;
 pub(super) fn check(records: &Records, record: usize, channel: usize, usable: &mut [f64], findings: &mut Vec<Finding>) {
     let (Some(r), Some(column)) = (records.records().get(record), records.sensors().get(channel)) else { return };
     let readings = records.channel_kpa(record, channel);
+    if !is_fine(readings) {
+        return;
+    }
     let others: Vec<&[f64]> =
         (0..records.sensors().len()).filter(|c| *c != channel).map(|c| records.channel_kpa(record, c)).collect();
     let inputs: Vec<&[f64]> = r.inputs.iter().map(Vec::as_slice).filter(|input| is_graded(input)).collect();
@@ -68,6 +74,15 @@ fn stands_alone(run: &Range<usize>, inputs: &[&[f64]], others: &[&[f64]]) -> boo
     !inputs.is_empty() && inputs.iter().all(moves) && others.iter().any(moves)
 }
 
+/// Whether neighbouring readings are a small step apart.
+fn is_fine(readings: &[f64]) -> bool {
+    let mut sorted = readings.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.dedup();
+    let step = sorted.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+    span(readings) > FINE * step
+}
+
 /// Whether a command is more than a switch.
 fn is_graded(input: &[f64]) -> bool {
     span(input) > 0.0 && input.iter().any(|x| *x != 0.0 && *x != 1.0)
@@ -97,6 +112,13 @@ mod tests {
         assert!(!stands_alone(&run, &[&duty, &shut], &[&moving]), "a chamber that is shut off may rest");
         assert!(!stands_alone(&run, &[&duty, &duty], &[&resting]), "with the pump off both rest");
         assert!(!stands_alone(&run, &[&duty, &duty], &[]), "of one chamber alone this says nothing");
+    }
+
+    #[test]
+    fn a_coarse_reading_is_not_asked() {
+        let fine = wave(300.0);
+        let coarse: Vec<f64> = fine.iter().map(|x| (x * 100.0).round() / 100.0).collect();
+        assert!(is_fine(&fine) && !is_fine(&coarse) && !is_fine(&[]) && !is_fine(&[1.0; 600]));
     }
 
     #[test]
