@@ -23,15 +23,32 @@ fn largest_sums(flight: &mut Flight, ticks: u32) -> [f64; 2] {
     largest
 }
 
+/// Ticks after which [`swinging`] is where it began.
+const PERIOD: u32 = 2_000;
+
+/// The paper's reference without its slope, for ten minutes: how many ticks a change of the model takes depends on the computer, and
+/// what is compared is the same phase of the same swing.
+fn swinging() -> Reference {
+    use std::f64::consts::TAU;
+    let row = |k: u32| {
+        let t = f64::from(k) / 50.0;
+        format!("{t:.2},{:.6},{:.6}\n", 90.0 + 6.0 * (TAU * t / 8.0).sin(), -70.0 + 3.0 * (TAU * t / 10.0).sin())
+    };
+    let text: String =
+        std::iter::once("time_s,ref_pos_kpa,ref_neg_kpa\n".to_owned()).chain((0..30_000).map(row)).collect();
+    Reference::parse("swinging", text.as_bytes()).unwrap()
+}
+
 #[test]
 fn the_monitor_takes_over_the_model_that_is_put_in() {
     let (bench, nominal) = (Rig::builtin("bench").unwrap(), Rig::builtin("dual_pressure").unwrap());
     let folder = Folder::new();
     let file = folder.write("bench.toml", bench.to_toml().unwrap());
-    let cycle = Cycle::new(&nominal, None, Reference::paper(), Safety::default(), Arming::Automatic).unwrap();
+    let cycle = Cycle::new(&nominal, None, swinging(), Safety::default(), Arming::Automatic).unwrap();
     let mut flight = Flight::new(&bench, cycle, 3);
+    // A period with the nominal model, from where the rig has settled.
     largest_sums(&mut flight, 300);
-    let before = largest_sums(&mut flight, 700);
+    let before = largest_sums(&mut flight, PERIOD);
     let desk = flight.cycle.duty_source().tracking().models();
     let changing = std::thread::spawn(move || desk.change(&file, &Permit::unlimited()));
     while !changing.is_finished() {
@@ -39,9 +56,9 @@ fn the_monitor_takes_over_the_model_that_is_put_in() {
     }
     let changed = changing.join().unwrap();
     assert!(changed.as_ref().is_ok_and(|new| new.line.contains("is in force")), "{changed:?}");
-    // Where in its play the new model's valve stands is known once it has moved through it: 3 s at the most, at any phase.
+    // Where in its backlash the new model's valve stands is known once it has moved through it: 3 s at the most, at any phase.
     largest_sums(&mut flight, 200);
-    let after = largest_sums(&mut flight, 700);
+    let after = largest_sums(&mut flight, PERIOD);
     println!("sums over half a second: {before:?} kPa before, {after:?} after");
     for c in 0..2 {
         assert!(after[c] < 0.5 * before[c], "{before:?} {after:?}");
