@@ -14,8 +14,8 @@ pub enum Explained {
     Wrong([String; 2]),
 }
 
-/// Parses the program's own command line. A number below zero behind an option is that option's value, whether it takes one or not:
-/// what is said of it then names the option.
+/// Parses the program's own command line. A number below zero behind an option that takes a value is its value, so that what is
+/// said of it names the option.
 ///
 /// # Errors
 /// As clap has it; [`explain`] puts it into words.
@@ -48,10 +48,7 @@ fn explain_of(command: &Command, error: &clap::Error, given: impl Iterator<Item 
             format!("no command given; there are {}", commands(meant).join(", ")),
             format!("see {name} --help"),
         ]),
-        ErrorKind::ValueValidation => {
-            Explained::Wrong([about_numbers(&in_one_line(&text)), format!("see {name} --help")])
-        }
-        _ => Explained::Wrong([in_one_line(&text), format!("see {name} --help")]),
+        _ => Explained::Wrong([about_numbers(in_one_line(&text)), format!("see {name} --help")]),
     }
 }
 
@@ -73,8 +70,8 @@ fn commands(command: &Command) -> Vec<&str> {
     command.get_subcommands().filter(|c| !c.is_hide_set()).map(Command::get_name).collect()
 }
 
-/// What the standard library says of a number that is none, in words that name what would do.
-fn about_numbers(line: &str) -> String {
+/// Puts what the standard library says of a number that is none into words that name what would do; other lines stay.
+fn about_numbers(line: String) -> String {
     const SAID: [(&str, &str); 5] = [
         ("invalid digit found in string", "a whole number, 0 or more, is needed"),
         ("cannot parse integer from empty string", "a whole number, 0 or more, is needed"),
@@ -83,7 +80,7 @@ fn about_numbers(line: &str) -> String {
         ("cannot parse float from empty string", "a number is needed"),
     ];
     let said = SAID.iter().find_map(|(theirs, ours)| Some(format!("{}{ours}", line.strip_suffix(theirs)?)));
-    said.unwrap_or_else(|| line.to_owned())
+    said.unwrap_or(line)
 }
 
 /// What clap says before its usage line, in one line.

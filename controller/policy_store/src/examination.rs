@@ -18,7 +18,7 @@ use crate::watch::{Look, Settled};
 /// or two.
 pub type MakeExaminer = Box<dyn Fn(&Rig) -> Result<Examiner, String> + Send>;
 
-/// How policies are examined, and on which model at first.
+/// The way in which policies are examined, and the model at first.
 pub struct Examination {
     /// The model in force at the start.
     pub model: Rig,
@@ -26,7 +26,7 @@ pub struct Examination {
     pub examiner: MakeExaminer,
 }
 
-/// What the examining thread is given.
+/// A job for the examining thread.
 pub(crate) enum Job {
     /// A file on its way through the stages.
     File { settled: Settled, incumbent: Option<Vec<Tally>> },
@@ -34,13 +34,13 @@ pub(crate) enum Job {
     Model(Box<Rig>),
 }
 
-/// What comes back from it.
+/// An answer of the examining thread.
 pub(crate) enum Outcome {
-    /// What became of a file.
+    /// A file has been through the stages.
     File { settled: Settled, outcome: Box<Result<(Admitted, Arc<[u8]>), Refusal>> },
     /// A file was changed or taken away before or while it was examined: whatever was found is of another one.
     Changed(Settled),
-    /// How what controls stands against the fallback on the model of this name.
+    /// The policy that controls has been held against the fallback on the model of this name.
     Standing { tag: PolicyTag, standing: Standing, model: String },
 }
 

@@ -60,7 +60,7 @@ const CALM_SPAN: f64 = 0.01;
 const CALM_LEAST: usize = 300;
 
 /// Largest less smallest; infinite of nothing.
-fn span(numbers: Option<&[f64]>) -> f64 {
+pub(super) fn span(numbers: Option<&[f64]>) -> f64 {
     let (low, high) = numbers
         .unwrap_or_default()
         .iter()

@@ -98,16 +98,8 @@ pub fn undetermined(fitted: &Fitted) -> Vec<String> {
         match shown.as_slice() {
             [(one, _)] => said.push(format!("{} hardly shows", name(*one))),
             [(first, sign), rest @ ..] => {
-                let others: Vec<String> = rest
-                    .iter()
-                    .map(|(i, c)| format!("{} {}", if c * sign > 0.0 { "raising" } else { "lowering" }, name(*i)))
-                    .collect();
-                said.push(format!(
-                    "raising {} looks the same as {}",
-                    name(*first),
-                    // To move along the direction leaves the readings as they are: what one does the others undo.
-                    joined(&inverted(&others))
-                ));
+                // To move along the direction leaves the readings as they are: what one does the others undo.
+                said.push(format!("raising {} looks the same as {}", name(*first), moves(rest, -sign, name)));
             }
             [] => {}
         }
@@ -153,38 +145,29 @@ pub fn determined(fitted: &Fitted) -> Vec<String> {
             crate::parameters::Transform::Log => format!("{:.2} %", 100.0 * known),
             crate::parameters::Transform::Linear => format!("{known:.3} {}", estimate.parameter.unit()),
         };
-        let others: Vec<String> = parts
-            .iter()
-            .skip(1)
-            .map(|(i, c)| format!("{} {}", if c * largest > 0.0 { "raising" } else { "lowering" }, name(*i)))
-            .collect();
-        said.push(if others.is_empty() {
-            format!("{} is known to {known}", name(first))
-        } else {
-            format!("what raising {0} while {1} does is known to {known} of {0}", name(first), joined(&others))
+        said.push(match parts.get(1..) {
+            None | Some([]) => format!("{} is known to {known}", name(first)),
+            Some(others) => format!(
+                "what raising {0} while {1} does is known to {known} of {0}",
+                name(first),
+                moves(others, largest, name)
+            ),
         });
     }
     said
 }
 
-/// Words with commas and an "and" before the last.
-fn joined(words: &[String]) -> String {
-    match words {
+/// Says how parts of a combination move where one of the sign `with` is raised: "raising a, lowering b and raising c".
+fn moves<'n>(parts: &[(usize, f64)], with: f64, name: impl Fn(usize) -> &'n str) -> String {
+    let words: Vec<String> = parts
+        .iter()
+        .map(|(i, c)| format!("{} {}", if c * with > 0.0 { "raising" } else { "lowering" }, name(*i)))
+        .collect();
+    match words.as_slice() {
         [] => String::new(),
         [one] => one.clone(),
         [first @ .., last] => format!("{} and {last}", first.join(", ")),
     }
-}
-
-/// The opposite of each "raising"/"lowering".
-fn inverted(parts: &[String]) -> Vec<String> {
-    parts
-        .iter()
-        .map(|p| match p.strip_prefix("raising") {
-            Some(rest) => format!("lowering{rest}"),
-            None => p.replacen("lowering", "raising", 1),
-        })
-        .collect()
 }
 
 /// Whether the free run of a channel is down to the noise.

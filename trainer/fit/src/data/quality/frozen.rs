@@ -10,8 +10,10 @@ use std::ops::Range;
 
 use proto::recording::PERIOD_S;
 
-use super::{Finding, Severity, Trouble};
+use super::readings::severity_of;
+use super::{Finding, Trouble};
 use crate::data::Records;
+use crate::data::noise::span;
 
 /// Shortest run of equal readings that is asked for, in s.
 const LONG_S: f64 = 10.0;
@@ -21,8 +23,6 @@ const MOVES: f64 = 0.1;
 const BEFORE_S: f64 = 1.0;
 /// Steps of the converter, at least, that all that a channel moves through is worth: one of a thousand is 0.1 kPa of 100.
 const FINE: f64 = 1000.0;
-/// Share of a recording from which on it is of no use.
-const TOO_MUCH: f64 = 0.2;
 
 /// Masks the rows of such runs in one channel of one recording, and tells them.
 pub(super) fn check(records: &Records, record: usize, channel: usize, usable: &mut [f64], findings: &mut Vec<Finding>) {
@@ -41,17 +41,16 @@ pub(super) fn check(records: &Records, record: usize, channel: usize, usable: &m
     for run in frozen {
         usable.get_mut(run).unwrap_or_default().fill(0.0);
     }
-    let share = rows as f64 / readings.len() as f64;
+    let percent = 100.0 * rows as f64 / readings.len() as f64;
     findings.push(Finding {
         source: r.source.clone(),
         column: column.clone(),
-        severity: if share > TOO_MUCH { Severity::Unusable } else { Severity::Doubtful },
+        severity: severity_of(percent),
         trouble: Trouble::Stuck,
         text: format!(
-            "stuck: the same reading for up to {:.1} s ({:.1} % of the recording) while commands and the other channel move; left \
+            "stuck: the same reading for up to {:.1} s ({percent:.1} % of the recording) while commands and the other channel move; left \
              out. Look for a dead sensor or a logger that holds the last value",
             longest as f64 * PERIOD_S,
-            100.0 * share
         ),
     });
 }
@@ -70,7 +69,7 @@ fn runs(readings: &[f64]) -> impl Iterator<Item = Range<usize>> {
 /// Whether every command and some other channel move during a run.
 fn stands_alone(run: &Range<usize>, inputs: &[&[f64]], others: &[&[f64]]) -> bool {
     let within = run.start + (BEFORE_S / PERIOD_S) as usize..run.end;
-    let moves = |x: &&[f64]| x.get(within.clone()).is_some_and(|part| span(part) > MOVES * span(x));
+    let moves = |x: &&[f64]| x.get(within.clone()).is_some_and(|part| span(Some(part)) > MOVES * span(Some(x)));
     !inputs.is_empty() && inputs.iter().all(moves) && others.iter().any(moves)
 }
 
@@ -80,17 +79,12 @@ fn is_fine(readings: &[f64]) -> bool {
     sorted.sort_by(f64::total_cmp);
     sorted.dedup();
     let step = sorted.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
-    span(readings) > FINE * step
+    span(Some(readings)) > FINE * step
 }
 
 /// Whether a command is more than a switch.
 fn is_graded(input: &[f64]) -> bool {
-    span(input) > 0.0 && input.iter().any(|x| *x != 0.0 && *x != 1.0)
-}
-
-fn span(x: &[f64]) -> f64 {
-    let (low, high) = x.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-    if low < high { high - low } else { 0.0 }
+    span(Some(input)) > 0.0 && input.iter().any(|x| *x != 0.0 && *x != 1.0)
 }
 
 #[cfg(test)]

@@ -38,9 +38,9 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], usable: &mut 
                 findings.push(Finding { source: r.source.clone(), column: column.clone(), severity, trouble, text });
             };
             let of = Channel { values: &values, sigma, range: range_of(rig, column), sampling_s: r.sampling_s };
-            of.check(&mut mask, add);
+            let smooth = of.check(&mut mask, add);
             let usable = usable.get_mut(records.layout().channel(record, channel)).unwrap_or_default();
-            if !scatters(&values) && distinct(&values) >= DISTINCT {
+            if smooth {
                 frozen::check(records, record, channel, usable, findings);
             }
             for (row, kept) in rows.iter().zip(&mask) {
@@ -63,9 +63,10 @@ struct Channel<'a> {
 }
 
 impl Channel<'_> {
-    /// Masks what cannot be trusted and tells it.
-    fn check(&self, mask: &mut [f64], mut add: impl FnMut(Severity, Trouble, String)) {
-        if distinct(self.values) < DISTINCT && self.values.len() >= STUCK_ROWS {
+    /// Masks what cannot be trusted and tells it; whether the reading moves without noise that would tell one that is stuck.
+    fn check(&self, mask: &mut [f64], mut add: impl FnMut(Severity, Trouble, String)) -> bool {
+        let moves = distinct(self.values) >= DISTINCT;
+        if !moves && self.values.len() >= STUCK_ROWS {
             let at = self.values.iter().copied().fold(f64::INFINITY, f64::min);
             add(
                 Severity::Unusable,
@@ -73,16 +74,18 @@ impl Channel<'_> {
                 format!("flat: {at:.2} kPa throughout; check the sensor, its cable and its converter's channel"),
             );
             mask.fill(0.0);
-            return;
+            return false;
         }
         // Noise within a single recording, for another recording's noise is no proof that this one has any.
-        if scatters(self.values) {
+        let scatters = scatters(self.values);
+        if scatters {
             stuck(self.values, mask, self.range, self.sampling_s, &mut add);
         }
         // Between samples further apart a plant may well go somewhere and come back.
         if self.sampling_s < WILD_SAMPLING_S {
             wild(self.values, self.sigma, mask, &mut add);
         }
+        moves && !scatters
     }
 }
 
@@ -152,7 +155,7 @@ fn stuck(
         start = row;
     }
     let share = |rows: usize| 100.0 * rows as f64 / values.len() as f64;
-    let severity = |rows: usize| if share(rows) > 20.0 { Severity::Unusable } else { Severity::Doubtful };
+    let severity = |rows: usize| severity_of(share(rows));
     if clipped > 0 {
         let end = range.is_some_and(|[l, h]| (at_limit - l).abs().min((at_limit - h).abs()) < 0.02 * (h - l));
         let whose = if end { "the end of the sensor's range" } else { "a limit (sensor, amplifier or converter)" };
@@ -178,6 +181,11 @@ fn stuck(
             ),
         );
     }
+}
+
+/// How bad it is that this share of a channel's readings, in per cent, is left out.
+pub(super) fn severity_of(percent: f64) -> Severity {
+    if percent > 20.0 { Severity::Unusable } else { Severity::Doubtful }
 }
 
 /// What nine of ten readings lie within, in kPa: single wild ones do not widen it.
