@@ -273,6 +273,10 @@ fn policy_sentence(event: &Event) -> String {
             format!("ramp, {:.0} % authority", 100.0 * LEVELS.get(level).copied().unwrap_or(1.0))
         }
         StageNow::Recheck => "recheck, no authority while the incumbent is measured anew".to_owned(),
+        StageNow::Retrial => {
+            "retrial: it erred more than what it is to replace, which is measured anew before that is held against it"
+                .to_owned()
+        }
         StageNow::Probation => "probation, full authority".to_owned(),
     };
     match event.code {

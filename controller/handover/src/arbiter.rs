@@ -25,10 +25,13 @@ use crate::loss::Loss;
 use crate::record::Record;
 use crate::remainder::{Remainder, away};
 use crate::seat::{Answer, PolicyAnswer, Seat, layout_of};
-use crate::stages::{Next, StageNow, Stages};
+use crate::stages::{Next, Stages};
 
 /// Seconds after arming that are not held against anybody: the rig comes from rest.
 const APPROACH_TICKS: u32 = 250;
+/// Ticks after arming before errors are recorded: the fallback learns the valves' backlash, and errs up to five times what it does
+/// a minute later.
+const LEARNING_TICKS: u32 = 3000;
 /// Duties that differ by less were not changed by anybody: roundings of a wire's f32.
 const SAME_DUTY: f64 = 1e-6;
 
@@ -361,7 +364,7 @@ impl Arbiter {
         }
         let alone =
             self.candidate.as_ref().is_none_or(|(_, stages)| stages.incumbent_alone()) && self.noise == NO_NOISE;
-        if alone {
+        if alone && self.ticks >= LEARNING_TICKS {
             self.record.add(self.kinds, self.error_kpa, change_duty);
         }
         let shown =
@@ -370,12 +373,7 @@ impl Arbiter {
         let tag = seat.tag();
         match stages.end_tick(&shown, &self.record) {
             Next::Stay => None,
-            Next::Passed(stage) => {
-                if stage == StageNow::Recheck {
-                    self.record = Record::default();
-                }
-                Some(self.told(PolicyEvent::Passed(tag, stage.code())))
-            }
+            Next::Passed(stage) => Some(self.told(PolicyEvent::Passed(tag, stage.code()))),
             Next::Active => self.promote(),
             Next::Lost(loss) => {
                 self.remainder = Remainder::FROM_SENT;

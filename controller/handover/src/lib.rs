@@ -1,9 +1,11 @@
 //! From one policy to the next while the rig is controlled, without a bump and with a way back.
 //!
 //! ```text
-//!            250 ticks and a record     5 levels, each passed    the incumbent measured anew     500 ticks in full
-//!  candidate ── SHADOW ──────▶ RAMP 5 … 70 % ──────▶ RECHECK ──────▶ RAMP 100 % ──────▶ PROBATION ──────▶ active
-//!                 ▲                  │                                    │                  │
+//!            250 ticks and a record     4 levels, each passed    the incumbent measured anew     500 ticks in full
+//!  candidate ── SHADOW ──────▶ RAMP 5 … 40 % ──────▶ RECHECK ──────▶ RAMP 70, 100 % ──▶ PROBATION ──────▶ active
+//!                 ▲               ▲  │                                    │                  │
+//!                 │               └──┼──── RETRIAL ◀── erred more, ───────┤                  │
+//!                 │                  │                 twice at most      │                  │
 //!                 │                  └──── refused: the incumbent alone decides from this very tick
 //!                 └──── something went wrong that the candidate had no part in
 //! ```
@@ -12,11 +14,12 @@
 //! | --- | --- |
 //! | [`conditions`] | what kind of tick it is: rest, motion, a jump; errors are only compared in like conditions |
 //! | [`record`] | the incumbent's own errors, by condition |
-//! | [`sequential_test`] | Wald's test: as good as the incumbent, or half as much error again? |
-//! | [`stages`] | shadow, ramp, recheck, probation: how much authority a candidate has |
+//! | [`sequential_test`] | Wald's test: as good as the incumbent, or worse than may be? |
+//! | [`stages`] | shadow, ramp, recheck, retrial, probation: how much authority a candidate has |
 //! | [`conduct`] | interventions, far-off pressures, hunting, and whether the candidate had a part in them |
 //! | [`loss`] | why a candidate loses its authority |
 //! | [`arbiter`] | incumbent and candidate side by side; who decides, and what came of it for the policies |
+//! | `share` | whether a candidate's part in the commands can explain the errors |
 //! | `seat`, `blend`, `remainder` | a policy in its law; two decisions in one; what is left of a bump decays |
 //! | [`exploration`] | bounded noise on the active policy's answer |
 //! | [`permit`] | until when a request counts that takes work before it is handed over |
@@ -37,6 +40,7 @@ pub mod record;
 mod remainder;
 mod seat;
 pub mod sequential_test;
+mod share;
 pub mod stages;
 
 pub use arbiter::{Arbiter, ArbitratedCommand, Trust};

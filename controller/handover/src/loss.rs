@@ -8,7 +8,7 @@ pub enum Loss {
     NotFinite = 1,
     /// Its errors are worse than the incumbent's in like conditions.
     Worse = 2,
-    /// It was not found as good within a minute on a level.
+    /// It was not found as good within three minutes on a level.
     Undecided = 3,
     /// The safety filter had to bend commands that it had a part in.
     Filtered = 4,
@@ -44,7 +44,7 @@ impl Loss {
         match self {
             Loss::NotFinite => "answers something that is not finite",
             Loss::Worse => "its errors are worse than those of what it was to replace, in like conditions",
-            Loss::Undecided => "not found as good as what it was to replace within a minute on one level",
+            Loss::Undecided => "not found as good as what it was to replace within three minutes on one level",
             Loss::Filtered => "the safety filter had to bend its commands",
             Loss::Hunts => "its duties hunt",
             Loss::FarOff => "the pressures went far from the reference",

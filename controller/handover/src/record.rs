@@ -4,8 +4,8 @@ use model::observation::{CHANNELS, Pair};
 
 use crate::conditions::KINDS;
 
-/// Ticks over which the record forgets: a minute, for a rig that warms up.
-const WINDOW_TICKS: f64 = 3000.0;
+/// Ticks over which the record forgets: two minutes, for a rig that warms up and for references whose stretches differ.
+const WINDOW_TICKS: f64 = 6000.0;
 /// Ticks of a kind from which on its mean counts: two seconds.
 const ENOUGH_TICKS: f64 = 100.0;
 /// What the converter's noise and the pump's ripple leave to the best of controllers, in kPa.

@@ -14,6 +14,8 @@ use proto::reference::Reference;
 const SCATTER_KPA: [f64; 2] = [0.3, 0.03];
 /// The largest change of a duty while one controller decides on the paper's reference (0.025), and twice that for the blend.
 const CALM_DUTY: f64 = 0.06;
+/// Twenty minutes: how long a candidate may be on its way here.
+const MOST_TICKS: u32 = 60_000;
 
 fn rms(errors: &[[f64; 2]], c: usize) -> f64 {
     (errors.iter().map(|e| e[c] * e[c]).sum::<f64>() / errors.len() as f64).sqrt()
@@ -36,8 +38,8 @@ fn a_better_policy_comes_to_full_authority_within_ten_minutes() {
         .iter()
         .filter_map(|(_, event)| if let PolicyEvent::Passed(_, stage) = event { Some(*stage) } else { None })
         .collect();
-    // All of the command comes behind the recheck.
-    assert_eq!(stages, [1, 2, 3, 4, 5, 8, 6, 7]);
+    // More than half of the command comes behind the recheck.
+    assert_eq!(stages, [1, 2, 3, 4, 8, 5, 6, 7]);
     println!("active after {} ticks, steepest change {:.4} of duty", run.errors.len() - 400, run.steepest);
     assert!(run.steepest < CALM_DUTY, "{}", run.steepest);
     let (before, after) = (run.errors[400..1400].to_vec(), run.errors.len());
@@ -62,6 +64,68 @@ fn a_better_policy_comes_to_full_authority_within_ten_minutes() {
     assert!(run.steepest < CALM_DUTY, "{}", run.steepest);
 }
 
+/// Two sines whose turns meet for 20 s and miss each other for 20 s: the fallback leaves five times as much in one half as in the other.
+fn beating(t: f64) -> [f64; 2] {
+    let wave = |period_s: f64| (std::f64::consts::TAU * t / period_s).sin();
+    [90.0 + 6.0 * wave(8.0), -70.0 + 3.0 * wave(10.0)]
+}
+
+/// A move of some kPa in 4 s after 11 s of rest, each to another place.
+fn moves(t: f64) -> [f64; 2] {
+    let place = |k: f64| [84.0 + 12.0 * (0.618_034 * k).fract(), -73.0 + 5.0 * (0.754_878 * k).fract()];
+    let (k, share) = ((t / 15.0).floor(), ((t / 15.0).fract() * 15.0 - 11.0).max(0.0) / 4.0);
+    let smooth = share * share * (3.0 - 2.0 * share);
+    std::array::from_fn(|c| place(k)[c] + smooth * (place(k + 1.0)[c] - place(k)[c]))
+}
+
+/// Triangles whose periods have nothing in common.
+fn triangles(t: f64) -> [f64; 2] {
+    let wave = |period_s: f64| 4.0 * ((t / period_s).fract() - 0.5).abs() - 1.0;
+    [90.0 + 6.0 * wave(40.0), -71.0 + 2.0 * wave(25.0)]
+}
+
+/// A reference of a minute, in the rows that an operator's file would have.
+fn reference(at: fn(f64) -> [f64; 2]) -> Reference {
+    let rows = (0..=300).map(|k| {
+        let t = 0.2 * f64::from(k);
+        format!("{t:.1},{:.6},{:.6}\n", at(t)[0], at(t)[1])
+    });
+    let csv = std::iter::once("time_s,ref_pos_kpa,ref_neg_kpa\n".to_owned()).chain(rows).collect::<String>();
+    Reference::parse("made here", csv.as_bytes()).unwrap()
+}
+
+/// What is as good as the incumbent, because it is the incumbent with its weights off by up to 3 %, comes through, whatever the reference.
+/// `FLIGHTS=10 cargo test --release --workspace --test in_flight as_good -- --nocapture` for more.
+#[test]
+fn as_good_a_policy_comes_through_on_references_of_several_kinds() {
+    let (layout, graph) = network(&shipped());
+    let as_good = corpus::export(layout, &perturbed(&graph, 3.0, 11));
+    let (mut flights, mut arrived) = (0_u32, 0_u32);
+    for (name, kind) in [("beating", beating as fn(f64) -> [f64; 2]), ("moves", moves), ("triangles", triangles)] {
+        for seed in 0..flights_of_each() {
+            let mut run = Loop::new(Some(policy(&shipped())), reference(kind), seed);
+            run.ticks(400);
+            let candidate = Candidate::new(policy(&as_good));
+            let tag = candidate.tag;
+            assert!(run.store.ask(Command::Try(candidate, Haste::Proving)).is_ok());
+            run.until(MOST_TICKS, |run| {
+                run.arbiter.active() == tag || matches!(run.events.last(), Some((_, PolicyEvent::Lost(..))))
+            });
+            println!("{name} {seed}: {:?} after {} ticks", run.events.last(), run.errors.len());
+            flights += 1;
+            arrived += u32::from(run.arbiter.active() == tag);
+        }
+    }
+    println!("{arrived} of {flights} came to full authority");
+    // Of 30 one did not: two of six are one in two hundred.
+    assert!(arrived + flights.div_ceil(6) >= flights, "{arrived} of {flights}");
+}
+
+/// Flights on each reference, by `FLIGHTS`.
+fn flights_of_each() -> u64 {
+    std::env::var("FLIGHTS").ok().and_then(|flights| flights.parse().ok()).unwrap_or(2)
+}
+
 /// Thrown straight at the rig, past all the stages that refuse them: none comes to full authority, none leaves the
 /// envelope, the incumbent goes on. Constant corrections are left out: the fallback's integral
 /// takes them up, so they are as good as the fallback.
@@ -77,7 +141,7 @@ fn bad_policies_never_come_to_full_authority() {
         let tag = Candidate::new(policy(&bytes)).tag;
         assert!(run.store.ask(Command::Try(Candidate::new(policy(&bytes)), Haste::Proving)).is_ok());
         let mut most = 0.0_f64;
-        let lost = run.until(12_000, |run| {
+        let lost = run.until(MOST_TICKS, |run| {
             most = most.max(run.snapshot().authority);
             matches!(run.events.last(), Some((_, PolicyEvent::Lost(..))))
         });
@@ -149,7 +213,14 @@ fn candidates_can_be_withdrawn_and_replaced_and_nothing_is_freed_in_the_tick() {
         run.events.last()
     );
     assert_eq!((run.store.sweep(), run.arbiter.active()), (1, PolicyTag::FALLBACK));
-    for stage in [StageNow::Shadow, StageNow::Ramp(0), StageNow::Ramp(5), StageNow::Probation, StageNow::Recheck] {
+    for stage in [
+        StageNow::Shadow,
+        StageNow::Ramp(0),
+        StageNow::Ramp(5),
+        StageNow::Probation,
+        StageNow::Recheck,
+        StageNow::Retrial,
+    ] {
         assert_eq!(StageNow::of_code(stage.code()), stage);
     }
 }

@@ -217,10 +217,9 @@ impl Board {
         if let Some(candidate) = snapshot.candidate {
             let percent = 100.0 * snapshot.authority;
             let state = EntryState::of_stage(StageNow::of_code(snapshot.stage));
-            let on_its_way = [EntryState::Shadow, EntryState::Ramp, EntryState::Recheck, EntryState::Probation];
             // A snapshot may be older than the event that ended the way.
             let entries = self.entries.values_mut().filter(|e| e.tag() == Some(candidate));
-            for entry in entries.filter(|e| on_its_way.contains(&e.state)) {
+            for entry in entries.filter(|e| e.state.is_on_its_way()) {
                 entry.state = state;
                 entry.authority_percent = Some(percent);
             }
@@ -246,6 +245,7 @@ impl Board {
                     StageNow::Shadow => "in shadow",
                     StageNow::Ramp(_) => "next level of the ramp",
                     StageNow::Recheck => "in recheck",
+                    StageNow::Retrial => "in retrial: it erred more, and both are measured again",
                     StageNow::Probation => "in probation",
                 };
                 self.changed(tag, EntryState::of_stage(stage), what)

@@ -136,9 +136,14 @@ impl PolicyDesk {
         let known = entry.tag().and_then(|tag| Some((tag, board.bytes(tag)?)));
         match (entry.state, known) {
             (EntryState::Active, _) => Err(format!("{name} controls already")),
-            (EntryState::Shadow | EntryState::Ramp | EntryState::Recheck | EntryState::Probation, _) => {
-                Err(format!("{name} is on its way already ({})", entry.state.name()))
-            }
+            (
+                EntryState::Shadow
+                | EntryState::Ramp
+                | EntryState::Recheck
+                | EntryState::Retrial
+                | EntryState::Probation,
+                _,
+            ) => Err(format!("{name} is on its way already ({})", entry.state.name())),
             (EntryState::Checking, _) => Err(format!("{name} is still being checked; ask again in some seconds")),
             (EntryState::Refused, _) => Err(match &entry.refusal {
                 Some(refusal) => format!("{name} was refused, {refusal}"),

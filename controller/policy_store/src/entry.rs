@@ -24,6 +24,8 @@ pub enum EntryState {
     Ramp,
     /// Not used for a while, so that what it is held against is measured anew.
     Recheck,
+    /// Not used for a while either: it erred more, and what it is held against is measured anew before the ramp begins again.
+    Retrial,
     /// All of the command, with the way back open.
     Probation,
     /// What flies.
@@ -43,6 +45,7 @@ impl EntryState {
             StageNow::Shadow => EntryState::Shadow,
             StageNow::Ramp(_) => EntryState::Ramp,
             StageNow::Recheck => EntryState::Recheck,
+            StageNow::Retrial => EntryState::Retrial,
             StageNow::Probation => EntryState::Probation,
         }
     }
@@ -50,10 +53,16 @@ impl EntryState {
     /// The stage at which a candidate in this state is refused.
     pub fn stage(self) -> Stage {
         match self {
-            EntryState::Ramp | EntryState::Recheck => Stage::Ramp,
+            EntryState::Ramp | EntryState::Recheck | EntryState::Retrial => Stage::Ramp,
             EntryState::Probation => Stage::Probation,
             _ => Stage::Shadow,
         }
+    }
+
+    /// Tells whether it is between the order to try it and what comes of that.
+    pub fn is_on_its_way(self) -> bool {
+        use EntryState::{Probation, Ramp, Recheck, Retrial, Shadow};
+        matches!(self, Shadow | Ramp | Recheck | Retrial | Probation)
     }
 
     /// The word that operators read.
@@ -64,6 +73,7 @@ impl EntryState {
             EntryState::Shadow => "shadow",
             EntryState::Ramp => "ramp",
             EntryState::Recheck => "recheck",
+            EntryState::Retrial => "retrial",
             EntryState::Probation => "probation",
             EntryState::Active => "active",
             EntryState::Previous => "previous",

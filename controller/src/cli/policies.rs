@@ -48,7 +48,7 @@ fn line(entry: &Entry, width: usize) -> String {
 fn rank(state: EntryState) -> u8 {
     match state {
         EntryState::Active => 0,
-        EntryState::Probation | EntryState::Recheck | EntryState::Ramp | EntryState::Shadow => 1,
+        EntryState::Probation | EntryState::Recheck | EntryState::Retrial | EntryState::Ramp | EntryState::Shadow => 1,
         EntryState::Previous | EntryState::Passed => 2,
         EntryState::Checking => 3,
         EntryState::Refused => 4,

@@ -77,7 +77,7 @@ impl AdaptSettings {
             training: Training::WhereItGains,
             train_steps: 20_000,
             train_seconds: 180,
-            verdict_seconds: 600,
+            verdict_seconds: 900,
             seed: 1,
         }
     }
