@@ -44,6 +44,11 @@ enum By {
 enum Course {
     Paper,
     Steps,
+    /// Steps half as far, behind holds five times as long: by then the model's record is of a rig at rest. (Not as far: of 20 rigs three
+    /// cannot come from 100 to 70 kPa for as long as the negative reference is at -66 kPa, and are vented for that.)
+    RareSteps,
+    /// The same, 5 kPa/s from one to the next.
+    RareMoves,
 }
 
 /// The paper's reference or steps, again and again for so many minutes.
@@ -58,9 +63,13 @@ fn reference(course: Course, minutes: f64) -> Reference {
                 writeln!(csv, "{time_s:.2},{pos},{neg}").unwrap();
                 0.1
             }
-            Course::Steps => {
-                let (seconds, pos, neg) = STEPS[round as usize % STEPS.len()];
-                writeln!(csv, "{time_s:.2},{pos},{neg}\n{:.2},{pos},{neg}", time_s + seconds - 0.02).unwrap();
+            Course::Steps | Course::RareSteps | Course::RareMoves => {
+                let (seconds, pos, neg) = match (course, STEPS[round as usize % STEPS.len()]) {
+                    (Course::Steps, step) => step,
+                    (_, (seconds, pos, neg)) => (5.0 * seconds, 0.5 * (pos + 85.0), neg),
+                };
+                let moves_s = if course == Course::RareMoves { 3.0 } else { 0.02 };
+                writeln!(csv, "{time_s:.2},{pos},{neg}\n{:.2},{pos},{neg}", time_s + seconds - moves_s).unwrap();
                 seconds
             }
         };
@@ -169,6 +178,18 @@ fn a_rig_that_is_much_slower_than_its_model_trips_nothing() {
         .collect();
     let flights = |_: usize| vec![(By::Fallback, Course::Steps), (By::Fallback, Course::Paper)];
     assert_eq!(fly_all(&rigs, MINUTE, &flights), Vec::<String>::new());
+}
+
+/// A rig that has rested long is stepped: the record of what the model leaves is of a rest, and says nothing of a step.
+#[test]
+fn a_step_behind_a_long_hold_trips_nothing() {
+    let bench = Rig::builtin("bench").unwrap();
+    let count = std::env::var("RIGS").ok().and_then(|rigs| rigs.parse().ok()).unwrap_or(3);
+    let mut rigs: Vec<(Rig, Rig)> =
+        rigs_around(&bench, count, 11).unwrap().into_iter().map(|rig| (rig, nominal())).collect();
+    rigs.push((bench, nominal()));
+    let flights = |_: usize| vec![(By::Fallback, Course::RareSteps), (By::Policy, Course::RareMoves)];
+    assert_eq!(fly_all(&rigs, 6 * MINUTE, &flights), Vec::<String>::new());
 }
 
 /// Filling and the first half minute on rigs of which no part is as the model says: what a wrong gain looks like, and is none.

@@ -11,6 +11,7 @@ use model::predict::Predictor;
 use model::rig::{Rig, RigError};
 
 use crate::model_residual::{Limits, ModelResidual};
+use crate::reference_motion::Motion;
 use crate::slowness::Slowness;
 use crate::standing::Standing;
 
@@ -118,11 +119,11 @@ impl Contradiction {
     }
 
     /// Takes the ways of a tick under control; the sum that contradicts, in kPa, while one does.
-    pub(crate) fn judge(&mut self, ways: [Way; 2]) -> Option<f64> {
+    pub(crate) fn judge(&mut self, ways: [Way; 2], motion: Motion) -> Option<f64> {
         let factor = self.slowness.follow(ways);
         self.held = self.held.saturating_sub(1);
         let standing = self.standing.push(ways, factor);
-        if let Some(kpa) = self.sums.push(left_kpa(ways, factor), factor).or(standing) {
+        if let Some(kpa) = self.sums.push(left_kpa(ways, factor), factor, motion).or(standing) {
             (self.last_kpa, self.held) = (kpa, HELD_TICKS);
         }
         (self.held > 0).then_some(self.last_kpa)

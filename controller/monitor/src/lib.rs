@@ -8,6 +8,7 @@
 //! | [`frozen_reading`] | a reading that stands still although it used to scatter |
 //! | [`jump`] | a reading that jumps away from what it could be |
 //! | `hypothesis`, [`model_residual`] | readings against what models foresaw |
+//! | `reference_motion` | how fast the references have moved of late |
 //! | `slowness` | how many times slower a rig is than its model |
 //! | `standing` | a reading that rests where its model says that it must go on |
 //! | [`monitor_models`] | the models of all that, which can be exchanged |
@@ -29,6 +30,7 @@ pub mod loss_window;
 pub mod model_residual;
 pub mod monitor_models;
 pub mod plausibility;
+mod reference_motion;
 mod slowness;
 mod standing;
 pub mod tracking;

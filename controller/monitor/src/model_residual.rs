@@ -6,7 +6,11 @@
 //! and the reading does not.
 //!
 //! A model that is a poor one of its rig has residuals of its own. They are recorded: their mean over ten seconds is taken
-//! off, and the limits are the wider the more they scatter, within [`Limits`].
+//! off, and the limits are the wider the more they scatter, within [`Limits`]. What they scatter is recorded for each kind of motion of the
+//! references by itself ([`crate::reference_motion`]): at rest any model is a good one. What it leaves at rest depends on where it rests, so
+//! a rest behind a motion is recorded anew.
+
+use crate::reference_motion::{Motion, RECORDED_KINDS};
 
 /// Ticks of the middle sum.
 pub const SHORT: usize = 5;
@@ -15,7 +19,7 @@ pub const LONG: usize = 25;
 /// Ticks over which the record of the model's errors goes back: 20 s (chosen: a drift of 1 kPa/s is out of bounds before it
 /// is taken for the model's own).
 const RECORD_TICKS: f64 = 1_000.0;
-/// Ticks of record from which on it narrows the limits: 10 s under control.
+/// Ticks of record from which on it narrows the limits: 10 s under control, of the same kind of motion.
 const ENOUGH_RECORD: f64 = 500.0;
 /// Ticks after arming in which the limits are [`ARMING_TIMES`] as wide: 2 s from the atmosphere to the reference, and the
 /// half second over which sums go back.
@@ -25,6 +29,9 @@ const ARMING_TICKS: u32 = 125;
 /// lag by 80 ms and have play, armed again after an experiment, 26.7 kPa; on 16 rigs of which each part is up to 20 % off, 38.5 kPa).
 /// A reading that stands is found by a limit of its own.
 const ARMING_TIMES: f64 = 5.0;
+/// Limits while a quick motion or a jump of the references is felt, in multiples of the widest (measured on 20 rigs around `bench`, steps of 4
+/// to 12 kPa and the same at 5 kPa/s behind holds of 10 to 25 s: at most 9.2 kPa in half a second, where the widest is 9).
+const MOVING_TIMES: f64 = 1.5;
 /// The most that limits are widened for a rig that is slower than its model.
 const SLOW_TIMES: f64 = 4.0;
 /// Ticks in which they come down from there: 1 s (measured: of 20 rigs around `bench` two leave 9.3 and 9.4 kPa at their
@@ -67,11 +74,21 @@ pub struct ModelResidual {
     last: [f64; LONG],
     filled: usize,
     mean: f64,
-    scatter_short: f64,
-    scatter_long: f64,
     recorded: f64,
+    /// Ticks since the references rest.
+    rested: f64,
+    scatter: [Scatter; RECORDED_KINDS],
+    motion: Motion,
     since_armed: u32,
     slow_times: f64,
+}
+
+/// Mean squares of the sums over one kind of motion.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Scatter {
+    short: f64,
+    long: f64,
+    ticks: f64,
 }
 
 impl ModelResidual {
@@ -82,9 +99,10 @@ impl ModelResidual {
             last: [0.0; LONG],
             filled: 0,
             mean: 0.0,
-            scatter_short: 0.0,
-            scatter_long: 0.0,
             recorded: 0.0,
+            rested: 0.0,
+            scatter: [Scatter::default(); RECORDED_KINDS],
+            motion: Motion::Recorded(0),
             since_armed: 0,
             slow_times: 1.0,
         }
@@ -95,12 +113,13 @@ impl ModelResidual {
         (self.filled, self.since_armed) = (0, 0);
     }
 
-    /// Takes a tick's residual in kPa, of a rig that is as quick as `share` of its model; answers the sum that is too large, if
-    /// one is.
+    /// Takes a tick's residual in kPa, of a rig that is as quick as `share` of its model, while such a motion of the references is felt;
+    /// answers the sum that is too large, if one is.
     ///
     /// # Real-time
     /// May run in the tick.
-    pub fn push(&mut self, residual_kpa: f64, share: f64) -> Option<f64> {
+    pub(crate) fn push(&mut self, residual_kpa: f64, share: f64, motion: Motion) -> Option<f64> {
+        self.motion = motion;
         // Residuals of a slow rig are those of its model's quickness: the pressures differ by that share of them.
         self.slow_times = (1.0 / share).clamp(1.0, SLOW_TIMES);
         self.since_armed = self.since_armed.saturating_add(1);
@@ -108,10 +127,7 @@ impl ModelResidual {
         self.last[0] = residual_kpa;
         self.filled = (self.filled + 1).min(LONG);
         let (short, long) = (self.excess(SHORT), self.excess(LONG));
-        let (narrow, wide) = (
-            self.limit(self.limits.short_kpa, self.scatter_short),
-            self.limit(self.limits.long_kpa, self.scatter_long),
-        );
+        let (narrow, wide) = (self.limit(self.limits.short_kpa, |s| s.short), self.limit(self.limits.long_kpa, |s| s.long));
         self.record(residual_kpa, short, long);
         if self.filled >= SHORT && short.abs() > narrow {
             return Some(short);
@@ -124,9 +140,9 @@ impl ModelResidual {
         let [short, long] = [self.limits.short_kpa, self.limits.long_kpa];
         [
             self.excess(SHORT),
-            self.limit(short, self.scatter_short),
+            self.limit(short, |s| s.short),
             self.excess(LONG),
-            self.limit(long, self.scatter_long),
+            self.limit(long, |s| s.long),
         ]
     }
 
@@ -135,14 +151,20 @@ impl ModelResidual {
         sum - self.mean * ticks.min(self.filled) as f64
     }
 
-    fn limit(&self, [narrowest, widest]: [f64; 2], mean_square: f64) -> f64 {
+    fn limit(&self, [narrowest, most]: [f64; 2], mean_square: impl Fn(&Scatter) -> f64) -> f64 {
+        let widest = if self.motion >= Motion::QUICK { MOVING_TIMES * most } else { most };
         // Of a model that nothing is known about the worst is assumed, and of a rig that was armed just now.
-        let known = match self.recorded < ENOUGH_RECORD || self.since_armed < SETTLING_TICKS {
-            true => widest,
-            false => (TIMES_SCATTER * mean_square.sqrt()).clamp(narrowest, widest),
+        let record = match self.motion {
+            _ if self.since_armed < SETTLING_TICKS => None,
+            Motion::Recorded(0) if self.rested < ENOUGH_RECORD => None,
+            Motion::Recorded(kind) => self.scatter.get(kind),
+            Motion::Jump => None,
         };
+        let known = record.filter(|scatter| scatter.ticks >= ENOUGH_RECORD).map_or(widest, |scatter| {
+            (TIMES_SCATTER * mean_square(scatter).sqrt()).clamp(narrowest, widest)
+        });
         // What a model leaves while the chambers fill is another thing than what it leaves in flight: no record narrows it.
-        let (filling, flying) = (ARMING_TIMES * widest, self.slow_times * known);
+        let (filling, flying) = (ARMING_TIMES * most, self.slow_times * known);
         let narrowed = f64::from(self.since_armed.saturating_sub(ARMING_TICKS)) / f64::from(NARROWING_TICKS);
         filling + narrowed.min(1.0) * (flying - filling)
     }
@@ -153,15 +175,16 @@ impl ModelResidual {
             return;
         }
         self.recorded = (self.recorded + 1.0).min(RECORD_TICKS);
-        let weight = 1.0 / self.recorded;
+        self.rested = if self.motion == Motion::Recorded(0) { (self.rested + 1.0).min(RECORD_TICKS) } else { 0.0 };
+        let weight = 1.0 / if self.rested > 0.0 { self.rested } else { self.recorded };
         let [_, most] = self.limits.long_kpa;
         let bounded = |x: f64, most: f64| x.clamp(-most, most);
         self.mean += weight * (bounded(residual_kpa, most / LONG as f64) - self.mean);
-        if self.filled >= SHORT {
-            self.scatter_short += weight * (bounded(short, most).powi(2) - self.scatter_short);
-        }
-        if self.filled >= LONG {
-            self.scatter_long += weight * (bounded(long, most).powi(2) - self.scatter_long);
+        let Motion::Recorded(kind) = self.motion else { return };
+        if let Some(scatter) = self.scatter.get_mut(kind).filter(|_| self.filled >= LONG) {
+            scatter.ticks = (scatter.ticks + 1.0).min(RECORD_TICKS);
+            scatter.short += (bounded(short, most).powi(2) - scatter.short) / scatter.ticks;
+            scatter.long += (bounded(long, most).powi(2) - scatter.long) / scatter.ticks;
         }
     }
 }
@@ -172,7 +195,7 @@ mod tests {
 
     /// Pushes a residual for so many ticks; the ticks at which it was found too large.
     fn found(record: &mut ModelResidual, residual_kpa: f64, ticks: u32) -> Vec<u32> {
-        (0..ticks).filter(|_| record.push(residual_kpa, 1.0).is_some()).collect()
+        (0..ticks).filter(|_| record.push(residual_kpa, 1.0, Motion::Recorded(0)).is_some()).collect()
     }
 
     /// 1.2 kPa a tick, 30 in half a second, while the chambers fill: no model foresees better, however well it foresees flight.
@@ -197,6 +220,16 @@ mod tests {
         assert_eq!(found(&mut record, 0.28, 25), Vec::<u32>::new(), "4 s after arming");
         found(&mut record, 0.0, 1000);
         assert!(!found(&mut record, 0.28, 25).is_empty(), "in flight");
+    }
+
+    /// 7 kPa in half a second: as much as a step may leave on a rig that has rested long; the same of a rig at rest is a wrong sensor.
+    #[test]
+    fn a_long_rest_does_not_narrow_the_limits_of_a_step() {
+        let mut record = ModelResidual::new(Limits::POSITIVE);
+        found(&mut record, 0.01, 5000);
+        assert!((0..25).all(|_| record.push(0.28, 1.0, Motion::Jump).is_none()));
+        assert!((0..25).all(|_| record.push(0.01, 1.0, Motion::Jump).is_none()));
+        assert!(!found(&mut record, 0.28, 25).is_empty());
     }
 
     /// More than any model leaves is found while they fill as well: 2 kPa a tick.

@@ -12,6 +12,7 @@ use crate::jump::{JUMP_KPA, Jump, Worth};
 use crate::lagged_command::LaggedCommand;
 use crate::model_residual::Limits;
 use crate::monitor_models::{HYPOTHESES, MonitorModels};
+use crate::reference_motion::ReferenceMotion;
 use crate::tracking::Tracking;
 use crate::vent_check::VentCheck;
 
@@ -67,6 +68,7 @@ pub struct Monitor {
     believed_kpa: Pair,
     frozen: [FrozenReading; CHANNELS],
     echo: CommandEcho,
+    motion: ReferenceMotion,
     tracking: Tracking,
     tracked: ConditionSet,
     vent: VentCheck,
@@ -91,6 +93,7 @@ impl Monitor {
             believed_kpa: [0.0; CHANNELS],
             frozen: [FrozenReading::new(); CHANNELS],
             echo: CommandEcho::new(),
+            motion: ReferenceMotion::RESTING,
             tracking: Tracking::new(),
             tracked: ConditionSet::EMPTY,
             vent: VentCheck::new(models.vent),
@@ -132,6 +135,7 @@ impl Monitor {
     pub fn armed(&mut self) {
         self.contradictions.as_flattened_mut().iter_mut().for_each(Contradiction::restart);
         self.jumps.iter_mut().for_each(Jump::restart);
+        self.motion = ReferenceMotion::RESTING;
         self.tracking = Tracking::new();
         self.tracked = ConditionSet::EMPTY;
         self.vent.end();
@@ -203,13 +207,14 @@ impl Monitor {
 
     /// Takes readings into all models; a reading that every hypothesis contradicts, and all in one direction, is found.
     fn against_the_models(&mut self, readings_kpa: Pair, judged: [bool; CHANNELS], found: &mut ConditionSet) {
+        let motion = self.motion.felt();
         let mut against: [Option<f64>; CHANNELS] = [None; CHANNELS];
         let mut explained = [false; CHANNELS];
         for (models, contradictions) in self.models.hypotheses.iter_mut().zip(&mut self.contradictions) {
             let Some(models) = models else { continue };
             let ways = models.take(readings_kpa);
             for c in (0..CHANNELS).filter(|c| judged[*c]) {
-                match (contradictions[c].judge(ways[c]), against[c]) {
+                match (contradictions[c].judge(ways[c], motion), against[c]) {
                     (None, _) => explained[c] = true,
                     (Some(kpa), Some(before)) => explained[c] |= kpa * before < 0.0,
                     (Some(kpa), None) => against[c] = Some(kpa),
@@ -229,6 +234,7 @@ impl Monitor {
     /// Runs in the tick.
     pub fn decided(&mut self, reference_kpa: Pair, measured_kpa: Pair, duty: Pair) {
         self.tracked = ConditionSet::EMPTY;
+        self.motion.follow(reference_kpa);
         if reference_kpa.iter().all(|p| p.is_finite()) {
             self.tracking.judge(reference_kpa, measured_kpa, duty, &mut self.tracked);
         }
