@@ -1,7 +1,7 @@
 //! What the daemon tells a person: numbered notices, made in the tick without text, told outside it.
 
 use flight::Event;
-use handover::stages::LEVELS;
+use handover::stage_now::LEVELS;
 use handover::{Loss, PolicyEvent, PolicyTag, StageNow};
 use model::observation::Pair;
 use proto::recording::EventLevel;

@@ -216,9 +216,9 @@ fn ten_hours_over_twenty_rigs_trip_nothing() {
     let minutes: u64 = std::env::var("MINUTES").ok().and_then(|text| text.parse().ok()).unwrap_or(30);
     let bench = Rig::builtin("bench").unwrap();
     let rigs: Vec<(Rig, Rig)> = rigs_around(&bench, 20, 1).unwrap().into_iter().map(|rig| (rig, nominal())).collect();
-    let flights = |_: usize| {
-        [By::Fallback, By::Policy].into_iter().flat_map(|by| [(by, Course::Steps), (by, Course::Paper)]).collect()
-    };
+    let courses = [Course::Steps, Course::Paper, Course::RareSteps, Course::RareMoves];
+    let flights =
+        |_: usize| [By::Fallback, By::Policy].into_iter().flat_map(|by| courses.map(|course| (by, course))).collect();
     let found = fly_all(&rigs, minutes * MINUTE, &flights);
     println!("{} rigs, {minutes} min each: {} trips", rigs.len(), found.len());
     assert_eq!(found, Vec::<String>::new());

@@ -15,11 +15,11 @@
 //! | [`conditions`] | what kind of tick it is: rest, motion, a jump; errors are only compared in like conditions |
 //! | [`record`] | the incumbent's own errors, by condition |
 //! | [`sequential_test`] | Wald's test: as good as the incumbent, or worse than may be? |
-//! | [`stages`] | shadow, ramp, recheck, retrial, probation: how much authority a candidate has |
+//! | [`stage_now`], [`stages`] | shadow, ramp, recheck, retrial, probation: how much authority a candidate has |
 //! | [`conduct`] | interventions, far-off pressures, hunting, and whether the candidate had a part in them |
 //! | [`loss`] | why a candidate loses its authority |
 //! | [`arbiter`] | incumbent and candidate side by side; who decides, and what came of it for the policies |
-//! | `share` | whether a candidate's part in the commands can explain the errors |
+//! | `share`, `retrials` | whether a candidate's part in the commands can explain the errors; how often it is tried again |
 //! | `seat`, `blend`, `remainder` | a policy in its law; two decisions in one; what is left of a bump decays |
 //! | [`exploration`] | bounded noise on the active policy's answer |
 //! | [`permit`] | until when a request counts that takes work before it is handed over |
@@ -38,9 +38,11 @@ pub mod loss;
 pub mod permit;
 pub mod record;
 mod remainder;
+mod retrials;
 mod seat;
 pub mod sequential_test;
 mod share;
+pub mod stage_now;
 pub mod stages;
 
 pub use arbiter::{Arbiter, ArbitratedCommand, Trust};
@@ -49,4 +51,4 @@ pub use exploration::{ExplorationRules, ExplorationShown, StdOrigin};
 pub use loss::Loss;
 pub use permit::{NoLongerWanted, Permit};
 pub use seat::PolicyAnswer;
-pub use stages::StageNow;
+pub use stage_now::StageNow;

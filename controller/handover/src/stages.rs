@@ -5,8 +5,10 @@ use model::observation::CHANNELS;
 use crate::conduct::{Finding, Judged, Shown, Watched};
 use crate::loss::Loss;
 use crate::record::Record;
-use crate::sequential_test::{Rigour, SequentialTest, TestVerdict};
+use crate::retrials::Retrials;
+use crate::sequential_test::{SequentialTest, TestVerdict};
 use crate::share::Share;
+use crate::stage_now::{LAST_LEVEL, LEVELS, RECHECKED_LEVEL, StageNow};
 
 /// Least ticks in shadow: the past of ten ticks is full, the integral is where the incumbent's is.
 const SHADOW_TICKS: u32 = 250;
@@ -16,22 +18,8 @@ const RECORD_TICKS: u32 = 2000;
 const DIES_AWAY_TICKS: u32 = 100;
 /// Ticks in which it is measured, 40 s.
 const REMEASURED_TICKS: u32 = 2000;
-/// Times that a candidate which erred more is measured again, behind the incumbent, before it is refused: the reference may have come to
-/// a stretch that costs anybody more. Where the incumbent still decides four fifths of the command or more that is the likelier cause.
-const RETRIALS: u32 = 2;
-const RETRIALS_AT_SMALL_SHARE: u32 = 4;
-/// Levels below this one are a small share.
-const SMALL_SHARE_BELOW: usize = 3;
-/// Retrials, besides, for errors that its part in the commands cannot explain.
-const MOST_UNBLAMED: u32 = 3;
 /// Least ticks on the last level, all of the command.
 const LAST_LEVEL_TICKS: u32 = 1000;
-/// Authorities of the ramp, as shares of the command.
-pub const LEVELS: [f64; 6] = [0.05, 0.1, 0.2, 0.4, 0.7, 1.0];
-/// Place of all of the command in them.
-const LAST_LEVEL: usize = LEVELS.len() - 1;
-/// The first level behind the recheck, 70 %: from here on a candidate alone can make the rig swing.
-const RECHECKED_LEVEL: usize = LAST_LEVEL - 1;
 /// Least ticks on a level: the loop has settled twice.
 const LEVEL_TICKS: u32 = 100;
 /// Most ticks on a level; a candidate that is still undecided then is not as good as it should be. Three minutes.
@@ -40,59 +28,6 @@ const MOST_LEVEL_TICKS: u32 = 9000;
 const PROBATION_TICKS: u32 = 500;
 /// How fast authority moves, a tick: from nothing to all of it in half a second.
 pub const AUTHORITY_PER_TICK: f64 = 0.04;
-/// Where a candidate stands.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum StageNow {
-    /// Computed, not used.
-    Shadow,
-    /// Part of the command; the level's place in [`LEVELS`].
-    Ramp(usize),
-    /// Not used for a while: the incumbent controls alone, and what it does now is what all of the command is held against. It
-    /// goes on learning the rig, and what was as good as it in the beginning need not be so later.
-    Recheck,
-    /// Not used for a while either: it erred more than the record of the incumbent, which is measured anew before that is held
-    /// against the candidate; then it begins the ramp again.
-    Retrial,
-    /// All of the command, with the way back open.
-    Probation,
-}
-
-impl StageNow {
-    /// The number that events carry: 0 shadow, 1 … 6 ramp, 7 probation, 8 recheck, 9 retrial.
-    pub fn code(self) -> u8 {
-        match self {
-            StageNow::Shadow => 0,
-            StageNow::Ramp(level) => level as u8 + 1,
-            StageNow::Probation => LEVELS.len() as u8 + 1,
-            StageNow::Recheck => LEVELS.len() as u8 + 2,
-            StageNow::Retrial => LEVELS.len() as u8 + 3,
-        }
-    }
-
-    /// The stage of a number.
-    pub fn of_code(code: u8) -> Self {
-        match usize::from(code) {
-            0 => StageNow::Shadow,
-            level if level <= LEVELS.len() => StageNow::Ramp(level - 1),
-            level if level == LEVELS.len() + 1 => StageNow::Probation,
-            level if level == LEVELS.len() + 2 => StageNow::Recheck,
-            _ => StageNow::Retrial,
-        }
-    }
-
-    /// Tells whether the incumbent is measured anew in it.
-    pub fn measures_incumbent(self) -> bool {
-        matches!(self, StageNow::Recheck | StageNow::Retrial)
-    }
-
-    /// How strictly errors are judged in it.
-    fn rigour(self) -> Rigour {
-        match self {
-            StageNow::Ramp(RECHECKED_LEVEL..) | StageNow::Probation => Rigour::ALL,
-            _ => Rigour::SHARE,
-        }
-    }
-}
 
 /// What comes next.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -117,8 +52,7 @@ pub struct Stages {
     authority: f64,
     watched: Watched,
     share: Share,
-    retrials: u32,
-    unblamed: u32,
+    retrials: Retrials,
 }
 
 impl Stages {
@@ -152,8 +86,7 @@ impl Stages {
             authority: 0.0,
             watched: Watched::default(),
             share: Share::default(),
-            retrials: 0,
-            unblamed: 0,
+            retrials: Retrials::default(),
         }
     }
 
@@ -237,14 +170,9 @@ impl Stages {
         }
         match self.now {
             StageNow::Ramp(level) if self.test.verdict() == TestVerdict::Worse => {
-                if !self.share.explains_errors() && self.unblamed < MOST_UNBLAMED {
-                    self.unblamed += 1;
-                    self.pass(StageNow::Retrial)
-                } else if self.retrials < retrials_until(level) {
-                    self.retrials += 1;
-                    self.pass(StageNow::Retrial)
-                } else {
-                    Next::Lost(Loss::Worse)
+                match self.retrials.grant(level, self.share.explains_errors()) {
+                    true => self.pass(StageNow::Retrial),
+                    false => Next::Lost(Loss::Worse),
                 }
             }
             _ if self.test.verdict() == TestVerdict::Worse => Next::Lost(Loss::Worse),
@@ -277,13 +205,8 @@ impl Stages {
 
     /// A stage of the same candidate: authority goes on from where it is, and what it was forgiven is not forgotten.
     fn with_history(&self, stage: Stages) -> Self {
-        Stages { authority: self.authority, retrials: self.retrials, unblamed: self.unblamed, ..stage }
+        Stages { authority: self.authority, retrials: self.retrials, ..stage }
     }
-}
-
-/// Retrials that a candidate has had when the next verdict against it on a level counts.
-fn retrials_until(level: usize) -> u32 {
-    if level < SMALL_SHARE_BELOW { RETRIALS_AT_SMALL_SHARE } else { RETRIALS }
 }
 
 #[cfg(test)]
@@ -356,7 +279,7 @@ mod tests {
             let again = [Next::Passed(StageNow::Retrial), Next::Passed(StageNow::Ramp(0))];
             let expected: Vec<Next> = [Next::Passed(StageNow::Ramp(0))]
                 .into_iter()
-                .chain([again; RETRIALS_AT_SMALL_SHARE as usize].into_iter().flatten())
+                .chain([again; 4].into_iter().flatten())
                 .chain([Next::Lost(Loss::Worse)])
                 .collect();
             assert_eq!(all, expected, "{scale}");

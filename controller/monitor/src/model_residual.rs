@@ -31,7 +31,7 @@ const ARMING_TICKS: u32 = 125;
 const ARMING_TIMES: f64 = 5.0;
 /// Limits while a quick motion or a jump of the references is felt, in multiples of the widest (measured on 20 rigs around `bench`, steps of 4
 /// to 12 kPa and the same at 5 kPa/s behind holds of 10 to 25 s: at most 9.2 kPa in half a second, where the widest is 9).
-const MOVING_TIMES: f64 = 1.5;
+const MOVING_TIMES: f64 = 1.2;
 /// The most that limits are widened for a rig that is slower than its model.
 const SLOW_TIMES: f64 = 4.0;
 /// Ticks in which they come down from there: 1 s (measured: of 20 rigs around `bench` two leave 9.3 and 9.4 kPa at their
@@ -127,7 +127,8 @@ impl ModelResidual {
         self.last[0] = residual_kpa;
         self.filled = (self.filled + 1).min(LONG);
         let (short, long) = (self.excess(SHORT), self.excess(LONG));
-        let (narrow, wide) = (self.limit(self.limits.short_kpa, |s| s.short), self.limit(self.limits.long_kpa, |s| s.long));
+        let (narrow, wide) =
+            (self.limit(self.limits.short_kpa, |s| s.short), self.limit(self.limits.long_kpa, |s| s.long));
         self.record(residual_kpa, short, long);
         if self.filled >= SHORT && short.abs() > narrow {
             return Some(short);
@@ -138,12 +139,7 @@ impl ModelResidual {
     /// Sums over five ticks and half a second beyond the recorded mean, and their limits, in kPa: for the figures.
     pub fn figures_kpa(&self) -> [f64; 4] {
         let [short, long] = [self.limits.short_kpa, self.limits.long_kpa];
-        [
-            self.excess(SHORT),
-            self.limit(short, |s| s.short),
-            self.excess(LONG),
-            self.limit(long, |s| s.long),
-        ]
+        [self.excess(SHORT), self.limit(short, |s| s.short), self.excess(LONG), self.limit(long, |s| s.long)]
     }
 
     fn excess(&self, ticks: usize) -> f64 {
@@ -160,9 +156,9 @@ impl ModelResidual {
             Motion::Recorded(kind) => self.scatter.get(kind),
             Motion::Jump => None,
         };
-        let known = record.filter(|scatter| scatter.ticks >= ENOUGH_RECORD).map_or(widest, |scatter| {
-            (TIMES_SCATTER * mean_square(scatter).sqrt()).clamp(narrowest, widest)
-        });
+        let known = record
+            .filter(|scatter| scatter.ticks >= ENOUGH_RECORD)
+            .map_or(widest, |scatter| (TIMES_SCATTER * mean_square(scatter).sqrt()).clamp(narrowest, widest));
         // What a model leaves while the chambers fill is another thing than what it leaves in flight: no record narrows it.
         let (filling, flying) = (ARMING_TIMES * most, self.slow_times * known);
         let narrowed = f64::from(self.since_armed.saturating_sub(ARMING_TICKS)) / f64::from(NARROWING_TICKS);
