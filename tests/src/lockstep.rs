@@ -55,6 +55,16 @@ impl<H: DutySource> Flight<H> {
         flight
     }
 
+    /// Another converter's noise, in V root mean square.
+    ///
+    /// # Panics
+    /// If the rig cannot stand behind a cRIO.
+    #[must_use]
+    pub fn with_noise(self, rig: &Rig, noise_v_rms: f64, seed: u64) -> Self {
+        let (_, config) = rig_and_crio(rig).expect("a sound rig");
+        Flight { sensors: Sensors::new(config.scales, noise_v_rms, seed), ..self }
+    }
+
     /// Opens a new session, as after a lost link.
     ///
     /// # Panics

@@ -86,7 +86,11 @@ fn trips(rig: &Rig, model: &Rig, (by, course): (By, Course), ticks: u64, seed: u
     let policy = (by == By::Policy).then(|| controller::daemon::shipped_policy().unwrap().0);
     let minutes = ticks as f64 / MINUTE as f64;
     let cycle = Cycle::new(model, policy, reference(course, minutes), Safety::default(), Arming::Automatic).unwrap();
-    let mut flight = Flight::new(rig, cycle, seed);
+    trips_of(Flight::new(rig, cycle, seed), rig, &format!("by {by:?} on {course:?}"), ticks)
+}
+
+/// The same of a flight that is laid out already.
+fn trips_of(mut flight: Flight, rig: &Rig, told_as: &str, ticks: u64) -> Vec<String> {
     let (mut found, mut armed) = (Vec::new(), 0);
     for tick in 0..ticks {
         if tick % (2 * MINUTE) == 2 * MINUTE - 50 {
@@ -99,7 +103,7 @@ fn trips(rig: &Rig, model: &Rig, (by, course): (By, Course), ticks: u64, seed: u
             match notice {
                 Notice::Armed { .. } => armed += 1,
                 Notice::Vented { cause, tick, value } => {
-                    found.push(format!("{} by {by:?} on {course:?}: tick {tick}, {cause:?} {value:.2}", rig.name));
+                    found.push(format!("{} {told_as}: tick {tick}, {cause:?} {value:.2}", rig.name));
                 }
                 _ => {}
             }
@@ -190,6 +194,31 @@ fn a_step_behind_a_long_hold_trips_nothing() {
     rigs.push((bench, nominal()));
     let flights = |_: usize| vec![(By::Fallback, Course::RareSteps), (By::Policy, Course::RareMoves)];
     assert_eq!(fly_all(&rigs, 6 * MINUTE, &flights), Vec::<String>::new());
+}
+
+/// Converters of other makers: without any noise, with less than a step of it, and with twenty times as much as the one at hand; in
+/// `NOISES_MV` others, parted by commas.
+#[test]
+fn quiet_and_noisy_converters_trip_nothing() {
+    let noises = std::env::var("NOISES_MV").unwrap_or_else(|_| "0,0.05,1,5".to_owned());
+    let noises: Vec<f64> = noises.split(',').map(|mv| mv.parse().expect("a noise in mV")).collect();
+    let of_course = |(name, course): (&str, Course)| {
+        let rig = Rig::builtin(name).unwrap();
+        let mut found = Vec::new();
+        for (n, noise_mv) in noises.iter().enumerate() {
+            let cycle =
+                Cycle::new(&nominal(), None, reference(course, 2.0), Safety::default(), Arming::Automatic).unwrap();
+            let flight = Flight::new(&rig, cycle, 1).with_noise(&rig, 1e-3 * noise_mv, n as u64 + 1);
+            found.extend(trips_of(flight, &rig, &format!("with {noise_mv} mV on {course:?}"), 2 * MINUTE));
+        }
+        found
+    };
+    let found: Vec<String> = std::thread::scope(|scope| {
+        let courses = [("bench", Course::RareSteps), ("dual_pressure", Course::RareMoves)];
+        let started = courses.map(|course| scope.spawn(move || of_course(course)));
+        started.into_iter().flat_map(|flown| flown.join().unwrap()).collect()
+    });
+    assert_eq!(found, Vec::<String>::new());
 }
 
 /// Filling and the first half minute on rigs of which no part is as the model says: what a wrong gain looks like, and is none.

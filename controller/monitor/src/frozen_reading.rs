@@ -20,6 +20,9 @@ const CAUTION: f64 = 0.8;
 /// NI 9205 does in a third of them, a course without noise never (chosen; of 2,000 sensors that froze 3.4 s after they were
 /// first read 4 were not known to scatter by then, and none of 40 raised a false alarm in 2·10⁶ ticks).
 const TURNS: f64 = 0.05;
+/// Share of the changes that must be such turns as well: of noise half are. Less is a pressure on its way, whose changes end where it comes to
+/// rest (measured: a converter with a sixth of a step of noise, 19 repeats behind a move of 5 kPa/s, which made it change in each tick).
+const TURNS_OF_CHANGES: f64 = 0.25;
 
 /// Watches one voltage.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -80,7 +83,7 @@ impl FrozenReading {
         let weight = WEIGHT.max(1.0 / f64::from(self.watched));
         self.changes += weight * (change - self.changes);
         self.turns += weight * (turn - self.turns);
-        if self.watched >= WATCHED && self.turns >= TURNS {
+        if self.watched >= WATCHED && self.turns >= TURNS.max(TURNS_OF_CHANGES * self.changes) {
             // The least that was seen: where the reading lies between two codes matters, and chance is not to be its judge.
             self.scatter = Some(self.scatter.unwrap_or(1.0).min(CAUTION * self.changes));
         }

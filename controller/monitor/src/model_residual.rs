@@ -225,6 +225,9 @@ mod tests {
         found(&mut record, 0.01, 5000);
         assert!((0..25).all(|_| record.push(0.28, 1.0, Motion::Jump).is_none()));
         assert!((0..25).all(|_| record.push(0.01, 1.0, Motion::Jump).is_none()));
+        // What it leaves where it rests from now on is recorded anew.
+        assert_eq!(found(&mut record, 0.28, 25), Vec::<u32>::new());
+        assert_eq!(found(&mut record, 0.01, 600), Vec::<u32>::new());
         assert!(!found(&mut record, 0.28, 25).is_empty());
     }
 
