@@ -7,7 +7,7 @@
 //!
 //! A model that is a poor one of its rig has residuals of its own. They are recorded: their mean over ten seconds is taken
 //! off, and the limits are the wider the more they scatter, within [`Limits`]. What they scatter is recorded for each kind of motion of the
-//! references by itself ([`crate::reference_motion`]): at rest any model is a good one. What it leaves at rest depends on where it rests, so
+//! references by itself (`reference_motion`): at rest any model is a good one. What it leaves at rest depends on where it rests, so
 //! a rest behind a motion is recorded anew.
 
 use crate::reference_motion::{Motion, RECORDED_KINDS};
