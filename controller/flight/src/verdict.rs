@@ -49,6 +49,13 @@ pub(crate) fn findings(summary: &FlightSummary, options: &StatisticsOptions) -> 
             if short { "; a longer run says more" } else { "" }
         )
     });
+    find(look, !untold && summary.tracked_ticks < TELLING_TICKS, &|| {
+        format!(
+            "only {} count for tracking, behind the {} of settling: too few to say how well it tracks; a longer run says more",
+            wording::seconds(summary.tracked_ticks as f64 / 50.0),
+            wording::seconds(summary.settling_s)
+        )
+    });
     for (channel, rmse, limit) in channels(summary) {
         if let Some((rmse, limit)) = above(rmse, limit) {
             find(bad, true, &|| format!("{channel} RMSE {rmse:.3} kPa is above its limit of {limit:.3} kPa"));
@@ -115,6 +122,8 @@ pub(crate) fn findings(summary: &FlightSummary, options: &StatisticsOptions) -> 
     (worst, found.into_iter().map(|(_, text)| text).collect())
 }
 
+/// Ticks that must count before a run says how well it tracks: 5 s, one of the paper's periods.
+const TELLING_TICKS: u64 = 250;
 /// Ticks that must count before an error is called far worse than the fallback's: 10 s, two of the paper's periods.
 const PROVEN_TICKS: u64 = 500;
 /// Unless it is worse by so much (kPa) that no stretch of a reference explains it.

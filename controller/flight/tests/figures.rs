@@ -76,7 +76,7 @@ fn a_vent_begins_settling_anew_and_is_told() {
 
 #[test]
 fn limits_and_misses_turn_the_verdict() {
-    let ticks: Vec<TickRecord> = (0..300)
+    let ticks: Vec<TickRecord> = (0..600)
         .map(|k| TickRecord {
             compute_ns: if k == 280 { 21_000_000 } else { 400_000 },
             deadline_missed: k == 280,
@@ -88,11 +88,11 @@ fn limits_and_misses_turn_the_verdict() {
     assert_eq!(summary.verdict, Verdict::Bad);
     assert_eq!(
         summary.headline,
-        "Tracked the pressures to 0.70 kPa (positive) and 0.20 kPa (negative) RMS, the positive one above its limit of 0.60 kPa; 1 of 300 deadlines missed; slowest tick 21.0 ms, and a tick has 20 ms."
+        "Tracked the pressures to 0.70 kPa (positive) and 0.20 kPa (negative) RMS, the positive one above its limit of 0.60 kPa; 1 of 600 deadlines missed; slowest tick 21.0 ms, and a tick has 20 ms."
     );
     assert_eq!(
         summary.findings,
-        ["positive RMSE 0.700 kPa is above its limit of 0.600 kPa", "1 of 300 deadlines missed"]
+        ["positive RMSE 0.700 kPa is above its limit of 0.600 kPa", "1 of 600 deadlines missed"]
     );
     let good = StatisticsOptions { rmse_limit_kpa: Some([0.8, 0.25]), ..options };
     let lockstep = StatisticsOptions { pacing: Pacing::Lockstep, ..good };
@@ -151,7 +151,7 @@ fn stages_count_where_they_ran_and_lateness_where_a_frame_came() {
 
 #[test]
 fn the_json_has_the_keys_that_scripts_read() {
-    let ticks: Vec<TickRecord> = (0..300).map(|k| steered(k, 0.1, -0.1)).collect();
+    let ticks: Vec<TickRecord> = (0..600).map(|k| steered(k, 0.1, -0.1)).collect();
     let json = serde_json::to_value(FlightStatistics::of(&ticks, StatisticsOptions::default()).summary()).unwrap();
     for key in [
         "rmse_pos_kpa",
@@ -170,6 +170,10 @@ fn the_json_has_the_keys_that_scripts_read() {
     }
     assert_eq!(json["verdict"], "good");
     assert!(json["stages_us"]["predict"]["p999"].is_null(), "a stage that never ran has no figure");
+    // A second behind the settling says nothing of how well it tracks.
+    let stopped =
+        serde_json::to_value(FlightStatistics::of(&ticks[..300], StatisticsOptions::default()).summary()).unwrap();
+    assert!(stopped["verdict"] == "look" && stopped["findings"][0].as_str().unwrap().starts_with("only 1.0 s count"));
     // A flight without a tick has no figure, and JSON no NaN.
     let empty = serde_json::to_value(FlightStatistics::default().summary()).unwrap();
     assert!(empty["rmse_pos_kpa"].is_null() && empty["verdict"] == "bad");
