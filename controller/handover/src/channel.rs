@@ -112,9 +112,9 @@ pub struct Snapshot {
     pub stage_ticks: u32,
     /// Its share of the command, 0 … 1.
     pub authority: f64,
-    /// Λ of the sequential test for both channels: +4.6 refuses, −4.6 passes.
+    /// Λ of the sequential test for both channels: +4.6 is a verdict against it, −4.6 passes.
     pub log_ratio: [f64; 2],
-    /// Root mean square of the incumbent's errors over the last minute, in kPa.
+    /// Root mean square of the incumbent's errors over the last two minutes, in kPa.
     pub incumbent_rms_kpa: [f64; 2],
 }
 

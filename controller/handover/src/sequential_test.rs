@@ -108,7 +108,7 @@ impl SequentialTest {
         }
     }
 
-    /// Λ of both channels: +4.6 refuses, −4.6 passes.
+    /// Λ of both channels: +4.6 is a verdict against it, −4.6 passes.
     pub fn log_ratio(&self) -> [f64; CHANNELS] {
         self.log_ratio
     }
