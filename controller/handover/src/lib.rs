@@ -5,7 +5,7 @@
 //!  candidate ── SHADOW ──────▶ RAMP 5 … 40 % ──────▶ RECHECK ──────▶ RAMP 70, 100 % ──▶ PROBATION ──────▶ active
 //!                 ▲               ▲  │                                    │                  │
 //!                 │               └──┼──── RETRIAL ◀── erred more, ───────┤                  │
-//!                 │                  │                 twice at most      │                  │
+//!                 │                  │                 a few times        │                  │
 //!                 │                  └──── refused: the incumbent alone decides from this very tick
 //!                 └──── something went wrong that the candidate had no part in
 //! ```

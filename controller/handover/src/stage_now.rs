@@ -50,7 +50,7 @@ impl StageNow {
     }
 
     /// Tells whether the incumbent is measured anew in it.
-    pub fn measures_incumbent(self) -> bool {
+    pub(crate) fn measures_incumbent(self) -> bool {
         matches!(self, StageNow::Recheck | StageNow::Retrial)
     }
 
