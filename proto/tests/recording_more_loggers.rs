@@ -141,3 +141,22 @@ fn a_date_beside_a_time_of_day_passes_midnight_once() {
     assert_read(&(one.clone() + &rows(|k, n| format!("{} {},{}", day(k), clock(k), n.join(",")))));
     assert_read(&(one + &rows(|k, n| format!("2026-03-01 {},{}", clock(k), n.join(",")))));
 }
+
+#[test]
+fn milliseconds_may_stand_in_a_column_of_their_own() {
+    let clock = |k: usize| format!("13:59:{:02}", 57 + k / 50);
+    let ms = |k: usize| 20 * k % 1000;
+    assert_read(
+        &("date,clock,ms,u_pos,u_neg,p_pos_kpa,p_neg_kpa\n".to_owned()
+            + &rows(|k, n| format!("2026-03-29,{},{},{}", clock(k), ms(k), n.join(",")))),
+    );
+    let of = assert_read(
+        &("timestamp;Millisekunden;u_pos;u_neg;p_pos_kpa;p_neg_kpa\n".to_owned()
+            + &rows(|k, n| format!("29.03.2026 {};{};{}", clock(k), ms(k), n.join(";")))),
+    );
+    assert!(of.notes()[0].contains("milliseconds from Millisekunden"), "{:?}", of.notes());
+    // A count of packets is none.
+    let counted = "timestamp,ms,u_pos,u_neg,p_pos_kpa,p_neg_kpa\n".to_owned()
+        + &rows(|k, n| format!("2026-03-29 {},{},{}", clock(k), 990 + k, n.join(",")));
+    assert!(read(&counted).unwrap_err().to_string().contains("rounded"));
+}

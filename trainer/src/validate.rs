@@ -85,6 +85,7 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     }
     let rows: usize = recordings.iter().map(Recording::rows).sum();
     let looked = looked_at(&rig, &recordings)?;
+    let recordings: Vec<Recording> = bridged(recordings, &looked);
     let mut figures = Vec::with_capacity(recordings.len());
     {
         let mut progress = Progress::new("validating", rows as u64);
@@ -139,6 +140,10 @@ struct Looked {
     doubts: Vec<String>,
     /// By recording, sensor and row, whether a sound sample was taken there.
     usable: Vec<Vec<Vec<bool>>>,
+    /// The sensors' columns.
+    columns: Vec<String>,
+    /// By recording, sensor and row, what was read, wild readings bridged (kPa).
+    read: Vec<Vec<Vec<f64>>>,
 }
 
 fn looked_at(rig: &Rig, recordings: &[Recording]) -> Result<Looked, FitError> {
@@ -153,13 +158,27 @@ fn looked_at(rig: &Rig, recordings: &[Recording]) -> Result<Looked, FitError> {
     };
     quality.findings.retain(of_reading);
     let (unusable, doubts) = (quality.refusal(), quality.doubts().map(ToString::to_string).collect());
+    let records = quality.bridged(records);
     let of = |record: usize, channel: usize| {
         let rows = quality.usable.get(records.layout().channel(record, channel)).unwrap_or_default();
         rows.iter().map(|usable| *usable > 0.0).collect()
     };
     let channels = 0..records.sensors().len();
+    let read = |record: usize, channel: usize| records.channel_kpa(record, channel).to_vec();
+    let read =
+        (0..recordings.len()).map(|record| channels.clone().map(|channel| read(record, channel)).collect()).collect();
+    let columns = records.sensors().to_vec();
     let usable = (0..recordings.len()).map(|record| channels.clone().map(|channel| of(record, channel)).collect());
-    Ok(Looked { unusable, doubts, usable: usable.collect() })
+    Ok(Looked { unusable, doubts, usable: usable.collect(), columns, read })
+}
+
+/// The recordings with straight lines in place of wild readings: no run begins at one.
+fn bridged(recordings: Vec<Recording>, looked: &Looked) -> Vec<Recording> {
+    let all = recordings.into_iter().zip(&looked.read);
+    let of = |(recording, read): (Recording, &Vec<Vec<f64>>)| {
+        looked.columns.iter().zip(read).fold(recording, |recording, (column, kpa)| recording.with_numbers(column, kpa))
+    };
+    all.map(of).collect()
 }
 
 /// Which rows of a recording are compared.

@@ -244,3 +244,31 @@ fn validate_says_what_readings_are_taken_for() {
     let said = run(["validate", "--rig", "dual_pressure", &file]);
     assert!(!said.err.contains("seem"), "{}", said.err);
 }
+
+/// The key that a complaint gives, pasted into the rig file, is all that the recording needs.
+#[test]
+fn the_key_that_is_told_mends_it() {
+    let folder = Folder::new("mended-recordings");
+    let good = sound();
+    type Spoil = fn(&mut Row);
+    let cases: [(&str, Spoil); 6] = [
+        ("pressures", |r| r.swap(3, 4)),
+        ("duties", |r| r.swap(1, 2)),
+        ("inverted", |r| r[2] = 1.0 - r[2]),
+        ("one_absolute", |r| r[4] += 101.325),
+        ("one_psi", |r| r[4] *= 0.145_038),
+        ("unsigned", |r| r[4] = -r[4]),
+    ];
+    let rig = model::rig::DUAL_PRESSURE;
+    for (name, spoil) in cases {
+        let mut rows = good.clone();
+        rows.iter_mut().for_each(spoil);
+        let file = folder.with(&format!("{name}.csv"), csv(&rows));
+        let said = run(["validate", "--rig", "dual_pressure", &file]);
+        let key = said.err.split("[recording] ").nth(1).and_then(|rest| rest.split([';', '\n']).next());
+        let key = key.unwrap_or_else(|| panic!("{name}: no key in {}", said.err)).replace(" and ", "\n");
+        let mended = folder.with(&format!("{name}.toml"), format!("{rig}\n[recording]\n{key}\n"));
+        let said = run(["validate", "--rig", &mended, &file]);
+        assert!(said.status == 0 && !said.err.contains("seem"), "{name}: {key}: {}", said.err);
+    }
+}

@@ -3,10 +3,10 @@
 use model::rig::{Pump, RecordingMap, Rig, Sensor, Term, Terms};
 
 use super::csv::{CsvError, TIME_COLUMN};
+use super::recording_error::RecordingError;
 use super::resample::Kind;
 use super::sheet::Sheet;
 use super::slower;
-use super::table::RecordingError;
 use super::table::rules::{LEAST_READING_KPA, below_vacuum};
 use super::units::Unit;
 
@@ -70,9 +70,10 @@ pub(super) fn asked(rig: &Rig) -> Vec<Asked> {
     rig.columns().into_iter().map(of).collect()
 }
 
-/// Whether a column of the map is made from the one of its own name alone: then the map says how, whoever wrote the file.
-fn is_of_its_own_name(name: &str, terms: &Terms) -> bool {
-    terms.0.iter().all(|term| term.from == name)
+/// Whether a column of the map is made from the rig's own names alone, its own or one that it is exchanged with: then the map says how,
+/// whoever wrote the file.
+fn is_of_own_names(rig: &Rig, terms: &Terms) -> bool {
+    terms.0.iter().all(|term| rig.columns().contains(&term.from))
 }
 
 /// Whose names a file has.
@@ -90,7 +91,7 @@ pub(super) enum Naming {
 /// A name stands twice.
 pub(super) fn naming(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Naming, CsvError> {
     let mut all = sheet.find(TIME_COLUMN)?.is_some();
-    let from_others = |name: &&String| map.columns.get(*name).is_some_and(|terms| !is_of_its_own_name(name, terms));
+    let from_others = |name: &&String| map.columns.get(*name).is_some_and(|terms| !is_of_own_names(rig, terms));
     for name in rig.columns().iter().filter(from_others) {
         all = all && sheet.find(name)?.is_some();
     }
@@ -119,7 +120,7 @@ pub(super) fn made(
     (name, kind, presence): (&str, Kind, Presence),
 ) -> Result<Option<Made>, RecordingError> {
     let own_term = [Term::plain(name)];
-    let asked = map.columns.get(name).filter(|terms| naming == Naming::Foreign || is_of_its_own_name(name, terms));
+    let asked = map.columns.get(name).filter(|terms| naming == Naming::Foreign || is_of_own_names(rig, terms));
     let mapped = asked.map(|terms| terms.0.as_slice());
     let terms = match mapped {
         Some(terms) if !all_there(sheet, terms)? && sheet.find(name)?.is_some() => own_term.as_slice(),

@@ -1,8 +1,8 @@
 //! What a file is, by its first bytes: what is read, and what is refused with the line that makes it readable.
 
 use super::mat5;
+use super::recording_error::RecordingError;
 use super::sheet::Sheet;
-use super::table::RecordingError;
 
 /// A kind that is not read: its first bytes, what it is, what makes it readable.
 struct Refused {

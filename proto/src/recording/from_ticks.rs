@@ -5,7 +5,8 @@
 //! leaves is a gap like any other.
 
 use super::csv::{Column, ColumnData};
-use super::table::{PERIOD_S, Recording, RecordingError};
+use super::recording_error::RecordingError;
+use super::table::{PERIOD_S, Recording};
 use super::tick::{Arrival, TickRecord};
 
 /// Phases of an experiment: waiting for rest, playing its rows.

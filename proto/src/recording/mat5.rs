@@ -10,8 +10,8 @@
 
 use model::rig::Decimal;
 
+use super::recording_error::RecordingError;
 use super::sheet::{Cells, Sheet, SheetColumn};
-use super::table::RecordingError;
 
 const HEADER: usize = 128;
 const COMPRESSED: u32 = 15;

@@ -40,10 +40,12 @@ mod mcap_follower;
 mod mcap_reader;
 mod mcap_writer;
 mod messages;
+mod milliseconds;
 mod numbers;
 mod packed;
 mod protobuf;
 mod read_for;
+mod recording_error;
 mod recording_info;
 mod repeated;
 mod resample;
@@ -69,9 +71,10 @@ pub use mcap_writer::{Event, EventLevel, RecordingWriter, VERDICT, WriteMcapErro
 pub use messages::{
     MessageSchema, decode_log_message, decode_tick_message, encode_log_message, encode_tick_message, message_schemas,
 };
+pub use recording_error::RecordingError;
 pub use recording_info::{Attachment, LogTime, RecordingInfo};
 pub use short_names::short_name;
-pub use table::{MAX_STEP_S, PERIOD_S, Recording, RecordingError};
+pub use table::{MAX_STEP_S, PERIOD_S, Recording};
 pub use tick::{
     Arrival, COMMAND_BYTES, LawParts, POLICY_OUTPUTS, PREDICTED_TICKS, SENSE_BYTES, TickInput, TickRecord,
     observation_hash,

@@ -17,11 +17,12 @@ use model::rig::{RecordingMap, Rig};
 
 use super::columns::{Asked, asked, check, naming};
 use super::csv::{Column, ColumnData, CsvError, TIME_COLUMN};
+use super::recording_error::RecordingError;
 use super::repeated::Sensors;
 use super::resample::{Kind, Resampling};
 use super::sheet::Sheet;
 use super::slower::{self, Slower};
-use super::table::{Recording, RecordingError, Rows};
+use super::table::{Recording, Rows};
 use super::times::{Times, places_of_time, times};
 use super::{MOST_BYTES, file_kind, logger_text, lost_rows, packed, repeated, serial_monitor, text_encoding};
 use crate::regular_file;

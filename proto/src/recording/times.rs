@@ -11,9 +11,9 @@ use super::bursts::{Bursts, bursts};
 use super::columns::Naming;
 use super::csv::{CsvError, TIME_COLUMN};
 use super::read_for::forward;
+use super::recording_error::RecordingError;
 use super::resample::median_step;
 use super::sheet::{Sheet, field};
-use super::table::RecordingError;
 use super::units::Unit;
 use super::unlikely_times::{DAY_S, MOST_STEP_S, plausible};
 
@@ -86,6 +86,14 @@ pub(super) fn times(sheet: &Sheet<'_>, map: &RecordingMap, naming: Naming) -> Re
             Found::Columns(places) => or_every(sheet, map, of_columns(sheet, &places))?,
             Found::Period(period_s) => every(sheet, period_s),
         },
+    };
+    let times = match super::milliseconds::added(sheet, &times.columns, &times.time_s) {
+        Some((at, time_s)) if !times.columns.is_empty() => {
+            let title = sheet.columns.get(at).map_or("", |column| column.title.as_str());
+            let taken = times.taken.into_iter().chain([format!("milliseconds from {title}")]).collect();
+            Times { time_s: from_zero(time_s), columns: times.columns.into_iter().chain([at]).collect(), taken }
+        }
+        _ => times,
     };
     let column = times.columns.first().copied().unwrap_or(0);
     forward(sheet, column, &times.time_s)?;

@@ -4,9 +4,9 @@
 //! logger's. A map that names the column of times without a unit says seconds, and is believed where seconds can be.
 
 use super::csv::TIME_COLUMN;
+use super::recording_error::RecordingError;
 use super::resample::median_step;
 use super::sheet::Sheet;
-use super::table::RecordingError;
 use super::table::rules::time_hint;
 use super::times::Said;
 

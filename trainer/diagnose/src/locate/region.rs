@@ -2,11 +2,15 @@
 //!
 //! A mismatch may follow a command (and the way it moves), a pressure, the time since a command changed, or the time since the
 //! recording began. Each of these axes is cut into bins; the tightest run of bins that holds four fifths of the mismatch's
-//! energy (or half of it, if that is nowhere) is its region, and the axis is taken on which that region has least of the rows:
+//! energy is its region, and the axis is taken on which that region has least of the rows:
 //!
 //! ```text
 //! lift = share of the energy inside / share of the rows inside
 //! ```
+//!
+//! Where that is nowhere, a wide region counts that leaves hardly any energy outside, by the odds of energy and rows to be inside:
+//! a command that spends two thirds of its time where nearly all of the energy lies. Where there is none either, half of the energy
+//! counts.
 
 use std::ops::Range;
 
@@ -79,10 +83,12 @@ const WAY_ROWS: usize = 5;
 const STILL: f64 = 2e-3;
 /// Bins over the range of an axis.
 const BINS: usize = 40;
-/// Share of the energy that a region must hold; or else half of it.
-const SHARES: [f64; 2] = [0.8, 0.5];
+/// Share of the energy that a region must hold; or else nearly all of it; or else half of it.
+const SHARES: [f64; 3] = [0.8, 0.95, 0.5];
 /// Lift from which on a region is one: less is how energies of a minute scatter (chosen).
 const LIFT: f64 = 1.4;
+/// Odds of the energy to be inside over those of the rows, from which on a region is one, however wide (chosen).
+const ODDS: f64 = 4.0;
 /// By how much another axis must stand out more than the first, the component's own command.
 const OTHER_AXIS: f64 = 1.2;
 
@@ -209,7 +215,13 @@ impl Region {
 
     /// Whether the energy is spread as the rows are: nowhere in particular.
     pub fn is_everywhere(&self) -> bool {
-        self.way.is_none() && self.lift() < LIFT
+        self.way.is_none() && self.lift() < LIFT && self.odds() < ODDS
+    }
+
+    /// How many times the odds of a row to be inside those of the energy are.
+    fn odds(&self) -> f64 {
+        let odds = |share: f64| share / (1.0 - share).max(1e-9);
+        odds(self.share) / odds(self.rows).max(1e-9)
     }
 
     /// In words: `falling u_neg between 0.70 and 0.85`.
@@ -271,6 +283,19 @@ mod tests {
         let found = most_telling(&stretch, &[on("u_pos", &command)]).unwrap();
         assert!(found.in_words().starts_with("everywhere"), "{}", found.in_words());
         assert!(region(&stretch, &on("u_pos", &[0.5; 1000]), SHARES[0]).is_none());
+    }
+
+    /// A valve that spends most of its time nearly open, where all of the mismatch lies.
+    #[test]
+    fn a_wide_region_that_leaves_nothing_outside_is_one() {
+        let command: Vec<f64> =
+            (0..4000).map(|k| 1.0 - 0.4 * (0.5 + 0.5 * (0.03 * f64::from(k)).sin()).powi(4)).collect();
+        let energy: Vec<f64> = command.iter().map(|u| if *u > 0.9 { 1.0 } else { 0.02 }).collect();
+        let rows = energy.iter().filter(|e| **e == 1.0).count();
+        assert!((0.6..0.8).contains(&(rows as f64 / 4000.0)), "{rows}");
+        let time_s: Vec<f64> = (0..4000).map(|k| 0.02 * f64::from(k)).collect();
+        let found = most_telling(&[Stretch { energy: &energy, time_s: &time_s }], &[on("u_pos", &command)]).unwrap();
+        assert!(!found.is_everywhere() && found.within[0] > 0.88, "{found:?}");
     }
 
     /// A mismatch at high pressures only, whatever the command: the pressure is the axis that tells.

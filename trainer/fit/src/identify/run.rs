@@ -125,6 +125,7 @@ pub fn run(
     if let Some(refusal) = quality.refusal() {
         return Err(FitError::Unusable(refusal));
     }
+    let records = quality.bridged(records);
     let split = Split::of(&records);
     let role = |role| -> Vec<f64> {
         split.weights(records.layout(), role).iter().zip(&quality.usable).map(|(w, u)| w * u).collect()

@@ -14,9 +14,10 @@ use std::ops::Range;
 
 use model::rig::Rig;
 
-use super::counts::{converters, look_like_counts};
+use super::counts::{converters, look_like_counts, or_counts};
 use super::duties::duties;
 use super::meaning::{Meaning, RIGHT, Standing};
+use super::mend::exchanged_keys;
 use super::{Finding, Severity, Trouble};
 use crate::FitError;
 use crate::data::Records;
@@ -86,24 +87,19 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
             all.into_iter().find(tells).map(|first| Standing { ends, ..first })
         });
         let record = arc.record;
-        standings.push(Recorded { record, source: source.clone(), telling: telling.collect() });
+        let counted: Vec<usize> = (0..channels).filter(|channel| is_counted(records, record, *channel)).collect();
+        standings.push(Recorded { source: source.clone(), telling: telling.collect(), counted });
         // What a chamber holds that nothing drives is for its leaks to say.
         if !records.inputs().is_empty() {
             let recorded = extremes(records, arc, records.readings_kpa());
-            absolutes.push((Recorded { record, source, telling: whole }, recorded, simulated));
+            absolutes.push((Recorded { source, telling: whole, counted: Vec::new() }, recorded, simulated));
         }
     }
     let compare = Compare { rig, columns: records.sensors(), atmosphere_kpa: rig.atmosphere.pressure_kpa_abs };
     // What the duties do is told by the pressures, so what is sure about those comes first. A duty never turns a
     // pressure's sign, but one that is inverted or exchanged moves what is expected of it, so the rest comes last.
     let before = findings.len();
-    let counted = |r: &Recorded<'_>| {
-        r.telling.iter().all(|s| {
-            let readings = records.channel_kpa(r.record, s.channel).iter().enumerate();
-            let of = records.records().get(r.record);
-            look_like_counts(readings.filter(|(row, _)| of.is_some_and(|of| of.is_measured(*row))).map(|(_, kpa)| *kpa))
-        })
-    };
+    let counted = |r: &Recorded<'_>| r.telling.iter().all(|s| r.counted.contains(&s.channel));
     let checks: [Check<'_>; 6] = [
         &|found| standings.iter().for_each(|r| found.extend(compare.together(r))),
         &|found| standings.iter().filter(|r| counted(r)).for_each(|r| found.extend(compare.counts(r))),
@@ -161,10 +157,17 @@ type Check<'c> = &'c dyn Fn(&mut Vec<Finding>);
 
 /// A recording's channels that tell something.
 struct Recorded<'a> {
-    /// Its place among the recordings.
-    record: usize,
     source: String,
     telling: Vec<Standing<'a>>,
+    /// Channels that look like the counts of a converter.
+    counted: Vec<usize>,
+}
+
+/// Whether the samples of a channel look like the counts of a converter.
+fn is_counted(records: &Records, record: usize, channel: usize) -> bool {
+    let readings = records.channel_kpa(record, channel).iter().enumerate();
+    let of = records.records().get(record);
+    look_like_counts(readings.filter(|(row, _)| of.is_some_and(|of| of.is_measured(*row))).map(|(_, kpa)| *kpa))
 }
 
 /// Rows that are compared: the last before chambers count as filled, then the others in turn, for a rig that rests at first.
@@ -280,8 +283,10 @@ impl Compare<'_> {
                     severity: Severity::Unusable,
                     trouble: Trouble::SwappedPressures,
                     text: format!(
-                        "{one} reads {:.1} kPa and {other} {:.1} kPa: the two columns seem to be swapped",
-                        a.recorded, b.recorded
+                        "{one} reads {:.1} kPa and {other} {:.1} kPa: the two columns seem to be swapped: {}",
+                        a.recorded,
+                        b.recorded,
+                        exchanged_keys(self.rig, &one, &other)
                     ),
                 });
             }
@@ -339,7 +344,13 @@ impl Compare<'_> {
     fn alone(&self, recorded: &Recorded<'_>, of: impl Fn(&Standing<'_>) -> bool) -> Vec<Finding> {
         let closest = |s: &Standing<'_>| self.meaning(&[s], NEARER).filter(|(misfit, _)| *misfit < 1.0);
         let those = recorded.telling.iter().filter(|s| of(s));
-        those.filter_map(|standing| Some(self.wrong(recorded, standing, closest(standing)?.1))).collect()
+        let told = |standing: &Standing<'_>| {
+            let found = self.wrong(recorded, standing, closest(standing)?.1);
+            let or = or_counts(self.rig, &found.column);
+            let is_counted = recorded.counted.contains(&standing.channel);
+            Some(if is_counted { Finding { text: format!("{}{or}", found.text), ..found } } else { found })
+        };
+        those.filter_map(told).collect()
     }
 }
 

@@ -3,7 +3,10 @@
 //! A logger that nobody told the sensor's scale writes what its converter gives: whole numbers up to a power of two. Units give whole
 //! numbers as well, so counts are told only where no unit explains all columns, and where one converter does.
 
+use model::rig::Rig;
+
 use super::meaning::Meaning;
+use super::mend::scaled_key;
 
 /// Largest counts of usual converters: 8, 10, 12, 13, 14, 15, 16, 23 and 24 bits, those of odd numbers with a sign.
 const FULL_COUNTS: [f64; 9] = [255.0, 1023.0, 4095.0, 8191.0, 16_383.0, 32_767.0, 65_535.0, 8_388_607.0, 16_777_215.0];
@@ -25,6 +28,12 @@ pub(super) fn look_like_counts(readings: impl Iterator<Item = f64>) -> bool {
         different.insert(reading as i64);
     }
     different.len() >= LEAST_DIFFERENT && largest >= LEAST_LARGEST
+}
+
+/// The other thing that whole numbers may be which a unit explains in one column alone.
+pub(super) fn or_counts(rig: &Rig, column: &str) -> String {
+    let key = scaled_key(rig, column);
+    format!("; or, being whole numbers, these are the raw counts of a converter; bring them to gauge kPa by {key}")
 }
 
 /// Every usual converter: over its own volts, and over the whole range of a sensor.

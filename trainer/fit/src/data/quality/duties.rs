@@ -2,7 +2,7 @@
 
 use model::rig::{Pump, Rig};
 
-use super::mend::inverted_key;
+use super::mend::{exchanged_keys, inverted_key};
 use super::{Finding, Severity, Trouble};
 use crate::data::Records;
 use crate::least_squares::{LinearFit, solve};
@@ -60,8 +60,10 @@ pub(super) fn duties(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) 
             severity: Severity::Unusable,
             trouble: Trouble::SwappedDuties,
             text: format!(
-                "each chamber answers to the other's duty: {} and {} seem to be swapped",
-                one.command, other.command
+                "each chamber answers to the other's duty: {} and {} seem to be swapped: {}",
+                one.command,
+                other.command,
+                exchanged_keys(rig, one.command, other.command)
             ),
         });
         return;

@@ -45,6 +45,17 @@ pub(super) fn inverted_key(rig: &Rig, column: &str) -> String {
     keyed(rig, column, |term| Some(line(term, -term.scale, 1.0 - term.offset)))
 }
 
+/// The keys that exchange what two columns are made from.
+pub(super) fn exchanged_keys(rig: &Rig, one: &str, other: &str) -> String {
+    let plain = |column: &str| only_term(rig, column).filter(Term::is_plain).map(|term| term.from);
+    match (plain(one), plain(other)) {
+        (Some(of_one), Some(of_other)) => {
+            format!("[recording] columns.{one} = \"{of_other}\" and columns.{other} = \"{of_one}\"")
+        }
+        _ => format!("exchange what [recording] says of columns.{one} and columns.{other}"),
+    }
+}
+
 /// What a column is made from; `None` where that is a sum.
 fn only_term(rig: &Rig, column: &str) -> Option<Term> {
     let map = rig.recording.as_ref();
@@ -113,6 +124,10 @@ mod tests {
                 Meaning::Output(super::super::meaning::Output::Volts)
             ),
             "[recording] columns.p_pos_kpa = { from = \"P\", scale = 500.0, offset = -250.0 }"
+        );
+        assert_eq!(
+            exchanged_keys(&with("columns.u_pos = \"PWM 1\""), "u_pos", "u_neg"),
+            "[recording] columns.u_pos = \"u_neg\" and columns.u_neg = \"PWM 1\""
         );
         assert_eq!(
             inverted_key(&with("columns.u_pos = { from = \"PWM\", scale = 0.01 }"), "u_pos"),

@@ -4,7 +4,8 @@
 //! | --- | --- |
 //! | `finding` | a finding: where, how bad, what it is, what to do |
 //! | `shape` | too short, gaps, uneven time |
-//! | `readings` | flat, stuck, clipped and wild readings |
+//! | `readings` | flat, stuck and clipped readings |
+//! | `wild` | wild readings, and what goes in their place |
 //! | `frozen` | readings that stand for long while all else moves |
 //! | `excitation` | commands that never move, a pump that never runs |
 //! | `against_model` | swapped pressures and wrong units, told by what the rig would do |
@@ -31,6 +32,7 @@ mod ranges;
 mod readings;
 mod shape;
 mod unmoved;
+mod wild;
 
 pub use finding::{Finding, Severity, Trouble};
 pub use ranges::within_ranges;
@@ -47,6 +49,8 @@ pub struct Quality {
     pub findings: Vec<Finding>,
     /// 1 at readings that may be used, 0 at others; of the recordings' layout.
     pub usable: Vec<f64>,
+    /// By place in the recordings' layout, whether a reading is wild; empty where none is.
+    wild: Vec<bool>,
 }
 
 impl Quality {
@@ -59,7 +63,7 @@ impl Quality {
         // Rows without a sample are no evidence, whatever stands in them.
         let mut usable = records.measured();
         shape::check(records, &mut findings);
-        readings::check(rig, records, noise, &mut usable, &mut findings);
+        let places = readings::check(rig, records, noise, &mut usable, &mut findings);
         // What hardly lasts hardly moves; that need not be told as well.
         if !findings.iter().any(|f| f.trouble == Trouble::TooShort && f.severity == Severity::Unusable) {
             excitation::check(rig, records, noise, &mut findings);
@@ -71,7 +75,23 @@ impl Quality {
             ranges::check(rig, records, &agreed, &mut findings);
         }
         findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
-        Ok(Quality { findings, usable })
+        let mut wild = vec![false; if places.is_empty() { 0 } else { usable.len() }];
+        places.into_iter().for_each(|place| wild[place] = true);
+        Ok(Quality { findings, usable, wild })
+    }
+
+    /// The recordings with straight lines in place of wild readings, which are no evidence, and no place to begin a simulation at.
+    pub fn bridged(&self, records: Records) -> Records {
+        if self.wild.is_empty() {
+            return records;
+        }
+        let mut readings_kpa = records.readings_kpa().to_vec();
+        for (.., places) in records.layout().all() {
+            if let (Some(values), Some(wild)) = (readings_kpa.get_mut(places.clone()), self.wild.get(places)) {
+                wild::bridged(values, wild);
+            }
+        }
+        records.with_readings(readings_kpa).unwrap_or(records)
     }
 
     /// What makes the recordings unusable, all of it in one line; `None` if they can be used. What is wrong with several

@@ -8,9 +8,9 @@ use model::rig::{Rig, Sensor};
 use proto::recording::Recording;
 
 use super::against_model::Agreed;
-use super::counts::look_like_counts;
+use super::counts::{look_like_counts, or_counts};
 use super::meaning::{Meaning, lost_sign};
-use super::mend::{pressure_key, scaled_key};
+use super::mend::{exchanged_keys, pressure_key, scaled_key};
 use super::{Finding, Severity, Trouble};
 use crate::FitError;
 use crate::data::Records;
@@ -132,7 +132,7 @@ fn first_outside(rig: &Rig, source: &str, channels: &[Channel<'_>], agreed: &[Ag
     let is_agreed = agreed.iter().any(|of| of.source == source && of.column == channel.column);
     let (trouble, reason) = is_agreed
         .then(|| (Trouble::WrongUnit, beyond(rig, channel.column)))
-        .or_else(|| swapped(channel, &channels))
+        .or_else(|| swapped(rig, channel, &channels))
         .or_else(|| meant(rig, channel, &channels).map(|meaning| told(rig, channel, meaning)))
         .or_else(|| counts(rig, channel))
         .unwrap_or_else(|| {
@@ -198,6 +198,12 @@ fn beyond(rig: &Rig, column: &str) -> String {
 
 /// A meaning in words, with the key that says so.
 fn told(rig: &Rig, channel: &Judged<'_>, meaning: Meaning) -> (Trouble, String) {
+    let (trouble, text) = told_alone(rig, channel, meaning);
+    let is_counted = look_like_counts(channel.values.iter().copied());
+    (trouble, if is_counted { text + &or_counts(rig, channel.column) } else { text })
+}
+
+fn told_alone(rig: &Rig, channel: &Judged<'_>, meaning: Meaning) -> (Trouble, String) {
     let key = pressure_key(rig, channel.column, meaning);
     match meaning {
         Meaning::Absolute(_, "kPa") => (Trouble::Absolute, format!("the pressure seems to be absolute; {key}")),
@@ -218,12 +224,13 @@ fn told(rig: &Rig, channel: &Judged<'_>, meaning: Meaning) -> (Trouble, String) 
 }
 
 /// Another channel that this one is within the range of, and the other way round.
-fn swapped(channel: &Judged<'_>, channels: &[Judged<'_>]) -> Option<(Trouble, String)> {
+fn swapped(rig: &Rig, channel: &Judged<'_>, channels: &[Judged<'_>]) -> Option<(Trouble, String)> {
     let fits = |values: &Judged<'_>, range: [f64; 2]| Judged { range, ..*values }.outside(Margin::Wide, Some) <= MANY;
     let other = channels
         .iter()
         .filter(|other| other.column != channel.column)
         .find(|other| fits(channel, other.range) && fits(other, channel.range))?;
     let (one, two) = (channel.column, other.column);
-    Some((Trouble::SwappedPressures, format!("the columns {one} and {two} seem to be swapped")))
+    let keys = exchanged_keys(rig, one, two);
+    Some((Trouble::SwappedPressures, format!("the columns {one} and {two} seem to be swapped: {keys}")))
 }

@@ -1,4 +1,4 @@
-//! Flat, stuck, clipped and wild readings.
+//! Flat, stuck and clipped readings.
 //!
 //! All of these are told from the noise: a sensor that works scatters by at least a step of its converter, so a
 //! reading that repeats itself to the last digit for a second is not a calm plant but a dead or saturated sensor.
@@ -6,7 +6,7 @@
 
 use model::rig::Rig;
 
-use super::{Finding, Severity, Trouble, frozen};
+use super::{Finding, Severity, Trouble, frozen, wild};
 use crate::data::{Noise, Records};
 
 /// A run of this many equal readings is stuck: 0.5 s. With noise of half a step two neighbours are equal with
@@ -16,16 +16,18 @@ const STUCK_ROWS: usize = 25;
 const HEAP: usize = 50;
 /// A channel with fewer distinct readings than this is flat.
 const DISTINCT: usize = 4;
-/// A reading this many noise deviations away from the median of its neighbours is wild …
-const WILD: f64 = 10.0;
-/// … and this far away at least, in kPa: more than the plant can do within two rows and go back on …
-const WILD_KPA: f64 = 2.0;
-/// … or, on a rig of low pressures, this share of all that the channel moves through.
-const WILD_SHARE: f64 = 0.5;
 /// Samples further apart than this, in s, are not asked for wild ones.
 const WILD_SAMPLING_S: f64 = 0.05;
 
-pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], usable: &mut [f64], findings: &mut Vec<Finding>) {
+/// Masks what cannot be trusted in `usable` and tells it; gives the places of wild readings.
+pub(super) fn check(
+    rig: &Rig,
+    records: &Records,
+    noise: &[Noise],
+    usable: &mut [f64],
+    findings: &mut Vec<Finding>,
+) -> Vec<usize> {
+    let mut wild_places = Vec::new();
     for (record, r) in records.records().iter().enumerate() {
         // Rows without a sample repeat and join; what is wrong shows in samples.
         let rows: Vec<usize> = (0..r.time_s.len()).filter(|row| r.is_measured(*row)).collect();
@@ -38,7 +40,9 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], usable: &mut 
                 findings.push(Finding { source: r.source.clone(), column: column.clone(), severity, trouble, text });
             };
             let of = Channel { values: &values, sigma, range: range_of(rig, column), sampling_s: r.sampling_s };
-            let smooth = of.check(&mut mask, add);
+            let (smooth, wild) = of.check(&mut mask, add);
+            let begin = records.layout().channel(record, channel).start;
+            wild_places.extend(wild.iter().filter_map(|at| Some(begin + rows.get(*at)?)));
             let usable = usable.get_mut(records.layout().channel(record, channel)).unwrap_or_default();
             if smooth {
                 frozen::check(records, record, channel, usable, findings);
@@ -50,6 +54,7 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], usable: &mut 
             }
         }
     }
+    wild_places
 }
 
 /// The samples of one sensor in one recording.
@@ -63,8 +68,9 @@ struct Channel<'a> {
 }
 
 impl Channel<'_> {
-    /// Masks what cannot be trusted and tells it; whether the reading moves without noise that would tell one that is stuck.
-    fn check(&self, mask: &mut [f64], mut add: impl FnMut(Severity, Trouble, String)) -> bool {
+    /// Masks what cannot be trusted and tells it; whether the reading moves without noise that would tell one that is stuck, and which
+    /// of its readings are wild.
+    fn check(&self, mask: &mut [f64], mut add: impl FnMut(Severity, Trouble, String)) -> (bool, Vec<usize>) {
         let moves = distinct(self.values) >= DISTINCT;
         if !moves && self.values.len() >= STUCK_ROWS {
             let at = self.values.iter().copied().fold(f64::INFINITY, f64::min);
@@ -74,7 +80,7 @@ impl Channel<'_> {
                 format!("flat: {at:.2} kPa throughout; check the sensor, its cable and its converter's channel"),
             );
             mask.fill(0.0);
-            return false;
+            return (false, Vec::new());
         }
         // Noise within a single recording, for another recording's noise is no proof that this one has any.
         let scatters = scatters(self.values);
@@ -82,10 +88,16 @@ impl Channel<'_> {
             stuck(self.values, mask, self.range, self.sampling_s, &mut add);
         }
         // Between samples further apart a plant may well go somewhere and come back.
-        if self.sampling_s < WILD_SAMPLING_S {
-            wild(self.values, self.sigma, mask, &mut add);
+        if self.sampling_s >= WILD_SAMPLING_S {
+            return (moves && !scatters, Vec::new());
         }
-        moves && !scatters
+        let (rows, worst) = wild::wild(self.values, self.sigma, self.range);
+        rows.iter().for_each(|row| mask[*row] = 0.0);
+        if !rows.is_empty() {
+            let (severity, trouble, text) = wild::told(rows.len(), self.values.len(), worst);
+            add(severity, trouble, text);
+        }
+        (moves && !scatters, rows)
     }
 }
 
@@ -186,49 +198,4 @@ fn stuck(
 /// How bad it is that this share of a channel's readings, in per cent, is left out.
 pub(super) fn severity_of(percent: f64) -> Severity {
     if percent > 20.0 { Severity::Unusable } else { Severity::Doubtful }
-}
-
-/// What nine of ten readings lie within, in kPa: single wild ones do not widen it.
-fn span(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let at = |share: f64| sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
-    at(0.95) - at(0.05)
-}
-
-/// Masks single readings far from the median of the five around them, and farther than the other four are from each other:
-/// the crest of a swing stands out, too.
-fn wild(values: &[f64], sigma: f64, mask: &mut [f64], add: &mut impl FnMut(Severity, Trouble, String)) {
-    let limit = WILD_KPA.min(WILD_SHARE * span(values)).max(WILD * sigma);
-    let mut count = 0;
-    let mut worst: f64 = 0.0;
-    for (row, window) in values.windows(5).enumerate() {
-        let mut sorted = [window[0], window[1], window[2], window[3], window[4]];
-        sorted.sort_by(f64::total_cmp);
-        let off = (window[2] - sorted[2]).abs();
-        let others = [window[0], window[1], window[3], window[4]];
-        let spread = others.iter().copied().fold(f64::NEG_INFINITY, f64::max)
-            - others.iter().copied().fold(f64::INFINITY, f64::min);
-        if off > limit && off > spread {
-            count += 1;
-            worst = worst.max(off);
-            if let Some(slot) = mask.get_mut(row + 2) {
-                *slot = 0.0;
-            }
-        }
-    }
-    if count > 0 {
-        let many = count * 100 > values.len();
-        add(
-            if many { Severity::Unusable } else { Severity::Doubtful },
-            Trouble::Spikes,
-            format!(
-                "{count} wild reading{}, up to {} kPa off the neighbours; left out. Look for a \
-                 loose contact or interference",
-                if count == 1 { "" } else { "s" },
-                // A number that is no pressure at all has no digits behind the point worth reading.
-                if worst < 1e6 { format!("{worst:.1}") } else { format!("{worst:.0e}") }
-            ),
-        );
-    }
 }

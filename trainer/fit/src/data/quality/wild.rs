@@ -1,0 +1,188 @@
+//! Wild readings: what a loose contact or interference puts between sound ones.
+//!
+//! A reading is wild that its neighbours on both sides contradict, or that no sensor of its range can give: a logger's
+//! -9999, the end of a converter. Those at the ends of a run have neighbours on one side only, and two or three in a row bear each other
+//! out: they must be much farther from the sound ones than the reading usually moves from row to row, so that neither a pump that
+//! starts nor a line that rings is taken for a loose contact.
+
+use std::ops::Range;
+
+use super::{Severity, Trouble};
+
+/// A reading this many noise deviations away from the median of its neighbours is wild …
+const WILD: f64 = 10.0;
+/// … and this far away at least, in kPa: more than the plant can do within two rows and go back on …
+const WILD_KPA: f64 = 2.0;
+/// … or, on a rig of low pressures, this share of all that the channel moves through.
+const WILD_SHARE: f64 = 0.5;
+/// Wild readings at an end, or next to each other, are this many times as far off as all but three steps in a hundred are large …
+const STEPS: f64 = 5.0;
+/// … and as the sound readings around them are apart.
+const APART: f64 = 5.0;
+/// Most wild readings that stand next to each other.
+const MOST_TOGETHER: usize = 3;
+/// Share of a sensor's range beyond its ends from which on it gives no reading.
+const MARGIN: f64 = 0.1;
+/// Share of readings from which on those outside a range are no accident but another unit, which other checks tell.
+const MANY: f64 = 0.05;
+
+/// The places of wild readings among those of one channel, and how far the worst is from its neighbours (kPa).
+pub(super) fn wild(values: &[f64], sigma: f64, range: Option<[f64; 2]>) -> (Vec<usize>, f64) {
+    let mut is_wild = outside(values, range);
+    let limit = WILD_KPA.min(WILD_SHARE * span(values)).max(WILD * sigma);
+    for (row, window) in values.windows(5).enumerate() {
+        let off = (window[2] - median_of(window)).abs();
+        let others = [window[0], window[1], window[3], window[4]];
+        // Farther than the other four are from each other: the crest of a swing stands out, too.
+        let (low, high) = others.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+        if off > limit && off > high - low {
+            is_wild[row + 2] = true;
+        }
+    }
+    let far = limit.max(STEPS * usual_step(values));
+    for together in 2..=MOST_TOGETHER {
+        for from in 2..(values.len() + 1).saturating_sub(together + 2) {
+            let around = [from - 2, from - 1, from + together, from + together + 1];
+            if stand_off(values, from..from + together, &around, far) {
+                is_wild[from..from + together].fill(true);
+            }
+        }
+    }
+    let rows = values.len();
+    if rows > 5 {
+        let ends = [
+            (0, [1, 2, 3]),
+            (1, [2, 3, 4]),
+            (rows - 2, [rows - 3, rows - 4, rows - 5]),
+            (rows - 1, [rows - 2, rows - 3, rows - 4]),
+        ];
+        for (end, inwards) in ends {
+            if stand_off(values, end..end + 1, &inwards, far) {
+                is_wild[end] = true;
+            }
+        }
+    }
+    let rows: Vec<usize> = (0..values.len()).filter(|row| is_wild[*row]).collect();
+    let off = |row: &usize| {
+        let around = values.get(row.saturating_sub(2)..values.len().min(row + 3)).unwrap_or_default();
+        (values[*row] - median_of(around)).abs()
+    };
+    let worst = rows.iter().map(off).fold(0.0, f64::max);
+    (rows, worst)
+}
+
+/// Whether readings are all this far from those around them, which agree with each other.
+fn stand_off(values: &[f64], rows: Range<usize>, around: &[usize], far_kpa: f64) -> bool {
+    let sound: Vec<f64> = around.iter().filter_map(|row| values.get(*row)).copied().collect();
+    let (low, high) = sound.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    let of = |v: &f64| (low - v).max(v - high);
+    values.get(rows).is_some_and(|those| those.iter().all(|v| of(v) > far_kpa && of(v) > APART * (high - low)))
+}
+
+/// The size that all but three steps in a hundred from row to row keep below, in kPa: each wild reading makes two.
+fn usual_step(values: &[f64]) -> f64 {
+    let mut steps: Vec<f64> = values.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
+    let at = steps.len() * 97 / 100;
+    if steps.is_empty() { 0.0 } else { *steps.select_nth_unstable_by(at, f64::total_cmp).1 }
+}
+
+/// What is told of them.
+pub(super) fn told(count: usize, of: usize, worst: f64) -> (Severity, Trouble, String) {
+    let text = format!(
+        "{count} wild reading{}, up to {} kPa off the neighbours; left out. Look for a loose contact or interference",
+        if count == 1 { "" } else { "s" },
+        // A number that is no pressure at all has no digits behind the point worth reading.
+        if worst < 1e6 { format!("{worst:.1}") } else { format!("{worst:.0e}") }
+    );
+    (if count * 100 > of { Severity::Unusable } else { Severity::Doubtful }, Trouble::Spikes, text)
+}
+
+/// Readings that no sensor of this range gives, where they are few.
+fn outside(values: &[f64], range: Option<[f64; 2]>) -> Vec<bool> {
+    let Some([low, high]) = range else { return vec![false; values.len()] };
+    let margin = MARGIN * (high - low);
+    let is_outside: Vec<bool> = values.iter().map(|v| !(low - margin..=high + margin).contains(v)).collect();
+    let few = is_outside.iter().filter(|out| **out).count() as f64 <= MANY * values.len() as f64;
+    if few { is_outside } else { vec![false; values.len()] }
+}
+
+/// What nine of ten readings lie within, in kPa: single wild ones do not widen it.
+fn span(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let at = |share: f64| sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
+    at(0.95) - at(0.05)
+}
+
+fn median_of(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Readings with straight lines in place of the wild ones, so that nothing begins at them or is smoothed over them.
+pub(super) fn bridged(values: &mut [f64], is_wild: &[bool]) {
+    let sound: Vec<usize> = (0..values.len()).filter(|row| is_wild.get(*row) != Some(&true)).collect();
+    for row in (0..values.len()).filter(|row| is_wild.get(*row) == Some(&true)) {
+        let at = sound.partition_point(|other| *other < row);
+        let before = at.checked_sub(1).and_then(|k| sound.get(k)).map(|k| (*k, values[*k]));
+        let after = sound.get(at).map(|k| (*k, values[*k]));
+        match (before, after) {
+            (Some((a, x)), Some((b, y))) => values[row] = x + (y - x) * (row - a) as f64 / (b - a) as f64,
+            (Some((_, x)), None) | (None, Some((_, x))) => values[row] = x,
+            (None, None) => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A chamber that fills, sampled with a little noise.
+    fn filling() -> Vec<f64> {
+        (0..200).map(|k| 100.0 * (1.0 - (-0.1 * f64::from(k)).exp()) + 0.05 * f64::from(k * 7919 % 13) / 13.0).collect()
+    }
+
+    #[test]
+    fn what_no_neighbour_bears_out_is_wild_wherever_it_stands() {
+        let range = Some([-100.0, 300.0]);
+        assert_eq!(wild(&filling(), 0.05, range).0, Vec::<usize>::new(), "a pump that starts is no wild reading");
+        for at in [0, 1, 2, 77, 197, 198, 199] {
+            for reading in [1e6, 260.0, -99.0] {
+                let mut values = filling();
+                values[at] = reading;
+                assert_eq!(wild(&values, 0.05, range).0, [at], "{reading} at {at}");
+            }
+        }
+        // Three rows of a logger's "no value" have each other for neighbours; so have two zeros, which a sensor may well read.
+        let mut values = filling();
+        values[50..53].fill(-9999.0);
+        values[120..122].fill(0.0);
+        assert_eq!(wild(&values, 0.05, range).0, [50, 51, 52, 120, 121]);
+    }
+
+    #[test]
+    fn what_a_plant_does_is_not_wild() {
+        // A pump that starts in the first row, and a line that rings with six rows a turn.
+        let from_rest: Vec<f64> = (0..400).map(|k| 100.0 * (1.0 - (-0.6 * f64::from(k)).exp())).collect();
+        let rings = |amplitude: f64| -> Vec<f64> {
+            (0..400)
+                .map(|k| {
+                    let since = f64::from(k % 100);
+                    50.0 + f64::from(k / 100 % 2) * 20.0 + amplitude * (-since / 15.0).exp() * (since * 1.0472).sin()
+                })
+                .collect()
+        };
+        for (what, values) in [("from rest", from_rest), ("ringing", rings(6.0)), ("ringing hard", rings(10.0))] {
+            assert_eq!(wild(&values, 0.05, Some([-100.0, 300.0])).0, Vec::<usize>::new(), "{what}");
+        }
+    }
+
+    #[test]
+    fn lines_go_from_sound_to_sound_reading() {
+        let mut values = [9e9, 1.0, 9e9, 9e9, 4.0, 9e9];
+        bridged(&mut values, &[true, false, true, true, false, true]);
+        assert_eq!(values, [1.0, 1.0, 2.0, 3.0, 4.0, 4.0]);
+    }
+}
