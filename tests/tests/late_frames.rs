@@ -23,7 +23,9 @@ use tests::scene::{LEAK, SOON, Scene};
 
 const TICK: Duration = Duration::from_millis(20);
 /// How long the daemon is held up so that its command is late (14 ms after the frame was due) and still comes within the tick.
-const HELD_UP: Duration = Duration::from_millis(17);
+const HELD_UP: Duration = Duration::from_millis(16);
+/// Time in which all threads of a stopped process stand: the one that ticks would else answer first.
+const STOPS: Duration = Duration::from_millis(1);
 /// Ticks before a fault: half a second to be armed, and one under control.
 const BEFORE: u32 = 80;
 /// The same where the fallback is to have taken over: three seconds to fill, five to be given up.
@@ -99,6 +101,7 @@ impl Flight {
             let daemon = Pid::from_raw(self.scene.daemon.pid() as i32).unwrap();
             if matches!(sent, Sent::ToASleeper) {
                 kill_process(daemon, Signal::STOP).unwrap();
+                std::thread::sleep(STOPS);
             }
             if !matches!(sent, Sent::Nothing) {
                 crio.write(&sense.encode());
@@ -168,7 +171,17 @@ fn fly(row: &FaultRow, index: usize, sent: fn(u32) -> Sent) -> Result<(), String
         (Return::ByItself, State::Standby) => after == State::Standby,
         (Return::ByItself, _) => after.is_controlling(),
     };
-    if is_there && goes_on { Ok(()) } else { Err(format!("{seen:?}, {after:?} afterwards; {said}")) }
+    if is_there && goes_on {
+        return Ok(());
+    }
+    let frame = |tick: &TickRecord| {
+        let is = if tick.sense_present { "came" } else { "missing" };
+        let late = if tick.deadline_missed { ", command late" } else { "" };
+        format!("{} {is}{late}", tick.tick)
+    };
+    let within = ticks.iter().filter(|tick| (first..last + LOOKED).contains(&tick.tick));
+    let frames: Vec<String> = within.map(frame).collect();
+    Err(format!("{seen:?}, {after:?} afterwards; {}; {said}", frames.join("; ")))
 }
 
 #[test]
