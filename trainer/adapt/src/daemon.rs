@@ -19,6 +19,11 @@ const ARMED_AGAIN: Duration = Duration::from_secs(20);
 /// Time in which a person sees to a rig that was vented, and arms it.
 const PERSON_ARMS: Duration = Duration::from_secs(600);
 
+/// What the daemon says where no tick took what it was asked, as on a computer that stalls …
+const NO_TICK: &str = "no tick took it";
+/// … and how often it is asked again.
+const MORE_TRIES: usize = 2;
+
 /// Beginning of the conditions that another model may explain: a reading and the model are apart.
 const MODEL: &str = "model";
 
@@ -199,7 +204,16 @@ impl Daemon {
     pub fn experiment(&self, csv: &Path, console: &mut dyn Console) -> Result<PathBuf, AdaptError> {
         let csv = csv.to_string_lossy();
         let step = self.command(&["experiment", csv.as_ref(), "--json"]);
-        let said = step.done(console)?;
+        let mut said = step.done(console);
+        // Nothing is wrong with the experiment then, and a narrower one would fare no better.
+        for _ in 0..MORE_TRIES {
+            if !matches!(&said, Err(AdaptError::Failed { said, .. }) if said.contains(NO_TICK)) {
+                break;
+            }
+            std::thread::sleep(LOOK);
+            said = step.done(console);
+        }
+        let said = said?;
         let reply: Value = serde_json::from_str(&said.out).unwrap_or_default();
         match reply["recording"].as_str() {
             Some(path) => Ok(self.config.parent().unwrap_or(Path::new("")).join(path)),
