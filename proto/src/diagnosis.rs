@@ -113,12 +113,12 @@ pub struct Location {
 pub struct Fit {
     /// RMSE of the positive channel in kPa.
     pub pos_rmse_kpa: f64,
-    /// RMSE of the negative channel in kPa.
-    pub neg_rmse_kpa: f64,
-    /// 1 − mean absolute percentage error of the positive channel.
-    pub pos_accuracy: f64,
-    /// 1 − mean absolute percentage error of the negative channel.
-    pub neg_accuracy: f64,
+    /// RMSE of the negative channel in kPa; `null` on a rig that has one channel only.
+    pub neg_rmse_kpa: Option<f64>,
+    /// 1 − mean absolute percentage error of the positive channel; `null` where it hardly leaves the atmosphere.
+    pub pos_accuracy: Option<f64>,
+    /// The same of the negative channel.
+    pub neg_accuracy: Option<f64>,
 }
 
 /// Three rigs on the same held-out rows.
@@ -306,12 +306,14 @@ mod tests {
             evidence: FoundEvidence { delta_log_likelihood: 1234.5, held_out_rmse_gain: 0.62 },
             rivals: vec!["valve_stiction".to_owned()],
         };
+        let fit =
+            Fit { pos_rmse_kpa: 2.5, neg_rmse_kpa: Some(0.5), pos_accuracy: Some(0.97), neg_accuracy: Some(0.99) };
         let diagnosis = Diagnosis {
             verdict: Verdict::MissingPhysics,
             summary: String::new(),
             mechanisms: vec![found],
             location: Vec::new(),
-            fit: Fits::default(),
+            fit: Fits { nominal: fit, reidentified: fit, extended: fit },
             fit_by_channel: vec![ChannelFit {
                 channel: "p_pos_kpa".to_owned(),
                 nominal_rmse_kpa: 2.5,

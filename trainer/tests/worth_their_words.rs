@@ -92,6 +92,8 @@ fn a_slow_leak_of_a_small_chamber_is_no_drift() {
     // Whatever is written is no worse than the rig as it was given.
     let rmse = |rig: &str| said["fit"][rig]["pos_rmse_kpa"].as_f64().unwrap();
     assert!(rmse("extended") < 0.2 && rmse("nominal") > 1.0, "{said:#}");
+    // A channel that the rig does not have errs by nothing that is known.
+    assert!(said["fit"]["extended"]["neg_rmse_kpa"].is_null() && said["fit"]["nominal"]["neg_accuracy"].is_null());
 }
 
 /// A leak beyond the ranges of the paper's rig is found where it is, and the stated volume stays.

@@ -91,9 +91,14 @@ fn accuracy(bench: &Bench<'_>, trace: &[f64], weights: &[f64]) -> Vec<f64> {
 impl Figures {
     /// In the form of `diagnosis.json`; a rig with one channel fills the first.
     pub fn to_fit(&self) -> Fit {
-        let rmse = |c: usize| self.free.get(c).map_or(0.0, |e| e.rmse_kpa);
-        let share = |c: usize| self.accuracy.get(c).copied().filter(|a| a.is_finite()).unwrap_or(0.0);
-        Fit { pos_rmse_kpa: rmse(0), neg_rmse_kpa: rmse(1), pos_accuracy: share(0), neg_accuracy: share(1) }
+        let rmse = |c: usize| self.free.get(c).map(|e| e.rmse_kpa);
+        let accuracy = |c: usize| self.accuracy.get(c).copied().filter(|share| share.is_finite());
+        Fit {
+            pos_rmse_kpa: rmse(0).unwrap_or_default(),
+            neg_rmse_kpa: rmse(1),
+            pos_accuracy: accuracy(0),
+            neg_accuracy: accuracy(1),
+        }
     }
 
     /// Whether what turned a rig with the figures `before` into this one holds on rows that nothing was fitted to: all

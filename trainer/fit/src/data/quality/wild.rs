@@ -170,7 +170,8 @@ mod tests {
             (0..400)
                 .map(|k| {
                     let since = f64::from(k % 100);
-                    50.0 + f64::from(k / 100 % 2) * 20.0 + amplitude * (-since / 15.0).exp() * (since * 1.0472).sin()
+                    50.0 + f64::from(k / 100 % 2) * 20.0
+                        + amplitude * (-since / 15.0).exp() * (since * std::f64::consts::FRAC_PI_3).sin()
                 })
                 .collect()
         };
