@@ -213,7 +213,7 @@ mod tests {
         assert!(refused.contains("worse than the model in force"), "{refused}");
     }
 
-    /// The rig with one wrong part that shows while it fills only: refused by that alone it would be, on a run that begins with it.
+    /// A rig that fills in the minute that is compared: the model that is better all the time may be worse there.
     #[test]
     fn a_second_of_filling_does_not_speak_for_a_minute() {
         let figures = |all: f64, typical: f64| ModelFigures {
