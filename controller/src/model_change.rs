@@ -225,15 +225,17 @@ impl ModelDesk {
         let again = if is_back { " again" } else { "" };
         let line = match figures {
             Some(f) => format!(
-                "model {} is in force{again}; five ticks ahead it errs by {:.3}/{:.3} kPa on the last {:.0} s, the one before by {:.3}/{:.3}; in a usual second it errs {:.2}/{:.2} times as much",
+                "model {} is in force{again}; five ticks ahead it errs by {:.3}/{:.3} kPa on the last {:.0} s, the one before by {:.3}/{:.3}; it errs less in {}/{} seconds, more in {}/{}",
                 new,
                 f.after_kpa[1][0],
                 f.after_kpa[1][1],
                 f.ticks as f64 * 0.02,
                 f.before_kpa[1][0],
                 f.before_kpa[1][1],
-                f.typical_ratio[0],
-                f.typical_ratio[1]
+                f.better_s[0],
+                f.better_s[1],
+                f.worse_s[0],
+                f.worse_s[1]
             ),
             None => {
                 format!("model {new} is in force{again}; too little was run to compare it with the one before")

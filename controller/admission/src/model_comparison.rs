@@ -3,7 +3,8 @@
 //! Each model runs along with what was measured and sent, as MPObs does, and predicts the readings one and five ticks
 //! ahead under the duties that were then really sent; the errors are compared: over all of the run, and second by second. The few
 //! seconds in which a rig fills or an experiment jumps hold most of what any model errs, so they alone do not decide which model
-//! foresees the run: the greater part of its seconds does, unless the whole is far off.
+//! foresees the run: where many more seconds speak for a model than against it, it may err more over all, unless that is far off.
+//! Seconds in which a rig rests say nothing: there both models err by the readings' noise.
 
 use model::observation::{AHEAD, CHANNELS, Pair};
 use model::predict::Predictor;
@@ -16,10 +17,12 @@ const SETTLING_TICKS: usize = 25;
 const LEAST_TICKS: usize = 500;
 /// Ticks of a part of a run that is compared by itself: a second.
 const PART_TICKS: usize = 50;
-/// Most that a new model's errors may be of the old one's in the middle part, or over all of the run where the middle part does not
-/// speak for it; most over all in any case; and what is all one, in kPa. Chosen.
+/// Most that a new model's errors may be of the old one's over all of a run, and where its seconds speak for it. Chosen.
 const MOST_RATIO: f64 = 1.2;
-const MOST_RATIO_OF_ALL: f64 = 2.0;
+const MOST_RATIO_IF_SPOKEN_FOR: f64 = 2.0;
+/// Seconds that speak for a model are so many times those that speak against it. Chosen.
+const MANY_MORE: usize = 3;
+/// Errors below which all is one, in kPa.
 const FLOOR_KPA: Pair = [0.02, 0.01];
 
 /// A tick of a run: what was measured and what was sent.
@@ -44,8 +47,10 @@ pub struct ModelFigures {
     pub before_kpa: [Pair; 2],
     /// Of the new one.
     pub after_kpa: [Pair; 2],
-    /// Five ticks ahead, the new one's error over the old one's in the middle one of all seconds.
-    pub typical_ratio: Pair,
+    /// Seconds in which the new one's error five ticks ahead is clearly less than the old one's …
+    pub better_s: [usize; CHANNELS],
+    /// … and clearly more.
+    pub worse_s: [usize; CHANNELS],
 }
 
 impl ModelFigures {
@@ -53,20 +58,22 @@ impl ModelFigures {
     pub fn refusal(&self) -> Option<String> {
         let worse = |c: usize| {
             let of = |errors: [Pair; 2]| errors[1][c].hypot(FLOOR_KPA[c]);
-            let (all, typical) = (of(self.after_kpa) / of(self.before_kpa), self.typical_ratio[c]);
-            let speaks_for_it = typical < 1.0;
-            let most = if speaks_for_it { MOST_RATIO_OF_ALL } else { MOST_RATIO };
-            !all.is_finite() || all > most || typical > MOST_RATIO
+            let all = of(self.after_kpa) / of(self.before_kpa);
+            let is_spoken_for = self.better_s[c] > MANY_MORE * self.worse_s[c];
+            let most = if is_spoken_for { MOST_RATIO_IF_SPOKEN_FOR } else { MOST_RATIO };
+            let speaks_against = self.worse_s[c] as f64 * PART_TICKS as f64 > 0.5 * self.ticks as f64;
+            !all.is_finite() || all > most || speaks_against
         };
         let c = (0..CHANNELS).find(|&c| worse(c))?;
         Some(format!(
-            "foresees the last {:.0} s worse than the model in force: five ticks ahead {:.3} kPa instead of {:.3} in the {} pressure, {:.2} \
-             times as much in a usual second",
+            "foresees the last {:.0} s worse than the model in force: five ticks ahead {:.3} kPa instead of {:.3} in the {} pressure; \
+             less in {} seconds, more in {}",
             self.ticks as f64 * 0.02,
             self.after_kpa[1][c],
             self.before_kpa[1][c],
             if c == 0 { "positive" } else { "negative" },
-            self.typical_ratio[c]
+            self.better_s[c],
+            self.worse_s[c]
         ))
     }
 }
@@ -81,7 +88,8 @@ pub fn compare(old: &Rig, new: &Rig, run: &[Sample]) -> Result<Option<ModelFigur
         ticks: before.ticks,
         before_kpa: before.rms_kpa(),
         after_kpa: after.rms_kpa(),
-        typical_ratio: after.typically_over(&before),
+        better_s: before.parts_above(&after),
+        worse_s: after.parts_above(&before),
     }))
 }
 
@@ -142,13 +150,11 @@ impl Errors {
         self.sums.map(|sum| sum.map(|s| (s / self.ticks.max(1) as f64).sqrt()))
     }
 
-    /// How many times another model's error this one's is in the middle one of all seconds.
-    fn typically_over(&self, other: &Errors) -> Pair {
+    /// Seconds in which this model errs clearly more than another.
+    fn parts_above(&self, other: &Errors) -> [usize; CHANNELS] {
         std::array::from_fn(|c| {
             let kpa = |part: &Pair| (part[c] / PART_TICKS as f64).sqrt().hypot(FLOOR_KPA[c]);
-            let mut ratios: Vec<f64> = self.parts.iter().zip(&other.parts).map(|(a, b)| kpa(a) / kpa(b)).collect();
-            ratios.sort_by(f64::total_cmp);
-            ratios.get(ratios.len() / 2).copied().unwrap_or(1.0)
+            self.parts.iter().zip(&other.parts).filter(|(this, that)| kpa(this) > MOST_RATIO * kpa(that)).count()
         })
     }
 }
@@ -205,6 +211,7 @@ mod tests {
         println!("{better:?}");
         assert!(better.refusal().is_none());
         assert!((0..2).all(|c| better.after_kpa[1][c] < 0.5 * better.before_kpa[1][c]), "{better:?}");
+        assert!((0..2).all(|c| better.better_s[c] > 10 && better.worse_s[c] == 0), "{better:?}");
         // The other way round it is worse, and one of another size is much worse.
         assert!(compare(&bench, &nominal, &run).unwrap().unwrap().refusal().is_some());
         let mut large = nominal.clone();
@@ -216,17 +223,20 @@ mod tests {
     /// A rig that fills in the minute that is compared: the model that is better all the time may be worse there.
     #[test]
     fn a_second_of_filling_does_not_speak_for_a_minute() {
-        let figures = |all: f64, typical: f64| ModelFigures {
+        let figures = |all: f64, better: usize, worse: usize| ModelFigures {
             ticks: 3000,
             before_kpa: [[0.2, 0.2], [0.58, 0.58]],
             after_kpa: [[0.2, 0.2], [0.58 * all, 0.58 * all]],
-            typical_ratio: [typical; 2],
+            better_s: [better; 2],
+            worse_s: [worse; 2],
         };
-        assert!(figures(1.38, 0.4).refusal().is_none(), "better in most seconds");
-        assert!(figures(2.1, 0.4).refusal().is_some(), "far off where it is");
-        assert!(figures(1.38, 1.1).refusal().is_some(), "no better anywhere");
-        assert!(figures(1.0, 1.3).refusal().is_some(), "worse in most seconds");
-        assert!(figures(f64::NAN, 0.4).refusal().is_some());
+        assert!(figures(1.38, 40, 3).refusal().is_none(), "better in most seconds");
+        assert!(figures(1.38, 12, 3).refusal().is_none(), "better in most seconds that tell, and the rest is rest");
+        assert!(figures(2.1, 40, 3).refusal().is_some(), "far off where it is");
+        assert!(figures(1.38, 0, 3).refusal().is_some(), "no better anywhere");
+        assert!(figures(1.38, 8, 6).refusal().is_some(), "about as often worse as better");
+        assert!(figures(1.0, 10, 31).refusal().is_some(), "worse in most seconds");
+        assert!(figures(f64::NAN, 40, 3).refusal().is_some());
     }
 
     #[test]
