@@ -58,11 +58,12 @@ impl ModelFigures {
     pub fn refusal(&self) -> Option<String> {
         let worse = |c: usize| {
             let of = |errors: [Pair; 2]| errors[1][c].hypot(FLOOR_KPA[c]);
-            let all = of(self.after_kpa) / of(self.before_kpa);
+            let (before, after) = (of(self.before_kpa), of(self.after_kpa));
             let is_spoken_for = self.better_s[c] > MANY_MORE * self.worse_s[c];
             let most = if is_spoken_for { MOST_RATIO_IF_SPOKEN_FOR } else { MOST_RATIO };
             let speaks_against = self.worse_s[c] as f64 * PART_TICKS as f64 > 0.5 * self.ticks as f64;
-            !all.is_finite() || all > most || speaks_against
+            // A model in force that came to no number stands in nobody's way.
+            !after.is_finite() || after > most * before || speaks_against
         };
         let c = (0..CHANNELS).find(|&c| worse(c))?;
         Some(format!(
@@ -141,7 +142,7 @@ impl Errors {
         for (sum, square) in self.sums.iter_mut().flatten().zip(squares.iter().flatten()) {
             *sum += square;
         }
-        for (sum, square) in self.parts.iter_mut().rev().take(1).flatten().zip(squares[1]) {
+        for (sum, square) in self.parts.last_mut().into_iter().flatten().zip(squares[1]) {
             *sum += square;
         }
     }
@@ -237,6 +238,8 @@ mod tests {
         assert!(figures(1.38, 8, 6).refusal().is_some(), "about as often worse as better");
         assert!(figures(1.0, 10, 31).refusal().is_some(), "worse in most seconds");
         assert!(figures(f64::NAN, 40, 3).refusal().is_some());
+        let before_is_none = ModelFigures { before_kpa: [[f64::NAN; CHANNELS]; 2], ..figures(1.0, 0, 0) };
+        assert!(before_is_none.refusal().is_none(), "whatever foresees at all is better");
     }
 
     #[test]
