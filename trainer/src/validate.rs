@@ -140,10 +140,8 @@ struct Looked {
     doubts: Vec<String>,
     /// By recording, sensor and row, whether a sound sample was taken there.
     usable: Vec<Vec<Vec<bool>>>,
-    /// The sensors' columns.
-    columns: Vec<String>,
-    /// By recording, sensor and row, what was read, wild readings bridged (kPa).
-    read: Vec<Vec<Vec<f64>>>,
+    /// What was read, wild readings bridged.
+    records: Records,
 }
 
 fn looked_at(rig: &Rig, recordings: &[Recording]) -> Result<Looked, FitError> {
@@ -164,21 +162,20 @@ fn looked_at(rig: &Rig, recordings: &[Recording]) -> Result<Looked, FitError> {
         rows.iter().map(|usable| *usable > 0.0).collect()
     };
     let channels = 0..records.sensors().len();
-    let read = |record: usize, channel: usize| records.channel_kpa(record, channel).to_vec();
-    let read =
-        (0..recordings.len()).map(|record| channels.clone().map(|channel| read(record, channel)).collect()).collect();
-    let columns = records.sensors().to_vec();
     let usable = (0..recordings.len()).map(|record| channels.clone().map(|channel| of(record, channel)).collect());
-    Ok(Looked { unusable, doubts, usable: usable.collect(), columns, read })
+    let usable = usable.collect();
+    Ok(Looked { unusable, doubts, usable, records })
 }
 
 /// The recordings with straight lines in place of wild readings: no run begins at one.
 fn bridged(recordings: Vec<Recording>, looked: &Looked) -> Vec<Recording> {
-    let all = recordings.into_iter().zip(&looked.read);
-    let of = |(recording, read): (Recording, &Vec<Vec<f64>>)| {
-        looked.columns.iter().zip(read).fold(recording, |recording, (column, kpa)| recording.with_numbers(column, kpa))
+    let of = |(record, recording): (usize, Recording)| {
+        let columns = looked.records.sensors().iter().enumerate();
+        columns.fold(recording, |recording, (channel, column)| {
+            recording.with_numbers(column, looked.records.channel_kpa(record, channel))
+        })
     };
-    all.map(of).collect()
+    recordings.into_iter().enumerate().map(of).collect()
 }
 
 /// Which rows of a recording are compared.

@@ -18,7 +18,7 @@ use super::counts::{converters, look_like_counts, or_counts};
 use super::duties::duties;
 use super::meaning::{Meaning, RIGHT, Standing};
 use super::mend::exchanged_keys;
-use super::{Finding, Severity, Trouble};
+use super::{Finding, Severity, Trouble, median};
 use crate::FitError;
 use crate::data::Records;
 use crate::simulate::{Arc, Arcs, Fidelity, Simulator};
@@ -362,10 +362,4 @@ fn extremes(records: &Records, arc: &Arc, vector: &[f64]) -> Vec<[f64; 2]> {
         finite.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
     };
     (0..records.layout().channels()).map(of).collect()
-}
-
-fn median(values: &[f64]) -> f64 {
-    let mut values = values.to_vec();
-    let middle = values.len() / 2;
-    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }

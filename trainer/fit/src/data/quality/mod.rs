@@ -125,3 +125,10 @@ impl Quality {
         self.findings.iter().any(|f| f.trouble == trouble)
     }
 }
+
+/// The middle one of some numbers, the upper of two; 0 of nothing.
+fn median(values: &[f64]) -> f64 {
+    let mut values = values.to_vec();
+    let middle = values.len() / 2;
+    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}

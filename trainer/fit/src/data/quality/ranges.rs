@@ -16,9 +16,9 @@ use crate::FitError;
 use crate::data::Records;
 
 /// Readings may be outside by this share of the range: zeros that are off, lines that ring.
-const MARGIN: f64 = 0.1;
+pub(super) const MARGIN: f64 = 0.1;
 /// Share of the readings outside from which on it is no loose contact.
-const MANY: f64 = 0.05;
+pub(super) const MANY: f64 = 0.05;
 /// Share of a sensor's range through which readings move where a chamber does anything. Divided by a thousand any reading lies inside.
 const STANDS_STILL: f64 = 0.01;
 

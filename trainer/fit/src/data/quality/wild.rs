@@ -7,7 +7,8 @@
 
 use std::ops::Range;
 
-use super::{Severity, Trouble};
+use super::ranges::{MANY, MARGIN};
+use super::{Severity, Trouble, median};
 
 /// A reading this many noise deviations away from the median of its neighbours is wild …
 const WILD: f64 = 10.0;
@@ -21,17 +22,12 @@ const STEPS: f64 = 5.0;
 const APART: f64 = 5.0;
 /// Most wild readings that stand next to each other.
 const MOST_TOGETHER: usize = 3;
-/// Share of a sensor's range beyond its ends from which on it gives no reading.
-const MARGIN: f64 = 0.1;
-/// Share of readings from which on those outside a range are no accident but another unit, which other checks tell.
-const MANY: f64 = 0.05;
-
 /// The places of wild readings among those of one channel, and how far the worst is from its neighbours (kPa).
 pub(super) fn wild(values: &[f64], sigma: f64, range: Option<[f64; 2]>) -> (Vec<usize>, f64) {
     let mut is_wild = outside(values, range);
     let limit = WILD_KPA.min(WILD_SHARE * span(values)).max(WILD * sigma);
     for (row, window) in values.windows(5).enumerate() {
-        let off = (window[2] - median_of(window)).abs();
+        let off = (window[2] - median(window)).abs();
         let others = [window[0], window[1], window[3], window[4]];
         // Farther than the other four are from each other: the crest of a swing stands out, too.
         let (low, high) = others.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
@@ -65,7 +61,7 @@ pub(super) fn wild(values: &[f64], sigma: f64, range: Option<[f64; 2]>) -> (Vec<
     let rows: Vec<usize> = (0..values.len()).filter(|row| is_wild[*row]).collect();
     let off = |row: &usize| {
         let around = values.get(row.saturating_sub(2)..values.len().min(row + 3)).unwrap_or_default();
-        (values[*row] - median_of(around)).abs()
+        (values[*row] - median(around)).abs()
     };
     let worst = rows.iter().map(off).fold(0.0, f64::max);
     (rows, worst)
@@ -97,7 +93,7 @@ pub(super) fn told(count: usize, of: usize, worst: f64) -> (Severity, Trouble, S
     (if count * 100 > of { Severity::Unusable } else { Severity::Doubtful }, Trouble::Spikes, text)
 }
 
-/// Readings that no sensor of this range gives, where they are few.
+/// Readings that no sensor of this range gives, where they are few: many are another unit, which other checks tell.
 fn outside(values: &[f64], range: Option<[f64; 2]>) -> Vec<bool> {
     let Some([low, high]) = range else { return vec![false; values.len()] };
     let margin = MARGIN * (high - low);
@@ -112,12 +108,6 @@ fn span(values: &[f64]) -> f64 {
     sorted.sort_by(f64::total_cmp);
     let at = |share: f64| sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
     at(0.95) - at(0.05)
-}
-
-fn median_of(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Readings with straight lines in place of the wild ones, so that nothing begins at them or is smoothed over them.
