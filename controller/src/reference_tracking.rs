@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use admission::model_comparison::Sample;
-use handover::{Arbiter, Candidate, ExplorationRules, ExplorationShown, PolicyEvent, StoreEnd, Trust, channel};
+use handover::{Arbiter, Candidate, ExplorationRules, ExplorationShown, Noise, PolicyEvent, StoreEnd, Trust, channel};
 use law::{AfterEnd, ControlInput, Course, FallbackSettings, RepetitionLearning};
 use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
 use model::predict::Predictor;
@@ -139,8 +139,8 @@ impl ReferenceTracking {
         });
     }
 
-    /// Takes the exploration of a recorded tick in place of what would be drawn, in duty: for replays.
-    pub fn impose_exploration(&mut self, noise: Pair) {
+    /// Takes the exploration of a recorded tick in place of what would be drawn: for replays.
+    pub fn impose_exploration(&mut self, noise: Noise) {
         self.control.impose_noise(noise);
     }
 
@@ -236,7 +236,8 @@ impl DutySource for ReferenceTracking {
             record.authority = answer.authority;
         }
         record.swap_id = self.control.swaps();
-        [record.exploration_pos, record.exploration_neg] = arbitrated.exploration;
+        [record.exploration_pos, record.exploration_neg] = arbitrated.exploration.now;
+        record.exploration_plan = arbitrated.exploration.plan;
         let decision = arbitrated.decision;
         [record.law_pos, record.law_neg] = decision.parts.map(|p| LawParts {
             feed_forward: p.feed_forward + p.play + p.correction,

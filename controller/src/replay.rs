@@ -13,6 +13,7 @@ mod replay_error;
 
 use std::collections::VecDeque;
 
+use handover::Noise;
 use model::rig::Rig;
 use policy::{Policy, PolicyError};
 use proto::emulator::rig_and_crio;
@@ -294,7 +295,8 @@ impl Replay {
                 cycle.report(condition, 0.0);
             }
         }
-        let explored = [recorded.exploration_pos, recorded.exploration_neg];
+        let now = [recorded.exploration_pos, recorded.exploration_neg];
+        let explored = Noise { now, plan: recorded.exploration_plan };
         cycle.duty_source_mut().tracking_mut().impose_exploration(explored);
         let mut again = TickRecord { session: recorded.session, ..TickRecord::default() };
         let answer = match sense_of(recorded) {

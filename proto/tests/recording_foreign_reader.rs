@@ -74,6 +74,7 @@ fn tick() -> TickRecord {
         experiment: 2,
         exploration_pos: 0.0125,
         exploration_neg: -0.02,
+        exploration_plan: std::array::from_fn(|i| 0.25 - i as f32 / 16.0),
     }
 }
 
@@ -162,7 +163,7 @@ fn the_public_python_reader_sees_every_field() {
          predict_ns=12 law_ns=13 send_ns=14 compute_ns=4294967295 deadline_missed=1 records_dropped=5 {} {} \
          findings=18446744073709551615 inputs=2337 observation_hash=9223372036854775808 policy_output={} \
          policy_stage=6 authority={} swap_id=17 command_before_filter={} filter_active=1 \
-         experiment=2 exploration_pos={} exploration_neg={}",
+         experiment=2 exploration_pos={} exploration_neg={} exploration_plan={}",
         0xDEAD_BEEF_u32,
         tick.receive_ns,
         hex_all(tick.volts.map(f64::from)),
@@ -185,6 +186,7 @@ fn the_public_python_reader_sees_every_field() {
         hex_all(tick.command_before_filter),
         hex(tick.exploration_pos),
         hex(tick.exploration_neg),
+        hex_all(tick.exploration_plan.map(f64::from)),
     );
     let found = lines.iter().find(|line| line.starts_with("message /tick")).copied();
     assert_eq!(found, Some(expected.as_str()));

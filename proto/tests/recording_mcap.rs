@@ -34,6 +34,7 @@ prop_compose! {
         flags in any::<(bool, bool, bool)>(),
         decided in any::<(u64, u32, u64, [u32; 12], u8, u32, [u64; 3])>(),
         ns in any::<[u32; 6]>(),
+        planned in any::<[u32; 10]>(),
     ) -> TickRecord {
         let [v0, v1, v2, v3, echo_pos, echo_neg] = singles.map(f32::from_bits);
         let doubles = doubles.map(f64::from_bits);
@@ -57,6 +58,7 @@ prop_compose! {
             command_before_filter: [f64::from_bits(decided.6[1]), f64::from_bits(decided.6[2])],
             filter_active: flags.2,
             experiment: bytes.0 ^ bytes.1, exploration_pos: doubles[16], exploration_neg: doubles[17],
+            exploration_plan: planned.map(f32::from_bits),
             ..TickRecord::default()
         };
         if let Some(fill) = sense {

@@ -32,6 +32,8 @@ use training::TrainedPolicy;
 const SECONDS: f64 = 60.0;
 /// Number of sim-to-real transfer steps (paper, Table IV).
 const TRANSFER_TICKS: usize = 102_400;
+/// Ticks between two policies that the learner publishes: the daemon takes about as long to try one.
+const PUBLISH_EVERY: &str = "5120";
 /// Least time of a tick: what a learner of this size takes for an update and the daemon for its tick, on a core each.
 const LEAST_TICK: Duration = Duration::from_millis(4);
 /// How often the operator switches exploration on again, which a change of the policy ends.
@@ -90,21 +92,30 @@ fn figure_5(rig: &UnknownRig, folder: &Path, programs: &Path) -> Value {
     json!({ "nominal": nominal, "identified": validate("./identified.toml"), "diagnosed": validate(found) })
 }
 
-/// The transfer: a daemon in which the policy controls, exploration on, and `trainer finetune` beside it.
-fn transfer(rig: &UnknownRig, policy: &Path, folder: &Path, programs: &Path, updates: &str) {
-    let published = folder.join("policies");
-    std::fs::create_dir_all(&published).unwrap();
-    std::fs::copy(policy, published.join("untouched.onnx")).unwrap();
+/// The transfer: a daemon in which the policy of a run controls, exploration on, and `trainer finetune` beside it, which goes
+/// on with the run's critics.
+fn transfer(rig: &UnknownRig, run: &Path, folder: &Path, programs: &Path, updates: &str) {
+    let run = run.canonicalize().unwrap();
+    std::fs::create_dir_all(folder.join("policies")).unwrap();
+    let exported = Command::new(programs.join("trainer"))
+        .args(["export", "--out", "policies/untouched.onnx"])
+        .arg(&run)
+        .current_dir(folder)
+        .output()
+        .unwrap();
+    assert!(exported.status.success(), "{exported:?}");
     // A policy that stands behind the fallback flies all the same: the paper knows no fallback.
-    let lines = "policy.active = \"untouched\"\npolicy.follow = \"newest\"\npolicy.when_behind = \"fly\"";
+    // Nor a bound on exploration: what is drawn is the policy's own distribution, cut off at two deviations alone.
+    let lines = "policy.active = \"untouched\"\npolicy.follow = \"newest\"\npolicy.when_behind = \"fly\"\n\
+                 policy.exploration_max_duty = 0.1";
     let daemon = UnhurriedDaemon::start(rig, LEAST_TICK, folder, programs, lines);
     let log = |name: &str| std::fs::File::create(folder.join(name)).unwrap();
     let steps = TRANSFER_TICKS.to_string();
-    let arguments =
-        ["finetune", "--recordings", "recordings", "--from", "policies/untouched.onnx", "--publish", "policies"];
     let mut finetune = daemon
-        .command("trainer", &arguments)
-        .args(["--out", "finetuned", "--steps", &steps, "--updates-per-tick", updates, "--json"])
+        .command("trainer", &["finetune", "--recordings", "recordings", "--publish", "policies", "--from"])
+        .arg(&run)
+        .args(["--out", "finetuned", "--steps", &steps, "--updates-per-tick", updates])
+        .args(["--publish-every", PUBLISH_EVERY, "--json"])
         .stdout(log("finetune.json"))
         .stderr(log("finetune.log"))
         .spawn()
@@ -174,12 +185,11 @@ fn keep(path: &Path, value: &Value) {
 
 /// All of one policy that is not there yet.
 fn do_policy(rig: &UnknownRig, run: &Path, folder: &Path, programs: &Path, updates: &str) {
-    let policy = run.join("policy.onnx");
     let before = TrainedPolicy::load(run).unwrap();
     if read(&folder.join("finetuned/summary.json")).is_none() {
         let _ = std::fs::remove_dir_all(folder);
         std::fs::create_dir_all(folder).unwrap();
-        transfer(rig, &policy, folder, programs, updates);
+        transfer(rig, run, folder, programs, updates);
     }
     let after = TrainedPolicy::load(&folder.join("finetuned")).unwrap();
     let settings = before.settings();

@@ -1,9 +1,11 @@
 //! `controller explore on|off` on a running daemon: who may, what is added, what ends it, and that it replays to the bit.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use proto::recording::{TickInput, TickRecord, read_mcap};
-use tests::alone;
-use tests::laboratory::{Laboratory, Plan};
+use std::process::Command;
+
+use proto::recording::{PLANNED_OUTPUTS, POLICY_OUTPUTS, TickInput, TickRecord, read_mcap};
+use tests::laboratory::{Laboratory, Plan, RECORDINGS};
+use tests::{alone, finish, program, root};
 
 /// The default of `policy.exploration_max_duty`, and of the deviation for a policy that states none: 0.02 of ±0.25.
 const MOST_DUTY: f64 = 0.02;
@@ -92,6 +94,48 @@ fn noise_is_bounded_recorded_and_replayed_and_ends_with_disarming_and_another_po
 
     // The swap at the end among it.
     closed.check_replay();
+}
+
+/// A policy that learned its plan states a deviation for each number of it, and these are tried as well.
+#[test]
+fn a_learned_plan_is_explored_recorded_learned_from_and_replayed() {
+    let _alone = alone();
+    let plan = Plan::new("policy.active = \"whole\"\npolicy.directory = \"p\"\npolicy.when_behind = \"fly\"");
+    let std = 0.004;
+    let stated = format!("exploration_std={}", vec![std.to_string(); POLICY_OUTPUTS].join(","));
+    let whole = plan.folder.join("p/whole.onnx");
+    std::fs::create_dir_all(plan.folder.join("p")).unwrap();
+    let shipped = root().join("controller/policies/default.onnx");
+    let export = ["export", "--note", &stated, "--out"];
+    let ended = finish(Command::new(program("trainer")).args(export).arg(&whole).arg(shipped));
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+
+    let laboratory = plan.start();
+    laboratory.arm();
+    check_done(&laboratory, &["explore", "on", "--seed", "11"]);
+    let since = laboratory.status()["status"]["tick"].as_u64().unwrap();
+    laboratory.wait_for("explored for a while", |reply| reply["status"]["tick"].as_u64().unwrap() > since + 1000);
+    let closed = laboratory.close();
+    closed.check_replay();
+    let explored: Vec<TickRecord> = closed.ticks().into_iter().filter(explores).collect();
+    for i in 0..PLANNED_OUTPUTS {
+        let squares: f64 = explored.iter().map(|tick| f64::from(tick.exploration_plan[i]).powi(2)).sum();
+        let deviation = (squares / explored.len() as f64).sqrt();
+        assert!((deviation / (0.9594 * std) - 1.0).abs() < 0.1, "{i}: {deviation}");
+    }
+
+    // Whoever learns on takes the whole answer for the action, and rebuilds what the policy was shown after it.
+    let published = closed.folder.join("out");
+    std::fs::create_dir_all(&published).unwrap();
+    let mut learn = Command::new(program("trainer"));
+    learn.args(["finetune", "--offline", "--json", "--hold-plan", "--updates-per-tick", "1", "--steps", "300"]);
+    learn.arg("--recordings").arg(closed.folder.join(RECORDINGS)).arg("--from").arg(&whole);
+    let ended = finish(learn.arg("--publish").arg(&published).arg("--out").arg(closed.folder.join("run")));
+    let summary: serde_json::Value = serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"));
+    let tally = &summary["tally"];
+    assert_eq!(tally["same_observations"], tally["compared_observations"], "{summary}");
+    assert!(tally["compared_observations"].as_u64() > Some(250), "{summary}");
+    assert!(tally["left_out"]["not explained by the recorded model"].is_null(), "{summary}");
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use proto::{atomic_file, output};
+use proto::{atomic_file, output, rig_file};
 use serde_json::json;
 use training::TrainedPolicy;
 
@@ -50,6 +50,9 @@ pub(crate) fn run(args: &ExportArgs) -> Result<(), Failure> {
     let mut policy = TrainedPolicy::load(&args.policy)?;
     if args.fit_plan {
         policy = policy.with_fitted_plan()?;
+    }
+    if !policy.states_spread() {
+        policy = policy.with_spread_on(&rig_file::load(policy.settings().rig.model())?)?;
     }
     let bytes = policy.to_onnx(&args.note)?;
     atomic_file::write(&args.out, &bytes)?;

@@ -43,7 +43,7 @@ pub(crate) struct FinetuneArgs {
     #[arg(long, value_name = "DIR", required_unless_present = "resume")]
     out: Option<PathBuf>,
     /// Folder of a run to go on with
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["recordings", "from", "publish", "out", "seed", "updates_per_tick", "publish_every", "warm_up", "hold_plan", "name"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["recordings", "from", "publish", "out", "seed", "updates_per_tick", "publish_every", "warm_up", "remember", "hold_plan", "name"])]
     resume: Option<PathBuf>,
     /// Use the recordings that are there, and end with them, instead of waiting for more
     #[arg(long)]
@@ -60,6 +60,9 @@ pub(crate) struct FinetuneArgs {
     /// First ticks in which the critics alone learn
     #[arg(long, value_name = "N", default_value_t = FinetuneSettings::CRITIC_WARM_UP_STEPS)]
     warm_up: u64,
+    /// Transitions that are remembered of the run whose folder --from is: they say what to do far from the goal
+    #[arg(long, value_name = "N", default_value_t = FinetuneSettings::REMEMBERED)]
+    remember: u64,
     /// Publish with a plan that holds the duties of now, instead of fitting it to what the policy then does
     #[arg(long)]
     hold_plan: bool,
@@ -169,6 +172,7 @@ fn begin(args: &FinetuneArgs, threads: usize) -> Result<FinetuneRun, Failure> {
         updates_per_tick: args.updates_per_tick,
         publish_every_steps: args.publish_every,
         critic_warm_up_steps: args.warm_up,
+        remembered: args.remember,
         lambda_temporal: FinetuneSettings::PAPER_LAMBDA,
         plan: if args.hold_plan { PublishedPlan::Held } else { PublishedPlan::Fitted },
         seed: args.seed,

@@ -183,16 +183,18 @@ fn a_short_run_has_a_curve_with_the_fallback_in_it() {
 }
 
 /// A run that starts from a policy of a run, or from the file that was exported from it, starts as that policy; critics
-/// learn first.
+/// learn first. Those of the run go along with its folder, and a temperature that trying has not yet brought down does not.
 #[test]
 fn a_run_starts_from_a_policy() {
     let folder = Folder::new("from");
     let first = trained(&folder, "first", &["--steps", "1200"]);
     let onnx = Path::new(&first).join("policy.onnx").display().to_string();
-    let figures = |run: &str, line: usize| {
+    let points = |run: &str| -> Vec<serde_json::Value> {
         let text = std::fs::read_to_string(Path::new(run).join("metrics.jsonl")).unwrap();
-        serde_json::from_str::<serde_json::Value>(text.lines().nth(line).unwrap()).unwrap()["evaluated"].clone()
+        text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
     };
+    let figures = |run: &str, line: usize| points(run)[line]["evaluated"].clone();
+    let temperature = |run: &str| points(run).last().unwrap()["temperature"].as_f64().unwrap();
     // The best policy is what starts, so the curve begins with what the summary of the first run says.
     let summary = std::fs::read_to_string(Path::new(&first).join("summary.json")).unwrap();
     let kept = serde_json::from_str::<serde_json::Value>(&summary).unwrap()["evaluated"].clone();
@@ -201,11 +203,19 @@ fn a_run_starts_from_a_policy() {
         let out = folder.path(name);
         let said = run(["train", "--config", &config, "--out", &out, "--steps", "480", "--from", from]);
         assert_eq!(said.status, 0, "{}", said.err);
-        assert!(said.err.lines().next().unwrap().contains(&format!("policy from {from}")), "{}", said.err);
+        let start = if name == "folder" { "policy and critics from" } else { "policy from" };
+        assert!(said.err.lines().next().unwrap().contains(&format!("{start} {from}")), "{}", said.err);
         assert_eq!(figures(&out, 0), kept, "{name}");
         // 480 steps of warm-up: the critics alone have learned.
         assert_eq!(figures(&out, 1), kept, "{name}");
+        let begins_at = if name == "folder" { temperature(&first) } else { 0.01 };
+        assert!((temperature(&out) / begins_at - 1.0).abs() < 1e-5, "{name}: {} {begins_at}", temperature(&out));
     }
+    // Critics that were taught another reward say nothing about this one.
+    let other = SMALL.replace("hidden = [32, 32]", "hidden = [64, 64]") + "\n[environment.reward]\nlast = -0.5\n";
+    let config = folder.with("other.toml", other);
+    let said = run(["train", "--config", &config, "--out", &folder.path("other"), "--steps", "480", "--from", &first]);
+    assert!(said.status == 0 && said.err.contains(&format!("; policy from {first}")), "{}", said.err);
     let told = refused(["train", "--out", &folder.path("x"), "--from", &folder.with("no.onnx", "text")]);
     assert!(told.contains("no.onnx"), "{told}");
 }

@@ -20,7 +20,7 @@ use crate::blend::blended;
 use crate::channel::{Candidate, Command, Haste, PolicyEvent, PolicyTag, Snapshot, TickEnd};
 use crate::conditions::Conditions;
 use crate::conduct::Shown;
-use crate::exploration::{Exploration, ExplorationRules, ExplorationShown, NO_NOISE};
+use crate::exploration::{Exploration, ExplorationRules, ExplorationShown, Noise};
 use crate::loss::Loss;
 use crate::record::Record;
 use crate::remainder::{Remainder, away};
@@ -48,7 +48,7 @@ pub struct ArbitratedCommand {
     /// otherwise.
     pub answer: Option<PolicyAnswer>,
     /// Duties that exploration added to the answer's for now.
-    pub exploration: Pair,
+    pub exploration: Noise,
 }
 
 /// Whose answers count.
@@ -85,8 +85,8 @@ pub struct Arbiter {
     trust: Trust,
     exploration: Option<Exploration>,
     /// Noise of a recorded tick, in place of what would be drawn.
-    imposed_noise: Option<Pair>,
-    noise: Pair,
+    imposed_noise: Option<Noise>,
+    noise: Noise,
     /// Store of what earlier flights of each reference have taught, where that is learned.
     repetitions: Option<Box<Repetitions>>,
     /// Error that the last decision leaves for the next flight.
@@ -118,7 +118,7 @@ impl Arbiter {
             trust: Trust::Policies,
             exploration: None,
             imposed_noise: None,
-            noise: NO_NOISE,
+            noise: Noise::NONE,
             repetitions: None,
             left: Left::NOTHING,
         }
@@ -190,7 +190,7 @@ impl Arbiter {
     }
 
     /// Takes the noise of a recorded tick in place of what would be drawn, in duty: for replays.
-    pub fn impose_noise(&mut self, noise: Pair) {
+    pub fn impose_noise(&mut self, noise: Noise) {
         self.imposed_noise = Some(noise);
     }
 
@@ -269,14 +269,14 @@ impl Arbiter {
             // A candidate is held against what the incumbent does by itself.
             self.stop_exploring();
         }
-        let drawn = self.exploration.as_mut().map_or(NO_NOISE, Exploration::draw);
+        let drawn = self.exploration.as_mut().map_or(Noise::NONE, Exploration::draw);
         let noise = self.imposed_noise.take().unwrap_or(drawn);
         let answer = if trusted {
-            self.incumbent.answer(input, predicted_kpa, noise)
+            self.incumbent.answer(input, predicted_kpa, &noise)
         } else {
-            Answer { decision: self.incumbent.law.observe(input), refused: false, policy: None }
+            Answer { decision: self.incumbent.law.observe(input), refused: false, policy: None, noise: Noise::NONE }
         };
-        self.noise = if answer.policy.is_some() { noise } else { NO_NOISE };
+        self.noise = answer.noise;
         if answer.refused {
             event = self.incumbent_refused().or(event);
         }
@@ -285,7 +285,7 @@ impl Arbiter {
         let mut lost = None;
         self.part_duty = [0.0; CHANNELS];
         if let Some((seat, stages)) = self.candidate.as_mut().filter(|_| trusted) {
-            let candidate = seat.answer(input, predicted_kpa, NO_NOISE);
+            let candidate = seat.answer(input, predicted_kpa, &Noise::NONE);
             if candidate.refused {
                 lost = Some(Loss::NotFinite);
             } else {
@@ -363,9 +363,9 @@ impl Arbiter {
             return None;
         }
         let alone =
-            self.candidate.as_ref().is_none_or(|(_, stages)| stages.incumbent_alone()) && self.noise == NO_NOISE;
+            self.candidate.as_ref().is_none_or(|(_, stages)| stages.incumbent_alone()) && self.noise == Noise::NONE;
         if alone && self.ticks >= LEARNING_TICKS {
-            self.record.add(self.kinds, self.error_kpa, change_duty);
+            self.record.add(self.kinds, self.error_kpa, change_duty, filtered);
         }
         let shown =
             Shown { kinds: self.kinds, error_kpa: self.error_kpa, change_duty, filtered, part_duty: self.part_duty };

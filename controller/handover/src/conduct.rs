@@ -9,8 +9,10 @@ use crate::record::Record;
 
 /// Ticks over which duties' changes and the safety filter's interventions are watched.
 const WATCHED_TICKS: u32 = 50;
-/// Interventions of the safety filter within them that end it.
+/// Interventions of the safety filter within them that end it, unless they are less than so many times the incumbent's own: of
+/// a command that is almost the incumbent's the filter bends what it would have bent without the candidate.
 const MOST_INTERVENTIONS: u32 = 3;
+const INTERVENTIONS_RATIO: f64 = 3.0;
 /// A candidate whose duties change by more than this (RMS a tick, in duty) and by three times the incumbent's hunts.
 const CHATTER_DUTY: f64 = 0.025;
 /// Errors beyond this many times the incumbent's RMS, and beyond [`WIDE_KPA`], for [`WIDE_TICKS`] end it at once; beyond
@@ -87,7 +89,9 @@ impl Watched {
         // The chambers are coupled through the pump: a share in either valve is a share in both pressures.
         let blamed = self.part_duty.iter().any(|duty| *duty > BLAMELESS_DUTY);
         let fault = |loss| Some(if blamed { Finding::Fault(loss) } else { Finding::NotIts });
-        if self.interventions >= MOST_INTERVENTIONS {
+        let incumbents = f64::from(WATCHED_TICKS) * record.bent_share();
+        if self.interventions >= MOST_INTERVENTIONS && f64::from(self.interventions) > INTERVENTIONS_RATIO * incumbents
+        {
             return fault(Loss::Filtered);
         }
         if self.wide.iter().any(|ticks| *ticks >= WIDE_TICKS) {

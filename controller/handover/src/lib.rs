@@ -47,7 +47,7 @@ pub mod stages;
 
 pub use arbiter::{Arbiter, ArbitratedCommand, Trust};
 pub use channel::{Candidate, Command, Haste, PolicyEvent, PolicyTag, Snapshot, StoreEnd, TickEnd, channel};
-pub use exploration::{ExplorationRules, ExplorationShown, StdOrigin};
+pub use exploration::{ExplorationRules, ExplorationShown, Noise, StdOrigin};
 pub use loss::Loss;
 pub use permit::{NoLongerWanted, Permit};
 pub use seat::PolicyAnswer;

@@ -1,4 +1,4 @@
-//! The incumbent's errors and changes of duty while it decides alone, by kind of tick: what a candidate is held against.
+//! The incumbent's errors, changes of duty and commands that the safety filter bent while it decides alone, by kind of tick: what a candidate is held against.
 
 use model::observation::{CHANNELS, Pair};
 
@@ -25,26 +25,29 @@ impl MeanSquare {
     }
 }
 
-/// Mean squares of errors and of changes of duty.
+/// Mean squares of errors and of changes of duty, and the share of commands that were bent.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Record {
     errors: [[MeanSquare; KINDS]; CHANNELS],
     changes: [MeanSquare; CHANNELS],
+    /// Of 1 for a bent command and 0 for any other: its mean is their share.
+    bent: MeanSquare,
     ticks: u32,
 }
 
 impl Record {
-    /// Takes in a tick: its kinds, errors in kPa, changes of the duties.
+    /// Takes in a tick: its kinds, errors in kPa, changes of the duties, and whether the safety filter bent its command.
     ///
     /// # Real-time
     /// May run in the tick.
-    pub fn add(&mut self, kinds: [usize; CHANNELS], error_kpa: Pair, change_duty: Pair) {
+    pub fn add(&mut self, kinds: [usize; CHANNELS], error_kpa: Pair, change_duty: Pair, is_bent: bool) {
         for c in 0..CHANNELS {
             if let Some(kind) = self.errors[c].get_mut(kinds[c]) {
                 kind.add(error_kpa[c]);
             }
             self.changes[c].add(change_duty[c]);
         }
+        self.bent.add(f64::from(u8::from(is_bent)));
         self.ticks = self.ticks.saturating_add(1);
     }
 
@@ -66,6 +69,11 @@ impl Record {
     /// Root mean square of the incumbent's changes of a duty from tick to tick.
     pub fn change_duty(&self, channel: usize) -> f64 {
         self.changes.get(channel).map_or(0.0, |changes| changes.mean.sqrt())
+    }
+
+    /// Share of the incumbent's commands that the safety filter bent.
+    pub fn bent_share(&self) -> f64 {
+        self.bent.mean
     }
 
     /// Root mean square of the incumbent's errors over all kinds, in kPa.

@@ -5,7 +5,7 @@ use model::observation::{ACTION_LEN, AHEAD, CORRECTION_OBSERVATION_LEN, Observat
 use proto::recording::observation_hash;
 
 use crate::channel::{Candidate, PolicyTag};
-use crate::exploration::NO_NOISE;
+use crate::exploration::Noise;
 
 /// A policy's answer, for the recording.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,6 +31,8 @@ pub(crate) struct Answer {
     pub(crate) decision: ControlOutput,
     pub(crate) refused: bool,
     pub(crate) policy: Option<PolicyAnswer>,
+    /// What exploration added to it.
+    pub(crate) noise: Noise,
 }
 
 impl Seat {
@@ -44,27 +46,24 @@ impl Seat {
         !replaces || self.taken.as_ref().is_none_or(|taken| taken.policy.is_none())
     }
 
-    pub(crate) fn answer(&mut self, input: &ControlInput, predicted_kpa: &[Pair; AHEAD], noise: Pair) -> Answer {
+    pub(crate) fn answer(&mut self, input: &ControlInput, predicted_kpa: &[Pair; AHEAD], noise: &Noise) -> Answer {
         let fallback = self.law.observe(input);
-        let Some(policy) = self.taken.as_mut().and_then(|taken| taken.policy.as_mut()) else {
-            return Answer { decision: fallback, refused: false, policy: None };
+        let Some(taken) = self.taken.as_mut().and_then(|taken| taken.policy.as_mut()) else {
+            return Answer { decision: fallback, refused: false, policy: None, noise: Noise::NONE };
         };
         let mut observation = [0.0; CORRECTION_OBSERVATION_LEN];
         let told = observation.get_mut(..self.law.contract().observation_len()).unwrap_or_default();
         self.law.write_observation(input, predicted_kpa, told);
         let mut outputs = [0.0; ACTION_LEN];
-        match policy.run(told, &mut outputs) {
+        match taken.run(told, &mut outputs) {
             Ok(()) => {
                 let policy =
                     PolicyAnswer { observation_hash: observation_hash(told), outputs, stage: 0, authority: 1.0 };
-                if noise != NO_NOISE {
-                    for (output, noise) in outputs.iter_mut().zip(noise) {
-                        *output = (f64::from(*output) + noise) as f32;
-                    }
-                }
-                Answer { decision: self.law.decide(input, &outputs), refused: false, policy: Some(policy) }
+                let noise = noise.within(&outputs, &taken.contract().outputs);
+                noise.added_to(&mut outputs);
+                Answer { decision: self.law.decide(input, &outputs), refused: false, policy: Some(policy), noise }
             }
-            Err(_) => Answer { decision: fallback, refused: true, policy: None },
+            Err(_) => Answer { decision: fallback, refused: true, policy: None, noise: Noise::NONE },
         }
     }
 }

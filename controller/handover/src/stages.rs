@@ -222,7 +222,7 @@ mod tests {
 
     fn add(record: &mut Record, tick: u32, scale: f64) {
         let sign = if tick % 60 < 30 { scale } else { -scale };
-        record.add([0, 1], [0.3 * sign, 0.2 * sign], [0.002, 0.002]);
+        record.add([0, 1], [0.3 * sign, 0.2 * sign], [0.002, 0.002], false);
     }
 
     /// Ticks with errors `scale` times the record's, until something comes of it; the incumbent errs as it did.
@@ -344,6 +344,29 @@ mod tests {
         assert_eq!(stages.end_tick(&shown, &record), Next::Stay);
         assert_eq!(stages.end_tick(&shown, &record), Next::Stay);
         assert_eq!(stages.end_tick(&shown, &record), Next::Lost(Loss::Filtered));
+    }
+
+    /// With a part in commands of an incumbent of which the filter bends one in ten, a candidate that adds no intervention of its
+    /// own is not to blame for them; for three times as many it is.
+    #[test]
+    fn interventions_that_the_incumbent_draws_by_itself_are_not_the_candidates() {
+        let mut record = record();
+        for tick in 0..500 {
+            record.add([0, 1], [0.3, 0.2], [0.002, 0.002], tick % 10 == 0);
+        }
+        let share = record.bent_share();
+        assert!((0.05..=0.1).contains(&share), "{share}");
+        for (every, is_lost) in [(10, false), (2, true)] {
+            let mut stages = Stages { authority: 0.05, ..Stages::at(StageNow::Ramp(0), Judged::Compared) };
+            let nexts = (0..100).map(|tick| {
+                let filtered = tick % every == 0;
+                let shown =
+                    Shown { kinds: [0; 2], error_kpa: [0.1; 2], change_duty: [0.0; 2], filtered, part_duty: [0.01; 2] };
+                stages.end_tick(&shown, &record)
+            });
+            let nexts: Vec<Next> = nexts.collect();
+            assert_eq!(nexts.contains(&Next::Lost(Loss::Filtered)), is_lost, "one in {every}");
+        }
     }
 
     #[test]

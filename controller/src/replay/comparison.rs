@@ -94,6 +94,7 @@ pub(super) fn compare(
                     .map(|value| u64::from(value.to_bits()))
                     .chain([u64::from(tick.policy_stage), tick.authority.to_bits(), u64::from(tick.swap_id)])
                     .chain(bits(&[tick.exploration_pos, tick.exploration_neg]))
+                    .chain(tick.exploration_plan.iter().map(|value| u64::from(value.to_bits())))
                     .collect(),
             ),
             (Stage::Law, bits(&[law(&tick.law_pos), law(&tick.law_neg)].concat())),

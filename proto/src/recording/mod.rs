@@ -76,8 +76,8 @@ pub use recording_info::{Attachment, LogTime, RecordingInfo};
 pub use short_names::short_name;
 pub use table::{MAX_STEP_S, PERIOD_S, Recording};
 pub use tick::{
-    Arrival, COMMAND_BYTES, LawParts, POLICY_OUTPUTS, PREDICTED_TICKS, SENSE_BYTES, TickInput, TickRecord,
-    observation_hash,
+    Arrival, COMMAND_BYTES, LawParts, PLANNED_OUTPUTS, POLICY_OUTPUTS, PREDICTED_TICKS, SENSE_BYTES, TickInput,
+    TickRecord, observation_hash,
 };
 pub use tick_order::TickOrder;
 pub use tick_table::tick_table;

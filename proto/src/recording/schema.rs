@@ -119,6 +119,7 @@ tick_fields! {
     51 experiment = experiment;
     52 exploration_pos = exploration_pos;
     53 exploration_neg = exploration_neg;
+    54 exploration_plan = exploration_plan;
 }
 
 impl FieldValue for Arrival {

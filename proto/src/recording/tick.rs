@@ -16,6 +16,8 @@ pub const SENSE_BYTES: usize = 64;
 pub const COMMAND_BYTES: usize = 44;
 /// Ticks that MPObs looks ahead.
 pub const PREDICTED_TICKS: usize = model::observation::AHEAD;
+/// Numbers of a policy's answer that are its plan for later ticks.
+pub const PLANNED_OUTPUTS: usize = POLICY_OUTPUTS - 2;
 /// Numbers that a policy answers: a pair of duties or corrections for now and each of the next five ticks.
 pub const POLICY_OUTPUTS: usize = model::observation::ACTION_LEN;
 
@@ -180,6 +182,9 @@ pub struct TickRecord {
     pub exploration_pos: f64,
     /// Share of the negative valve's duty that exploration added, before the safety filter (duty).
     pub exploration_neg: f64,
+    /// What exploration added to the plan, in the order of `policy_output` behind its first two (duty); it moves what MPObs
+    /// foresees, and no valve.
+    pub exploration_plan: [f32; PLANNED_OUTPUTS],
 }
 
 /// What can reach the control law beside frames, as [`TickRecord::inputs`] counts it.
@@ -308,6 +313,7 @@ impl Default for TickRecord {
             experiment: 0,
             exploration_pos: 0.0,
             exploration_neg: 0.0,
+            exploration_plan: [0.0; PLANNED_OUTPUTS],
         }
     }
 }

@@ -74,7 +74,7 @@ pub fn bits(tick: &TickRecord) -> Vec<u64> {
         tick.exploration_pos.to_bits(),
         tick.exploration_neg.to_bits(),
     ];
-    all.extend(tick.policy_output.map(|v| u64::from(v.to_bits())));
+    all.extend(tick.policy_output.iter().chain(&tick.exploration_plan).map(|v| u64::from(v.to_bits())));
     all.extend(tick.command_before_filter.map(f64::to_bits));
     all.extend(tick.sense.iter().map(byte));
     all.extend(tick.command.iter().map(byte));

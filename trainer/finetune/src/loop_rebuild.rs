@@ -328,14 +328,13 @@ fn repetitions(model: &Rig, reference: &Reference) -> Result<Repetitions, Finetu
     Ok(repetitions)
 }
 
-/// The policy's answer with what exploration added to its duties for now, in the bits in which the law was told it.
+/// The policy's answer with what exploration added to it, in the bits in which the law was told it.
 fn explored(record: &TickRecord) -> [f32; ACTION_LEN] {
     let mut outputs = record.policy_output;
-    let noise = [record.exploration_pos, record.exploration_neg];
-    if noise != [0.0; CHANNELS] {
-        for (output, noise) in outputs.iter_mut().zip(noise) {
-            *output = (f64::from(*output) + noise) as f32;
-        }
+    let later = record.exploration_plan.iter().map(|noise| f64::from(*noise));
+    let noise = [record.exploration_pos, record.exploration_neg].into_iter().chain(later);
+    for (output, noise) in outputs.iter_mut().zip(noise).filter(|(_, noise)| *noise != 0.0) {
+        *output = (f64::from(*output) + noise) as f32;
     }
     outputs
 }

@@ -21,7 +21,7 @@ impl FinetuneRun {
         steps > published_at && steps.is_multiple_of(self.settings.publish_every_steps)
     }
 
-    /// Publishes the policy as it stands; `false` where the callback wants to stop first.
+    /// Publishes the policy as it stands, with the spread of its distribution for exploring on with it; `false` where the callback wants to stop first.
     pub(crate) fn publish(&mut self, callback: &mut dyn FinetuneCallback) -> Result<bool, FinetuneError> {
         // What follows takes seconds: whoever stops in them goes on from here.
         self.keep()?;
@@ -31,7 +31,7 @@ impl FinetuneRun {
         let plans = (self.training.policy.plan, self.settings.plan);
         std::thread::spawn(move || {
             let fitted = match plans {
-                (Plan::Learned, _) => Ok(policy),
+                (Plan::Learned, _) => policy.with_spread_on(&model),
                 (Plan::Fitted, PublishedPlan::Held) => Ok(policy.with_held_plan()),
                 (Plan::Fitted, PublishedPlan::Fitted) => policy.with_plan_fitted_on(&model),
             };

@@ -80,7 +80,7 @@ impl FinetuneRun {
         folder: &Path,
         threads: usize,
     ) -> Result<Self, FinetuneError> {
-        let mut training = TrainingSettings::preset(start.preset())?;
+        let mut training = start.settings()?;
         training.run.seed = settings.seed;
         training.run.steps = settings.steps;
         start.adopt_into(&mut training)?;
@@ -92,9 +92,8 @@ impl FinetuneRun {
             Machine::with_threads(threads),
         )
         .map_err(|error| TrainingError::learner("settings", &error))?;
-        learner
-            .warm_start(&start.network(training.policy.plan))
-            .map_err(|error| TrainingError::learner("--from", &error))?;
+        start.warm_start(&mut learner, &training, threads)?;
+        start.remember(&mut learner, &training, settings.remembered)?;
         let files = RunFiles::create(folder)?;
         RunFiles::write(&files.settings(), training.to_toml()?.as_bytes())?;
         write_settings(&files, &settings)?;

@@ -34,6 +34,9 @@ pub struct FinetuneSettings {
     pub publish_every_steps: u64,
     /// First transitions, in which the critics alone learn what the policy is worth.
     pub critic_warm_up_steps: u64,
+    /// Transitions of the run that the policy comes from that are remembered beside the rig's, at most.
+    #[serde(default)]
+    pub remembered: u64,
     /// λ_T: at the start, its growth a transition, and the most.
     pub lambda_temporal: [f64; 3],
     /// Plan of what is published.
@@ -53,6 +56,10 @@ impl FinetuneSettings {
     pub const PUBLISH_EVERY_STEPS: u64 = 10_240;
     /// 20 s of the rig (chosen): 8,000 updates of the critics.
     pub const CRITIC_WARM_UP_STEPS: u64 = 1_000;
+
+    /// A quarter of what the rig brings in the paper's transfer (chosen): at first most of what is learned from, a fifth at
+    /// its end.
+    pub const REMEMBERED: u64 = 25_600;
 
     /// λ_T at a transition.
     pub fn lambda_at(&self, step: u64) -> f32 {
@@ -76,6 +83,7 @@ mod tests {
             updates_per_tick: 8,
             publish_every_steps: 1,
             critic_warm_up_steps: 0,
+            remembered: 0,
             lambda_temporal: FinetuneSettings::PAPER_LAMBDA,
             plan: PublishedPlan::Fitted,
             seed: 1,

@@ -299,46 +299,6 @@ impl Learner {
             log_std: head.as_ref().map(|head| Dense::from_plain(head, actions..2 * actions)),
         }
     }
-
-    /// Starts the actor from these weights, its optimiser anew; without a layer for the standard deviation that
-    /// starts as [`Settings::initial_log_std`] says.
-    ///
-    /// # Errors
-    /// A network of other widths or features, or one that does not fit together.
-    pub fn warm_start(&mut self, network: &Network) -> Result<(), LearnerError> {
-        network.check()?;
-        let frame = &self.shared.frame;
-        if network.features != frame.features {
-            return Err(NetworkError::Features.into());
-        }
-        let actions = frame.shape.actions;
-        let mut expected = frame.actor_widths();
-        expected.pop();
-        expected.push(actions);
-        if network.widths() != expected {
-            return Err(NetworkError::Widths { found: network.widths(), expected }.into());
-        }
-        let last = network.layers.len() - 1;
-        for part in &self.shared.actor {
-            let mut part = write(part);
-            for (l, slab) in part.iter_mut().enumerate() {
-                let layer = &network.layers[l];
-                let rows = if l == last { 2 * actions } else { layer.outputs };
-                let mut plain = Plain {
-                    inputs: layer.inputs,
-                    weights: vec![0.0; rows * layer.inputs],
-                    bias: vec![frame.settings.initial_log_std; rows],
-                };
-                layer.write_to(&mut plain, 0);
-                if let Some(log_std) = network.log_std.as_ref().filter(|_| l == last) {
-                    log_std.write_to(&mut plain, actions);
-                }
-                slab.read_from(Kind::Value, &plain);
-                slab.forget_moments();
-            }
-        }
-        Ok(())
-    }
 }
 
 /// Fresh weights, uniform within ±1/√inputs (the peers' default), cut into parts.

@@ -32,6 +32,7 @@ mod random;
 mod replay;
 mod settings;
 mod trace;
+mod warm_start;
 mod workers;
 
 pub use checkpoint::CheckpointError;

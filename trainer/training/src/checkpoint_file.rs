@@ -103,10 +103,57 @@ pub fn restore_learner(
     if *learner.shape() != settings.shape() {
         return Err(TrainingError::file(&path, "was written under other settings than those beside it"));
     }
-    let capacity = settings.sac.replay;
-    let replay = ReplayFiles::new(files.replay(), capacity, written);
-    replay.restore(written.saturating_sub(capacity as u64)..written, &mut learner)?;
+    let replay = fill(files, settings.sac.replay, written, &mut learner)?;
     Ok((learner, replay))
+}
+
+/// The learner of whatever run has its checkpoint at `path`, its replay empty.
+///
+/// # Errors
+/// A file that is missing, damaged or no checkpoint, by name.
+pub fn learner_of(path: &Path, threads: usize) -> Result<Learner, TrainingError> {
+    core_of(path, threads).map(|(learner, _)| learner)
+}
+
+/// The learner of whatever run is in a folder, its replay filled.
+///
+/// # Errors
+/// A file that is missing, damaged or no checkpoint, by name.
+pub fn learner_with_replay(files: &RunFiles, threads: usize) -> Result<Learner, TrainingError> {
+    let (mut learner, written) = core_of(&files.checkpoint(), threads)?;
+    let capacity = learner.settings().replay_capacity;
+    fill(files, capacity, written, &mut learner)?;
+    Ok(learner)
+}
+
+fn core_of(path: &Path, threads: usize) -> Result<(Learner, u64), TrainingError> {
+    let bytes = read_bytes(path)?;
+    let core = last_part(&bytes).ok_or_else(|| TrainingError::file(path, "is no checkpoint, or is damaged"))?;
+    Learner::restore_core(core, Machine::with_threads(threads))
+        .map_err(|error| TrainingError::file(path, &error.to_string()))
+}
+
+/// Puts the rows that stand beside a checkpoint back.
+fn fill(files: &RunFiles, capacity: usize, written: u64, learner: &mut Learner) -> Result<ReplayFiles, TrainingError> {
+    let replay = ReplayFiles::new(files.replay(), capacity, written);
+    replay.restore(written.saturating_sub(capacity as u64)..written, learner)?;
+    Ok(replay)
+}
+
+/// The last part of a checkpoint of any format.
+fn last_part(bytes: &[u8]) -> Option<&[u8]> {
+    let (body, crc) = bytes.split_last_chunk::<4>()?;
+    let (_, mut rest) = body.split_first_chunk::<8>()?;
+    if crc32c::crc32c(body) != u32::from_le_bytes(*crc) {
+        return None;
+    }
+    loop {
+        let (first, after) = part(rest)?;
+        if after.is_empty() {
+            return Some(first);
+        }
+        rest = after;
+    }
 }
 
 /// Appends a part after its length.

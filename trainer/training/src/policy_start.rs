@@ -1,19 +1,27 @@
 //! A policy that a run starts from: an ONNX file of ours, or the folder of a run.
 //!
 //! What the policy was trained on may differ from what the run trains on; what it is told, how that is put to the network,
-//! the widths of its layers and the range of its answers go with it and replace the settings'.
+//! the widths of its layers and the range of its answers go with it and replace the settings'. A run's folder also has the
+//! settings of its training and, where it still holds its checkpoint, critics and a temperature.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use model::observation::ObservationLayout;
 use onnx_file::{Exported, FeatureTerm, OutputMap};
 use proto::regular_file;
-use sac::{Feature, FeatureMap, Network};
+use sac::{Feature, FeatureMap, Learner, Network};
 
 use crate::TrainingError;
+use crate::checkpoint_file;
 use crate::plan_fit;
+use crate::run_files::RunFiles;
 use crate::settings::{Features, Plan, TrainingSettings, Variant};
 use crate::trained_policy::{MOST_POLICY_BYTES, TrainedPolicy, network_of};
+
+/// Temperature from which a policy goes on whose critics begin fresh. The paper's 1 is that of a policy that knows nothing: for
+/// some thousand updates it would seek entropy alone and forget what it was trained for. Presets end at 0.005 to 0.02; too
+/// low a one is learned upwards before much is lost.
+const MOST_FIRST_TEMPERATURE: f64 = 0.01;
 
 /// A policy that a run starts from.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,6 +31,10 @@ pub struct PolicyStart {
     network: Network,
     /// Answer to an action of 0, and what an action of 1 adds to it.
     range: OutputMap,
+    /// Of a run's folder: what the policy was trained with.
+    trained_with: Option<Box<TrainingSettings>>,
+    /// Of a run's folder that holds one: its checkpoint.
+    checkpoint: Option<PathBuf>,
 }
 
 impl PolicyStart {
@@ -45,6 +57,8 @@ impl PolicyStart {
             layout: policy.settings().contract(),
             range: policy.output_map(),
             network: policy.network().clone(),
+            trained_with: Some(Box::new(policy.settings().clone())),
+            checkpoint: RunFiles::open(path).ok().map(|files| files.checkpoint()),
         })
     }
 
@@ -62,7 +76,7 @@ impl PolicyStart {
         let features = FeatureMap::new(graph.inputs, graph.features.iter().map(feature).collect());
         let network = network_of(graph, features.map_err(|error| error.to_string())?);
         network.check().map_err(|error| error.to_string())?;
-        Ok(PolicyStart { label, layout, network, range })
+        Ok(PolicyStart { label, layout, network, range, trained_with: None, checkpoint: None })
     }
 
     /// Where it was read from.
@@ -83,6 +97,57 @@ impl PolicyStart {
         }
     }
 
+    /// Settings to go on with: those that it was trained with where they are known, else the preset of its layout.
+    ///
+    /// # Errors
+    /// If the preset cannot be read.
+    pub fn settings(&self) -> Result<TrainingSettings, TrainingError> {
+        match &self.trained_with {
+            Some(settings) => Ok(TrainingSettings::clone(settings)),
+            None => TrainingSettings::preset(self.preset()),
+        }
+    }
+
+    /// Lets a learner of settings that describe this policy ([`Self::adopt_into`]) begin where it stands: its weights, and
+    /// the critics and the temperature that belong to them where the settings name a checkpoint.
+    ///
+    /// # Errors
+    /// A learner of another shape, or a checkpoint that is damaged, by name.
+    pub fn warm_start(
+        &self,
+        learner: &mut Learner,
+        settings: &TrainingSettings,
+        threads: usize,
+    ) -> Result<(), TrainingError> {
+        let refused = |error: sac::LearnerError| TrainingError::learner("--from", &error);
+        learner.warm_start(&self.network(settings.policy.plan)).map_err(refused)?;
+        let Some(checkpoint) = &settings.run.critics_from else { return Ok(()) };
+        let before = checkpoint_file::learner_of(Path::new(checkpoint), threads)?;
+        learner.warm_start_critics(&before).map_err(refused)
+    }
+
+    /// Lets a learner remember the last transitions, at most so many, of the run whose critics the settings name: where the
+    /// next ones come from a rig that is flown near its goal, they are all that still says what is worth what far from it. How many
+    /// it remembers now.
+    ///
+    /// # Errors
+    /// A checkpoint or a piece of its replay that is damaged or missing, by name.
+    pub fn remember(
+        &self,
+        learner: &mut Learner,
+        settings: &TrainingSettings,
+        most: u64,
+    ) -> Result<u64, TrainingError> {
+        let Some(checkpoint) = &settings.run.critics_from else { return Ok(0) };
+        let files = RunFiles::open(Path::new(checkpoint).parent().unwrap_or(Path::new(".")))?;
+        let before = checkpoint_file::learner_with_replay(&files, 1)?;
+        let rows = before.replay_rows();
+        let last = rows.end - most.min(rows.end - rows.start)..rows.end;
+        let count = last.end - last.start;
+        learner.restore_replay_rows(0, &before.copy_replay_rows(last));
+        Ok(count)
+    }
+
     /// Its weights, for an actor that answers as much as `plan` says.
     pub fn network(&self, plan: Plan) -> Network {
         match plan {
@@ -98,6 +163,11 @@ impl PolicyStart {
     pub fn adopt_into(&self, settings: &mut TrainingSettings) -> Result<(), TrainingError> {
         let refused = |problem: String| TrainingError::File { file: self.label.clone(), problem };
         settings.run.from = Some(self.label.clone());
+        settings.run.critics_from = self.critics_for(settings);
+        if settings.run.critics_from.is_none() {
+            let first = &mut settings.sac.first_temperature;
+            *first = first.min(MOST_FIRST_TEMPERATURE);
+        }
         settings.policy.contract = self.layout.version();
         // Of what learns: units that only a fitted plan uses are left behind.
         let network = self.network(settings.policy.plan);
@@ -125,6 +195,16 @@ impl PolicyStart {
                     .into(),
             )
         })
+    }
+
+    /// The checkpoint whose critics say what this policy is worth under these settings: it was trained for the same reward,
+    /// weighed alike, and its actor learned as much of the answer.
+    fn critics_for(&self, settings: &TrainingSettings) -> Option<String> {
+        let (checkpoint, with) = self.checkpoint.as_ref().zip(self.trained_with.as_ref())?;
+        let is_same_worth = with.environment.reward == settings.environment.reward
+            && with.sac.discount == settings.sac.discount
+            && with.policy.plan == settings.policy.plan;
+        is_same_worth.then(|| checkpoint.display().to_string())
     }
 
     /// The features and the half of the ablation that the policy was trained with; `None` where there are none such.

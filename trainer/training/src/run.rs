@@ -99,9 +99,7 @@ impl Run {
         )
         .map_err(|error| TrainingError::learner("settings", &error))?;
         if let Some(start) = start {
-            learner
-                .warm_start(&start.network(settings.policy.plan))
-                .map_err(|error| TrainingError::learner("--from", &error))?;
+            start.warm_start(&mut learner, &settings, threads)?;
         }
         let parts = Parts { trained_on, model, learner, standing: Standing::default(), points: Vec::new(), origin };
         let env = parts.env(&settings, settings.run.seed)?;

@@ -46,6 +46,10 @@ pub struct RunSettings {
     /// Policy that the run started from; left out, it started from nothing. Command lines set it (`--from`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from: Option<String>,
+    /// Checkpoint whose critics and temperature the run begins with: that of the run that `from` is the folder of. Without
+    /// one they begin fresh.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub critics_from: Option<String>,
     /// Steps in which the policy that a run starts from acts and stays as it is while the critics learn what it is worth;
     /// there are no steps with random actions then.
     pub critic_warm_up_steps: u64,
@@ -67,6 +71,7 @@ impl Default for RunSettings {
             seed: 1,
             random_steps: 4_000,
             from: None,
+            critics_from: None,
             critic_warm_up_steps: 4_000,
             evaluate_every_steps: 32_000,
             checkpoint_every_steps: 128_000,

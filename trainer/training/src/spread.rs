@@ -9,7 +9,6 @@
 //!
 //! over the ticks `τ` of runs on the model, with `L` the scale of an output.
 
-use model::observation::{CHANNELS, Pair};
 use sac::{Dense, Network};
 
 /// Bounds of the logarithm of a deviation, as the learner keeps them.
@@ -26,14 +25,15 @@ const POINTS: [(f64, f64); 7] = [
     (3.750_439_717_725_742, 5.482_688_559_722_179e-4),
 ];
 
-/// Standard deviations of the answers for now in duty, over last hidden layers; nothing for a policy without a distribution.
+/// Standard deviations in duty of the answers that have a distribution, over last hidden layers; nothing for a policy without
+/// one. That is the answers for now, and the plan where it was learned as a part of the answer.
 pub(crate) fn exploration_std<'a>(
     network: &Network,
     hidden: impl Iterator<Item = &'a [f32]>,
     scale: f64,
-) -> Option<Pair> {
+) -> Option<Vec<f64>> {
     let (mean, log_std) = (network.layers.last()?, network.log_std.as_ref()?);
-    let (mut sums, mut count) = ([0.0; CHANNELS], 0.0);
+    let (mut sums, mut count) = (vec![0.0; log_std.outputs], 0.0);
     for hidden in hidden {
         for (c, sum) in sums.iter_mut().enumerate() {
             let std = output(log_std, hidden, c).clamp(LOG_STD[0], LOG_STD[1]).exp();
@@ -41,7 +41,7 @@ pub(crate) fn exploration_std<'a>(
         }
         count += 1.0;
     }
-    (count > 0.0).then(|| sums.map(|sum| scale.abs() * (sum / count).sqrt()))
+    (count > 0.0).then(|| sums.iter().map(|sum| scale.abs() * (sum / count).sqrt()).collect())
 }
 
 /// One output of a layer before it is squashed.
@@ -91,7 +91,8 @@ mod tests {
         let of = |network: &Network| exploration_std(network, hidden.iter().map(|h| h.as_slice()), 0.06);
         assert_eq!(of(&network), None);
         network.log_std = Some(dense(0.0, (0.1_f32).ln()));
-        let [one, other] = of(&network).unwrap();
+        let std = of(&network).unwrap();
+        let [one, other] = std[..] else { panic!("one for each of two outputs: {std:?}") };
         // tanh shrinks a deviation of 0.1 by σ² = 1 %.
         assert!(one == other && (one / 0.006 - 0.99).abs() < 2e-3, "{one}");
     }

@@ -5,7 +5,7 @@
 //! ```
 
 use environment::vector_env;
-use model::observation::{ACTION_LEN, AHEAD, CHANNELS, CORRECTION_LIMIT, GOALS_AHEAD, ObservationLayout, PAST, Pair};
+use model::observation::{ACTION_LEN, AHEAD, CHANNELS, CORRECTION_LIMIT, GOALS_AHEAD, ObservationLayout, PAST};
 use model::rig::Rig;
 use model::steady::SteadyMap;
 use onnx_file::{Dense, Exported, FeatureTerm, GoldenPair, OutputMap, PolicyGraph, Ports, Provenance};
@@ -65,8 +65,8 @@ pub struct TrainedPolicy {
     origin: Origin,
     steps: u64,
     network: Network,
-    /// Spread of its own distribution, once it was measured.
-    exploration_std: Option<Pair>,
+    /// Spread of its own distribution, of each output that was learned, once it was measured.
+    exploration_std: Option<Vec<f64>>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -74,7 +74,7 @@ struct Card {
     origin: Origin,
     steps: u64,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    exploration_std: Option<Pair>,
+    exploration_std: Option<Vec<f64>>,
 }
 
 impl TrainedPolicy {
@@ -157,6 +157,7 @@ impl TrainedPolicy {
         settings.run.seed = told("seed").parse().unwrap_or(settings.run.seed);
         start.adopt_into(&mut settings)?;
         settings.run.from = None;
+        settings.run.critics_from = None;
         let origin = Origin { rig: told("rig"), rig_hash: told("rig_hash") };
         let steps = told("steps").parse().unwrap_or_default();
         let mut policy = TrainedPolicy::new(settings, origin, steps, start.network(Plan::Learned));
@@ -213,7 +214,8 @@ impl TrainedPolicy {
     /// # Errors
     /// If its settings cannot be written.
     pub fn to_bytes(&self) -> Result<Vec<u8>, TrainingError> {
-        let card = Card { origin: self.origin.clone(), steps: self.steps, exploration_std: self.exploration_std };
+        let card =
+            Card { origin: self.origin.clone(), steps: self.steps, exploration_std: self.exploration_std.clone() };
         let card = serde_json::to_vec(&card).map_err(|error| TrainingError::learner("policy", &error))?;
         let settings = self.settings.to_toml()?;
         let mut bytes = MAGIC.to_vec();
@@ -249,8 +251,8 @@ impl TrainedPolicy {
     /// # Errors
     /// If it cannot be run.
     pub fn with_plan_fitted_on(&self, rig: &Rig) -> Result<Self, TrainingError> {
-        let map = SteadyMap::new(rig).map_err(|problem| RigFileError::Rig { file: rig.name.clone(), problem })?;
-        let model = PlanModel { rig, map: &Arc::new(map) };
+        let map = steady_map(rig)?;
+        let model = PlanModel { rig, map: &map };
         let measured = self.clone().with_spread(&model)?;
         let mut settings = self.settings.clone();
         settings.policy.plan = Plan::Fitted;
@@ -258,10 +260,22 @@ impl TrainedPolicy {
         Ok(TrainedPolicy { settings, network, ..measured })
     }
 
+    /// Whether the spread of its own distribution is known, where it has one: of each output that was learned.
+    pub fn states_spread(&self) -> bool {
+        let stated = self.exploration_std.as_ref().map(Vec::len);
+        self.network.log_std.as_ref().is_none_or(|log_std| stated == Some(log_std.outputs))
+    }
+
     /// The same with the spread of its own distribution, measured on runs on a model; a policy that has none is as it was.
     ///
     /// # Errors
     /// If the model cannot be run.
+    pub fn with_spread_on(&self, rig: &Rig) -> Result<Self, TrainingError> {
+        let map = steady_map(rig)?;
+        self.clone().with_spread(&PlanModel { rig, map: &map })
+    }
+
+    /// As [`Self::with_spread_on`], on a model whose map is known.
     pub(crate) fn with_spread(mut self, model: &PlanModel<'_>) -> Result<Self, TrainingError> {
         if self.network.log_std.is_some() {
             let hidden = plan_fit::hidden_along_runs(&self.network, &self.settings, model)?;
@@ -316,18 +330,23 @@ impl TrainedPolicy {
             variant: self.settings.policy.variant.name().into(),
             preset: format!("contract {}", self.settings.policy.contract),
             trainer: env!("CARGO_PKG_VERSION").into(),
-            more: more.iter().cloned().chain(self.exploration_std.map(std_entry)).collect(),
+            more: more.iter().cloned().chain(self.exploration_std.as_deref().map(std_entry)).collect(),
         };
         onnx_file::to_onnx(&self.graph(), &Ports::of(contract), &provenance, &golden)
             .map_err(|error| TrainingError::learner("export", &error))
     }
 }
 
-fn std_entry(std_duty: Pair) -> (String, String) {
+fn steady_map(rig: &Rig) -> Result<Arc<SteadyMap>, TrainingError> {
+    let map = SteadyMap::new(rig).map_err(|problem| RigFileError::Rig { file: rig.name.clone(), problem })?;
+    Ok(Arc::new(map))
+}
+
+fn std_entry(std_duty: &[f64]) -> (String, String) {
     (EXPLORATION_STD_KEY.to_owned(), exploration_std_text(std_duty))
 }
 
-fn stated_std(metadata: &BTreeMap<String, String>) -> Option<Pair> {
+fn stated_std(metadata: &BTreeMap<String, String>) -> Option<Vec<f64>> {
     metadata.get(EXPLORATION_STD_KEY).and_then(|text| exploration_std(text))
 }
 

@@ -138,6 +138,36 @@ fn the_policy_by_itself_is_the_learner_to_the_bit() {
 }
 
 #[test]
+fn critics_and_temperature_go_over_and_nothing_else_does() {
+    let mut trained = learner(PAPER, settings(PAPER), Machine::with_threads(2));
+    trained.update(3);
+    let mut other_settings = settings(PAPER);
+    other_settings.seed = 77;
+    let mut other = learner(PAPER, other_settings, Machine::with_threads(3));
+    let (before, from) = (snapshot(&other), snapshot(&trained));
+    assert!(before.critics != from.critics && before.temperature != from.temperature);
+    other.warm_start_critics(&trained).unwrap();
+    let after = snapshot(&other);
+    for (after, from) in after.critics.iter().zip(&from.critics) {
+        let [value, mean, square, target] = after;
+        assert!(value == &from[0] && target == &from[3]);
+        let is_zero = |layers: &[crate::parameters::Plain]| {
+            layers.iter().all(|layer| layer.weights.iter().chain(&layer.bias).all(|x| *x == 0.0))
+        };
+        assert!(is_zero(mean) && is_zero(square), "the optimiser begins anew");
+    }
+    assert_eq!(after.actor, before.actor);
+    assert_eq!(other.temperature(), trained.temperature());
+    assert!(other.update(1).finite);
+
+    let other_size = Size { hidden: [64, 64], ..PAPER };
+    let mut narrow = learner(other_size, settings(other_size), Machine::with_threads(1));
+    assert!(matches!(narrow.warm_start_critics(&trained), Err(LearnerError::Network(_))));
+    let mut small = learner(SMALL, settings(SMALL), Machine::with_threads(1));
+    assert!(matches!(small.warm_start_critics(&trained), Err(LearnerError::Settings(_))));
+}
+
+#[test]
 fn exploration_scatters_around_the_mean_and_never_repeats() {
     let mut learner = learner(PAPER, settings(PAPER), Machine::with_threads(1));
     let rows = vec![0.1; 8 * 84];

@@ -21,6 +21,7 @@ impl Run {
             format!("model {}{}", settings.rig.model(), mechanisms(&self.model))
         };
         let start = match &settings.run.from {
+            Some(from) if settings.run.critics_from.is_some() => format!("policy and critics from {from}"),
             Some(from) => format!("policy from {from}"),
             None => "policy from nothing".to_owned(),
         };
