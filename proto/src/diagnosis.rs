@@ -117,7 +117,8 @@ pub struct Fit {
     pub neg_rmse_kpa: Option<f64>,
     /// 1 − mean absolute percentage error of the positive channel; `null` where it hardly leaves the atmosphere.
     pub pos_accuracy: Option<f64>,
-    /// The same of the negative channel.
+    /// 1 − mean absolute percentage error of the negative channel; `null` where it hardly leaves the atmosphere, or the rig has
+    /// none.
     pub neg_accuracy: Option<f64>,
 }
 

@@ -35,7 +35,7 @@ const TRANSFER_TICKS: usize = 102_400;
 /// Ticks between two policies that the learner publishes: the daemon takes about as long to try one.
 const PUBLISH_EVERY: &str = "5120";
 /// Least time of a tick: what a learner of this size takes for an update and the daemon for its tick, on a core each.
-const LEAST_TICK: Duration = Duration::from_millis(4);
+const LEAST_TICK: Duration = Duration::from_millis(6);
 /// How often the operator switches exploration on again, which a change of the policy ends.
 const AGAIN: Duration = Duration::from_secs(2);
 /// Duties between which the random signal lies: the nominal rig then rests at 50 to 137 kPa and -79 to -61 kPa gauge (`simulate`).
@@ -107,7 +107,7 @@ fn transfer(rig: &UnknownRig, run: &Path, folder: &Path, programs: &Path, update
     // A policy that stands behind the fallback flies all the same: the paper knows no fallback.
     // Nor a bound on exploration: what is drawn is the policy's own distribution, cut off at two deviations alone.
     let lines = "policy.active = \"untouched\"\npolicy.follow = \"newest\"\npolicy.when_behind = \"fly\"\n\
-                 policy.exploration_max_duty = 0.1";
+                 policy.exploration_max_duty = 0.1\nreference.repeat = true";
     let daemon = UnhurriedDaemon::start(rig, LEAST_TICK, folder, programs, lines);
     let log = |name: &str| std::fs::File::create(folder.join(name)).unwrap();
     let steps = TRANSFER_TICKS.to_string();

@@ -109,6 +109,35 @@ fn after_another_model_the_fallback_takes_over_and_an_operator_may_have_it_other
     assert!(told(&["\"older\"", "\"active\""]) && told(&["\"previous\"", "behind the fallback"]), "{tables:?}");
 }
 
+/// What controls is tried around the model in force, also where the fallback flew when that model came: what is held against it
+/// was otherwise held against its flights around another rig.
+#[test]
+fn a_copy_of_what_controls_is_as_good_as_it_after_another_model() {
+    let _alone = alone();
+    let laboratory = laboratory("dual_pressure", "policy.when_behind = \"fly\"");
+    wait_for(&laboratory, "flown for a while", |status| status["status"]["tick"].as_u64().unwrap_or(0) > 1500);
+    for (asked, flies) in
+        [(["swap", "fallback"], "fallback"), (["model", "bench"], "fallback"), (["swap", "older"], "older")]
+    {
+        let done = laboratory.ask(&asked);
+        assert_eq!(done.status, Some(0), "{asked:?}: {done:?}");
+        wait_for(&laboratory, "in control", |status| status["running"]["policy"] == flies);
+    }
+    let folder = laboratory.folder.join("policies");
+    std::fs::copy(root().join(OLDER), folder.join("copy.tmp")).unwrap();
+    std::fs::rename(folder.join("copy.tmp"), folder.join("copy.onnx")).unwrap();
+    let mut copy = Value::Null;
+    wait_for(&laboratory, "examined", |_| {
+        let (reply, _) = laboratory.ask_json(&["policies"]);
+        let all = reply["policies"].as_array().cloned().unwrap_or_default();
+        copy = all.into_iter().find(|policy| policy["name"] == "copy").unwrap_or_default();
+        copy["figures"].is_object()
+    });
+    assert_eq!(copy["figures"]["ratio"], serde_json::json!([1.0, 1.0]), "{copy}");
+    assert_eq!(copy["figures"]["worn_ratio"], serde_json::json!([1.0, 1.0]), "{copy}");
+    assert_ne!(copy["state"], "refused", "{copy}");
+}
+
 #[test]
 fn at_the_start_it_is_found_out_while_the_policy_controls() {
     let _alone = alone();

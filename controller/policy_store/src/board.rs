@@ -18,7 +18,7 @@ pub struct Board {
     entries: BTreeMap<String, Entry>,
     /// Bytes of what has passed, by tag, in the order of passing.
     bytes: Vec<(PolicyTag, Arc<[u8]>)>,
-    /// Flights of the trial, by tag.
+    /// Flights of the trial around the model in force, by tag.
     tallies: HashMap<PolicyTag, Vec<Tally>>,
     /// What has been active in this run.
     proven: HashSet<PolicyTag>,
@@ -75,9 +75,11 @@ impl Board {
         tag == PolicyTag::FALLBACK || self.proven.contains(&tag)
     }
 
-    /// The trial's flights of what flies now; `None` for the fallback's.
-    pub fn incumbent_tallies(&self) -> Option<&Vec<Tally>> {
-        self.tallies.get(&self.snapshot.incumbent)
+    /// What flies now, its flights of the trial around the model in force where these are known, and its bytes to fly it by; neither
+    /// for the fallback.
+    pub fn incumbent_flights(&self) -> (PolicyTag, Option<Vec<Tally>>, Option<Arc<[u8]>>) {
+        let tag = self.snapshot.incumbent;
+        (tag, self.tallies.get(&tag).cloned(), self.bytes(tag))
     }
 
     /// The name of what flies, `fallback` where none does.
@@ -149,12 +151,11 @@ impl Board {
             ..Entry::checking(name)
         };
         self.entries.insert(name.to_owned(), entry);
-        self.tallies.insert(tag, admitted.tallies);
         self.keep(tag, Some(bytes));
         Change { name: name.to_owned(), sha256, what: "passed", refusal: None }
     }
 
-    /// The trial's flights of a policy that was not examined here.
+    /// A policy has flown the trial around the model in force.
     pub fn flown(&mut self, tag: PolicyTag, tallies: Vec<Tally>) {
         self.tallies.insert(tag, tallies);
     }
@@ -166,8 +167,9 @@ impl Board {
         }
     }
 
-    /// Another model is in force: nothing is known of how policies stand on it.
-    pub fn forget_standings(&mut self) {
+    /// Another model is in force: nothing is known of how policies fly around it, nor how they stand on it.
+    pub fn forget_flights(&mut self) {
+        self.tallies.clear();
         self.entries.values_mut().for_each(|entry| entry.behind = None);
     }
 

@@ -29,7 +29,7 @@ pub struct Examination {
 /// A job for the examining thread.
 pub(crate) enum Job {
     /// A file on its way through the stages.
-    File { settled: Settled, incumbent: Option<Vec<Tally>> },
+    File(Settled),
     /// Another model is in force.
     Model(Box<Rig>),
 }
@@ -69,12 +69,16 @@ pub(crate) fn examine_all(
             return;
         }
         let told = match job {
-            Job::File { settled, incumbent } => {
-                let incumbent = incumbent.as_deref().unwrap_or(examiner.fallback());
+            Job::File(settled) => {
                 if Look::at(&settled.path) != Some(settled.look) {
                     done.send(Outcome::Changed(settled)).is_ok()
                 } else {
-                    let outcome = Box::new(examiner.examine_file(&settled.path, Links::Refuse, incumbent));
+                    let incumbent = flights_of_incumbent(&examiner, board);
+                    let outcome = Box::new(examiner.examine_file(&settled.path, Links::Refuse, &incumbent));
+                    if let Ok((admitted, _)) = &*outcome {
+                        // From this thread, which alone knows which model they were flown around.
+                        locked(board).flown(PolicyTag::of(&admitted.policy), admitted.tallies.clone());
+                    }
                     let same = Look::at(&settled.path) == Some(settled.look);
                     let found = if same { Outcome::File { settled, outcome } } else { Outcome::Changed(settled) };
                     done.send(found).is_ok()
@@ -83,7 +87,7 @@ pub(crate) fn examine_all(
             Job::Model(new) => match make(&new) {
                 Ok(on_new) => {
                     (examiner, model) = (on_new, *new);
-                    locked(board).forget_standings();
+                    locked(board).forget_flights();
                     hold_against_fallback(&examiner, &model.name, board, done)
                 }
                 Err(problem) => {
@@ -107,6 +111,20 @@ fn next_job(todo: &Receiver<Job>, waiting: &mut VecDeque<Job>) -> Option<Job> {
     waiting.extend(todo.try_iter());
     let model = waiting.iter().position(|job| matches!(job, Job::Model(_)));
     waiting.remove(model.unwrap_or(0))
+}
+
+/// The trial's flights of what controls now, around the model in force: where it was put there since that model was, they are flown
+/// here.
+fn flights_of_incumbent(examiner: &Examiner, board: &Mutex<Board>) -> Vec<Tally> {
+    let (tag, known, bytes) = locked(board).incumbent_flights();
+    if let Some(known) = known {
+        return known;
+    }
+    let Some((_, tallies)) = bytes.and_then(|bytes| examiner.stand(&bytes)) else {
+        return examiner.fallback().to_vec();
+    };
+    locked(board).flown(tag, tallies.clone());
+    tallies
 }
 
 /// Flies what controls through the trial on the model in force; `false` where nobody takes the outcome any more.

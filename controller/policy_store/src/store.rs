@@ -207,7 +207,7 @@ impl Round {
             locked(&self.desk.board).gone(name);
         }
         for settled in reading.settled {
-            let incumbent = {
+            {
                 let mut board = locked(&self.desk.board);
                 let same = board.entry(&settled.name).is_some_and(|entry| {
                     // What has passed already, flies or has flown is the same where its bytes are, and must not be shown as
@@ -221,9 +221,8 @@ impl Round {
                     continue;
                 }
                 board.checking(&settled.name);
-                board.incumbent_tallies().cloned()
-            };
-            if jobs.send(Job::File { settled, incumbent }).is_err() {
+            }
+            if jobs.send(Job::File(settled)).is_err() {
                 self.trouble(NOT_EXAMINED.to_owned());
             }
         }

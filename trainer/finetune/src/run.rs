@@ -299,10 +299,16 @@ impl FinetuneRun {
         }
         sitting.told_behind = Some(Instant::now());
         let (asked, made) = (50 * self.settings.updates_per_tick, sitting.updates_per_s());
-        callback.say(&format!(
-            "behind the rig by {:.0} s or more: {made:.0} updates a second of the {asked} that it takes to keep up; begin anew with fewer --updates-per-tick, or give it more cores",
-            waiting as f64 / 50.0
-        ));
+        let behind_s = waiting as f64 / 50.0;
+        if made >= asked as f64 {
+            callback.say(&format!(
+                "behind the rig by {behind_s:.0} s or more, which is quicker than real time: what it has recorded is learned from all the same"
+            ));
+        } else {
+            callback.say(&format!(
+                "behind the rig by {behind_s:.0} s or more: {made:.0} updates a second of the {asked} that it takes to keep up; begin anew with fewer --updates-per-tick, or give it more cores"
+            ));
+        }
     }
 
     fn nothing_to_learn(&self) -> FinetuneError {
