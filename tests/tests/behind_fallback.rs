@@ -126,13 +126,13 @@ fn a_copy_of_what_controls_is_as_good_as_it_after_another_model() {
     let folder = laboratory.folder.join("policies");
     std::fs::copy(root().join(OLDER), folder.join("copy.tmp")).unwrap();
     std::fs::rename(folder.join("copy.tmp"), folder.join("copy.onnx")).unwrap();
-    let mut copy = Value::Null;
-    wait_for(&laboratory, "examined", |_| {
+    let copy = || {
         let (reply, _) = laboratory.ask_json(&["policies"]);
         let all = reply["policies"].as_array().cloned().unwrap_or_default();
-        copy = all.into_iter().find(|policy| policy["name"] == "copy").unwrap_or_default();
-        copy["figures"].is_object()
-    });
+        all.into_iter().find(|policy| policy["name"] == "copy").unwrap_or_default()
+    };
+    wait_for(&laboratory, "examined", |_| copy()["figures"].is_object());
+    let copy = copy();
     assert_eq!(copy["figures"]["ratio"], serde_json::json!([1.0, 1.0]), "{copy}");
     assert_eq!(copy["figures"]["worn_ratio"], serde_json::json!([1.0, 1.0]), "{copy}");
     assert_ne!(copy["state"], "refused", "{copy}");

@@ -36,6 +36,8 @@ const APPROACH_TICKS: u32 = 250;
 const LEARNING_TICKS: u32 = 3000;
 /// Duties that differ by less were not changed by anybody: roundings of a wire's f32.
 const SAME_DUTY: f64 = 1e-6;
+/// From this authority on a candidate answers for all that is bent: most of the command is its, and so is where the rig stands.
+const MAIN_AUTHORITY: f64 = 0.5;
 
 /// A decision and what came of it for the policies.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -369,10 +371,11 @@ impl Arbiter {
         if alone && self.ticks >= LEARNING_TICKS {
             self.record.add(self.kinds, self.error_kpa, change_duty, filtered);
         }
-        let shown =
-            Shown { kinds: self.kinds, error_kpa: self.error_kpa, change_duty, filtered, part_duty: self.part_duty };
+        let (decided, part_duty) = (self.decided, self.part_duty);
         let (seat, stages) = self.candidate.as_mut()?;
         let tag = seat.tag();
+        let filtered = filtered && (stages.authority() >= MAIN_AUTHORITY || is_bent_for(&part_duty, &decided, &duty));
+        let shown = Shown { kinds: self.kinds, error_kpa: self.error_kpa, change_duty, filtered, part_duty };
         match stages.end_tick(&shown, &self.record) {
             Next::Stay => None,
             Next::Passed(stage) => Some(self.told(PolicyEvent::Passed(tag, stage.code()))),
@@ -408,5 +411,33 @@ impl Arbiter {
         decision.trajectory =
             ActionTrajectory(planned.map(|duty| std::array::from_fn(|c| saturated(duty[c] + moved[c]))));
         decision
+    }
+}
+
+/// Whether a command was bent, by the slew limit or the safety filter, because of the part that a candidate had in it: without that
+/// part what was `decided` would have stood on the right side of what was `sent`.
+fn is_bent_for(part: &Pair, decided: &Pair, sent: &Pair) -> bool {
+    (0..CHANNELS).any(|c| {
+        let bent = sent[c] - decided[c];
+        let without = bent + part[c];
+        bent.abs() > SAME_DUTY && without * bent.signum() <= SAME_DUTY
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_shares_in_a_command_answers_for_its_own_part_of_the_bending() {
+        let neg = 0.5;
+        let bent = |part: f64, decided: f64, sent: f64| is_bent_for(&[part, 0.0], &[decided, neg], &[sent, neg]);
+        // The incumbent alone wanted 0.40, of which 0.45 was made.
+        assert!(!bent(0.01, 0.41, 0.45), "the part led to where it had to go");
+        assert!(!bent(-0.01, 0.39, 0.45), "the part led away, and was a fifth of it");
+        // It wanted 0.50, and that would have been let through.
+        assert!(bent(-0.10, 0.40, 0.45));
+        assert!(bent(-0.05, 0.40, 0.45), "to the edge");
+        assert!(!bent(-0.05, 0.45, 0.45), "nothing was bent");
     }
 }
