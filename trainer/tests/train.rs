@@ -208,8 +208,10 @@ fn a_run_starts_from_a_policy() {
         assert_eq!(figures(&out, 0), kept, "{name}");
         // 480 steps of warm-up: the critics alone have learned.
         assert_eq!(figures(&out, 1), kept, "{name}");
-        let begins_at = if name == "folder" { temperature(&first) } else { 0.01 };
-        assert!((temperature(&out) / begins_at - 1.0).abs() < 1e-5, "{name}: {} {begins_at}", temperature(&out));
+        // Of the run: what it had come down to at its end, below the mean of its last part; of a file no more than 0.01.
+        let (begins_at, mean) = (temperature(&out), temperature(&first));
+        let expected = if name == "folder" { 0.8 * mean..mean } else { 0.009_99..0.010_01 };
+        assert!(expected.contains(&begins_at), "{name}: {begins_at}, {mean} before");
     }
     // Critics that were taught another reward say nothing about this one.
     let other = SMALL.replace("hidden = [32, 32]", "hidden = [64, 64]") + "\n[environment.reward]\nlast = -0.5\n";

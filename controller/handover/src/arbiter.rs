@@ -36,8 +36,6 @@ const APPROACH_TICKS: u32 = 250;
 const LEARNING_TICKS: u32 = 3000;
 /// Duties that differ by less were not changed by anybody: roundings of a wire's f32.
 const SAME_DUTY: f64 = 1e-6;
-/// From this authority on a candidate answers for all that is bent: most of the command is its, and so is where the rig stands.
-const MAIN_AUTHORITY: f64 = 0.5;
 
 /// A decision and what came of it for the policies.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -374,7 +372,8 @@ impl Arbiter {
         let (decided, part_duty) = (self.decided, self.part_duty);
         let (seat, stages) = self.candidate.as_mut()?;
         let tag = seat.tag();
-        let filtered = filtered && (stages.authority() >= MAIN_AUTHORITY || is_bent_for(&part_duty, &decided, &duty));
+        // Of a command that is all its own a candidate answers for whatever is bent.
+        let filtered = filtered && (stages.authority() >= 1.0 || is_bent_for(&part_duty, &decided, &duty));
         let shown = Shown { kinds: self.kinds, error_kpa: self.error_kpa, change_duty, filtered, part_duty };
         match stages.end_tick(&shown, &self.record) {
             Next::Stay => None,
