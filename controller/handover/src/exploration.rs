@@ -70,7 +70,7 @@ impl PolicySpread {
     /// Reads text; not for the tick.
     pub fn of(policy: &Policy) -> Self {
         let range = |c: usize| policy.contract().outputs.get(c).map_or(0.0, |o| f64::from(o.high) - f64::from(o.low));
-        let stated = policy.metadata().get(EXPLORATION_STD_KEY).and_then(|text| exploration_std(text)).map(|stated| {
+        let stated = policy.metadata().get(EXPLORATION_STD_KEY).and_then(exploration_std).map(|stated| {
             let mut of_all = [0.0; ACTION_LEN];
             of_all.iter_mut().zip(stated).for_each(|(std, stated)| *std = stated);
             of_all
