@@ -8,11 +8,11 @@ use crate::loss::Loss;
 use crate::record::Record;
 
 /// Ticks over which duties' changes and the safety filter's interventions are watched.
-const WATCHED_TICKS: u32 = 50;
-/// Interventions of the safety filter within them that end it, unless they are less than so many times the incumbent's own: of
-/// a command that is almost the incumbent's the filter bends what it would have bent without the candidate.
+pub(crate) const WATCHED_TICKS: u32 = 50;
+/// Interventions of the safety filter within them that end it, unless the incumbent had two thirds of as many in its own worst
+/// second: one that hunts is bent in bursts, whoever shares in its commands.
 const MOST_INTERVENTIONS: u32 = 3;
-const INTERVENTIONS_RATIO: f64 = 3.0;
+const INTERVENTIONS_RATIO: f64 = 1.5;
 /// A candidate whose duties change by more than this (RMS a tick, in duty) and by three times the incumbent's hunts.
 const CHATTER_DUTY: f64 = 0.025;
 /// Errors beyond this many times the incumbent's RMS, and beyond [`WIDE_KPA`], for [`WIDE_TICKS`] end it at once; beyond
@@ -89,9 +89,8 @@ impl Watched {
         // The chambers are coupled through the pump: a share in either valve is a share in both pressures.
         let blamed = self.part_duty.iter().any(|duty| *duty > BLAMELESS_DUTY);
         let fault = |loss| Some(if blamed { Finding::Fault(loss) } else { Finding::NotIts });
-        let incumbents = f64::from(WATCHED_TICKS) * record.bent_share();
-        if self.interventions >= MOST_INTERVENTIONS && f64::from(self.interventions) > INTERVENTIONS_RATIO * incumbents
-        {
+        let most = INTERVENTIONS_RATIO * record.most_bent();
+        if self.interventions >= MOST_INTERVENTIONS && f64::from(self.interventions) > most {
             return fault(Loss::Filtered);
         }
         if self.wide.iter().any(|ticks| *ticks >= WIDE_TICKS) {

@@ -3,6 +3,7 @@
 use model::observation::{CHANNELS, Pair};
 
 use crate::conditions::KINDS;
+use crate::conduct::WATCHED_TICKS;
 
 /// Ticks over which the record forgets: two minutes, for a rig that warms up and for references whose stretches differ.
 const WINDOW_TICKS: f64 = 6000.0;
@@ -25,13 +26,31 @@ impl MeanSquare {
     }
 }
 
-/// Mean squares of errors and of changes of duty, and the share of commands that were bent.
+/// Commands that were bent, second by second.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Bent {
+    ticks: u32,
+    now: u32,
+    worst: f64,
+}
+
+impl Bent {
+    fn add(&mut self, is_bent: bool) {
+        self.now += u32::from(is_bent);
+        self.ticks += 1;
+        if self.ticks >= WATCHED_TICKS {
+            let kept = self.worst * (1.0 - f64::from(WATCHED_TICKS) / WINDOW_TICKS);
+            *self = Bent { worst: kept.max(f64::from(self.now)), ..Bent::default() };
+        }
+    }
+}
+
+/// Mean squares of errors and of changes of duty, and the commands that were bent.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Record {
     errors: [[MeanSquare; KINDS]; CHANNELS],
     changes: [MeanSquare; CHANNELS],
-    /// Of 1 for a bent command and 0 for any other: its mean is their share.
-    bent: MeanSquare,
+    bent: Bent,
     ticks: u32,
 }
 
@@ -47,7 +66,7 @@ impl Record {
             }
             self.changes[c].add(change_duty[c]);
         }
-        self.bent.add(f64::from(u8::from(is_bent)));
+        self.bent.add(is_bent);
         self.ticks = self.ticks.saturating_add(1);
     }
 
@@ -71,9 +90,9 @@ impl Record {
         self.changes.get(channel).map_or(0.0, |changes| changes.mean.sqrt())
     }
 
-    /// Share of the incumbent's commands that the safety filter bent.
-    pub fn bent_share(&self) -> f64 {
-        self.bent.mean
+    /// Commands of the incumbent that the safety filter bent in its worst second; it fades within minutes.
+    pub fn most_bent(&self) -> f64 {
+        self.bent.worst
     }
 
     /// Root mean square of the incumbent's errors over all kinds, in kPa.
