@@ -284,6 +284,29 @@ fn a_policy_that_the_daemon_refuses_leaves_the_model_in_force() {
     assert!((error(0) - 0.5).abs() < 1e-9 && (error(1) - 0.2).abs() < 1e-9, "{outcome}");
 }
 
+/// What is no better than what it began as is not sent through minutes of examination on the rig.
+#[test]
+fn a_training_that_made_nothing_better_publishes_nothing() {
+    let stand_in = StandIn::new(GOOD);
+    let run = stand_in.out.join("run");
+    std::fs::create_dir_all(&run).unwrap();
+    std::fs::write(
+        run.join("summary.json"),
+        json!({"steps": 64, "kept": {"step": 0, "score_kpa": 0.0795}}).to_string(),
+    )
+    .unwrap();
+    let ended = stand_in.adapt(&["--json"]);
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    assert_eq!(stand_in.changes(), ["model rig.toml of found"], "no swap, and the model stays");
+    assert_eq!(stand_in.folder.names("policies"), Vec::<String>::new());
+    let outcome = stand_in.outcome();
+    assert_eq!(outcome["kept"], "with the model", "{outcome}");
+    assert!(
+        outcome["policy"].as_str().unwrap().starts_with("not published (of 64 steps of training none"),
+        "{outcome}"
+    );
+}
+
 #[test]
 fn a_policy_that_becomes_active_is_kept_where_it_tracks_as_well() {
     let stand_in = StandIn::new(GOOD);

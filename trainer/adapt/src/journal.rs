@@ -41,9 +41,9 @@ pub struct Flown {
 /// What the daemon made of the policy.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Verdict {
-    /// The policy's state when it was decided: `active` or `refused`.
+    /// The policy's state when it was decided: `active`, `refused`, or `not published`.
     pub state: String,
-    /// Why it was refused.
+    /// Why it was refused or not published.
     pub why: String,
 }
 

@@ -3,8 +3,10 @@
 use std::path::Path;
 
 use evaluate::table::{OPTIMUM, Table};
+use serde::Deserialize;
 
 use crate::AdaptError;
+use crate::journal::Verdict;
 use crate::programs::Console;
 use crate::run::Adaptation;
 use crate::settings::Training;
@@ -13,6 +15,19 @@ use crate::tracking::Tracking;
 /// Less than this much above the optimum there is nothing to learn (both channels together). Chosen: what a policy is refused for
 /// by the daemon if it is behind by as much.
 const NEAR: f64 = 1.1;
+
+/// Of a run's summary: how long it was, and which of its policies it kept.
+#[derive(Deserialize)]
+struct RunSummary {
+    steps: u64,
+    kept: Option<Kept>,
+}
+
+#[derive(Deserialize)]
+struct Kept {
+    step: u64,
+    score_kpa: f64,
+}
 
 impl Adaptation {
     /// Whether a controller could track better than the best so far by more than it is worth; the optimum on the model is told.
@@ -34,6 +49,23 @@ impl Adaptation {
             return Ok(false);
         }
         Ok(true)
+    }
+
+    /// Whether training has made a better policy than the one that it began from: a run keeps its best by flights on rigs around the
+    /// model, and that may be the first. Then there is nothing to publish, which would cost minutes of the rig.
+    pub(crate) fn has_learned(&mut self, console: &mut dyn Console) -> Result<bool, AdaptError> {
+        // A run that was stopped early has no summary; whether its policy is better the daemon finds out.
+        let path = self.out.join("run").join("summary.json");
+        let Ok(text) = std::fs::read_to_string(&path) else { return Ok(true) };
+        let run: RunSummary = serde_json::from_str(&text).map_err(|error| AdaptError::file(&path, error))?;
+        let RunSummary { steps, kept: Some(Kept { step: 0, score_kpa }) } = run else { return Ok(true) };
+        let why = format!(
+            "of {steps} steps of training none made it better on rigs around the model than it began ({score_kpa:.3} kPa there)"
+        );
+        console.say(&format!("{why}; nothing is published"));
+        self.journal.verdict = Some(Verdict { state: "not published".to_owned(), why });
+        self.journal.keep(&self.out)?;
+        Ok(false)
     }
 
     fn work_out_optimum(&mut self, console: &mut dyn Console) -> Result<[f64; 2], AdaptError> {

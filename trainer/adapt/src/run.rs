@@ -155,6 +155,9 @@ impl Adaptation {
             return self.keep_better(&tracked, &best, kept, console);
         }
         let policy = self.train(&before, kept, console)?;
+        if !self.has_learned(console)? {
+            return self.keep_better(&tracked, &best, kept, console);
+        }
         console.step(6, STEPS, "the daemon's verdict on the policy");
         let verdict = self.publish(&policy, console)?;
         console.step(7, STEPS, "what came of it");
