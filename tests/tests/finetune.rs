@@ -38,7 +38,10 @@ fn finetune(folder: &Folder, recordings: &Path, out: &str, more: &[&str]) -> Val
     let small = ["--updates-per-tick", "2", "--warm-up", "100"];
     command.args(if has("--warm-up") { &[][..] } else { &small });
     command.arg("--recordings").arg(recordings).arg("--publish").arg(&publish).arg("--out").arg(folder.join(out));
-    command.arg("--from").arg(shipped()).args(more);
+    command.args(more);
+    if !has("--from") {
+        command.arg("--from").arg(shipped());
+    }
     json(&mut command)
 }
 
@@ -81,6 +84,33 @@ fn a_flight_gives_its_observations_to_the_bit_and_one_policy_in_one_sitting_or_t
     let graph = onnx_file::from_onnx(&std::fs::read(published).unwrap()).unwrap();
     assert_eq!(graph.metadata["method"], "finetune");
     assert_eq!((graph.metadata["steps"].as_str(), graph.metadata["rig"].as_str()), ("400", "dual_pressure"));
+}
+
+/// From a run's folder its transitions are remembered beside the rig's, also by whoever goes on later.
+#[test]
+fn what_a_run_remembers_goes_along_in_one_sitting_or_two() {
+    let _alone = alone();
+    let folder = Folder::new();
+    let recordings = recorded(&folder, &["--seconds", "14", "--policy", "fallback"]);
+    let run = folder.join("run");
+    let mut train = Command::new(program("trainer"));
+    let small = "[run]\nsteps = 800\nrandom_steps = 400\n[rig]\nevaluated_on = [\"dual_pressure\"]\n\
+                 [policy]\ncontract = 2\nhidden = [32, 32]\n[sac]\nbatch = 128\nreplay = 2000\n[environment]\nepisode_s = 1.0\n";
+    train.args(["train", "--config"]).arg(folder.write("small.toml", small)).arg("--out").arg(&run);
+    let ended = Running::start(&mut train).wait(SOON);
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    let from = run.to_string_lossy().into_owned();
+    let learn = |out: &str, steps: &str| {
+        finetune(&folder, &recordings, out, &["--from", &from, "--steps", steps, "--hold-plan", "--threads", "1"])
+    };
+    let summary = learn("straight", "300");
+    // A whole batch is there from the first tick on.
+    assert_eq!((&summary["steps"], &summary["updates"]), (&Value::from(300), &Value::from(600)), "{summary}");
+    learn("parted", "170");
+    resume(&folder, "parted", "300");
+    assert_eq!(policy(&folder, "straight"), policy(&folder, "parted"), "two sittings");
+    let settings = std::fs::read_to_string(folder.join("straight/settings.toml")).unwrap();
+    assert!(settings.contains("critics_from = "), "{settings}");
 }
 
 /// What the fallback did is a policy that corrects nothing; what the rig did while it was vented is left out.
