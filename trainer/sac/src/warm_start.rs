@@ -11,7 +11,7 @@ const OF_A_CRITIC: [Kind; 2] = [Kind::Value, Kind::Target];
 
 impl Learner {
     /// Starts the actor from these weights, its optimiser anew; without a layer for the standard deviation that
-    /// starts as [`Settings::initial_log_std`] says.
+    /// starts as [`crate::Settings::initial_log_std`] says.
     ///
     /// # Errors
     /// A network of other widths or features, or one that does not fit together.
