@@ -49,7 +49,7 @@ pub struct ArbitratedCommand {
     /// What the policy was shown and answered, where one did: the candidate's where it has authority, the incumbent's
     /// otherwise.
     pub answer: Option<PolicyAnswer>,
-    /// Duties that exploration added to the answer's for now.
+    /// Noise that exploration added to the answer.
     pub exploration: Noise,
 }
 
@@ -191,7 +191,7 @@ impl Arbiter {
         self.exploration.as_ref().map(Exploration::shown)
     }
 
-    /// Takes the noise of a recorded tick in place of what would be drawn, in duty: for replays.
+    /// Takes the noise of a recorded tick in place of what would be drawn: for replays.
     pub fn impose_noise(&mut self, noise: Noise) {
         self.imposed_noise = Some(noise);
     }
@@ -413,7 +413,7 @@ impl Arbiter {
     }
 }
 
-/// Whether a command was bent, by the slew limit or the safety filter, because of the part that a candidate had in it: without that
+/// Tells whether a command was bent, by the slew limit or the safety filter, because of the part that a candidate had in it: without that
 /// part what was `decided` would have stood on the right side of what was `sent`.
 fn is_bent_for(part: &Pair, decided: &Pair, sent: &Pair) -> bool {
     (0..CHANNELS).any(|c| {

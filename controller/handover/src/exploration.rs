@@ -79,7 +79,7 @@ impl PolicySpread {
     }
 }
 
-/// What exploration adds in a tick, in duty.
+/// Noise of a tick that exploration adds to an answer, in duty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Noise {
     /// To the answers for now.
@@ -106,7 +106,7 @@ impl Noise {
         }
     }
 
-    /// What is left of this noise so that no output leaves its range.
+    /// Cuts this noise so that no output leaves its range.
     ///
     /// # Real-time
     /// Bounded and allocation-free: runs in the tick.

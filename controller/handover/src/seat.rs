@@ -31,7 +31,7 @@ pub(crate) struct Answer {
     pub(crate) decision: ControlOutput,
     pub(crate) refused: bool,
     pub(crate) policy: Option<PolicyAnswer>,
-    /// What exploration added to it.
+    /// Noise that exploration added to it.
     pub(crate) noise: Noise,
 }
 

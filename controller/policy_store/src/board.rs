@@ -75,7 +75,7 @@ impl Board {
         tag == PolicyTag::FALLBACK || self.proven.contains(&tag)
     }
 
-    /// What flies now, its flights of the trial around the model in force where these are known, and its bytes to fly it by; neither
+    /// Tag of what flies now, its flights of the trial around the model in force where these are known, and its bytes to fly it by; neither
     /// for the fallback.
     pub fn incumbent_flights(&self) -> (PolicyTag, Option<Vec<Tally>>, Option<Arc<[u8]>>) {
         let tag = self.snapshot.incumbent;

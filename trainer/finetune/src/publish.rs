@@ -21,7 +21,8 @@ impl FinetuneRun {
         steps > published_at && steps.is_multiple_of(self.settings.publish_every_steps)
     }
 
-    /// Publishes the policy as it stands, with the spread of its distribution for exploring on with it; `false` where the callback wants to stop first.
+    /// Publishes the policy as it stands, with the spread of its distribution for exploring on with it; `false` where the
+    /// callback wants to stop first.
     pub(crate) fn publish(&mut self, callback: &mut dyn FinetuneCallback) -> Result<bool, FinetuneError> {
         // What follows takes seconds: whoever stops in them goes on from here.
         self.keep()?;

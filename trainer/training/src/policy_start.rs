@@ -127,25 +127,18 @@ impl PolicyStart {
     }
 
     /// Lets a learner remember the last transitions, at most so many, of the run whose critics the settings name: where the
-    /// next ones come from a rig that is flown near its goal, they are all that still says what is worth what far from it. How many
-    /// it remembers now.
+    /// next ones come from a rig that is flown near its goal, they are all that still says what is worth what far from it.
     ///
     /// # Errors
     /// A checkpoint or a piece of its replay that is damaged or missing, by name.
-    pub fn remember(
-        &self,
-        learner: &mut Learner,
-        settings: &TrainingSettings,
-        most: u64,
-    ) -> Result<u64, TrainingError> {
-        let Some(checkpoint) = &settings.run.critics_from else { return Ok(0) };
+    pub fn remember(&self, learner: &mut Learner, settings: &TrainingSettings, most: u64) -> Result<(), TrainingError> {
+        let Some(checkpoint) = settings.run.critics_from.as_ref().filter(|_| most > 0) else { return Ok(()) };
         let files = RunFiles::open(Path::new(checkpoint).parent().unwrap_or(Path::new(".")))?;
         let before = checkpoint_file::learner_with_replay(&files, 1)?;
         let rows = before.replay_rows();
-        let last = rows.end - most.min(rows.end - rows.start)..rows.end;
-        let count = last.end - last.start;
-        learner.restore_replay_rows(0, &before.copy_replay_rows(last));
-        Ok(count)
+        let first = rows.start.max(rows.end.saturating_sub(most));
+        learner.restore_replay_rows(0, &before.copy_replay_rows(first..rows.end));
+        Ok(())
     }
 
     /// Its weights, for an actor that answers as much as `plan` says.
