@@ -198,6 +198,12 @@ impl<R: Simulated> Predictor<R> {
         self.observer.restart();
     }
 
+    /// Stands where another predictor of the same model stands.
+    pub fn stand_where(&mut self, other: &Self) {
+        self.model.restore(&other.model.state());
+        self.observer.clone_from(&other.observer);
+    }
+
     /// Begins anew from the state that the model was given in, with its chambers at measured pressures (kPa gauge): what is
     /// left to do for one that has diverged. Cylinders and valves find their places within some ticks.
     ///

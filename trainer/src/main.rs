@@ -11,6 +11,7 @@ mod export;
 mod failure;
 mod finetune;
 mod identify;
+mod improve;
 mod interruptible;
 mod progress;
 mod rig;
@@ -61,6 +62,7 @@ enum Command {
     Diagnose(diagnose::DiagnoseArgs),
     Bench(bench::BenchArgs),
     Train(train::TrainArgs),
+    Improve(improve::ImproveArgs),
     Finetune(finetune::FinetuneArgs),
     Adapt(adapt::AdaptArgs),
     Evaluate(evaluate::EvaluateArgs),
@@ -87,6 +89,7 @@ fn main() -> ExitCode {
         Command::Diagnose(args) => diagnose::run(args),
         Command::Bench(args) => bench::run(args),
         Command::Train(args) => train::run(args),
+        Command::Improve(args) => improve::run(args),
         Command::Finetune(args) => finetune::run(args),
         Command::Adapt(args) => adapt::run(args),
         Command::Evaluate(args) => evaluate::run(args),

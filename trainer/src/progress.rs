@@ -38,6 +38,14 @@ impl Progress {
         }
     }
 
+    /// A line that stays, above the bar.
+    pub(crate) fn tell(&mut self, line: &str) {
+        let cleared = if self.bar_shown { live_line::CLEARED } else { "" };
+        let _ = std::io::stderr().lock().write_all(format!("{cleared}{line}\n").as_bytes());
+        self.bar_shown = false;
+        self.next = Instant::now();
+    }
+
     /// `steps` more are done.
     pub(crate) fn advance(&mut self, steps: u64) {
         self.done += steps;

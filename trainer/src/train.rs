@@ -139,26 +139,32 @@ pub(crate) fn run(args: &TrainArgs) -> Result<(), Failure> {
 }
 
 fn settings(args: &TrainArgs) -> Result<TrainingSettings, Failure> {
-    let path = std::path::Path::new(&args.config);
-    let is_file = args.config.contains(['/', '.']) || path.is_file();
-    let mut settings = if is_file {
-        let text = proto::regular_file::read_text(path, MOST_SETTINGS_BYTES).map_err(|error| {
-            training::TrainingError::File { file: args.config.clone(), problem: format!("cannot be read: {error}") }
-        })?;
-        TrainingSettings::parse(&args.config, &text)?
-    } else {
-        TrainingSettings::preset(&args.config)?
-    };
+    let mut settings = settings_of(&args.config, args.rig.as_deref(), args.model.as_deref())?;
     settings.run.steps = args.steps.unwrap_or(settings.run.steps);
     settings.run.seed = args.seed.unwrap_or(settings.run.seed);
     settings.policy.variant = args.variant.unwrap_or(settings.policy.variant);
-    if let Some(rig) = &args.rig {
-        settings.rig.trained_on.clone_from(rig);
-        settings.rig.evaluated_on = vec![rig.clone()];
+    Ok(settings)
+}
+
+/// The settings of a preset or a file, with another rig and model where these are asked for.
+pub(crate) fn settings_of(config: &str, rig: Option<&str>, model: Option<&str>) -> Result<TrainingSettings, Failure> {
+    let path = std::path::Path::new(config);
+    let is_file = config.contains(['/', '.']) || path.is_file();
+    let mut settings = if is_file {
+        let text = proto::regular_file::read_text(path, MOST_SETTINGS_BYTES).map_err(|error| {
+            training::TrainingError::File { file: config.to_owned(), problem: format!("cannot be read: {error}") }
+        })?;
+        TrainingSettings::parse(config, &text)?
+    } else {
+        TrainingSettings::preset(config)?
+    };
+    if let Some(rig) = rig {
+        rig.clone_into(&mut settings.rig.trained_on);
+        settings.rig.evaluated_on = vec![rig.to_owned()];
         settings.rig.model = None;
     }
-    if args.model.is_some() {
-        settings.rig.model.clone_from(&args.model);
+    if let Some(model) = model {
+        settings.rig.model = Some(model.to_owned());
     }
     Ok(settings)
 }

@@ -16,6 +16,10 @@ pub enum Purpose {
     Noise,
     /// How long an episode's warm-up takes.
     WarmUp,
+    /// At which ticks a flight is branched.
+    Branch,
+    /// In which order branches are learned from.
+    Shuffle,
 }
 
 /// The stream of a seed, a purpose, an episode and a lane.

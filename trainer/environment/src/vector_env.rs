@@ -47,15 +47,18 @@ pub struct Step {
     pub terminal: [bool; SIDE_BY_SIDE],
     /// Error of the measured pressures in kPa.
     pub error_kpa: [Pair; SIDE_BY_SIDE],
+    /// Error of the readings before noise, in kPa.
+    pub noise_free_error_kpa: [Pair; SIDE_BY_SIDE],
     /// Change of the applied duties since the tick before.
     pub duty_change: [Pair; SIDE_BY_SIDE],
 }
 
 /// One rig of the env, but for its physics.
+#[derive(Clone)]
 struct EnvInstance {
     law: PolicyLaw,
     sensors: Sensors,
-    reference: Vec<Pair>,
+    reference: Arc<[Pair]>,
     approach: SoftStart,
     approach_from: usize,
     situation: ControlInput,
@@ -65,6 +68,7 @@ struct EnvInstance {
 }
 
 /// The env.
+#[derive(Clone)]
 pub struct VectorEnv {
     settings: EnvironmentSettings,
     contract: ObservationLayout,
@@ -73,6 +77,8 @@ pub struct VectorEnv {
     map: Arc<SteadyMap>,
     seed: u64,
     plant: DualPressureRig<Eight>,
+    /// Step of plants whose pumps are averaged over a revolution, in ms; detailed ones without it.
+    averaged_ms: Option<f64>,
     /// The model behind MPObs; without it the prediction is "stays as it is".
     predictor: Option<Predictor<Eight>>,
     instances: Vec<EnvInstance>,
@@ -106,6 +112,7 @@ impl VectorEnv {
             map,
             seed,
             plant: compiled.clone(),
+            averaged_ms: None,
             predictor: model_predicted.then(|| Predictor::with(compiled)),
             instances: Vec::new(),
             tick: 0,
@@ -117,6 +124,18 @@ impl VectorEnv {
         };
         env.begin(0)?;
         Ok(env)
+    }
+
+    /// With pumps averaged over a revolution at steps of `step_ms`, in plants and in the model behind MPObs.
+    pub fn averaged(mut self, model: &Rig, step_ms: f64) -> Result<Self, EnvironmentError> {
+        let same: [Rig; SIDE_BY_SIDE] = std::array::from_fn(|_| model.clone());
+        let compiled = DualPressureRig::averaged_side_by_side(&same, step_ms).map_err(EnvironmentError::rig(model))?;
+        if let Some(predictor) = &mut self.predictor {
+            *predictor = Predictor::with(compiled);
+        }
+        self.averaged_ms = Some(step_ms);
+        self.begin(0)?;
+        Ok(self)
     }
 
     /// Begins episode `number`: everything about it follows from the seed and this number.
@@ -133,7 +152,7 @@ impl VectorEnv {
             self.instances.push(EnvInstance {
                 law: PolicyLaw::new(Arc::clone(&self.map), self.contract),
                 sensors: Sensors::new(self.scales, self.settings.noise_v_rms, of(Purpose::Noise).random()),
-                reference,
+                reference: reference.into(),
                 approach: SoftStart::new([0.0; CHANNELS], [0.0; CHANNELS]),
                 approach_from: 0,
                 situation: ControlInput::of_measured([0.0; CHANNELS], [[0.0; CHANNELS]; GOALS_AHEAD + 1]),
@@ -144,7 +163,11 @@ impl VectorEnv {
         }
         let named = rigs.first().cloned();
         let rigs: [Rig; SIDE_BY_SIDE] = rigs.try_into().unwrap_or_else(|_| unreachable!("one rig was drawn per lane"));
-        self.plant = DualPressureRig::side_by_side(&rigs)
+        let compiled = match self.averaged_ms {
+            Some(step_ms) => DualPressureRig::averaged_side_by_side(&rigs, step_ms),
+            None => DualPressureRig::side_by_side(&rigs),
+        };
+        self.plant = compiled
             .map_err(|error| EnvironmentError::Rig { name: named.map_or_else(String::new, |rig| rig.name), error })?;
         self.tick = 0;
         let starts: [(Pair, Pair); SIDE_BY_SIDE] =
@@ -167,6 +190,18 @@ impl VectorEnv {
             }
         }
         Ok(())
+    }
+
+    /// Stands where `other` stands, in the same episode: a copy of `other` of this episode may go another way from any tick of it.
+    pub fn stand_where(&mut self, other: &VectorEnv) {
+        self.plant.restore(&other.plant.state());
+        if let (Some(predictor), Some(theirs)) = (&mut self.predictor, &other.predictor) {
+            predictor.stand_where(theirs);
+        }
+        self.instances.clone_from(&other.instances);
+        self.tick = other.tick;
+        self.observations.clone_from(&other.observations);
+        self.next_observation.clone_from(&other.next_observation);
     }
 
     /// What the policy is told, eight rows of [`ObservationLayout::observation_len`] numbers.
@@ -211,6 +246,7 @@ impl VectorEnv {
             rewards: [0.0; SIDE_BY_SIDE],
             terminal: [false; SIDE_BY_SIDE],
             error_kpa: [[0.0; CHANNELS]; SIDE_BY_SIDE],
+            noise_free_error_kpa: [[0.0; CHANNELS]; SIDE_BY_SIDE],
             duty_change,
         };
         self.observations.copy_from_slice(&self.next_observation);
@@ -228,6 +264,7 @@ impl VectorEnv {
                 reward_value += correction_price(settings, row);
             }
             step.error_kpa[lane] = std::array::from_fn(|c| measured_kpa[c] - goals_kpa[0][c]);
+            step.noise_free_error_kpa[lane] = std::array::from_fn(|c| [pos, neg][c] - goals_kpa[0][c]);
             // Written so that NaN counts as outside.
             step.terminal[lane] = !(pos <= ENVELOPE_KPA[0] && neg >= ENVELOPE_KPA[1]);
             if step.terminal[lane] {

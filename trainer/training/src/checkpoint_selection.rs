@@ -9,7 +9,7 @@
 //! channels alike, whatever their size.
 
 use environment::{SIDE_BY_SIDE, VectorEnv};
-use model::observation::{ACTION_LEN, CHANNELS};
+use model::observation::{ACTION_LEN, CHANNELS, Pair};
 use sac::{Network, Workspace};
 use serde::{Deserialize, Serialize};
 
@@ -91,7 +91,7 @@ impl CheckpointSelection {
         policy: &Network,
         stop: &mut dyn FnMut() -> bool,
     ) -> Result<Option<f64>, TrainingError> {
-        score_kpa(&mut self.env, policy, stop)
+        Ok(rmse_kpa(&mut self.env, policy, stop)?.map(|rmse| (rmse[0] * rmse[1]).sqrt()))
     }
 }
 
@@ -100,14 +100,15 @@ pub(crate) fn is_better(candidate: &Best, best: Option<&Best>) -> bool {
     candidate.kept.score_kpa.is_finite() && best.is_none_or(|best| candidate.kept.score_kpa < best.kept.score_kpa)
 }
 
-fn score_kpa(
+/// RMSE of each channel on the rigs set aside, in kPa, as the geometric mean over them; nothing where `stop` asks to leave it.
+pub(crate) fn rmse_kpa(
     env: &mut VectorEnv,
     policy: &Network,
     stop: &mut dyn FnMut() -> bool,
-) -> Result<Option<f64>, TrainingError> {
+) -> Result<Option<Pair>, TrainingError> {
     let mut workspace = Workspace::default();
     let length = env.observations().len() / SIDE_BY_SIDE;
-    let (mut logarithms, mut count) = (0.0, 0.0);
+    let (mut logarithms, mut count) = ([0.0; CHANNELS], 0.0);
     for episode in 0..EPISODES {
         env.begin(episode)?;
         let (mut squares, mut ticks) = ([[0.0; CHANNELS]; SIDE_BY_SIDE], 0.0);
@@ -127,10 +128,12 @@ fn score_kpa(
             }
             ticks += 1.0;
         }
-        for square in squares.as_flattened() {
-            logarithms += 0.5 * (square / ticks).ln();
+        for of_rig in squares {
+            for (sum, square) in logarithms.iter_mut().zip(of_rig) {
+                *sum += 0.5 * (square / ticks).ln();
+            }
             count += 1.0;
         }
     }
-    Ok(Some((logarithms / count).exp()))
+    Ok(Some(logarithms.map(|sum| (sum / count).exp())))
 }

@@ -30,6 +30,7 @@ pub mod metrics;
 mod plan_fit;
 pub mod policy_start;
 pub mod replay_files;
+pub mod rollouts;
 pub mod run;
 pub mod run_files;
 pub mod run_report;
@@ -39,6 +40,7 @@ pub mod trained_policy;
 
 pub use checkpoint_selection::BestCheckpoint;
 pub use policy_start::PolicyStart;
+pub use rollouts::{RolloutCallback, RolloutRun, RolloutSummary};
 pub use run::{Phase, Progress, Run, RunStatus, TrainingCallback};
 pub use run_files::RunFiles;
 pub use settings::{TrainingSettings, Variant};

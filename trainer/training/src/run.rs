@@ -35,9 +35,10 @@ use crate::trained_policy::{Origin, TrainedPolicy};
 
 pub use callback::{Phase, Progress, RunStatus, Summary, TrainingCallback};
 use curve::Occasion;
-pub(crate) use curve::Window;
+pub(crate) use curve::{Window, reference_flight};
 use episode::EpisodeUnderWay;
 use pace::Pace;
+pub(crate) use taken::taken;
 
 /// A training run.
 pub struct Run {

@@ -9,6 +9,7 @@
 //! | `policy.bin` | the policy of the last checkpoint or of the end |
 //! | `policy.onnx` | the same for the daemon, once the run has ended |
 //! | `report.html` | the learning curve as a page |
+//! | `start.bin` | the policy that a run of `trainer improve` began with |
 //! | `summary.json` | figures of the end: steps, time, speed, memory, evaluations |
 
 use std::path::{Path, PathBuf};
@@ -51,8 +52,13 @@ impl RunFiles {
         Ok(files)
     }
 
+    /// The names in a folder that may not be there yet.
+    pub(crate) fn at(folder: &Path) -> Self {
+        RunFiles { folder: folder.to_owned() }
+    }
+
     /// Every file that a run writes.
-    fn outputs(&self) -> [PathBuf; 11] {
+    fn outputs(&self) -> [PathBuf; 12] {
         [
             self.settings(),
             self.rig(),
@@ -62,6 +68,7 @@ impl RunFiles {
             self.replay(),
             self.checkpoint(),
             self.policy(),
+            self.start(),
             self.onnx(),
             self.report(),
             self.summary(),
@@ -126,6 +133,11 @@ impl RunFiles {
     /// The policy.
     pub fn policy(&self) -> PathBuf {
         self.folder.join("policy.bin")
+    }
+
+    /// The policy that the run began with.
+    pub fn start(&self) -> PathBuf {
+        self.folder.join("start.bin")
     }
 
     /// The policy for the daemon.

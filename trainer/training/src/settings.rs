@@ -5,6 +5,7 @@
 
 mod learner;
 mod policy;
+mod rollouts;
 
 use environment::{EnvironmentSettings, SIDE_BY_SIDE};
 use model::observation::{GOAL_LEN, OBSERVATION_LEN, ObservationLayout, STATE_LEN};
@@ -12,6 +13,7 @@ use serde::{Deserialize, Serialize};
 
 pub use learner::{CapsSettings, SacSettings};
 pub use policy::{Features, Plan, PolicySettings, Variant};
+pub use rollouts::RolloutSettings;
 
 use crate::{TrainingError, features, plan_fit};
 
@@ -31,6 +33,9 @@ pub struct TrainingSettings {
     pub caps: CapsSettings,
     /// The environment.
     pub environment: EnvironmentSettings,
+    /// How a policy is improved by rollouts (`trainer improve`); left out, the defaults.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rollouts: Option<RolloutSettings>,
 }
 
 /// Length, seed and what is written when.
@@ -303,6 +308,9 @@ impl TrainingSettings {
         }
         if self.rig.evaluated_on.is_empty() {
             return Err("rig.evaluated_on names no rig; a learning curve needs one".into());
+        }
+        if let Some(rollouts) = &self.rollouts {
+            rollouts.check()?;
         }
         self.environment.check().map_err(|error| error.to_string())
     }

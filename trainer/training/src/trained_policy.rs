@@ -98,6 +98,17 @@ impl TrainedPolicy {
         &self.network
     }
 
+    /// The spread of its own distribution, in its outputs' unit, where it states one.
+    pub fn exploration_std(&self) -> Option<&[f64]> {
+        self.exploration_std.as_deref()
+    }
+
+    /// The same with the spread of another policy that it came from, of the outputs for now.
+    pub(crate) fn with_stated_spread(mut self, std: Option<Vec<f64>>) -> Self {
+        self.exploration_std = std.map(|std| std.into_iter().take(CHANNELS).collect());
+        self
+    }
+
     /// The same policy with another network of the same widths.
     pub fn with_network(&self, network: Network) -> Self {
         TrainedPolicy { network, ..self.clone() }

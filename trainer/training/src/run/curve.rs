@@ -3,11 +3,12 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use environment::closed_loop::{Controller, FlightPlan, PolicyController};
+use environment::closed_loop::{FlightPlan, PolicyController};
 use environment::{SIDE_BY_SIDE, Score, fly_while};
 use law::{Fallback, FallbackSettings, PolicyLaw};
 use model::observation::CHANNELS;
 use model::rig::Rig;
+use model::steady::SteadyMap;
 use proto::reference::Reference;
 use sac::UpdateReport;
 use serde::{Deserialize, Serialize};
@@ -17,6 +18,7 @@ use crate::TrainingError;
 use crate::checkpoint::Position;
 use crate::checkpoint_selection::{Best, BestCheckpoint, is_better};
 use crate::metrics::{Evaluated, Point};
+use crate::settings::TrainingSettings;
 use crate::trained_policy::TrainedPolicy;
 
 /// Length of the paper's reference in s.
@@ -86,25 +88,14 @@ pub(super) enum Occasion {
 }
 
 impl Run {
-    /// A run on the paper's reference; nothing where a stop is asked for.
+    /// A flight on the paper's reference, of a policy or of the fallback; nothing where a stop is asked for.
     fn flight(
         &self,
-        (name, rig): (&str, &Rig),
-        controller: &mut impl Controller,
+        rig: (&str, &Rig),
+        policy: Option<&TrainedPolicy>,
         callback: &dyn TrainingCallback,
     ) -> Result<Option<Evaluated>, TrainingError> {
-        let predicts = self.settings.policy.variant.predicts();
-        let reference = Reference::paper();
-        let plan = FlightPlan {
-            rig,
-            model: predicts.then_some(&self.model),
-            reference: &reference,
-            seconds: EVALUATED_S,
-            noise_v_rms: self.settings.environment.noise_v_rms,
-            seed: EVALUATION_SEED,
-        };
-        let flown = fly_while(&plan, controller, &mut || !callback.stop())?;
-        Ok(flown.map(|flown| Evaluated::of(name, &Score::of(&flown.ticks))))
+        reference_flight(&self.settings, rig, (&self.model, &self.map), policy, &mut || !callback.stop())
     }
 
     /// Flights with the mean action on every rig of the list; nothing where a stop is asked for.
@@ -115,10 +106,7 @@ impl Run {
     ) -> Result<Option<Vec<Evaluated>>, TrainingError> {
         let mut evaluated = Vec::with_capacity(self.evaluated_on.len());
         for (name, rig) in &self.evaluated_on {
-            let law = PolicyLaw::new(Arc::clone(&self.map), self.settings.contract());
-            let mut runner = policy.runner();
-            let mut controller = PolicyController::new(law, |observation: &[f32]| runner.outputs(observation));
-            match self.flight((name, rig), &mut controller, callback)? {
+            match self.flight((name, rig), Some(policy), callback)? {
                 Some(figures) => evaluated.push(figures),
                 None => return Ok(None),
             }
@@ -129,8 +117,7 @@ impl Run {
     /// The fallback's flights, once for a sitting; answers whether they are there.
     fn fallback_is_flown(&mut self, callback: &dyn TrainingCallback) -> Result<bool, TrainingError> {
         while let Some((name, rig)) = self.evaluated_on.get(self.fallback.len()) {
-            let mut fallback = Fallback::new(Arc::clone(&self.map), FallbackSettings::default());
-            match self.flight((name, rig), &mut fallback, callback)? {
+            match self.flight((name, rig), None, callback)? {
                 Some(figures) => self.fallback.push(figures),
                 None => return Ok(false),
             }
@@ -229,6 +216,36 @@ impl Run {
             fallback: self.fallback.clone(),
         }
     }
+}
+
+/// A flight on the paper's reference, of a policy with its mean action or of the fallback, with `model` behind MPObs and
+/// feed-forward; nothing where `goes_on` ends it.
+pub(crate) fn reference_flight(
+    settings: &TrainingSettings,
+    (name, rig): (&str, &Rig),
+    (model, map): (&Rig, &Arc<SteadyMap>),
+    policy: Option<&TrainedPolicy>,
+    goes_on: &mut dyn FnMut() -> bool,
+) -> Result<Option<Evaluated>, TrainingError> {
+    let reference = Reference::paper();
+    let plan = FlightPlan {
+        rig,
+        model: settings.policy.variant.predicts().then_some(model),
+        reference: &reference,
+        seconds: EVALUATED_S,
+        noise_v_rms: settings.environment.noise_v_rms,
+        seed: EVALUATION_SEED,
+    };
+    let flown = match policy {
+        Some(policy) => {
+            let law = PolicyLaw::new(Arc::clone(map), settings.contract());
+            let mut runner = policy.runner();
+            let mut controller = PolicyController::new(law, |observation: &[f32]| runner.outputs(observation));
+            fly_while(&plan, &mut controller, goes_on)?
+        }
+        None => fly_while(&plan, &mut Fallback::new(Arc::clone(map), FallbackSettings::default()), goes_on)?,
+    };
+    Ok(flown.map(|flown| Evaluated::of(name, &Score::of(&flown.ticks))))
 }
 
 /// What the kernel has counted as the most memory of this process.

@@ -3,30 +3,35 @@
 use model::rig::{Numbers as _, Rig};
 
 use super::Run;
+use crate::settings::TrainingSettings;
 
 impl Run {
     /// Plant, model behind MPObs and feed-forward, and where the policy starts, in one line.
     pub fn taken(&self) -> String {
-        let settings = &self.settings;
-        let is_randomised = !settings.environment.mechanisms.is_empty() || settings.environment.spread.is_any();
-        let plant = format!(
-            "plant {}{}{}",
-            settings.rig.trained_on,
-            mechanisms(&self.trained_on),
-            if is_randomised { ", randomised around that" } else { "" }
-        );
-        let model = if self.model == self.trained_on {
-            "model the same rig".to_owned()
-        } else {
-            format!("model {}{}", settings.rig.model(), mechanisms(&self.model))
-        };
-        let start = match &settings.run.from {
-            Some(from) if settings.run.critics_from.is_some() => format!("policy and critics from {from}"),
-            Some(from) => format!("policy from {from}"),
-            None => "policy from nothing".to_owned(),
-        };
-        format!("{plant}; {model}; {start}")
+        taken(&self.settings, &self.trained_on, &self.model)
     }
+}
+
+/// What a run with these settings took.
+pub(crate) fn taken(settings: &TrainingSettings, trained_on: &Rig, model: &Rig) -> String {
+    let is_randomised = !settings.environment.mechanisms.is_empty() || settings.environment.spread.is_any();
+    let plant = format!(
+        "plant {}{}{}",
+        settings.rig.trained_on,
+        mechanisms(trained_on),
+        if is_randomised { ", randomised around that" } else { "" }
+    );
+    let model = if model == trained_on {
+        "model the same rig".to_owned()
+    } else {
+        format!("model {}{}", settings.rig.model(), mechanisms(model))
+    };
+    let start = match &settings.run.from {
+        Some(from) if settings.run.critics_from.is_some() => format!("policy and critics from {from}"),
+        Some(from) => format!("policy from {from}"),
+        None => "policy from nothing".to_owned(),
+    };
+    format!("{plant}; {model}; {start}")
 }
 
 /// The mechanisms of a rig with their first number each; empty where it has none.

@@ -1,0 +1,152 @@
+//! `trainer improve`: makes a policy better by trying out its answers in simulation.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use clap::Args;
+use serde_json::json;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use training::metrics::Evaluated;
+use training::rollouts::Round;
+use training::{RolloutCallback, RolloutRun, RolloutSummary, RunStatus};
+
+use crate::failure::{Failure, tell};
+use crate::progress::Progress;
+use crate::stdout;
+use crate::train::{MOST_THREADS, settings_of};
+
+/// Makes a policy better by trying out its answers in simulation.
+///
+/// Rigs are flown side by side; at some ticks the same flight is flown on with shifted answers, under the same noise. What that
+/// costs says which way each answer should go, and the policy is moved there. Rigs are drawn around --rig as the settings say; the
+/// policy is kept that tracks best on rigs set aside. A run is a folder. Ctrl-C stops at once and keeps the rounds before;
+/// --resume goes on to the same result, to the byte.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  trainer improve --from policies/default.onnx --rig found/rig.toml --out runs/better
+  trainer improve --from runs/first --config correction --rounds 60 --out runs/better
+  trainer improve --resume runs/better --rounds 24")]
+pub(crate) struct ImproveArgs {
+    /// Policy to start from: an ONNX file that trainer wrote, or the folder of a run
+    #[arg(long, value_name = "POLICY", required_unless_present = "resume", conflicts_with = "resume")]
+    from: Option<PathBuf>,
+    /// Rig to draw around, name or file, instead of the settings' (dual_pressure)
+    #[arg(long, value_name = "RIG", conflicts_with = "resume")]
+    rig: Option<String>,
+    /// Model: the rig that MPObs and the feed-forward know, name or file (the rig of --rig)
+    #[arg(long, value_name = "RIG", conflicts_with = "resume")]
+    model: Option<String>,
+    /// Settings: a preset (paper, paper-drawn, correction, adaptation) or a TOML file; says which rigs are drawn
+    #[arg(long, value_name = "PRESET|FILE", default_value = "adaptation", conflicts_with = "resume")]
+    config: String,
+    /// Folder of the new run
+    #[arg(long, value_name = "DIR", required_unless_present = "resume")]
+    out: Option<PathBuf>,
+    /// Folder of a run to go on with
+    #[arg(long, value_name = "DIR", conflicts_with = "out")]
+    resume: Option<PathBuf>,
+    /// Rounds, instead of the settings' (12)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    rounds: Option<u64>,
+    /// Seed, instead of the settings' (1)
+    #[arg(long, value_name = "N", conflicts_with = "resume")]
+    seed: Option<u64>,
+    /// Threads that fly; the result is the same with any number (all cores, 4 at most)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=64))]
+    threads: Option<u64>,
+    /// Print the summary as one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(args: &ImproveArgs) -> Result<(), Failure> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        // Whatever a second signal ends, the checkpoint of the last round is whole.
+        signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&stop)).map_err(Failure::Signals)?;
+        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(Failure::Signals)?;
+    }
+    let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
+    let threads = args.threads.map_or(cores.min(MOST_THREADS), |n| usize::try_from(n).unwrap_or(1));
+    let mut run = match (&args.resume, &args.from, &args.out) {
+        (Some(folder), ..) => RolloutRun::resume(folder, args.rounds, threads)?,
+        (None, Some(from), Some(out)) => {
+            let mut settings = settings_of(&args.config, args.rig.as_deref(), args.model.as_deref())?;
+            settings.run.seed = args.seed.unwrap_or(settings.run.seed);
+            if let Some(rounds) = args.rounds {
+                settings.rollouts.get_or_insert_default().rounds = rounds;
+            }
+            RolloutRun::begin(settings, from, out, threads)?
+        }
+        // clap asks for one of the two.
+        _ => return Ok(()),
+    };
+    tell(&run.taken());
+    let left = run.rounds().saturating_sub(run.rounds_done());
+    let mut shown = Shown { stop, progress: Progress::new("improving", left * run.episodes()) };
+    let ended = run.go(&mut shown)?;
+    let summary = run.finish()?;
+    if args.json {
+        return stdout::say_json(&json!(summary));
+    }
+    let folder = run.files().folder().display();
+    let mut text = match ended {
+        RunStatus::Finished => format!("{} rounds done in {:.0} s\n", summary.rounds, summary.wall_s),
+        RunStatus::Stopped => format!(
+            "stopped after {} of {} rounds, kept; go on with: trainer improve --resume {folder}\n",
+            summary.rounds, summary.rounds_planned
+        ),
+    };
+    text += &figures(&summary);
+    text += &format!("see {}", run.files().report().display());
+    text += &format!("; run it: controller demo --policy {}", run.files().onnx().display());
+    stdout::say(&text)
+}
+
+/// Tables of what is kept beside what the run began with and the fallback.
+fn figures(summary: &RolloutSummary) -> String {
+    let kept = &summary.kept;
+    let mut text = match kept.round {
+        0 => "kept: the policy that the run began with; no round made it better on rigs set aside\n".to_owned(),
+        round => format!("kept: the policy after round {round}, the best on randomised rigs set aside\n"),
+    };
+    text += "RMSE in kPa                  positive  negative  duty change/tick (RMS)\n";
+    let began = summary.curve.first().map_or(kept.rmse_kpa, |round| round.rmse_kpa);
+    let aside = [("policy", kept.rmse_kpa), ("began with", began), ("fallback", summary.fallback_kpa)];
+    for (who, [pos, neg]) in aside {
+        text += &format!("{:<16} {who:<11} {pos:>8.3}  {neg:>8.3}\n", "rigs set aside");
+    }
+    let rows = summary.evaluated.iter().zip(&summary.began).zip(&summary.fallback);
+    for ((policy, began), fallback) in rows {
+        for (who, e) in [("policy", policy), ("began with", began), ("fallback", fallback)] {
+            let Evaluated { rig, rmse_kpa: [pos, neg], duty_change_rms: [up, down], .. } = e;
+            text += &format!("{rig:<16} {who:<11} {pos:>8.3}  {neg:>8.3}  {up:.4}, {down:.4}\n");
+        }
+    }
+    text
+}
+
+/// A bar over all episodes, and a line for each round.
+struct Shown {
+    stop: Arc<AtomicBool>,
+    progress: Progress,
+}
+
+impl RolloutCallback for Shown {
+    fn episode(&mut self) {
+        self.progress.advance(1);
+    }
+
+    fn round(&mut self, round: &Round, of: u64) {
+        let [pos, neg] = round.rmse_kpa;
+        self.progress.tell(&format!(
+            "round {} of {of}, {:.0} s: RMSE {pos:.3}/{neg:.3} kPa on rigs set aside",
+            round.round, round.wall_s
+        ));
+    }
+
+    fn stop(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}

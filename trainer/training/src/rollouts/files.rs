@@ -1,0 +1,101 @@
+//! The checkpoint of a run of rollouts: where it stands, its network with what Adam remembers, and the best network.
+//!
+//! ```text
+//! "DPROLL01"   position as JSON   network   means   squares (f32)   best network, or nothing   CRC-32C of everything before (u32)
+//! ```
+
+use std::path::Path;
+
+use sac::Network;
+use serde::{Deserialize, Serialize};
+
+use super::regression::Moments;
+use super::run::Round;
+use crate::TrainingError;
+use crate::checkpoint_file::{append_part, part, read_bytes};
+use crate::run_files::RunFiles;
+
+const MAGIC: &[u8; 8] = b"DPROLL01";
+
+/// Where a run stands.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Position {
+    /// Rounds done.
+    pub(super) rounds: u64,
+    /// Steps that Adam has taken.
+    pub(super) steps: u64,
+    /// Seconds of work.
+    pub(super) wall_s: f64,
+    /// Every round so far; the first is the policy that the run began with.
+    pub(super) curve: Vec<Round>,
+    /// Round whose policy was best, and its score to all its bits: another would decide another tie.
+    pub(super) best: Option<(u64, f64)>,
+}
+
+/// Everything to go on from.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Standing {
+    pub(super) position: Position,
+    pub(super) network: Network,
+    pub(super) moments: Moments,
+    pub(super) best: Option<Network>,
+}
+
+/// Writes a checkpoint, as a whole or not at all.
+pub(super) fn write(files: &RunFiles, standing: &Standing) -> Result<(), TrainingError> {
+    let path = files.checkpoint();
+    let position =
+        serde_json::to_vec(&standing.position).map_err(|error| TrainingError::file(&path, &error.to_string()))?;
+    let numbers = |numbers: &[f32]| numbers.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    let mut bytes = MAGIC.to_vec();
+    for part in [
+        position,
+        standing.network.save(),
+        numbers(&standing.moments.mean),
+        numbers(&standing.moments.square),
+        standing.best.as_ref().map_or_else(Vec::new, Network::save),
+    ] {
+        append_part(&mut bytes, &part);
+    }
+    bytes.extend(crc32c::crc32c(&bytes).to_le_bytes());
+    RunFiles::write(&path, &bytes)
+}
+
+/// Whether a folder holds a run of rollouts.
+pub(super) fn is_one(files: &RunFiles) -> bool {
+    std::fs::read(files.checkpoint()).is_ok_and(|bytes| bytes.starts_with(MAGIC))
+}
+
+/// Reads a checkpoint.
+pub(super) fn read(path: &Path) -> Result<Standing, TrainingError> {
+    let bytes = read_bytes(path)?;
+    parsed(&bytes).ok_or_else(|| {
+        TrainingError::file(
+            path,
+            "is no checkpoint of `trainer improve`, or is damaged; runs of `trainer train` go on with that",
+        )
+    })
+}
+
+fn parsed(bytes: &[u8]) -> Option<Standing> {
+    let (body, crc) = bytes.split_last_chunk::<4>()?;
+    if crc32c::crc32c(body) != u32::from_le_bytes(*crc) {
+        return None;
+    }
+    let (position, rest) = part(body.strip_prefix(MAGIC)?)?;
+    let (network, rest) = part(rest)?;
+    let (mean, rest) = part(rest)?;
+    let (square, rest) = part(rest)?;
+    let (best, _) = part(rest)?;
+    let position: Position = serde_json::from_slice(position).ok()?;
+    let network = Network::restore(network).ok()?;
+    let numbers =
+        |bytes: &[u8]| bytes.as_chunks::<4>().0.iter().map(|four| f32::from_le_bytes(*four)).collect::<Vec<f32>>();
+    let moments = Moments { mean: numbers(mean), square: numbers(square), steps: position.steps };
+    let fits = Moments::of(&network).mean.len();
+    if moments.mean.len() != fits || moments.square.len() != fits {
+        return None;
+    }
+    let best = if best.is_empty() { None } else { Some(Network::restore(best).ok()?) };
+    Some(Standing { position, network, moments, best })
+}
