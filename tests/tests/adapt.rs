@@ -128,7 +128,7 @@ fn diagnosed(out: &Path, config: &Path, manners: Manners) {
     let journal = json!({
         "settings": {
             "config": config, "fly_seconds": 20.0, "diagnose_seconds": 60.0, "search": "quick", "experiments": manners.experiments,
-            "training": "always", "train_steps": 64, "train_seconds": 60, "verdict_seconds": 30, "seed": 1
+            "training": "always", "train_rounds": 1, "train_seconds": 60, "verdict_seconds": 30, "seed": 1
         },
         "before": {"policy": "fallback", "model": "dual_pressure", "interventions": 3, "at": [SESSION, 100]},
         "recordings": ["run-1.csv"], "experiments": [], "experiment_allowed": null, "found": found,
@@ -235,7 +235,7 @@ fn a_training_that_fails_puts_the_model_back() {
     std::fs::write(stand_in.out.join("run"), "in the way").unwrap();
     let ended = stand_in.adapt(&[]);
     assert_eq!(ended.status, Some(1), "{ended:?}");
-    for words in ["trainer train", "model and policy are as they were", "adapt --resume"] {
+    for words in ["trainer improve", "model and policy are as they were", "adapt --resume"] {
         assert!(ended.stderr.contains(words), "{words}: {}", ended.stderr);
     }
     assert_eq!(stand_in.changes(), ["model rig.toml of found", "model model.toml of before"]);
@@ -292,7 +292,7 @@ fn a_training_that_made_nothing_better_publishes_nothing() {
     std::fs::create_dir_all(&run).unwrap();
     std::fs::write(
         run.join("summary.json"),
-        json!({"steps": 64, "kept": {"step": 0, "score_kpa": 0.0795}}).to_string(),
+        json!({"rounds": 12, "kept": {"round": 0, "score_kpa": 0.0795}}).to_string(),
     )
     .unwrap();
     let ended = stand_in.adapt(&["--json"]);
@@ -302,7 +302,7 @@ fn a_training_that_made_nothing_better_publishes_nothing() {
     let outcome = stand_in.outcome();
     assert_eq!(outcome["kept"], "with the model", "{outcome}");
     assert!(
-        outcome["policy"].as_str().unwrap().starts_with("not published (of 64 steps of training none"),
+        outcome["policy"].as_str().unwrap().starts_with("not published (of 12 rounds of training none"),
         "{outcome}"
     );
 }

@@ -40,7 +40,7 @@ pub(crate) struct AdaptArgs {
     #[arg(long, value_name = "DIR", required_unless_present = "resume")]
     out: Option<PathBuf>,
     /// Folder of a run to go on with, as it was begun
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "out", "rehearse", "allow_experiment", "fly_seconds", "diagnose_seconds", "thorough", "train_steps", "train_seconds", "verdict_seconds", "seed"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "out", "rehearse", "allow_experiment", "fly_seconds", "diagnose_seconds", "thorough", "train_rounds", "train_seconds", "verdict_seconds", "seed"])]
     resume: Option<PathBuf>,
     /// Start a concealed rig and a daemon on this machine, and adapt to that
     #[arg(long, conflicts_with = "config")]
@@ -63,11 +63,11 @@ pub(crate) struct AdaptArgs {
     /// Train a policy also where the best that was found leaves less than a tenth more than any controller must
     #[arg(long)]
     train_anyway: bool,
-    /// Steps of training at most
-    #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = clap::value_parser!(u64).range(1..))]
-    train_steps: u64,
+    /// Rounds of training at most
+    #[arg(long, value_name = "N", default_value_t = 12, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    train_rounds: u64,
     /// Seconds of training at most
-    #[arg(long, value_name = "S", default_value_t = 180, value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "S", default_value_t = 240, value_parser = clap::value_parser!(u64).range(1..))]
     train_seconds: u64,
     /// Seconds to wait for the daemon's verdict on a policy
     #[arg(long, value_name = "S", default_value_t = 900, value_parser = clap::value_parser!(u64).range(1..))]
@@ -169,7 +169,7 @@ fn settings(args: &AdaptArgs, config: PathBuf) -> AdaptSettings {
         search: if args.thorough { Search::Whole } else { Search::Quick },
         experiments: if args.allow_experiment { Experiments::Allowed } else { Experiments::Ask },
         training: if args.train_anyway { Training::Always } else { Training::WhereItGains },
-        train_steps: args.train_steps,
+        train_rounds: args.train_rounds,
         train_seconds: args.train_seconds,
         verdict_seconds: args.verdict_seconds,
         seed: args.seed,

@@ -20,16 +20,16 @@ use crate::train::{MOST_THREADS, settings_of};
 ///
 /// Rigs are flown side by side; at some ticks the same flight is flown on with shifted answers, under the same noise. What that
 /// costs says which way each answer should go, and the policy is moved there. Rigs are drawn around --rig as the settings say; the
-/// policy is kept that tracks best on rigs set aside. A run is a folder. Ctrl-C stops at once and keeps the rounds before;
-/// --resume goes on to the same result, to the byte.
+/// policy is kept that tracks best on rigs set aside. A policy that corrects the fallback begins from corrections of nothing where
+/// these track better. A run is a folder. Ctrl-C keeps the rounds before; --resume goes on to the same result, to the byte.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   trainer improve --from policies/default.onnx --rig found/rig.toml --out runs/better
   trainer improve --from runs/first --config correction --rounds 60 --out runs/better
   trainer improve --resume runs/better --rounds 24")]
 pub(crate) struct ImproveArgs {
-    /// Policy to start from: an ONNX file that trainer wrote, or the folder of a run
-    #[arg(long, value_name = "POLICY", required_unless_present = "resume", conflicts_with = "resume")]
+    /// Policy to start from: an ONNX file that trainer wrote, or the folder of a run (nothing: the fallback's own answers)
+    #[arg(long, value_name = "POLICY", conflicts_with = "resume")]
     from: Option<PathBuf>,
     /// Rig to draw around, name or file, instead of the settings' (dual_pressure)
     #[arg(long, value_name = "RIG", conflicts_with = "resume")]
@@ -69,15 +69,15 @@ pub(crate) fn run(args: &ImproveArgs) -> Result<(), Failure> {
     }
     let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
     let threads = args.threads.map_or(cores.min(MOST_THREADS), |n| usize::try_from(n).unwrap_or(1));
-    let mut run = match (&args.resume, &args.from, &args.out) {
-        (Some(folder), ..) => RolloutRun::resume(folder, args.rounds, threads)?,
-        (None, Some(from), Some(out)) => {
+    let mut run = match (&args.resume, &args.out) {
+        (Some(folder), _) => RolloutRun::resume(folder, args.rounds, threads)?,
+        (None, Some(out)) => {
             let mut settings = settings_of(&args.config, args.rig.as_deref(), args.model.as_deref())?;
             settings.run.seed = args.seed.unwrap_or(settings.run.seed);
             if let Some(rounds) = args.rounds {
                 settings.rollouts.get_or_insert_default().rounds = rounds;
             }
-            RolloutRun::begin(settings, from, out, threads)?
+            RolloutRun::begin(settings, args.from.as_deref(), out, threads)?
         }
         // clap asks for one of the two.
         _ => return Ok(()),
@@ -108,21 +108,18 @@ pub(crate) fn run(args: &ImproveArgs) -> Result<(), Failure> {
 fn figures(summary: &RolloutSummary) -> String {
     let kept = &summary.kept;
     let mut text = match kept.round {
-        0 => "kept: the policy that the run began with; no round made it better on rigs set aside\n".to_owned(),
+        0 => "kept: what the run began with; no round made it better on rigs set aside\n".to_owned(),
         round => format!("kept: the policy after round {round}, the best on randomised rigs set aside\n"),
     };
     text += "RMSE in kPa                  positive  negative  duty change/tick (RMS)\n";
     let began = summary.curve.first().map_or(kept.rmse_kpa, |round| round.rmse_kpa);
-    let aside = [("policy", kept.rmse_kpa), ("began with", began), ("fallback", summary.fallback_kpa)];
-    for (who, [pos, neg]) in aside {
+    let aside = [("policy", Some(kept.rmse_kpa)), ("began with", Some(began)), ("fallback", summary.fallback_kpa)];
+    for (who, [pos, neg]) in aside.into_iter().filter_map(|(who, rmse_kpa)| Some((who, rmse_kpa?))) {
         text += &format!("{:<16} {who:<11} {pos:>8.3}  {neg:>8.3}\n", "rigs set aside");
     }
-    let rows = summary.evaluated.iter().zip(&summary.began).zip(&summary.fallback);
-    for ((policy, began), fallback) in rows {
-        for (who, e) in [("policy", policy), ("began with", began), ("fallback", fallback)] {
-            let Evaluated { rig, rmse_kpa: [pos, neg], duty_change_rms: [up, down], .. } = e;
-            text += &format!("{rig:<16} {who:<11} {pos:>8.3}  {neg:>8.3}  {up:.4}, {down:.4}\n");
-        }
+    for (who, e) in summary.by_rig() {
+        let Evaluated { rig, rmse_kpa: [pos, neg], duty_change_rms: [up, down], .. } = e;
+        text += &format!("{rig:<16} {who:<11} {pos:>8.3}  {neg:>8.3}  {up:.4}, {down:.4}\n");
     }
     text
 }

@@ -211,37 +211,31 @@ impl Adaptation {
         Ok(())
     }
 
-    /// Trains on the model that was found: from the policy that controlled where that tracks best on it, from a correction of
-    /// nothing where the fallback does.
-    pub(crate) fn train(
-        &mut self,
-        before: &Before,
-        kept: &str,
-        console: &mut dyn Console,
-    ) -> Result<PathBuf, AdaptError> {
+    /// Improves the policy that controlled on the model that was found, or the fallback where that tracks better on it.
+    pub(crate) fn train(&mut self, before: &Before, console: &mut dyn Console) -> Result<PathBuf, AdaptError> {
         if let Some(trained) = &self.journal.trained {
             return Ok(trained.clone());
         }
         let (run, policy) = (self.out.join("run"), self.out.join("adapted.onnx"));
         let text = |path: &Path| path.to_string_lossy().into_owned();
         let arguments = if run.join("checkpoint.bin").exists() {
-            vec!["train".to_owned(), "--resume".to_owned(), text(&run)]
+            vec!["improve".to_owned(), "--resume".to_owned(), text(&run)]
         } else {
             let settings = &self.journal.settings;
             let rig = self.journal.found.clone().unwrap_or_default().join("rig.toml");
-            let mut arguments: Vec<String> = ["train", "--config", "adaptation", "--rig"].map(str::to_owned).into();
+            let mut arguments: Vec<String> = ["improve", "--config", "adaptation", "--rig"].map(str::to_owned).into();
             arguments.push(text(&rig));
             let from = self.before_folder().join("policy.onnx");
-            if before.policy != FALLBACK && kept == WITH_MODEL && from.exists() {
+            if before.policy != FALLBACK && from.exists() {
                 arguments.extend(["--from".to_owned(), text(&from)]);
             }
-            let (steps, seed) = (settings.train_steps.to_string(), settings.seed.to_string());
-            arguments.extend(["--steps", &steps, "--seed", &seed, "--out"].map(str::to_owned));
+            let (rounds, seed) = (settings.train_rounds.to_string(), settings.seed.to_string());
+            arguments.extend(["--rounds", &rounds, "--seed", &seed, "--out"].map(str::to_owned));
             arguments.push(text(&run));
             arguments
         };
         let most = Duration::from_secs(self.journal.settings.train_seconds);
-        let exported = ["export".to_owned(), text(&run), "--fit-plan".to_owned(), "--out".to_owned(), text(&policy)];
+        let exported = ["export".to_owned(), text(&run), "--out".to_owned(), text(&policy)];
         self.computed(
             |this, console| {
                 // Ended after its time it keeps what it has, and says so with status 0.

@@ -16,16 +16,16 @@ use crate::tracking::Tracking;
 /// by the daemon if it is behind by as much.
 const NEAR: f64 = 1.1;
 
-/// Of a run's summary: how long it was, and which of its policies it kept.
+/// Of a run's summary: how long it was, and after which of its rounds it kept the policy.
 #[derive(Deserialize)]
 struct RunSummary {
-    steps: u64,
-    kept: Option<Kept>,
+    rounds: u64,
+    kept: Kept,
 }
 
 #[derive(Deserialize)]
 struct Kept {
-    step: u64,
+    round: u64,
     score_kpa: f64,
 }
 
@@ -58,9 +58,9 @@ impl Adaptation {
         let path = self.out.join("run").join("summary.json");
         let Ok(text) = std::fs::read_to_string(&path) else { return Ok(true) };
         let run: RunSummary = serde_json::from_str(&text).map_err(|error| AdaptError::file(&path, error))?;
-        let RunSummary { steps, kept: Some(Kept { step: 0, score_kpa }) } = run else { return Ok(true) };
+        let RunSummary { rounds, kept: Kept { round: 0, score_kpa } } = run else { return Ok(true) };
         let why = format!(
-            "of {steps} steps of training none made it better on rigs around the model than it began ({score_kpa:.3} kPa there)"
+            "of {rounds} rounds of training none made it better on rigs around the model than it began ({score_kpa:.3} kPa there)"
         );
         console.say(&format!("{why}; nothing is published"));
         self.journal.verdict = Some(Verdict { state: "not published".to_owned(), why });

@@ -154,7 +154,7 @@ impl Adaptation {
         if !self.leaves_something(&best, console)? {
             return self.keep_better(&tracked, &best, kept, console);
         }
-        let policy = self.train(&before, kept, console)?;
+        let policy = self.train(&before, console)?;
         if !self.has_learned(console)? {
             return self.keep_better(&tracked, &best, kept, console);
         }

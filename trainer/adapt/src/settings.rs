@@ -55,8 +55,8 @@ pub struct AdaptSettings {
     /// When a policy is trained.
     #[serde(default)]
     pub training: Training,
-    /// Steps of training at most.
-    pub train_steps: u64,
+    /// Rounds of training at most (`trainer improve --rounds`).
+    pub train_rounds: u64,
     /// Seconds of training at most, on the wall.
     pub train_seconds: u64,
     /// How long the daemon's verdict on a policy is waited for, in s on the wall.
@@ -75,8 +75,8 @@ impl AdaptSettings {
             search: Search::Quick,
             experiments: Experiments::Ask,
             training: Training::WhereItGains,
-            train_steps: 20_000,
-            train_seconds: 180,
+            train_rounds: 12,
+            train_seconds: 240,
             verdict_seconds: 900,
             seed: 1,
         }

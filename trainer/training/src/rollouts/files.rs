@@ -9,8 +9,8 @@ use std::path::Path;
 use sac::Network;
 use serde::{Deserialize, Serialize};
 
+use super::outcome::Round;
 use super::regression::Moments;
-use super::run::Round;
 use crate::TrainingError;
 use crate::checkpoint_file::{append_part, part, read_bytes};
 use crate::run_files::RunFiles;

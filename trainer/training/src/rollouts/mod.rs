@@ -23,16 +23,19 @@
 //! | `probe` | flights and their branches |
 //! | `regression` | moving the network towards answers |
 //! | `run` | rounds, which policy is kept, going on |
+//! | `outcome` | figures, and the policy that is kept |
 //! | `files` | the checkpoint |
 //! | `report` | the page |
 
 mod files;
+mod outcome;
 mod probe;
 mod regression;
 mod report;
 mod run;
 
-pub use run::{RolloutCallback, RolloutRun, RolloutSummary, Round};
+pub use outcome::{RolloutSummary, Round};
+pub use run::{RolloutCallback, RolloutRun};
 
 #[cfg(doc)]
 use crate::settings::RolloutSettings;

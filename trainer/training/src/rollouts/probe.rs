@@ -235,3 +235,77 @@ fn actions(answers: &Answers) -> Vec<f32> {
     debug_assert_eq!(actions.len(), SIDE_BY_SIDE * ACTION_LEN);
     actions
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::PolicyStart;
+    use crate::settings::{Plan, TrainingSettings};
+    use environment::{EnvironmentSettings, RigDraw};
+    use model::rig::Rig;
+    use std::path::Path;
+
+    fn shipped() -> (VectorEnv, Network) {
+        let start =
+            PolicyStart::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../controller/policies/default.onnx"));
+        let start = start.unwrap();
+        let mut settings = TrainingSettings::preset("adaptation").unwrap();
+        start.adopt_into(&mut settings).unwrap();
+        // Backlash, lag and delay: everything that a plant and a model can remember is in it.
+        let rig = Rig::builtin("bench").unwrap();
+        let environment = EnvironmentSettings { episode_s: 6.0, warm_up_s: 1.0, ..settings.environment.clone() };
+        let draw = RigDraw::new(&rig, &environment).unwrap();
+        let env = VectorEnv::new(draw, &rig, settings.contract(), true, &environment, 3).unwrap();
+        (env.averaged(&rig, 2.0).unwrap(), start.network(Plan::Fitted))
+    }
+
+    /// A branch whose answers are not shifted is the flight itself: plant, model, law, noise and reference go on to the bit, so
+    /// what branches differ by is the shift alone.
+    #[test]
+    fn a_branch_that_shifts_nothing_is_the_flight() {
+        let (env, network) = shipped();
+        let settings = RolloutSettings { episode_s: 5.0, ..RolloutSettings::default() };
+        let mut probe = Probe::new(&env, &settings, 1);
+        probe.shape.fill(0.0);
+        let episode = probe.episode(&network, &settings, 0, &|| false).unwrap().unwrap();
+        assert!(episode.branches.len() > 100, "{}", episode.branches.len());
+        assert!(episode.branches.iter().all(|b| b.slope == 0.0 && b.curvature == 0.0), "{:?}", episode.branches[0]);
+        // With its shape it differs.
+        probe.shape = shape(&settings);
+        let shifted = probe.episode(&network, &settings, 0, &|| false).unwrap().unwrap();
+        assert_eq!(shifted.answers, episode.answers, "the flight is the same whatever its branches do");
+        assert!(shifted.branches.iter().any(|b| b.slope != 0.0));
+    }
+
+    #[test]
+    fn a_stop_leaves_an_episode() {
+        let (env, network) = shipped();
+        let settings = RolloutSettings::default();
+        assert_eq!(Probe::new(&env, &settings, 1).episode(&network, &settings, 0, &|| true).unwrap(), None);
+    }
+
+    /// An answer that only costs: its slope is that of a parabola around zero, whatever the rig does.
+    #[test]
+    fn slopes_lead_down() {
+        let (env, mut network) = shipped();
+        // Only changes of the answer are paid for: errors weigh next to nothing.
+        let settings = RolloutSettings {
+            episode_s: 5.0,
+            change_price: 1e4,
+            error_scale_kpa: [100.0; 2],
+            shift_ticks: 1,
+            horizon_ticks: 2,
+            ..RolloutSettings::default()
+        };
+        if let Some(last) = network.layers.last_mut() {
+            last.weights.fill(0.0);
+            last.bias.fill(0.0);
+        }
+        let episode = Probe::new(&env, &settings, 1).episode(&network, &settings, 0, &|| false).unwrap().unwrap();
+        for branch in &episode.branches {
+            // There and back again: 2 ρ ε², so h = 4 ρ. An error of a few kPa at a scale of 100 moves it by some 1e-3.
+            assert!((branch.curvature / 4e4 - 1.0).abs() < 1e-2, "{}", branch.curvature);
+            assert!(branch.slope.abs() < 100.0, "{}", branch.slope);
+        }
+    }
+}

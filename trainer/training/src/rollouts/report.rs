@@ -2,7 +2,7 @@
 
 use report::{Color, KeyFigure, Line, Panel, Plot, Report, Table};
 
-use super::run::{RolloutSummary, Round};
+use super::outcome::{RolloutSummary, Round};
 use crate::metrics::Evaluated;
 use crate::settings::TrainingSettings;
 
@@ -22,8 +22,10 @@ pub(super) fn page(settings: &TrainingSettings, summary: &RolloutSummary) -> Str
             &format!("positive / negative, geometric mean of the RMSE; after round {}", kept.round),
         ),
         figure("Began with", began.rmse_kpa, "the same rigs, references and noise"),
-        figure("Fallback", summary.fallback_kpa, "the same rigs, references and noise"),
     ]);
+    if let Some(fallback_kpa) = summary.fallback_kpa {
+        page = page.summary([figure("Fallback", fallback_kpa, "the same rigs, references and noise")]);
+    }
     let x: Vec<f64> = summary.curve.iter().map(|r| r.round as f64).collect();
     let mut plot = Plot::new("On rigs set aside", "round").caption(
         "Geometric mean of the RMSE over randomised rigs that nothing is learned on. Dashed: the fallback. Round 0 is the \
@@ -31,22 +33,18 @@ pub(super) fn page(settings: &TrainingSettings, summary: &RolloutSummary) -> Str
     );
     for (c, channel) in ["positive RMSE (kPa)", "negative RMSE (kPa)"].into_iter().enumerate() {
         let y: Vec<f64> = summary.curve.iter().map(|r: &Round| r.rmse_kpa[c]).collect();
-        let flat = vec![summary.fallback_kpa[c]; x.len()];
-        plot = plot.panel(
-            Panel::new(channel)
-                .log_y()
-                .line(Line::new("policy", &x, &y).color(Color::Blue))
-                .line(Line::new("fallback", &x, &flat).color(Color::Black).dashed()),
-        );
+        let mut panel = Panel::new(channel).log_y().line(Line::new("policy", &x, &y).color(Color::Blue));
+        if let Some(fallback_kpa) = summary.fallback_kpa {
+            let flat = vec![fallback_kpa[c]; x.len()];
+            panel = panel.line(Line::new("fallback", &x, &flat).color(Color::Black).dashed());
+        }
+        plot = plot.panel(panel);
     }
     page = page.heading("Rounds").plot(plot);
     let mut table =
         Table::new(["rig", "who", "RMSE pos (kPa)", "RMSE neg (kPa)", "duty change pos", "duty change neg"]);
-    let rows = summary.evaluated.iter().zip(&summary.began).zip(&summary.fallback);
-    for ((policy, began), fallback) in rows {
-        for (who, e) in [("policy", policy), ("began with", began), ("fallback", fallback)] {
-            table.push(row(who, e));
-        }
+    for (who, e) in summary.by_rig() {
+        table.push(row(who, e));
     }
     page = page.heading("On the paper's reference, after 5 s").table(table);
     page.heading("Settings").verbatim("settings.toml", &settings.to_toml().unwrap_or_default()).to_html()

@@ -6,23 +6,21 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use environment::{RigDraw, VectorEnv};
-use model::observation::Pair;
+use model::observation::{ObservationLayout, Pair};
 use model::rig::Rig;
 use model::steady::SteadyMap;
 use proto::rig_file::{self, RigFileError};
-use sac::Network;
-use serde::{Deserialize, Serialize};
+use sac::{Learner, Machine, Network};
 
 use super::files::{self, Position, Standing};
+use super::outcome::Round;
 use super::probe::{Episode, Probe};
 use super::regression::{self, Moments};
-use super::report;
 use crate::TrainingError;
 use crate::checkpoint_selection::{SELECTION_SEED, rmse_kpa};
-use crate::metrics::Evaluated;
-use crate::plan_fit::{self, PlanModel};
+use crate::plan_fit;
 use crate::policy_start::PolicyStart;
-use crate::run::{RunStatus, reference_flight};
+use crate::run::RunStatus;
 use crate::run_files::RunFiles;
 use crate::settings::{Plan, RolloutSettings, TrainingSettings};
 use crate::trained_policy::{Origin, TrainedPolicy};
@@ -31,21 +29,6 @@ use crate::trained_policy::{Origin, TrainedPolicy};
 const LOOK: Duration = Duration::from_millis(20);
 /// Learning rate of the last round beside the first's.
 const LAST_RATE: f64 = 0.1;
-
-/// What a round left.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Round {
-    /// Its number; 0 is the policy that the run began with.
-    pub round: u64,
-    /// Seconds of work so far.
-    pub wall_s: f64,
-    /// Geometric mean of the RMSE on rigs set aside, positive and negative, in kPa.
-    pub rmse_kpa: Pair,
-    /// Of both channels: what the policy is kept by.
-    pub score_kpa: f64,
-    /// Branches that it was learned from.
-    pub branches: u64,
-}
 
 /// Who watches a run.
 pub trait RolloutCallback {
@@ -57,69 +40,48 @@ pub trait RolloutCallback {
     fn stop(&self) -> bool;
 }
 
-/// Figures of a run.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct RolloutSummary {
-    /// Plant, model and start, in one line.
-    pub taken: String,
-    /// Rounds done.
-    pub rounds: u64,
-    /// Rounds planned.
-    pub rounds_planned: u64,
-    /// Seed.
-    pub seed: u64,
-    /// Seconds of work, over all sittings.
-    pub wall_s: f64,
-    /// The round whose policy is kept; 0 is the policy that the run began with.
-    pub kept: Round,
-    /// Every round.
-    pub curve: Vec<Round>,
-    /// The fallback on the rigs set aside, positive and negative, in kPa.
-    pub fallback_kpa: Pair,
-    /// The policy that is kept on the paper's reference.
-    pub evaluated: Vec<Evaluated>,
-    /// The policy that the run began with.
-    pub began: Vec<Evaluated>,
-    /// The fallback.
-    pub fallback: Vec<Evaluated>,
-}
-
 /// A run of rollouts.
 pub struct RolloutRun {
-    settings: TrainingSettings,
-    rollouts: RolloutSettings,
-    files: RunFiles,
+    pub(super) settings: TrainingSettings,
+    pub(super) rollouts: RolloutSettings,
+    pub(super) files: RunFiles,
     trained_on: Rig,
-    model: Rig,
-    map: Arc<SteadyMap>,
-    origin: Origin,
-    exploration_std: Option<Vec<f64>>,
-    began: Network,
+    pub(super) model: Rig,
+    pub(super) map: Arc<SteadyMap>,
+    pub(super) origin: Origin,
+    /// The policy that was given to begin with, as it was given.
+    pub(super) given: Option<TrainedPolicy>,
     probes: Vec<Probe>,
     aside: VectorEnv,
-    standing: Standing,
+    pub(super) standing: Standing,
 }
 
 impl RolloutRun {
-    /// Begins a run from the policy at `from` in a new folder. Its plan is left behind: at the end one is fitted.
+    /// Begins a run from the policy at `from` in a new folder, or from corrections of nothing. A plan is left behind: at the end one
+    /// is fitted.
     ///
     /// # Errors
     /// Settings, rigs, policy or folder that do not do; nothing is left half-written.
     pub fn begin(
         settings: TrainingSettings,
-        from: &Path,
+        from: Option<&Path>,
         folder: &Path,
         threads: usize,
     ) -> Result<Self, TrainingError> {
         let mut settings = settings;
         settings.policy.plan = Plan::Fitted;
         settings.rig.model.get_or_insert_with(|| settings.rig.trained_on.clone());
-        let start = PolicyStart::load(from)?;
-        start.adopt_into(&mut settings)?;
+        let start = from.map(PolicyStart::load).transpose()?;
+        if let Some(start) = &start {
+            start.adopt_into(&mut settings)?;
+        }
         settings.run.critics_from = None;
         settings.rollouts.get_or_insert_with(RolloutSettings::default);
         settings.check().map_err(|problem| TrainingError::Settings { file: "settings".into(), line: None, problem })?;
-        let network = start.network(Plan::Fitted);
+        let network = match &start {
+            Some(start) => start.network(Plan::Fitted),
+            None => fresh(&settings)?,
+        };
         let standing = Standing {
             position: Position::default(),
             moments: Moments::of(&network),
@@ -130,13 +92,17 @@ impl RolloutRun {
         let model = rig_file::load(settings.rig.model())?;
         // Everything that can be refused is made before the folder is.
         let mut run = Self::assemble(settings, RunFiles::at(folder), trained_on, model, standing, threads)?;
-        run.exploration_std = TrainedPolicy::load(from)?.exploration_std().map(<[f64]>::to_vec);
+        run.given = from.map(TrainedPolicy::load).transpose()?;
         RunFiles::create(folder)?;
         RunFiles::write(&run.files.settings(), run.settings.to_toml()?.as_bytes())?;
         rig_file::save(&run.files.rig(), &run.trained_on)?;
         rig_file::save(&run.files.model(), &run.model)?;
-        RunFiles::write(&run.files.start(), &run.trained(run.began.clone()).to_bytes()?)?;
-        files::write(&run.files, &run.standing)?;
+        if let Some(given) = &run.given {
+            RunFiles::write(&run.files.start(), &given.to_bytes()?)?;
+        }
+        let began = Instant::now();
+        run.choose_start()?;
+        run.score(0, began)?;
         Ok(run)
     }
 
@@ -152,10 +118,9 @@ impl RolloutRun {
         planned.rounds = rounds.unwrap_or(planned.rounds);
         let load = |path: std::path::PathBuf| rig_file::load(&path.display().to_string());
         let (trained_on, model) = (load(files.rig())?, load(files.model())?);
-        let began = TrainedPolicy::load(&files.start())?;
+        let given = files.start().exists().then(|| TrainedPolicy::load(&files.start())).transpose()?;
         let mut run = Self::assemble(settings, files, trained_on, model, standing, threads)?;
-        run.began = began.network().clone();
-        run.exploration_std = began.exploration_std().map(<[f64]>::to_vec);
+        run.given = given;
         RunFiles::write(&run.files.settings(), run.settings.to_toml()?.as_bytes())?;
         Ok(run)
     }
@@ -191,8 +156,7 @@ impl RolloutRun {
         let threads = threads.clamp(1, usize::try_from(rollouts.episodes).unwrap_or(1));
         let probes = (0..threads).map(|_| Probe::new(&flown, &rollouts, seed)).collect();
         Ok(RolloutRun {
-            began: standing.network.clone(),
-            exploration_std: None,
+            given: None,
             settings,
             rollouts,
             files,
@@ -238,10 +202,7 @@ impl RolloutRun {
     /// A weight that is not finite, or a file that cannot be written; the last checkpoint is kept.
     pub fn go(&mut self, callback: &mut dyn RolloutCallback) -> Result<RunStatus, TrainingError> {
         let mut counted_from = Instant::now();
-        if self.standing.position.curve.is_empty() {
-            self.score(0, counted_from, callback)?;
-            counted_from = Instant::now();
-        }
+        self.tell(callback);
         while self.standing.position.rounds < self.rollouts.rounds {
             let Some(round) = self.fly_round(callback)? else { break };
             let position = &self.standing.position;
@@ -254,11 +215,37 @@ impl RolloutRun {
             self.standing.position.rounds += 1;
             self.standing.position.steps = self.standing.moments.steps;
             let branches = round.iter().map(|episode| episode.branches.len() as u64).sum();
-            self.score(branches, counted_from, callback)?;
+            self.score(branches, counted_from)?;
+            self.tell(callback);
             counted_from = Instant::now();
         }
         let is_over = self.standing.position.rounds >= self.rollouts.rounds;
         Ok(if is_over { RunStatus::Finished } else { RunStatus::Stopped })
+    }
+
+    fn tell(&self, callback: &mut dyn RolloutCallback) {
+        if let Some(round) = self.standing.position.curve.last() {
+            callback.round(round, self.rollouts.rounds);
+        }
+    }
+
+    /// Begins with corrections of nothing where these track better than the policy that was given.
+    fn choose_start(&mut self) -> Result<(), TrainingError> {
+        if self.settings.contract() != ObservationLayout::Correction {
+            return Ok(());
+        }
+        let given = self.standing.network.clone();
+        let nothing = silent(&given);
+        if score_kpa(self.aside_kpa(&nothing)?) < score_kpa(self.aside_kpa(&given)?) {
+            self.standing.network = nothing;
+        }
+        Ok(())
+    }
+
+    /// RMSE on the rigs set aside, positive and negative, in kPa.
+    pub(super) fn aside_kpa(&mut self, network: &Network) -> Result<Pair, TrainingError> {
+        // It is never left before its end.
+        Ok(rmse_kpa(&mut self.aside, &plan_fit::held(network), &mut || false)?.unwrap_or([f64::INFINITY; 2]))
     }
 
     /// All episodes of the next round, in their order; nothing where a stop is asked for.
@@ -300,27 +287,19 @@ impl RolloutRun {
     }
 
     /// Scores the policy as it stands, keeps it where it is the best, and writes a checkpoint.
-    fn score(
-        &mut self,
-        branches: u64,
-        since: Instant,
-        callback: &mut dyn RolloutCallback,
-    ) -> Result<(), TrainingError> {
-        // A score takes some seconds; a stop waits for it, as what the round has learned is lost without it.
-        let held = plan_fit::held(&self.standing.network);
-        let Some(rmse_kpa) = rmse_kpa(&mut self.aside, &held, &mut || false)? else { return Ok(()) };
-        let score_kpa = (rmse_kpa[0] * rmse_kpa[1]).sqrt();
+    fn score(&mut self, branches: u64, since: Instant) -> Result<(), TrainingError> {
+        // It takes some seconds; a stop waits for it, as what the round has learned is lost without it.
+        let rmse_kpa = self.aside_kpa(&self.standing.network.clone())?;
+        let score_kpa = score_kpa(rmse_kpa);
         let position = &mut self.standing.position;
         position.wall_s += since.elapsed().as_secs_f64();
         let round = Round { round: position.rounds, wall_s: position.wall_s, rmse_kpa, score_kpa, branches };
         position.curve.push(round);
-        if score_kpa.is_finite() && position.best.is_none_or(|(_, best)| score_kpa < best) {
+        if position.best.is_none_or(|(_, best)| score_kpa < best) {
             position.best = Some((round.round, score_kpa));
             self.standing.best = Some(self.standing.network.clone());
         }
-        files::write(&self.files, &self.standing)?;
-        callback.round(&round, self.rollouts.rounds);
-        Ok(())
+        files::write(&self.files, &self.standing)
     }
 
     fn check_finite(&self) -> Result<(), TrainingError> {
@@ -330,76 +309,27 @@ impl RolloutRun {
             kept: format!("{} is kept; lower rollouts.learning_rate and begin anew", self.files.checkpoint().display()),
         })
     }
+}
 
-    fn trained(&self, network: Network) -> TrainedPolicy {
-        let ticks = ((self.settings.environment.warm_up_s + self.rollouts.episode_s) / law::TICK_S).round() as u64;
-        let flown = self.standing.position.rounds * self.rollouts.episodes * ticks * environment::SIDE_BY_SIDE as u64;
-        TrainedPolicy::new(self.settings.clone(), self.origin.clone(), flown, network)
-            .with_stated_spread(self.exploration_std.clone())
-    }
+/// Of both channels: their geometric mean.
+fn score_kpa([pos, neg]: Pair) -> f64 {
+    (pos * neg).sqrt()
+}
 
-    /// Fits the plan of the policy that is kept, and writes policy, page and figures.
-    ///
-    /// # Errors
-    /// If a rig cannot be run, or a file cannot be written.
-    pub fn finish(&self) -> Result<RolloutSummary, TrainingError> {
-        let model = PlanModel { rig: &self.model, map: &self.map };
-        let best = self.standing.best.as_ref().unwrap_or(&self.began);
-        let fitted = |network: &Network| plan_fit::fitted(network, &self.settings, &model);
-        let policy = self.trained(fitted(best)?);
-        let began = self.trained(fitted(&self.began)?);
-        let summary = self.summary(&policy, &began)?;
-        RunFiles::write(&self.files.policy(), &policy.to_bytes()?)?;
-        RunFiles::write(&self.files.onnx(), &policy.to_onnx(&[])?)?;
-        let text = serde_json::to_string_pretty(&summary)
-            .map_err(|error| TrainingError::file(&self.files.summary(), &error.to_string()))?;
-        RunFiles::write(&self.files.report(), report::page(&self.settings, &summary).as_bytes())?;
-        RunFiles::write(&self.files.summary(), format!("{text}\n").as_bytes())?;
-        Ok(summary)
+/// A network of fresh weights that answers next to nothing.
+fn fresh(settings: &TrainingSettings) -> Result<Network, TrainingError> {
+    if settings.contract() != ObservationLayout::Correction {
+        let problem = "learns duties, which cannot begin from the fallback; give --from POLICY, or --config adaptation";
+        return Err(TrainingError::Settings { file: "policy.contract".into(), line: None, problem: problem.into() });
     }
-
-    fn summary(&self, policy: &TrainedPolicy, began: &TrainedPolicy) -> Result<RolloutSummary, TrainingError> {
-        let mut summary = RolloutSummary {
-            taken: self.taken(),
-            rounds: self.standing.position.rounds,
-            rounds_planned: self.rollouts.rounds,
-            seed: self.settings.run.seed,
-            wall_s: self.standing.position.wall_s,
-            kept: self.kept(),
-            curve: self.standing.position.curve.clone(),
-            fallback_kpa: [f64::NAN; 2],
-            evaluated: Vec::new(),
-            began: Vec::new(),
-            fallback: Vec::new(),
-        };
-        let mut aside = self.aside.clone();
-        let nothing = silent(&self.began);
-        if let Some(fallback) = rmse_kpa(&mut aside, &plan_fit::held(&nothing), &mut || false)? {
-            summary.fallback_kpa = fallback;
-        }
-        for name in &self.settings.rig.evaluated_on {
-            let rig = rig_file::load(name)?;
-            let flown = |who: Option<&TrainedPolicy>| {
-                reference_flight(&self.settings, (name, &rig), (&self.model, &self.map), who, &mut || true)
-            };
-            summary.evaluated.extend(flown(Some(policy))?);
-            summary.began.extend(flown(Some(began))?);
-            summary.fallback.extend(flown(None)?);
-        }
-        Ok(summary)
-    }
-
-    /// The round whose policy is kept.
-    fn kept(&self) -> Round {
-        let Position { curve, best, .. } = &self.standing.position;
-        let round = best.map_or(0, |(round, _)| round);
-        let nothing = Round { round, wall_s: 0.0, rmse_kpa: [f64::NAN; 2], score_kpa: f64::NAN, branches: 0 };
-        curve.iter().find(|r| r.round == round).copied().unwrap_or(nothing)
-    }
+    let learner =
+        Learner::new(settings.shape(), settings.feature_map()?, settings.learner_settings(), Machine::with_threads(1))
+            .map_err(|error| TrainingError::learner("settings", &error))?;
+    Ok(learner.policy())
 }
 
 /// A network that always answers zero: in the layout of corrections, the fallback.
-fn silent(network: &Network) -> Network {
+pub(super) fn silent(network: &Network) -> Network {
     let mut silent = network.clone();
     if let Some(last) = silent.layers.last_mut() {
         last.weights.fill(0.0);
