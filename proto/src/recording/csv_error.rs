@@ -169,6 +169,18 @@ pub enum CsvError {
         /// Time of the row before (s).
         previous: f64,
     },
+    /// Channels with times of their own that cannot be brought together.
+    #[error(
+        "{file}: line {line}, column {position}: this column of times is another than the first, and cannot be brought together with it: a cell is no number, or times do not go forward; write one file per channel, or all channels at one rate"
+    )]
+    SeveralTimes {
+        /// The file.
+        file: String,
+        /// Line of the header, from 1.
+        line: u64,
+        /// Column, from 1.
+        position: usize,
+    },
     /// Times that are too coarse to tell rows apart.
     #[error(
         "{file}: line {line}, column {position} ({column}): {repeats} rows have the time of the row before, the first here: the times are rounded; write them finer, or say the distance of rows in the rig file: [recording] period_ms = …"

@@ -12,6 +12,7 @@ use model::rig::{Decimal, RecordingMap, Separator};
 
 use super::cells::{Comments, Grammar, Rows};
 use super::csv::CsvError;
+use super::labview_rates;
 use super::logger_text::{Head, LastRow, Row, fill, next};
 use super::sheet::{Cells, Sheet, SheetColumn};
 use super::timestamps;
@@ -43,7 +44,7 @@ struct Segment {
 /// Reads such a file.
 ///
 /// # Errors
-/// No names, no rows, ragged rows, one column of times per channel whose times differ.
+/// No names, no rows, ragged rows, one column of times per channel whose times cannot be brought together.
 pub(super) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result<Sheet<'a>, CsvError> {
     let separator = map.separator.unwrap_or(match value_of(text, "Separator") {
         Some("Comma") => Separator::Comma,
@@ -161,7 +162,8 @@ fn steps_of(lines: &[u64], segments: &[Segment]) -> Vec<f64> {
     segments.iter().zip(begun).zip(rows).flat_map(of).collect()
 }
 
-/// Makes the one column of times: from `X0` and `Delta_X` where it is empty; the first of several that are alike.
+/// Makes the one column of times: from `X0` and `Delta_X` where it is empty; the first of several that are alike; the finest where
+/// channels have rates of their own.
 fn timed(sheet: &mut Sheet<'_>, segments: &[Segment]) -> Result<(), CsvError> {
     let is_time = |column: &SheetColumn<'_>| column.title == TIME;
     let times: Vec<usize> = (0..sheet.columns.len()).filter(|at| sheet.columns.get(*at).is_some_and(is_time)).collect();
@@ -179,16 +181,22 @@ fn timed(sheet: &mut Sheet<'_>, segments: &[Segment]) -> Result<(), CsvError> {
         sheet.manner.push(format!("times from X0 and Delta_X = {step_s} s"));
         return Ok(());
     }
-    for other in times.into_iter().skip(1).rev() {
-        let same = sheet.columns.get(first).map(|c| &c.cells) == sheet.columns.get(other).map(|c| &c.cells);
-        if !same {
-            return Err(CsvError::DuplicateColumn {
+    let cells = |at: usize| sheet.columns.get(at).map(|column| &column.cells);
+    let others: Vec<usize> = times.iter().copied().skip(1).filter(|other| cells(*other) != cells(first)).collect();
+    if let Some(other) = others.first() {
+        return match labview_rates::joined(sheet, &times) {
+            Some(joined) => {
+                *sheet = joined;
+                Ok(())
+            }
+            None => Err(CsvError::SeveralTimes {
                 file: sheet.file.clone(),
                 line: sheet.header_line.unwrap_or(1),
                 position: other + 1,
-                column: TIME.to_owned(),
-            });
-        }
+            }),
+        };
+    }
+    for other in times.into_iter().skip(1).rev() {
         sheet.columns.remove(other);
     }
     Ok(())

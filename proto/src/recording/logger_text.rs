@@ -21,6 +21,7 @@ use super::cells::{Broken, Comments, Grammar, Rows};
 use super::csv::CsvError;
 use super::labview;
 use super::numbers::{is_grouped, says_nothing};
+use super::remarks::Remarks;
 use super::sheet::{Cells, Sheet, SheetColumn, is_data};
 use super::units::Unit;
 
@@ -176,7 +177,7 @@ fn cells_of(line: &str, separator: Separator) -> Vec<&str> {
 }
 
 /// The number that comes most often; of several the largest.
-fn usual(counts: impl Iterator<Item = usize>) -> usize {
+pub(super) fn usual(counts: impl Iterator<Item = usize>) -> usize {
     let mut seen = std::collections::BTreeMap::new();
     counts.for_each(|count| *seen.entry(count).or_insert(0_usize) += 1);
     seen.into_iter().max_by_key(|(_, times)| *times).map_or(1, |(count, _)| count)
@@ -239,7 +240,7 @@ pub(super) fn next<'a>(
 }
 
 /// Cells of a row without the empty ones at its end.
-fn filled(row: &[Cow<'_, str>]) -> usize {
+pub(super) fn filled(row: &[Cow<'_, str>]) -> usize {
     row.iter().rposition(|cell| !cell.is_empty()).map_or(0, |at| at + 1)
 }
 
@@ -341,7 +342,9 @@ fn above(rows: &[Row<'_>], first: usize, manner: &Manner) -> Option<usize> {
         let cells = row.1.len();
         let texts = row.1.iter().all(|cell| !is_data(cell, manner.decimal));
         // One name more is that of a comment which no row has; one less that of an index without a name.
-        (texts && filled(&row.1) > 0 && cells.abs_diff(manner.cells) <= 1).then_some(at)
+        // A remark in a line of empty cells names no columns.
+        let named = row.1.iter().filter(|cell| !cell.is_empty()).count();
+        (texts && named > 0 && 2 * named >= manner.cells && cells.abs_diff(manner.cells) <= 1).then_some(at)
     };
     let directly = first.checked_sub(1).and_then(named)?;
     let cells = |at: usize| rows.get(at).map_or(&[] as &[Cow<'_, str>], |row| row.1.as_slice());
@@ -381,14 +384,6 @@ fn counted(number: usize, what: &str) -> String {
     format!("{number} {what}{}", if number == 1 { "" } else { "s" })
 }
 
-/// Whether a row among others is a line of text: fewer cells than the others, and text where they begin with a number or a time.
-fn is_remark(row: &[Cow<'_, str>], rows: &[Row<'_>], width: usize, decimal: Decimal) -> bool {
-    let begins_with_data =
-        |row: &[Cow<'_, str>]| row.first().is_some_and(|cell| !cell.is_empty() && is_data(cell, decimal));
-    let is_text = row.first().is_some_and(|cell| !cell.is_empty()) && !begins_with_data(row);
-    filled(row) < width && is_text && rows.first().is_some_and(|(_, first)| begins_with_data(first))
-}
-
 /// What is told of lines of text below a table: notes, means of the columns.
 fn behind_the_data(file: &str, lines: usize, from: u64) -> String {
     format!("{file}: {} of text behind the data, from line {from} on", counted(lines, "line"))
@@ -408,21 +403,17 @@ pub(super) fn fill<'a>(
     {
         width -= 1;
     }
-    // A comment that rows may have and need not.
-    let spare = head
-        .names
-        .get(width.wrapping_sub(1))
-        .is_some_and(|name| name.is_empty() || name.eq_ignore_ascii_case("comment"));
+    let remarks = Remarks::of(rows, &head.names, width, sheet.decimal);
     let mut texts: Vec<Vec<Cow<'a, str>>> = vec![Vec::with_capacity(rows.len()); width];
     let names: Vec<&str> = head.names.iter().map(String::as_str).collect();
-    let mut remarks = Vec::new();
+    let (mut passed_over, mut noted) = (Vec::new(), Vec::new());
     for (index, (line, row)) in rows.iter().enumerate() {
         if row.iter().map(AsRef::as_ref).eq(names.iter().copied()) {
             sheet.notes.push(format!("{}: line {line}: the header stands here again; passed over", sheet.file));
             continue;
         }
-        if is_remark(row, rows, width, sheet.decimal) {
-            remarks.push((*line, row.first().map(|cell| super::csv::shown(cell)).unwrap_or_default()));
+        if let Some(text) = remarks.line(row) {
+            passed_over.push((*line, super::csv::shown(text)));
             continue;
         }
         let behind = rows.get(index..).unwrap_or_default();
@@ -435,8 +426,9 @@ pub(super) fn fill<'a>(
             sheet.notes.push(behind_the_data(&sheet.file, behind.len(), *line));
             break;
         }
-        let short = row.len() < width && !(spare && row.len() + 1 == width);
-        let long = filled(row) > width;
+        let short = row.len() < remarks.least_cells();
+        let note = remarks.behind(row);
+        let long = filled(row) > width && note.is_none();
         if short || long {
             if index > 0 && behind.iter().all(|(_, row)| row.iter().all(|cell| !is_data(cell, sheet.decimal))) {
                 sheet.notes.push(behind_the_data(&sheet.file, behind.len(), *line));
@@ -449,16 +441,25 @@ pub(super) fn fill<'a>(
             let cells: Vec<&str> = row.iter().map(AsRef::as_ref).collect();
             return Err(super::csv::ragged(&sheet.file, *line, &cells, width));
         }
+        noted.extend(note.map(|text| (*line, super::csv::shown(text))));
         for (column, texts) in texts.iter_mut().enumerate() {
             texts.push(row.get(column).cloned().unwrap_or_default());
         }
         sheet.lines.push(*line);
     }
-    if let Some((line, text)) = remarks.first() {
+    if let Some((line, text)) = passed_over.first() {
         sheet.notes.push(format!(
             "{}: {} of text among the data or behind them passed over, the first \"{text}\" in line {line}",
             sheet.file,
-            counted(remarks.len(), "line")
+            counted(passed_over.len(), "line")
+        ));
+    }
+    if let Some((line, text)) = noted.first() {
+        let have = if noted.len() == 1 { "has" } else { "have" };
+        sheet.notes.push(format!(
+            "{}: {} {have} text behind the last column, left out, the first \"{text}\" in line {line}",
+            sheet.file,
+            counted(noted.len(), "row")
         ));
     }
     if sheet.lines.is_empty() {

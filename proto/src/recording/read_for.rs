@@ -98,8 +98,11 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     let once = super::doubled::once(sheet);
     let sheet = once.as_ref().unwrap_or(sheet);
     let naming = naming(sheet, rig, map)?;
-    let timed = lost_rows::timed(sheet, &places_of_time(sheet, map, naming));
+    let of_time = places_of_time(sheet, map, naming);
+    let timed = lost_rows::timed(sheet, &of_time);
     let sheet = timed.as_ref().unwrap_or(sheet);
+    let apart = super::doubled::at_one_time(sheet, &of_time);
+    let sheet = apart.as_ref().unwrap_or(sheet);
     let Times { mut time_s, columns: of_time, taken } = times(sheet, map, naming)?;
     let mut units = taken;
     let mut columns = Vec::new();

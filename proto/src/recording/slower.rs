@@ -100,21 +100,39 @@ pub(super) fn now_and_then_blank(sheet: &Sheet<'_>, column: usize) -> Vec<bool> 
     if are_many(count, blank.len()) { vec![false; blank.len()] } else { blank }
 }
 
-/// A column's numbers, NaN at blank cells; `None` where other cells hold no number.
+/// One row of so many at most has a remark where a number belongs.
+const REMARKED: usize = 100;
+
+/// Whether a cell holds a word, as somebody writes one over a number; digits with a letter among them are a number gone wrong.
+fn is_remark(text: &str) -> bool {
+    let letters = text.trim().chars().take_while(|c| c.is_alphabetic()).count();
+    letters > 1
+}
+
+/// A column's numbers, NaN at blank cells and at a remark now and then; `None` where other cells hold no number.
 fn with_blanks(sheet: &Sheet<'_>, column: usize) -> Option<Vec<f64>> {
+    let remarks = |texts: &[std::borrow::Cow<'_, str>]| {
+        texts
+            .iter()
+            .filter(|text| !says_nothing(text) && parse(text, sheet.decimal).is_none() && is_remark(text))
+            .count()
+    };
     match sheet.columns.get(column).map(|of| &of.cells) {
         Some(Cells::Numbers(numbers)) => {
             Some(numbers.iter().map(|x| if x.is_finite() { *x } else { f64::NAN }).collect())
         }
-        Some(Cells::Text(texts)) => texts
-            .iter()
-            .map(|text| match parse(text, sheet.decimal) {
-                None if says_nothing(text) => Some(f64::NAN),
-                // What a converter that was overdriven writes.
-                Some(number) if number.is_infinite() => Some(f64::NAN),
-                number => number,
-            })
-            .collect(),
+        Some(Cells::Text(texts)) => {
+            let few = REMARKED * remarks(texts) <= texts.len();
+            texts
+                .iter()
+                .map(|text| match parse(text, sheet.decimal) {
+                    None if says_nothing(text) || few && is_remark(text) => Some(f64::NAN),
+                    // What a converter that was overdriven writes.
+                    Some(number) if number.is_infinite() => Some(f64::NAN),
+                    number => number,
+                })
+                .collect()
+        }
         None => None,
     }
 }

@@ -3,8 +3,11 @@
 //! Read are `2026-03-29 01:59:00.020`, with `T` or a blank, `/` or `.` between the parts of a date in the orders year-month-day,
 //! day-month-year and month-day-year, a fraction behind a point or a comma, `AM`/`PM`, a zone (`Z`, `+02:00`, `-0700`, `UTC`, `CEST`);
 //! the same in digits alone (`20260329T015900.020Z`); a date alone; a time of day alone (`01:59:00,020`), or of the hour, with a
-//! fraction (`59:00.0`, as spreadsheets show it); days and a time (`0 days 00:00:00.020`). Only differences count, so that a zone matters where it changes within a
-//! file; without one, the hour that summer time takes or gives is noticed and taken back.
+//! fraction (`59:00.0`, as spreadsheets show it); days and a time (`0 days 00:00:00.020`); months by name in the languages that loggers
+//! are sold in ([`super::month_names`]). Only differences count, so that a zone matters where it changes within a file; without one, the
+//! hour that summer time takes or gives (half an hour on Lord Howe Island) is noticed and taken back.
+
+use super::month_names::{in_numbers, month_of};
 
 /// Seconds of a day.
 const DAY_S: f64 = 86_400.0;
@@ -12,6 +15,9 @@ const DAY_S: f64 = 86_400.0;
 const STILL_DATE_S: f64 = 60.0;
 /// Seconds that clocks are set by for summer time.
 const SUMMER_TIME_S: f64 = 3600.0;
+/// The same on Lord Howe Island. A logger may well pause for half an hour, so this one counts only where the rows go on at their
+/// own pace without it.
+const HALF_SUMMER_TIME_S: f64 = 1800.0;
 
 /// Order of the parts of a date.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,19 +53,21 @@ const ZONES: [(&str, f64); 20] = [
 
 /// Whether a text is a date, a time of day, or both.
 pub(super) fn is_timestamp(text: &str) -> bool {
-    let spread = in_digits(text);
+    let spread = spread(text);
     let text = spread.as_deref().unwrap_or(text);
     seconds(text, DateOrder::DayMonthYear).or_else(|| seconds(text, DateOrder::MonthDayYear)).is_some()
 }
 
 /// Whether a text is a date without a time of day.
 pub(super) fn is_date_alone(text: &str) -> bool {
-    is_timestamp(text) && parts(text).clock.is_none()
+    let spread = spread(text);
+    is_timestamp(text) && parts(spread.as_deref().unwrap_or(text)).clock.is_none()
 }
 
 /// Whether a text is a time of day without a date.
 pub(super) fn is_clock_alone(text: &str) -> bool {
-    is_timestamp(text) && parts(text).date.is_none()
+    let spread = spread(text);
+    is_timestamp(text) && parts(spread.as_deref().unwrap_or(text)).date.is_none()
 }
 
 /// Seconds of every text since a common instant; the row (from 0) whose text is no time where there is one.
@@ -67,7 +75,7 @@ pub(super) fn is_clock_alone(text: &str) -> bool {
 /// # Errors
 /// The first row that is neither date nor time.
 pub(super) fn column_s(texts: &[&str]) -> Result<Vec<f64>, usize> {
-    let spread: Option<Vec<String>> = texts.iter().map(|text| in_digits(text)).collect();
+    let spread: Option<Vec<String>> = texts.iter().map(|text| spread(text)).collect();
     let spread: Vec<&str> = spread.iter().flatten().map(String::as_str).collect();
     let texts = if spread.len() == texts.len() { &spread } else { texts };
     let in_order = |order: DateOrder| -> Result<Vec<f64>, usize> {
@@ -93,7 +101,7 @@ pub(super) fn column_s(texts: &[&str]) -> Result<Vec<f64>, usize> {
 
 /// Takes midnight out of times of day, and the change to and from summer time out of times without a zone.
 fn unwrap(times: &mut [f64], dated: bool, zoned: bool) {
-    let mut shift_s = 0.0;
+    let (mut shift_s, mut longest_s) = (0.0, 0.0_f64);
     let mut previous: Option<f64> = None;
     for time in times {
         let mut step_s = previous.map_or(0.0, |previous| *time - previous);
@@ -107,9 +115,24 @@ fn unwrap(times: &mut [f64], dated: bool, zoned: bool) {
         // Within a second of a whole hour: no logger pauses so.
         if !zoned && (step_s.abs() - SUMMER_TIME_S).abs() < 1.0 {
             shift_s -= SUMMER_TIME_S.copysign(step_s);
+            step_s -= SUMMER_TIME_S.copysign(step_s);
+        } else if !zoned && goes_on(step_s - HALF_SUMMER_TIME_S.copysign(step_s), longest_s) {
+            shift_s -= HALF_SUMMER_TIME_S.copysign(step_s);
+            step_s -= HALF_SUMMER_TIME_S.copysign(step_s);
         }
+        longest_s = longest_s.max(step_s);
         *time += shift_s;
     }
+}
+
+/// Whether a step is one of rows that come at least every `longest_s`, or so.
+fn goes_on(step_s: f64, longest_s: f64) -> bool {
+    step_s > 0.0 && step_s < 1.5 * longest_s
+}
+
+/// A time in one of the writings that have no marks between their parts, or a month by name, with numbers and marks; `None` of another.
+fn spread(text: &str) -> Option<String> {
+    in_digits(text).or_else(|| in_numbers(text))
 }
 
 /// `20260329T015900.020Z`, the basic format of ISO 8601, with its marks; `None` of any other text.
@@ -270,7 +293,7 @@ fn days(date: &str, order: DateOrder) -> Option<i64> {
         DateOrder::DayMonthYear => [c, b, a],
         DateOrder::MonthDayYear => [c, a, b],
     };
-    let month = month_of(month)?;
+    let month = month.parse().ok().filter(|month| (1..=12).contains(month)).or_else(|| month_of(month))?;
     let (mut year, day): (i64, i64) = (year.parse().ok()?, day.parse().ok()?);
     if year < 100 {
         year += 2000;
@@ -283,15 +306,6 @@ fn days(date: &str, order: DateOrder) -> Option<i64> {
     let of_era = shifted.rem_euclid(400);
     let of_year = (153 * ((month + 9) % 12) + 2) / 5 + day - 1;
     Some(era * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + of_year - 719_468)
-}
-
-fn month_of(text: &str) -> Option<i64> {
-    const NAMES: [&str; 12] = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"];
-    if let Ok(month) = text.parse::<i64>() {
-        return (1..=12).contains(&month).then_some(month);
-    }
-    let lower = text.to_ascii_lowercase();
-    NAMES.iter().position(|name| lower.starts_with(name)).map(|at| at as i64 + 1)
 }
 
 #[cfg(test)]
@@ -318,6 +332,14 @@ mod tests {
             "2026-03-28 18:59:00-0700",
             "2026-03-29 01:59:00 UTC",
             "2026-03-29 01:59:00:000",
+            "29. März 2026 01:59:00",
+            "29-Mrz-2026 01:59:00",
+            "29.Mär.2026 01:59:00,000",
+            "29 mars 2026 01:59:00",
+            "Sun Mar 29 01:59:00 2026",
+            "Sun, 29 Mar 2026 03:59:00 +0200",
+            "March 29, 2026 1:59:00 AM",
+            "29 Mar 2026, 01:59:00",
         ] {
             assert_eq!(one(text), AT, "{text}");
         }
@@ -336,6 +358,10 @@ mod tests {
         near(steps(&["23:59:59.980", "00:00:00.000", "00:00:00.020"]));
         near(steps(&["2026-03-29 01:59:59.980", "2026-03-29 03:00:00.000", "2026-03-29 03:00:00.020"]));
         near(steps(&["2026-10-25 02:59:59.980", "2026-10-25 02:00:00.000", "2026-10-25 02:00:00.020"]));
+        // Lord Howe Island; a logger may pause for half an hour, and does not go back by one.
+        near(steps(&["2026-04-05 01:59:59.960", "2026-04-05 01:59:59.980", "2026-04-05 01:30:00.000"]));
+        near(steps(&["2026-10-04 01:59:59.960", "2026-10-04 01:59:59.980", "2026-10-04 02:30:00.000"]));
+        assert_eq!(steps(&["2026-10-04 01:00:00", "2026-10-04 01:00:01", "2026-10-04 01:30:09"]), [1.0, 1808.0]);
         near(steps(&["2026-03-29T01:59:59.980+01:00", "2026-03-29T03:00:00.000+02:00"]));
         near(steps(&["20260329T015959.980Z", "20260329T020000.000Z", "20260329T020000.020Z"]));
         near(steps(&["20260329 015959,980", "20260329 020000,000"]));
