@@ -160,3 +160,31 @@ fn milliseconds_may_stand_in_a_column_of_their_own() {
         + &rows(|k, n| format!("2026-03-29 {},{},{}", clock(k), 990 + k, n.join(",")));
     assert!(read(&counted).unwrap_err().to_string().contains("rounded"));
 }
+
+/// A LabVIEW file whose commands are written at 10 Hz and whose pressures at 50 Hz, each channel with times of its own.
+#[test]
+fn labview_channels_with_rates_of_their_own_are_brought_together() {
+    let command = |k: usize| if (k / 10).is_multiple_of(2) { "0.5" } else { "0.7" };
+    let mut text =
+        "LabVIEW Measurement\t\nSeparator\tTab\nMulti_Headings\tYes\nX_Columns\tMulti\n***End_of_Header***\t\n\t\n\
+                    Channels\t4\nY_Unit_Label\tVolts\t\tVolts\t\tkPa\t\tkPa\n***End_of_Header***\t\n\
+                    X_Value\tu_pos\tX_Value\tu_neg\tX_Value\tp_pos_kpa\tX_Value\tp_neg_kpa\tComment\n"
+            .to_owned();
+    for k in 0..ROWS {
+        // The fifth sample of a command is that of the twentieth row.
+        let slow = if 5 * k < ROWS { format!("{:.2}\t{}", 0.1 * k as f64, command(5 * k)) } else { "\t".to_owned() };
+        let (time_s, [.., p_pos, p_neg]) = (0.02 * k as f64, numbers(k));
+        text += &format!("{slow}\t{slow}\t{time_s:.2}\t{p_pos}\t{time_s:.2}\t{p_neg}\n");
+    }
+    let of = read(&text).unwrap();
+    assert_eq!((of.rows(), of.measured()), (ROWS, None), "{:?}", of.notes());
+    for (at, name) in [(2, "p_pos_kpa"), (3, "p_neg_kpa")] {
+        let expected: Vec<f64> = (0..ROWS).map(|k| numbers(k)[at].parse().unwrap()).collect();
+        assert_eq!(of.column(name).unwrap(), expected, "{name}");
+    }
+    for name in ["u_pos", "u_neg"] {
+        let expected: Vec<f64> = (0..ROWS).map(|k| command(k).parse().unwrap()).collect();
+        assert_eq!(of.column(name).unwrap(), expected, "{name}");
+    }
+    assert!(of.notes().join("\n").contains("4 columns of times, 2 of them slower"), "{:?}", of.notes());
+}
