@@ -64,6 +64,9 @@ fn export_makes_tables_of_recordings_and_not_of_tables() {
     let output = controller(&["export", table.path(), "--csv"]);
     assert_eq!(output.status.code(), Some(2));
     assert!(said(&output).contains("no recording of the daemon (MCAP)"), "{}", said(&output));
+    let output = controller(&["replay", table.path()]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(said(&output).contains("no recording of the daemon (MCAP); a table"), "{}", said(&output));
 }
 
 /// A place that cannot hold the result is refused before a recording is read or a rig is moved.

@@ -107,7 +107,7 @@ fn a_published_policy_controls_without_a_restart_and_bad_ones_never_do() {
         assert!(reply["error"].as_str().unwrap().contains("was refused"), "{reply}");
     }
     let (reply, status) = laboratory.ask_json(&["swap", "nobody"]);
-    assert_eq!(status, Some(1));
+    assert_eq!(status, Some(2), "a name that nobody has is wrong use: {reply}");
     assert!(reply["error"].as_str().unwrap().contains("no policy nobody"), "{reply}");
 
     // A good one: passed, swapped, through the stages, active.

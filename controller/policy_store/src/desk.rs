@@ -72,6 +72,12 @@ impl PolicyDesk {
         Ok(text)
     }
 
+    /// What to answer to a name that no policy has; `None` for one that a policy has.
+    pub fn unknown(&self, name: &str) -> Option<String> {
+        let board = locked(&self.board);
+        (name != FALLBACK && board.entry(name).is_none()).then(|| no_such(&board, name))
+    }
+
     /// Sends a policy or the fallback on to the rig.
     pub(crate) fn send(&self, name: &str, who: &str, permit: &Permit) -> Result<String, String> {
         let (sha256, haste, bytes) = self.ready(name)?;
@@ -127,11 +133,7 @@ impl PolicyDesk {
             };
         }
         let Some(entry) = board.entry(name) else {
-            let known: Vec<&str> = board.entries().map(|e| e.name.as_str()).collect();
-            return Err(format!(
-                "no policy {name}; there are: {}",
-                [known.as_slice(), &[FALLBACK]].concat().join(", ")
-            ));
+            return Err(no_such(&board, name));
         };
         let known = entry.tag().and_then(|tag| Some((tag, board.bytes(tag)?)));
         match (entry.state, known) {
@@ -161,4 +163,10 @@ impl PolicyDesk {
         let noted = locked(&self.audit).note(who, what, name, sha256, "");
         locked(&self.board).audit_problem = noted.err();
     }
+}
+
+/// What to answer to a name that no policy has.
+fn no_such(board: &Board, name: &str) -> String {
+    let known: Vec<&str> = board.entries().map(|e| e.name.as_str()).collect();
+    format!("no policy {name}; there are: {}", [known.as_slice(), &[FALLBACK]].concat().join(", "))
 }

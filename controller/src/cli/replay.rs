@@ -46,6 +46,12 @@ impl ReplayArgs {
         let references: Result<Vec<Reference>, _> = self.reference.iter().map(|file| Reference::read(file)).collect();
         let mut replay = Replay::new(references.map_err(Failure::input)?);
         for path in &self.recordings {
+            if !RunFile::is_of_the_daemon(path)? {
+                return Err(Failure::input(format!(
+                    "{}: no recording of the daemon (MCAP); a table holds no frames, and there is nothing in it to replay",
+                    path.display()
+                )));
+            }
             replay.run(&RunFile::read(path)?)?;
         }
         let found = replay.found();

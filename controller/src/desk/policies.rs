@@ -32,6 +32,14 @@ impl Desk {
     }
 
     pub(super) fn begin_swap(&mut self, name: String, asked: Asked) -> Step {
+        // A name that nobody has is the asker's mistake, not the rig's refusal.
+        let unknown = |handle: &PolicyHandle| handle.policies.unknown(&name);
+        if let Some(why) = self.options.policies.as_ref().filter(|_| !self.is_working()).and_then(unknown) {
+            self.record(&format!("swap {name}"), asked.peer, &Err(why.clone()));
+            let mut reply = self.reply(Err(why));
+            reply.bad_input = true;
+            return Step::Done(Box::new(reply));
+        }
         self.aside(format!("swap {name}"), asked, move |handle, who, permit| handle.policies.swap(&name, who, permit))
     }
 
