@@ -251,6 +251,10 @@ pub struct Diagnosis {
     /// Terms of the written rig that have no name of their own, as the rig file states them, with all their numbers.
     #[serde(default)]
     pub unnamed_terms: Vec<serde_json::Value>,
+    /// What each hypothesis that is not told from the others adds to the given rig, as a rig file states it, with all its numbers; the
+    /// best first. One that adds nothing is that parameters moved. Empty where the answer is no choice.
+    #[serde(default)]
+    pub hypotheses: Vec<Vec<serde_json::Value>>,
     /// Parameters that went where nobody would believe them.
     #[serde(default)]
     pub doubtful_parameters: Vec<DoubtfulParameter>,
@@ -333,6 +337,7 @@ mod tests {
                 region: "rising u_pos between 0.70 and 0.85".to_owned(),
             }],
             unnamed_terms: Vec::new(),
+            hypotheses: Vec::new(),
             doubtful_parameters: Vec::new(),
             changes: Vec::new(),
             rig: WrittenRig { name: "dual_pressure_extended".to_owned(), kind: RigKind::Extended },

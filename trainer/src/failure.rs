@@ -76,6 +76,8 @@ pub(crate) enum Failure {
          {before_kpa:.2} kPa: worse than before, so {out} is not written; `trainer diagnose` looks for what the rig file lacks"
     )]
     WorseThanBefore { before_kpa: f64, after_kpa: f64, out: String },
+    #[error("not good: {why}; {out} is written all the same, `trainer diagnose` looks for what the rig file lacks")]
+    InPart { why: String, out: String },
     #[error("not good: {0}; until that is fixed the figures compare different quantities")]
     NotGood(String),
     #[error("{file}: {rows} of at least {least} rows of 20 ms: too short to tell anything; are its times in seconds?")]
@@ -138,6 +140,7 @@ impl Failure {
             | Self::Stdout(_)
             | Self::Signals(_)
             | Self::NotGood(_)
+            | Self::InPart { .. }
             | Self::WorseThanBefore { .. } => FAILED,
         }
     }

@@ -8,7 +8,8 @@ use std::time::Instant;
 use clap::Args;
 use fit::data::Role;
 use fit::identify::{
-    Accuracy, Identified, IdentifySettings, Step, determined, figures, run as identify, table, undetermined, verdict,
+    Accuracy, Identified, IdentifySettings, Step, determined, figures, not_good, run as identify, table, undetermined,
+    verdict,
 };
 use proto::output::same_file;
 use proto::recording::{PERIOD_S, Recording, short_name};
@@ -27,7 +28,10 @@ use crate::work_shown::WorkShown;
 /// the rows is not fitted: open-loop simulations of those (validation data) show how good it is. Ordinary recordings
 /// will do (random holds, tracking); 20 s at least, and both duties must move.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: trainer identify --rig dual_pressure run1.mcap run2.csv --out lab.toml")]
+#[command(after_help = "Exit status: 0 written; 1 written and still off by ten times the noise or more, or
+not written because it is worse than before; 2 wrong use or input.
+
+Example: trainer identify --rig dual_pressure run1.mcap run2.csv --out lab.toml")]
 pub(crate) struct IdentifyArgs {
     /// Rig to start from: a built-in name (dual_pressure, the paper's; bench, as built) or a TOML file. Its
     /// parameters are taken as known to a few per cent
@@ -87,7 +91,7 @@ pub(crate) fn run(args: &IdentifyArgs) -> Result<(), Failure> {
         let [before_kpa, after_kpa] = identified.before_and_after_kpa();
         return Err(Failure::WorseThanBefore { before_kpa, after_kpa, out });
     }
-    Ok(())
+    not_good(&identified).map_or(Ok(()), |why| Err(Failure::InPart { why, out }))
 }
 
 /// Room in bytes that a rig file needs.
@@ -231,6 +235,8 @@ fn json_of(identified: &Identified, rig: &str, recordings: &[Recording], out: &V
         "before": errors(&identified.before, &identified.channels),
         "after": errors(&identified.after, &identified.channels),
         "converged": identified.fitted.converged,
+        "good": !identified.is_worse() && not_good(identified).is_none(),
+        "not_good": not_good(identified),
         "determined": determined(&identified.fitted),
         "not_determined": undetermined(&identified.fitted),
         "doubts": identified.quality.doubts().map(ToString::to_string).collect::<Vec<_>>(),

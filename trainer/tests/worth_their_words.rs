@@ -235,6 +235,12 @@ fn the_worked_case_is_undecided_and_proposes_an_experiment() {
         "{said:#}"
     );
     assert!(names(&said).contains(&"chamber_leak".to_owned()), "{said:#}");
+    // Each hypothesis with its numbers, as a rig file states them.
+    let hypotheses: Vec<Vec<Value>> = serde_json::from_value(said["hypotheses"].clone()).unwrap();
+    let adds = |id: &str| hypotheses.iter().any(|terms| terms.iter().any(|term| term["id"] == id));
+    assert!(hypotheses.len() > 1 && adds("chamber_leak"), "{hypotheses:?}");
+    let stated = |term: &Value| term.as_object().is_some_and(|of| of.len() > 2 && of.values().any(Value::is_number));
+    assert!(hypotheses.iter().flatten().all(stated), "{hypotheses:?}");
     let commands = said["next_step"]["commands"].as_array().unwrap();
     assert!(commands[0].as_str().unwrap().starts_with("controller experiment"), "{commands:?}");
     assert!(commands[1].as_str().unwrap().contains("monday.csv"), "{commands:?}");

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use model::rig::Rig;
-use proto::diagnosis::{ChannelFit, Diagnosis, Fits, RigKind, WrittenRig};
+use proto::diagnosis::{ChannelFit, Diagnosis, Fits, RigKind, Verdict, WrittenRig};
 use proto::output;
 
 use crate::error::DiagnoseError;
@@ -89,6 +89,7 @@ fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {
         summary: summary::summary(findings, &mechanisms),
         location: whereabouts::locations(findings),
         unnamed_terms: unnamed_terms(findings, &mechanisms),
+        hypotheses: hypotheses(findings),
         mechanisms,
         fit: Fits {
             nominal: findings.given.to_fit(),
@@ -129,6 +130,18 @@ fn unnamed_terms(findings: &Findings<'_, '_>, named: &[proto::diagnosis::FoundMe
     let given = &findings.request.rig.mechanisms;
     let new = findings.rig.mechanisms.iter().filter(|m| !given.contains(m) && !is_named(m));
     new.filter_map(|m| serde_json::to_value(m).ok()).collect()
+}
+
+/// What each of several hypotheses adds to the given rig.
+fn hypotheses(findings: &Findings<'_, '_>) -> Vec<Vec<serde_json::Value>> {
+    let given = &findings.request.rig.mechanisms;
+    let of = |rival: &crate::bench::Explanation| {
+        let new = rival.fitted.rig.mechanisms.iter().filter(|m| !given.contains(m));
+        new.filter_map(|m| serde_json::to_value(m).ok()).collect()
+    };
+    let rivals = &findings.judgement.rivals;
+    let undecided = findings.judgement.verdict == Verdict::Undecided && rivals.len() > 1;
+    if undecided { rivals.iter().map(of).collect() } else { Vec::new() }
 }
 
 /// Endings of names of rigs that came out of a fit.

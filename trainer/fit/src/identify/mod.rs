@@ -18,4 +18,4 @@ pub use check_valves::{PaperFit, paper_fit};
 pub use driven_pump::DrivenPump;
 pub use run::{Accuracy, Identified, IdentifySettings, Step, run};
 pub use weak_form::ValveRegression;
-pub use words::{determined, figures, table, undetermined, verdict};
+pub use words::{determined, figures, not_good, table, undetermined, verdict};

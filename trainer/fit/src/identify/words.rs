@@ -18,6 +18,9 @@ const BELONGS: f64 = 0.35;
 const MOST_PARTS: usize = 4;
 /// A free run off by less than so many times the noise leaves nothing to explain.
 const EXPLAINED: f64 = 1.3;
+/// A free run off by so many times the noise is not that of the rig: what a rig file lacks outweighs what was fitted (chosen; `diagnose`
+/// calls what leaves as much a part of the truth).
+const IN_PART: f64 = 10.0;
 /// Costs of starts that differ by less are along one flat valley, whose ground is rough: check valves of a piston pump
 /// open a step of the integrator sooner or later (up to 8 measured, where the noise of a fit moves costs by half the
 /// number of parameters, 7).
@@ -174,6 +177,15 @@ fn moves<'n>(parts: &[(usize, f64)], with: f64, name: impl Fn(usize) -> &'n str)
 fn explained(identified: &Identified, channel: usize) -> bool {
     let (error, noise) = (identified.after.free.get(channel), identified.noise.get(channel));
     error.zip(noise).is_some_and(|(error, noise)| error.rmse_kpa < EXPLAINED * noise.sigma_kpa)
+}
+
+/// Why the identified rig is not good although it is better than before: the channel that it is furthest off in, in multiples of its
+/// noise. `None` where it is as good as such models get.
+pub fn not_good(identified: &Identified) -> Option<String> {
+    let channels = identified.channels.iter().zip(&identified.after.free).zip(&identified.noise);
+    let ratios = channels.map(|((channel, error), noise)| (channel, error.rmse_kpa, error.rmse_kpa / noise.sigma_kpa));
+    let (channel, kpa, times) = ratios.max_by(|a, b| a.2.total_cmp(&b.2)).filter(|(.., times)| *times >= IN_PART)?;
+    Some(format!("{channel} is off by {kpa:.2} kPa, {times:.0} times its noise, with the parameters as fitted"))
 }
 
 /// What to make of it, one sentence a line.
