@@ -2,7 +2,7 @@
 //!
 //! A search does not know how many rounds it will take. What it does know after its first fit is how fast this machine is on these
 //! recordings, and how many times as long searches took that were measured. The bar goes by that, and where the work outlasts it,
-//! it says so and promises no time any more.
+//! it says so, promises no time any more and goes on ever more slowly.
 
 use std::io::{IsTerminal, Write};
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
@@ -18,7 +18,9 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 /// Work this short needs no progress.
 const SHORT: Duration = Duration::from_secs(1);
 const BAR_WIDTH: usize = 20;
-/// Share of the bar that is never passed before the work is done.
+/// Share of the expected time from which on the bar slows down, so that it never stands still and is never full before the end.
+const SLOWER: f64 = 0.9;
+/// Share from which on no time left is told.
 const NEARLY: f64 = 0.97;
 
 /// Work that is shown while it lasts.
@@ -105,8 +107,19 @@ impl State {
     fn line(&self, elapsed: Duration) -> Line {
         let share = self.expected.map(|whole| elapsed.as_secs_f64() / whole.as_secs_f64().max(1e-3));
         let left = self.expected.and_then(|whole| whole.checked_sub(elapsed)).filter(|_| share < Some(NEARLY));
-        Line { stage: self.stage.clone(), elapsed, share: share.map(|share| share.min(NEARLY)), left }
+        Line { stage: self.stage.clone(), elapsed, share: share.map(slowing), left }
     }
+}
+
+/// The share of the bar at a share of the expected time: the same at first, then ever less, at the same pace where they meet.
+fn slowing(share: f64) -> f64 {
+    let beyond = share - SLOWER;
+    if beyond <= 0.0 { share } else { 1.0 - (1.0 - SLOWER) / (1.0 + beyond / (1.0 - SLOWER)) }
+}
+
+/// Whole per cent, 100 at the end alone.
+fn percent(share: f64) -> f64 {
+    (100.0 * share).floor()
 }
 
 impl Line {
@@ -122,13 +135,13 @@ impl Line {
 
 fn bar(line: &Line) -> String {
     let share = line.share.unwrap_or(0.0);
-    let full = ((share * BAR_WIDTH as f64).round() as usize).min(BAR_WIDTH);
+    let full = ((share * BAR_WIDTH as f64) as usize).min(BAR_WIDTH);
     let (done, left) = ("#".repeat(full), "-".repeat(BAR_WIDTH - full));
-    format!("[{done}{left}] {:3.0} %  {}  {}", 100.0 * share, line.times(), line.stage)
+    format!("[{done}{left}] {:3.0} %  {}  {}", percent(share), line.times(), line.stage)
 }
 
 fn plain(line: &Line) -> String {
-    let share = line.share.map_or(String::new(), |share| format!(" ({:.0} %)", 100.0 * share));
+    let share = line.share.map_or(String::new(), |share| format!(" ({:.0} %)", percent(share)));
     format!("{}: {}{share}", line.times(), line.stage)
 }
 
@@ -151,7 +164,11 @@ mod tests {
     fn the_time_left_is_told_once_it_is_known_and_not_after_it_has_run_out() {
         assert_eq!(plain(&at(5, None)), "0:05: trying mechanisms");
         assert_eq!(plain(&at(20, Some(80))), "0:20, about 1:00 left: trying mechanisms (25 %)");
-        assert_eq!(plain(&at(90, Some(80))), "1:30, longer than most: trying mechanisms (97 %)");
+        assert_eq!(plain(&at(90, Some(80))), "1:30, longer than most: trying mechanisms (96 %)");
+        // Work that takes several times as long as most goes on to be seen, and is not done before it is.
+        let shares: Vec<f64> = (0..500).map(|s| percent(at(s, Some(80)).share.unwrap())).collect();
+        assert!(shares.windows(2).all(|pair| pair[1] >= pair[0]) && shares[499] == 99.0, "{shares:?}");
+        assert!(shares[90] < shares[120] && shares[120] < shares[200], "{shares:?}");
         assert_eq!(bar(&at(20, Some(80))), "[#####---------------]  25 %  0:20, about 1:00 left  trying mechanisms");
     }
 }

@@ -32,6 +32,8 @@ use raw::{Beside, Raw};
 
 /// Turns of the ripple in the longest recording below which a reading may be something slow that is missing.
 const CERTAIN_TURNS: f64 = 1.5;
+/// Turns in the longest recording below which no frequency is stated: two periods are what it takes to see that something repeats.
+const NAMED_TURNS: f64 = 2.0;
 /// Turns in the longest recording by which two readings are told apart.
 const APART_TURNS: f64 = 0.25;
 /// Change of the ripple at which an answer is worked out again, in kPa: what a term must set right to be named.
@@ -209,6 +211,16 @@ impl Turning {
             ));
         }
         self.read.as_ref().map(|(read, stated_rpm)| {
+            if read.turns < NAMED_TURNS {
+                return format!(
+                    "a swing of the readings was taken out of them as the pump's ripple, at {:.2} rev/min instead of {stated_rpm:.2} \
+                     as in the rig file: it turns {:.1} times in the longest recording, too few for a frequency, and may as well be \
+                     a sensor that drifts; errors and plots are without it. Record {:.0} min in one run to tell",
+                    read.speed_rpm,
+                    read.turns,
+                    (NAMED_TURNS / (60.0 * read.beat_hz)).ceil()
+                );
+            }
             format!(
                 "the readings swing with the pump's ripple at {:.3} Hz: {} turns at {:.2} rev/min, not at {stated_rpm:.2} \
                  as in the rig file; errors and plots are of readings that it was taken out of",
