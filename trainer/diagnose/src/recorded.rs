@@ -50,7 +50,14 @@ impl Recorded {
             return Ok(Recorded { records: pieces, usable, switched: false, notes });
         }
         let Some((pieces, places)) = switched::pieces(rig, &records) else {
-            return Ok(Recorded { records, usable: quality.usable, switched: false, notes });
+            let Some((rest, places)) = switched::started(rig, &records) else {
+                return Ok(Recorded { records, usable: quality.usable, switched: false, notes });
+            };
+            notes.push(
+                "the pump starts at the beginning of a recording: simulations start 0.6 s later, since no motor starts at once"
+                    .to_owned(),
+            );
+            return Ok(Recorded { records: rest, usable: taken(&quality.usable, &places), switched: false, notes });
         };
         notes.push(
             "the pump was switched: simulations start anew 0.6 s after each change, since no motor stops or starts at once"

@@ -9,7 +9,8 @@
 use std::ops::Range;
 
 use fit::data::Records;
-use model::rig::Rig;
+use model::plant::FreeRunStart;
+use model::rig::{Pump, Rig};
 
 use crate::bench::{Bench, Effort, Explanation};
 use crate::candidate::{Candidate, is_leak};
@@ -31,8 +32,8 @@ pub fn pieces(rig: &Rig, records: &Records) -> Option<(Records, Vec<usize>)> {
         let states = records.relays(rig, record);
         let on = |row: usize| states.iter().map(move |state| state.get(row).is_none_or(|on| *on));
         for segment in &columns.segments {
-            let mut start = segment.start;
-            for row in segment.start + 1..segment.end {
+            let mut start = first_row(rig, records, record, segment);
+            for row in start + 1..segment.end {
                 if on(row).ne(on(row - 1)) {
                     switched = true;
                     parts.push((record, start..row));
@@ -44,6 +45,36 @@ pub fn pieces(rig: &Rig, records: &Records) -> Option<(Records, Vec<usize>)> {
     }
     parts.retain(|(_, rows)| rows.end >= rows.start + LEAST_ROWS);
     switched.then(|| records.parts(&parts))
+}
+
+/// The recordings without the first 0.6 s of those at whose beginning the pump starts, and which reading each of theirs was; `None` where
+/// it does in none. What a motor that comes up and the first strokes into empty chambers are off by (several kPa) passes for
+/// another volume.
+pub(crate) fn started(rig: &Rig, records: &Records) -> Option<(Records, Vec<usize>)> {
+    let mut parts: Vec<(usize, Range<usize>)> = Vec::new();
+    let mut started = false;
+    for (record, columns) in records.records().iter().enumerate() {
+        for segment in &columns.segments {
+            let first = first_row(rig, records, record, segment);
+            started |= first > segment.start;
+            parts.push((record, first..segment.end));
+        }
+    }
+    started.then(|| records.parts(&parts))
+}
+
+/// The first row of a stretch that a run begins at: its own, or that behind the start of a pump.
+fn first_row(rig: &Rig, records: &Records, record: usize, segment: &Range<usize>) -> usize {
+    let behind = segment.start + SWITCHING_ROWS;
+    let stands = |row: usize| {
+        let channels = 0..records.layout().channels();
+        let at: Vec<f64> = channels.filter_map(|c| records.channel_kpa(record, c).get(row)).copied().collect();
+        FreeRunStart::for_readings(&at) == FreeRunStart::AtRest
+    };
+    let strokes = rig.pumps.values().any(|pump| matches!(pump, Pump::Piston(_)));
+    let runs = || records.relays(rig, record).iter().all(|on| on.get(segment.start).is_none_or(|on| *on));
+    let starts = strokes && segment.len() >= SWITCHING_ROWS + LEAST_ROWS && stands(segment.start) && !stands(behind);
+    if starts && runs() { behind } else { segment.start }
 }
 
 /// Whether a pump stands in some recording, or some piece of one.

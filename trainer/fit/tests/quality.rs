@@ -135,6 +135,82 @@ fn flat_stuck_clipped_and_wild_readings() {
     assert!(ringing.findings.iter().all(|finding| finding.trouble != Trouble::Spikes), "{:?}", ringing.findings);
 }
 
+/// An amplifier at its end, and noise behind it: no reading repeats.
+#[test]
+fn a_limit_in_front_of_the_noise_is_a_limit() {
+    let g = good();
+    let (_, truth) = truth(&g.rig, ROWS, 11);
+    let mut sorted = truth[0].clone();
+    sorted.sort_by(f64::total_cmp);
+    for share in [0.6, 0.8] {
+        let limit = sorted[(share * ROWS as f64) as usize];
+        let cut = [truth[0].iter().map(|p| p.min(limit)).collect::<Vec<_>>(), truth[1].clone()];
+        let found = quality(&g.rig, &[recording("cut.csv", &g.duty, &noisy(&cut, 12))]);
+        let words = ["p_pos_kpa", "within their noise", "a limit"];
+        assert_finds(&found, Trouble::Clipped, Severity::Doubtful, &words);
+        // Runs of less than half a second at the limit stay, and nothing else goes.
+        let at_limit = |row: &usize| truth[0][*row] >= limit;
+        let left_out: Vec<usize> = (0..ROWS).filter(|row| found.usable[*row] == 0.0).collect();
+        let wrongly = left_out.iter().filter(|row| truth[0][**row] < limit - 0.5).count();
+        let of = (0..ROWS).filter(at_limit).count();
+        assert!(
+            wrongly == 0 && 2 * left_out.len() > of && left_out.len() < of + 40,
+            "{share}: {} of {of}",
+            left_out.len()
+        );
+    }
+}
+
+/// What stands at one level for other reasons is none: a chamber that the pump has filled as far as it can, behind a valve that
+/// the rig file says opens later or earlier.
+#[test]
+fn a_chamber_as_full_as_the_pump_makes_it_is_no_limit() {
+    let mut rig = quick_rig();
+    let (mut duty, _) = truth(&rig, ROWS, 11);
+    for (row, u) in duty[0].iter_mut().enumerate() {
+        *u = if (row / 250).is_multiple_of(2) { 0.0 } else { 0.75 };
+    }
+    let blank = recording("blank", &duty, &[vec![0.0; ROWS], vec![0.0; ROWS]]);
+    let records = Records::new(&rig, &[blank]).unwrap();
+    let simulator = fit::simulate::Simulator::new(&records, fit::simulate::Fidelity::Detailed);
+    let trace = simulator.free(std::slice::from_ref(&rig)).pop().unwrap().unwrap();
+    let pressures = noisy(&[0, 1].map(|c| trace[records.layout().channel(0, c)].to_vec()), 12);
+    for factor in [1.0, 0.9, 1.1] {
+        rig.valves[0].spring_area_mm2 *= factor;
+        let found = quality(&rig, &[recording("full.csv", &duty, &pressures)]);
+        assert!(!found.has(Trouble::Clipped), "{factor}: {:?}", found.findings);
+    }
+}
+
+/// The logger was started before the pump, or ran on after it.
+#[test]
+fn a_pump_that_stands_unseen_is_told() {
+    let g = good();
+    let (from, to) = (300, 900);
+    let at_rest = noisy(&[vec![0.0; ROWS], vec![0.0; ROWS]], 14);
+    let stood = |rows: std::ops::Range<usize>| {
+        let mut pressures = g.pressures.clone();
+        for (values, at_rest) in pressures.iter_mut().zip(&at_rest) {
+            values[rows.clone()].copy_from_slice(&at_rest[rows.clone()]);
+        }
+        quality(&g.rig, &[recording("stood.csv", &g.duty, &pressures)])
+    };
+    let words = ["stood.csv", "0.00 to 5.98 s", "was the pump off", "pump_on"];
+    assert_finds(&stood(0..from), Trouble::PumpStood, Severity::Unusable, &words);
+    assert_finds(&stood(to..ROWS), Trouble::PumpStood, Severity::Unusable, &["18.00 to 39.98 s"]);
+    assert!(!stood(from..from + 40).has(Trouble::PumpStood), "0.8 s may be anything");
+    // Where the recording says that it stood it is no finding.
+    let mut pressures = g.pressures.clone();
+    pressures.iter_mut().zip(&at_rest).for_each(|(values, at_rest)| values[..from].copy_from_slice(&at_rest[..from]));
+    let on: Vec<f64> = (0..ROWS).map(|row| f64::from(u8::from(row >= from))).collect();
+    let [[u_pos, u_neg], [p_pos, p_neg]] = [&g.duty, &pressures];
+    let all = [("u_pos", u_pos), ("u_neg", u_neg), ("p_pos_kpa", p_pos), ("p_neg_kpa", p_neg), ("pump_on", &on)];
+    let columns = all.map(|(name, x)| Column { name: name.to_owned(), data: ColumnData::Numbers(x.clone()) });
+    let time_s = (0..ROWS).map(|k| k as f64 * 0.02).collect();
+    let said = Recording::new("said.csv", time_s, columns.to_vec()).unwrap();
+    assert!(!quality(&g.rig, &[said]).has(Trouble::PumpStood));
+}
+
 #[test]
 fn gaps_and_uneven_time() {
     let g = good();

@@ -46,6 +46,8 @@ pub enum Trouble {
     NothingMoves,
     /// The pump never runs.
     PumpOff,
+    /// The pump stood while the recorded commands say that it ran.
+    PumpStood,
 }
 
 /// Something wrong with a recording.

@@ -5,12 +5,15 @@
 //! | `finding` | a finding: where, how bad, what it is, what to do |
 //! | `shape` | too short, gaps, uneven time |
 //! | `readings` | flat, stuck and clipped readings |
+//! | `plateau` | readings clipped before the noise comes in, told by what the rig would do |
 //! | `wild` | wild readings, and what goes in their place |
 //! | `frozen` | readings that stand for long while all else moves |
 //! | `excitation` | commands that never move, a pump that never runs |
 //! | `against_model` | swapped pressures and wrong units, told by what the rig would do |
 //! | `duties` | swapped and inverted duties, told by which chamber answers, and which way |
 //! | `ranges` | readings outside what their sensor can tell |
+//! | `stood` | a pump that stood while the commands say that it ran |
+//! | `expected` | what the rig would read, for those two |
 //! | `unmoved` | pressures that move in a rig that nothing moves |
 //! | `counts` | raw counts of a converter |
 //! | `meaning` | units and scales that pressures are found in |
@@ -24,13 +27,16 @@ mod against_model;
 mod counts;
 mod duties;
 mod excitation;
+mod expected;
 mod finding;
 mod frozen;
 mod meaning;
 mod mend;
+mod plateau;
 mod ranges;
 mod readings;
 mod shape;
+mod stood;
 mod unmoved;
 mod wild;
 
@@ -69,10 +75,23 @@ impl Quality {
             excitation::check(rig, records, noise, &mut findings);
         }
         unmoved::check(rig, records, noise, &mut findings);
-        let agreed = against_model::check(rig, records, &mut findings)?;
-        // What the model and the duties tell is the closer word.
-        if findings.iter().all(|f| f.severity != Severity::Unusable) {
-            ranges::check(rig, records, &agreed, &mut findings);
+        let sound = |findings: &[Finding]| findings.iter().all(|f| f.severity != Severity::Unusable);
+        let expected = expected::Expected::new(rig, records);
+        // A sensor at the open air may read the end of its range.
+        if findings.iter().all(|f| f.severity != Severity::Unusable || f.trouble == Trouble::Clipped) {
+            stood::check(rig, records, noise, &expected, &mut findings);
+        }
+        // Where the pump stood nothing is in another unit.
+        if findings.iter().all(|f| f.trouble != Trouble::PumpStood) {
+            let agreed = against_model::check(rig, records, &mut findings)?;
+            // What the model and the duties tell is the closer word.
+            if sound(&findings) {
+                ranges::check(rig, records, &agreed, &mut findings);
+            }
+            // What the rig would do is worth nothing while units or signs are wrong.
+            if sound(&findings) {
+                plateau::check(rig, records, noise, &expected, &mut usable, &mut findings);
+            }
         }
         findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
         let mut wild = vec![false; if places.is_empty() { 0 } else { usable.len() }];

@@ -1,0 +1,31 @@
+//! What the rig would read under the recorded commands, for checks that ask it of all rows. Run when it is first asked for: most
+//! recordings give no cause.
+
+use std::cell::OnceCell;
+
+use model::rig::Rig;
+
+use crate::data::Records;
+use crate::simulate::{Arcs, Fidelity, Simulator};
+
+/// Readings of the rig as given, from each recording's first readings on.
+pub(super) struct Expected<'a> {
+    rig: &'a Rig,
+    records: &'a Records,
+    trace: OnceCell<Option<Vec<f64>>>,
+}
+
+impl<'a> Expected<'a> {
+    pub(super) fn new(rig: &'a Rig, records: &'a Records) -> Self {
+        Expected { rig, records, trace: OnceCell::new() }
+    }
+
+    /// Those of a channel by row, in gauge kPa; `None` of a rig that cannot be run, which is for others to say.
+    pub(super) fn channel_kpa(&self, record: usize, channel: usize) -> Option<&[f64]> {
+        let run = || {
+            let simulator = Simulator::new(self.records, Fidelity::Coarse);
+            simulator.one(self.rig, &Arcs::free(self.records)).ok()
+        };
+        self.trace.get_or_init(run).as_ref()?.get(self.records.layout().channel(record, channel))
+    }
+}
