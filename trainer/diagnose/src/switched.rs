@@ -32,7 +32,7 @@ pub fn pieces(rig: &Rig, records: &Records) -> Option<(Records, Vec<usize>)> {
         let states = records.relays(rig, record);
         let on = |row: usize| states.iter().map(move |state| state.get(row).is_none_or(|on| *on));
         for segment in &columns.segments {
-            let mut start = first_row(rig, records, record, segment);
+            let mut start = segment.start;
             for row in start + 1..segment.end {
                 if on(row).ne(on(row - 1)) {
                     switched = true;
