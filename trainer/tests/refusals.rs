@@ -69,7 +69,7 @@ fn a_run_that_is_gone_on_with_takes_no_other_settings() {
             vec![["--seed", "2"], ["--variant", "raw"], ["--rig", "bench"], ["--config", "paper"], ["--out", "x"]],
         ),
         ("finetune", vec![["--seed", "2"], ["--updates-per-tick", "4"], ["--out", "x"]]),
-        ("adapt", vec![["--seed", "2"], ["--train-steps", "5"], ["--run-seconds", "30"], ["--out", "x"]]),
+        ("adapt", vec![["--seed", "2"], ["--train-rounds", "5"], ["--run-seconds", "30"], ["--out", "x"]]),
     ] {
         for option in options {
             let said = refused([command, "--resume", "nowhere", option[0], option[1]]);

@@ -225,8 +225,9 @@ mod tests {
                         *if k < weights { &mut layer.weights[k] } else { &mut layer.bias[k - weights] } += by;
                         loss(&network, &lesson)
                     };
-                    // f32 sums lose some 1e-7 of a loss of about 0.1, so a step of 1e-2 tells slopes to about 1e-4.
-                    let slope = (moved(1e-2) - moved(-1e-2)) / 2e-2;
+                    // Answers are known to some 1e-7, so a step of 1e-3 tells slopes to about 1e-4; a larger one would cross the
+                    // edges of rectifiers.
+                    let slope = (moved(1e-3) - moved(-1e-3)) / 2e-3;
                     let found = f64::from(gradient[at]);
                     assert!((slope - found).abs() < 1e-3, "channel {channel}, layer {n}, {k}: {found} for {slope}");
                     at += 1;

@@ -67,7 +67,7 @@ pub(super) fn check(
                      commands: was the pump off? {}, or leave these rows out",
                     at(first),
                     at(last),
-                    mend(records, name, pump)
+                    mend(name, pump)
                 ),
             });
             break;
@@ -84,13 +84,11 @@ fn margin(rig: &Rig, noise: &[Noise], channel: usize, column: &str) -> f64 {
 }
 
 /// How a recording says that a pump stood.
-fn mend(records: &Records, name: &str, pump: &Pump) -> String {
+fn mend(name: &str, pump: &Pump) -> String {
     match pump {
         Pump::Piston(piston) => match &piston.relay {
-            Some(relay) if records.inputs().iter().any(|input| input.column == *relay) => {
-                format!("{relay} says that it runs: correct it (1 on, 0 off)")
-            }
-            Some(relay) => format!("Say so in a column {relay} (1 on, 0 off)"),
+            // A recording without the column counts as one in which it says 1 throughout.
+            Some(relay) => format!("Say so in the column {relay} (1 on, 0 off)"),
             None => format!(
                 "Give it a relay in the rig file, [pumps.{name}] relay = \"pump_on\", and a column of that name (1 on, 0 off)"
             ),
