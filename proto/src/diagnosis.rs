@@ -251,8 +251,8 @@ pub struct Diagnosis {
     /// Terms of the written rig that have no name of their own, as the rig file states them, with all their numbers.
     #[serde(default)]
     pub unnamed_terms: Vec<serde_json::Value>,
-    /// What each hypothesis that is not told from the others adds to the given rig, as a rig file states it, with all its numbers; the
-    /// best first. One that adds nothing is that parameters moved. Empty where the answer is no choice.
+    /// Hypotheses that are not told from each other, the best first: the mechanisms that each adds to the given rig, as a rig file states
+    /// them, with all their numbers. One that adds nothing is that parameters moved. Empty where the answer is no choice.
     #[serde(default)]
     pub hypotheses: Vec<Vec<serde_json::Value>>,
     /// Parameters that went where nobody would believe them.

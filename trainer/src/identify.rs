@@ -192,6 +192,7 @@ fn channel(column: &str) -> &str {
 }
 
 fn json_of(identified: &Identified, rig: &str, recordings: &[Recording], out: &Value) -> Value {
+    let not_good = not_good(identified);
     let parameters: Vec<Value> = identified
         .fitted
         .estimates
@@ -235,8 +236,8 @@ fn json_of(identified: &Identified, rig: &str, recordings: &[Recording], out: &V
         "before": errors(&identified.before, &identified.channels),
         "after": errors(&identified.after, &identified.channels),
         "converged": identified.fitted.converged,
-        "good": !identified.is_worse() && not_good(identified).is_none(),
-        "not_good": not_good(identified),
+        "good": !identified.is_worse() && not_good.is_none(),
+        "not_good": not_good,
         "determined": determined(&identified.fitted),
         "not_determined": undetermined(&identified.fitted),
         "doubts": identified.quality.doubts().map(ToString::to_string).collect::<Vec<_>>(),

@@ -72,7 +72,7 @@ impl PolicyDesk {
         Ok(text)
     }
 
-    /// What to answer to a name that no policy has; `None` for one that a policy has.
+    /// Answers that no policy has a name, with those that there are; `None` where one has it.
     pub fn unknown(&self, name: &str) -> Option<String> {
         let board = locked(&self.board);
         (name != FALLBACK && board.entry(name).is_none()).then(|| no_such(&board, name))
@@ -165,7 +165,7 @@ impl PolicyDesk {
     }
 }
 
-/// What to answer to a name that no policy has.
+/// Says that no policy has a name, with those that there are.
 fn no_such(board: &Board, name: &str) -> String {
     let known: Vec<&str> = board.entries().map(|e| e.name.as_str()).collect();
     format!("no policy {name}; there are: {}", [known.as_slice(), &[FALLBACK]].concat().join(", "))

@@ -3,7 +3,7 @@
 //! A logger writes months in the language of the computer that it runs on. Names are told by how they begin, so that `Sept.`, `Sep` and
 //! `September` are one; what begins alike in several of these languages is the same month in all of them.
 
-/// How the names of the months begin in English, German, French, Spanish, Italian, Portuguese, Dutch, Swedish, Danish and Norwegian.
+/// Beginnings of the names of the months in English, German, French, Spanish, Italian, Portuguese, Dutch, Swedish, Danish and Norwegian.
 const NAMES: [&[&str]; 12] = [
     &["jan", "jän", "ene", "gen", "janv"],
     &["feb", "fév", "fev"],
@@ -29,7 +29,7 @@ pub(super) fn month_of(word: &str) -> Option<i64> {
     Some(at as i64 + 1)
 }
 
-/// The same moment with its date in numbers, `2026-03-29 01:59:00`, of a text whose words are a day, a month by name, a year of four
+/// Writes a moment with its date in numbers, `2026-03-29 01:59:00`, where a text's words are a day, a month by name, a year of four
 /// digits and what else belongs to a time, a day of the week among them; `None` of other texts.
 pub(super) fn in_numbers(text: &str) -> Option<String> {
     let words: Vec<&str> = text.split_whitespace().collect();

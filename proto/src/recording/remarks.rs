@@ -15,7 +15,7 @@ use super::sheet::is_data;
 /// One row of so many at most has text behind its last column.
 const NOTED: usize = 10;
 
-/// How rows of one table may differ from its header.
+/// Tells remarks from data in the rows of one table.
 pub(super) struct Remarks {
     width: usize,
     least: usize,

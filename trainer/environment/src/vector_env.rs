@@ -10,7 +10,7 @@ use law::{ControlInput, ControlOutput, PolicyLaw, SoftStart, TICK_S, saturated};
 use model::observation::{ACTION_LEN, AHEAD, ActionTrajectory, CHANNELS, GOALS_AHEAD, ObservationLayout, Pair};
 use model::predict::{DualPressureRig, Predictor};
 use model::real::{Lanes, Real};
-use model::rig::Rig;
+use model::rig::{Rig, RigError};
 use model::steady::SteadyMap;
 use proto::emulator::{SensorScale, Sensors};
 use rand::{Rng, RngExt as _};
@@ -53,6 +53,27 @@ pub struct Step {
     pub duty_change: [Pair; SIDE_BY_SIDE],
 }
 
+/// How the pumps of plants and model are simulated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Pumps {
+    /// Stroke by stroke.
+    Detailed,
+    /// Averaged over a revolution: some times as fast, and off by 0.01 to 0.02 kPa (`model::averaged`).
+    Averaged {
+        /// Step in ms.
+        step_ms: f64,
+    },
+}
+
+impl Pumps {
+    fn compiled(self, rigs: &[Rig; SIDE_BY_SIDE]) -> Result<DualPressureRig<Eight>, RigError> {
+        match self {
+            Pumps::Detailed => DualPressureRig::side_by_side(rigs),
+            Pumps::Averaged { step_ms } => DualPressureRig::averaged_side_by_side(rigs, step_ms),
+        }
+    }
+}
+
 /// One rig of the env, but for its physics.
 #[derive(Clone)]
 struct EnvInstance {
@@ -77,8 +98,7 @@ pub struct VectorEnv {
     map: Arc<SteadyMap>,
     seed: u64,
     plant: DualPressureRig<Eight>,
-    /// Step of plants whose pumps are averaged over a revolution, in ms; detailed ones without it.
-    averaged_ms: Option<f64>,
+    pumps: Pumps,
     /// The model behind MPObs; without it the prediction is "stays as it is".
     predictor: Option<Predictor<Eight>>,
     instances: Vec<EnvInstance>,
@@ -101,9 +121,24 @@ impl VectorEnv {
         settings: &EnvironmentSettings,
         seed: u64,
     ) -> Result<Self, EnvironmentError> {
+        Self::with_pumps(draw, (model, Pumps::Detailed), contract, model_predicted, settings, seed)
+    }
+
+    /// As [`VectorEnv::new`], with pumps that are simulated otherwise.
+    ///
+    /// # Errors
+    /// As [`VectorEnv::new`].
+    pub fn with_pumps(
+        draw: RigDraw,
+        (model, pumps): (&Rig, Pumps),
+        contract: ObservationLayout,
+        model_predicted: bool,
+        settings: &EnvironmentSettings,
+        seed: u64,
+    ) -> Result<Self, EnvironmentError> {
         settings.check()?;
         let same: [Rig; SIDE_BY_SIDE] = std::array::from_fn(|_| model.clone());
-        let compiled = DualPressureRig::side_by_side(&same).map_err(EnvironmentError::rig(model))?;
+        let compiled = pumps.compiled(&same).map_err(EnvironmentError::rig(model))?;
         let map = Arc::new(SteadyMap::new(model).map_err(EnvironmentError::rig(model))?);
         let scales = sensor_scales(draw.nominal())?;
         let mut env = VectorEnv {
@@ -112,7 +147,7 @@ impl VectorEnv {
             map,
             seed,
             plant: compiled.clone(),
-            averaged_ms: None,
+            pumps,
             predictor: model_predicted.then(|| Predictor::with(compiled)),
             instances: Vec::new(),
             tick: 0,
@@ -124,18 +159,6 @@ impl VectorEnv {
         };
         env.begin(0)?;
         Ok(env)
-    }
-
-    /// With pumps averaged over a revolution at steps of `step_ms`, in plants and in the model behind MPObs.
-    pub fn averaged(mut self, model: &Rig, step_ms: f64) -> Result<Self, EnvironmentError> {
-        let same: [Rig; SIDE_BY_SIDE] = std::array::from_fn(|_| model.clone());
-        let compiled = DualPressureRig::averaged_side_by_side(&same, step_ms).map_err(EnvironmentError::rig(model))?;
-        if let Some(predictor) = &mut self.predictor {
-            *predictor = Predictor::with(compiled);
-        }
-        self.averaged_ms = Some(step_ms);
-        self.begin(0)?;
-        Ok(self)
     }
 
     /// Begins episode `number`: everything about it follows from the seed and this number.
@@ -163,11 +186,9 @@ impl VectorEnv {
         }
         let named = rigs.first().cloned();
         let rigs: [Rig; SIDE_BY_SIDE] = rigs.try_into().unwrap_or_else(|_| unreachable!("one rig was drawn per lane"));
-        let compiled = match self.averaged_ms {
-            Some(step_ms) => DualPressureRig::averaged_side_by_side(&rigs, step_ms),
-            None => DualPressureRig::side_by_side(&rigs),
-        };
-        self.plant = compiled
+        self.plant = self
+            .pumps
+            .compiled(&rigs)
             .map_err(|error| EnvironmentError::Rig { name: named.map_or_else(String::new, |rig| rig.name), error })?;
         self.tick = 0;
         let starts: [(Pair, Pair); SIDE_BY_SIDE] =

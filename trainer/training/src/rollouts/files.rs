@@ -1,11 +1,12 @@
 //! The checkpoint of a run of rollouts: where it stands, its network with what Adam remembers, and the best network.
 //!
 //! ```text
-//! "DPROLL01"   position as JSON   network   means   squares (f32)   best network, or nothing   CRC-32C of everything before (u32)
+//! "DPROLL01"   position as JSON   network   steps of Adam (u64)   means   squares (f32)   best network   CRC-32C of everything before (u32)
 //! ```
 
 use std::path::Path;
 
+use model::observation::Pair;
 use sac::Network;
 use serde::{Deserialize, Serialize};
 
@@ -22,14 +23,14 @@ const MAGIC: &[u8; 8] = b"DPROLL01";
 pub(super) struct Position {
     /// Rounds done.
     pub(super) rounds: u64,
-    /// Steps that Adam has taken.
-    pub(super) steps: u64,
     /// Seconds of work.
     pub(super) wall_s: f64,
     /// Every round so far; the first is the policy that the run began with.
     pub(super) curve: Vec<Round>,
-    /// Round whose policy was best, and its score to all its bits: another would decide another tie.
-    pub(super) best: Option<(u64, f64)>,
+    /// The one of these whose policy is the best.
+    pub(super) kept: Round,
+    /// The fallback on the rigs set aside, in kPa; of policies that correct it.
+    pub(super) fallback_kpa: Option<Pair>,
 }
 
 /// Everything to go on from.
@@ -38,7 +39,7 @@ pub(super) struct Standing {
     pub(super) position: Position,
     pub(super) network: Network,
     pub(super) moments: Moments,
-    pub(super) best: Option<Network>,
+    pub(super) best: Network,
 }
 
 /// Writes a checkpoint, as a whole or not at all.
@@ -51,19 +52,15 @@ pub(super) fn write(files: &RunFiles, standing: &Standing) -> Result<(), Trainin
     for part in [
         position,
         standing.network.save(),
+        standing.moments.steps.to_le_bytes().to_vec(),
         numbers(&standing.moments.mean),
         numbers(&standing.moments.square),
-        standing.best.as_ref().map_or_else(Vec::new, Network::save),
+        standing.best.save(),
     ] {
         append_part(&mut bytes, &part);
     }
     bytes.extend(crc32c::crc32c(&bytes).to_le_bytes());
     RunFiles::write(&path, &bytes)
-}
-
-/// Whether a folder holds a run of rollouts.
-pub(super) fn is_one(files: &RunFiles) -> bool {
-    std::fs::read(files.checkpoint()).is_ok_and(|bytes| bytes.starts_with(MAGIC))
 }
 
 /// Reads a checkpoint.
@@ -84,18 +81,20 @@ fn parsed(bytes: &[u8]) -> Option<Standing> {
     }
     let (position, rest) = part(body.strip_prefix(MAGIC)?)?;
     let (network, rest) = part(rest)?;
+    let (steps, rest) = part(rest)?;
     let (mean, rest) = part(rest)?;
     let (square, rest) = part(rest)?;
     let (best, _) = part(rest)?;
     let position: Position = serde_json::from_slice(position).ok()?;
     let network = Network::restore(network).ok()?;
+    let steps = u64::from_le_bytes(steps.try_into().ok()?);
     let numbers =
         |bytes: &[u8]| bytes.as_chunks::<4>().0.iter().map(|four| f32::from_le_bytes(*four)).collect::<Vec<f32>>();
-    let moments = Moments { mean: numbers(mean), square: numbers(square), steps: position.steps };
+    let moments = Moments { mean: numbers(mean), square: numbers(square), steps };
     let fits = Moments::of(&network).mean.len();
     if moments.mean.len() != fits || moments.square.len() != fits {
         return None;
     }
-    let best = if best.is_empty() { None } else { Some(Network::restore(best).ok()?) };
+    let best = Network::restore(best).ok()?;
     Some(Standing { position, network, moments, best })
 }

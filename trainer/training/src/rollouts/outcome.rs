@@ -1,14 +1,13 @@
 //! What a run of rollouts leaves: its figures, and the policy that is kept.
 
 use environment::SIDE_BY_SIDE;
-use model::observation::{ObservationLayout, Pair};
+use model::observation::Pair;
 use proto::rig_file;
 use sac::Network;
 use serde::{Deserialize, Serialize};
 
-use super::files::Position;
 use super::report;
-use super::run::{RolloutRun, silent};
+use super::run::RolloutRun;
 use crate::TrainingError;
 use crate::metrics::Evaluated;
 use crate::plan_fit::{self, PlanModel};
@@ -17,7 +16,7 @@ use crate::run_files::RunFiles;
 use crate::trained_policy::TrainedPolicy;
 
 /// What a round left.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Round {
     /// Its number; 0 is the policy that the run began with.
     pub round: u64,
@@ -25,7 +24,7 @@ pub struct Round {
     pub wall_s: f64,
     /// Geometric mean of the RMSE on rigs set aside, positive and negative, in kPa.
     pub rmse_kpa: Pair,
-    /// Of both channels: what the policy is kept by.
+    /// Geometric mean of both channels, which the policy is kept by.
     pub score_kpa: f64,
     /// Branches that it was learned from.
     pub branches: u64,
@@ -82,10 +81,9 @@ impl RolloutRun {
     ///
     /// # Errors
     /// If a rig cannot be run, or a file cannot be written.
-    pub fn finish(&mut self) -> Result<RolloutSummary, TrainingError> {
+    pub fn finish(&self) -> Result<RolloutSummary, TrainingError> {
         let model = PlanModel { rig: &self.model, map: &self.map };
-        let best = self.standing.best.as_ref().unwrap_or(&self.standing.network);
-        let policy = self.trained(plan_fit::fitted(best, &self.settings, &model)?);
+        let policy = self.trained(plan_fit::fitted(&self.standing.best, &self.settings, &model)?);
         let summary = self.summary(&policy)?;
         RunFiles::write(&self.files.policy(), &policy.to_bytes()?)?;
         RunFiles::write(&self.files.onnx(), &policy.to_onnx(&[])?)?;
@@ -96,24 +94,21 @@ impl RolloutRun {
         Ok(summary)
     }
 
-    fn summary(&mut self, policy: &TrainedPolicy) -> Result<RolloutSummary, TrainingError> {
+    fn summary(&self, policy: &TrainedPolicy) -> Result<RolloutSummary, TrainingError> {
+        let position = &self.standing.position;
         let mut summary = RolloutSummary {
             taken: self.taken(),
-            rounds: self.standing.position.rounds,
+            rounds: position.rounds,
             rounds_planned: self.rollouts.rounds,
             seed: self.settings.run.seed,
-            wall_s: self.standing.position.wall_s,
-            kept: self.kept(),
-            curve: self.standing.position.curve.clone(),
-            fallback_kpa: None,
+            wall_s: position.wall_s,
+            kept: position.kept,
+            curve: position.curve.clone(),
+            fallback_kpa: position.fallback_kpa,
             evaluated: Vec::new(),
             given: Vec::new(),
             fallback: Vec::new(),
         };
-        // Answers of zero are the fallback where they are corrections.
-        if self.settings.contract() == ObservationLayout::Correction {
-            summary.fallback_kpa = Some(self.aside_kpa(&silent(&self.standing.network))?);
-        }
         for name in &self.settings.rig.evaluated_on {
             let rig = rig_file::load(name)?;
             let flown = |who: Option<&TrainedPolicy>| {
@@ -126,13 +121,5 @@ impl RolloutRun {
             summary.fallback.extend(flown(None)?);
         }
         Ok(summary)
-    }
-
-    /// The round whose policy is kept.
-    fn kept(&self) -> Round {
-        let Position { curve, best, .. } = &self.standing.position;
-        let round = best.map_or(0, |(round, _)| round);
-        let none = Round { round, wall_s: 0.0, rmse_kpa: [0.0; 2], score_kpa: 0.0, branches: 0 };
-        curve.iter().find(|r| r.round == round).copied().unwrap_or(none)
     }
 }

@@ -241,6 +241,7 @@ mod tests {
     use super::*;
     use crate::PolicyStart;
     use crate::settings::{Plan, TrainingSettings};
+    use environment::vector_env::Pumps;
     use environment::{EnvironmentSettings, RigDraw};
     use model::rig::Rig;
     use std::path::Path;
@@ -255,8 +256,9 @@ mod tests {
         let rig = Rig::builtin("bench").unwrap();
         let environment = EnvironmentSettings { episode_s: 6.0, warm_up_s: 1.0, ..settings.environment.clone() };
         let draw = RigDraw::new(&rig, &environment).unwrap();
-        let env = VectorEnv::new(draw, &rig, settings.contract(), true, &environment, 3).unwrap();
-        (env.averaged(&rig, 2.0).unwrap(), start.network(Plan::Fitted))
+        let pumps = Pumps::Averaged { step_ms: 2.0 };
+        let env = VectorEnv::with_pumps(draw, (&rig, pumps), settings.contract(), true, &environment, 3).unwrap();
+        (env, start.network(Plan::Fitted))
     }
 
     /// A branch whose answers are not shifted is the flight itself: plant, model, law, noise and reference go on to the bit, so

@@ -132,7 +132,10 @@ impl Pass {
         for n in 0..network.layers.len() {
             let (before, after) = self.values.split_at_mut(n);
             let input = before.last().map_or(lesson.features, Vec::as_slice);
-            forward(&network.layers[n], input, n < last, &mut after[0]);
+            network.layers[n].forward(input, &mut after[0]);
+            if n < last {
+                after[0].iter_mut().for_each(|y| *y = y.max(0.0));
+            }
         }
         self.error.clear();
         self.error.extend(self.values[last].iter().enumerate().map(|(c, z)| {
@@ -148,20 +151,6 @@ impl Pass {
             std::mem::swap(&mut self.error, &mut self.back);
             end = begin;
         }
-    }
-}
-
-/// A layer's values.
-fn forward(layer: &Dense, input: &[f32], is_rectified: bool, out: &mut Vec<f32>) {
-    out.clear();
-    out.extend_from_slice(&layer.bias);
-    for (x, weights) in input.iter().zip(layer.weights.chunks_exact(layer.outputs)) {
-        if *x != 0.0 {
-            out.iter_mut().zip(weights).for_each(|(y, w)| *y += w * x);
-        }
-    }
-    if is_rectified {
-        out.iter_mut().for_each(|y| *y = y.max(0.0));
     }
 }
 

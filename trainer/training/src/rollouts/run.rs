@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use environment::vector_env::Pumps;
 use environment::{RigDraw, VectorEnv};
 use model::observation::{ObservationLayout, Pair};
 use model::rig::Rig;
@@ -82,12 +83,9 @@ impl RolloutRun {
             Some(start) => start.network(Plan::Fitted),
             None => fresh(&settings)?,
         };
-        let standing = Standing {
-            position: Position::default(),
-            moments: Moments::of(&network),
-            network: Network { log_std: None, ..network },
-            best: None,
-        };
+        let network = Network { log_std: None, ..network };
+        let standing =
+            Standing { position: Position::default(), moments: Moments::of(&network), best: network.clone(), network };
         let trained_on = rig_file::load(&settings.rig.trained_on)?;
         let model = rig_file::load(settings.rig.model())?;
         // Everything that can be refused is made before the folder is.
@@ -100,9 +98,7 @@ impl RolloutRun {
         if let Some(given) = &run.given {
             RunFiles::write(&run.files.start(), &given.to_bytes()?)?;
         }
-        let began = Instant::now();
         run.choose_start()?;
-        run.score(0, began)?;
         Ok(run)
     }
 
@@ -125,11 +121,6 @@ impl RolloutRun {
         Ok(run)
     }
 
-    /// Whether a folder holds a run of rollouts.
-    pub fn is_in(folder: &Path) -> bool {
-        RunFiles::open(folder).is_ok_and(|files| files::is_one(&files))
-    }
-
     fn assemble(
         settings: TrainingSettings,
         files: RunFiles,
@@ -146,8 +137,8 @@ impl RolloutRun {
             let environment = environment::EnvironmentSettings { episode_s, ..settings.environment.clone() };
             let draw = RigDraw::new(&trained_on, &environment)?;
             let predicts = settings.policy.variant.predicts();
-            VectorEnv::new(draw, &model, settings.contract(), predicts, &environment, seed)?
-                .averaged(&model, rollouts.averaged_step_ms)
+            let pumps = Pumps::Averaged { step_ms: rollouts.averaged_step_ms };
+            VectorEnv::with_pumps(draw, (&model, pumps), settings.contract(), predicts, &environment, seed)
         };
         let seed = settings.run.seed;
         let warm_up_s = settings.environment.warm_up_s;
@@ -213,9 +204,10 @@ impl RolloutRun {
             regression::learn(network, moments, &round, &self.rollouts, key, rate as f32);
             self.check_finite()?;
             self.standing.position.rounds += 1;
-            self.standing.position.steps = self.standing.moments.steps;
             let branches = round.iter().map(|episode| episode.branches.len() as u64).sum();
-            self.score(branches, counted_from)?;
+            // It takes some seconds; a stop waits for it, as what the round has learned is lost without it.
+            let rmse_kpa = self.aside_kpa(&self.standing.network.clone())?;
+            self.keep(rmse_kpa, branches, counted_from)?;
             self.tell(callback);
             counted_from = Instant::now();
         }
@@ -229,21 +221,25 @@ impl RolloutRun {
         }
     }
 
-    /// Begins with corrections of nothing where these track better than the policy that was given.
+    /// Begins with corrections of nothing where these track better than the policy that was given, and keeps where it begins.
     fn choose_start(&mut self) -> Result<(), TrainingError> {
-        if self.settings.contract() != ObservationLayout::Correction {
-            return Ok(());
-        }
+        let began = Instant::now();
         let given = self.standing.network.clone();
-        let nothing = silent(&given);
-        if score_kpa(self.aside_kpa(&nothing)?) < score_kpa(self.aside_kpa(&given)?) {
-            self.standing.network = nothing;
+        let mut start_kpa = self.aside_kpa(&given)?;
+        if self.settings.contract() == ObservationLayout::Correction {
+            let nothing = silent(&given);
+            let fallback_kpa = self.aside_kpa(&nothing)?;
+            self.standing.position.fallback_kpa = Some(fallback_kpa);
+            if score_kpa(fallback_kpa) < score_kpa(start_kpa) {
+                self.standing.network = nothing;
+                start_kpa = fallback_kpa;
+            }
         }
-        Ok(())
+        self.keep(start_kpa, 0, began)
     }
 
     /// RMSE on the rigs set aside, positive and negative, in kPa.
-    pub(super) fn aside_kpa(&mut self, network: &Network) -> Result<Pair, TrainingError> {
+    fn aside_kpa(&mut self, network: &Network) -> Result<Pair, TrainingError> {
         // It is never left before its end.
         Ok(rmse_kpa(&mut self.aside, &plan_fit::held(network), &mut || false)?.unwrap_or([f64::INFINITY; 2]))
     }
@@ -286,18 +282,16 @@ impl RolloutRun {
         Ok(Some(round))
     }
 
-    /// Scores the policy as it stands, keeps it where it is the best, and writes a checkpoint.
-    fn score(&mut self, branches: u64, since: Instant) -> Result<(), TrainingError> {
-        // It takes some seconds; a stop waits for it, as what the round has learned is lost without it.
-        let rmse_kpa = self.aside_kpa(&self.standing.network.clone())?;
+    /// Keeps the policy as it stands where it is the best, and writes a checkpoint.
+    fn keep(&mut self, rmse_kpa: Pair, branches: u64, since: Instant) -> Result<(), TrainingError> {
         let score_kpa = score_kpa(rmse_kpa);
         let position = &mut self.standing.position;
         position.wall_s += since.elapsed().as_secs_f64();
         let round = Round { round: position.rounds, wall_s: position.wall_s, rmse_kpa, score_kpa, branches };
         position.curve.push(round);
-        if position.best.is_none_or(|(_, best)| score_kpa < best) {
-            position.best = Some((round.round, score_kpa));
-            self.standing.best = Some(self.standing.network.clone());
+        if round.round == 0 || score_kpa < position.kept.score_kpa {
+            position.kept = round;
+            self.standing.best = self.standing.network.clone();
         }
         files::write(&self.files, &self.standing)
     }
@@ -329,7 +323,7 @@ fn fresh(settings: &TrainingSettings) -> Result<Network, TrainingError> {
 }
 
 /// A network that always answers zero: in the layout of corrections, the fallback.
-pub(super) fn silent(network: &Network) -> Network {
+fn silent(network: &Network) -> Network {
     let mut silent = network.clone();
     if let Some(last) = silent.layers.last_mut() {
         last.weights.fill(0.0);
