@@ -101,3 +101,17 @@ fn readings_below_any_vacuum_get_the_likely_reason() {
     assert!(said("[0.0, 2000.0]", [300.0, -9999.0, 310.0]).contains("no reading"));
     assert!(said("[-100.0, 0.0]", [-750.0, -400.0, -100.0]).contains("mbar, hPa or mmHg"));
 }
+
+/// Bytes that are no text are called that, whether they happen to be UTF-8 or not; a file of a fixed size with zeros at its end is read.
+#[test]
+fn binary_files_are_called_that() {
+    let random = |k: u32| (k.wrapping_mul(2_654_435_761) >> 13) as u8;
+    let low: Vec<u8> = (0..3000).map(|k| random(k) & 0x1f).collect();
+    let any: Vec<u8> = (0..3000).map(|k| random(k).max(1)).collect();
+    for bytes in [low, any] {
+        let error = Recording::parse_for("x.csv", &bytes, &Rig::from_toml(RIG).unwrap()).unwrap_err().to_string();
+        assert!(error.contains("binary file") && error.contains("as CSV"), "{error}");
+    }
+    let padded = format!("time_s,u,q,p_kpa\n0,1,1,5\n0.02,1,1,6\n0.04,1,1,5\n{}", "\0".repeat(6000));
+    assert_eq!(read_with("", &padded).unwrap().column("p_kpa").unwrap(), [5.0, 6.0, 5.0]);
+}

@@ -103,11 +103,35 @@ fn is_mat4(bytes: &[u8]) -> bool {
     })
 }
 
-/// Refuses texts that are no tables.
+/// Characters from which a binary file is told from text.
+const LOOKED_AT: usize = 4096;
+/// One control character in so many: no text has that.
+const BINARY: usize = 50;
+
+/// Whether it is no text at all: one in fifty of its first characters is none that can be printed. Zeros at the end, which some
+/// loggers leave in a file of a fixed size, do not count.
+fn is_binary(text: &str) -> bool {
+    let start = text.trim_end_matches('\0').chars().take(LOOKED_AT);
+    let (mut all, mut odd) = (0, 0);
+    for letter in start {
+        all += 1;
+        odd += usize::from(letter.is_ascii_control() && !letter.is_ascii_whitespace());
+    }
+    odd * BINARY > all
+}
+
+/// Refuses texts that are no tables, and bytes that are no text.
 ///
 /// # Errors
-/// HTML, XML and JSON, with what makes them readable.
+/// HTML, XML, JSON and binary files, with what makes them readable.
 pub(super) fn check_text(file: &str, text: &str) -> Result<(), RecordingError> {
+    if is_binary(text) {
+        return Err(RecordingError::Kind {
+            file: file.to_owned(),
+            what: "it is a binary file of a kind that is not read".to_owned(),
+            mend: "write its columns as CSV: a line of names, then a row per sample".to_owned(),
+        });
+    }
     let text = text.trim_start();
     let after = |open: char| text.strip_prefix(open).and_then(|rest| rest.trim_start().chars().next());
     let (what, mend) = if after('<').is_some_and(|c| c.is_ascii_alphabetic() || matches!(c, '!' | '?')) {

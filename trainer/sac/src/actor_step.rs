@@ -174,5 +174,5 @@ pub(crate) fn step_actor(
         |view: View| panels().map(move |panel| (&*panel.views[view as usize].by_sample, &panel.traces[view as usize]));
     let traces: Vec<_> = VIEWS.into_iter().filter(|view| smoothness.wants(*view)).flat_map(at).collect();
     let passed = ForwardPass { panels: &traces, whole: panels().count(), outputs: frame.shape.actions };
-    step_network(frame, passed, room, actor, adam);
+    step_network(frame.cpu, passed, room, actor, adam);
 }

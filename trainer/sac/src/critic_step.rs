@@ -132,5 +132,5 @@ pub(crate) fn step_critic(frame: &Frame, blocks: &[&Block], room: &mut StepScrat
     let panels = blocks.iter().flat_map(|block| &block.panels);
     let traces: Vec<_> = panels.map(|panel| (&*panel.joint_by_sample, &panel.traces[0])).collect();
     let all = traces.len();
-    step_network(frame, ForwardPass { panels: &traces, whole: all, outputs: 1 }, room, critic, adam);
+    step_network(frame.cpu, ForwardPass { panels: &traces, whole: all, outputs: 1 }, room, critic, adam);
 }

@@ -5,6 +5,7 @@
 //! finite differences and against torch in double precision.
 //!
 //! * [`Learner`] remembers transitions, acts and updates; its whole state goes to bytes and back.
+//! * [`Regression`] moves a policy towards answers that it is given.
 //! * [`Network`] is the policy by itself, for export and evaluation.
 //! * [`FeatureMap`] leads from the raw observation to the network's inputs.
 //!
@@ -29,6 +30,7 @@ mod network_step;
 mod parameters;
 mod policy_sample;
 mod random;
+mod regression;
 mod replay;
 mod settings;
 mod trace;
@@ -41,6 +43,7 @@ pub use kernel::{Cpu, InstructionSet};
 pub use learner::{Learner, LearnerError, Machine, UpdateReport};
 pub use measure::{UpdateSpeed, fma_peak, synthetic_learner, update_speed};
 pub use network::{Dense, Network, NetworkError, Workspace};
+pub use regression::{Lesson, Moments, Regression};
 pub use replay::{Transition, TransitionError};
 pub use settings::{Settings, SettingsError, Shape, TemperatureRule};
 

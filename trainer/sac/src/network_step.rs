@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use crate::adam::AdamStep;
 use crate::batch::{Frame, VIEWS};
-use crate::kernel::{BiasStep, LANES, Line, Lines, MomentumStep, WeightStep, zeroed};
+use crate::kernel::{BiasStep, Cpu, LANES, Line, Lines, MomentumStep, WeightStep, zeroed};
 use crate::parameters::{Part, Slab};
 use crate::trace::Trace;
 
@@ -35,7 +35,11 @@ pub(crate) struct StepScratch {
 impl StepScratch {
     pub(crate) fn new(frame: &Frame) -> Self {
         let widest = [frame.actor_widths(), frame.critic_widths()].concat().into_iter().max().unwrap_or(0);
-        let panels = VIEWS.len() * frame.settings.batch.div_ceil(LANES);
+        Self::for_widest(widest, VIEWS.len() * frame.settings.batch.div_ceil(LANES))
+    }
+
+    /// For so many panels, and networks whose widest layer has so many rows.
+    pub(crate) fn for_widest(widest: usize, panels: usize) -> Self {
         Self { sums: zeroed(2 * widest), packed: zeroed(panels * 2 * widest) }
     }
 }
@@ -45,7 +49,7 @@ type Pair<'a> = (&'a [Line], &'a [Line]);
 
 /// Takes one thread's rows of a network a step.
 pub(crate) fn step_network(
-    frame: &Frame,
+    cpu: Cpu,
     passed: ForwardPass<'_>,
     room: &mut StepScratch,
     network: &mut Part,
@@ -68,25 +72,25 @@ pub(crate) fn step_network(
         if l == last {
             // Rows that all panels came out of, then the others.
             let cut = outputs.saturating_sub(slab.rows.start).min(rows);
-            step_rows(frame, slab, &numbers(0..cut), &cut_to(&pairs, 0..cut), &mut room.sums, adam);
-            step_rows(frame, slab, &numbers(cut..rows), &cut_to(&pairs[..whole], cut..rows), &mut room.sums, adam);
+            step_rows(cpu, slab, &numbers(0..cut), &cut_to(&pairs, 0..cut), &mut room.sums, adam);
+            step_rows(cpu, slab, &numbers(cut..rows), &cut_to(&pairs[..whole], cut..rows), &mut room.sums, adam);
         } else {
             let open = |row: &u16| {
                 let row = slab.rows.start + usize::from(*row);
                 panels.iter().any(|(_, trace)| trace.gates[l][row] != 0)
             };
             let (live, silent): (Vec<u16>, Vec<u16>) = numbers(0..rows).into_iter().partition(open);
-            step_hidden(frame, slab, [&live, &silent], &pairs, room, adam);
+            step_hidden(cpu, slab, [&live, &silent], &pairs, room, adam);
         }
         let gradients: Vec<&[Line]> = pairs.iter().map(|&(_, dy)| dy).collect();
-        frame.cpu.run(BiasStep { panels: &gradients, rows, bias: &mut slab.bias, step: adam });
+        cpu.run(BiasStep { panels: &gradients, rows, bias: &mut slab.bias, step: adam });
     }
 }
 
 /// Takes the rows of a hidden layer a step, of which some are live and others no sample opens. These have no gradient and
 /// take their step without one; so that this saves time the live ones are put together. It changes no bit.
 fn step_hidden(
-    frame: &Frame,
+    cpu: Cpu,
     slab: &mut Slab,
     [live, silent]: [&[u16]; 2],
     pairs: &[Pair<'_>],
@@ -95,7 +99,7 @@ fn step_hidden(
 ) {
     let rows = slab.rows.len();
     if silent.len() * WORTH_PACKING < rows {
-        return step_rows(frame, slab, &numbers(0..rows), pairs, &mut room.sums, adam);
+        return step_rows(cpu, slab, &numbers(0..rows), pairs, &mut room.sums, adam);
     }
     let lines = 2 * live.len();
     let mut packed = Vec::with_capacity(pairs.len());
@@ -108,18 +112,18 @@ fn step_hidden(
         packed.push((*x, &*own));
         left = rest;
     }
-    step_rows(frame, slab, live, &packed, &mut room.sums, adam);
+    step_rows(cpu, slab, live, &packed, &mut room.sums, adam);
     let (inputs, row_step) = (slab.inputs, slab.row_step());
-    frame.cpu.run(MomentumStep { rows: silent, inputs, row_step, weights: &mut slab.weights, step: adam });
+    cpu.run(MomentumStep { rows: silent, inputs, row_step, weights: &mut slab.weights, step: adam });
 }
 
 /// Takes some rows of a layer a step by the gradients in `panels`, in the order of `rows`.
-fn step_rows(frame: &Frame, slab: &mut Slab, rows: &[u16], panels: &[Pair<'_>], sums: &mut [Line], step: AdamStep) {
+fn step_rows(cpu: Cpu, slab: &mut Slab, rows: &[u16], panels: &[Pair<'_>], sums: &mut [Line], step: AdamStep) {
     if rows.is_empty() {
         return;
     }
     let (inputs, row_step, weights) = (slab.inputs, slab.row_step(), &mut slab.weights);
-    frame.cpu.run(WeightStep { panels, rows, inputs, row_step, scratch: sums, weights, step });
+    cpu.run(WeightStep { panels, rows, inputs, row_step, scratch: sums, weights, step });
 }
 
 fn numbers(rows: Range<usize>) -> Vec<u16> {

@@ -1,22 +1,21 @@
 //! The checkpoint of a run of rollouts: where it stands, its network with what Adam remembers, and the best network.
 //!
 //! ```text
-//! "DPROLL01"   position as JSON   network   steps of Adam (u64)   means   squares (f32)   best network   CRC-32C of everything before (u32)
+//! "DPROLL02"   position as JSON   network   steps of Adam (u64)   means   squares (f32)   best network   CRC-32C of everything before (u32)
 //! ```
 
 use std::path::Path;
 
 use model::observation::Pair;
-use sac::Network;
+use sac::{Moments, Network};
 use serde::{Deserialize, Serialize};
 
 use super::outcome::Round;
-use super::regression::Moments;
 use crate::TrainingError;
 use crate::checkpoint_file::{append_part, part, read_bytes};
 use crate::run_files::RunFiles;
 
-const MAGIC: &[u8; 8] = b"DPROLL01";
+const MAGIC: &[u8; 8] = b"DPROLL02";
 
 /// Where a run stands.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]

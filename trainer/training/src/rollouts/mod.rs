@@ -10,7 +10,7 @@
 //! â_j = a_j − clamp(g/max(h, h̄), ±M) k_j,         h̄: upper quartile of |h| in the round
 //! ```
 //!
-//! The network is then moved towards `â` by weighted least squares (Adam). As both branches and the flight share their noise, their difference
+//! The network is then moved towards `â` by weighted least squares ([`sac::Regression`]). As both branches and the flight share their noise, their difference
 //! is that of the answers alone, where a critic would have to find a hundredth in the scatter of all that happens.
 //! The policy answers within the branches, so the slope is that of the closed loop, play of the valves included.
 //!
@@ -21,16 +21,16 @@
 //! | file | subject |
 //! | --- | --- |
 //! | `probe` | flights and their branches |
-//! | `regression` | moving the network towards answers |
+//! | `lessons` | which answers the network is to give, and giving them |
 //! | `run` | rounds, which policy is kept, going on |
 //! | `outcome` | figures, and the policy that is kept |
 //! | `files` | the checkpoint |
 //! | `report` | the page |
 
 mod files;
+mod lessons;
 mod outcome;
 mod probe;
-mod regression;
 mod report;
 mod run;
 

@@ -11,12 +11,12 @@ use model::observation::{ObservationLayout, Pair};
 use model::rig::Rig;
 use model::steady::SteadyMap;
 use proto::rig_file::{self, RigFileError};
-use sac::{Learner, Machine, Network};
+use sac::{Learner, Machine, Moments, Network};
 
 use super::files::{self, Position, Standing};
+use super::lessons::learn;
 use super::outcome::Round;
 use super::probe::{Episode, Probe};
-use super::regression::{self, Moments};
 use crate::TrainingError;
 use crate::checkpoint_selection::{SELECTION_SEED, rmse_kpa};
 use crate::plan_fit;
@@ -201,7 +201,8 @@ impl RolloutRun {
             let rate = self.rollouts.learning_rate * (1.0 - (1.0 - LAST_RATE) * done.min(1.0));
             let key = [self.settings.run.seed, position.rounds];
             let Standing { network, moments, .. } = &mut self.standing;
-            regression::learn(network, moments, &round, &self.rollouts, key, rate as f32);
+            (*network, *moments) = learn(network, moments, &round, &self.rollouts, key, rate as f32)
+                .map_err(|error| TrainingError::learner("policy", &sac::LearnerError::from(error)))?;
             self.check_finite()?;
             self.standing.position.rounds += 1;
             let branches = round.iter().map(|episode| episode.branches.len() as u64).sum();
