@@ -80,7 +80,10 @@ fn a_flight_gives_its_observations_to_the_bit_and_one_policy_in_one_sitting_or_t
 
     let published = folder.join("straight-published/finetuned-000400.onnx");
     let ended = finish(Command::new(program("controller")).arg("check-policy").arg(&published));
-    assert_eq!(ended.status, Some(0), "{ended:?}");
+    // A file and a network that the daemon takes. Four hundred steps beside critics that began fresh may have made a good policy worse,
+    // which is for the trial to say.
+    let refused_at_trial = ended.status == Some(1) && ended.stderr.contains("stage trial; file and network are");
+    assert!(ended.status == Some(0) || refused_at_trial, "{ended:?}");
     let graph = onnx_file::from_onnx(&std::fs::read(published).unwrap()).unwrap();
     assert_eq!(graph.metadata["method"], "finetune");
     assert_eq!((graph.metadata["steps"].as_str(), graph.metadata["rig"].as_str()), ("400", "dual_pressure"));

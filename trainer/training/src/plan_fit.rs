@@ -178,17 +178,21 @@ fn widened(network: &Network) -> Network {
     Network { features: network.features.clone(), layers, log_std: None }
 }
 
-/// The same policy without hidden units on which nothing depends, as long as their number stays one that can be trained.
+/// The same policy without hidden units on which nothing depends, but for as many as make their number one that can be trained: a
+/// unit that no sample opens any more keeps the weights that it began with, and they may be zero.
 fn pruned(network: &Network) -> Network {
     let mut pruned = network.clone();
     for n in (1..pruned.layers.len()).rev() {
         let (before, after) = pruned.layers.split_at_mut(n);
         let (Some(layer), Some(next)) = (before.last_mut(), after.first_mut()) else { continue };
         let is_used = |k: &usize| next.weights[k * next.outputs..(k + 1) * next.outputs].iter().any(|w| *w != 0.0);
-        let used: Vec<usize> = (0..next.inputs).filter(is_used).collect();
-        if used.is_empty() || used.len() == next.inputs || !used.len().is_multiple_of(TRAINABLE_MULTIPLE) {
+        let (mut used, idle): (Vec<usize>, Vec<usize>) = (0..next.inputs).partition(is_used);
+        let kept = used.len().next_multiple_of(TRAINABLE_MULTIPLE);
+        if used.is_empty() || kept >= next.inputs {
             continue;
         }
+        used.extend(idle.into_iter().take(kept - used.len()));
+        used.sort_unstable();
         next.weights =
             used.iter().flat_map(|k| next.weights[k * next.outputs..(k + 1) * next.outputs].to_vec()).collect();
         next.inputs = used.len();
