@@ -64,26 +64,29 @@ fn policy(folder: &Folder, out: &str) -> Vec<u8> {
 fn a_flight_gives_its_observations_to_the_bit_and_one_policy_in_one_sitting_or_two() {
     let _alone = alone();
     let folder = Folder::new();
-    let recordings = recorded(&folder, &["--seconds", "14"]);
-    let summary = finetune(&folder, &recordings, "straight", &["--steps", "400", "--threads", "1", "--hold-plan"]);
+    // Of what ships four hundred steps beside fresh critics make a policy 1.54 times worse, which the trial refuses.
+    let start = root().join("docs/runs/default/start.onnx").display().to_string();
+    let recordings = recorded(&folder, &["--seconds", "14", "--policy", &start]);
+    let learn = |out: &str, steps: &str, threads: &str| {
+        let more = ["--from", &start, "--steps", steps, "--threads", threads, "--hold-plan"];
+        finetune(&folder, &recordings, out, &more)
+    };
+    let summary = learn("straight", "400", "1");
     let tally = &summary["tally"];
     assert!(tally["compared_observations"].as_u64().unwrap() >= 400, "{summary}");
     assert_eq!(tally["same_observations"], tally["compared_observations"], "{summary}");
     assert_eq!((&summary["joined"], &summary["steps"]), (&Value::from(0), &Value::from(400)), "{summary}");
     assert_eq!(summary["updates"], Value::from(2 * (400 - 127)), "updates begin with the first whole batch: {summary}");
 
-    finetune(&folder, &recordings, "parted", &["--steps", "230", "--threads", "2", "--hold-plan"]);
+    learn("parted", "230", "2");
     assert_ne!(policy(&folder, "straight"), policy(&folder, "parted"));
     resume(&folder, "parted", "400");
     assert_eq!(policy(&folder, "straight"), policy(&folder, "parted"), "two sittings");
-    assert_ne!(policy(&folder, "straight"), std::fs::read(shipped()).unwrap());
+    assert_ne!(policy(&folder, "straight"), std::fs::read(&start).unwrap());
 
     let published = folder.join("straight-published/finetuned-000400.onnx");
     let ended = finish(Command::new(program("controller")).arg("check-policy").arg(&published));
-    // A file and a network that the daemon takes. Four hundred steps beside critics that began fresh may have made a good policy worse,
-    // which is for the trial to say.
-    let refused_at_trial = ended.status == Some(1) && ended.stderr.contains("stage trial; file and network are");
-    assert!(ended.status == Some(0) || refused_at_trial, "{ended:?}");
+    assert_eq!(ended.status, Some(0), "{ended:?}");
     let graph = onnx_file::from_onnx(&std::fs::read(published).unwrap()).unwrap();
     assert_eq!(graph.metadata["method"], "finetune");
     assert_eq!((graph.metadata["steps"].as_str(), graph.metadata["rig"].as_str()), ("400", "dual_pressure"));

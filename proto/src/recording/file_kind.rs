@@ -108,7 +108,7 @@ const LOOKED_AT: usize = 4096;
 /// One control character in so many: no text has that.
 const BINARY: usize = 50;
 
-/// Whether it is no text at all: one in fifty of its first characters is none that can be printed. Zeros at the end, which some
+/// Tells bytes that are no text by one in fifty of their first characters, which is none that can be printed. Zeros at the end, which some
 /// loggers leave in a file of a fixed size, do not count.
 fn is_binary(text: &str) -> bool {
     let start = text.trim_end_matches('\0').chars().take(LOOKED_AT);
@@ -125,16 +125,14 @@ fn is_binary(text: &str) -> bool {
 /// # Errors
 /// HTML, XML, JSON and binary files, with what makes them readable.
 pub(super) fn check_text(file: &str, text: &str) -> Result<(), RecordingError> {
-    if is_binary(text) {
-        return Err(RecordingError::Kind {
-            file: file.to_owned(),
-            what: "it is a binary file of a kind that is not read".to_owned(),
-            mend: "write its columns as CSV: a line of names, then a row per sample".to_owned(),
-        });
-    }
     let text = text.trim_start();
     let after = |open: char| text.strip_prefix(open).and_then(|rest| rest.trim_start().chars().next());
-    let (what, mend) = if after('<').is_some_and(|c| c.is_ascii_alphabetic() || matches!(c, '!' | '?')) {
+    let (what, mend) = if is_binary(text) {
+        (
+            "it is a binary file of a kind that is not read",
+            "write its columns as CSV: a line of names, then a row per sample",
+        )
+    } else if after('<').is_some_and(|c| c.is_ascii_alphabetic() || matches!(c, '!' | '?')) {
         ("it is HTML or XML, which is not read", "save the table in it as CSV")
     } else if after('{') == Some('"') || after('[').is_some_and(|c| matches!(c, '{' | '[' | '"' | '-' | '0'..='9')) {
         ("it is JSON, which is not read", "write it as CSV: a line of names, then a row per sample")

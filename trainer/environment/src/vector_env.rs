@@ -53,7 +53,7 @@ pub struct Step {
     pub duty_change: [Pair; SIDE_BY_SIDE],
 }
 
-/// How the pumps of plants and model are simulated.
+/// Ways to simulate the pumps of plants and model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Pumps {
     /// Stroke by stroke.

@@ -120,8 +120,10 @@ impl Network {
         self.features.apply(observation, &mut front);
         let hidden = self.layers.split_last().map_or(&[][..], |(_, hidden)| hidden);
         for layer in hidden {
-            let mut back = Vec::new();
-            layer.forward(&front, &mut back);
+            let mut back = layer.bias.clone();
+            for (x, weights) in front.iter().zip(layer.weights.chunks_exact(layer.outputs)) {
+                back.iter_mut().zip(weights).for_each(|(y, w)| *y += w * x);
+            }
             back.iter_mut().for_each(|y| *y = y.max(0.0));
             front = back;
         }
@@ -161,17 +163,6 @@ impl Work for Pass<'_> {
 }
 
 impl Dense {
-    /// Puts `x W + b` into `out`. Inputs of 0, of which rectified layers have many, cost nothing.
-    pub fn forward(&self, input: &[f32], out: &mut Vec<f32>) {
-        out.clear();
-        out.extend_from_slice(&self.bias);
-        for (x, weights) in input.iter().zip(self.weights.chunks_exact(self.outputs)) {
-            if *x != 0.0 {
-                out.iter_mut().zip(weights).for_each(|(y, w)| *y += w * x);
-            }
-        }
-    }
-
     /// Rows `rows` of a layer stored by output.
     pub(crate) fn from_plain(plain: &Plain, rows: std::ops::Range<usize>) -> Self {
         let (inputs, outputs) = (plain.inputs, rows.len());

@@ -17,17 +17,17 @@ use crate::trace::{Hidden, Trace, panel_lines};
 /// One answer that a network is to give.
 #[derive(Debug, Clone, Copy)]
 pub struct Lesson<'a> {
-    /// What the first layer takes.
+    /// Inputs of the first layer.
     pub features: &'a [f32],
     /// Which of the actions.
     pub action: usize,
     /// The action that is wanted, within (-1, 1).
     pub wanted: f32,
-    /// What the lesson weighs beside others.
+    /// Weight of the lesson beside others.
     pub weight: f32,
 }
 
-/// What Adam remembers of every weight.
+/// Moments of Adam, of every weight.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Moments {
     /// Means of the gradients: layer by layer, output by output, biases behind the weights.
@@ -39,7 +39,7 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Of a network that has taken no step.
+    /// Begins anew, for a network that has taken no step.
     pub fn of(network: &Network) -> Self {
         let count = network.layers.iter().map(|layer| layer.weights.len() + layer.bias.len()).sum();
         Moments { mean: vec![0.0; count], square: vec![0.0; count], steps: 0 }
@@ -67,7 +67,7 @@ struct Panel {
 }
 
 impl Regression {
-    /// Of a network and what Adam remembers of it, for at most `lessons` lessons a step.
+    /// Begins with a network and what Adam remembers of it, for at most `lessons` lessons a step.
     ///
     /// # Errors
     /// Layers that do not fit each other, or moments of another network.
