@@ -7,6 +7,7 @@
 //! | [`board`] | all entries, and what flies |
 //! | [`audit`] | who did what to which policy, line by line |
 //! | [`examination`] | the thread that examines what is published, and what controls on each model |
+//! | [`refusal_file`] | the file beside a policy that says why it was refused |
 //! | [`store`] | the thread that reads the directory and follows what becomes of each policy in the tick |
 //! | [`desk`] | what operators ask: list, swap, rollback |
 //! | [`orders`] | the way into the tick, and of each order into the recording |
@@ -19,6 +20,7 @@ pub mod desk;
 pub mod entry;
 pub mod examination;
 pub mod orders;
+pub mod refusal_file;
 pub mod store;
 pub mod watch;
 

@@ -10,7 +10,6 @@ use std::time::{Duration, Instant};
 use admission::{Admitted, Refusal, Stage, Standing};
 use handover::{Permit, PolicyTag, StoreEnd};
 use policy::{Links, PolicySignature};
-use proto::atomic_file;
 
 use crate::audit::Audit;
 use crate::board::{Board, Change};
@@ -18,6 +17,7 @@ use crate::desk::{FALLBACK, PolicyDesk, locked};
 use crate::entry::{Entry, EntryState};
 use crate::examination::{Examination, Job, Outcome, examine_all};
 use crate::orders::{KeepOrder, Orders};
+use crate::refusal_file;
 use crate::watch::{Settled, Watcher};
 
 /// How often the tick's events are looked at.
@@ -266,9 +266,9 @@ impl Round {
     fn examined(&mut self, settled: Settled, outcome: Result<(Admitted, Arc<[u8]>), Refusal>, watcher: &mut Watcher) {
         match outcome {
             Ok((admitted, bytes)) => {
+                refusal_file::take_away(&settled.path);
                 let change = locked(&self.desk.board).passed(&settled.name, admitted, bytes);
                 self.changed(&change, STORE);
-                let _ = std::fs::remove_file(refused_file(&settled.path));
                 if self.settings.adoption == Adoption::Newest
                     && let Err(problem) = self.desk.swap(&settled.name, FOLLOWS, &Permit::unlimited())
                 {
@@ -277,6 +277,7 @@ impl Round {
             }
             Err(refusal) if still_copied(&settled, &refusal) => watcher.again(&settled.name),
             Err(refusal) => {
+                self.leave_reason(&settled.path, &refusal);
                 let change = locked(&self.desk.board).refused(&settled.name, refusal);
                 self.changed(&change, STORE);
             }
@@ -342,6 +343,9 @@ impl Round {
         while let Some(event) = self.end.event() {
             let change = locked(&self.desk.board).happened(event);
             if let Some(change) = change {
+                if let Some(refusal) = &change.refusal {
+                    self.leave_reason(&self.settings.directory.join(format!("{}.onnx", change.name)), refusal);
+                }
                 self.changed(&change, "tick");
             }
         }
@@ -350,26 +354,20 @@ impl Round {
         }
     }
 
-    /// Audits a change, says it, and leaves a refusal beside the file.
+    /// Audits a change and says it.
     fn changed(&mut self, change: &Change, who: &str) {
         let detail = change.refusal.as_ref().map_or_else(String::new, Refusal::to_string);
         let noted = locked(&self.desk.audit).note(who, change.what, &change.name, &change.sha256, &detail);
         self.audited(noted);
-        match &change.refusal {
-            None => (self.say)(format!("policy {}: {}", change.name, change.what)),
-            Some(refusal) => {
-                (self.say)(format!("policy {}: refused, {refusal}", change.name));
-                let file = refused_file(&self.settings.directory.join(format!("{}.onnx", change.name)));
-                let written = serde_json::to_vec_pretty(refusal)
-                    .map_err(|error| error.to_string())
-                    .and_then(|text| atomic_file::write(&file, &text).map_err(|error| error.to_string()));
-                if let Err(problem) = written {
-                    self.trouble(format!(
-                        "{}: the reason of a refusal cannot be left there: {problem}",
-                        file.display()
-                    ));
-                }
-            }
+        (self.say)(match &change.refusal {
+            None => format!("policy {}: {}", change.name, change.what),
+            Some(refusal) => format!("policy {}: refused, {refusal}", change.name),
+        });
+    }
+
+    fn leave_reason(&mut self, policy: &Path, refusal: &Refusal) {
+        if let Err(problem) = refusal_file::leave(policy, refusal) {
+            self.trouble(problem);
         }
     }
 
@@ -381,13 +379,6 @@ impl Round {
         }
         locked(&self.desk.board).problem = Some(problem);
     }
-}
-
-/// The file beside a policy that says why it was refused.
-pub fn refused_file(policy: &Path) -> PathBuf {
-    let mut name = policy.as_os_str().to_owned();
-    name.push(".refused.json");
-    PathBuf::from(name)
 }
 
 /// Whether a file ends too early and was written just now: somebody copies it without a rename.
