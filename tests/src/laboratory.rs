@@ -13,6 +13,7 @@ use proto::recording::{TickRecord, read_mcap};
 use serde_json::Value;
 
 use crate::Stream::{Err, Out};
+use crate::coarse_rigs::write_coarse;
 use crate::{Folder, RunStatus, Running, finish, program};
 
 /// Generous: how long anything may take on a machine that does other things as well.
@@ -59,7 +60,12 @@ impl Plan {
     /// # Panics
     /// If one does not start, or they do not meet in time.
     pub fn start(self) -> Laboratory {
-        let Plan { folder, rig, pacing, lines } = self;
+        let Plan { folder, mut rig, pacing, lines } = self;
+        if let Some(name @ ("bench" | "dual_pressure")) = rig.to_str() {
+            rig = write_coarse(name, &folder.join("")).into();
+        }
+        let model = write_coarse("dual_pressure", &folder.join(""));
+        let believed = if lines.contains("rig.file") { String::new() } else { format!("rig.file = {model:?}\n") };
         let (rig, address) = emulated_rig(&rig, pacing);
         let pacing = match pacing {
             Pacing::Realtime => "realtime",
@@ -68,7 +74,7 @@ impl Plan {
         let config = folder.write(
             "controller.toml",
             format!(
-                "link.address = \"{address}\"\nlink.pacing = \"{pacing}\"\nrecord.directory = \"{RECORDINGS}\"\n\
+                "{believed}link.address = \"{address}\"\nlink.pacing = \"{pacing}\"\nrecord.directory = \"{RECORDINGS}\"\n\
                  record.min_free_mib = 16\ncontrol.socket = \"{SOCKET}\"\n{lines}\n"
             ),
         );

@@ -11,6 +11,8 @@ use model::rig::Rig;
 use proto::emulator::{Crio, EmulatedPlant, SensorFault, Sensors, rig_and_crio};
 use proto::wire::{ByeReason, COMMAND_LENGTH, Command, CrioState, Frame, FrameReader, Sense, TICK_NS, TripBits};
 
+use crate::coarse_rigs::coarse;
+
 /// How long anything may take on a machine that does other things as well.
 const PATIENCE: Duration = Duration::from_secs(20);
 /// How long an answer that nobody reads is waited for; the daemon gives up a silent link after five seconds.
@@ -54,12 +56,12 @@ pub struct RawCrio {
 }
 
 impl RawCrio {
-    /// A cRIO with one of the built-in rigs behind it.
+    /// A cRIO with one of the built-in rigs behind it, in coarse steps.
     ///
     /// # Panics
     /// If it cannot listen.
     pub fn new(rig: &str) -> Self {
-        RawCrio::with_rig(&Rig::builtin(rig).expect("a built-in rig"))
+        RawCrio::with_rig(&coarse(rig))
     }
 
     /// A cRIO with this rig behind it.

@@ -12,6 +12,7 @@ use model::rig::Rig;
 use proto::wire::{Mode, Sense};
 
 use crate::Stream::Err;
+use crate::coarse_rigs::{coarse, write_coarse};
 use crate::raw_crio::{Answer, RawCrio};
 use crate::{Folder, RunStatus, Running, finish, program};
 
@@ -42,11 +43,11 @@ pub struct Scene {
 impl Scene {
     /// A daemon that holds 90/−70 kPa on a built-in rig and arms itself.
     pub fn start(rig: &str, more: &str) -> Self {
-        Scene::on(&Rig::builtin(rig).expect("a built-in rig"), &format!("control.auto_arm = true\n{more}"))
+        Scene::on(&coarse(rig), &format!("control.auto_arm = true\n{more}"))
     }
 
-    /// A daemon that holds 90/−70 kPa on a rig; further lines of its configuration, as `table.key = value`. What it believes of
-    /// the rig is `dual_pressure`; the rig's own file lies beside, as `rig.toml`.
+    /// A daemon that holds 90/−70 kPa on a rig; further lines of its configuration, as `table.key = value`. What it believes of the rig is
+    /// `dual_pressure` ([`coarse`]) unless they say another; the rig's own file lies beside, as `rig.toml`.
     ///
     /// # Panics
     /// If the rig is not sound, or no session comes.
@@ -67,10 +68,12 @@ impl Scene {
         let folder = Folder::new();
         folder.write("hold.csv", "time_s,ref_pos_kpa,ref_neg_kpa\n0,90,-70\n1,90,-70\n");
         folder.write("rig.toml", rig.to_toml().expect("a rig that can be written"));
+        let model = write_coarse("dual_pressure", &folder.join(""));
+        let believed = if more.contains("rig.file") { String::new() } else { format!("rig.file = {model:?}\n") };
         let config = folder.write(
             "controller.toml",
             format!(
-                "link.address = \"{}\"\nlink.pacing = \"{pacing}\"\npolicy.active = \"fallback\"\n\
+                "{believed}link.address = \"{}\"\nlink.pacing = \"{pacing}\"\npolicy.active = \"fallback\"\n\
                  reference.file = \"hold.csv\"\nrecord.directory = \"runs\"\ncontrol.socket = \"s\"\n{more}\n",
                 crio.address()
             ),

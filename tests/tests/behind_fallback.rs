@@ -11,7 +11,7 @@ use proto::stream::{Message, StreamReader};
 use serde_json::Value;
 use tests::Stream::Err;
 use tests::laboratory::{Laboratory, Plan, SOON};
-use tests::{alone, root};
+use tests::root;
 
 /// The largest change of a duty in a tick while one controller decides is 0.025 on the paper's reference.
 const CALM_DUTY: f64 = 0.06;
@@ -74,7 +74,6 @@ fn steepest(ticks: &[TickRecord]) -> f64 {
 
 #[test]
 fn after_another_model_the_fallback_takes_over_and_an_operator_may_have_it_otherwise() {
-    let _alone = alone();
     let laboratory = laboratory("dual_pressure", "");
     let viewer = viewer(&laboratory);
     wait_for(&laboratory, "flown for a while", |status| status["status"]["tick"].as_u64().unwrap_or(0) > 1500);
@@ -113,7 +112,6 @@ fn after_another_model_the_fallback_takes_over_and_an_operator_may_have_it_other
 /// was otherwise held against its flights around another rig.
 #[test]
 fn a_copy_of_what_controls_is_as_good_as_it_after_another_model() {
-    let _alone = alone();
     let laboratory = laboratory("dual_pressure", "policy.when_behind = \"fly\"");
     wait_for(&laboratory, "flown for a while", |status| status["status"]["tick"].as_u64().unwrap_or(0) > 1500);
     for (asked, flies) in
@@ -140,7 +138,6 @@ fn a_copy_of_what_controls_is_as_good_as_it_after_another_model() {
 
 #[test]
 fn at_the_start_it_is_found_out_while_the_policy_controls() {
-    let _alone = alone();
     let laboratory = laboratory("bench", "");
     wait_for(&laboratory, "the fallback", |status| status["running"]["policy"] == "fallback");
     let ticks = laboratory.close().ticks();
@@ -150,7 +147,6 @@ fn at_the_start_it_is_found_out_while_the_policy_controls() {
 
 #[test]
 fn the_configuration_may_have_it_fly_and_is_told() {
-    let _alone = alone();
     let laboratory = laboratory("bench", "policy.when_behind = \"fly\"");
     let line = laboratory.daemon.line(Err, "policy older on model bench: ", SOON);
     assert!(line.contains("it controls all the same"), "{line}");

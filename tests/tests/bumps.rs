@@ -10,11 +10,11 @@ use controller::cycle::Cycle;
 use controller::daemon::shipped_policy;
 use controller::duty_source::ActuatorCommand;
 use handover::{Candidate, Command, Haste};
-use model::rig::Rig;
 use proto::emulator::SensorFault;
 use proto::reference::Reference;
 use proto::wire::Mode;
 use supervisor::{Arming, Condition, State};
+use tests::coarse_rigs::coarse;
 use tests::lockstep::Flight;
 
 /// What a change may move a duty by beyond what the same tick moves it by in the twin's flight.
@@ -37,7 +37,7 @@ enum Flies {
 }
 
 fn flight(flies: Flies) -> Flight {
-    let rig = Rig::builtin("dual_pressure").unwrap();
+    let rig = coarse("dual_pressure");
     let policy = match flies {
         Flies::Fallback => None,
         Flies::Policy => Some(shipped_policy().unwrap().0),
@@ -116,7 +116,7 @@ fn model(flight: &mut Flight, tick: u32) {
     let desk = flight.cycle.duty_source().tracking().models();
     desk.follow_replay();
     if tick == 0 {
-        desk.repeat(&Rig::builtin("bench").unwrap(), u64::from(BEFORE)).unwrap();
+        desk.repeat(&coarse("bench"), u64::from(BEFORE)).unwrap();
     }
 }
 

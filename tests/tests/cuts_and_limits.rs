@@ -8,10 +8,10 @@ use controller::cycle::Cycle;
 use controller::duty_source::ActuatorCommand;
 use controller::notice::Notice;
 use controller::state::Condition;
-use model::rig::Rig;
 use proto::emulator::SensorFault;
 use proto::reference::Reference;
 use supervisor::Arming;
+use tests::coarse_rigs::coarse;
 use tests::dice::Dice;
 use tests::lockstep::{Flight, Flown};
 
@@ -21,7 +21,7 @@ const TIMES: u32 = 1_000;
 const THREADS: u32 = 2;
 
 fn flight(seed: u64) -> Flight {
-    let rig = Rig::builtin("dual_pressure").unwrap();
+    let rig = coarse("dual_pressure");
     let cycle = Cycle::new(&rig, None, Reference::paper(), Safety::default(), Arming::Automatic).unwrap();
     Flight::new(&rig, cycle, seed)
 }

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use proto::recording::{McapContent, read_mcap};
 use serde_json::Value;
-use tests::{Folder, Running, Stream, alone, program};
+use tests::{Folder, Running, Stream, program};
 
 /// Ticks of 60 s.
 const TICKS: usize = 3000;
@@ -80,7 +80,6 @@ impl Demo {
 
 #[test]
 fn tracks_the_papers_reference_on_the_bench() {
-    let _alone = alone();
     let demo = demo("60", &[]);
     // The shipped policy has 0.110/0.172 in lockstep with this noise (docs/training-results.md, and why not the 0.13 of the project's aim on the
     // negative channel); in real time a frame may come late.
@@ -188,14 +187,12 @@ fn check_report(demo: &Demo) {
 
 #[test]
 fn tracks_better_on_the_rig_that_the_model_knows() {
-    let _alone = alone();
     demo("60", &["--rig", "dual_pressure"]).check_tracking([0.20, 0.15]);
 }
 
 /// At rest nothing but noise may be left: a policy that hunts on play and lag would show as a limit cycle.
 #[test]
 fn the_shipped_policy_holds_without_a_limit_cycle() {
-    let _alone = alone();
     let folder = Folder::new();
     for (n, [pos, neg]) in [[80.0, -70.0], [95.0, -73.0], [110.0, -72.0]].into_iter().enumerate() {
         let hold = folder.write(&format!("hold{n}.csv"), format!("time_s,ref_pos_kpa,ref_neg_kpa\n0,{pos},{neg}\n"));
@@ -219,7 +216,6 @@ fn the_shipped_policy_holds_without_a_limit_cycle() {
 
 #[test]
 fn lockstep_repeats_itself_bit_for_bit() {
-    let _alone = alone();
     let [first, again, other] =
         [["--seed", "7"], ["--seed", "7"], ["--seed", "8"]].map(|seed| demo("10", &seed).duties());
     assert_eq!(first, again);

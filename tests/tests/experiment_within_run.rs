@@ -9,7 +9,7 @@ use proto::recording::{Recording, TickInput, TickRecord, read_mcap};
 use serde_json::Value;
 use tests::laboratory::{Laboratory, Plan, SOON};
 use tests::programme::{ProgrammeRow, csv, programme};
-use tests::{Running, alone, finish, program};
+use tests::{Running, finish, program};
 
 const RUN: u8 = 1;
 
@@ -37,7 +37,6 @@ fn check_rows(ticks: &[TickRecord], rows: &[ProgrammeRow]) {
 
 #[test]
 fn an_armed_daemon_plays_it_and_controls_again() {
-    let _alone = alone();
     let laboratory = laboratory("");
     laboratory.arm();
     let rows = programme(500);
@@ -79,7 +78,6 @@ fn an_armed_daemon_plays_it_and_controls_again() {
 
 #[test]
 fn a_daemon_that_stands_by_plays_it_and_stands_by_again() {
-    let _alone = alone();
     let laboratory = laboratory("");
     laboratory.stand_by();
     let copy = laboratory.folder.join("copy.mcap");
@@ -94,7 +92,6 @@ fn a_daemon_that_stands_by_plays_it_and_stands_by_again() {
 
 #[test]
 fn disarm_stops_it_leaving_does_not_and_nothing_comes_between() {
-    let _alone = alone();
     let laboratory = laboratory("");
     laboratory.arm();
     // 6,000 rows take a lockstep daemon seconds: enough for everything below.
@@ -126,7 +123,6 @@ fn disarm_stops_it_leaving_does_not_and_nothing_comes_between() {
 /// By the model well below the limit; with a clogged muffler behind the valve, far above.
 #[test]
 fn over_pressure_aborts_it_and_waits_for_a_person() {
-    let _alone = alone();
     let clogged = "[[mechanisms]]\nid = \"exhaust_restriction\"\ncomponent = \"valve_pos\"\narea_mm2 = 0.5\n";
     let laboratory = laboratory(clogged);
     laboratory.stand_by();
@@ -156,7 +152,6 @@ fn over_pressure_aborts_it_and_waits_for_a_person() {
 
 #[test]
 fn a_lost_link_aborts_it_and_what_was_recorded_is_kept() {
-    let _alone = alone();
     let laboratory = laboratory("");
     laboratory.stand_by();
     let client = Running::start(&mut experiment(&laboratory, &programme(6000)));
@@ -173,7 +168,6 @@ fn a_lost_link_aborts_it_and_what_was_recorded_is_kept() {
 
 #[test]
 fn a_daemon_that_is_told_to_end_ends_it_and_finishes_both_recordings() {
-    let _alone = alone();
     let laboratory = laboratory("");
     laboratory.stand_by();
     let _client = Running::start(&mut experiment(&laboratory, &programme(6000)));
@@ -189,7 +183,6 @@ fn a_daemon_that_is_told_to_end_ends_it_and_finishes_both_recordings() {
 
 #[test]
 fn what_the_model_in_force_forbids_is_refused_as_bad_input_and_nothing_moves() {
-    let _alone = alone();
     let laboratory = laboratory("");
     laboratory.stand_by();
     let shut = finish(&mut experiment(&laboratory, &[(0.0, 0.0, 1); 500]));

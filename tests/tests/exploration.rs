@@ -5,7 +5,7 @@ use std::process::Command;
 
 use proto::recording::{PLANNED_OUTPUTS, POLICY_OUTPUTS, TickInput, TickRecord, read_mcap};
 use tests::laboratory::{Laboratory, Plan, RECORDINGS};
-use tests::{alone, finish, program, root};
+use tests::{finish, program, root};
 
 /// The default of `policy.exploration_max_duty`, and of the deviation for a policy that states none: 0.02 of ±0.25.
 const MOST_DUTY: f64 = 0.02;
@@ -32,7 +32,6 @@ fn explores(tick: &TickRecord) -> bool {
 
 #[test]
 fn noise_is_bounded_recorded_and_replayed_and_ends_with_disarming_and_another_policy() {
-    let _alone = alone();
     let laboratory = laboratory("default");
     laboratory.stand_by();
     check_refused(&laboratory, "needs the rig under control");
@@ -99,7 +98,6 @@ fn noise_is_bounded_recorded_and_replayed_and_ends_with_disarming_and_another_po
 /// A policy that learned its plan states a deviation for each number of it, and these are tried as well.
 #[test]
 fn a_learned_plan_is_explored_recorded_learned_from_and_replayed() {
-    let _alone = alone();
     let plan = Plan::new("policy.active = \"whole\"\npolicy.directory = \"p\"\npolicy.when_behind = \"fly\"");
     let std = 0.004;
     let stated = format!("exploration_std={}", vec![std.to_string(); POLICY_OUTPUTS].join(","));
@@ -140,7 +138,6 @@ fn a_learned_plan_is_explored_recorded_learned_from_and_replayed() {
 
 #[test]
 fn the_fallback_has_nothing_to_explore() {
-    let _alone = alone();
     let laboratory = laboratory("fallback");
     laboratory.arm();
     check_refused(&laboratory, "the fallback controls");

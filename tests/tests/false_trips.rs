@@ -14,6 +14,7 @@ use evaluate::rigs_around::rigs_around;
 use model::rig::Rig;
 use proto::reference::Reference;
 use supervisor::Arming;
+use tests::coarse_rigs::coarse;
 use tests::dice::Dice;
 use tests::lockstep::Flight;
 use tests::strange_rigs::{with_other_parts, with_sensor_lag, with_volumes};
@@ -140,12 +141,12 @@ fn fly_all(rigs: &[(Rig, Rig)], ticks: u64, each: &(dyn Fn(usize) -> Vec<(By, Co
 }
 
 fn nominal() -> Rig {
-    Rig::builtin("dual_pressure").unwrap()
+    coarse("dual_pressure")
 }
 
 #[test]
 fn a_minute_on_rigs_that_the_model_does_not_know_trips_nothing() {
-    let bench = Rig::builtin("bench").unwrap();
+    let bench = coarse("bench");
     let mut rigs: Vec<(Rig, Rig)> =
         rigs_around(&bench, 3, 7).unwrap().into_iter().map(|rig| (rig, nominal())).collect();
     rigs.push((bench, nominal()));
@@ -161,7 +162,7 @@ fn a_minute_on_rigs_that_the_model_does_not_know_trips_nothing() {
 
 #[test]
 fn a_late_sensor_trips_nothing_whether_the_model_knows_of_it_or_not() {
-    let bench = Rig::builtin("bench").unwrap();
+    let bench = coarse("bench");
     let late: Vec<Rig> = [60.0, 160.0].into_iter().map(|ms| with_sensor_lag(&bench, ms)).collect();
     let told = with_sensor_lag(&nominal(), 160.0);
     let rigs: Vec<(Rig, Rig)> = vec![
@@ -176,7 +177,7 @@ fn a_late_sensor_trips_nothing_whether_the_model_knows_of_it_or_not() {
 
 #[test]
 fn a_rig_that_is_much_slower_than_its_model_trips_nothing() {
-    let rigs: Vec<(Rig, Rig)> = [(nominal(), 3.0), (nominal(), 10.0), (Rig::builtin("bench").unwrap(), 10.0)]
+    let rigs: Vec<(Rig, Rig)> = [(nominal(), 3.0), (nominal(), 10.0), (coarse("bench"), 10.0)]
         .into_iter()
         .map(|(rig, times)| (with_volumes(&rig, times), nominal()))
         .collect();
@@ -187,7 +188,7 @@ fn a_rig_that_is_much_slower_than_its_model_trips_nothing() {
 /// A rig that has rested long is stepped: the record of what the model leaves is of a rest, and says nothing of a step.
 #[test]
 fn a_step_behind_a_long_hold_trips_nothing() {
-    let bench = Rig::builtin("bench").unwrap();
+    let bench = coarse("bench");
     let count = std::env::var("RIGS").ok().and_then(|rigs| rigs.parse().ok()).unwrap_or(3);
     let mut rigs: Vec<(Rig, Rig)> =
         rigs_around(&bench, count, 11).unwrap().into_iter().map(|rig| (rig, nominal())).collect();
@@ -203,7 +204,7 @@ fn quiet_and_noisy_converters_trip_nothing() {
     let noises = std::env::var("NOISES_MV").unwrap_or_else(|_| "0,0.05,1,5".to_owned());
     let noises: Vec<f64> = noises.split(',').map(|mv| mv.parse().expect("a noise in mV")).collect();
     let of_course = |(name, course): (&str, Course)| {
-        let rig = Rig::builtin(name).unwrap();
+        let rig = coarse(name);
         let mut found = Vec::new();
         for (n, noise_mv) in noises.iter().enumerate() {
             let cycle =
@@ -226,7 +227,7 @@ fn quiet_and_noisy_converters_trip_nothing() {
 fn rigs_whose_parts_are_all_others_fill_and_hold_without_a_trip() {
     let mut found = Vec::new();
     for n in 0..16 {
-        let base = Rig::builtin(if n % 2 == 0 { "dual_pressure" } else { "bench" }).unwrap();
+        let base = coarse(if n % 2 == 0 { "dual_pressure" } else { "bench" });
         let rig = with_other_parts(&base, 0.1, &mut Dice::new(n + 100));
         let cycle =
             Cycle::new(&nominal(), None, Reference::constant(85.0, -70.0), Safety::default(), Arming::Automatic)
@@ -243,7 +244,7 @@ fn rigs_whose_parts_are_all_others_fill_and_hold_without_a_trip() {
 #[ignore = "10 h of flight: half an hour of two cores"]
 fn ten_hours_over_twenty_rigs_trip_nothing() {
     let minutes: u64 = std::env::var("MINUTES").ok().and_then(|text| text.parse().ok()).unwrap_or(30);
-    let bench = Rig::builtin("bench").unwrap();
+    let bench = coarse("bench");
     let rigs: Vec<(Rig, Rig)> = rigs_around(&bench, 20, 1).unwrap().into_iter().map(|rig| (rig, nominal())).collect();
     let courses = [Course::Steps, Course::Paper, Course::RareSteps, Course::RareMoves];
     let flights =

@@ -9,7 +9,7 @@ use std::time::Duration;
 use serde_json::Value;
 use tests::Stream::Err;
 use tests::laboratory::Plan;
-use tests::{Folder, Running, alone, finish, program, root};
+use tests::{Folder, Running, finish, program, root};
 
 /// Generous: how long anything may take on a machine that does other things as well.
 const SOON: Duration = Duration::from_secs(300);
@@ -62,7 +62,6 @@ fn policy(folder: &Folder, out: &str) -> Vec<u8> {
 
 #[test]
 fn a_flight_gives_its_observations_to_the_bit_and_one_policy_in_one_sitting_or_two() {
-    let _alone = alone();
     let folder = Folder::new();
     // Of what ships four hundred steps beside fresh critics make a policy 1.54 times worse, which the trial refuses.
     let start = root().join("docs/runs/default/start.onnx").display().to_string();
@@ -95,7 +94,6 @@ fn a_flight_gives_its_observations_to_the_bit_and_one_policy_in_one_sitting_or_t
 /// From a run's folder its transitions are remembered beside the rig's, also by whoever goes on later.
 #[test]
 fn what_a_run_remembers_goes_along_in_one_sitting_or_two() {
-    let _alone = alone();
     let folder = Folder::new();
     let recordings = recorded(&folder, &["--seconds", "14", "--policy", "fallback"]);
     let run = folder.join("run");
@@ -122,7 +120,6 @@ fn what_a_run_remembers_goes_along_in_one_sitting_or_two() {
 /// What the fallback did is a policy that corrects nothing; what the rig did while it was vented is left out.
 #[test]
 fn the_fallback_is_learned_from_and_faults_part_the_trajectory() {
-    let _alone = alone();
     let folder = Folder::new();
     let faults = folder.write(
         "faults.toml",
@@ -159,7 +156,6 @@ fn nothing_to_learn_and_wrong_folders_are_told_in_a_line() {
 /// SIGTERM leaves a checkpoint, and the recordings alone come to the same policy.
 #[test]
 fn beside_a_daemon_it_follows_publishes_stops_and_comes_to_the_same_offline() {
-    let _alone = alone();
     let plan = Plan::new("control.auto_arm = true");
     std::fs::create_dir(plan.folder.join("policies")).unwrap();
     let laboratory = plan.start();

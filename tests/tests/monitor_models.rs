@@ -4,10 +4,10 @@
 use controller::config::Safety;
 use controller::cycle::Cycle;
 use handover::Permit;
-use model::rig::Rig;
 use proto::reference::Reference;
 use supervisor::Arming;
 use tests::Folder;
+use tests::coarse_rigs::coarse;
 use tests::lockstep::Flight;
 
 /// Largest sum over half a second in a stretch of flight, by channel, kPa.
@@ -41,7 +41,7 @@ fn swinging() -> Reference {
 
 #[test]
 fn the_monitor_takes_over_the_model_that_is_put_in() {
-    let (bench, nominal) = (Rig::builtin("bench").unwrap(), Rig::builtin("dual_pressure").unwrap());
+    let (bench, nominal) = (coarse("bench"), coarse("dual_pressure"));
     let folder = Folder::new();
     let file = folder.write("bench.toml", bench.to_toml().unwrap());
     let cycle = Cycle::new(&nominal, None, swinging(), Safety::default(), Arming::Automatic).unwrap();
@@ -69,7 +69,7 @@ fn the_monitor_takes_over_the_model_that_is_put_in() {
 /// The rig is the same before and after, and so is the duty that holds it: what another model says goes into the integrals.
 #[test]
 fn another_model_makes_no_bump() {
-    let (bench, nominal) = (Rig::builtin("bench").unwrap(), Rig::builtin("dual_pressure").unwrap());
+    let (bench, nominal) = (coarse("bench"), coarse("dual_pressure"));
     let folder = Folder::new();
     let file = folder.write("bench.toml", bench.to_toml().unwrap());
     for by_policy in [None, Some(controller::daemon::shipped_policy().unwrap().0)] {

@@ -12,7 +12,6 @@ use std::time::{Duration, Instant};
 
 use proto::recording::TickRecord;
 use serde_json::Value;
-use tests::alone;
 use tests::laboratory::{Laboratory, Plan, SOON};
 
 /// A daemon that arms by itself and watches `policies`, with further lines of its configuration.
@@ -80,7 +79,6 @@ fn check_ticks(ticks: &[TickRecord]) {
 
 #[test]
 fn a_published_policy_controls_without_a_restart_and_bad_ones_never_do() {
-    let _alone = alone();
     let laboratory = laboratory("policy.active = \"fallback\"");
     // Before anything is published nothing is there but the fallback.
     assert_eq!(laboratory.ask_json(&["status"]).0["running"]["policy"], "fallback");
@@ -144,7 +142,6 @@ fn a_published_policy_controls_without_a_restart_and_bad_ones_never_do() {
 /// nothing behind.
 #[test]
 fn what_was_wrong_with_the_directory_is_over_once_it_is_mended() {
-    let _alone = alone();
     let laboratory = laboratory("policy.active = \"fallback\"");
     let folder = laboratory.folder.join("policies");
     let problem = |wanted: Option<&str>| {
@@ -190,7 +187,6 @@ fn what_was_wrong_with_the_directory_is_over_once_it_is_mended() {
 /// Nothing tells the daemon of a change: it looks, as it must where the folder lies on another machine.
 #[test]
 fn what_a_folder_does_not_tell_is_found_all_the_same() {
-    let _alone = alone();
     let laboratory = laboratory("policy.active = \"fallback\"");
     let (_, sound) = corpus::trained().into_iter().find(|(name, _)| name == "default").unwrap();
     let file = policy(&laboratory, "slow");
@@ -225,7 +221,6 @@ fn what_a_folder_does_not_tell_is_found_all_the_same() {
 /// `policy.follow = "newest"`: what is published and passes goes on by itself.
 #[test]
 fn the_newest_is_followed() {
-    let _alone = alone();
     let laboratory = laboratory("policy.active = \"fallback\"\npolicy.follow = \"newest\"");
     let (_, sound) = corpus::trained().into_iter().find(|(name, _)| name == "default").unwrap();
     publish(&laboratory, "first", &sound);
@@ -249,7 +244,6 @@ fn a_thousand_swaps_lose_no_tick_and_move_no_duty_too_far() {
 }
 
 fn swaps(count: usize) {
-    let _alone = alone();
     // Every swap is the operator's: how a policy stands beside the fallback must add none.
     let laboratory = laboratory("policy.active = \"default\"\npolicy.when_behind = \"fly\"");
     let started = Instant::now();

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use proto::recording::{LogTime, Recording, RecordingInfo, RecordingWriter, TickInput, read_mcap};
 use serde_json::Value;
-use tests::{Folder, RunStatus, Running, alone, finish, program};
+use tests::{Folder, RunStatus, Running, finish, program};
 
 /// A wire that is broken for 40 ms after ten seconds: the rig is vented, and a person has to arm it again.
 const FAULTS: &str = "
@@ -38,7 +38,6 @@ fn replayed(recording: &Path) -> (RunStatus, Value) {
 
 #[test]
 fn a_demo_whose_rig_stands_by_still_ends_with_table_recording_and_report() {
-    let _alone = alone();
     let folder = Folder::new();
     let faults = folder.write("faults.toml", FAULTS);
     let (ended, recording) = demo(&folder, "out", &["--seconds", "10", "--faults", faults.to_str().unwrap()]);
@@ -58,7 +57,6 @@ fn a_demo_whose_rig_stands_by_still_ends_with_table_recording_and_report() {
 
 #[test]
 fn a_run_is_replayed_bit_for_bit_and_a_changed_bit_is_found() {
-    let _alone = alone();
     let folder = Folder::new();
     let (ended, recording) = demo(&folder, "out", &["--seconds", "12"]);
     assert_eq!(ended.status, Some(0), "{ended:?}");
@@ -95,7 +93,6 @@ fn a_run_is_replayed_bit_for_bit_and_a_changed_bit_is_found() {
 
 #[test]
 fn any_run_gets_the_demos_report_and_several_are_compared() {
-    let _alone = alone();
     let folder = Folder::new();
     let (_, policy) = demo(&folder, "policy", &["--seconds", "12"]);
     let (_, fallback) = demo(&folder, "fallback", &["--seconds", "12", "--policy", "fallback"]);
@@ -132,7 +129,6 @@ fn any_run_gets_the_demos_report_and_several_are_compared() {
 
 #[test]
 fn a_table_holds_what_the_recording_does() {
-    let _alone = alone();
     let folder = Folder::new();
     let (_, recording) = demo(&folder, "out", &["--seconds", "8"]);
     let ended = controller(&["export", recording.to_str().unwrap(), "--csv"]);

@@ -8,7 +8,7 @@ use std::time::Duration;
 use proto::recording::TickRecord;
 use serde_json::Value;
 use tests::laboratory::{Closed, Plan};
-use tests::{Running, alone, program, root};
+use tests::{Running, program, root};
 
 /// Length of the reference in ticks.
 const PERIOD: usize = 400;
@@ -50,7 +50,6 @@ fn by_flight(ticks: &[TickRecord]) -> Vec<[f64; 2]> {
 
 #[test]
 fn flights_teach_the_next_ones_and_the_run_replays() {
-    let _alone = alone();
     let closed = flown("policy.active = \"fallback\"\nreference.learn = true", 28);
     let ticks = closed.ticks();
     let begins = ticks.iter().position(|t| t.state == RUN).unwrap();
@@ -70,7 +69,6 @@ fn flights_teach_the_next_ones_and_the_run_replays() {
 /// What a flight has taught is part of what a correcting policy is shown; learning on from recordings rebuilds it.
 #[test]
 fn finetune_sees_what_a_policy_saw_on_taught_flights() {
-    let _alone = alone();
     let closed = flown("reference.learn = true", 10);
     let folder = &closed.folder;
     std::fs::create_dir(folder.join("published")).unwrap();

@@ -153,7 +153,7 @@ fn the_model_before_may_always_be_had_back_and_no_other_that_foresees_worse() {
     scene.control(900);
     let refused = scene.ask_at_length(&["model", &other.to_string_lossy()]);
     assert!(refused.status == Some(1) && refused.stderr.contains("worse than the model in force"), "{refused:?}");
-    let back = scene.ask_at_length(&["model", "dual_pressure"]);
+    let back = scene.ask_at_length(&["model", &scene.folder.join("dual_pressure.toml").to_string_lossy()]);
     assert!(back.status == Some(0) && back.stdout.contains("dual_pressure is in force again"), "{back:?}");
     scene.control(100);
     scene.silent_about("VENTED");

@@ -10,9 +10,9 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use controller::socket::{Ask, ask};
-use model::rig::Rig;
 use proto::emulator::{Emulator, EmulatorConfig, Pace, SensorFault, rig_and_crio};
 use proto::wire::{Mode, Sense, TripBits};
+use tests::coarse_rigs::{coarse, write_coarse};
 use tests::counting_allocator::{CountingAllocator, allocations};
 use tests::dice::Dice;
 use tests::in_process::Daemon;
@@ -27,8 +27,9 @@ const SOON: Duration = Duration::from_secs(60);
 
 fn configuration(folder: &Folder, address: &str, pacing: &str, policy: &str) -> PathBuf {
     std::fs::create_dir_all(folder.join("policies")).unwrap();
+    let model = write_coarse("dual_pressure", &folder.join(""));
     let text = format!(
-        "[link]\naddress = \"{address}\"\npacing = \"{pacing}\"\n[policy]\n{policy}\n[record]\ndirectory = \"runs\"\nmin_free_mib = 16\n\
+        "rig.file = {model:?}\n[link]\naddress = \"{address}\"\npacing = \"{pacing}\"\n[policy]\n{policy}\n[record]\ndirectory = \"runs\"\nmin_free_mib = 16\n\
          max_mib = 64\nkeep_gib = 1\n[control]\nsocket = \"s\"\nauto_arm = true\n[realtime]\nenforce = false\n"
     );
     folder.write("controller.toml", text)
@@ -43,7 +44,7 @@ fn counted(task: i32) -> u64 {
 fn in_real_time_the_armed_tick_allocates_nothing_and_touches_no_new_page() {
     let _alone = alone();
     let folder = Folder::new();
-    let (plant, crio) = rig_and_crio(&Rig::builtin("bench").unwrap()).unwrap();
+    let (plant, crio) = rig_and_crio(&coarse("bench")).unwrap();
     let config = EmulatorConfig { crio, pace: Pace::RealTime, ..EmulatorConfig::default() };
     let emulator = Emulator::bind("127.0.0.1:0", config, Box::new(plant)).and_then(Emulator::start).unwrap();
     let file = configuration(&folder, &emulator.local_addr().to_string(), "realtime", "active = \"default\"");

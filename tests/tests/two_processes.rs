@@ -7,7 +7,7 @@ use std::process::Command;
 use proto::recording::read_mcap;
 use serde_json::Value;
 use tests::laboratory::{Closed, Plan, RECORDINGS, SOCKET};
-use tests::{Folder, RunStatus, alone, finish, program};
+use tests::{Folder, RunStatus, finish, program};
 
 fn controller(arguments: &[&str], file: Option<&Path>) -> Command {
     let mut command = Command::new(program("controller"));
@@ -26,7 +26,6 @@ fn check_refused(ended: &RunStatus, words: &[&str]) {
 
 #[test]
 fn an_operator_flies_the_emulated_rig() {
-    let _alone = alone();
     let laboratory = Plan::new("").start();
 
     // Without auto_arm nothing moves until somebody says so.
@@ -80,7 +79,6 @@ fn an_operator_flies_the_emulated_rig() {
 
 #[test]
 fn a_second_daemon_on_the_same_socket_is_refused_and_disturbs_nothing() {
-    let _alone = alone();
     let laboratory = Plan::new("").start();
     let second = laboratory.ask(&["run"]);
     assert_eq!(second.status, Some(1), "{second:?}");

@@ -173,6 +173,22 @@ fn results_are_said_in_words() {
     }
 }
 
+/// A valve that follows its duty half a second late is nothing that parameters can stand in for: the file is written, with an exit
+/// status that tells a script that the work was done and is not good.
+#[test]
+fn what_no_parameter_explains_is_written_and_told_by_the_exit_status() {
+    let folder = Folder::new("identify-lacking");
+    let lag = "\n[[mechanisms]]\nid = \"valve_lag\"\ncomponent = \"valve_pos\"\ntime_constant_ms = 500.0\n";
+    let late = folder.with("late.toml", start().to_toml().unwrap() + lag);
+    let csv = truth(&folder, &late, "run", 1100, 8);
+    let (path, out) = (recorded(&folder, "run.csv", &csv, noisy(4)), folder.path("lab.toml"));
+    let said = run(["identify", "--rig", &saved(&folder, "file.toml", &start()), &path, "--out", &out]);
+    assert_eq!(said.status, 1, "{}\n{}", said.out, said.err);
+    assert!(said.out.contains("the rig file lacks something"), "{}", said.out);
+    assert!(said.out.contains("trainer diagnose"), "{}", said.out);
+    rig_file::load(&out).unwrap();
+}
+
 #[test]
 fn bad_recordings_are_refused_in_plain_words_and_nothing_is_written() {
     let folder = Folder::new("identify-bad");

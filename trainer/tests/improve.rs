@@ -13,7 +13,7 @@ use program::{Folder, refused, run, sound};
 
 /// Two rounds of some seconds, on the rig as it is.
 const SMALL: &str = "[policy]\ncontract = 2\nfeatures = \"errors\"\nplan = \"fitted\"\nhidden = [32, 32]\n\
-    [rig]\nevaluated_on = [\"dual_pressure\"]\n[environment]\nepisode_s = 4.0\nwarm_up_s = 0.5\ncorrection_duty = 0.06\n\
+    [rig]\ntrained_on = \"RIG\"\nmodel = \"RIG\"\nevaluated_on = [\"RIG\"]\n[environment]\nepisode_s = 4.0\nwarm_up_s = 0.5\ncorrection_duty = 0.06\n\
     [rollouts]\nrounds = 3\nepisodes = 2\nepisode_s = 5.0\nbranch_every_ticks = 40\n";
 
 fn shipped() -> String {
@@ -31,7 +31,7 @@ fn summary(run: &str) -> serde_json::Value {
 #[test]
 fn stopping_and_going_on_and_threads_change_no_bit() {
     let folder = Folder::new("improve");
-    let config = folder.with("small.toml", SMALL);
+    let config = folder.settings("small.toml", SMALL);
     let straight = folder.path("straight");
     sound(["improve", "--config", &config, "--threads", "1", "--out", &straight]);
     let whole = folder.path("whole");
@@ -64,10 +64,10 @@ fn stopping_and_going_on_and_threads_change_no_bit() {
 fn two_rounds_track_better_than_the_fallback() {
     let folder = Folder::new("better");
     let out = folder.path("run");
-    let config = folder.with(
+    let config = folder.settings(
         "settings.toml",
         "[run]\nseed = 3\n[policy]\ncontract = 2\nfeatures = \"errors\"\nplan = \"fitted\"\nhidden = [64, 64]\n\
-         [rig]\nevaluated_on = [\"dual_pressure\"]\n[environment]\nepisode_s = 20.0\nwarm_up_s = 4.0\ncorrection_duty = 0.06\n\
+         [rig]\ntrained_on = \"RIG\"\nmodel = \"RIG\"\nevaluated_on = [\"RIG\"]\n[environment]\nepisode_s = 20.0\nwarm_up_s = 4.0\ncorrection_duty = 0.06\n\
          [rollouts]\nrounds = 2\nepisodes = 2\nepisode_s = 12.0\nlearning_rate = 0.001\n",
     );
     let said = run(["improve", "--config", &config, "--out", &out, "--json"]);

@@ -14,12 +14,12 @@ use program::{Folder, refused, run, sound, trainer};
 /// A run that is over in a second: small networks, episodes of one second (400 steps).
 const SMALL: &str = "[run]\nsteps = 2400\nrandom_steps = 400\nevaluate_every_steps = 1200\n\
     checkpoint_every_steps = 800\nkeep_best = true\n[policy]\nhidden = [32, 32]\nfeatures = \"errors\"\n[sac]\nbatch = 32\nreplay = 2000\n\
-    [rig]\nevaluated_on = [\"dual_pressure\"]\n[environment]\nepisode_s = 1.0\n";
+    [rig]\ntrained_on = \"RIG\"\nmodel = \"RIG\"\nevaluated_on = [\"RIG\"]\n[environment]\nepisode_s = 1.0\n";
 
 /// Trains with the small settings into `run`, which must end well.
 #[track_caller]
 fn trained(folder: &Folder, run: &str, more: &[&str]) -> String {
-    let (config, out) = (folder.with("small.toml", SMALL), folder.path(run));
+    let (config, out) = (folder.settings("small.toml", SMALL), folder.path(run));
     sound([&["train", "--config", &config, "--out", &out], more].concat());
     out
 }
@@ -104,7 +104,7 @@ fn a_published_policy_is_the_one_that_was_trained() {
 #[test]
 fn an_interrupt_keeps_everything_within_two_seconds() {
     let folder = Folder::new("interrupt");
-    let config = folder.with("small.toml", SMALL.replace("episode_s = 1.0", "episode_s = 20.0"));
+    let config = folder.settings("small.toml", SMALL.replace("episode_s = 1.0", "episode_s = 20.0"));
     let out = folder.path("run");
     let mut args = vec!["train", "--config", &config, "--steps", "400000", "--out", &out];
     let mut reached = 0;
@@ -139,7 +139,7 @@ fn an_interrupt_keeps_everything_within_two_seconds() {
 #[test]
 fn a_second_interrupt_loses_nothing() {
     let folder = Folder::new("twice");
-    let (config, out) = (folder.with("small.toml", SMALL), folder.path("run"));
+    let (config, out) = (folder.settings("small.toml", SMALL), folder.path("run"));
     let mut child = trainer()
         .args(["train", "--config", &config, "--steps", "400000", "--out", &out])
         .stderr(Stdio::null())
@@ -179,7 +179,7 @@ fn a_short_run_has_a_curve_with_the_fallback_in_it() {
     let fallback = summary["fallback"][0]["rmse_kpa"][0].as_f64().unwrap();
     assert!((0.07..0.09).contains(&fallback), "{fallback}");
     let page = std::fs::read_to_string(Path::new(&run).join("report.html")).unwrap();
-    assert!(page.contains("dual_pressure, fallback"));
+    assert!(page.contains(&format!("{}, fallback", folder.path("coarse.toml"))));
 }
 
 /// A run that starts from a policy of a run, or from the file that was exported from it, starts as that policy; critics
@@ -199,7 +199,7 @@ fn a_run_starts_from_a_policy() {
     let summary = std::fs::read_to_string(Path::new(&first).join("summary.json")).unwrap();
     let kept = serde_json::from_str::<serde_json::Value>(&summary).unwrap()["evaluated"].clone();
     for (name, from) in [("folder", &first), ("file", &onnx)] {
-        let config = folder.with("small.toml", SMALL.replace("hidden = [32, 32]", "hidden = [64, 64]"));
+        let config = folder.settings("small.toml", SMALL.replace("hidden = [32, 32]", "hidden = [64, 64]"));
         let out = folder.path(name);
         let said = run(["train", "--config", &config, "--out", &out, "--steps", "480", "--from", from]);
         assert_eq!(said.status, 0, "{}", said.err);
@@ -215,7 +215,7 @@ fn a_run_starts_from_a_policy() {
     }
     // Critics that were taught another reward say nothing about this one.
     let other = SMALL.replace("hidden = [32, 32]", "hidden = [64, 64]") + "\n[environment.reward]\nlast = -0.5\n";
-    let config = folder.with("other.toml", other);
+    let config = folder.settings("other.toml", other);
     let said = run(["train", "--config", &config, "--out", &folder.path("other"), "--steps", "480", "--from", &first]);
     assert!(said.status == 0 && said.err.contains(&format!("; policy from {first}")), "{}", said.err);
     let told = refused(["train", "--out", &folder.path("x"), "--from", &folder.with("no.onnx", "text")]);
@@ -233,7 +233,7 @@ fn a_small_run_learns() {
         .replace("steps = 2400", "steps = 12000")
         .replace("evaluate_every_steps = 1200", "evaluate_every_steps = 2000")
         .replace("episode_s = 1.0", "episode_s = 5.0\nduty_low = 0.5");
-    let (config, out) = (folder.with("learns.toml", learns), folder.path("run"));
+    let (config, out) = (folder.settings("learns.toml", learns), folder.path("run"));
     sound(["train", "--config", &config, "--out", &out]);
     let text = std::fs::read_to_string(Path::new(&out).join("metrics.jsonl")).unwrap();
     let rmse: Vec<f64> = text
@@ -249,7 +249,7 @@ fn a_small_run_learns() {
 #[test]
 fn bad_configuration_is_told_in_one_line_and_leaves_nothing() {
     let folder = Folder::new("bad-training");
-    let small = folder.with("small.toml", SMALL);
+    let small = folder.settings("small.toml", SMALL);
     let key = folder.with("key.toml", "[sac]\nlerning_rate = 1e-3\n");
     let nan = folder.with("nan.toml", "[caps]\ntemporal = nan\n");
     let valve_x =

@@ -69,6 +69,19 @@ impl Folder {
         std::fs::write(&path, bytes).unwrap();
         path
     }
+
+    /// Settings of a run as a file, `RIG` in them [`Folder::coarse_rig`].
+    pub fn settings(&self, name: &str, text: impl AsRef<str>) -> String {
+        self.with(name, text.as_ref().replace("RIG", &self.coarse_rig()))
+    }
+
+    /// The paper's rig in steps of 0.4 ms: pressures within 0.1 kPa of those in steps of 0.1 ms, and flights for a learning curve, which
+    /// take most of a small run, in a quarter of the time.
+    pub fn coarse_rig(&self) -> String {
+        let mut rig = model::rig::Rig::builtin("dual_pressure").unwrap();
+        rig.integrator.step_ms = 0.4;
+        self.with("coarse.toml", rig.to_toml().unwrap())
+    }
 }
 
 impl Drop for Folder {
