@@ -4,9 +4,11 @@
 //! random duties (`trainer simulate` with both), a third of the converter's noise, in two fifths of the time. Daemon and rig get
 //! the same steps, so that their difference stays what the rigs differ by. What checks the physics itself keeps the paper's.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use model::rig::Rig;
+
+use crate::Folder;
 
 /// Integrator step in ms.
 const STEP_MS: f64 = 0.25;
@@ -25,8 +27,15 @@ pub fn coarse(name: &str) -> Rig {
 ///
 /// # Panics
 /// If it cannot be written.
-pub fn write_coarse(name: &str, folder: &Path) -> PathBuf {
-    let path = folder.join(format!("{name}.toml"));
-    std::fs::write(&path, coarse(name).to_toml().expect("a rig that can be written")).expect("a file in the folder");
-    path
+pub fn write_coarse(name: &str, folder: &Folder) -> PathBuf {
+    folder.write(&format!("{name}.toml"), coarse(name).to_toml().expect("a rig that can be written"))
+}
+
+/// The line of a configuration by which a daemon believes in `dual_pressure` at these steps, the rig written into the folder; nothing
+/// where further lines say what it believes in.
+pub fn believed(folder: &Folder, further: &str) -> String {
+    if further.contains("rig.file") {
+        return String::new();
+    }
+    format!("rig.file = {:?}\n", write_coarse("dual_pressure", folder))
 }

@@ -9,11 +9,12 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use controller::config::Pacing;
+use model::rig::Rig;
 use proto::recording::{TickRecord, read_mcap};
 use serde_json::Value;
 
 use crate::Stream::{Err, Out};
-use crate::coarse_rigs::write_coarse;
+use crate::coarse_rigs::{believed, write_coarse};
 use crate::{Folder, RunStatus, Running, finish, program};
 
 /// Generous: how long anything may take on a machine that does other things as well.
@@ -38,12 +39,12 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// The rig `bench` in lockstep, a daemon that needs to be armed; `lines` of its configuration, as `table.key = value`.
+    /// The rig `bench` in coarse steps and in lockstep, a daemon that needs to be armed; `lines` of its configuration, as `table.key = value`.
     pub fn new(lines: &str) -> Self {
         Plan { folder: Folder::new(), rig: "bench".into(), pacing: Pacing::Lockstep, lines: lines.to_owned() }
     }
 
-    /// Another rig behind the cRIO: a built-in name or a file.
+    /// Another rig behind the cRIO: a built-in name, which is taken in coarse steps, or a file.
     #[must_use]
     pub fn rig(self, rig: impl Into<OsString>) -> Self {
         Plan { rig: rig.into(), ..self }
@@ -61,11 +62,10 @@ impl Plan {
     /// If one does not start, or they do not meet in time.
     pub fn start(self) -> Laboratory {
         let Plan { folder, mut rig, pacing, lines } = self;
-        if let Some(name @ ("bench" | "dual_pressure")) = rig.to_str() {
-            rig = write_coarse(name, &folder.join("")).into();
+        if let Some(name) = rig.to_str().filter(|name| Rig::builtin_text(name).is_some()) {
+            rig = write_coarse(name, &folder).into();
         }
-        let model = write_coarse("dual_pressure", &folder.join(""));
-        let believed = if lines.contains("rig.file") { String::new() } else { format!("rig.file = {model:?}\n") };
+        let believed = believed(&folder, &lines);
         let (rig, address) = emulated_rig(&rig, pacing);
         let pacing = match pacing {
             Pacing::Realtime => "realtime",

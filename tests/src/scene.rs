@@ -12,7 +12,7 @@ use model::rig::Rig;
 use proto::wire::{Mode, Sense};
 
 use crate::Stream::Err;
-use crate::coarse_rigs::{coarse, write_coarse};
+use crate::coarse_rigs::{believed, coarse};
 use crate::raw_crio::{Answer, RawCrio};
 use crate::{Folder, RunStatus, Running, finish, program};
 
@@ -68,8 +68,7 @@ impl Scene {
         let folder = Folder::new();
         folder.write("hold.csv", "time_s,ref_pos_kpa,ref_neg_kpa\n0,90,-70\n1,90,-70\n");
         folder.write("rig.toml", rig.to_toml().expect("a rig that can be written"));
-        let model = write_coarse("dual_pressure", &folder.join(""));
-        let believed = if more.contains("rig.file") { String::new() } else { format!("rig.file = {model:?}\n") };
+        let believed = believed(&folder, more);
         let config = folder.write(
             "controller.toml",
             format!(

@@ -27,7 +27,7 @@ const SOON: Duration = Duration::from_secs(60);
 
 fn configuration(folder: &Folder, address: &str, pacing: &str, policy: &str) -> PathBuf {
     std::fs::create_dir_all(folder.join("policies")).unwrap();
-    let model = write_coarse("dual_pressure", &folder.join(""));
+    let model = write_coarse("dual_pressure", folder);
     let text = format!(
         "rig.file = {model:?}\n[link]\naddress = \"{address}\"\npacing = \"{pacing}\"\n[policy]\n{policy}\n[record]\ndirectory = \"runs\"\nmin_free_mib = 16\n\
          max_mib = 64\nkeep_gib = 1\n[control]\nsocket = \"s\"\nauto_arm = true\n[realtime]\nenforce = false\n"
