@@ -265,10 +265,40 @@ fn the_key_that_is_told_mends_it() {
         rows.iter_mut().for_each(spoil);
         let file = folder.with(&format!("{name}.csv"), csv(&rows));
         let said = run(["validate", "--rig", "dual_pressure", &file]);
-        let key = said.err.split("[recording] ").nth(1).and_then(|rest| rest.split([';', '\n']).next());
-        let key = key.unwrap_or_else(|| panic!("{name}: no key in {}", said.err)).replace(" and ", "\n");
+        let key = told_key(&said.err).replace(" and ", "\n");
         let mended = folder.with(&format!("{name}.toml"), format!("{rig}\n[recording]\n{key}\n"));
         let said = run(["validate", "--rig", &mended, &file]);
         assert!(said.status == 0 && !said.err.contains("seem"), "{name}: {key}: {}", said.err);
+    }
+}
+
+/// The key of a complaint.
+#[track_caller]
+fn told_key(complaint: &str) -> &str {
+    let key = complaint.split("[recording] ").nth(1).and_then(|rest| rest.split([';', '\n']).next());
+    key.unwrap_or_else(|| panic!("no key in {complaint}"))
+}
+
+/// A logger was told of another unit than it measures: numbers in kPa under another name. One unit is larger than what a sensor can tell,
+/// one smaller; one is near to a third (mbar, and metres of water over kPa), which it is not taken for.
+#[test]
+fn a_unit_over_the_wrong_numbers_is_told_by_its_name() {
+    let folder = Folder::new("wrong-headers");
+    let rig = model::rig::DUAL_PRESSURE;
+    for unit in ["bar", "psi", "mbar", "mmHg"] {
+        let text = csv(&sound()).replacen("p_pos_kpa,p_neg_kpa", &format!("p_pos_kpa [{unit}],p_neg_kpa [{unit}]"), 1);
+        let file = folder.with(&format!("{unit}.csv"), text);
+        let mut map = String::new();
+        // A key for each of the two columns.
+        for _ in 0..2 {
+            let with = folder.with("with.toml", format!("{rig}\n[recording]\n{map}"));
+            let said = run(["validate", "--rig", &with, &file]);
+            let names = format!("the file says {unit}, and the numbers seem to be kPa as they stand");
+            assert!(said.status != 0 && said.err.contains(&names), "{unit}, {map}: {}", said.err);
+            map += &format!("{}\n", told_key(&said.err));
+        }
+        let mended = folder.with("mended.toml", format!("{rig}\n[recording]\n{map}"));
+        let said = run(["validate", "--rig", &mended, &file]);
+        assert!(said.status == 0 && !said.err.contains("seem"), "{unit}: {map}: {}", said.err);
     }
 }

@@ -3,6 +3,7 @@
 use model::rig::{Pump, RecordingMap, Rig, Sensor, Term, Terms};
 
 use super::csv::{CsvError, TIME_COLUMN};
+use super::file_unit::FileUnit;
 use super::recording_error::RecordingError;
 use super::resample::Kind;
 use super::sheet::Sheet;
@@ -106,6 +107,8 @@ pub(super) struct Made {
     pub(super) taken: Vec<String>,
     /// The places in the file that it was made from.
     pub(super) from: Vec<usize>,
+    /// The unit that the file itself says of these pressures, where that is not kPa.
+    pub(super) file_unit: Option<FileUnit>,
 }
 
 /// Makes a column of the rig; `None` where the file does not have it and the rig does without.
@@ -128,7 +131,7 @@ pub(super) fn made(
         None if presence == Presence::Optional && sheet.find(name)?.is_none() => return Ok(None),
         None => own_term.as_slice(),
     };
-    let mut made = Made { numbers: vec![0.0; sheet.rows()], taken: Vec::new(), from: Vec::new() };
+    let mut made = Made { numbers: vec![0.0; sheet.rows()], taken: Vec::new(), from: Vec::new(), file_unit: None };
     for term in terms {
         let Some(at) = sheet.find(&term.from)? else { return Err(missing(sheet, name, &term.from)) };
         let numbers = match kind {
@@ -147,6 +150,11 @@ pub(super) fn made(
         let unit = of_unit(sheet, at, term)?;
         let in_rig_unit = converted(sheet, rig, (name, kind), term, unit.as_ref(), numbers)?;
         made.taken.extend(in_rig_unit.1);
+        if let (Kind::Reading, Some((Unit::Gauge(kpa), text)), None) = (kind, &unit, &term.unit)
+            && *kpa != 1.0
+        {
+            made.file_unit = Some(FileUnit { column: name.to_owned(), text: text.clone(), kpa: *kpa });
+        }
         made.from.push(at);
         for (row, (slot, x)) in made.numbers.iter_mut().zip(in_rig_unit.0).enumerate() {
             *slot += term.of(x);
@@ -276,7 +284,7 @@ fn of_output(sensor: &Sensor, per_unit: f64, [from, to]: [f64; 2]) -> [f64; 2] {
     [per_unit * slope, p0 - from * slope]
 }
 
-/// Refuses what a column of this kind cannot hold, made from these places of the file.
+/// Refuses what a column of this kind cannot hold.
 ///
 /// # Errors
 /// The first number that is out of range, with its line and the key that would help.
@@ -284,9 +292,9 @@ pub(super) fn check(
     sheet: &Sheet<'_>,
     rig: &Rig,
     (name, kind): (&str, Kind),
-    from: &[usize],
-    numbers: &[f64],
+    made: &Made,
 ) -> Result<(), RecordingError> {
+    let Made { numbers, from, .. } = made;
     let [low, high] = match kind {
         Kind::Command | Kind::Switch => [-ROUNDING, 1.0 + ROUNDING],
         Kind::Reading => [LEAST_READING_KPA, f64::MAX],
@@ -301,10 +309,12 @@ pub(super) fn check(
     let value = numbers.get(row).copied().unwrap_or(0.0);
     let at = from.first().copied().unwrap_or(0);
     let title = sheet.columns.get(at).map_or_else(String::new, |column| column.title.clone());
+    // A key goes by the rig's own name where the file has it, whatever unit stands behind it there.
+    let from_name = if matches!(sheet.find(name), Ok(Some(own)) if own == at) { name } else { title.as_str() };
     let hint = match kind {
-        Kind::Reading => of_reading(rig, (name, &title), value, numbers),
+        Kind::Reading => of_reading(rig, (name, from_name), value, made),
         Kind::Switch => "; the pump is on (1) or off (0)".to_owned(),
-        _ => of_scale(name, &title, numbers),
+        _ => of_scale(name, from_name, numbers),
     };
     Err(CsvError::OutOfRange {
         file: sheet.file.clone(),
@@ -320,7 +330,7 @@ pub(super) fn check(
 }
 
 /// What a reading below any vacuum is, and the key that says so.
-fn of_reading(rig: &Rig, (name, title): (&str, &str), value: f64, numbers: &[f64]) -> String {
+fn of_reading(rig: &Rig, (name, title): (&str, &str), value: f64, made: &Made) -> String {
     let key = |rest: &str| format!("[recording] columns.{name} = {{ from = \"{title}\", {rest} }}");
     if NO_READING.contains(&value) {
         return "; it seems to be what the logger writes for no reading: leave out rows without a reading".to_owned();
@@ -330,8 +340,18 @@ fn of_reading(rig: &Rig, (name, title): (&str, &str), value: f64, numbers: &[f64
     };
     let [one, other] = sensor.range_kpa_gauge;
     let (low, high) = (one.min(other), one.max(other));
-    let finite = || numbers.iter().copied().filter(|x| x.is_finite());
+    let finite = || made.numbers.iter().copied().filter(|x| x.is_finite());
     let (least, most) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), x| (l.min(x), m.max(x)));
+    // What the file says of its numbers is wrong where they would be within the sensor's range without it.
+    if let Some(FileUnit { text, kpa, .. }) = &made.file_unit
+        && 1.1 * low.min(0.0) <= least / kpa
+        && most / kpa <= 1.1 * high.max(0.0)
+    {
+        return format!(
+            "; the file says {text}, and the numbers seem to be kPa as they stand: {}",
+            key("unit = \"kPa\"")
+        );
+    }
     // A sensor that goes further up than any vacuum, and readings that would be within it with the other sign.
     if high > -LEAST_READING_KPA && -least <= 1.1 * high && most < 0.1 * high && low > LEAST_READING_KPA {
         return format!(

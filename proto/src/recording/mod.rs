@@ -30,6 +30,7 @@ mod csv_error;
 mod decompress;
 mod doubled;
 mod file_kind;
+mod file_unit;
 mod from_ticks;
 mod labview;
 mod labview_rates;
@@ -68,6 +69,7 @@ mod units;
 mod unlikely_times;
 mod wall_clock;
 
+pub use file_unit::FileUnit;
 pub use mcap_follower::{FollowEnd, McapFollower};
 pub use mcap_reader::{ForeignMcap, McapContent, ReadMcapError, parse_mcap, read_mcap};
 pub use mcap_writer::{Event, EventLevel, RecordingWriter, VERDICT, WriteMcapError, unfinished_path};

@@ -105,11 +105,12 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     let sheet = apart.as_ref().unwrap_or(sheet);
     let Times { mut time_s, columns: of_time, taken } = times(sheet, map, naming)?;
     let mut units = taken;
-    let mut columns = Vec::new();
+    let (mut columns, mut file_units) = (Vec::new(), Vec::new());
     for Asked { name, kind, default } in asked(rig) {
         let Some(made) = super::columns::made(sheet, rig, map, naming, (&name, kind, default))? else { continue };
+        check(sheet, rig, (&name, kind), &made)?;
         units.extend(made.taken);
-        check(sheet, rig, (&name, kind), &made.from, &made.numbers)?;
+        file_units.extend(made.file_unit);
         columns.push((Column { name, data: ColumnData::Numbers(made.numbers) }, kind));
     }
     let numbered = lost_rows::numbered(sheet, &mut time_s, &mut columns);
@@ -146,7 +147,7 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     notes.extend(manner(sheet, &units));
     notes.extend(sheet.notes.iter().cloned());
     notes.extend(resampling.notes(&sheet.file));
-    Ok(Recording::from_rows(&sheet.file, rows)?.with_notes(notes))
+    Ok(Recording::from_rows(&sheet.file, rows)?.with_notes(notes).with_file_units(file_units))
 }
 
 /// The numbers of all sensors' columns.

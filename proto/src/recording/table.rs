@@ -24,6 +24,7 @@ use std::path::Path;
 
 use super::MOST_BYTES;
 use super::csv::{self, Column, ColumnData, CsvError, Table};
+use super::file_unit::FileUnit;
 use super::mcap_reader::parse_mcap;
 use super::mcap_writer::{Event, EventLevel, VERDICT};
 use super::recording_error::RecordingError;
@@ -63,6 +64,7 @@ pub struct Recording {
     // Whether a rig file's table of columns was asked, and a missing column may be named in it.
     asked: Asked,
     notes: Vec<String>,
+    file_units: Vec<FileUnit>,
 }
 
 /// Whose columns a recording has.
@@ -256,6 +258,11 @@ impl Recording {
         self.sampling_s
     }
 
+    /// The unit, other than kPa, that the file itself says of a column of pressures, and by which it was read.
+    pub fn file_unit(&self, column: &str) -> Option<&FileUnit> {
+        self.file_units.iter().find(|unit| unit.column == column)
+    }
+
     /// What a person should know, a line each: a truncated end, damaged chunks, left-out ticks, an aborted experiment.
     pub fn notes(&self) -> &[String] {
         &self.notes
@@ -272,6 +279,10 @@ impl Recording {
     /// The file cannot be written.
     pub fn write_csv(&self, path: &Path) -> Result<(), RecordingError> {
         Ok(atomic_file::write(path, self.to_csv().as_bytes())?)
+    }
+
+    pub(super) fn with_file_units(self, file_units: Vec<FileUnit>) -> Self {
+        Self { file_units, ..self }
     }
 
     pub(super) fn with_notes(mut self, notes: Vec<String>) -> Self {
@@ -297,6 +308,7 @@ impl Recording {
             sampling_s,
             asked: Asked::Rig,
             notes: Vec::new(),
+            file_units: Vec::new(),
         })
     }
 
@@ -336,6 +348,7 @@ impl Recording {
             sampling_s: PERIOD_S,
             asked: Asked::File,
             notes: Vec::new(),
+            file_units: Vec::new(),
         })
     }
 }

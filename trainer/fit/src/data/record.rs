@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use model::plant::{Input, Plant};
 use model::rig::{Pump, Rig};
-use proto::recording::{PERIOD_S, Recording};
+use proto::recording::{FileUnit, PERIOD_S, Recording};
 
 use super::Layout;
 use crate::FitError;
@@ -33,6 +33,8 @@ pub struct Record {
     /// Revolutions by which the pump's crank stood past its zero at the first row. No column tells it; zero until the
     /// pump's ripple has ([`crate::simulate::Tachometer`]).
     pub crank_rev: f64,
+    /// Units, other than kPa, that the file itself says of its pressures, and by which they were read.
+    pub file_units: Vec<FileUnit>,
 }
 
 /// Recordings of one rig.
@@ -79,6 +81,11 @@ impl Record {
         } else {
             self.before.clone()
         }
+    }
+
+    /// The unit, other than kPa, that the file itself says of a column of pressures.
+    pub fn file_unit(&self, column: &str) -> Option<&FileUnit> {
+        self.file_units.iter().find(|unit| unit.column == column)
     }
 
     /// Whether a sample was taken at a row.
@@ -129,6 +136,7 @@ impl Records {
                 measured: recording.measured().unwrap_or_default().to_vec(),
                 sampling_s: recording.sampling_s(),
                 crank_rev: 0.0,
+                file_units: plant.sensor_columns().iter().filter_map(|of| recording.file_unit(of).cloned()).collect(),
             });
         }
         let sensors = plant.sensor_columns().to_vec();
@@ -204,6 +212,7 @@ impl Records {
                 sampling_s: whole.sampling_s,
                 // Whole turns do not matter, the rest does.
                 crank_rev: whole.crank_rev,
+                file_units: whole.file_units.clone(),
             })
             .collect();
         (Records { records, layout, readings_kpa, ..self.clone() }, places)

@@ -78,7 +78,7 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
         let windows: Vec<Vec<Medians>> = compared(&arc.rows).map(medians).collect();
         let source = records.records().get(arc.record).map_or_else(String::new, |r| r.source.clone());
         let simulated = extremes(records, arc, &trace);
-        let of = |medians: &Vec<Medians>, channel| standing(rig, records, medians, &simulated, channel);
+        let of = |medians: &Vec<Medians>, channel| standing(rig, records, arc.record, medians, &simulated, channel);
         let whole: Vec<Standing<'_>> = (0..channels).filter_map(|c| of(windows.first()?, c)).collect();
         let tells = |s: &Standing<'_>| s.simulated.abs() > TELLING_KPA * s.scale;
         let telling = (0..channels).filter_map(|channel| {
@@ -199,17 +199,21 @@ struct Medians {
 /// A channel at its medians, where they tell; `reached` are the least and most that the rig would do, by channel.
 fn standing<'a>(
     rig: &'a Rig,
-    records: &Records,
+    records: &'a Records,
+    record: usize,
     medians: &[Medians],
     reached: &[[f64; 2]],
     channel: usize,
 ) -> Option<Standing<'a>> {
     let &Medians { recorded, simulated, forgets } = medians.get(channel)?;
-    let sensor = rig.sensors.values().find(|sensor| Some(&sensor.column) == records.sensors().get(channel));
+    let column = records.sensors().get(channel)?;
+    let sensor = rig.sensors.values().find(|sensor| sensor.column == *column);
+    let file_unit = records.records().get(record).and_then(|record| record.file_unit(column));
     let [low, high] = *reached.get(channel)?;
     let range_kpa = sensor.map_or(WHOLE_RANGE_KPA, |s| (s.range_kpa_gauge[0] - s.range_kpa_gauge[1]).abs());
     let scale = (low.abs().max(high.abs()) / WHOLE_REACH_KPA).max(range_kpa / WHOLE_RANGE_KPA).min(1.0);
-    (forgets || scale >= 1.0).then_some(Standing { channel, recorded, simulated, sensor, scale, ends: Vec::new() })
+    let standing = Standing { channel, recorded, simulated, sensor, scale, file_unit, ends: Vec::new() };
+    (forgets || scale >= 1.0).then_some(standing)
 }
 
 /// Compares recorded and simulated medians.
@@ -250,6 +254,14 @@ impl Compare<'_> {
         let at_first = first(RIGHT, NEAR) >= 1.0;
         if !at_first && anywhere(RIGHT, NEAR) < 1.0 {
             return None;
+        }
+        // What the file itself says comes before what units there are: mbar over kPa is a fiftieth off metres of water.
+        let units: Option<Vec<f64>> = of.iter().map(|s| s.file_unit.map(|unit| unit.kpa)).collect();
+        if let Some([kpa, rest @ ..]) = units.as_deref()
+            && rest.iter().all(|other| other == kpa)
+            && anywhere(Meaning::AsWritten(*kpa), wrong) < 1.0
+        {
+            return Some((first(Meaning::AsWritten(*kpa), wrong), Meaning::AsWritten(*kpa)));
         }
         let judged: Vec<(f64, f64, Meaning)> =
             Meaning::wrong().map(|meaning| (first(meaning, wrong), anywhere(meaning, wrong), meaning)).collect();

@@ -5,6 +5,7 @@
 //! line.
 
 use model::rig::{Rig, Sensor};
+use proto::recording::FileUnit;
 
 use super::mend::pressure_key;
 
@@ -32,6 +33,8 @@ pub(super) struct Standing<'a> {
     pub(super) sensor: Option<&'a Sensor>,
     /// Margins of this channel as a share of those of a rig of 50 kPa or more.
     pub(super) scale: f64,
+    /// The unit, other than kPa, that the file itself says of it.
+    pub(super) file_unit: Option<&'a FileUnit>,
     /// Medians, recorded and simulated (kPa), where the rig would stand lowest and highest of all rows.
     pub(super) ends: Vec<[f64; 2]>,
 }
@@ -87,6 +90,8 @@ pub(super) enum Meaning {
     },
     /// Gauge kPa without its sign.
     Unsigned,
+    /// Gauge kPa under a unit that the file says of them and that they were read by, of so many kPa.
+    AsWritten(f64),
 }
 
 /// Gauge kPa, as it should be.
@@ -121,6 +126,7 @@ impl Meaning {
                 [slope, p0 - from * slope]
             }),
             Meaning::Unsigned => Some([-1.0, 0.0]),
+            Meaning::AsWritten(kpa) => Some([1.0 / kpa, 0.0]),
         }
     }
 
@@ -182,10 +188,17 @@ impl Meaning {
                 format!("these seem to be the raw counts of a converter (0 … {full} over {over})")
             }
             Meaning::Unsigned => lost_sign(*simulated).to_owned(),
+            Meaning::AsWritten(_) => as_written(standing.file_unit),
         };
         let key = pressure_key(rig, column, self);
         format!("reads {} where about {} kPa are expected: {is}: {key}", figures(*recorded), about(*simulated))
     }
+}
+
+/// What is wrong with numbers that are gauge kPa whatever the file says.
+pub(super) fn as_written(file_unit: Option<&FileUnit>) -> String {
+    let text = file_unit.map_or("another unit", |unit| unit.text.as_str());
+    format!("the file says {text}, and the numbers seem to be kPa as they stand")
 }
 
 /// What is wrong with the sign of a pressure that is expected to be above or below the atmosphere.

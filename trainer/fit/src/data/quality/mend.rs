@@ -20,6 +20,7 @@ fn pressure_says(rig: &Rig, column: &str, meaning: Meaning, term: &Term) -> Opti
         Meaning::Absolute(_, words) => Some(format!("unit = \"{} abs\"", unit(words))),
         Meaning::Output(output) => Some(format!("unit = \"{}\"", output.unit())),
         Meaning::Unsigned => Some("scale = -1.0".to_owned()),
+        Meaning::AsWritten(_) => Some("unit = \"kPa\"".to_owned()),
         Meaning::Counts { .. } => None,
     };
     if let Some(says) = says.filter(|_| term.is_plain()) {

@@ -5,11 +5,11 @@
 //! a lost sign, a unit of one column.
 
 use model::rig::{Rig, Sensor};
-use proto::recording::Recording;
+use proto::recording::{FileUnit, Recording};
 
 use super::against_model::Agreed;
 use super::counts::{look_like_counts, or_counts};
-use super::meaning::{Meaning, lost_sign};
+use super::meaning::{Meaning, as_written, lost_sign};
 use super::mend::{exchanged_keys, pressure_key, scaled_key};
 use super::{Finding, Severity, Trouble};
 use crate::FitError;
@@ -34,7 +34,8 @@ pub fn within_ranges(rig: &Rig, recordings: &[Recording]) -> Result<(), FitError
                 let measured = recording.measured();
                 let is_measured = |row: &usize| measured.is_none_or(|m| m.get(*row).copied().unwrap_or(true));
                 let rows = (0..values.len()).filter(is_measured);
-                Channel { column, values: rows.filter_map(|row| values.get(row)).copied().collect() }
+                let values = rows.filter_map(|row| values.get(row)).copied().collect();
+                Channel { column, values, file_unit: recording.file_unit(column) }
             })
             .collect();
         if let Some(finding) = first_outside(rig, recording.source(), &channels, &[]) {
@@ -54,7 +55,7 @@ pub(super) fn check(rig: &Rig, records: &Records, agreed: &[Agreed], findings: &
             .map(|(channel, column)| {
                 let values = records.channel_kpa(record, channel).iter().enumerate();
                 let values = values.filter(|(row, _)| r.is_measured(*row)).map(|(_, value)| *value).collect();
-                Channel { column, values }
+                Channel { column, values, file_unit: r.file_unit(column) }
             })
             .collect();
         findings.extend(first_outside(rig, &r.source, &channels, agreed));
@@ -65,6 +66,8 @@ pub(super) fn check(rig: &Rig, records: &Records, agreed: &[Agreed], findings: &
 struct Channel<'a> {
     column: &'a str,
     values: Vec<f64>,
+    /// The unit, other than kPa, that the file itself says of it.
+    file_unit: Option<&'a FileUnit>,
 }
 
 /// The same with what the rig file says of its sensor.
@@ -74,6 +77,7 @@ struct Judged<'a> {
     sensor: &'a Sensor,
     /// The sensor's range, gauge kPa, lower end first.
     range: [f64; 2],
+    file_unit: Option<&'a FileUnit>,
 }
 
 /// How far beyond a sensor's range readings still count as within.
@@ -96,7 +100,8 @@ impl<'a> Judged<'a> {
     fn of(rig: &'a Rig, channel: &'a Channel<'a>) -> Option<Self> {
         let sensor = rig.sensors.values().find(|sensor| sensor.column == channel.column)?;
         let (column, values) = (channel.column, channel.values.as_slice());
-        (!values.is_empty()).then(|| Judged { column, values, sensor, range: range_of(sensor) })
+        let file_unit = channel.file_unit;
+        (!values.is_empty()).then(|| Judged { column, values, sensor, range: range_of(sensor), file_unit })
     }
 
     /// Share of the readings, as they would be with a meaning, that lie outside the range.
@@ -160,6 +165,10 @@ fn meant(rig: &Rig, channel: &Judged<'_>, channels: &[Judged<'_>]) -> Option<Mea
     let inside = |channel: &Judged<'_>, margin: Margin, meaning: Meaning| {
         channel.outside(margin, |value| meaning.of(value, Some(channel.sensor), atmosphere_kpa)) <= MANY
     };
+    let written = channel.file_unit.map(|unit| Meaning::AsWritten(unit.kpa));
+    if let Some(meaning) = written.filter(|meaning| inside(channel, Margin::Wide, *meaning)) {
+        return Some(meaning);
+    }
     let best = |fits: &dyn Fn(Meaning) -> bool| {
         let fitting = Meaning::wrong().filter(|meaning| !matches!(meaning, Meaning::Output(_)) && fits(*meaning));
         let judged = fitting.map(|meaning| (meaning, channel.under(meaning, atmosphere_kpa)));
@@ -215,6 +224,7 @@ fn told_alone(rig: &Rig, channel: &Judged<'_>, meaning: Meaning) -> (Trouble, St
         Meaning::Counts { .. } => {
             (Trouble::WrongUnit, format!("these seem to be the raw counts of a converter; {key}"))
         }
+        Meaning::AsWritten(_) => (Trouble::WrongUnit, format!("{}; {key}", as_written(channel.file_unit))),
         Meaning::Unsigned => {
             let [low, high] = channel.range;
             let expected = if low + high < 0.0 { -1.0 } else { 1.0 };
