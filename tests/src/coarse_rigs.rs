@@ -23,7 +23,7 @@ pub fn coarse(name: &str) -> Rig {
     rig
 }
 
-/// The same as a file in a folder, `NAME.toml`.
+/// Writes a built-in rig at these steps into a folder, as `NAME.toml`.
 ///
 /// # Panics
 /// If it cannot be written.

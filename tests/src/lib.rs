@@ -24,7 +24,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime};
 
@@ -35,31 +35,6 @@ const LOOK: Duration = Duration::from_millis(5);
 pub fn alone() -> MutexGuard<'static, ()> {
     static ALONE: Mutex<()> = Mutex::new(());
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Lets two tests at a time run: in real time, but with a quarter of one CPU each.
-pub fn two_at_a_time() -> Permit {
-    let (taken, freed) = &RUNNING;
-    let mut count = taken.lock().unwrap_or_else(PoisonError::into_inner);
-    while *count >= 2 {
-        count = freed.wait(count).unwrap_or_else(PoisonError::into_inner);
-    }
-    *count += 1;
-    Permit(())
-}
-
-/// One of the two that may run; given back when it is dropped.
-#[derive(Debug)]
-pub struct Permit(());
-
-static RUNNING: (Mutex<u32>, Condvar) = (Mutex::new(0), Condvar::new());
-
-impl Drop for Permit {
-    fn drop(&mut self) {
-        let (taken, freed) = &RUNNING;
-        *taken.lock().unwrap_or_else(PoisonError::into_inner) -= 1;
-        freed.notify_one();
-    }
 }
 
 /// The path of `controller` or `trainer`, built from the sources as they are now, in the test's own profile.

@@ -16,7 +16,7 @@ use std::time::Duration;
 use proto::recording::read_mcap;
 use serde_json::Value;
 use tests::Stream::{Err, Out};
-use tests::{Folder, RunStatus, Running, program, python, two_at_a_time};
+use tests::{Folder, RunStatus, Running, program, python};
 
 /// Generous: how long anything may take on a machine that does other things as well.
 const SOON: Duration = Duration::from_secs(60);
@@ -120,7 +120,6 @@ impl Flown {
 /// A flight with a fault that lasts three seconds.
 fn faulty(faults: &[&str]) -> Option<Flown> {
     let python = python()?;
-    let _permit = two_at_a_time();
     let faults: Vec<&str> = faults.iter().copied().chain(["--seconds", "4"]).collect();
     Some(Pair::start(python, &faults, &[]).land(DaemonEnds::WhenTold))
 }
@@ -128,7 +127,6 @@ fn faulty(faults: &[&str]) -> Option<Flown> {
 #[test]
 fn flies_a_stranger() {
     let Some(python) = python() else { return };
-    let _permit = two_at_a_time();
     let flown = Pair::start(python, &[], &["--seconds", "6"]).land(DaemonEnds::ByItself);
     let content = flown.check();
     let session = flown.session(0);
@@ -208,7 +206,6 @@ fn frames_that_are_scarce_are_told_and_flown_through() {
 #[test]
 fn a_crio_that_samples_at_100_hz_is_never_armed() {
     let Some(python) = python() else { return };
-    let _permit = two_at_a_time();
     let flown = Pair::start(python, &["--period-ms", "10", "--seconds", "4"], &[]).land(DaemonEnds::WhenTold);
     assert!(flown.daemon.stderr.contains("does not sample at 50 Hz"), "{}", flown.daemon.stderr);
     let last = &flown.session(0)["last_command"];
@@ -266,7 +263,6 @@ fn a_dropped_link_is_opened_again_as_a_new_session() {
 fn another_version_is_refused_with_bye_1() {
     for (option, words) in [("--version", "version"), ("--header-version", "version")] {
         let Some(python) = python() else { return };
-        let _permit = two_at_a_time();
         let pair = Pair::start(python, &[option, "7", "--seconds", "1"], &[]);
         pair.daemon.line(Err, "trying again", SOON);
         let flown = pair.land(DaemonEnds::WhenTold);
@@ -286,7 +282,6 @@ fn another_version_is_refused_with_bye_1() {
 #[test]
 fn sigterm_vents_says_bye_and_finishes_the_recording() {
     let Some(python) = python() else { return };
-    let _permit = two_at_a_time();
     let pair = Pair::start(python, &[], &[]);
     pair.daemon.line(Err, "armed by itself", SOON);
     std::thread::sleep(Duration::from_millis(500));
@@ -303,7 +298,6 @@ fn sigterm_vents_says_bye_and_finishes_the_recording() {
 #[test]
 fn the_stranger_is_strict() {
     let Some(python) = python() else { return };
-    let _permit = two_at_a_time();
     let command = |edit: fn(&mut Vec<u8>)| {
         let mut body: Vec<u8> =
             [SESSION.to_be_bytes(), 0u32.to_be_bytes(), 0.5f32.to_be_bytes(), 0.75f32.to_be_bytes()].concat();

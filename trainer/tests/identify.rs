@@ -5,8 +5,8 @@
 
 mod program;
 
-use model::rig::{DUAL_PRESSURE, Pump, Rig};
-use program::{Csv, Folder, refused, run, sound};
+use model::rig::{Pump, Rig};
+use program::{Csv, Folder, coarse, refused, run, sound};
 use proto::rig_file;
 use serde_json::Value;
 
@@ -30,14 +30,9 @@ impl Uniform {
     }
 }
 
-/// The paper's rig at steps of 0.4 ms: generated and fitted with the same, so four times as fast without a difference.
-fn start() -> Rig {
-    Rig::from_toml(&DUAL_PRESSURE.replace("step_ms = 0.1", "step_ms = 0.4")).unwrap()
-}
-
 /// What was built instead of it.
 fn built() -> Rig {
-    let mut rig = start();
+    let mut rig = coarse();
     rig.volumes.values_mut().zip([1.04, 0.97]).for_each(|(volume, by)| volume.volume_l *= by);
     for (valve, by) in rig.valves.values_mut().zip([[1.05, 0.96, 1.04], [0.95, 1.03, 0.96]]) {
         valve.input_area_mm2 *= by[0];
@@ -104,7 +99,7 @@ fn figure(value: &Value, path: &str) -> f64 {
 #[test]
 fn a_rig_that_is_off_is_found_again_and_its_file_simulates() {
     let folder = Folder::new("identify");
-    let (file, built_file) = (saved(&folder, "file.toml", &start()), saved(&folder, "built.toml", &built()));
+    let (file, built_file) = (saved(&folder, "file.toml", &coarse()), saved(&folder, "built.toml", &built()));
     let runs: Vec<String> = (1..=2)
         .map(|seed| {
             let csv = truth(&folder, &built_file, &format!("run{seed}"), 2000, seed);
@@ -153,7 +148,7 @@ fn a_rig_that_is_off_is_found_again_and_its_file_simulates() {
 #[test]
 fn results_are_said_in_words() {
     let folder = Folder::new("identify-words");
-    let file = saved(&folder, "file.toml", &start());
+    let file = saved(&folder, "file.toml", &coarse());
     let csv = truth(&folder, &saved(&folder, "built.toml", &built()), "run", 1100, 5);
     let path = recorded(&folder, "run.csv", &csv, noisy(7));
     let out = folder.path("lab.toml");
@@ -179,10 +174,10 @@ fn results_are_said_in_words() {
 fn what_no_parameter_explains_is_written_and_told_by_the_exit_status() {
     let folder = Folder::new("identify-lacking");
     let lag = "\n[[mechanisms]]\nid = \"valve_lag\"\ncomponent = \"valve_pos\"\ntime_constant_ms = 500.0\n";
-    let late = folder.with("late.toml", start().to_toml().unwrap() + lag);
+    let late = folder.with("late.toml", coarse().to_toml().unwrap() + lag);
     let csv = truth(&folder, &late, "run", 1100, 8);
     let (path, out) = (recorded(&folder, "run.csv", &csv, noisy(4)), folder.path("lab.toml"));
-    let said = run(["identify", "--rig", &saved(&folder, "file.toml", &start()), &path, "--out", &out]);
+    let said = run(["identify", "--rig", &saved(&folder, "file.toml", &coarse()), &path, "--out", &out]);
     assert_eq!(said.status, 1, "{}\n{}", said.out, said.err);
     assert!(said.out.contains("the rig file lacks something"), "{}", said.out);
     assert!(said.out.contains("trainer diagnose"), "{}", said.out);

@@ -1,15 +1,15 @@
 //! The file beside a policy that says why it was refused, `NAME.onnx.refused.json`.
 //!
-//! Of a file that was examined it is there before `policies` says `refused`, and gone before it says `passed`: who reads the one may
-//! read the other. Of a policy that lost its place in flight it follows within moments.
+//! It is there before `policies` says `refused`, and gone before it says `passed`, of a file that was examined: who reads
+//! the one may read the other. For a policy that lost its place in flight it follows within moments.
 
 use std::path::{Path, PathBuf};
 
 use admission::Refusal;
 use proto::atomic_file;
 
-/// Its path, given the policy's.
-pub fn path(policy: &Path) -> PathBuf {
+/// The path of the file beside a policy.
+fn path(policy: &Path) -> PathBuf {
     let mut name = policy.as_os_str().to_owned();
     name.push(".refused.json");
     PathBuf::from(name)

@@ -6,6 +6,8 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use model::rig::Rig;
+
 pub fn trainer() -> Command {
     Command::new(env!("CARGO_BIN_EXE_trainer"))
 }
@@ -75,13 +77,17 @@ impl Folder {
         self.with(name, text.as_ref().replace("RIG", &self.coarse_rig()))
     }
 
-    /// The paper's rig in steps of 0.4 ms: pressures within 0.1 kPa of those in steps of 0.1 ms, and flights for a learning curve, which
-    /// take most of a small run, in a quarter of the time.
+    /// Writes [`coarse`], with which flights for a learning curve, most of a small run, take a quarter of the time.
     pub fn coarse_rig(&self) -> String {
-        let mut rig = model::rig::Rig::builtin("dual_pressure").unwrap();
-        rig.integrator.step_ms = 0.4;
-        self.with("coarse.toml", rig.to_toml().unwrap())
+        self.with("coarse.toml", coarse().to_toml().unwrap())
     }
+}
+
+/// The paper's rig in steps of 0.4 ms, a quarter of the work: pressures within 0.1 kPa of those in steps of 0.1 ms.
+pub fn coarse() -> Rig {
+    let mut rig = Rig::builtin("dual_pressure").unwrap();
+    rig.integrator.step_ms = 0.4;
+    rig
 }
 
 impl Drop for Folder {

@@ -20,16 +20,9 @@ use training::{PolicyStart, Run, TrainedPolicy, TrainingSettings};
 /// the duties then applied in place of the plan it would be 0.24.
 const MOST_SHARE: f64 = 0.3;
 
-/// The ideal rig in steps of 0.25 ms, within 0.02 kPa of itself in steps of 0.1 ms.
-fn coarse() -> Rig {
-    let mut rig = Rig::builtin("dual_pressure").unwrap();
-    rig.integrator.step_ms = 0.25;
-    rig
-}
-
 /// A minute of the paper's reference on the ideal rig, with it as the model.
 fn run(policy: &TrainedPolicy) -> Vec<PlannedTick> {
-    let rig = coarse();
+    let rig = Rig::builtin("dual_pressure").unwrap();
     let map = Arc::new(SteadyMap::new(&rig).unwrap());
     let plan = FlightPlan {
         rig: &rig,
@@ -48,7 +41,7 @@ fn run(policy: &TrainedPolicy) -> Vec<PlannedTick> {
 
 /// Rolls a model along what was recorded, and ahead from what was planned a tick before.
 fn rolled_again(ticks: &[PlannedTick]) -> Vec<PlannedTick> {
-    let mut model = Predictor::new(&coarse()).unwrap();
+    let mut model = Predictor::new(&Rig::builtin("dual_pressure").unwrap()).unwrap();
     let mut planned = [[1.0; CHANNELS]; AHEAD];
     let roll = |(n, tick): (usize, &PlannedTick)| {
         if n == 0 {

@@ -195,7 +195,7 @@ impl Meaning {
     }
 }
 
-/// What is wrong with numbers that are gauge kPa whatever the file says.
+/// The complaint about numbers that are gauge kPa whatever the file says.
 pub(super) fn as_written(file_unit: Option<&FileUnit>) -> String {
     let text = file_unit.map_or("another unit", |unit| unit.text.as_str());
     format!("the file says {text}, and the numbers seem to be kPa as they stand")
