@@ -1,6 +1,6 @@
 //! The daemon in real time beside an oracle: misses of the tick that the machine itself does not excuse.
 //!
-//! `oracle_hour [SECONDS]` (3600): the daemon's whole loop against an emulated cRIO over TCP, and on each CPU two threads of higher
+//! `oracle_hour [SECONDS] [--beside COMMAND…]` (3600): the daemon's whole loop against an emulated cRIO over TCP, and on each CPU two threads of higher
 //! priority that do no work. One wakes every millisecond and sends what time it is over a TCP connection of its own on this
 //! machine; the other waits for that. A tick is a miss where its command left too late or its frame was given up. It is excused by
 //! the *clock* where a thread woke at least as late during that tick, by the *cRIO* where that emulated hardware itself had its frame
@@ -8,10 +8,15 @@
 //! carries messages in a thread without priority once there are many (`ksoftirqd`), and the emulated cRIO's frames go the same
 //! way, as no wire's do. Then no program could have been on time. Run it on a machine that does nothing else, or beside
 //! `stress-ng`. Exit status 1: a miss that nothing excuses.
+//!
+//! A `COMMAND` is run in the daemon's folder once the rig is under control, such as `trainer finetune --recordings recordings --publish
+//! policies --from policies/default.onnx --out tuned`: the reference repeats, the newest policy is taken, and the operator switches
+//! exploration on whenever it is off. At the end the command is told to stop, and what it printed is shown.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
+use std::path::PathBuf;
 use std::process::{Command, ExitCode, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -22,14 +27,15 @@ use controller::clock::now_ns;
 use controller::config::Realtime;
 use controller::pacing::{COMMAND_DEADLINE_NS, FRAME_GRACE_NS, PERIOD_NS};
 use controller::realtime::{lock_memory, make_realtime, with_priority};
+use controller::operator_protocol::Switch;
 use controller::socket::Ask;
 use controller::state::State;
 use flight::Recorded;
 use model::rig::Rig;
 use proto::emulator::{EmulatedPlant, Emulator, EmulatorConfig, Pace, rig_and_crio};
 use proto::recording::{Arrival, EventLevel};
-use tests::Folder;
 use tests::in_process::Daemon;
+use tests::{Folder, RunStatus, Running};
 
 /// SCHED_FIFO priority of the oracles, above tick and guard.
 const PRIORITY: u8 = 90;
@@ -37,6 +43,8 @@ const PRIORITY: u8 = 90;
 const WAKE_NS: u64 = 1_000_000;
 /// Lateness of an oracle that is worth keeping: it could excuse something.
 const KEPT_NS: u64 = 1_000_000;
+/// Time that a command beside the daemon has to end in.
+const ENDS: Duration = Duration::from_secs(60);
 /// Latenesses that an oracle has room for; what comes beyond is no excuse.
 const ROOM: usize = 1 << 20;
 
@@ -194,15 +202,37 @@ fn crio() -> ExitCode {
     ExitCode::SUCCESS
 }
 
+/// What is run beside the daemon, in its folder.
+struct Beside(Vec<String>);
+
+impl Beside {
+    /// Whatever stands behind `--beside`.
+    fn of(arguments: &[String]) -> Option<Self> {
+        let place = arguments.iter().position(|argument| argument == "--beside")?;
+        Some(Beside(arguments[place + 1..].to_vec()))
+    }
+
+    fn start(&self, folder: &Folder) -> Running {
+        let (program, arguments) = self.0.split_first().expect("--beside needs a command");
+        // Relative to where this was called from: it runs elsewhere.
+        let program = std::fs::canonicalize(program).unwrap_or_else(|_| PathBuf::from(program));
+        Running::start(Command::new(program).args(arguments).current_dir(folder.join(".")))
+    }
+}
+
 fn main() -> ExitCode {
-    let argument = std::env::args().nth(1).unwrap_or_else(|| "3600".to_owned());
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let argument = arguments.first().map_or("3600", String::as_str);
     if argument == CRIO {
         return crio();
     }
     let Ok(seconds) = argument.parse::<f64>() else {
-        println!("oracle_hour [SECONDS]: the daemon in real time beside an oracle, an hour by default");
+        println!(
+            "oracle_hour [SECONDS] [--beside COMMAND…]: the daemon in real time beside an oracle, an hour by default"
+        );
         return if argument == "--help" { ExitCode::SUCCESS } else { ExitCode::from(2) };
     };
+    let beside = Beside::of(&arguments);
     let folder = Folder::new();
     let mut crio = Command::new(std::env::current_exe().unwrap());
     let mut crio = crio.arg(CRIO).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
@@ -210,10 +240,16 @@ fn main() -> ExitCode {
     let mut from_crio = BufReader::new(crio.stdout.take().unwrap());
     from_crio.read_line(&mut address).unwrap();
     let address = address.trim();
-    let text = format!(
-        "[link]\naddress = \"{address}\"\n[policy]\nactive = \"default\"\n[record]\ndirectory = \"runs\"\nmin_free_mib = 16\n[control]\n\
-         socket = \"s\"\nauto_arm = true\n"
+    let mut text = format!(
+        "[link]\naddress = \"{address}\"\n[record]\ndirectory = \"recordings\"\nmin_free_mib = 16\n[control]\n\
+         socket = \"s\"\nauto_arm = true\n[policy]\nactive = \"default\"\n"
     );
+    if beside.is_some() {
+        text += "directory = \"policies\"\nfollow = \"newest\"\n[reference]\nrepeat = true\n";
+        let shipped = tests::root().join("controller/policies/default.onnx");
+        std::fs::create_dir(folder.join("policies")).unwrap();
+        std::fs::copy(shipped, folder.join("policies/default.onnx")).unwrap();
+    }
     let file = folder.write("controller.toml", text);
     let (misses, ticks) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Mutex::new([0u64; 2])));
     let (found, counted) = (Arc::clone(&misses), Arc::clone(&ticks));
@@ -221,7 +257,9 @@ fn main() -> ExitCode {
         let tick = match recorded {
             Recorded::Tick(tick) => tick,
             Recorded::Event { level, message, .. } => {
-                if level != EventLevel::Info {
+                // What this operator asks for in vain is no news.
+                let is_news = level != EventLevel::Info && !message.starts_with("explore");
+                if is_news || message.starts_with("policy") {
                     println!("the daemon: {message}");
                 }
                 return;
@@ -251,7 +289,7 @@ fn main() -> ExitCode {
     let cpus = std::thread::available_parallelism().map_or(1, usize::from);
     let oracles: Vec<_> = (0..cpus).map(|cpu| Oracle::start(cpu, Arc::clone(&stop))).collect();
     let until = Instant::now() + Duration::from_secs_f64(seconds);
-    let mut vented = 0;
+    let (mut vented, mut running) = (0, None);
     while Instant::now() < until {
         std::thread::sleep(Duration::from_secs(1));
         // A miss may vent the rig, as it should; the operator of this run looks and arms again.
@@ -261,8 +299,22 @@ fn main() -> ExitCode {
                 daemon.ask(&Ask::Acknowledge {});
             }
             Some(State::Standby) => drop(daemon.ask(&Ask::Arm {})),
+            Some(State::Run) => {
+                if let (None, Some(command)) = (&running, &beside) {
+                    running = Some(command.start(&folder));
+                }
+                if running.is_some() {
+                    // Refused while it is on, and while a candidate is examined.
+                    drop(daemon.ask(&Ask::Explore { switch: Switch::On, seed: None }));
+                }
+            }
             _ => {}
         }
+    }
+    if let Some(command) = running {
+        command.terminate();
+        let RunStatus { status, stdout, stderr } = command.wait(ENDS);
+        println!("beside it, exit status {status:?}:\n{stdout}{stderr}");
     }
     stop.store(true, Ordering::Relaxed);
     let mut seen = Seen::default();
