@@ -111,6 +111,11 @@ impl<H: DutySource> Cycle<H> {
         self.memory.can_arm(&self.conditions)
     }
 
+    /// Condition that keeps the rig from being armed, in standby.
+    pub fn bars_arming(&self) -> Option<Condition> {
+        Memory::bars_arming(&self.conditions).filter(|_| self.memory.state == State::Standby)
+    }
+
     /// Whether a session may be opened: not while a trip of the cRIO waits for a person.
     pub fn may_open_session(&self) -> bool {
         self.memory.may_open_session()

@@ -234,6 +234,7 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
         (config.policy.active.clone(), policy.hash(), Arc::from(bytes.as_slice()))
     });
     attachments.extend(policy_bytes.map(|bytes| attachment(attached::POLICY, "application/onnx", bytes)));
+    let followed = Some(reference.identity());
     let mut cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.arming()).map_err(unflyable)?;
     cycle.duty_source_mut().tracking_mut().repeat(config.reference.after_end(), config.reference.learning());
     remarks.extend(cycle.duty_source().tracking().out_of_reach().map(out_of_reach_text));
@@ -271,6 +272,7 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
         event_text: sentence,
         operator: options.socket.then_some(May::Fly),
         running,
+        followed,
         policies,
         config_file: options.config_file,
         observer: options.observer,

@@ -145,6 +145,7 @@ impl Experiment {
             event_text: sentence_of_one_session,
             operator: Some(May::OnlyStop),
             running: Running { model: self.rig.name.clone(), reference: name, ..Running::default() },
+            followed: None,
             config_file: None,
             observer: Box::new(move |recorded| {
                 if let Recorded::Tick(tick) = recorded {

@@ -9,6 +9,18 @@ pub fn fault_name(code: u16) -> &'static str {
     Condition::from_code(code).map_or("unknown fault", Condition::name)
 }
 
+/// Why a condition keeps the rig from being armed, in a clause: what a person may look at, without numbers.
+pub fn why_barred(condition: Condition) -> String {
+    match condition {
+        Condition::NotRealtime => {
+            let text = fault_text(condition.code(), 0.0);
+            format!("{text}; the daemon's first lines name those that are, and `controller rt-test` what gives them")
+        }
+        Condition::NotRecorded => fault_text(condition.code(), 0.0),
+        _ => condition.name().to_owned(),
+    }
+}
+
 /// A fault with the number behind it, and where to look.
 pub fn fault_text(code: u16, value: f64) -> String {
     use Condition as C;

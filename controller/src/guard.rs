@@ -11,6 +11,7 @@ use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use crate::attribution::StolenTime;
 use crate::clock::now_ns;
 use crate::pacing::{COMMAND_DEADLINE_NS, PERIOD_NS};
 use crate::realtime::raise;
@@ -34,6 +35,7 @@ pub struct Pulse {
     in_session: AtomicBool,
     thread: AtomicI32,
     run_delay_ns: AtomicU64,
+    stolen_ns: AtomicU64,
 }
 
 impl Pulse {
@@ -66,6 +68,14 @@ impl Pulse {
     /// Runs in the tick.
     pub fn run_delay_ns(&self) -> u64 {
         self.run_delay_ns.load(Ordering::Acquire)
+    }
+
+    /// Time stolen from all CPUs since the machine started, in ns, as of one of the guard's last looks: 0.2 s old at most.
+    ///
+    /// # Real-time
+    /// Runs in the tick.
+    pub fn stolen_ns(&self) -> u64 {
+        self.stolen_ns.load(Ordering::Acquire)
     }
 }
 
@@ -122,6 +132,9 @@ pub fn start(
     })
 }
 
+/// Looks between two of the kernel's count of stolen time: it is made anew from all CPUs' whenever it is read.
+const STOLEN_EVERY: u32 = 10;
+
 /// What a look showed.
 enum Look {
     /// The tick went on.
@@ -135,15 +148,23 @@ struct Watched {
     silent: u32,
     schedule: Option<File>,
     run_delay_ns: u64,
+    looks: u32,
+    stolen: StolenTime,
 }
 
 impl Watched {
     fn new() -> Self {
-        Watched { beats: 0, silent: 0, schedule: None, run_delay_ns: 0 }
+        Watched { beats: 0, silent: 0, schedule: None, run_delay_ns: 0, looks: 0, stolen: StolenTime::open() }
     }
 
     fn look(&mut self, pulse: &Pulse) -> Look {
         self.read_run_delay(pulse);
+        if self.looks.is_multiple_of(STOLEN_EVERY)
+            && let Some(total_ns) = self.stolen.total_ns()
+        {
+            pulse.stolen_ns.store(total_ns, Ordering::Release);
+        }
+        self.looks = self.looks.wrapping_add(1);
         let beats = pulse.beats.load(Ordering::Acquire);
         if beats != self.beats {
             (self.beats, self.silent) = (beats, 0);

@@ -23,7 +23,7 @@
 //! | [`realtime`] | scheduling, memory |
 //! | [`rt_test`] | how late this machine is, and why |
 //! | [`live_stream`] | what live viewers are sent |
-//! | [`mailbox`], [`desk`], [`socket`], [`operator_protocol`], [`peer`] | the operator |
+//! | [`mailbox`], [`desk`], [`socket`], `bound_socket`, [`operator_protocol`], [`peer`] | the operator |
 //! | [`signals`], [`reload`], [`console`] | signals, the configuration read again, lines for a person |
 //! | [`reference_limits`] | how near a reference may come to the safety envelope |
 //! | [`attribution`] | what a missed deadline is put down to |
@@ -43,6 +43,7 @@
 //! figures, report). Nothing in the tick allocates, locks, or touches a file.
 
 pub mod attribution;
+mod bound_socket;
 pub mod clock;
 pub mod command_sequence;
 pub mod config;

@@ -196,6 +196,8 @@ pub struct Link {
     rejected: Option<Rejection>,
     /// Bytes taken since the last reading was asked for.
     taken: usize,
+    /// Time by which the last wait for a reading ended later than was asked for, in ns.
+    overslept_ns: u64,
 }
 
 impl Link {
@@ -218,6 +220,7 @@ impl Link {
             misplaced: None,
             rejected: None,
             taken: 0,
+            overslept_ns: 0,
         };
         let hello = Hello::new(link.sequence.advance(), now_ns(), link.session, NAME);
         let broken = |source| LinkError::Broken { address: address.to_owned(), source };
@@ -309,16 +312,25 @@ impl Link {
     /// Runs in the tick: waits no longer than asked, takes no more than a bounded number of bytes, allocates nothing.
     pub fn receive(&mut self, until_ns: Option<u64>) -> Incoming {
         self.taken = 0;
+        self.overslept_ns = 0;
         loop {
             match self.newest() {
                 Ok(Some((sense, raw))) => return Incoming::Sense { sense, raw, at_ns: now_ns() },
                 Ok(None) => {}
                 Err(broken) => return Incoming::Lost(broken),
             }
-            if !self.wait(until_ns) {
+            let has_come = self.wait(until_ns);
+            let late_ns = until_ns.map_or(0, |until| now_ns().saturating_sub(until));
+            self.overslept_ns = self.overslept_ns.max(late_ns);
+            if !has_come {
                 return Incoming::Timeout;
             }
         }
+    }
+
+    /// Time by which this thread came back later from its last wait for a reading than it had asked to, in ns: it stood still.
+    pub fn overslept_ns(&self) -> u64 {
+        self.overslept_ns
     }
 
     /// Sends a frame in one write.

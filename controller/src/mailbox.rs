@@ -46,6 +46,9 @@ pub struct Status {
     pub tick: u32,
     /// Whether it could be armed now.
     pub can_arm: bool,
+    /// Condition that keeps it from being armed, in standby.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bars_arming: Option<Condition>,
     /// Measured pressures, kPa gauge; absent where a sensor has no sound reading.
     pub pressures_kpa: Option<[f64; 2]>,
     /// References, kPa gauge; absent while nothing is followed.

@@ -10,7 +10,7 @@ use supervisor::Condition;
 use crate::fault_text::{vented, what_next};
 
 pub use crate::attribution::MissCause;
-pub use crate::fault_text::{fault_name, fault_text};
+pub use crate::fault_text::{fault_name, fault_text, why_barred};
 pub use crate::link::Misplaced;
 
 /// Something that happened in the tick.

@@ -8,8 +8,9 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, channel};
 
 use proto::reference::Reference;
+use proto::rig_file::RigFileError;
 
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, DEFAULT_POLICY, FALLBACK};
 use crate::reference_limits::{Margin, check};
 
 /// A configuration that was read again, with the reference it names.
@@ -30,6 +31,15 @@ pub enum ReloadError {
     /// The reference is not.
     #[error(transparent)]
     Reference(#[from] proto::reference::ReferenceError),
+    /// The rig is not.
+    #[error(transparent)]
+    Rig(#[from] RigFileError),
+    /// The policy is not there.
+    #[error("{}: no such policy; put the file there, or set policy.active to another", .file.display())]
+    NoPolicy {
+        /// The file looked for.
+        file: PathBuf,
+    },
     /// The reference goes too far.
     #[error("{}: {why}", .file.display())]
     Beyond {
@@ -60,6 +70,13 @@ fn read(file: &std::path::Path) -> Result<Reloaded, ReloadError> {
         && let Margin::Beyond(why) = check(reference, &config.safety)
     {
         return Err(ReloadError::Beyond { file, why });
+    }
+    // What only a restart takes over must not keep the daemon from starting then.
+    proto::rig_file::load(&config.rig.file)?;
+    let active = config.policy.active.as_str();
+    let file = config.policy.directory.join(format!("{active}.onnx"));
+    if active != FALLBACK && active != DEFAULT_POLICY && !file.is_file() {
+        return Err(ReloadError::NoPolicy { file });
     }
     Ok(Reloaded { config, reference })
 }

@@ -8,6 +8,7 @@ use flight::{CodeNames, FlightInfo, FlightStatistics, Pacing, RunYardstick, Stat
 use model::rig::Rig;
 use proto::recording::{
     Arrival, LogTime, McapContent, ReadMcapError, Recording, RecordingError, TickInput, TickRecord, parse_mcap,
+    unpacked,
 };
 use proto::reference::Reference;
 use proto::regular_file;
@@ -134,7 +135,8 @@ impl RunFile {
 
 fn bytes_of(path: &Path) -> Result<Vec<u8>, RunFileError> {
     let read = |source| RunFileError::Read { file: path.to_owned(), source };
-    regular_file::read(path, proto::recording::MOST_BYTES).map_err(read)
+    let bytes = regular_file::read(path, proto::recording::MOST_BYTES).map_err(read)?;
+    Ok(unpacked(&path.display().to_string(), &bytes)?.into_owned())
 }
 
 /// Whether these are the first bytes of every MCAP file, or its name says so.

@@ -10,6 +10,7 @@ use monitor::Pacing as GatePacing;
 use proto::recording::TickInput;
 use supervisor::State;
 
+use crate::attribution::StolenTime;
 use crate::clock::now_ns;
 use crate::config::{Config, Pacing};
 use crate::cycle::Cycle;
@@ -49,6 +50,8 @@ pub struct Session<H> {
     pub say: Box<dyn FnMut(String) + Send>,
     /// What the guard watches.
     pub pulse: Arc<Pulse>,
+    /// What the host takes from this machine.
+    pub stolen: StolenTime,
     /// Whether all memory is locked.
     pub memory: MemoryLock,
     /// Newest status, shown on while there is no session.
@@ -152,6 +155,7 @@ fn show_waiting<H: DutySource>(session: &mut Session<H>) {
         latched: memory.latched.worst(supervisor::Severity::Vent),
         session: 0,
         can_arm: false,
+        bars_arming: None,
         reference_kpa: None,
         // Without a session the cRIO vents by itself.
         duty: [1.0; 2],

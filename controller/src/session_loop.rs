@@ -317,6 +317,8 @@ fn send<H: DutySource>(
             wall_ns: u64::from(record.compute_ns),
             cpu_ns: thread_cpu_ns().saturating_sub(answered.cpu_ns),
             run_delay_ns: session.pulse.run_delay_ns(),
+            overslept_ns: link.overslept_ns(),
+            stolen_ns: session.stolen.total_ns().unwrap_or(0).saturating_sub(session.pulse.stolen_ns()),
         };
         let notice = Notice::DeadlineMissed { tick: record.tick, took_ms: watch.took_ms, cause: times.cause() };
         tell(&mut session.sink, notice);
@@ -379,6 +381,7 @@ fn show<H: DutySource>(
         tick: record.tick,
         received_ns: last_heard_ns,
         can_arm: session.cycle.can_arm(),
+        bars_arming: session.cycle.bars_arming(),
         pressures_kpa: shown([record.p_pos_kpa, record.p_neg_kpa]),
         reference_kpa: shown([record.ref_pos_kpa, record.ref_neg_kpa]).filter(|_| follows),
         duty: [record.u_pos, record.u_neg],

@@ -23,6 +23,7 @@ use handover::ExplorationRules;
 use policy_store::{KeepOrder, Voices};
 use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo, VERDICT, rfc3339};
 
+use crate::attribution::StolenTime;
 use crate::clock::now_ns;
 use crate::config::{Config, Pacing};
 use crate::console::notice;
@@ -130,6 +131,8 @@ pub struct SessionRecorder {
     pub operator: Option<May>,
     /// What the daemon runs with, for those who ask.
     pub running: Running,
+    /// Identity of the reference that is followed, where there is one.
+    pub followed: Option<u64>,
     /// Starts what serves policies and models beside the tick; `None`: nothing does.
     pub policies: Option<StartPolicies>,
     /// The configuration file, to be read again on `SIGHUP`.
@@ -239,6 +242,7 @@ pub fn fly_recorded<H: DutySource + 'static>(
         notes: recorder.noter(),
         may,
         running: running.clone(),
+        followed: logbook.followed,
         policies: policies.clone(),
         experiments: experiments.clone(),
         exploration: ExplorationRules {
@@ -264,6 +268,7 @@ pub fn fly_recorded<H: DutySource + 'static>(
         inputs: 0,
         say,
         pulse,
+        stolen: StolenTime::open(),
         memory,
         status: Status::default(),
     };

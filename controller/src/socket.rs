@@ -6,9 +6,8 @@
 //! closes the connection before the answer withdraws the request.
 
 use std::io::{self, Read, Write};
-use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
-use std::os::unix::net::{UnixListener, UnixStream};
-use std::path::{Path, PathBuf};
+use std::os::unix::net::UnixStream;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -16,10 +15,12 @@ use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
+use crate::bound_socket::BoundSocket;
 use crate::desk::{Desk, DeskOptions, Pending, Step};
-use crate::operator_protocol::{MOST_REQUEST_BYTES, REQUEST_TIME, connect};
+use crate::operator_protocol::{MOST_REQUEST_BYTES, REQUEST_TIME};
 use crate::peer::Peer;
 
+pub use crate::bound_socket::check_free;
 pub use crate::desk::May;
 pub use crate::operator_protocol::{Ask, Reply, Running, SocketError, Switch, ask, is_there};
 
@@ -39,44 +40,15 @@ const IDLE: Duration = Duration::from_millis(100);
 const END: Duration = Duration::from_secs(2);
 
 /// The socket's thread.
-pub struct Served {
-    thread: JoinHandle<()>,
-    path: PathBuf,
-    /// Device and number of the socket's file: another daemon's socket is not ours to remove.
-    file: Option<(u64, u64)>,
-}
+pub struct Served(JoinHandle<()>);
 
 impl Served {
-    /// Waits, for a bounded time, for the thread, which ends once the daemon's stop flag is set; removes the socket.
+    /// Waits, for a bounded time, for the thread, which removes the socket and ends once the daemon's stop flag is set.
     pub fn join(self) {
         let until = Instant::now() + END;
-        while !self.thread.is_finished() && Instant::now() < until {
+        while !self.0.is_finished() && Instant::now() < until {
             std::thread::sleep(LOOK);
         }
-        if self.file.is_some() && self.file == identity(&self.path) {
-            let _ = std::fs::remove_file(&self.path);
-        }
-    }
-}
-
-fn identity(path: &Path) -> Option<(u64, u64)> {
-    std::fs::symlink_metadata(path).ok().filter(|about| about.file_type().is_socket()).map(|a| (a.dev(), a.ino()))
-}
-
-/// Refuses a path that another daemon answers on, or that is no socket; changes nothing.
-///
-/// # Errors
-/// If it cannot be used.
-pub fn check_free(path: &Path) -> Result<(), SocketError> {
-    let Ok(about) = std::fs::symlink_metadata(path) else { return Ok(()) };
-    if !about.file_type().is_socket() {
-        return Err(SocketError::NotASocket { path: path.to_owned() });
-    }
-    match connect(path) {
-        Ok(_) => Err(SocketError::InUse { path: path.to_owned() }),
-        // Its queue of connections is full, so somebody is there.
-        Err(error) if error.kind() == io::ErrorKind::WouldBlock => Err(SocketError::InUse { path: path.to_owned() }),
-        Err(_) => Ok(()),
     }
 }
 
@@ -85,26 +57,16 @@ pub fn check_free(path: &Path) -> Result<(), SocketError> {
 /// # Errors
 /// If it cannot be made, another daemon answers on it, or something that is no socket has its name.
 pub fn serve(path: &Path, options: DeskOptions, stop: Arc<AtomicBool>) -> Result<Served, SocketError> {
-    let make = |source| SocketError::Make { path: path.to_owned(), source };
-    check_free(path)?;
-    if identity(path).is_some() {
-        // A socket that nobody answers on: what a daemon that was killed left behind.
-        std::fs::remove_file(path).map_err(make)?;
-    }
-    let listener = UnixListener::bind(path).map_err(make)?;
-    // Whoever may write here may vent the rig or start it: owner and group only.
-    std::fs::set_permissions(path, PermissionsExt::from_mode(0o660)).map_err(make)?;
-    listener.set_nonblocking(true).map_err(make)?;
-    let mut server = Server { listener, desk: Desk::new(options), clients: Vec::new() };
-    let thread = std::thread::Builder::new()
-        .name("ctl".to_owned())
-        .spawn(move || {
-            while !stop.load(Ordering::Relaxed) {
-                server.turn();
-            }
-        })
-        .map_err(make)?;
-    Ok(Served { thread, path: path.to_owned(), file: identity(path) })
+    let socket = BoundSocket::bind(path)?;
+    let mut server = Server { socket, desk: Desk::new(options), clients: Vec::new() };
+    let serve = move || {
+        while !stop.load(Ordering::Relaxed) {
+            server.turn();
+        }
+        server.socket.remove();
+    };
+    let thread = std::thread::Builder::new().name("ctl".to_owned()).spawn(serve);
+    Ok(Served(thread.map_err(|source| SocketError::Make { path: path.to_owned(), source })?))
 }
 
 /// A connection.
@@ -127,7 +89,7 @@ enum Stage {
 }
 
 struct Server {
-    listener: UnixListener,
+    socket: BoundSocket,
     desk: Desk,
     clients: Vec<Client>,
 }
@@ -136,6 +98,9 @@ impl Server {
     /// One look at everything, after waiting for something to happen.
     fn turn(&mut self) {
         self.wait();
+        if let Some(line) = self.socket.look_after() {
+            self.desk.tell(line);
+        }
         self.desk.take_reloads();
         self.desk.look_after_experiments();
         // A new client is read at once: what it has sent already counts before it could lose its place.
@@ -143,7 +108,7 @@ impl Server {
             if !self.has_room() {
                 break;
             }
-            let Ok((stream, _)) = self.listener.accept() else { break };
+            let Ok(stream) = self.socket.accept() else { break };
             if stream.set_nonblocking(true).is_err() {
                 continue;
             }
@@ -169,7 +134,7 @@ impl Server {
         let time = if waits || full { LOOK } else { IDLE };
         // Whoever comes while there is no place is no reason to look again at once.
         let coming = if full { PollFlags::empty() } else { PollFlags::IN };
-        let mut fds = vec![PollFd::new(&self.listener, coming)];
+        let mut fds = vec![PollFd::new(&self.socket, coming)];
         for client in &self.clients {
             let flags = match client.stage {
                 Stage::Reading { .. } => PollFlags::IN,

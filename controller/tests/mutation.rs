@@ -259,6 +259,7 @@ fn requests(time: Duration) {
         notes: recorder.noter(),
         may: May::Fly,
         running: Running::default(),
+        followed: None,
         policies: None,
         experiments: None,
         exploration: handover::ExplorationRules { seed: 0, std_share: 0.02, most_duty: 0.02 },

@@ -35,14 +35,14 @@ fn table(change: impl Fn(usize, &mut [String; 5]), keep: impl Fn(usize) -> bool)
     text
 }
 
-/// A blank cell in a column that is needed loses its row, and nothing else; the words are those of lost rows.
+/// A blank time or command loses its row, and nothing else; the words are those of lost rows.
 #[test]
 fn a_blank_cell_is_a_lost_row() {
     let is_lost = |k: usize| matches!(k, 17 | 40 | 41 | 77);
     let lost = read(&table(|_, _| {}, |k| !is_lost(k)), "").unwrap();
     let told = lost.notes().last().unwrap().clone();
     assert!(told.contains("4 rows lost in 3 places (after 0.32, 0.78, 1.52 s) and bridged"), "{told}");
-    for column in 0..5 {
+    for column in 0..3 {
         // A line that begins with `#` is a comment.
         for word in ["", "NaN", "---", "n/a", "OL", "#DIV/0!"].into_iter().take(if column == 0 { 5 } else { 6 }) {
             let blank = |k: usize, row: &mut [String; 5]| {
@@ -65,6 +65,54 @@ fn a_blank_cell_is_a_lost_row() {
     }
 }
 
+/// A blank reading is one reading: what else stands in its row is used, commands first of all, and the cell alone is marked.
+#[test]
+fn a_blank_reading_is_one_reading_and_no_row() {
+    let is_lost = |k: usize| matches!(k, 17 | 40 | 41 | 77);
+    let whole = read(&table(|_, _| {}, |_| true), "").unwrap();
+    for (column, other) in [(3, 4), (4, 3)] {
+        for word in ["", "NaN", "---", "n/a", "OL", "#VALUE!"] {
+            let blank = |k: usize, row: &mut [String; 5]| {
+                if is_lost(k) {
+                    row[column] = word.to_owned();
+                }
+            };
+            let of = read(&table(blank, |_| true), "").unwrap();
+            let [name, beside] = [column, other].map(|at| HEADER.split(',').nth(at).unwrap());
+            for same in ["u_pos", "u_neg", beside] {
+                assert_eq!(of.column(same), whole.column(same), "{same}: {name} is `{word}`");
+            }
+            assert_eq!((of.time_s(), of.measured(), of.missing(beside)), (whole.time_s(), None, None), "{name} {word}");
+            let missing = of.missing(name).unwrap();
+            let [values, there] = [&of, &whole].map(|of| of.column(name).unwrap());
+            for k in 0..ROWS {
+                assert_eq!(missing[k], is_lost(k), "{name} {word} {k}");
+                assert!(is_lost(k) || values[k] == there[k], "{name} {word} {k}");
+            }
+            let third = (values[42] - values[39]) / 3.0;
+            assert!((values[40] - values[39] - third).abs() < 1e-9 && (values[41] - values[40] - third).abs() < 1e-9);
+            let told = format!("4 readings of {name} are missing (the first in line 19)");
+            assert!(of.notes().iter().any(|note| note.contains(&told)), "{:?}", of.notes());
+        }
+    }
+}
+
+/// No run begins at a reading that is not there: the rows before it go, at the beginning and behind a gap.
+#[test]
+fn a_run_begins_where_every_sensor_was_read() {
+    let blank = |k: usize, row: &mut [String; 5]| {
+        if k < 12 || (60..63).contains(&k) {
+            row[4] = "NaN".to_owned();
+        }
+    };
+    let of = read(&table(blank, |k| !(45..60).contains(&k)), "").unwrap();
+    assert_eq!((of.rows(), of.segments()), (70, &[0..33, 33..70][..]));
+    let at = |row: usize| (of.time_s()[row] / 0.02).round();
+    assert_eq!((at(0), at(33), of.missing("p_neg_kpa")), (12.0, 63.0, None));
+    let told = of.notes().join("\n");
+    assert!(told.contains("15 readings of p_neg_kpa are missing") && told.contains("15 rows left out"), "{told}");
+}
+
 /// What is no word for nothing is an error of the file still; a blank stretch is a gap like any other.
 #[test]
 fn other_text_is_refused_and_a_long_blank_is_a_gap() {
@@ -75,12 +123,15 @@ fn other_text_is_refused_and_a_long_blank_is_a_gap() {
     };
     let said = read(&table(typed, |_| true), "").unwrap_err().to_string();
     assert!(said.contains("line 32, column 4 (p_pos_kpa): \"9O.1\" is not a number"), "{said}");
-    let blank = |k: usize, row: &mut [String; 5]| {
-        if (30..50).contains(&k) {
-            row[4] = String::new();
-        }
-    };
-    assert_eq!(read(&table(blank, |_| true), "").unwrap().segments().len(), 2);
+    // Without commands a run cannot go on; without one of the readings it can.
+    for (column, segments) in [(1, 2), (4, 1)] {
+        let blank = |k: usize, row: &mut [String; 5]| {
+            if (30..50).contains(&k) {
+                row[column] = String::new();
+            }
+        };
+        assert_eq!(read(&table(blank, |_| true), "").unwrap().segments().len(), segments, "{column}");
+    }
 }
 
 /// Rows at a distance that the map says keep their places where one is blank.

@@ -114,8 +114,11 @@ fn words_for_relays_and_numbers_for_nothing_are_known() {
         }))
         .unwrap();
         assert_eq!((of.rows(), of.segments().len()), (ROWS, 1), "{word}");
-        assert_eq!(of.measured().unwrap().iter().filter(|m| !**m).count(), 1, "{word}");
-        assert!(of.notes().iter().any(|note| note.contains("1 row has no number in p_pos_kpa (in line 32)")), "{word}");
+        assert_eq!(of.missing("p_pos_kpa").unwrap().iter().filter(|missing| **missing).count(), 1, "{word}");
+        assert!(
+            of.notes().iter().any(|note| note.contains("1 reading of p_pos_kpa is missing (in line 32)")),
+            "{word}"
+        );
     }
     // Beyond any pressure, and no logger's number for nothing.
     let said = read(&table(&|k, n| {

@@ -4,6 +4,7 @@
 
 mod recorded;
 
+use model::rig::Rig;
 use proto::recording::{Arrival, Recording, RecordingError, TickRecord, parse_mcap, read_mcap};
 use recorded::{Folder, all_bits, run, write};
 
@@ -191,6 +192,67 @@ fn the_table_is_the_same_from_mcap_and_from_its_csv() {
     for name in names {
         assert_eq!(from_csv.column(name), recording.column(name), "{name}");
     }
+}
+
+/// Written with its second half first, or from its end, it is the same run.
+#[test]
+fn ticks_in_another_order_are_put_back_into_theirs() {
+    let folder = Folder::new("order");
+    let ticks = run(200);
+    let halves = [&ticks[100..], &ticks[..100]].concat();
+    let reversed: Vec<TickRecord> = ticks.iter().rev().copied().collect();
+    for (name, other) in [("halves", halves), ("reversed", reversed)] {
+        let path = folder.join(&format!("{name}.mcap"));
+        write(&path, &other, 50);
+        let content = read_mcap(&path).unwrap();
+        assert_eq!(all_bits(&content.ticks), all_bits(&ticks), "{name}");
+    }
+}
+
+/// For a rig a sensor that gives nothing in a tick costs that reading; the command that was sent and the other sensor stand.
+#[test]
+fn a_broken_sensor_costs_a_rig_its_readings_and_no_rows() {
+    let folder = Folder::new("broken-sensor");
+    let path = folder.join("run.mcap");
+    let mut ticks = run(100);
+    ticks[0].p_pos_kpa = f64::NAN;
+    ticks[40..42].iter_mut().for_each(|tick| tick.p_neg_kpa = f64::NAN);
+    write(&path, &ticks, 50);
+    let recording = Recording::read_for(&path, &Rig::builtin("dual_pressure").unwrap()).unwrap();
+    // No run begins without all pressures.
+    assert_eq!((recording.rows(), recording.segments().len()), (99, 1));
+    let [u_pos, p_pos] = recording.require(["u_pos", "p_pos_kpa"]).unwrap();
+    for (row, tick) in ticks[1..].iter().enumerate() {
+        assert_eq!((u_pos[row], p_pos[row]), (tick.u_pos, tick.p_pos_kpa), "{row}");
+    }
+    let missing = recording.missing("p_neg_kpa").unwrap();
+    assert!(missing.iter().enumerate().all(|(row, missing)| *missing == matches!(row, 39 | 40)));
+    let told = recording.notes().join("\n");
+    assert!(told.contains("2 readings of p_neg_kpa are missing (the first at 0.80 s)"), "{told}");
+}
+
+/// A chunk that was damaged on the disk is left out, and what is lost with it is told.
+#[test]
+fn a_damaged_chunk_says_how_much_it_lacks() {
+    let folder = Folder::new("damaged-chunk");
+    let path = folder.join("run.mcap");
+    write(&path, &run(200), 50);
+    let whole = std::fs::read(&path).unwrap();
+    let (mut at, mut chunks) = (mcap::MAGIC.len(), Vec::new());
+    while let Some(length) = whole.get(at + 1..at + 9) {
+        let length = u64::from_le_bytes(length.try_into().unwrap()) as usize;
+        if whole[at] == 0x06 {
+            chunks.push(at + 9..at + 9 + length);
+        }
+        at += 9 + length;
+    }
+    assert_eq!(chunks.len(), 4);
+    let mut damaged = whole.clone();
+    damaged[(chunks[1].start + chunks[1].end) / 2] ^= 0x10;
+    let content = parse_mcap("x.mcap", &damaged).unwrap();
+    assert_eq!((content.ticks.len(), content.notes.len()), (150, 1), "{:?}", content.notes);
+    let told = &content.notes[0];
+    assert!(told.contains("left out") && told.ends_with("; 50 ticks (1.00 s) are lost"), "{told}");
 }
 
 #[test]

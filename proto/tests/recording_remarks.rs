@@ -71,13 +71,19 @@ fn a_note_beside_a_row_or_between_rows_changes_nothing() {
 }
 
 #[test]
-fn a_word_over_a_number_loses_its_row_alone() {
-    for over in ["4.00,touched the hose,,,", "4.00,0.400,0.5,valve stuck,-20.00", "4.00,0.400,0.5,40.00,see notebook 3"]
+fn a_word_over_a_number_loses_its_row_or_its_reading_alone() {
+    let recording = noted("", "", "4.00,touched the hose,,,");
+    assert_whole(&recording);
+    assert_told(&recording, &["1 row has no number", &format!("line {LINE}")]);
+    assert!(recording.measured().is_some_and(|measured| !measured[AT] && measured[AT - 1] && measured[AT + 1]));
+    for (over, sensor) in
+        [("4.00,0.400,0.5,valve stuck,-20.00", "p_pos_kpa"), ("4.00,0.400,0.5,40.00,see notebook 3", "p_neg_kpa")]
     {
         let recording = noted("", "", over);
         assert_whole(&recording);
-        assert_told(&recording, &["1 row has no number", &format!("line {LINE}")]);
-        assert!(recording.measured().is_some_and(|measured| !measured[AT] && measured[AT - 1] && measured[AT + 1]));
+        assert_eq!((recording.measured(), recording.column("u_pos").unwrap()[AT]), (None, 0.4));
+        assert_told(&recording, &[&format!("1 reading of {sensor} is missing"), &format!("line {LINE}")]);
+        assert!(recording.missing(sensor).is_some_and(|missing| missing[AT] && !missing[AT - 1] && !missing[AT + 1]));
     }
     // A number gone wrong is told with its line, and so are words in many rows.
     let wrong = |at: &'static str| read("", &move |k| if k == AT { at.to_owned() } else { row(k) });

@@ -25,9 +25,9 @@ use std::time::{Duration, Instant};
 
 use controller::clock::now_ns;
 use controller::config::Realtime;
+use controller::operator_protocol::Switch;
 use controller::pacing::{COMMAND_DEADLINE_NS, FRAME_GRACE_NS, PERIOD_NS};
 use controller::realtime::{lock_memory, make_realtime, with_priority};
-use controller::operator_protocol::Switch;
 use controller::socket::Ask;
 use controller::state::State;
 use flight::Recorded;

@@ -65,6 +65,16 @@ fn a_run_is_replayed_bit_for_bit_and_a_changed_bit_is_found() {
     let ticks = read_mcap(&recording).unwrap().ticks;
     assert_eq!((&found["ticks"], &found["ticks_differing"]), (&Value::from(ticks.len()), &Value::from(0)));
 
+    // Kept or mailed as people do, it is the same run.
+    let packed = finish(Command::new("gzip").arg("--keep").arg(&recording));
+    assert_eq!(packed.status, Some(0), "{packed:?}");
+    let packed = folder.join("out/flight.mcap.gz");
+    assert_eq!(replayed(&packed).1["ticks"], found["ticks"]);
+    for arguments in [&["report"][..], &["export", "--csv"]] {
+        let ended = controller(&[arguments, &[packed.to_str().unwrap()]].concat());
+        assert_eq!(ended.status, Some(0), "{arguments:?}: {ended:?}");
+    }
+
     // The last bit of one term of the law in one tick: found, with its tick and stage.
     let content = read_mcap(&recording).unwrap();
     let mut info = RecordingInfo::new("test", 0);

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use clap::Args;
 use diagnose::{Diagnosis, Request, check_out_dir, work_out};
+use fit::data::quality::seconds_are_no_count;
 use proto::diagnosis::RigKind;
 use proto::recording::Recording;
 use proto::rig_file;
@@ -47,6 +48,7 @@ pub(crate) fn run(args: &DiagnoseArgs) -> Result<(), Failure> {
         args.recordings.iter().map(|path| Recording::read_for(path, &rig)).collect::<Result<Vec<_>, _>>()?;
     let work = Interruptible::begin()?;
     work.undisturbed(|| check_out_dir(&args.out))?;
+    seconds_are_no_count(&rig, &recordings)?;
     let request =
         Request { rig, rig_argument: args.rig.clone(), recordings, out_dir: args.out.clone(), quick: args.quick };
     let outcome = {

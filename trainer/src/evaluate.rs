@@ -7,7 +7,8 @@ use std::sync::{Arc, Mutex};
 use ::evaluate::comparison::{Comparison, ControllerUnderTest, Knowledge};
 use ::evaluate::join::joined;
 use ::evaluate::table::Table;
-use ::evaluate::{Dob, TickTimes, payload, rigs_around};
+use ::evaluate::{Dob, SKIPPED_S, TickTimes, payload, rigs_around};
+use clap::builder::RangedU64ValueParser;
 use clap::{Args, Subcommand};
 use model::rig::Rig;
 use model::steady::SteadyMap;
@@ -75,7 +76,7 @@ struct TableArgs {
     #[arg(long, value_name = "RIG", default_value = "dual_pressure")]
     model: String,
     /// How many rigs to draw around the last rig; 0 for none
-    #[arg(long = "randomised", alias = "drawn", value_name = "N", default_value_t = 20)]
+    #[arg(long = "randomised", alias = "drawn", value_name = "N", default_value_t = 20, value_parser = RangedU64ValueParser::<usize>::new().range(0..=1000))]
     drawn: usize,
     /// Seed of the randomised rigs
     #[arg(long = "randomised-seed", alias = "drawn-seed", value_name = "N", default_value_t = 2026)]
@@ -84,10 +85,10 @@ struct TableArgs {
     #[arg(long, value_name = "FILE")]
     reference: Option<PathBuf>,
     /// Length of a run in s; the first 5 s are not counted
-    #[arg(long, value_name = "S", default_value_t = 60.0)]
+    #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = length)]
     seconds: f64,
     /// Noise seeds of controllers that are not trained
-    #[arg(long, value_name = "N", default_value_t = 3)]
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: u64,
     /// Leave out the clairvoyant optimum, which takes twenty-five runs a rig
     #[arg(long = "without-optimum", alias = "without-limit")]
@@ -98,6 +99,16 @@ struct TableArgs {
     /// Print the table as one JSON object
     #[arg(long)]
     json: bool,
+}
+
+/// Length of a run (s): more than what is not counted, and no more than a run's ticks have room for in memory.
+fn length(text: &str) -> Result<f64, String> {
+    let seconds: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    let shortest = SKIPPED_S + 1.0;
+    match (shortest..=LONGEST_S).contains(&seconds) {
+        true => Ok(seconds),
+        false => Err(format!("give {shortest} to {LONGEST_S} s; the first {SKIPPED_S} s are not counted")),
+    }
 }
 
 pub(crate) fn run(args: &EvaluateArgs) -> Result<(), Failure> {
@@ -115,6 +126,8 @@ pub(crate) fn run(args: &EvaluateArgs) -> Result<(), Failure> {
     }
 }
 
+/// Longest run (s): an hour.
+const LONGEST_S: f64 = 3600.0;
 /// Flights of a reference that iterative learning has had when it counts, the last included.
 const REPEATED_FLIGHTS: usize = 20;
 /// Largest table that is joined (bytes); ours have some ten kilobytes.

@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use clap::Args;
 use fit::data::Role;
+use fit::data::quality::seconds_are_no_count;
 use fit::identify::{
     Accuracy, Identified, IdentifySettings, Step, determined, figures, not_good, run as identify, table, undetermined,
     verdict,
@@ -64,6 +65,7 @@ pub(crate) fn run(args: &IdentifyArgs) -> Result<(), Failure> {
     }
     let work = Interruptible::begin()?;
     work.undisturbed(|| output::check_file(&args.out, ROOM))?;
+    seconds_are_no_count(&rig, &recordings)?;
     for note in recordings.iter().flat_map(Recording::notes) {
         tell(note);
     }

@@ -7,7 +7,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use fit::data::quality::within_ranges;
+use fit::data::quality::{seconds_are_no_count, within_ranges};
 use free_run::{Began, FreeRun, Trace};
 use model::plant::{FreeRunStart, Plant};
 use proto::atomic_file;
@@ -37,7 +37,7 @@ pub(crate) struct SimulateArgs {
     /// (time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa: s, duty 0 to 1, gauge kPa) or as the rig file's `[recording]` says
     #[arg(long, value_name = "FILE")]
     inputs: PathBuf,
-    /// CSV file to write: the same rows and columns, with simulated pressures
+    /// CSV file to write: the same rows and columns, with simulated pressures; `-` is standard output
     #[arg(long, value_name = "CSV")]
     out: PathBuf,
     /// Print a summary as one JSON object instead of a line
@@ -53,11 +53,15 @@ const DIGITS: i32 = 7;
 pub(crate) fn run(args: &SimulateArgs) -> Result<(), Failure> {
     let (rig, plant) = args.rig.compile()?;
     let recording = Recording::read_for(&args.inputs, &rig)?;
+    seconds_are_no_count(&rig, std::slice::from_ref(&recording))?;
     within_ranges(&rig, std::slice::from_ref(&recording))?;
-    if proto::output::same_file(&args.inputs, &args.out) {
-        return Err(Failure::OverInputs { out: args.out.display().to_string() });
+    let to_standard_output = args.out.as_os_str() == "-";
+    if !to_standard_output {
+        if proto::output::same_file(&args.inputs, &args.out) {
+            return Err(Failure::OverInputs { out: args.out.display().to_string() });
+        }
+        proto::output::check_file(&args.out, BYTES_PER_ROW * recording.rows() as u64)?;
     }
-    proto::output::check_file(&args.out, BYTES_PER_ROW * recording.rows() as u64)?;
     for note in recording.notes() {
         tell(note);
     }
@@ -76,7 +80,11 @@ pub(crate) fn run(args: &SimulateArgs) -> Result<(), Failure> {
     };
     let (rows, segments) = (recording.rows(), recording.segments().len());
     let columns = columns(&plant, &recording, trace);
-    atomic_file::write(&args.out, csv::to_csv(recording.time_s(), &columns).as_bytes())?;
+    let table = csv::to_csv(recording.time_s(), &columns);
+    if to_standard_output {
+        return stdout::put(&table);
+    }
+    atomic_file::write(&args.out, table.as_bytes())?;
     if args.json {
         return stdout::say_json(&json!({
             "rig": rig.name, "inputs": recording.source(), "out": args.out.display().to_string(),

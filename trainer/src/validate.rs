@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use fit::FitError;
-use fit::data::quality::{Finding, Quality, Trouble, within_ranges};
+use fit::data::quality::{Finding, Quality, Trouble, seconds_are_no_count, within_ranges};
 use fit::data::{Records, noise};
 use fit::simulate::{Arcs, Fidelity, Flapper, Look, Run, Simulator, flappers_of};
 use free_run::{Began, FreeRun, FreeRunError};
@@ -74,6 +74,7 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     // All are read before any is run, so that a bad file shows at once.
     let recordings =
         args.recordings.iter().map(|path| Recording::read_for(path, &rig)).collect::<Result<Vec<_>, _>>()?;
+    seconds_are_no_count(&rig, &recordings)?;
     check_meaning(&rig, &recordings)?;
     let mut free_run = FreeRun::new(&rig, plant.clone())
         .map_err(|problem| RigFileError::Rig { file: args.rig.rig.clone(), problem })?;
@@ -85,7 +86,7 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     }
     let rows: usize = recordings.iter().map(Recording::rows).sum();
     let looked = looked_at(&rig, &recordings)?;
-    let recordings: Vec<Recording> = bridged(recordings, &looked);
+    let recordings: Vec<Recording> = sound(recordings, &looked);
     let mut figures = Vec::with_capacity(recordings.len());
     {
         let mut progress = Progress::new("validating", rows as u64);
@@ -140,7 +141,9 @@ struct Looked {
     doubts: Vec<String>,
     /// By recording, sensor and row, whether a sound sample was taken there.
     usable: Vec<Vec<Vec<bool>>>,
-    /// What was read, wild readings bridged.
+    /// By recording, the first row that its run begins at.
+    first_rows: Vec<usize>,
+    /// What was read from there on, wild readings bridged.
     records: Records,
 }
 
@@ -156,7 +159,8 @@ fn looked_at(rig: &Rig, recordings: &[Recording]) -> Result<Looked, FitError> {
     };
     quality.findings.retain(of_reading);
     let (unusable, doubts) = (quality.refusal(), quality.doubts().map(ToString::to_string).collect());
-    let records = quality.bridged(records);
+    let first_rows = quality.first_rows(&records);
+    let (quality, records) = quality.sound(records);
     let of = |record: usize, channel: usize| {
         let rows = quality.usable.get(records.layout().channel(record, channel)).unwrap_or_default();
         rows.iter().map(|usable| *usable > 0.0).collect()
@@ -164,12 +168,13 @@ fn looked_at(rig: &Rig, recordings: &[Recording]) -> Result<Looked, FitError> {
     let channels = 0..records.sensors().len();
     let usable = (0..recordings.len()).map(|record| channels.clone().map(|channel| of(record, channel)).collect());
     let usable = usable.collect();
-    Ok(Looked { unusable, doubts, usable, records })
+    Ok(Looked { unusable, doubts, usable, first_rows, records })
 }
 
-/// The recordings with straight lines in place of wild readings: no run begins at one.
-fn bridged(recordings: Vec<Recording>, looked: &Looked) -> Vec<Recording> {
+/// The recordings with straight lines in place of wild readings, and from the first row at which a run can begin.
+fn sound(recordings: Vec<Recording>, looked: &Looked) -> Vec<Recording> {
     let of = |(record, recording): (usize, Recording)| {
+        let recording = recording.from_row(looked.first_rows.get(record).copied().unwrap_or(0));
         let columns = looked.records.sensors().iter().enumerate();
         columns.fold(recording, |recording, (channel, column)| {
             recording.with_numbers(column, looked.records.channel_kpa(record, channel))

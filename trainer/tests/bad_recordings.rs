@@ -8,68 +8,10 @@ mod program;
 
 use fit::data::quality::Quality;
 use fit::data::{Records, noise};
-use model::predict::DualPressureRig;
 use model::rig::Rig;
+use program::paper_run::{ROWS, Row, Spoil, absolute, csv, scaled, sound, told_key};
 use program::{Folder, refused, run};
 use proto::recording::Recording;
-
-/// Time, duties, pressures.
-type Row = [f64; 5];
-
-/// Recorded for so long, after ten seconds that are not.
-const ROWS: usize = 2500;
-
-/// Numbers in [0, 1) that look random: Knuth's 64-bit congruential generator.
-struct Dice(u64);
-
-impl Dice {
-    fn throw(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
-}
-
-/// A sound recording of the paper's rig: steps of both duties, noise, and the steps of a 16-bit converter.
-fn sound() -> Vec<Row> {
-    let mut rig = DualPressureRig::new(&Rig::builtin("dual_pressure").unwrap()).unwrap();
-    let mut dice = Dice(7);
-    let mut duty = [0.8, 0.8];
-    let mut rows = Vec::new();
-    for row in 0..ROWS + 500 {
-        for (channel, every) in [(0, 45), (1, 60)] {
-            if row % every == 0 {
-                duty[channel] = 0.66 + 0.32 * dice.throw();
-            }
-        }
-        if row >= 500 {
-            // Sum of four uniform numbers: nearly normal, σ = 0.12 kPa; steps of 0.03 kPa.
-            let mut read = |kpa: f64| {
-                let noise = 0.2 * ((0..4).map(|_| dice.throw()).sum::<f64>() - 2.0);
-                ((kpa + noise) / 0.03).round() * 0.03
-            };
-            let [pos, neg] = rig.readings_kpa();
-            rows.push([(row - 500) as f64 * 0.02, duty[0], duty[1], read(pos), read(neg)]);
-        }
-        rig.tick(duty, true);
-    }
-    rows
-}
-
-fn csv(rows: &[Row]) -> String {
-    let line = |[t, a, b, p, n]: &Row| format!("{t},{a:.5},{b:.5},{p},{n}\n");
-    "time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa\n".to_owned() + &rows.iter().map(line).collect::<String>()
-}
-
-/// What is done to every row.
-type Spoil = fn(&mut Row);
-
-fn scaled(row: &mut Row, factor: f64) {
-    (row[3], row[4]) = (row[3] * factor, row[4] * factor);
-}
-
-fn absolute(row: &mut Row, factor: f64) {
-    (row[3], row[4]) = ((row[3] + 101.325) * factor, (row[4] + 101.325) * factor);
-}
 
 #[test]
 fn each_gets_its_plain_word_and_status_2() {
@@ -153,6 +95,50 @@ fn torn_short_and_clipped_ones_as_well() {
     );
 }
 
+/// One reading in seven is zero among some 100 kPa: dropouts, and neither a limit nor the noise of the rest.
+#[test]
+fn dropouts_are_refused_as_what_they_are() {
+    let folder = Folder::new("dropouts");
+    let mut rows = sound();
+    rows.iter_mut().skip(3).step_by(7).for_each(|row| row[3] = 0.0);
+    check(&folder, "dropouts", &csv(&rows), &["p_pos_kpa: 357 wild readings", "loose contact"]);
+    let said = run(["validate", "--rig", "dual_pressure", &folder.path("dropouts.csv")]);
+    assert!(said.status == 1 && !said.err.contains("clipped"), "{}", said.err);
+}
+
+/// A sensor that is powered after the logger reads zero at first: no run begins there, whether it is a few rows or many.
+#[test]
+fn no_run_begins_before_a_sensor_has_power() {
+    let folder = Folder::new("late-sensor");
+    let good = sound();
+    let rmse = |name: &str, rows: &[Row]| {
+        let said = run(["validate", "--json", "--rig", "dual_pressure", &folder.with(name, csv(rows))]);
+        assert_eq!(said.status, 0, "{name}: {}", said.err);
+        let value: serde_json::Value = serde_json::from_str(&said.out).unwrap();
+        (["pos_rmse_kpa", "neg_rmse_kpa"].map(|key| value["overall"][key].as_f64().unwrap()), said.err)
+    };
+    let (whole, _) = rmse("whole.csv", &good);
+    for (count, columns) in [(1, 3..4), (2, 3..5), (3, 3..4), (3, 3..5), (12, 3..5), (30, 3..4), (30, 3..5)] {
+        let mut rows = good.clone();
+        rows.iter_mut().take(count).for_each(|row| row[columns.clone()].fill(0.0));
+        let name = format!("{count}_{}.csv", columns.len());
+        let (late, told) = rmse(&name, &rows);
+        assert!(late.iter().zip(whole).all(|(late, whole)| *late < 1.5 * whole), "{name}: {late:?} {whole:?}");
+        let reading = if count == 1 { "reading" } else { "readings" };
+        assert!(told.contains(&format!("p_pos_kpa: {count} wild {reading}, up to ")), "{name}: {told}");
+        assert_eq!(told.contains("power the sensor"), count > 3, "{name}: {told}");
+        let recording = Recording::parse_csv(&name, csv(&rows).as_bytes()).unwrap();
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let records = Records::new(&rig, &[recording]).unwrap();
+        let quality = Quality::of(&rig, &records, &noise(&records)).unwrap();
+        assert_eq!(quality.refusal(), None, "{name}");
+        let (quality, records) = quality.sound(records);
+        let rows_left = ROWS - count;
+        assert_eq!((records.rows(), quality.usable.len()), (rows_left, 2 * rows_left), "{name}");
+        assert!(records.channel_kpa(0, 0)[0] > 20.0, "{name}");
+    }
+}
+
 /// Refused by `diagnose` and by `identify` with these words, and nothing is left behind.
 fn check(folder: &Folder, name: &str, text: &str, words: &[&str]) {
     let (path, out) = (folder.with(&format!("{name}.csv"), text), folder.path(&format!("{name}.out")));
@@ -213,7 +199,6 @@ fn what_is_no_file_is_refused_and_never_waited_for() {
 fn validate_says_what_readings_are_taken_for() {
     let folder = Folder::new("validated-recordings");
     let good = sound();
-    type Spoil = fn(&mut Row);
     let refusals: [(&str, Spoil, &str); 4] = [
         ("absolute", |r| (r[3], r[4]) = (r[3] + 101.325, r[4] + 101.325), "seems to be absolute"),
         ("unsigned", |r| r[4] = -r[4], "the sign seems to be lost"),
@@ -250,7 +235,6 @@ fn validate_says_what_readings_are_taken_for() {
 fn the_key_that_is_told_mends_it() {
     let folder = Folder::new("mended-recordings");
     let good = sound();
-    type Spoil = fn(&mut Row);
     let cases: [(&str, Spoil); 6] = [
         ("pressures", |r| r.swap(3, 4)),
         ("duties", |r| r.swap(1, 2)),
@@ -270,13 +254,6 @@ fn the_key_that_is_told_mends_it() {
         let said = run(["validate", "--rig", &mended, &file]);
         assert!(said.status == 0 && !said.err.contains("seem"), "{name}: {key}: {}", said.err);
     }
-}
-
-/// The key of a complaint.
-#[track_caller]
-fn told_key(complaint: &str) -> &str {
-    let key = complaint.split("[recording] ").nth(1).and_then(|rest| rest.split([';', '\n']).next());
-    key.unwrap_or_else(|| panic!("no key in {complaint}"))
 }
 
 /// A logger was told of another unit than it measures: numbers in kPa under another name. One unit is larger than what a sensor can tell,

@@ -93,3 +93,27 @@ fn a_comparison_that_is_stopped_leaves_the_older_table_as_it_was() {
     assert_eq!(left, ["table.json"]);
     assert_eq!(std::fs::read_to_string(older).unwrap(), "older");
 }
+
+/// Refused before the work, by the option's name; nothing is left.
+#[test]
+fn lengths_and_counts_that_make_no_table_are_refused() {
+    let folder = Folder::new("evaluate-range");
+    let out = folder.path("table");
+    for (option, value) in [
+        ("--seconds", "1e9"),
+        ("--seconds", "inf"),
+        ("--seconds", "nan"),
+        ("--seconds", "-1"),
+        ("--seconds", "5"),
+        ("--seeds", "0"),
+        ("--seeds", "100000000000"),
+        ("--randomised", "100000000000"),
+    ] {
+        for table in ["comparison", "ablation", "loads"] {
+            let value = format!("{option}={value}");
+            let said = refused(["evaluate", table, &value, "--out", &out]);
+            assert!(said.contains(option), "{value}: {said}");
+        }
+    }
+    assert!(!std::path::Path::new(&out).exists());
+}

@@ -208,3 +208,15 @@ fn json_is_one_object_and_nothing_else() {
     let value: serde_json::Value = serde_json::from_str(&said).unwrap();
     assert_eq!((&value["rows"], &value["segments"], &value["start"]), (&12.into(), &2.into(), &"running".into()));
 }
+
+/// `-` is standard output, and no file of that name.
+#[test]
+fn a_dash_is_standard_output() {
+    let folder = Folder::new("simulate-dash");
+    let (inputs, out) = (folder.with("in.csv", recording(Some(4))), folder.path("out.csv"));
+    let said = run(["simulate", "--inputs", &inputs, "--out", "-"]);
+    assert_eq!(said.status, 0, "{}", said.err);
+    sound(["simulate", "--inputs", &inputs, "--out", &out]);
+    assert_eq!(said.out, std::fs::read_to_string(out).unwrap());
+    assert!(!Path::new("-").exists());
+}

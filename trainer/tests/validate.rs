@@ -6,7 +6,7 @@
 mod program;
 
 use model::rig::Rig;
-use program::{Csv, Folder, refused, sound};
+use program::{Csv, Folder, refused, run, sound};
 
 /// A recording that the model itself made: from 90 and −60 kPa along steps of both duties.
 fn simulated(folder: &Folder) -> String {
@@ -18,6 +18,26 @@ fn simulated(folder: &Folder) -> String {
     let (inputs, out) = (folder.with("commands.csv", text), folder.path("simulated.csv"));
     sound(["simulate", "--inputs", &inputs, "--out", &out]);
     out
+}
+
+/// A reading that is missing where commands change costs that reading: the run follows the commands that stand in the file.
+#[test]
+fn commands_beside_a_missing_reading_are_used() {
+    let folder = Folder::new("missing-readings");
+    let path = simulated(&folder);
+    let mut table = Csv::read(&path);
+    let at = table.header.iter().position(|name| name == "p_neg_kpa").unwrap();
+    let changes = [25, 26, 40, 50, 51, 75, 80];
+    changes.into_iter().for_each(|row: usize| table.rows[row][at] = "NaN".to_owned());
+    let lines = std::iter::once(&table.header).chain(&table.rows).map(|cells| cells.join(",") + "\n");
+    let file = folder.with("missing.csv", lines.collect::<String>());
+    let value = json(&[&file]);
+    for (channel, rows) in [("pos", 100), ("neg", 93)] {
+        let figure = |key: &str| value["overall"][format!("{channel}_{key}")].as_f64().unwrap();
+        assert!(figure("rmse_kpa") < 5e-8 && figure("rows") == f64::from(rows), "{value:#}");
+    }
+    let told = run(["validate", &file]).err;
+    assert!(told.contains("7 readings of p_neg_kpa are missing"), "{told}");
 }
 
 fn json(args: &[&str]) -> serde_json::Value {
@@ -147,4 +167,21 @@ fn a_flapper_may_lie_anywhere_in_its_play_when_a_recording_begins() {
     let with_kpa = value["overall"]["pos_rmse_kpa"].as_f64().unwrap();
     assert!(without_kpa > 0.5 && with_kpa < 0.1, "{with_kpa} {without_kpa} {value:#}");
     assert!(value["recordings"][0]["flappers_began_at"][0]["play:valve_pos"].as_f64().is_some(), "{value:#}");
+}
+
+/// Pressures that go up and down while both duties stand still are no figure of the model's.
+#[test]
+fn pressures_that_no_recorded_command_moves_are_told() {
+    let folder = Folder::new("still-duties");
+    let mut text = String::from("time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa\n");
+    for row in 0..2000 {
+        let time_s = f64::from(row) * 0.02;
+        // Steps of a converter, so that there is a noise to hold them against.
+        let wave =
+            |kpa: f64, period_s: f64| (100.0 * kpa * (std::f64::consts::TAU * time_s / period_s).sin()).round() / 100.0;
+        text.push_str(&format!("{time_s:.2},0.85,0.9,{},{}\n", 100.0 + wave(12.0, 10.0), -65.0 + wave(3.0, 8.0)));
+    }
+    let said = run(["validate", &folder.with("still.csv", text)]);
+    assert_eq!(said.status, 1, "{}", said.err);
+    assert!(said.err.contains("goes up and down") && said.err.contains("u_pos, u_neg"), "{}", said.err);
 }

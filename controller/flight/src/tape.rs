@@ -62,12 +62,11 @@ impl Tape for McapTape {
     fn check(&mut self) -> Result<(), RecordError> {
         let about = match std::fs::metadata(&self.partial) {
             Ok(about) => about,
-            // A file without a name takes every byte and keeps none, and the system reports no error.
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                return Err(RecordError::Removed { path: self.partial.clone() });
-            }
             // A folder that may not be searched just now is no proof that the file is gone.
-            Err(_) => return Ok(()),
+            Err(error) if error.kind() == std::io::ErrorKind::PermissionDenied => return Ok(()),
+            // A file without a name takes every byte and keeps none, and the system reports no error. Its name is gone as well where
+            // something else stands in the folder's place.
+            Err(_) => return Err(RecordError::Removed { path: self.partial.clone() }),
         };
         if self.file.is_some_and(|file| file != (about.dev(), about.ino())) {
             return Err(RecordError::Removed { path: self.partial.clone() });

@@ -171,6 +171,30 @@ fn a_file_that_is_taken_away_is_told_at_once_and_recording_goes_on_in_another() 
     }
 }
 
+/// Something else stands where the folder was: a file, or a link that leads to one or in a circle.
+#[test]
+fn a_folder_that_is_replaced_is_told_bars_arming_and_is_made_again_once_its_place_is_free() {
+    let file = |place: &Path| std::fs::write(place, "mine").unwrap();
+    let to_file = |place: &Path| std::os::unix::fs::symlink("/dev/null", place).unwrap();
+    let circle = |place: &Path| std::os::unix::fs::symlink(place, place).unwrap();
+    let harms: [&dyn Fn(&Path); 3] = [&file, &to_file, &circle];
+    for harm in harms {
+        let folder = Folder::new();
+        let (recorder, mut sink) = start(destination(&folder.0));
+        push(&mut sink, 0..5);
+        wait_until("a flushed file", || folder.files().iter().any(|f| read_mcap(f).is_ok_and(|c| c.ticks.len() == 5)));
+        std::fs::remove_dir_all(&folder.0).unwrap();
+        harm(&folder.0);
+        wait_until("it is known", || !recorder.health().healthy());
+        assert!(!sink.would_record());
+        std::fs::remove_file(&folder.0).unwrap();
+        wait_until("it goes on", || recorder.health().healthy());
+        push(&mut sink, 5..9);
+        assert!(recorder.finish().unwrap_err().to_string().contains("removed"));
+        assert_eq!(numbers(&read(&folder.files())), [5, 6, 7, 8]);
+    }
+}
+
 #[test]
 fn too_little_room_is_told_and_bars_arming_but_not_recording() {
     let folder = Folder::new();

@@ -69,6 +69,8 @@ impl Settled {
 #[derive(Debug)]
 pub struct Watcher {
     directory: PathBuf,
+    /// Device and number of the folder, once it was there.
+    folder: Option<(u64, u64)>,
     known: HashMap<String, Known>,
 }
 
@@ -97,7 +99,7 @@ pub struct Reading {
 impl Watcher {
     /// Watches `directory`, which need not be there yet.
     pub fn new(directory: PathBuf) -> Self {
-        Watcher { directory, known: HashMap::new() }
+        Watcher { directory, folder: None, known: HashMap::new() }
     }
 
     /// The directory.
@@ -110,13 +112,24 @@ impl Watcher {
         let mut reading = Reading::default();
         let entries = match std::fs::read_dir(&self.directory) {
             Ok(entries) => entries,
-            // Nobody has published anything yet.
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return self.all_gone(),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                let mut reading = self.all_gone();
+                // Before it was first there nobody had published anything yet.
+                reading.problem = self.folder.map(|_| {
+                    format!("{}: the folder is gone; make it again to publish policies", self.directory.display())
+                });
+                return reading;
+            }
             Err(error) => {
                 reading.problem = Some(format!("{}: cannot be read: {error}", self.directory.display()));
                 return reading;
             }
         };
+        let folder = std::fs::metadata(&self.directory).ok().map(|about| (about.dev(), about.ino()));
+        if self.folder.is_some() && folder != self.folder {
+            reading.problem = Some(format!("{}: it is another folder than before", self.directory.display()));
+        }
+        self.folder = folder;
         let mut seen = HashMap::new();
         for path in entries.take(MOST_NAMES).flatten().map(|entry| entry.path()) {
             match (policy_name(&path), Look::at(&path)) {

@@ -20,6 +20,8 @@ use std::path::PathBuf;
 use clap::{CommandFactory, Parser, Subcommand};
 use controller::config::ConfigError;
 use controller::daemon::DaemonError;
+use controller::session_recorder::SessionError;
+use controller::socket::SocketError;
 
 /// First steps, below the list of commands.
 const EXAMPLES: &str = "Examples:
@@ -149,6 +151,20 @@ impl From<ConfigError> for Failure {
     }
 }
 
+/// Whether a session cannot begin because of a place that the configuration names, so that another start would end alike. A disk that is
+/// full or not yet there may be better next time, and another controller may have ended by then.
+fn is_configured_wrong(error: &SessionError) -> bool {
+    use std::io::ErrorKind as Kind;
+    match error {
+        SessionError::Socket(SocketError::InUse { .. }) => false,
+        SessionError::Socket(_) => true,
+        SessionError::Directory { source, .. } => {
+            matches!(source.kind(), Kind::NotADirectory | Kind::AlreadyExists | Kind::PermissionDenied)
+        }
+        _ => false,
+    }
+}
+
 impl From<DaemonError> for Failure {
     fn from(error: DaemonError) -> Self {
         match error {
@@ -159,6 +175,7 @@ impl From<DaemonError> for Failure {
             | DaemonError::Admission(_)
             | DaemonError::NoPolicy { .. }
             | DaemonError::ReferenceBeyond { .. } => Failure::input(error),
+            DaemonError::SessionRecorder(ref session) if is_configured_wrong(session) => Failure::input(error),
             _ => Failure::work(error),
         }
     }

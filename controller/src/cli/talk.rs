@@ -6,10 +6,12 @@ use clap::Args;
 use controller::config::{Config, Control};
 use controller::duty_source::ExperimentPhase;
 use controller::mailbox::Status;
+use controller::notice::why_barred;
 use controller::socket::{Ask, Reply, Switch, ask};
 use controller::state::State;
 use proto::reference::{MOST_BYTES, Reference};
 use proto::regular_file;
+use proto::rig_file::RigFileError;
 
 use super::Failure;
 use super::console::say;
@@ -98,9 +100,10 @@ impl Target {
             // The daemon has another working directory.
             let file = std::path::absolute(file).map_err(|e| Failure::input(format!("{}: {e}", file.display())))?;
             // What is wrong in a rig file that this person may read is told here, as wrong input; another is the daemon's to judge.
-            match std::fs::File::open(&file) {
-                Err(error) if error.kind() == std::io::ErrorKind::PermissionDenied => {}
-                _ => drop(proto::rig_file::load(&file.display().to_string()).map_err(Failure::input)?),
+            match proto::rig_file::load(&file.display().to_string()) {
+                Ok(_) => {}
+                Err(RigFileError::Read { source, .. }) if source.kind() == std::io::ErrorKind::PermissionDenied => {}
+                Err(error) => return Err(Failure::input(error)),
             }
             file
         };
@@ -171,6 +174,9 @@ fn print_tick(s: &Status, reply: &Reply) {
     }
     if let Some(condition) = s.latched {
         say(format_args!("waiting    {}: `controller acknowledge`, then arm", condition.name()));
+    }
+    if let Some(condition) = s.bars_arming {
+        say(format_args!("not armed  {}", why_barred(condition)));
     }
     if let Some(experiment) = &s.experiment {
         let phase = match experiment.phase {

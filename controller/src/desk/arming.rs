@@ -2,6 +2,7 @@
 
 use super::{Asked, Desk, Step, WITHDRAWN, What};
 use crate::mailbox::{Fate, Request, Ticket};
+use crate::notice::why_barred;
 use crate::peer::Peer;
 
 impl Desk {
@@ -25,6 +26,9 @@ impl Desk {
         }
         if let Some(problem) = self.options.health.why_not_arm() {
             return Err(format!("it would not be recorded: {problem}"));
+        }
+        if let Some(condition) = status.bars_arming {
+            return Err(format!("it cannot be armed: {}", why_barred(condition)));
         }
         if !status.can_arm {
             let name = status.state.as_str();

@@ -19,6 +19,7 @@ use std::time::{Duration, Instant};
 
 use flight::{Noter, RecorderHealth};
 use handover::ExplorationRules;
+use proto::recording::EventLevel;
 
 use crate::clock::now_ns;
 use crate::config::{ReferenceChoice, Safety};
@@ -69,6 +70,8 @@ pub struct DeskOptions {
     pub may: May,
     /// What the daemon runs with.
     pub running: Running,
+    /// Identity of the reference that is followed once armed, where there is one.
+    pub followed: Option<u64>,
     /// Policies and models, where they can be changed.
     pub policies: Option<PolicyHandle>,
     /// Where experiments are recorded, where they can be played within the run.
@@ -162,6 +165,11 @@ impl Desk {
     pub fn new(options: DeskOptions) -> Self {
         let experiments = options.experiments.clone().map(ExperimentDesk::new);
         Desk { options, experiments, newest: None, reading: false, working: Weak::new() }
+    }
+
+    /// Tells the person at the daemon something about the socket.
+    pub fn tell(&self, line: String) {
+        self.options.notes.note(now_ns(), EventLevel::Warning, "socket", line);
     }
 
     /// Takes in a line that a client sent.

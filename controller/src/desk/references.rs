@@ -31,6 +31,7 @@ pub(super) struct Following {
     name: String,
     /// What goes into the recording once the tick has taken it.
     csv: String,
+    identity: u64,
 }
 
 impl Desk {
@@ -82,9 +83,9 @@ impl Desk {
                 return Step::Done(Box::new(reply));
             }
         };
-        let csv = reference.to_csv();
+        let (csv, identity) = (reference.to_csv(), reference.identity());
         match self.ask_tick(Request::Reference(Box::new(reference))) {
-            Ok(ticket) => asked.taking(EFFECT_TIME).pending(What::Following(Following { ticket, name, csv })),
+            Ok(ticket) => asked.taking(EFFECT_TIME).pending(What::Following(Following { ticket, name, csv, identity })),
             Err(why) => self.over("reference", asked.peer, Err(why)),
         }
     }
@@ -97,7 +98,7 @@ impl Desk {
         }
         let what = format!("reference {}", following.name);
         if fate == Fate::Taken || (fate == Fate::Waiting && !self.options.mailbox.withdraw(following.ticket)) {
-            self.reference_taken(&following.name, following.csv);
+            self.reference_taken(&following.name, following.csv, following.identity);
             return self.over(&what, asked.peer, Ok(()));
         }
         let why = format!("no tick took it; {}", self.no_session());
@@ -109,7 +110,7 @@ impl Desk {
         let outcome = self.withdrawn(following.ticket);
         let what = format!("reference {}", following.name);
         if outcome.is_ok() {
-            self.reference_taken(&following.name, following.csv);
+            self.reference_taken(&following.name, following.csv, following.identity);
         }
         self.record(&what, peer, &outcome);
     }
@@ -119,14 +120,17 @@ impl Desk {
         while let Ok(Reloaded { config, reference }) = self.options.reloads.try_recv() {
             self.refresh();
             let (Some(reference), Some(file)) = (reference, config.reference.file) else { continue };
-            let name = file.display().to_string();
+            let (name, identity) = (file.display().to_string(), reference.identity());
+            if self.options.followed == Some(identity) {
+                continue;
+            }
             let runs = self.live_status().is_some_and(|s| s.state.is_controlling());
             let csv = reference.to_csv();
             let taken = !runs
                 && self.live_status().is_some()
                 && self.options.mailbox.ask(Request::Reference(Box::new(reference)), u64::MAX).is_some();
             let text = if taken {
-                self.reference_taken(&name, csv);
+                self.reference_taken(&name, csv, identity);
                 format!("reference {name} taken over")
             } else {
                 format!(
@@ -138,8 +142,9 @@ impl Desk {
     }
 
     /// The tick follows another reference: those who ask are told, and the recording holds it.
-    fn reference_taken(&mut self, name: &str, csv: String) {
+    fn reference_taken(&mut self, name: &str, csv: String, identity: u64) {
         self.options.running.reference = one_line(name);
+        self.options.followed = Some(identity);
         self.options.notes.attach(attachment(attached::REFERENCE, "text/csv", csv));
     }
 }

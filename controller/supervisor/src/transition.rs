@@ -119,8 +119,13 @@ impl Memory {
         self.state == State::Standby
             && self.sound_frames >= FRAMES_TO_ARM
             && self.latched.is_empty()
-            && !conditions.iter().any(|c| c.severity() == Severity::BarsArming)
-            && conditions.worst(Severity::Vent).is_none()
+            && Self::bars_arming(conditions).is_none()
+    }
+
+    /// Worst condition that keeps the rig from being armed as long as it holds.
+    pub fn bars_arming(conditions: &ConditionSet) -> Option<Condition> {
+        let bars = |condition: &Condition| condition.severity() == Severity::BarsArming;
+        conditions.worst(Severity::Vent).or_else(|| conditions.iter().find(bars))
     }
 
     /// Whether a session may be opened: not while a trip of the cRIO waits for a person, because a HELLO would undo it.

@@ -9,6 +9,8 @@ use std::borrow::Cow;
 
 use model::rig::Separator;
 
+use super::units::Unit;
+
 /// A break of the grammar.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Broken {
@@ -60,6 +62,8 @@ pub(super) struct Rows<'a> {
     line: u64,
     grammar: Grammar,
     comment: Option<(u64, &'a [u8])>,
+    /// Cells of the row before.
+    before: usize,
 }
 
 impl<'a> Rows<'a> {
@@ -68,7 +72,7 @@ impl<'a> Rows<'a> {
     }
 
     pub(super) fn with(bytes: &'a [u8], grammar: Grammar) -> Self {
-        Self { rest: bytes, line: 1, grammar, comment: None }
+        Self { rest: bytes, line: 1, grammar, comment: None, before: 0 }
     }
 
     /// The last line of comment that was skipped, without its mark, and where it stands.
@@ -78,6 +82,7 @@ impl<'a> Rows<'a> {
 
     /// Puts the next row's cells into `cells` and returns its line; `None` at the end.
     pub(super) fn next_row(&mut self, cells: &mut Vec<Cow<'a, [u8]>>) -> Result<Option<u64>, Broken> {
+        self.before = cells.len();
         cells.clear();
         self.skip_blank_lines();
         if self.rest.is_empty() {
@@ -133,12 +138,28 @@ impl<'a> Rows<'a> {
 
     /// The text of a line that is a comment.
     fn comment_in(&self, line: &'a [u8]) -> Option<&'a [u8]> {
-        let line = line.trim_ascii();
-        let marked = |mark: &[u8]| line.strip_prefix(mark).map(<[u8]>::trim_ascii);
+        let trimmed = line.trim_ascii();
+        let marked = |mark: &[u8]| trimmed.strip_prefix(mark).map(<[u8]>::trim_ascii);
         match self.grammar.comments {
             Comments::No => None,
+            Comments::Marked if self.is_units(line) => None,
             Comments::Marked => marked(b"#").or_else(|| marked(b"%")).or_else(|| marked(b"//")),
         }
+    }
+
+    /// Whether a line that a per cent may begin is a row of units: as many cells as the row before, blank or a unit each.
+    fn is_units(&self, line: &[u8]) -> bool {
+        if !line.trim_ascii_start().starts_with(b"%") {
+            return false;
+        }
+        let line = line.strip_suffix(b"\n").unwrap_or(line);
+        let cells = line.split(|byte| self.grammar.separates(*byte)).map(|cell| cell.trim_ascii());
+        let cells: Vec<&[u8]> =
+            cells.filter(|cell| self.grammar.separator != Separator::Blank || !cell.is_empty()).collect();
+        let is_unit = |cell: &&[u8]| {
+            cell.is_empty() || std::str::from_utf8(cell).is_ok_and(|cell| Unit::parse(cell.trim_matches('"')).is_some())
+        };
+        cells.len() > 1 && cells.len() == self.before && cells.iter().all(is_unit)
     }
 
     fn ends_here(&self) -> bool {

@@ -1,23 +1,21 @@
 //! The columns that a rig asks of a file: found, brought to the rig's units, checked.
 
-use model::rig::{Pump, RecordingMap, Rig, Sensor, Term, Terms};
+use model::rig::{Pump, RecordingMap, Rig, Term, Terms};
 
 use super::csv::{CsvError, TIME_COLUMN};
-use super::file_unit::FileUnit;
+use super::file_unit::{FileUnit, UnitSource};
+use super::in_rig_unit::{AS_IT_STANDS, converted, of_unit};
 use super::recording_error::RecordingError;
 use super::resample::Kind;
 use super::sheet::Sheet;
 use super::slower;
 use super::table::rules::{LEAST_READING_KPA, below_vacuum};
-use super::units::Unit;
 
 /// A command may be so far beyond 0 … 1, by the rounding of a scale such as 0.00392; it is cut off there.
 const ROUNDING: f64 = 1e-3;
 /// Numbers that loggers write for a command in full, smallest first.
 const FULL_SCALES: [f64; 9] = [100.0, 127.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0];
 
-/// A current loop's ends, at which a sensor's range begins and ends (IEC 60381-1).
-const LOOP_MA: [f64; 2] = [4.0, 20.0];
 /// What loggers write for no reading, beyond any pressure: the round numbers are those of data acquisition programs, the others the
 /// least that 16 bits and a float hold.
 const NO_READING: [f64; 8] = [-999.0, -999.9, -9999.0, -99_999.0, -999_999.0, -32_768.0, -1e30, -1e38];
@@ -107,7 +105,7 @@ pub(super) struct Made {
     pub(super) taken: Vec<String>,
     /// The places in the file that it was made from.
     pub(super) from: Vec<usize>,
-    /// The unit that the file itself says of these pressures, where that is not kPa.
+    /// The unit that the file or its map says of these numbers, where that is not the rig's.
     pub(super) file_unit: Option<FileUnit>,
 }
 
@@ -149,14 +147,18 @@ pub(super) fn made(
         let markers = if kind == Kind::Reading { markers(&numbers) } else { Vec::new() };
         let unit = of_unit(sheet, at, term)?;
         let in_rig_unit = converted(sheet, rig, (name, kind), term, unit.as_ref(), numbers)?;
-        made.taken.extend(in_rig_unit.1);
-        if let (Kind::Reading, Some((Unit::Gauge(kpa), text)), None) = (kind, &unit, &term.unit)
-            && *kpa != 1.0
+        made.taken.extend(in_rig_unit.taken);
+        // What a sum of columns or a scale makes of a unit is no number of the file any more.
+        if let (Kind::Reading | Kind::Command, Some((_, text)), [only]) = (kind, &unit, terms)
+            && only.is_plain()
+            && in_rig_unit.line != AS_IT_STANDS
         {
-            made.file_unit = Some(FileUnit { column: name.to_owned(), text: text.clone(), kpa: *kpa });
+            let [scale, zero] = in_rig_unit.line;
+            let by = if only.unit.is_some() { UnitSource::Map } else { UnitSource::File };
+            made.file_unit = Some(FileUnit { column: name.to_owned(), text: text.clone(), scale, zero, by });
         }
         made.from.push(at);
-        for (row, (slot, x)) in made.numbers.iter_mut().zip(in_rig_unit.0).enumerate() {
+        for (row, (slot, x)) in made.numbers.iter_mut().zip(in_rig_unit.numbers).enumerate() {
             *slot += term.of(x);
             // No pressure: the row has none.
             if markers.contains(&row) && *slot < LEAST_READING_KPA {
@@ -215,75 +217,6 @@ fn missing(sheet: &Sheet<'_>, name: &str, from: &str) -> RecordingError {
     }
 }
 
-/// A unit and how the file or the map writes it.
-type Named = (Unit, String);
-
-/// The unit of a term: the map's, or the file's where numbers are taken as they stand.
-fn of_unit(sheet: &Sheet<'_>, column: usize, term: &Term) -> Result<Option<Named>, RecordingError> {
-    if let Some(text) = &term.unit {
-        let unit = Unit::parse(text).ok_or_else(|| RecordingError::Unit {
-            file: sheet.file.clone(),
-            column: term.from.clone(),
-            problem: format!("`unit = \"{text}\"` in [recording] is no unit known here; use kPa, Pa, hPa, mbar, bar, psi, mmHg, V, mA, % … or a scale"),
-        })?;
-        return Ok(Some((unit, text.clone())));
-    }
-    let written = sheet.columns.get(column).and_then(|column| column.unit.as_ref()).filter(|_| term.is_plain());
-    Ok(written.and_then(|text| Some((Unit::parse(text)?, text.clone()))))
-}
-
-/// Numbers in the rig's unit, and what to say of it.
-fn converted(
-    sheet: &Sheet<'_>,
-    rig: &Rig,
-    (name, kind): (&str, Kind),
-    term: &Term,
-    unit: Option<&Named>,
-    mut numbers: Vec<f64>,
-) -> Result<(Vec<f64>, Option<String>), RecordingError> {
-    let Some((unit, text)) = unit else { return Ok((numbers, None)) };
-    let sensor = rig.sensors.values().find(|sensor| sensor.column == name);
-    let line = match (kind, unit, sensor) {
-        (Kind::Reading, Unit::Gauge(kpa), _) => linear(*kpa, 0.0),
-        (Kind::Reading, Unit::Absolute(kpa), _) => linear(*kpa, -rig.atmosphere.pressure_kpa_abs),
-        (Kind::Reading, Unit::Volt(volt), Some(sensor)) => of_output(sensor, *volt, sensor.range_v),
-        (Kind::Reading, Unit::Loop(ma), Some(sensor)) => of_output(sensor, *ma, LOOP_MA),
-        (Kind::Command | Kind::Switch, Unit::Share(share), _) => linear(*share, 0.0),
-        // A flow's unit is that of the source's own number; a command's volts are of a scale that nothing tells.
-        (Kind::Signal, _, _) => return Ok((numbers, Some(format!("{name} as it stands ({text})")))),
-        (Kind::Command | Kind::Switch, Unit::Volt(_) | Unit::Loop(_) | Unit::Other, _)
-            if numbers.iter().all(|u| (0.0..=1.0).contains(u)) =>
-        {
-            return Ok((numbers, Some(format!("{name} as it stands, a share of 1 ({text} is said)"))));
-        }
-        _ => {
-            let what = if kind == Kind::Reading { "a pressure" } else { "a command, a share of 1" };
-            return Err(RecordingError::Unit {
-                file: sheet.file.clone(),
-                column: term.from.clone(),
-                problem: format!(
-                    "its unit is {text}, and {name} is {what}; say how it is scaled: [recording] columns.{name} = {{ from = \"{}\", scale = …, offset = … }}",
-                    term.from
-                ),
-            });
-        }
-    };
-    let [scale, offset] = line;
-    numbers.iter_mut().for_each(|x| *x = scale * *x + offset);
-    Ok((numbers, Some(format!("{name} in {text}"))))
-}
-
-fn linear(scale: f64, offset: f64) -> [f64; 2] {
-    [scale, offset]
-}
-
-/// Gauge kPa per unit, and at zero, of a sensor's output over its range.
-fn of_output(sensor: &Sensor, per_unit: f64, [from, to]: [f64; 2]) -> [f64; 2] {
-    let [p0, p1] = sensor.range_kpa_gauge;
-    let slope = (p1 - p0) / (to - from);
-    [per_unit * slope, p0 - from * slope]
-}
-
 /// Refuses what a column of this kind cannot hold.
 ///
 /// # Errors
@@ -306,6 +239,10 @@ pub(super) fn check(
             || (kind == Kind::Switch && number.min((number - 1.0).abs()).abs() > ROUNDING)
     };
     let Some(row) = numbers.iter().position(|number| is_wrong(*number)) else { return Ok(()) };
+    // A unit that is said of them may be wrong, and another be right: only what the rig would do tells which.
+    if kind == Kind::Reading && made.file_unit.is_some() && are_many(numbers, is_wrong) {
+        return Ok(());
+    }
     let value = numbers.get(row).copied().unwrap_or(0.0);
     let at = from.first().copied().unwrap_or(0);
     let title = sheet.columns.get(at).map_or_else(String::new, |column| column.title.clone());
@@ -329,6 +266,14 @@ pub(super) fn check(
     .into())
 }
 
+/// One reading of so many below any vacuum is no loose contact.
+const MANY: usize = 20;
+
+/// Whether many of a column's numbers are wrong.
+fn are_many(numbers: &[f64], is_wrong: impl Fn(f64) -> bool) -> bool {
+    MANY * numbers.iter().filter(|number| is_wrong(**number)).count() > numbers.len()
+}
+
 /// What a reading below any vacuum is, and the key that says so.
 fn of_reading(rig: &Rig, (name, title): (&str, &str), value: f64, made: &Made) -> String {
     let key = |rest: &str| format!("[recording] columns.{name} = {{ from = \"{title}\", {rest} }}");
@@ -342,16 +287,6 @@ fn of_reading(rig: &Rig, (name, title): (&str, &str), value: f64, made: &Made) -
     let (low, high) = (one.min(other), one.max(other));
     let finite = || made.numbers.iter().copied().filter(|x| x.is_finite());
     let (least, most) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), x| (l.min(x), m.max(x)));
-    // What the file says of its numbers is wrong where they would be within the sensor's range without it.
-    if let Some(FileUnit { text, kpa, .. }) = &made.file_unit
-        && 1.1 * low.min(0.0) <= least / kpa
-        && most / kpa <= 1.1 * high.max(0.0)
-    {
-        return format!(
-            "; the file says {text}, and the numbers seem to be kPa as they stand: {}",
-            key("unit = \"kPa\"")
-        );
-    }
     // A sensor that goes further up than any vacuum, and readings that would be within it with the other sign.
     if high > -LEAST_READING_KPA && -least <= 1.1 * high && most < 0.1 * high && low > LEAST_READING_KPA {
         return format!(

@@ -1,5 +1,6 @@
 //! What a file is, by its first bytes: what is read, and what is refused with the line that makes it readable.
 
+use super::csv::CsvError;
 use super::mat5;
 use super::recording_error::RecordingError;
 use super::sheet::Sheet;
@@ -120,19 +121,31 @@ fn is_binary(text: &str) -> bool {
     odd * BINARY > all
 }
 
+fn binary(file: &str) -> RecordingError {
+    RecordingError::Kind {
+        file: file.to_owned(),
+        what: "it is a binary file of a kind that is not read".to_owned(),
+        mend: "write its columns as CSV: a line of names, then a row per sample".to_owned(),
+    }
+}
+
+/// The error of bytes that are no text: of a binary file where they look like one, and otherwise that of the byte.
+pub(super) fn no_text(file: &str, bytes: &[u8], error: CsvError) -> RecordingError {
+    let start: String = bytes.iter().take(LOOKED_AT).map(|byte| char::from(*byte)).collect();
+    if is_binary(&start) { binary(file) } else { error.into() }
+}
+
 /// Refuses texts that are no tables, and bytes that are no text.
 ///
 /// # Errors
 /// HTML, XML, JSON and binary files, with what makes them readable.
 pub(super) fn check_text(file: &str, text: &str) -> Result<(), RecordingError> {
     let text = text.trim_start();
+    if is_binary(text) {
+        return Err(binary(file));
+    }
     let after = |open: char| text.strip_prefix(open).and_then(|rest| rest.trim_start().chars().next());
-    let (what, mend) = if is_binary(text) {
-        (
-            "it is a binary file of a kind that is not read",
-            "write its columns as CSV: a line of names, then a row per sample",
-        )
-    } else if after('<').is_some_and(|c| c.is_ascii_alphabetic() || matches!(c, '!' | '?')) {
+    let (what, mend) = if after('<').is_some_and(|c| c.is_ascii_alphabetic() || matches!(c, '!' | '?')) {
         ("it is HTML or XML, which is not read", "save the table in it as CSV")
     } else if after('{') == Some('"') || after('[').is_some_and(|c| matches!(c, '{' | '[' | '"' | '-' | '0'..='9')) {
         ("it is JSON, which is not read", "write it as CSV: a line of names, then a row per sample")

@@ -2,10 +2,13 @@
 //!
 //! A row needs what a reader may rely on: both pressures, and the command that was applied from
 //! then on. A tick without a sound reading, or in which no command left, has no row; the hole it
-//! leaves is a gap like any other.
+//! leaves is a gap like any other. For a rig, whose commands carry a simulation on, a tick that lacks the reading of a sensor now and
+//! then has a row all the same ([`Broken`]).
 
-use super::csv::{Column, ColumnData};
+use super::csv::{Column, ColumnData, rows_alone};
+use super::lost_rows;
 use super::recording_error::RecordingError;
+use super::slower::is_slower;
 use super::table::{PERIOD_S, Recording};
 use super::tick::{Arrival, TickRecord};
 
@@ -36,19 +39,41 @@ const COLUMNS: [Source; 8] = [
 /// Columns that are there when every row has them.
 const REFERENCES: [Source; 2] = [("ref_pos_kpa", |tick| tick.ref_pos_kpa), ("ref_neg_kpa", |tick| tick.ref_neg_kpa)];
 
-pub(super) fn recording(source: &str, ticks: &[TickRecord]) -> Result<Recording, RecordingError> {
+/// What becomes of a tick with a sound frame in which a sensor's reading is none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Broken {
+    /// It has no row.
+    NoRow,
+    /// It has one, with a straight line in place of the reading, which is marked as missing.
+    Missing,
+}
+
+pub(super) fn recording(source: &str, ticks: &[TickRecord], broken: Broken) -> Result<Recording, RecordingError> {
     // A file that another program kept the ticks of alone has no frames; what was sent stands in the ticks.
     let frames = if ticks.iter().any(|tick| tick.command_present) { Frames::Kept } else { Frames::LeftOut };
-    let (ticks_to_rest, sound) = from_rest(ticks.iter().filter(|tick| has_row(tick, frames)).collect());
+    let pressures: [Source; 2] = [("p_pos_kpa", |tick| tick.p_pos_kpa), ("p_neg_kpa", |tick| tick.p_neg_kpa)];
+    let commanded: Vec<&TickRecord> = ticks.iter().filter(|tick| has_command(tick, frames)).collect();
+    let lacks = |value: fn(&TickRecord) -> f64| commanded.iter().map(|tick| finite(value(tick))).collect::<Vec<f64>>();
+    // A sensor that is dead for long tells nothing, and nor does a line over that.
+    let now_and_then = broken == Broken::Missing && pressures.iter().all(|(_, of)| !is_slower(&lacks(*of)));
+    let has_row = |tick: &&TickRecord| now_and_then || pressures.iter().all(|(_, of)| of(tick).is_finite());
+    let (ticks_to_rest, sound) = from_rest(commanded.into_iter().filter(has_row).collect());
     let (rows, time_s) = timed(&sound);
+    let read = pressures.map(|(name, of)| (name, rows.iter().map(|tick| finite(of(tick))).collect::<Vec<f64>>()));
+    let read: Vec<(&str, &[f64])> = read.iter().map(|(name, of)| (*name, of.as_slice())).collect();
+    let place = |row: usize| format!("at {:.2} s", time_s.get(row).copied().unwrap_or(0.0));
+    let (mut missing, kept) = lost_rows::missing(source, place, &time_s, &read);
+    let unread = rows.len() - kept.len();
+    let (rows, time_s) = (rows_alone(&rows, &kept), rows_alone(&time_s, &kept));
     if rows.is_empty() {
         return Err(RecordingError::NoReadings { file: source.to_owned(), ticks: ticks.len() });
     }
     let column = |(name, value): Source| Column {
         name: name.to_owned(),
-        data: ColumnData::Numbers(rows.iter().map(|tick| value(tick)).collect()),
+        data: ColumnData::Numbers(rows.iter().map(|tick| finite(value(tick))).collect()),
     };
     let mut columns: Vec<Column> = COLUMNS.into_iter().map(column).collect();
+    columns.iter_mut().for_each(|column| missing.fill(&time_s, column));
     let mut notes = Vec::new();
     let references = rows.iter().filter(|tick| referenced(tick)).count();
     if references == rows.len() {
@@ -62,14 +87,21 @@ pub(super) fn recording(source: &str, ticks: &[TickRecord]) -> Result<Recording,
     if ticks_to_rest > 0 {
         notes.push(format!("{source}: {ticks_to_rest} ticks left out in which the rig came to rest for an experiment"));
     }
-    let left_out = ticks.len() - rows.len() - ticks_to_rest;
+    let left_out = ticks.len() - rows.len() - ticks_to_rest - unread;
     if left_out > 0 {
         notes.push(format!(
             "{source}: {left_out} of {} ticks left out (no sound reading, no command sent, or a repeated tick)",
             ticks.len()
         ));
     }
-    Ok(Recording::new(source, time_s, columns)?.with_notes(notes))
+    notes.append(&mut missing.notes);
+    missing.columns.retain(|(_, missing)| missing.contains(&true));
+    Ok(Recording::new(source, time_s, columns)?.with_missing(missing.columns).with_notes(notes))
+}
+
+/// A number, NaN for one that is none.
+fn finite(number: f64) -> f64 {
+    if number.is_finite() { number } else { f64::NAN }
 }
 
 /// Without the ticks in which the rig came to rest before an experiment's rows, but for the last of them; how many those are.
@@ -96,8 +128,8 @@ enum Frames {
     LeftOut,
 }
 
-fn has_row(tick: &TickRecord, frames: Frames) -> bool {
-    let numbers = [tick.u_pos, tick.u_neg, tick.p_pos_kpa, tick.p_neg_kpa];
+fn has_command(tick: &TickRecord, frames: Frames) -> bool {
+    let numbers = [tick.u_pos, tick.u_neg];
     matches!(tick.arrival, Arrival::InTime | Arrival::Late)
         && (tick.command_present || frames == Frames::LeftOut)
         && numbers.iter().all(|number| number.is_finite())

@@ -13,8 +13,9 @@ use model::rig::{Decimal, RecordingMap, Separator};
 use super::cells::{Comments, Grammar, Rows};
 use super::csv::CsvError;
 use super::labview_rates;
-use super::logger_text::{Head, LastRow, Row, fill, next};
+use super::logger_text::{LastRow, Row, fill, next};
 use super::sheet::{Cells, Sheet, SheetColumn};
+use super::table_head::Head;
 use super::timestamps;
 
 /// First words of such a file.

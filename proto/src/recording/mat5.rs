@@ -91,7 +91,7 @@ pub(super) fn sheet(file: &str, bytes: &[u8]) -> Result<Sheet<'static>, Recordin
         notes.push(format!("{file}: vectors of {rows} numbers are the columns; left out: {}", others.join(", ")));
     }
     if cut {
-        notes.push(format!("{file}: cut short; variables before the cut were read"));
+        notes.push(format!("{file}: the file is cut short; variables before the cut were read, the one at the cut and all behind it were not"));
     }
     let columns = gathered
         .columns
@@ -294,6 +294,23 @@ mod tests {
             flipped[end] ^= 0x55;
             let _ = sheet("x.mat", &flipped);
         }
+    }
+
+    #[test]
+    fn what_was_left_out_stands_beside_what_is_missed() {
+        let rig = model::rig::Rig::builtin("dual_pressure").unwrap();
+        let numbers: Vec<f64> = (0..30).map(|k| 0.02 * f64::from(k)).collect();
+        let vectors = |times: usize| {
+            let others = ["u_pos", "u_neg", "p_pos_kpa"].map(|name| doubles(name, [30, 1], &numbers));
+            whole(&[vec![doubles("time_s", [times as u32, 1], &numbers[..times])], others.to_vec()].concat())
+        };
+        let read = |bytes: &[u8]| crate::recording::Recording::parse_for("x.mat", bytes, &rig);
+        let said = read(&vectors(29)).unwrap_err().to_string();
+        assert!(said.contains("time_s is missing") && said.contains("time_s has 29"), "{said}");
+        let bytes = [vectors(30), doubles("p_neg_kpa", [30, 1], &numbers)].concat();
+        let cut = read(&bytes[..bytes.len() - 40]).unwrap();
+        let said = cut.require(["p_neg_kpa"]).unwrap_err().to_string();
+        assert!(said.contains("p_neg_kpa is missing") && said.contains("cut short"), "{said}");
     }
 
     #[test]

@@ -17,6 +17,7 @@ use mcap::read::parse_record;
 use mcap::records::{Record, op};
 
 use super::MOST_BYTES;
+use super::damaged_chunks::{self, Damaged};
 use super::decompress::{End, decompress};
 use super::mcap_writer::{Event, EventLevel, topic};
 use super::protobuf::DecodeError;
@@ -134,6 +135,8 @@ pub fn parse_mcap(file: &str, bytes: &[u8]) -> Result<McapContent, ReadMcapError
     }
     let mut gathering = Gathering::of(file);
     let end = gathering.read(bytes)?;
+    let Gathering { content, topics, damaged, .. } = &mut gathering;
+    damaged_chunks::tell(&mut content.notes, damaged, |channel| topics.get(&channel) == Some(&Topic::Tick));
     let Gathering { mut content, topics, foreign_ticks, holds, .. } = gathering;
     let has_tick_topic = topics.values().any(|topic| *topic == Topic::Tick);
     let ticks = content.ticks.len();
@@ -156,7 +159,16 @@ pub fn parse_mcap(file: &str, bytes: &[u8]) -> Result<McapContent, ReadMcapError
         return Err(ReadMcapError::NoTicks { file: file.to_owned(), notes: content.notes });
     }
     content.complete = content.notes.is_empty();
+    into_order(&mut content.ticks);
     Ok(content)
+}
+
+/// Puts ticks that another tool has written in another order back into that in which they were received.
+fn into_order(ticks: &mut [TickRecord]) {
+    let received = |tick: &TickRecord| tick.receive_ns;
+    if ticks.iter().all(|tick| received(tick) > 0) && !ticks.is_sorted_by_key(received) {
+        ticks.sort_by_key(received);
+    }
 }
 
 /// How the file ended.
@@ -212,6 +224,9 @@ pub(super) struct Gathering {
     sense: HashMap<u32, [u8; SENSE_BYTES]>,
     command: HashMap<u32, [u8; COMMAND_BYTES]>,
     pub(super) ticks: HashMap<u32, usize>,
+    damaged: Vec<Damaged>,
+    // Whether what was read last is a damaged chunk, whose index follows it.
+    behind_damaged: bool,
 }
 
 impl Gathering {
@@ -262,8 +277,21 @@ impl Gathering {
         }
     }
 
-    /// Reads a chunk: all of one that is whole and sound, every whole message of one that is cut.
+    /// Reads a chunk, and keeps in mind what is needed to say what one that is damaged lacks.
     fn chunk(&mut self, body: &[u8], end: End) -> Result<(), ReadMcapError> {
+        let (notes, ticks) = (self.content.notes.len(), self.content.ticks.len());
+        self.sound_of_chunk(body, end)?;
+        self.behind_damaged = end == End::Reached && self.content.notes.len() > notes;
+        if self.behind_damaged {
+            let read = self.content.ticks.len() - ticks;
+            let note = self.content.notes.len() - 1;
+            self.damaged.push(Damaged::of(body, note, read));
+        }
+        Ok(())
+    }
+
+    /// Reads what is sound of a chunk: all of one that is whole, every whole message of one that is cut.
+    fn sound_of_chunk(&mut self, body: &[u8], end: End) -> Result<(), ReadMcapError> {
         let Some(chunk) = Chunk::of(body, end) else {
             if end == End::Reached {
                 self.note("a chunk is damaged and was left out: its head is no chunk's");
@@ -342,6 +370,11 @@ impl Gathering {
                 if let Err(error) = self.message(topic, header.sequence, &data) {
                     let sequence = header.sequence;
                     self.note(&format!("message {sequence} cannot be read: {error}"));
+                }
+            }
+            Record::MessageIndex(index) if self.behind_damaged => {
+                if let Some(damaged) = self.damaged.last_mut() {
+                    damaged.index(index.channel_id, index.records.len());
                 }
             }
             Record::Metadata(metadata) if metadata.name == METADATA => {

@@ -8,18 +8,30 @@ use model::rig::Decimal;
 const GROUP_MARKS: [char; 5] = ['\'', '\u{2019}', '\u{a0}', '\u{202f}', '\u{2009}'];
 
 /// What loggers write where they have nothing, besides nothing at all and NaN.
-const NOTHING: [&str; 16] = [
-    "-", "--", "---", "na", "n/a", "#n/a", "null", "none", "1.#qnan", "-1.#ind", "ol", "err", "error", "bad",
-    "invalid", "no data",
+const NOTHING: [&str; 20] = [
+    "-", "--", "---", "na", "n/a", "#n/a", "<na>", "null", "<null>", "none", "nat", "ol", "ovf", "#ovf", "err",
+    "error", "bad", "invalid", "no data", "missing",
 ];
+/// Beginnings of what C's library on Windows writes for NaN and infinity (`1.#QNAN`, `-1.#IND00`, `-nan(ind)`), a sign before them aside.
+const NOT_FINITE: [&str; 2] = ["1.#", "nan("];
 
 /// Whether a cell says that there is nothing: blank, NaN, a logger's word for it, a spreadsheet's error (`#DIV/0!`).
 pub(super) fn says_nothing(text: &str) -> bool {
     let text = text.trim();
+    let unsigned = text.trim_start_matches(['+', '-']).to_ascii_lowercase();
+    let is_full_of = |mark: char| text.chars().all(|c| c == mark);
     text.is_empty()
-        || text.eq_ignore_ascii_case("nan")
+        || is_not_finite(&unsigned)
+        // A field that its number was too wide for (Fortran), and a reading that nobody knows.
+        || is_full_of('*')
+        || is_full_of('?')
         || NOTHING.iter().any(|nothing| text.eq_ignore_ascii_case(nothing))
         || (text.starts_with('#') && text.ends_with('!'))
+}
+
+/// Whether a cell without its sign, in small letters, is NaN or one of C's words for what is not finite.
+fn is_not_finite(unsigned: &str) -> bool {
+    unsigned == "nan" || NOT_FINITE.iter().any(|begin| unsigned.starts_with(begin))
 }
 
 /// A number with this decimal mark; `true` and `false` are 1 and 0.

@@ -22,7 +22,7 @@ const PIECE: usize = 1 << 16;
 ///
 /// # Errors
 /// The file is cut off or damaged, or grows beyond 2 GiB.
-pub(super) fn unpacked<'b>(file: &str, bytes: &'b [u8]) -> Result<Cow<'b, [u8]>, RecordingError> {
+pub fn unpacked<'b>(file: &str, bytes: &'b [u8]) -> Result<Cow<'b, [u8]>, RecordingError> {
     let (packed_with, tool, content) = if bytes.starts_with(GZIP) {
         ("gzip", "gunzip", gunzip(bytes))
     } else if bytes.starts_with(ZSTD) {

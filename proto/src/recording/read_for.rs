@@ -17,6 +17,7 @@ use model::rig::{RecordingMap, Rig};
 
 use super::columns::{Asked, asked, check, naming};
 use super::csv::{Column, ColumnData, CsvError, TIME_COLUMN};
+use super::from_ticks::Broken;
 use super::recording_error::RecordingError;
 use super::repeated::Sensors;
 use super::resample::{Kind, Resampling};
@@ -24,7 +25,10 @@ use super::sheet::Sheet;
 use super::slower::{self, Slower};
 use super::table::{Recording, Rows};
 use super::times::{Times, places_of_time, times};
-use super::{MOST_BYTES, file_kind, logger_text, lost_rows, packed, repeated, serial_monitor, text_encoding};
+use super::{
+    MOST_BYTES, file_kind, logger_text, long_format, lost_rows, packed, repeated, serial_monitor, text_encoding,
+    time_notes,
+};
 use crate::regular_file;
 
 impl Recording {
@@ -40,7 +44,7 @@ impl Recording {
         let named_mcap = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("mcap"));
         let bytes = packed::unpacked(&file, &bytes)?;
         if bytes.starts_with(mcap::MAGIC) || named_mcap {
-            return Recording::parse_mcap(&file, &bytes)?.bridged(rig);
+            return Recording::parse_mcap(&file, &bytes, Broken::Missing)?.bridged(rig);
         }
         Self::parse_for(&file, &bytes, rig)
     }
@@ -55,7 +59,7 @@ impl Recording {
         if let Some(sheet) = file_kind::sheet(file, bytes)? {
             return from_sheet(&sheet, rig, &map);
         }
-        let text = text_encoding::decode(file, bytes)?;
+        let text = text_encoding::decode(file, bytes).map_err(|error| file_kind::no_text(file, bytes, error))?;
         file_kind::check_text(file, &text)?;
         let text = serial_monitor::unfolded(text);
         from_sheet(&logger_text::sheet(file, &text, &map)?, rig, &map)
@@ -76,6 +80,7 @@ impl Recording {
         let rows = Rows {
             columns: columns.collect(),
             measured: resampling.measured.clone(),
+            missing: self.missing_of(&resampling),
             sampling_s: resampling.sampling_s(),
             header_line: None,
             time_s: resampling.rows.clone(),
@@ -98,12 +103,14 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     let once = super::doubled::once(sheet);
     let sheet = once.as_ref().unwrap_or(sheet);
     let naming = naming(sheet, rig, map)?;
+    long_format::check(sheet, rig, map)?;
     let of_time = places_of_time(sheet, map, naming);
     let timed = lost_rows::timed(sheet, &of_time);
     let sheet = timed.as_ref().unwrap_or(sheet);
     let apart = super::doubled::at_one_time(sheet, &of_time);
     let sheet = apart.as_ref().unwrap_or(sheet);
     let Times { mut time_s, columns: of_time, taken } = times(sheet, map, naming)?;
+    let (time_notes, may_count_rows) = time_notes::of_times(sheet, map, &of_time, &time_s);
     let mut units = taken;
     let (mut columns, mut file_units) = (Vec::new(), Vec::new());
     for Asked { name, kind, default } in asked(rig) {
@@ -115,9 +122,14 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     }
     let numbered = lost_rows::numbered(sheet, &mut time_s, &mut columns);
     let sheet = numbered.as_ref().unwrap_or(sheet);
+    let (mut missing, read) = lost_rows::readings(sheet, &mut time_s, &mut columns);
+    let sheet = read.as_ref().unwrap_or(sheet);
     let slower = Slower::of(&readings(&columns)).map_err(|at| never_together(sheet, &columns, at))?;
     let (time_s, columns) = match &slower {
-        Some(slower) => read_rows(&slower.span, time_s, columns),
+        Some(slower) => {
+            missing = missing.cut(&slower.span);
+            read_rows(&slower.span, time_s, columns)
+        }
         None => (time_s, columns),
     };
     let mut resampling = Resampling::new(&time_s);
@@ -139,15 +151,21 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     let rows = Rows {
         columns: made,
         measured: resampling.measured.clone(),
+        missing: missing.columns.iter().map(|(name, of)| (name.clone(), resampling.missing_of(of))).collect(),
         sampling_s: resampling.sampling_s(),
         header_line: sheet.header_line,
         time_s: resampling.rows.clone(),
     };
     let mut notes = Vec::new();
     notes.extend(manner(sheet, &units));
+    notes.extend(time_notes);
     notes.extend(sheet.notes.iter().cloned());
+    notes.extend(missing.notes);
     notes.extend(resampling.notes(&sheet.file));
-    Ok(Recording::from_rows(&sheet.file, rows)?.with_notes(notes).with_file_units(file_units))
+    Ok(Recording::from_rows(&sheet.file, rows)?
+        .with_notes(notes)
+        .with_file_units(file_units)
+        .with_may_count_rows(may_count_rows))
 }
 
 /// The numbers of all sensors' columns.

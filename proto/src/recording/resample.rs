@@ -38,6 +38,9 @@ const AS_THEY_ARE_S: f64 = 1e-3;
 /// Share by which the usual distance may be off 20 ms for that.
 const AS_THEY_ARE_RATE: f64 = 5e-3;
 
+/// Share of a row's reading that may be a line in place of missing samples.
+const MISSING: f64 = 0.25;
+
 /// What a column is, which says how its rows are made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
@@ -73,7 +76,7 @@ impl<'t> Resampling<'t> {
     /// Lays rows over samples whose times go forward.
     pub(super) fn new(time_s: &'t [f64]) -> Self {
         let step_s = usual_step(time_s).unwrap_or(PERIOD_S);
-        let longest_s = (GAP_STEPS * step_s).max(BRIDGED_S) + 2.0 * AS_THEY_ARE_S;
+        let longest_s = longest_s(step_s);
         let mut of = Resampling {
             time_s,
             step_s,
@@ -208,6 +211,12 @@ impl<'t> Resampling<'t> {
                 Kind::Reading => self.at(x, *t),
             })
             .collect()
+    }
+
+    /// By row, whether a reading is missing where samples lack one: where more than [`MISSING`] of what the row takes is a line over it.
+    pub(super) fn missing_of(&self, missing: &[bool]) -> Vec<bool> {
+        let lacks: Vec<f64> = missing.iter().map(|missing| f64::from(u8::from(*missing))).collect();
+        self.rows_of(&lacks, Kind::Reading).into_iter().map(|share| share > MISSING).collect()
     }
 
     /// The texts of a column, each the last one at or before a row.
@@ -350,6 +359,16 @@ fn holes(time_s: &[f64], step_s: f64, longest_s: f64) -> Vec<(f64, usize)> {
         (step > NEIGHBOURS_ROWS * usual_s && step <= longest_s && lost > 1).then(|| (w[0], lost - 1))
     };
     time_s.windows(2).filter_map(hole).collect()
+}
+
+/// The longest step that is bridged (s), by the usual one.
+fn longest_s(step_s: f64) -> f64 {
+    (GAP_STEPS * step_s).max(BRIDGED_S) + 2.0 * AS_THEY_ARE_S
+}
+
+/// Runs of samples between which simulations begin anew.
+pub(super) fn runs_of(time_s: &[f64]) -> Vec<Range<usize>> {
+    runs(time_s, longest_s(usual_step(time_s).unwrap_or(PERIOD_S)))
 }
 
 /// Runs of samples without a gap.

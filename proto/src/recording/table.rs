@@ -25,9 +25,11 @@ use std::path::Path;
 use super::MOST_BYTES;
 use super::csv::{self, Column, ColumnData, CsvError, Table};
 use super::file_unit::FileUnit;
+use super::from_ticks::Broken;
 use super::mcap_reader::parse_mcap;
 use super::mcap_writer::{Event, EventLevel, VERDICT};
 use super::recording_error::RecordingError;
+use super::resample::Resampling;
 use super::tick::TickRecord;
 use crate::atomic_file;
 use crate::regular_file;
@@ -60,11 +62,15 @@ pub struct Recording {
     segments: Vec<Range<usize>>,
     // By row; empty where every row is a sample.
     measured: Vec<bool>,
+    // By sensor's column; none where every reading of it is there.
+    missing: Vec<(String, Vec<bool>)>,
     sampling_s: f64,
     // Whether a rig file's table of columns was asked, and a missing column may be named in it.
     asked: Asked,
     notes: Vec<String>,
     file_units: Vec<FileUnit>,
+    // Whether its seconds may be a count of rows.
+    may_count_rows: bool,
 }
 
 /// Whose columns a recording has.
@@ -85,6 +91,8 @@ pub(super) struct Rows {
     pub(super) columns: Vec<Column>,
     /// By row, whether a sample was taken there; empty where one was in all.
     pub(super) measured: Vec<bool>,
+    /// Columns of sensors that lack readings; by row, whether one is missing there.
+    pub(super) missing: Vec<(String, Vec<bool>)>,
     /// Usual distance of samples (s), [`PERIOD_S`] at least.
     pub(super) sampling_s: f64,
     /// Line of the file's header.
@@ -127,16 +135,16 @@ impl Recording {
             .map_err(|source| RecordingError::Read { file: file.clone(), source })?;
         let named_mcap = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("mcap"));
         if bytes.starts_with(mcap::MAGIC) || named_mcap {
-            Self::parse_mcap(&file, &bytes)
+            Self::parse_mcap(&file, &bytes, Broken::NoRow)
         } else {
             Self::parse_csv(&file, &bytes)
         }
     }
 
     /// The recording that the bytes of a daemon's MCAP file are.
-    pub(super) fn parse_mcap(file: &str, bytes: &[u8]) -> Result<Self, RecordingError> {
+    pub(super) fn parse_mcap(file: &str, bytes: &[u8], broken: Broken) -> Result<Self, RecordingError> {
         let content = parse_mcap(file, bytes)?;
-        let mut recording = Self::from_ticks(file, &content.ticks)?;
+        let mut recording = super::from_ticks::recording(file, &content.ticks, broken)?;
         let unfinished = |event: &&Event| event.part == VERDICT && event.level == EventLevel::Error;
         let aborted = content.events.iter().filter(unfinished).map(|event| format!("{file}: {}", event.message));
         recording.notes.splice(0..0, content.notes.into_iter().chain(aborted));
@@ -171,7 +179,7 @@ impl Recording {
     /// # Errors
     /// No tick has a reading; a duty outside [0, 1].
     pub fn from_ticks(source: &str, ticks: &[TickRecord]) -> Result<Self, RecordingError> {
-        super::from_ticks::recording(source, ticks)
+        super::from_ticks::recording(source, ticks, Broken::NoRow)
     }
 
     /// Where the recording comes from: the file's name as it was given.
@@ -253,12 +261,39 @@ impl Recording {
         (!self.measured.is_empty()).then_some(self.measured.as_slice())
     }
 
+    /// By row, whether a sensor's reading is missing there although the rest of the row was recorded: a straight line stands in its
+    /// place, which is no evidence. `None` where the column lacks none.
+    pub fn missing(&self, column: &str) -> Option<&[bool]> {
+        self.missing.iter().find(|(name, _)| name == column).map(|(_, missing)| missing.as_slice())
+    }
+
+    /// The recording from one of its rows on; as it is where that leaves no row.
+    #[must_use]
+    pub fn from_row(mut self, first: usize) -> Self {
+        let rows = self.rows();
+        if first == 0 || first >= rows {
+            return self;
+        }
+        self.time_s.drain(..first);
+        for column in &mut self.columns {
+            column.data = column.data.cut(&(first..rows));
+        }
+        let without = |marks: &mut Vec<bool>| drop(marks.drain(..first.min(marks.len())));
+        without(&mut self.measured);
+        self.missing.iter_mut().for_each(|(_, missing)| without(missing));
+        self.segments.retain(|segment| segment.end > first);
+        for segment in &mut self.segments {
+            *segment = segment.start.max(first) - first..segment.end - first;
+        }
+        self
+    }
+
     /// Usual distance of samples (s); [`PERIOD_S`] where they are as close as rows or closer. Nothing that is faster can be told.
     pub fn sampling_s(&self) -> f64 {
         self.sampling_s
     }
 
-    /// The unit, other than kPa, that the file itself says of a column of pressures, and by which it was read.
+    /// The unit, other than the rig's, that the file or its map says of a column, and by which it was read.
     pub fn file_unit(&self, column: &str) -> Option<&FileUnit> {
         self.file_units.iter().find(|unit| unit.column == column)
     }
@@ -281,6 +316,25 @@ impl Recording {
         Ok(atomic_file::write(path, self.to_csv().as_bytes())?)
     }
 
+    /// Readings that are missing, at the rows of a resampling.
+    pub(super) fn missing_of(&self, resampling: &Resampling<'_>) -> Vec<(String, Vec<bool>)> {
+        self.missing.iter().map(|(name, missing)| (name.clone(), resampling.missing_of(missing))).collect()
+    }
+
+    pub(super) fn with_missing(self, missing: Vec<(String, Vec<bool>)>) -> Self {
+        Self { missing, ..self }
+    }
+
+    /// Whether its times are whole seconds from row to row that nobody but the column's name says to be seconds: they may be a count of
+    /// rows as well, which the readings tell.
+    pub fn may_count_rows(&self) -> bool {
+        self.may_count_rows
+    }
+
+    pub(super) fn with_may_count_rows(self, may_count_rows: bool) -> Self {
+        Self { may_count_rows, ..self }
+    }
+
     pub(super) fn with_file_units(self, file_units: Vec<FileUnit>) -> Self {
         Self { file_units, ..self }
     }
@@ -292,7 +346,7 @@ impl Recording {
 
     /// The recording that samples were brought to; ranges of columns are for the caller to check.
     pub(super) fn from_rows(file: &str, rows: Rows) -> Result<Self, RecordingError> {
-        let Rows { time_s, columns, measured, sampling_s, header_line } = rows;
+        let Rows { time_s, columns, measured, missing, sampling_s, header_line } = rows;
         if time_s.is_empty() {
             return Err(CsvError::NoRows { file: file.to_owned() }.into());
         }
@@ -305,10 +359,12 @@ impl Recording {
             columns,
             segments,
             measured,
+            missing,
             sampling_s,
             asked: Asked::Rig,
             notes: Vec::new(),
             file_units: Vec::new(),
+            may_count_rows: false,
         })
     }
 
@@ -324,7 +380,7 @@ impl Recording {
                 line: self.header_line,
                 column: name.to_owned(),
                 found: csv::listed(std::iter::once(csv::TIME_COLUMN).chain(self.names())),
-                mend: format!("where it has another name say so in the rig file: [recording] columns.{name} = \"…\""),
+                mend: self.where_it_may_be(name),
             }),
             None => Err(CsvError::MissingColumn {
                 file: self.source.clone(),
@@ -336,6 +392,13 @@ impl Recording {
         }
     }
 
+    /// The key for a column of another name; and what was left out of the file, which may be what is missed.
+    fn where_it_may_be(&self, name: &str) -> String {
+        let key = format!("where it has another name say so in the rig file: [recording] columns.{name} = \"…\"");
+        let left_out = self.notes.iter().filter(|note| note.contains("left out") || note.contains("cut short"));
+        std::iter::once(&key).chain(left_out).map(String::as_str).collect::<Vec<_>>().join("; ")
+    }
+
     fn from_table(file: &str, table: Table) -> Result<Self, RecordingError> {
         let segments = rules::check(file, &table)?;
         Ok(Self {
@@ -345,10 +408,12 @@ impl Recording {
             columns: table.columns,
             segments,
             measured: Vec::new(),
+            missing: Vec::new(),
             sampling_s: PERIOD_S,
             asked: Asked::File,
             notes: Vec::new(),
             file_units: Vec::new(),
+            may_count_rows: false,
         })
     }
 }

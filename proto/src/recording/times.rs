@@ -187,6 +187,8 @@ fn place(sheet: &Sheet<'_>, map: &RecordingMap) -> Result<Found, RecordingError>
     } else {
         "where the time has another name say so in the rig file: [recording] time = \"…\"; where there is none, period_ms = …".to_owned()
     };
+    // What was left out of the file may be what is missed.
+    let mend = std::iter::once(&mend).chain(&sheet.notes).map(String::as_str).collect::<Vec<_>>().join("; ");
     Err(RecordingError::NotMapped {
         file: sheet.file.clone(),
         line: sheet.header_line,
@@ -266,7 +268,11 @@ fn of_terms(sheet: &Sheet<'_>, map: &RecordingMap, places: &[usize]) -> Result<T
         time_s = moments;
     }
     let explicit = map.time.0.iter().any(|term| term.unit.is_some() || !term.is_plain());
-    let said = if explicit { Said::Unit(1.0) } else { Said::Column };
+    let said = match (explicit, map.time.0.as_slice(), places) {
+        (true, [only], [at]) if only.is_plain() => said(sheet, *at, Some(only))?,
+        (true, ..) => Said::Unit(1.0),
+        (false, ..) => Said::Column,
+    };
     plausible(sheet, places, &time_s, said)?;
     Ok(Times { time_s: from_zero(time_s), columns: places.to_vec(), taken })
 }
@@ -279,7 +285,7 @@ fn of_columns(sheet: &Sheet<'_>, places: &[usize]) -> Result<Times, RecordingErr
         let said = said(sheet, *at, None)?;
         let (numbers, word) = seconds(sheet, *at, said)?;
         taken.extend(word);
-        if said == Said::Nothing && !sheet.is_timestamped(*at) {
+        if (said == Said::Nothing || places.len() == 1) && !sheet.is_timestamped(*at) {
             least = said;
         }
         time_s.iter_mut().zip(numbers).for_each(|(slot, x)| *slot += x);
@@ -344,7 +350,7 @@ fn by_name(name: &str) -> Option<f64> {
 }
 
 /// s per number by the unit behind a name.
-fn unit_behind(name: &str) -> Option<f64> {
+pub(super) fn unit_behind(name: &str) -> Option<f64> {
     match Unit::parse(name.rsplit_once(UNIT_MARKS)?.1) {
         Some(Unit::Time(s)) => Some(s),
         _ => None,

@@ -145,6 +145,9 @@ impl Unit {
         if let Some((before, unit)) = apart.filter(|(before, unit)| !before.trim().is_empty() && is_sure(unit)) {
             return Some((before.trim_end(), unit.trim()));
         }
+        if let Some((before, unit)) = name.rsplit_once('/').filter(|(before, unit)| is_over(before, unit)) {
+            return Some((before.trim_end(), unit.trim()));
+        }
         let (open, close) = [('[', ']'), ('(', ')')].into_iter().find(|(_, close)| name.ends_with(*close))?;
         // The bracket that the last one closes: `p (kPa(g))`.
         let mut depth = 0_i32;
@@ -156,6 +159,20 @@ impl Unit {
         let before = name.get(..start)?.trim_end();
         (!before.is_empty() && Unit::parse(inside).is_some()).then_some((before, inside))
     }
+}
+
+/// Whether a stroke without blanks stands between a name and its unit (`p/kPa`, `Time/s`), and not within a unit (`l/min`), nor between what
+/// is divided (`on/off`).
+fn is_over(before: &str, unit: &str) -> bool {
+    let of_time = ["time", "zeit", "stamp", "elapsed"].iter().any(|word| before.to_ascii_lowercase().contains(word));
+    let is_one = match Unit::parse(unit) {
+        // Anything may go on by the second.
+        Some(Unit::Time(_)) => of_time || before.eq_ignore_ascii_case("t"),
+        Some(Unit::Other) | None => false,
+        Some(_) => unit.contains(char::is_alphabetic) || unit.trim() == "%",
+    };
+    let is_unit = |word: &str| Unit::parse(word).is_some();
+    is_one && before.split_whitespace().next_back().is_some_and(|word| !is_unit(word))
 }
 
 #[cfg(test)]
@@ -199,6 +216,12 @@ mod tests {
         assert_eq!(Unit::in_name("chamber 1 (kPa(g))"), Some(("chamber 1", "kPa(g)")));
         assert_eq!(Unit::in_name("p / kPa"), Some(("p", "kPa")));
         assert_eq!(Unit::in_name("duty in %"), Some(("duty", "%")));
+        assert_eq!(Unit::in_name("p_pos_kpa/bar"), Some(("p_pos_kpa", "bar")));
+        assert_eq!(Unit::in_name("Time/s"), Some(("Time", "s")));
+        assert_eq!(Unit::in_name("u/%"), Some(("u", "%")));
+        for name in ["l/min", "flow l/min", "on/off", "date/time", "kPa/s", "p/s", "V/V", "1/min"] {
+            assert_eq!(Unit::in_name(name), None, "{name}");
+        }
         assert_eq!(Unit::in_name("valve (left)"), None);
         assert_eq!(Unit::in_name("plug in c"), None);
         assert_eq!(Unit::in_name("[kPa]"), None);

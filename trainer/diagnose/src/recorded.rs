@@ -35,7 +35,7 @@ impl Recorded {
         if let Some(refusal) = quality.refusal() {
             return Err(fit::FitError::Unusable(refusal).into());
         }
-        let records = quality.bridged(records);
+        let (quality, records) = quality.sound(records);
         refuse_what_nothing_moves(rig, &records, &noise)?;
         let mut notes: Vec<String> = recordings.iter().flat_map(|r| r.notes().to_vec()).collect();
         notes.extend(quality.doubts().map(ToString::to_string));

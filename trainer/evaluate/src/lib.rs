@@ -23,6 +23,7 @@ pub mod rigs_around;
 pub mod table;
 
 pub use dob::Dob;
+pub use environment::score::SKIPPED_S;
 pub use mpc::{Mpc, TickTimes};
 pub use optimal_open_loop::OptimalOpenLoop;
 pub use repeated::RepeatedFallback;

@@ -72,6 +72,28 @@ fn noise_is_measured() {
     }
 }
 
+/// A sensor that drops out for one reading in seven, or lacks one in five, has the noise of the others.
+#[test]
+fn noise_is_that_of_sound_readings() {
+    let g = good();
+    let records =
+        |pressures: &[Vec<f64>; 2]| Records::new(&g.rig, &[recording("good.csv", &g.duty, pressures)]).unwrap();
+    let sound = noise(&records(&g.pressures));
+    let mut dropped = g.pressures.clone();
+    dropped[0].iter_mut().skip(3).step_by(7).for_each(|p| *p = 0.0);
+    let left_out: Vec<bool> = (0..2 * ROWS).map(|place| place % 5 == 2).collect();
+    let missing = records(&g.pressures).without_readings(&left_out);
+    for (what, records) in [("dropped", records(&dropped)), ("missing", missing)] {
+        for (of, sound) in noise(&records).iter().zip(&sound) {
+            assert!((of.sigma_kpa / sound.sigma_kpa - 1.0).abs() < 0.15, "{what}: {of:?} {sound:?}");
+            assert!((of.step_kpa - made::STEP_KPA).abs() < 1e-6, "{what}: {of:?}");
+        }
+    }
+    let found = quality(&g.rig, &[recording("dropped.csv", &g.duty, &dropped)]);
+    assert_finds(&found, Trouble::Spikes, Severity::Unusable, &["p_pos_kpa", "286 wild readings"]);
+    assert!(!found.has(Trouble::Clipped), "{:?}", found.findings);
+}
+
 #[test]
 fn too_short() {
     let g = good();

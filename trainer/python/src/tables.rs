@@ -128,7 +128,10 @@ pub(crate) fn read_recording(py: Python<'_>, file: &str, rig: &str) -> PyResult<
         }
     }
     let every = vec![true; recording.rows()];
-    let measured = recording.measured().unwrap_or(&every).iter().map(|measured| u8::from(*measured)).collect();
+    let sensors: Vec<&[bool]> = rig.sensors.values().filter_map(|sensor| recording.missing(&sensor.column)).collect();
+    let is_read = |row: usize| sensors.iter().all(|missing| !missing.get(row).copied().unwrap_or(false));
+    let measured = recording.measured().unwrap_or(&every).iter().enumerate();
+    let measured = measured.map(|(row, measured)| u8::from(*measured && is_read(row))).collect();
     Ok((columns, Cow::Owned(measured), recording.notes().to_vec()))
 }
 

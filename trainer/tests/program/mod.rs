@@ -3,6 +3,8 @@
 // Each test program uses its own part of this.
 #![allow(dead_code, unreachable_pub, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+pub mod paper_run;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 

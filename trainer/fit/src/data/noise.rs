@@ -8,9 +8,14 @@
 //! Where samples are further apart than rows a fourth difference spans what the plant does; lower ones are taken where commands do
 //! not rest long enough for it, `Δ²y` with `√6` and `Δy` with `√2` times the noise of a reading, and of all sizes the smaller
 //! ones say what is noise.
+//!
+//! Readings that are missing, left out or wild are none: differences go over the others, with the coefficients of uneven steps
+//! `1 / Π (t_i − t_j)` where one is passed over.
 
 use proto::recording::PERIOD_S;
 
+use super::quality::readings::WILD_SAMPLING_S;
+use super::quality::wild::wild;
 use super::{Record, Records};
 
 /// The noise of one channel.
@@ -39,6 +44,9 @@ const PLATEAUS: usize = 5;
 
 /// The noise of every channel, all recordings together.
 pub fn noise(records: &Records) -> Vec<Noise> {
+    let wild = wild_places(records);
+    let without = wild.contains(&true).then(|| records.clone().without_readings(&wild));
+    let records = without.as_ref().unwrap_or(records);
     (0..records.layout().channels())
         .map(|channel| {
             let step_kpa = quantisation(records, channel);
@@ -50,8 +58,42 @@ pub fn noise(records: &Records) -> Vec<Noise> {
         .collect()
 }
 
+/// Which readings are wild by themselves, before any noise is known; of the recordings' layout.
+fn wild_places(records: &Records) -> Vec<bool> {
+    let mut places = vec![false; records.layout().len()];
+    for (record, channel, range) in records.layout().all() {
+        let Some(r) = records.records().get(record).filter(|r| r.sampling_s < WILD_SAMPLING_S) else { continue };
+        let rows: Vec<usize> = (0..r.time_s.len()).filter(|row| r.is_read(channel, *row)).collect();
+        let all = records.channel_kpa(record, channel);
+        let values: Vec<f64> = rows.iter().filter_map(|row| all.get(*row)).copied().collect();
+        for at in wild(&values, scatter(&values), None).0 {
+            if let Some(place) = rows.get(at).and_then(|row| places.get_mut(range.start + row)) {
+                *place = true;
+            }
+        }
+    }
+    places
+}
+
+/// Deviation of readings from the medians of five, which two wild ones among these do not move.
+fn scatter(values: &[f64]) -> f64 {
+    let mut off: Vec<f64> = values
+        .windows(5)
+        .map(|window| {
+            let mut sorted = window.to_vec();
+            sorted.sort_by(f64::total_cmp);
+            (window[2] - sorted[2]).abs()
+        })
+        .collect();
+    let middle = off.len() / 2;
+    if off.is_empty() { 0.0 } else { *off.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745 }
+}
+
 /// Coefficients of the fourth difference and the root of the sum of their squares.
 const FOURTH: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
+
+/// Most rows from the first to the last reading of a difference, some of which may be passed over.
+const LONGEST_ROWS: usize = 8;
 
 /// Rows before a difference in which no command may move by more than [`CALM_SPAN`] for the difference to be calm, and
 /// how many calm ones there must be for the others to be left out.
@@ -75,16 +117,18 @@ fn white(records: &Records, channel: usize) -> f64 {
     let (mut calm, mut all) = (Vec::new(), Vec::new());
     for (record, r) in records.records().iter().enumerate().filter(|(_, r)| !r.is_sparse()) {
         for rows in &r.segments {
-            let values = records.channel_kpa(record, channel).get(rows.clone()).unwrap_or_default();
-            for (k, w) in values.windows(FOURTH.len()).enumerate() {
-                let row = rows.start + k;
-                if !(row..row + FOURTH.len()).all(|row| r.is_measured(row)) {
+            let values = records.channel_kpa(record, channel);
+            let there: Vec<usize> = rows.clone().filter(|row| !r.is_missing(channel, *row)).collect();
+            for w in there.windows(FOURTH.len()) {
+                let (Some(row), Some(last)) = (w.first().copied(), w.last().copied()) else { continue };
+                if last - row > LONGEST_ROWS || !w.iter().all(|row| r.is_measured(*row)) {
                     continue;
                 }
-                let size = difference(w.iter().copied(), &FOURTH);
+                let those = w.iter().filter_map(|row| values.get(*row)).copied();
+                let size = difference(those, &fourth(w));
                 all.push(size);
                 let before = row.saturating_sub(CALM_ROWS).max(rows.start);
-                if r.inputs.iter().all(|input| span(input.get(before..row + FOURTH.len())) < CALM_SPAN) {
+                if r.inputs.iter().all(|input| span(input.get(before..last + 1)) < CALM_SPAN) {
                     calm.push(size);
                 }
             }
@@ -97,6 +141,15 @@ fn white(records: &Records, channel: usize) -> f64 {
     let middle = sizes.len() / 2;
     let sigma = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745;
     trimmed(&sizes, sigma)
+}
+
+/// Coefficients of the fourth difference of readings in these rows: no parabola and no cubic is left of them.
+fn fourth(rows: &[usize]) -> [f64; FOURTH.len()] {
+    if rows.windows(2).all(|pair| pair[1] - pair[0] == 1) {
+        return FOURTH;
+    }
+    let at = |k: usize| rows.get(k).copied().unwrap_or(0) as f64;
+    std::array::from_fn(|i| (0..FOURTH.len()).filter(|j| *j != i).map(|j| at(i) - at(j)).product::<f64>().recip())
 }
 
 /// Size of a difference in units of a reading's noise.
@@ -165,7 +218,7 @@ fn sparse_differences(records: &Records, channel: usize, coefficients: &[f64]) -
         let usual = (r.sampling_s / PERIOD_S).ceil() as usize;
         let stride = if is_off_rows(r.sampling_s) { 2 } else { 1 };
         for rows in &r.segments {
-            let samples: Vec<usize> = rows.clone().filter(|row| r.is_measured(*row)).collect();
+            let samples: Vec<usize> = rows.clone().filter(|row| r.is_read(channel, *row)).collect();
             for w in samples.windows((coefficients.len() - 1) * stride + 1) {
                 let (Some(first), Some(end)) = (w.first().copied(), w.last().copied()) else { continue };
                 // A lost sample makes the steps uneven.
@@ -189,7 +242,7 @@ fn quantisation(records: &Records, channel: usize) -> f64 {
     let mut values: Vec<f64> = Vec::new();
     for (record, r) in records.records().iter().enumerate() {
         let rows = records.channel_kpa(record, channel).iter().enumerate();
-        values.extend(rows.filter(|(row, _)| r.is_measured(*row)).map(|(_, value)| *value));
+        values.extend(rows.filter(|(row, _)| r.is_read(channel, *row)).map(|(_, value)| *value));
     }
     values.sort_by(f64::total_cmp);
     let gaps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > 1e-9).collect();

@@ -28,12 +28,15 @@ pub struct Record {
     /// By row, whether a sample was taken there; empty where one was in all. Readings elsewhere are straight lines between
     /// samples and no evidence.
     pub measured: Vec<bool>,
+    /// By channel and row, whether a reading is missing or left out there although the rest of the row counts; empty for a channel where
+    /// none is. What stands there is a straight line.
+    pub missing: Vec<Vec<bool>>,
     /// Usual distance of samples in s, 20 ms at least: nothing that is faster can be told.
     pub sampling_s: f64,
     /// Revolutions by which the pump's crank stood past its zero at the first row. No column tells it; zero until the
     /// pump's ripple has ([`crate::simulate::Tachometer`]).
     pub crank_rev: f64,
-    /// Units, other than kPa, that the file itself says of its pressures, and by which they were read.
+    /// Units, other than the rig's, that the file or its map says of its columns, and by which they were read.
     pub file_units: Vec<FileUnit>,
 }
 
@@ -83,7 +86,7 @@ impl Record {
         }
     }
 
-    /// The unit, other than kPa, that the file itself says of a column of pressures.
+    /// The unit, other than the rig's, that the file or its map says of a column.
     pub fn file_unit(&self, column: &str) -> Option<&FileUnit> {
         self.file_units.iter().find(|unit| unit.column == column)
     }
@@ -91,6 +94,26 @@ impl Record {
     /// Whether a sample was taken at a row.
     pub fn is_measured(&self, row: usize) -> bool {
         self.measured.get(row).copied().unwrap_or(true)
+    }
+
+    /// Whether a channel was read at a row, and its reading was not left out.
+    pub fn is_read(&self, channel: usize, row: usize) -> bool {
+        self.is_measured(row) && !self.is_missing(channel, row)
+    }
+
+    /// Whether a channel's reading is missing or left out at a row.
+    pub fn is_missing(&self, channel: usize, row: usize) -> bool {
+        self.missing.get(channel).and_then(|missing| missing.get(row)).copied().unwrap_or(false)
+    }
+
+    /// Puts straight lines in place of a channel's numbers by row where its readings are missing, none of them across a gap.
+    pub(crate) fn over_missing(&self, channel: usize, numbers: &mut [f64]) {
+        let Some(missing) = self.missing.get(channel).filter(|missing| missing.contains(&true)) else { return };
+        for rows in &self.segments {
+            if let (Some(numbers), Some(missing)) = (numbers.get_mut(rows.clone()), missing.get(rows.clone())) {
+                lines_over(numbers, missing);
+            }
+        }
     }
 
     /// Whether samples are further apart than rows.
@@ -126,6 +149,7 @@ impl Records {
                     _ => recording.require([input.column.as_str()]).map(|[numbers]| numbers.to_vec()),
                 })
                 .collect::<Result<Vec<_>, _>>()?;
+            let columns = plant.sensor_columns().iter().chain(plant.inputs().iter().map(|input| &input.column));
             records.push(Record {
                 source: recording.source().to_owned(),
                 time_s: recording.time_s().to_vec(),
@@ -134,9 +158,14 @@ impl Records {
                 before: Earlier::default(),
                 segments: recording.segments().to_vec(),
                 measured: recording.measured().unwrap_or_default().to_vec(),
+                missing: plant
+                    .sensor_columns()
+                    .iter()
+                    .map(|of| recording.missing(of).unwrap_or_default().to_vec())
+                    .collect(),
                 sampling_s: recording.sampling_s(),
                 crank_rev: 0.0,
-                file_units: plant.sensor_columns().iter().filter_map(|of| recording.file_unit(of).cloned()).collect(),
+                file_units: columns.filter_map(|of| recording.file_unit(of).cloned()).collect(),
             });
         }
         let sensors = plant.sensor_columns().to_vec();
@@ -209,6 +238,11 @@ impl Records {
                     .map(|s| s.start - rows.start..s.end - rows.start)
                     .collect(),
                 measured: whole.measured.get(rows.start..rows.end).unwrap_or_default().to_vec(),
+                missing: whole
+                    .missing
+                    .iter()
+                    .map(|missing| missing.get(rows.start..rows.end).unwrap_or_default().to_vec())
+                    .collect(),
                 sampling_s: whole.sampling_s,
                 // Whole turns do not matter, the rest does.
                 crank_rev: whole.crank_rev,
@@ -216,6 +250,28 @@ impl Records {
             })
             .collect();
         (Records { records, layout, readings_kpa, ..self.clone() }, places)
+    }
+
+    /// Rows of one recording as if they were 20 ms apart, whatever their times say.
+    pub(super) fn counted(&self, record: usize, rows: &[usize]) -> Option<Self> {
+        let whole = self.records.get(record)?;
+        let picked =
+            |numbers: &[f64]| -> Vec<f64> { rows.iter().filter_map(|row| numbers.get(*row)).copied().collect() };
+        let channels = self.layout.channels();
+        let readings_kpa = (0..channels).flat_map(|channel| picked(self.channel_kpa(record, channel))).collect();
+        let counted = Record {
+            time_s: (0..rows.len()).map(|row| PERIOD_S * row as f64).collect(),
+            begun_s: 0.0,
+            inputs: whole.inputs.iter().map(|input| picked(input)).collect(),
+            before: Earlier::default(),
+            segments: vec![0..rows.len()],
+            measured: Vec::new(),
+            missing: Vec::new(),
+            sampling_s: PERIOD_S,
+            ..whole.clone()
+        };
+        let layout = Layout::new(channels, vec![rows.len()]);
+        Some(Records { records: vec![counted], layout, readings_kpa, ..self.clone() })
     }
 
     /// The inputs of the rig, in the order of [`Record::inputs`].
@@ -269,15 +325,36 @@ impl Records {
         self.records.iter().map(|record| record.sampling_s).fold(PERIOD_S, f64::max)
     }
 
-    /// 1 at readings that were taken, 0 at those of rows without a sample; of the recordings' layout.
+    /// 1 at readings that were taken, 0 at those of rows without a sample and at missing ones; of the recordings' layout.
     pub fn measured(&self) -> Vec<f64> {
         let mut measured = Vec::with_capacity(self.layout.len());
         for record in &self.records {
-            let rows = (0..record.time_s.len()).map(|row| f64::from(u8::from(record.is_measured(row))));
-            let rows: Vec<f64> = rows.collect();
-            (0..self.layout.channels()).for_each(|_| measured.extend_from_slice(&rows));
+            for channel in 0..self.layout.channels() {
+                let rows = 0..record.time_s.len();
+                measured.extend(rows.map(|row| f64::from(u8::from(record.is_read(channel, row)))));
+            }
         }
         measured
+    }
+
+    /// The same recordings with straight lines in place of some readings, which are left out from then on; `left_out` is of the
+    /// recordings' layout.
+    #[must_use]
+    pub fn without_readings(mut self, left_out: &[bool]) -> Self {
+        let channels = self.layout.channels();
+        for (record, channel, places) in self.layout.all() {
+            let Some(here) = left_out.get(places.clone()).filter(|here| here.contains(&true)) else { continue };
+            let (Some(r), Some(values)) = (self.records.get_mut(record), self.readings_kpa.get_mut(places)) else {
+                continue;
+            };
+            r.missing.resize(channels, Vec::new());
+            if let Some(missing) = r.missing.get_mut(channel) {
+                missing.resize(here.len(), false);
+                missing.iter_mut().zip(here).for_each(|(missing, out)| *missing |= out);
+            }
+            r.over_missing(channel, values);
+        }
+        self
     }
 
     /// Rows of all recordings together.
@@ -286,7 +363,35 @@ impl Records {
     }
 }
 
+/// Puts straight lines in place of the numbers that are left out; before the first and behind the last of the others theirs.
+fn lines_over(values: &mut [f64], left_out: &[bool]) {
+    let is_out = |row: &usize| left_out.get(*row) == Some(&true);
+    let kept: Vec<usize> = (0..values.len()).filter(|row| !is_out(row)).collect();
+    for row in (0..values.len()).filter(is_out) {
+        let at = kept.partition_point(|other| *other < row);
+        let before = at.checked_sub(1).and_then(|k| kept.get(k)).map(|k| (*k, values[*k]));
+        let after = kept.get(at).map(|k| (*k, values[*k]));
+        match (before, after) {
+            (Some((a, x)), Some((b, y))) => values[row] = x + (y - x) * (row - a) as f64 / (b - a) as f64,
+            (Some((_, x)), None) | (None, Some((_, x))) => values[row] = x,
+            (None, None) => {}
+        }
+    }
+}
+
 /// Whether a relay's command switches its pump on, as plants take it.
 pub(super) fn is_on(relay: f64) -> bool {
     relay >= 0.5
+}
+
+#[cfg(test)]
+mod tests {
+    use super::lines_over;
+
+    #[test]
+    fn lines_go_from_sound_to_sound_reading() {
+        let mut values = [9e9, 1.0, 9e9, 9e9, 4.0, 9e9];
+        lines_over(&mut values, &[true, false, true, true, false, true]);
+        assert_eq!(values, [1.0, 1.0, 2.0, 3.0, 4.0, 4.0]);
+    }
 }

@@ -125,7 +125,7 @@ pub fn run(
     if let Some(refusal) = quality.refusal() {
         return Err(FitError::Unusable(refusal));
     }
-    let records = quality.bridged(records);
+    let (quality, records) = quality.sound(records);
     let split = Split::of(&records);
     let role = |role| -> Vec<f64> {
         split.weights(records.layout(), role).iter().zip(&quality.usable).map(|(w, u)| w * u).collect()
@@ -195,7 +195,11 @@ fn residual_lines(records: &Records, trace: &[f64]) -> Vec<Vec<Line>> {
     for (record, channel, range) in records.layout().all().filter(|(record, ..)| even(*record)) {
         let recorded = records.channel_kpa(record, channel);
         let simulated = trace.get(range).unwrap_or_default();
-        let residual: Vec<f64> = recorded.iter().zip(simulated).map(|(r, s)| r - s).collect();
+        let mut residual: Vec<f64> = recorded.iter().zip(simulated).map(|(r, s)| r - s).collect();
+        // What was not read has no line in it.
+        if let Some(of) = records.records().get(record) {
+            of.over_missing(channel, &mut residual);
+        }
         for segment in records.records().get(record).map_or(&[][..], |r| &r.segments) {
             let here = lines(residual.get(segment.clone()).unwrap_or_default(), 1e-4);
             if let Some(slot) = found.get_mut(channel)

@@ -31,7 +31,11 @@ pub fn smoothed_kpa(records: &Records, free_run: &[f64]) -> Vec<f64> {
     for (record, channel, range) in records.layout().all() {
         let recorded = records.channel_kpa(record, channel);
         let Some(simulated) = free_run.get(range.clone()) else { continue };
-        let difference: Vec<f64> = recorded.iter().zip(simulated).map(|(r, s)| r - s).collect();
+        let mut difference: Vec<f64> = recorded.iter().zip(simulated).map(|(r, s)| r - s).collect();
+        // Where nothing was read the free run is off by what it is off around it.
+        if let Some(of) = records.records().get(record) {
+            of.over_missing(channel, &mut difference);
+        }
         let Some(out) = smoothed.get_mut(range) else { continue };
         for segment in records.records().get(record).map_or(&[][..], |r| &r.segments) {
             for row in segment.clone() {
@@ -115,8 +119,13 @@ fn moved_start(records: &Records, arc: &Arc, base: &[f64], nudged: &[Vec<f64>]) 
     let channels = layout.channels();
     let rows = arc.rows.start..arc.rows.end.min(arc.rows.start + FITTED_ROWS);
     let (mut normal, mut gradient) = (DMatrix::<f64>::zeros(channels, channels), DVector::<f64>::zeros(channels));
+    let is_missing =
+        |channel: usize, row: usize| records.records().get(arc.record).is_some_and(|r| r.is_missing(channel, row));
     for channel in 0..channels {
-        for index in layout.stretch(arc.record, channel, rows.clone()) {
+        for (row, index) in rows.clone().zip(layout.stretch(arc.record, channel, rows.clone())) {
+            if is_missing(channel, row) {
+                continue;
+            }
             let at = |trace: &[f64]| trace.get(index).copied().unwrap_or(0.0);
             let residual = at(records.readings_kpa()) - at(base);
             let effects: Vec<f64> = nudged.iter().map(|trace| (at(trace) - at(base)) / NUDGE_KPA).collect();

@@ -16,7 +16,7 @@ use model::rig::Rig;
 
 use super::counts::{converters, look_like_counts, or_counts};
 use super::duties::duties;
-use super::meaning::{Meaning, RIGHT, Standing};
+use super::meaning::{AS_WRITTEN, Meaning, RIGHT, Standing, or_rival};
 use super::mend::exchanged_keys;
 use super::{Finding, Severity, Trouble, median};
 use crate::FitError;
@@ -167,7 +167,7 @@ struct Recorded<'a> {
 fn is_counted(records: &Records, record: usize, channel: usize) -> bool {
     let readings = records.channel_kpa(record, channel).iter().enumerate();
     let of = records.records().get(record);
-    look_like_counts(readings.filter(|(row, _)| of.is_some_and(|of| of.is_measured(*row))).map(|(_, kpa)| *kpa))
+    look_like_counts(readings.filter(|(row, _)| of.is_some_and(|of| of.is_read(channel, *row))).map(|(_, kpa)| *kpa))
 }
 
 /// Rows that are compared: the last before chambers count as filled, then the others in turn, for a rig that rests at first.
@@ -242,6 +242,19 @@ impl Compare<'_> {
         }
     }
 
+    /// The same of a meaning found by some channels within margins, with the other that it cannot be told from.
+    fn wrong_or(
+        &self,
+        recorded: &Recorded<'_>,
+        standing: &Standing<'_>,
+        by: (&[&Standing<'_>], [f64; 2]),
+        meaning: Meaning,
+    ) -> Finding {
+        let found = self.wrong(recorded, standing, meaning);
+        let rival = or_rival(self.rig, &found.column, by, (meaning, standing.file_unit));
+        Finding { text: found.text + &rival, ..found }
+    }
+
     /// The meaning that all of some channels have instead of gauge kPa, with its misfit where they tell first: one that explains what
     /// gauge kPa do not, there or at the ends; `None` where gauge kPa do.
     fn meaning(&self, of: &[&Standing<'_>], wrong: [f64; 2]) -> Option<(f64, Meaning)> {
@@ -255,16 +268,15 @@ impl Compare<'_> {
         if !at_first && anywhere(RIGHT, NEAR) < 1.0 {
             return None;
         }
-        // What the file itself says comes before what units there are: mbar over kPa is a fiftieth off metres of water.
-        let units: Option<Vec<f64>> = of.iter().map(|s| s.file_unit.map(|unit| unit.kpa)).collect();
-        if let Some([kpa, rest @ ..]) = units.as_deref()
-            && rest.iter().all(|other| other == kpa)
-            && anywhere(Meaning::AsWritten(*kpa), wrong) < 1.0
-        {
-            return Some((first(Meaning::AsWritten(*kpa), wrong), Meaning::AsWritten(*kpa)));
+        // What is said of the numbers comes before what units there are: mbar over kPa is a fiftieth off metres of water.
+        if of.iter().any(|s| s.file_unit.is_some()) && anywhere(AS_WRITTEN, wrong) < 1.0 {
+            return Some((first(AS_WRITTEN, wrong), AS_WRITTEN));
         }
+        let is_as_read =
+            |meaning: Meaning| of.iter().all(|s| meaning.is_as_read(s.sensor, s.file_unit, self.atmosphere_kpa));
+        let others = Meaning::wrong().filter(|meaning| !is_as_read(*meaning));
         let judged: Vec<(f64, f64, Meaning)> =
-            Meaning::wrong().map(|meaning| (first(meaning, wrong), anywhere(meaning, wrong), meaning)).collect();
+            others.map(|meaning| (first(meaning, wrong), anywhere(meaning, wrong), meaning)).collect();
         let fits = |(first, anywhere, _): &(f64, f64, Meaning)| if at_first { *first < 1.0 } else { *anywhere < 1.0 };
         let best = judged.iter().filter(|one| fits(one)).min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.total_cmp(&b.0)));
         let nearest = || judged.iter().filter(|_| at_first).min_by(|a, b| a.0.total_cmp(&b.0));
@@ -303,9 +315,14 @@ impl Compare<'_> {
                 });
             }
         }
+        // One of them may be in this unit already, and be said to be.
+        let is_wrong = |s: &&Standing<'_>| !meaning.is_as_read(s.sensor, s.file_unit, self.atmosphere_kpa);
+        let first = telling.iter().find(is_wrong).or(telling.first());
         // One channel says nothing about all of them.
         (misfit < 1.0 && telling.len() > 1)
-            .then(|| telling.first().map(|first| self.wrong(recorded, first, meaning)))
+            .then(|| {
+                first.map(|first| self.wrong_or(recorded, first, (&telling.iter().collect::<Vec<_>>(), NEAR), meaning))
+            })
             .flatten()
     }
 
@@ -331,7 +348,7 @@ impl Compare<'_> {
             let (Some(read), Some([low, high])) = (read.get(s.channel), simulated.get(s.channel)) else { return false };
             let [share, kpa] = OFF_BY_AIR;
             let margin = 2.0 * kpa * s.scale + share * low.abs().max(high.abs());
-            let of = |value: f64| meaning.of(value, s.sensor, self.atmosphere_kpa);
+            let of = |value: f64| meaning.of(value, s.sensor, s.file_unit, self.atmosphere_kpa);
             read.iter().all(|value| of(*value).is_some_and(|p| (low - margin..=high + margin).contains(&p)))
         };
         let near = |s: &Standing<'_>, meaning: Meaning| {
@@ -357,7 +374,7 @@ impl Compare<'_> {
         let closest = |s: &Standing<'_>| self.meaning(&[s], NEARER).filter(|(misfit, _)| *misfit < 1.0);
         let those = recorded.telling.iter().filter(|s| of(s));
         let told = |standing: &Standing<'_>| {
-            let found = self.wrong(recorded, standing, closest(standing)?.1);
+            let found = self.wrong_or(recorded, standing, (&[standing], NEARER), closest(standing)?.1);
             let or = or_counts(self.rig, &found.column);
             let is_counted = recorded.counted.contains(&standing.channel);
             Some(if is_counted { Finding { text: format!("{}{or}", found.text), ..found } } else { found })

@@ -2,6 +2,7 @@
 
 use model::rig::{Pump, Rig};
 
+use super::mend::{multiplied_key, share_key};
 use super::{Finding, Severity, Trouble};
 use crate::data::record::is_on;
 use crate::data::{Noise, Records};
@@ -13,6 +14,21 @@ const LEAST_DUTY: f64 = 0.005;
 const LEAST_NOISES: f64 = 5.0;
 /// A duty that never exceeds this was written in another scale.
 const SMALLEST_SCALE: f64 = 0.02;
+
+/// A command is a share of 1 by this much at most above it, for the rounding of its numbers.
+const ONE: f64 = 1.001;
+
+/// What a command that never exceeds so much is, and the key that says so.
+fn divided(rig: &Rig, records: &Records, column: &str, largest: f64) -> String {
+    let said = records.records().iter().find_map(|r| r.file_unit(column));
+    match said.filter(|said| (0.0..=ONE).contains(&said.written(largest))) {
+        Some(said) => {
+            let key = share_key(rig, column);
+            format!("{}, and the numbers seem to be shares of 1 as they stand: {key}", said.says())
+        }
+        None => format!("was it divided once too often? {}", multiplied_key(rig, column, 100.0)),
+    }
+}
 
 pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mut Vec<Finding>) {
     let everywhere = |severity, trouble, column: &str, text| Finding {
@@ -36,7 +52,7 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mu
                 Severity::Unusable,
                 Trouble::DutyScale,
                 column,
-                format!("never above {largest:.4}: a duty is a share of 1; was it divided once too often?"),
+                format!("never above {largest:.4}: a duty is a share of 1; {}", divided(rig, records, column, largest)),
             ));
         }
     }

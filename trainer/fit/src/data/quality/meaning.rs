@@ -3,6 +3,9 @@
 //! Each meaning says what gauge pressure a number would then be; the meaning under which the numbers come closest to
 //! what the rig would do is the one told. Units closer to each other than rigs are to their files (bar and atm) share a
 //! line.
+//!
+//! A unit that is said of a column, by the file or its map, was taken before anybody looked, and may be wrong. So meanings go by the
+//! numbers as they are written: that is also what the key goes by, which takes the place of what is said.
 
 use model::rig::{Rig, Sensor};
 use proto::recording::FileUnit;
@@ -33,7 +36,7 @@ pub(super) struct Standing<'a> {
     pub(super) sensor: Option<&'a Sensor>,
     /// Margins of this channel as a share of those of a rig of 50 kPa or more.
     pub(super) scale: f64,
-    /// The unit, other than kPa, that the file itself says of it.
+    /// The unit, other than kPa, that is said of it and that it was read by.
     pub(super) file_unit: Option<&'a FileUnit>,
     /// Medians, recorded and simulated (kPa), where the rig would stand lowest and highest of all rows.
     pub(super) ends: Vec<[f64; 2]>,
@@ -75,6 +78,8 @@ impl Output {
 /// What the numbers of a column are.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Meaning {
+    /// Gauge kPa, as it was read.
+    AsRead,
     /// Gauge pressure, so many to 1 kPa.
     Gauge(f64, &'static str),
     /// Absolute pressure, so many to 1 kPa.
@@ -88,14 +93,16 @@ pub(super) enum Meaning {
         /// Volts at the largest count.
         volts: Option<f64>,
     },
-    /// Gauge kPa without its sign.
+    /// Gauge kPa, as it was read, without its sign.
     Unsigned,
-    /// Gauge kPa under a unit that the file says of them and that they were read by, of so many kPa.
-    AsWritten(f64),
 }
 
-/// Gauge kPa, as it should be.
-pub(super) const RIGHT: Meaning = Meaning::Gauge(1.0, "kPa");
+/// What a column should be.
+pub(super) const RIGHT: Meaning = Meaning::AsRead;
+/// Numbers that are gauge kPa as they are written, whatever unit is said of them.
+pub(super) const AS_WRITTEN: Meaning = Meaning::Gauge(1.0, "kPa");
+/// Lines this near to each other in scale (share) and at zero (kPa) are one.
+const ONE_LINE: [f64; 2] = [0.05, 1.0];
 
 impl Meaning {
     /// All wrong ones.
@@ -109,9 +116,16 @@ impl Meaning {
             .chain(Output::ALL.into_iter().map(Meaning::Output))
     }
 
-    /// Gauge kPa per number and at zero; `None` where the rig file says nothing of the sensor.
-    pub(super) fn line(self, sensor: Option<&Sensor>, atmosphere_kpa: f64) -> Option<[f64; 2]> {
+    /// Gauge kPa per number as it is written, and at zero; `None` where the rig file says nothing of the sensor.
+    pub(super) fn line(
+        self,
+        sensor: Option<&Sensor>,
+        file_unit: Option<&FileUnit>,
+        atmosphere_kpa: f64,
+    ) -> Option<[f64; 2]> {
+        let as_read = file_unit.map_or([1.0, 0.0], |unit| [unit.scale, unit.zero]);
         match self {
+            Meaning::AsRead => Some(as_read),
             Meaning::Gauge(per_kpa, _) => Some([1.0 / per_kpa, 0.0]),
             Meaning::Absolute(per_kpa, _) => Some([1.0 / per_kpa, -atmosphere_kpa]),
             Meaning::Output(output) => sensor.map(|sensor| {
@@ -125,16 +139,32 @@ impl Meaning {
                 let slope = (p1 - p0) / (to - from);
                 [slope, p0 - from * slope]
             }),
-            Meaning::Unsigned => Some([-1.0, 0.0]),
-            Meaning::AsWritten(kpa) => Some([1.0 / kpa, 0.0]),
+            Meaning::Unsigned => Some(as_read.map(|x| -x)),
         }
     }
 
-    /// The gauge pressure (kPa) of any number that a sensor's column holds; `None` where it cannot have this meaning.
-    pub(super) fn of(self, recorded: f64, sensor: Option<&Sensor>, atmosphere_kpa: f64) -> Option<f64> {
+    /// The gauge pressure (kPa) that a reading of a sensor's column would be; `None` where it cannot have this meaning.
+    pub(super) fn of(
+        self,
+        recorded: f64,
+        sensor: Option<&Sensor>,
+        file_unit: Option<&FileUnit>,
+        atmosphere_kpa: f64,
+    ) -> Option<f64> {
+        let written = file_unit.map_or(recorded, |unit| unit.written(recorded));
         // Nothing is below vacuum.
-        let can_be = !matches!(self, Meaning::Absolute(..)) || recorded > 0.0;
-        self.line(sensor, atmosphere_kpa).filter(|_| can_be).map(|[scale, offset]| scale * recorded + offset)
+        let can_be = !matches!(self, Meaning::Absolute(..)) || written > 0.0;
+        let line = self.line(sensor, file_unit, atmosphere_kpa).filter(|_| can_be);
+        line.map(|[scale, offset]| scale * written + offset)
+    }
+
+    /// Whether it is the unit that a column was read by.
+    pub(super) fn is_as_read(self, sensor: Option<&Sensor>, file_unit: Option<&FileUnit>, atmosphere_kpa: f64) -> bool {
+        let of = |meaning: Meaning| meaning.line(sensor, file_unit, atmosphere_kpa);
+        let [share, kpa] = ONE_LINE;
+        of(self).zip(of(Meaning::AsRead)).is_some_and(|([scale, zero], [read, read_zero])| {
+            (scale / read - 1.0).abs() <= share && (zero - read_zero).abs() <= kpa
+        })
     }
 
     /// How far this meaning puts a channel from the simulation, in units of `share` of it and `kpa` (at scale 1); above 1 it does
@@ -157,15 +187,26 @@ impl Meaning {
         [share, kpa]: [f64; 2],
     ) -> f64 {
         let allowed = share * simulated.abs() + kpa * standing.scale;
-        let meant = self.of(recorded, standing.sensor, atmosphere_kpa);
+        let meant = self.of(recorded, standing.sensor, standing.file_unit, atmosphere_kpa);
         meant.map_or(f64::INFINITY, |p| (p - simulated).abs() / allowed)
     }
 
     /// What is wrong with a column, and the mend.
     pub(super) fn text(self, rig: &Rig, column: &str, standing: &Standing<'_>) -> String {
-        let Standing { recorded, simulated, sensor, .. } = standing;
+        let Standing { recorded, simulated, sensor, file_unit, .. } = standing;
         let atmosphere_kpa = rig.atmosphere.pressure_kpa_abs;
-        let is = match self {
+        let is = match (self, file_unit) {
+            (meaning, Some(said)) if meaning != Meaning::Unsigned => said_otherwise(said, meaning),
+            (meaning, _) => meaning.words(*sensor, *simulated, atmosphere_kpa),
+        };
+        let key = pressure_key(rig, column, self, *file_unit);
+        format!("reads {} where about {} kPa are expected: {is}: {key}", figures(*recorded), about(*simulated))
+    }
+
+    /// What numbers seem to be that nobody says a unit of.
+    fn words(self, sensor: Option<&Sensor>, simulated_kpa: f64, atmosphere_kpa: f64) -> String {
+        match self {
+            Meaning::AsRead => "the pressure seems to be in kPa".to_owned(),
             Meaning::Gauge(_, unit) => format!("the pressure seems to be in {unit}"),
             Meaning::Absolute(_, "kPa") => {
                 format!("the pressure seems to be absolute; subtract the atmosphere's {atmosphere_kpa:.1} kPa")
@@ -187,18 +228,48 @@ impl Meaning {
                 let over = volts.map_or("the sensor's range".to_owned(), |volts| format!("0 … {volts} V"));
                 format!("these seem to be the raw counts of a converter (0 … {full} over {over})")
             }
-            Meaning::Unsigned => lost_sign(*simulated).to_owned(),
-            Meaning::AsWritten(_) => as_written(standing.file_unit),
-        };
-        let key = pressure_key(rig, column, self);
-        format!("reads {} where about {} kPa are expected: {is}: {key}", figures(*recorded), about(*simulated))
+            Meaning::Unsigned => lost_sign(simulated_kpa).to_owned(),
+        }
     }
 }
 
-/// The complaint about numbers that are gauge kPa whatever the file says.
-pub(super) fn as_written(file_unit: Option<&FileUnit>) -> String {
-    let text = file_unit.map_or("another unit", |unit| unit.text.as_str());
-    format!("the file says {text}, and the numbers seem to be kPa as they stand")
+/// Misfits this near to each other tell no unit from another.
+const RIVAL: f64 = 0.1;
+
+/// The other key that helps as well where numbers that something wrong is said of may be in one of two units; empty where they cannot.
+pub(super) fn or_rival(
+    rig: &Rig,
+    column: &str,
+    (of, wrong): (&[&Standing<'_>], [f64; 2]),
+    (meaning, file_unit): (Meaning, Option<&FileUnit>),
+) -> String {
+    let atmosphere_kpa = rig.atmosphere.pressure_kpa_abs;
+    let misfit =
+        |meaning: Meaning| of.iter().map(|s| meaning.misfit_anywhere(s, atmosphere_kpa, wrong)).fold(0.0, f64::max);
+    let most = (misfit(meaning) + RIVAL).min(1.0);
+    let is_rival = |other: &Meaning| {
+        let is_told = *other == meaning || matches!(other, Meaning::Unsigned);
+        !is_told && misfit(*other) < most && of.iter().all(|s| !other.is_as_read(s.sensor, s.file_unit, atmosphere_kpa))
+    };
+    let rivals = Meaning::wrong().filter(|other| file_unit.is_some() && meaning != AS_WRITTEN && is_rival(other));
+    let nearest = rivals.min_by(|a, b| misfit(*a).total_cmp(&misfit(*b)));
+    nearest.map_or_else(String::new, |other| {
+        format!("; or, which cannot be told from it here, {}", pressure_key(rig, column, other, file_unit))
+    })
+}
+
+/// The complaint about numbers that are something else than what is said of them.
+pub(super) fn said_otherwise(said: &FileUnit, meaning: Meaning) -> String {
+    let seems = match meaning {
+        AS_WRITTEN if said.zero == 0.0 => "kPa as they stand".to_owned(),
+        AS_WRITTEN | Meaning::AsRead => "gauge kPa".to_owned(),
+        Meaning::Gauge(_, unit) => format!("{unit}, gauge"),
+        Meaning::Absolute(_, unit) => format!("absolute, in {unit}"),
+        Meaning::Output(output) => format!("the sensor's {}", output.unit()),
+        Meaning::Counts { .. } => "the raw counts of a converter".to_owned(),
+        Meaning::Unsigned => "without their sign".to_owned(),
+    };
+    format!("{}, and the numbers seem to be {seems}", said.says())
 }
 
 /// What is wrong with the sign of a pressure that is expected to be above or below the atmosphere.

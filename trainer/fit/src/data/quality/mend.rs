@@ -1,36 +1,48 @@
 //! The key of `[recording]` that gives a column its meaning.
 
 use model::rig::{Rig, Term};
+use proto::recording::FileUnit;
 
 use super::meaning::Meaning;
 
 /// Numbers that are no scale any more.
 const LEAST_SCALE: f64 = 1e-12;
 
-/// The key that says what a column of pressures holds, `meaning` being what its numbers are as they were read.
-pub(super) fn pressure_key(rig: &Rig, column: &str, meaning: Meaning) -> String {
-    keyed(rig, column, |term| pressure_says(rig, column, meaning, term))
+/// The key that says what a column of pressures holds, `meaning` being what its numbers are and `file_unit` what is said of them.
+pub(super) fn pressure_key(rig: &Rig, column: &str, meaning: Meaning, file_unit: Option<&FileUnit>) -> String {
+    keyed(rig, column, |term| pressure_says(rig, column, (meaning, file_unit), term))
 }
 
-fn pressure_says(rig: &Rig, column: &str, meaning: Meaning, term: &Term) -> Option<String> {
+fn pressure_says(
+    rig: &Rig,
+    column: &str,
+    (meaning, file_unit): (Meaning, Option<&FileUnit>),
+    term: &Term,
+) -> Option<String> {
     let atmosphere_kpa = rig.atmosphere.pressure_kpa_abs;
     let says = match meaning {
-        Meaning::Absolute(_, "kPa") => Some(format!("offset = -{}", number(atmosphere_kpa))),
-        Meaning::Gauge(_, words) => Some(format!("unit = \"{}\"", unit(words))),
-        Meaning::Absolute(_, words) => Some(format!("unit = \"{} abs\"", unit(words))),
+        Meaning::AsRead => None,
+        Meaning::Absolute(_, "kPa") if file_unit.is_none() => Some(format!("offset = -{}", number(atmosphere_kpa))),
+        Meaning::Gauge(..) | Meaning::Absolute(..) => meaning.unit().map(|unit| format!("unit = \"{unit}\"")),
         Meaning::Output(output) => Some(format!("unit = \"{}\"", output.unit())),
-        Meaning::Unsigned => Some("scale = -1.0".to_owned()),
-        Meaning::AsWritten(_) => Some("unit = \"kPa\"".to_owned()),
+        // A scale alone would go with the numbers as they are written.
+        Meaning::Unsigned => {
+            let said = file_unit.map_or_else(String::new, |said| format!("unit = \"{}\", ", said.text));
+            Some(format!("{said}scale = -1.0"))
+        }
         Meaning::Counts { .. } => None,
     };
     if let Some(says) = says.filter(|_| term.is_plain()) {
         return Some(says);
     }
     let sensor = rig.sensors.values().find(|sensor| sensor.column == column);
-    let of = |x: f64| meaning.line(sensor, atmosphere_kpa).map(|[scale, offset]| scale * x + offset);
+    let of = |x: f64| meaning.line(sensor, None, atmosphere_kpa).map(|[scale, offset]| scale * x + offset);
+    // What is said of the numbers as they are written takes the place of what was said before.
+    let unit = term.unit.clone().filter(|_| file_unit.is_none());
+    let bare = Term { unit, ..term.clone() };
     match (of(term.offset), of(term.offset + term.scale)) {
         (Some(at_zero), Some(at_one)) if (at_one - at_zero).abs() > LEAST_SCALE => {
-            Some(line(term, at_one - at_zero, at_zero))
+            Some(line(&bare, at_one - at_zero, at_zero))
         }
         _ => None,
     }
@@ -39,6 +51,16 @@ fn pressure_says(rig: &Rig, column: &str, meaning: Meaning, term: &Term) -> Opti
 /// The key that scales what no unit explains.
 pub(super) fn scaled_key(rig: &Rig, column: &str) -> String {
     keyed(rig, column, |_| Some("scale = …, offset = …".to_owned()))
+}
+
+/// The key that says of a command that its numbers are shares of 1, whatever unit is said of them.
+pub(super) fn share_key(rig: &Rig, column: &str) -> String {
+    keyed(rig, column, |term| term.is_plain().then(|| "unit = \"1\"".to_owned()))
+}
+
+/// The key that multiplies a command.
+pub(super) fn multiplied_key(rig: &Rig, column: &str, factor: f64) -> String {
+    keyed(rig, column, |term| Some(line(term, factor * term.scale, factor * term.offset)))
 }
 
 /// The key that turns a command round: 1 where it is 0.
@@ -92,6 +114,17 @@ fn number(x: f64) -> String {
     format!("{rounded:?}")
 }
 
+impl Meaning {
+    /// The unit as `[recording]` knows it; `None` where that is none of a pressure.
+    pub(super) fn unit(self) -> Option<String> {
+        match self {
+            Meaning::Gauge(_, words) => Some(unit(words).to_owned()),
+            Meaning::Absolute(_, words) => Some(format!("{} abs", unit(words))),
+            _ => None,
+        }
+    }
+}
+
 /// The first of alike units, as `[recording]` knows it.
 fn unit(words: &str) -> &str {
     match words {
@@ -109,7 +142,7 @@ mod tests {
         let text = include_str!("../../../../../model/rigs/dual_pressure.toml");
         let with = |map: &str| Rig::from_toml(&format!("{text}\n[recording]\n{map}")).unwrap();
         let absolute = Meaning::Absolute(1.0, "kPa");
-        let key = |map: &str, meaning| pressure_key(&with(map), "p_pos_kpa", meaning);
+        let key = |map: &str, meaning| pressure_key(&with(map), "p_pos_kpa", meaning, None);
         assert_eq!(
             key("columns.p_pos_kpa = { from = \"hPa\", scale = 0.1 }", absolute),
             "[recording] columns.p_pos_kpa = { from = \"hPa\", scale = 0.1, offset = -101.325 }"

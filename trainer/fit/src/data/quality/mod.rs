@@ -16,6 +16,7 @@
 //! | `expected` | what the rig would read, for those two |
 //! | `unmoved` | pressures that move in a rig that nothing moves |
 //! | `counts` | raw counts of a converter |
+//! | `counted_rows` | whole seconds that are a count of rows |
 //! | `meaning` | units and scales that pressures are found in |
 //! | `mend` | the key of `[recording]` that says so |
 //!
@@ -24,6 +25,7 @@
 //! (stuck, clipped, wild) are masked; the rest of their recording is still good.
 
 mod against_model;
+mod counted_rows;
 mod counts;
 mod duties;
 mod excitation;
@@ -34,18 +36,19 @@ mod meaning;
 mod mend;
 mod plateau;
 mod ranges;
-mod readings;
+pub(super) mod readings;
 mod shape;
 mod stood;
 mod unmoved;
-mod wild;
+pub(super) mod wild;
 
+pub use counted_rows::seconds_are_no_count;
 pub use finding::{Finding, Severity, Trouble};
 pub use ranges::within_ranges;
 
 use model::rig::Rig;
 
-use super::{Noise, Records};
+use super::{Noise, Record, Records};
 use crate::FitError;
 
 /// What the checks found, and which readings may be used.
@@ -70,6 +73,11 @@ impl Quality {
         let mut usable = records.measured();
         shape::check(records, &mut findings);
         let places = readings::check(rig, records, noise, &mut usable, &mut findings);
+        let mut wild = vec![false; if places.is_empty() { 0 } else { usable.len() }];
+        places.into_iter().for_each(|place| wild[place] = true);
+        // Nothing that follows begins at a wild reading, or is judged by one.
+        let without = (!wild.is_empty()).then(|| records.clone().without_readings(&wild));
+        let records = without.as_ref().unwrap_or(records);
         // What hardly lasts hardly moves; that need not be told as well.
         if !findings.iter().any(|f| f.trouble == Trouble::TooShort && f.severity == Severity::Unusable) {
             excitation::check(rig, records, noise, &mut findings);
@@ -94,23 +102,43 @@ impl Quality {
             }
         }
         findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
-        let mut wild = vec![false; if places.is_empty() { 0 } else { usable.len() }];
-        places.into_iter().for_each(|place| wild[place] = true);
         Ok(Quality { findings, usable, wild })
     }
 
-    /// The recordings with straight lines in place of wild readings, which are no evidence, and no place to begin a simulation at.
-    pub fn bridged(&self, records: Records) -> Records {
-        if self.wild.is_empty() {
-            return records;
+    /// The recordings as runs go through them, and their quality: straight lines in place of wild readings, which are no evidence, and
+    /// no rows before the first that a run can begin at ([`Quality::first_rows`]).
+    pub fn sound(mut self, records: Records) -> (Self, Records) {
+        let first_rows = self.first_rows(&records);
+        let records = if self.wild.is_empty() { records } else { records.without_readings(&self.wild) };
+        if first_rows.iter().all(|first| *first == 0) {
+            return (self, records);
         }
-        let mut readings_kpa = records.readings_kpa().to_vec();
-        for (.., places) in records.layout().all() {
-            if let (Some(values), Some(wild)) = (readings_kpa.get_mut(places.clone()), self.wild.get(places)) {
-                wild::bridged(values, wild);
-            }
+        let rows = records.records().iter().map(|r| r.time_s.len());
+        let parts: Vec<_> = rows.zip(&first_rows).map(|(rows, first)| *first..rows).enumerate().collect();
+        let (records, places) = records.parts(&parts);
+        self.usable = places.iter().filter_map(|place| self.usable.get(*place)).copied().collect();
+        if !self.wild.is_empty() {
+            self.wild = places.iter().filter_map(|place| self.wild.get(*place)).copied().collect();
         }
-        records.with_readings(readings_kpa).unwrap_or(records)
+        (self, records)
+    }
+
+    /// By recording, the first row that a run can begin at: 0, or the first behind readings that are left out, where that leaves more
+    /// than half of the rows.
+    pub fn first_rows(&self, records: &Records) -> Vec<usize> {
+        let first = |(record, r): (usize, &Record)| {
+            let channels = 0..records.layout().channels();
+            // A channel that is left out as a whole says nothing of where a run begins.
+            let usable = channels.filter_map(|channel| self.usable.get(records.layout().channel(record, channel)));
+            let usable: Vec<&[f64]> = usable.filter(|usable| usable.iter().any(|u| *u > 0.0)).collect();
+            let is_sound = |row: &usize| usable.iter().all(|usable| usable.get(*row).is_some_and(|u| *u > 0.0));
+            let rows = r.time_s.len();
+            let samples: Vec<usize> = (0..rows).filter(|row| r.is_measured(*row)).collect();
+            let (begun, first) = (samples.first(), samples.iter().find(|row| is_sound(row)).copied());
+            // Rows before the first sample are no readings that anything was left out of.
+            first.filter(|first| begun.is_some_and(|begun| begun < first) && 2 * first < rows).unwrap_or(0)
+        };
+        records.records().iter().enumerate().map(first).collect()
     }
 
     /// What makes the recordings unusable, all of it in one line; `None` if they can be used. What is wrong with several

@@ -9,7 +9,7 @@ use proto::recording::{FileUnit, Recording};
 
 use super::against_model::Agreed;
 use super::counts::{look_like_counts, or_counts};
-use super::meaning::{Meaning, as_written, lost_sign};
+use super::meaning::{AS_WRITTEN, Meaning, lost_sign, said_otherwise};
 use super::mend::{exchanged_keys, pressure_key, scaled_key};
 use super::{Finding, Severity, Trouble};
 use crate::FitError;
@@ -33,7 +33,9 @@ pub fn within_ranges(rig: &Rig, recordings: &[Recording]) -> Result<(), FitError
             .map(|(column, values)| {
                 let measured = recording.measured();
                 let is_measured = |row: &usize| measured.is_none_or(|m| m.get(*row).copied().unwrap_or(true));
-                let rows = (0..values.len()).filter(is_measured);
+                let missing = recording.missing(column).unwrap_or_default();
+                let is_missing = |row: &usize| missing.get(*row).copied().unwrap_or(false);
+                let rows = (0..values.len()).filter(is_measured).filter(|row| !is_missing(row));
                 let values = rows.filter_map(|row| values.get(row)).copied().collect();
                 Channel { column, values, file_unit: recording.file_unit(column) }
             })
@@ -54,7 +56,7 @@ pub(super) fn check(rig: &Rig, records: &Records, agreed: &[Agreed], findings: &
             .enumerate()
             .map(|(channel, column)| {
                 let values = records.channel_kpa(record, channel).iter().enumerate();
-                let values = values.filter(|(row, _)| r.is_measured(*row)).map(|(_, value)| *value).collect();
+                let values = values.filter(|(row, _)| r.is_read(channel, *row)).map(|(_, value)| *value).collect();
                 Channel { column, values, file_unit: r.file_unit(column) }
             })
             .collect();
@@ -66,7 +68,7 @@ pub(super) fn check(rig: &Rig, records: &Records, agreed: &[Agreed], findings: &
 struct Channel<'a> {
     column: &'a str,
     values: Vec<f64>,
-    /// The unit, other than kPa, that the file itself says of it.
+    /// The unit, other than kPa, that is said of it.
     file_unit: Option<&'a FileUnit>,
 }
 
@@ -116,8 +118,13 @@ impl<'a> Judged<'a> {
         1.0 - count as f64 / self.values.len().max(1) as f64
     }
 
+    /// A reading as it would be with a meaning.
+    fn meant(&self, value: f64, meaning: Meaning, atmosphere_kpa: f64) -> Option<f64> {
+        meaning.of(value, Some(self.sensor), self.file_unit, atmosphere_kpa)
+    }
+
     fn under(&self, meaning: Meaning, atmosphere_kpa: f64) -> Under {
-        let all = self.values.iter().filter_map(|value| meaning.of(*value, Some(self.sensor), atmosphere_kpa));
+        let all = self.values.iter().filter_map(|value| self.meant(*value, meaning, atmosphere_kpa));
         let (low, high, from_air) = all
             .fold((f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY), |(low, high, air), p| {
                 (low.min(p), high.max(p), air.min(p.abs()))
@@ -138,7 +145,7 @@ fn first_outside(rig: &Rig, source: &str, channels: &[Channel<'_>], agreed: &[Ag
     let (trouble, reason) = is_agreed
         .then(|| (Trouble::WrongUnit, beyond(rig, channel.column)))
         .or_else(|| swapped(rig, channel, &channels))
-        .or_else(|| meant(rig, channel, &channels).map(|meaning| told(rig, channel, meaning)))
+        .or_else(|| meant(rig, channel, &channels).map(|meaning| told(rig, (channel, &channels), meaning)))
         .or_else(|| counts(rig, channel))
         .unwrap_or_else(|| {
             let text = "is it another unit, absolute, or the sensor's volts? Say so in the rig file, [recording] columns, or state the \
@@ -163,11 +170,10 @@ fn first_outside(rig: &Rig, source: &str, channels: &[Channel<'_>], agreed: &[Ag
 fn meant(rig: &Rig, channel: &Judged<'_>, channels: &[Judged<'_>]) -> Option<Meaning> {
     let atmosphere_kpa = rig.atmosphere.pressure_kpa_abs;
     let inside = |channel: &Judged<'_>, margin: Margin, meaning: Meaning| {
-        channel.outside(margin, |value| meaning.of(value, Some(channel.sensor), atmosphere_kpa)) <= MANY
+        channel.outside(margin, |value| channel.meant(value, meaning, atmosphere_kpa)) <= MANY
     };
-    let written = channel.file_unit.map(|unit| Meaning::AsWritten(unit.kpa));
-    if let Some(meaning) = written.filter(|meaning| inside(channel, Margin::Wide, *meaning)) {
-        return Some(meaning);
+    if channel.file_unit.is_some() && inside(channel, Margin::Wide, AS_WRITTEN) {
+        return Some(AS_WRITTEN);
     }
     let best = |fits: &dyn Fn(Meaning) -> bool| {
         let fitting = Meaning::wrong().filter(|meaning| !matches!(meaning, Meaning::Output(_)) && fits(*meaning));
@@ -206,15 +212,39 @@ fn beyond(rig: &Rig, column: &str) -> String {
 }
 
 /// A meaning in words, with the key that says so.
-fn told(rig: &Rig, channel: &Judged<'_>, meaning: Meaning) -> (Trouble, String) {
+fn told(rig: &Rig, (channel, channels): (&Judged<'_>, &[Judged<'_>]), meaning: Meaning) -> (Trouble, String) {
     let (trouble, text) = told_alone(rig, channel, meaning);
+    let text = text + &or_others(rig, (channel, channels), meaning);
     let is_counted = look_like_counts(channel.values.iter().copied());
     (trouble, if is_counted { text + &or_counts(rig, channel.column) } else { text })
 }
 
+/// The other units that put all readings inside, of which ranges tell none from another, where a wrong one is said; empty where there
+/// are none.
+fn or_others(rig: &Rig, (channel, channels): (&Judged<'_>, &[Judged<'_>]), meaning: Meaning) -> String {
+    if channel.file_unit.is_none() || matches!(meaning, AS_WRITTEN | Meaning::Unsigned) {
+        return String::new();
+    }
+    let atmosphere_kpa = rig.atmosphere.pressure_kpa_abs;
+    let fits = |meaning: Meaning| {
+        let inside =
+            |of: &Judged<'_>| of.outside(Margin::None, |value| of.meant(value, meaning, atmosphere_kpa)) <= MANY;
+        channels.iter().all(inside) && !channel.under(meaning, atmosphere_kpa).stands_still
+    };
+    let others = Meaning::wrong().filter(|other| {
+        *other != meaning && matches!(other, Meaning::Gauge(..) | Meaning::Absolute(..)) && fits(*other)
+    });
+    let names: Vec<String> = others.filter_map(|other| other.unit()).map(|unit| format!("unit = \"{unit}\"")).collect();
+    if names.is_empty() { String::new() } else { format!("; or {}: ranges alone do not tell", names.join(" or ")) }
+}
+
 fn told_alone(rig: &Rig, channel: &Judged<'_>, meaning: Meaning) -> (Trouble, String) {
-    let key = pressure_key(rig, channel.column, meaning);
+    let key = pressure_key(rig, channel.column, meaning, channel.file_unit);
+    if let Some(said) = channel.file_unit.filter(|_| meaning != Meaning::Unsigned) {
+        return (Trouble::WrongUnit, format!("{}; {key}", said_otherwise(said, meaning)));
+    }
     match meaning {
+        Meaning::AsRead => (Trouble::WrongUnit, key),
         Meaning::Absolute(_, "kPa") => (Trouble::Absolute, format!("the pressure seems to be absolute; {key}")),
         Meaning::Absolute(_, unit) => {
             (Trouble::WrongUnit, format!("the pressure seems to be absolute, in {unit}; {key}"))
@@ -224,7 +254,6 @@ fn told_alone(rig: &Rig, channel: &Judged<'_>, meaning: Meaning) -> (Trouble, St
         Meaning::Counts { .. } => {
             (Trouble::WrongUnit, format!("these seem to be the raw counts of a converter; {key}"))
         }
-        Meaning::AsWritten(_) => (Trouble::WrongUnit, format!("{}; {key}", as_written(channel.file_unit))),
         Meaning::Unsigned => {
             let [low, high] = channel.range;
             let expected = if low + high < 0.0 { -1.0 } else { 1.0 };

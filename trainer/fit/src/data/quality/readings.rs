@@ -17,7 +17,7 @@ const HEAP: usize = 50;
 /// A channel with fewer distinct readings than this is flat.
 const DISTINCT: usize = 4;
 /// Samples further apart than this, in s, are not asked for wild ones.
-const WILD_SAMPLING_S: f64 = 0.05;
+pub(in crate::data) const WILD_SAMPLING_S: f64 = 0.05;
 
 /// Masks what cannot be trusted in `usable` and tells it; gives the places of wild readings.
 pub(super) fn check(
@@ -30,8 +30,8 @@ pub(super) fn check(
     let mut wild_places = Vec::new();
     for (record, r) in records.records().iter().enumerate() {
         // Rows without a sample repeat and join; what is wrong shows in samples.
-        let rows: Vec<usize> = (0..r.time_s.len()).filter(|row| r.is_measured(*row)).collect();
         for (channel, column) in records.sensors().iter().enumerate() {
+            let rows: Vec<usize> = (0..r.time_s.len()).filter(|row| r.is_read(channel, *row)).collect();
             let all = records.channel_kpa(record, channel);
             let values: Vec<f64> = rows.iter().filter_map(|row| all.get(*row)).copied().collect();
             let mut mask = vec![1.0; values.len()];
@@ -82,19 +82,27 @@ impl Channel<'_> {
             mask.fill(0.0);
             return (false, Vec::new());
         }
-        // Noise within a single recording, for another recording's noise is no proof that this one has any.
-        let scatters = scatters(self.values);
-        if scatters {
-            stuck(self.values, mask, self.range, self.sampling_s, &mut add);
-        }
         // Between samples further apart a plant may well go somewhere and come back.
-        if self.sampling_s >= WILD_SAMPLING_S {
-            return (moves && !scatters, Vec::new());
+        let (rows, worst) = if self.sampling_s < WILD_SAMPLING_S {
+            wild::wild(self.values, self.sigma, self.range)
+        } else {
+            (Vec::new(), 0.0)
+        };
+        // Dropouts to one level are no limit that a pressure stands at: what is wild is asked first, and of the others the rest.
+        let mut left: Vec<usize> = (0..self.values.len()).collect();
+        left.retain(|row| rows.binary_search(row).is_err());
+        let values: Vec<f64> = left.iter().filter_map(|row| self.values.get(*row)).copied().collect();
+        // Noise within a single recording, for another recording's noise is no proof that this one has any.
+        let scatters = scatters(&values);
+        if scatters {
+            let mut kept = vec![1.0; values.len()];
+            stuck(&values, &mut kept, self.range, self.sampling_s, &mut add);
+            left.iter().zip(kept).for_each(|(row, kept)| mask[*row] = kept);
         }
-        let (rows, worst) = wild::wild(self.values, self.sigma, self.range);
         rows.iter().for_each(|row| mask[*row] = 0.0);
         if !rows.is_empty() {
-            let (severity, trouble, text) = wild::told(rows.len(), self.values.len(), worst);
+            let late = rows.iter().enumerate().take_while(|(k, row)| k == *row).count();
+            let (severity, trouble, text) = wild::told(rows.len(), self.values.len(), worst, late);
             add(severity, trouble, text);
         }
         (moves && !scatters, rows)

@@ -26,8 +26,8 @@ const TURNS: usize = 2;
 
 pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mut Vec<Finding>) {
     if !records.inputs().is_empty() {
-        // One line is enough where nothing can be told in any case.
-        if findings.iter().all(|f| f.severity != Severity::Unusable) {
+        // One line is enough where nothing can be told in any case; what a fit cannot do without a comparison can.
+        if findings.iter().all(|f| f.severity != Severity::Unusable || f.trouble == Trouble::NoExcitation) {
             findings.extend(driven_unseen(records, noise));
         }
         return;
@@ -80,7 +80,7 @@ fn driven_unseen(records: &Records, noise: &[Noise]) -> Option<Finding> {
         for (channel, column) in records.sensors().iter().enumerate() {
             let values = records.channel_kpa(record, channel);
             let samples: Vec<f64> = (0..values.len())
-                .filter(|row| r.is_measured(*row))
+                .filter(|row| r.is_read(channel, *row))
                 .filter_map(|row| values.get(row))
                 .copied()
                 .collect();

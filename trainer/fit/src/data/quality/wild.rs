@@ -22,8 +22,11 @@ const STEPS: f64 = 5.0;
 const APART: f64 = 5.0;
 /// Most wild readings that stand next to each other.
 const MOST_TOGETHER: usize = 3;
-/// The places of wild readings among those of one channel, and how far the worst is from its neighbours (kPa).
-pub(super) fn wild(values: &[f64], sigma: f64, range: Option<[f64; 2]>) -> (Vec<usize>, f64) {
+/// Readings behind those of a sensor without power that show that it scatters.
+const LATE_REST: usize = 50;
+
+/// The places of wild readings among those of one channel, and how far the worst is from the sound ones around it (kPa).
+pub(in crate::data) fn wild(values: &[f64], sigma: f64, range: Option<[f64; 2]>) -> (Vec<usize>, f64) {
     let mut is_wild = outside(values, range);
     let limit = WILD_KPA.min(WILD_SHARE * span(values)).max(WILD * sigma);
     for (row, window) in values.windows(5).enumerate() {
@@ -35,7 +38,9 @@ pub(super) fn wild(values: &[f64], sigma: f64, range: Option<[f64; 2]>) -> (Vec<
             is_wild[row + 2] = true;
         }
     }
-    let far = limit.max(STEPS * usual_step(values));
+    // Steps to and from those that are known already say nothing of how the reading usually moves.
+    let sound: Vec<f64> = values.iter().zip(&is_wild).filter(|(_, wild)| !**wild).map(|(v, _)| *v).collect();
+    let far = limit.max(STEPS * usual_step(&sound));
     for together in 2..=MOST_TOGETHER {
         for from in 2..(values.len() + 1).saturating_sub(together + 2) {
             let around = [from - 2, from - 1, from + together, from + together + 1];
@@ -46,25 +51,56 @@ pub(super) fn wild(values: &[f64], sigma: f64, range: Option<[f64; 2]>) -> (Vec<
     }
     let rows = values.len();
     if rows > 5 {
-        let ends = [
-            (0, [1, 2, 3]),
-            (1, [2, 3, 4]),
-            (rows - 2, [rows - 3, rows - 4, rows - 5]),
-            (rows - 1, [rows - 2, rows - 3, rows - 4]),
-        ];
-        for (end, inwards) in ends {
-            if stand_off(values, end..end + 1, &inwards, far) {
-                is_wild[end] = true;
+        // Up to three at an end, or one that is the second from it.
+        for together in 1..=MOST_TOGETHER.min(rows - 4) {
+            let ends = [
+                (0..together, [together, together + 1, together + 2]),
+                (rows - together..rows, [rows - together - 1, rows - together - 2, rows - together - 3]),
+            ];
+            for (end, inwards) in ends {
+                if stand_off(values, end.clone(), &inwards, far) {
+                    is_wild[end].fill(true);
+                }
+            }
+        }
+        for (second, inwards) in [(1, [2, 3, 4]), (rows - 2, [rows - 3, rows - 4, rows - 5])] {
+            if stand_off(values, second..second + 1, &inwards, far) {
+                is_wild[second] = true;
             }
         }
     }
-    let rows: Vec<usize> = (0..values.len()).filter(|row| is_wild[*row]).collect();
-    let off = |row: &usize| {
-        let around = values.get(row.saturating_sub(2)..values.len().min(row + 3)).unwrap_or_default();
-        (values[*row] - median(around)).abs()
-    };
-    let worst = rows.iter().map(off).fold(0.0, f64::max);
-    (rows, worst)
+    let late = late(values, far);
+    is_wild[..late].fill(true);
+    let wild: Vec<usize> = (0..values.len()).filter(|row| is_wild[*row]).collect();
+    let worst = wild.iter().map(|row| off_the_sound(values, &is_wild, *row)).fold(0.0, f64::max);
+    (wild, worst)
+}
+
+/// How many readings at the beginning are one and the same that a sensor gives which has no power yet: they stand still to the last digit
+/// while the others scatter, and the reading that follows is far off in one step, where no chamber gets in a row.
+fn late(values: &[f64], far_kpa: f64) -> usize {
+    let Some(first) = values.first() else { return 0 };
+    let still = values.iter().take_while(|v| *v == first).count();
+    let rest = values.get(still..).unwrap_or_default();
+    if still <= MOST_TOGETHER || rest.len() < still.max(LATE_REST) || 2 * changes(rest) < rest.len() {
+        return 0;
+    }
+    // A row may be the mean of samples on both sides of the step.
+    let after = (still..=still + 1).find(|from| stand_off(values, 0..still, &[*from, from + 1, from + 2], far_kpa));
+    after.unwrap_or(0)
+}
+
+/// How many readings differ from the one before.
+fn changes(values: &[f64]) -> usize {
+    values.windows(2).filter(|w| w[0] != w[1]).count()
+}
+
+/// How far a wild reading is from the middle of the nearest sound ones (kPa), two on either side where there are.
+fn off_the_sound(values: &[f64], is_wild: &[bool], row: usize) -> f64 {
+    let sound = |other: &usize| !is_wild.get(*other).copied().unwrap_or(true);
+    let around = (0..row).rev().filter(sound).take(2).chain((row + 1..values.len()).filter(sound).take(2));
+    let around: Vec<f64> = around.filter_map(|other| values.get(other)).copied().collect();
+    if around.is_empty() { 0.0 } else { (values[row] - median(&around)).abs() }
 }
 
 /// Whether readings are all this far from those around them, which agree with each other.
@@ -82,15 +118,24 @@ fn usual_step(values: &[f64]) -> f64 {
     if steps.is_empty() { 0.0 } else { *steps.select_nth_unstable_by(at, f64::total_cmp).1 }
 }
 
-/// What is told of them.
-pub(super) fn told(count: usize, of: usize, worst: f64) -> (Severity, Trouble, String) {
+/// What is told of them, `first` being how many of them a recording begins with.
+pub(super) fn told(count: usize, of: usize, worst: f64, first: usize) -> (Severity, Trouble, String) {
+    let reason = if first > MOST_TOGETHER {
+        format!(
+            "{first} of them are the first readings, one and the same: power the sensor before the logger is started"
+        )
+    } else {
+        "Look for a loose contact or interference".to_owned()
+    };
     let text = format!(
-        "{count} wild reading{}, up to {} kPa off the neighbours; left out. Look for a loose contact or interference",
+        "{count} wild reading{}, up to {} kPa off the neighbours; left out. {reason}",
         if count == 1 { "" } else { "s" },
         // A number that is no pressure at all has no digits behind the point worth reading.
         if worst < 1e6 { format!("{worst:.1}") } else { format!("{worst:.0e}") }
     );
-    (if count * 100 > of { Severity::Unusable } else { Severity::Doubtful }, Trouble::Spikes, text)
+    // A sensor without power spoils nothing behind it.
+    let among = if first > MOST_TOGETHER { count - first } else { count };
+    (if among * 100 > of { Severity::Unusable } else { Severity::Doubtful }, Trouble::Spikes, text)
 }
 
 /// Readings that no sensor of this range gives, where they are few: many are another unit, which other checks tell.
@@ -108,21 +153,6 @@ fn span(values: &[f64]) -> f64 {
     sorted.sort_by(f64::total_cmp);
     let at = |share: f64| sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
     at(0.95) - at(0.05)
-}
-
-/// Readings with straight lines in place of the wild ones, so that nothing begins at them or is smoothed over them.
-pub(super) fn bridged(values: &mut [f64], is_wild: &[bool]) {
-    let sound: Vec<usize> = (0..values.len()).filter(|row| is_wild.get(*row) != Some(&true)).collect();
-    for row in (0..values.len()).filter(|row| is_wild.get(*row) == Some(&true)) {
-        let at = sound.partition_point(|other| *other < row);
-        let before = at.checked_sub(1).and_then(|k| sound.get(k)).map(|k| (*k, values[*k]));
-        let after = sound.get(at).map(|k| (*k, values[*k]));
-        match (before, after) {
-            (Some((a, x)), Some((b, y))) => values[row] = x + (y - x) * (row - a) as f64 / (b - a) as f64,
-            (Some((_, x)), None) | (None, Some((_, x))) => values[row] = x,
-            (None, None) => {}
-        }
-    }
 }
 
 #[cfg(test)]
@@ -170,10 +200,30 @@ mod tests {
         }
     }
 
+    /// How far off they are is told from sound readings, never from the others of their run.
     #[test]
-    fn lines_go_from_sound_to_sound_reading() {
-        let mut values = [9e9, 1.0, 9e9, 9e9, 4.0, 9e9];
-        bridged(&mut values, &[true, false, true, true, false, true]);
-        assert_eq!(values, [1.0, 1.0, 2.0, 3.0, 4.0, 4.0]);
+    fn the_distance_is_to_the_sound_neighbours() {
+        for rows in [77..78, 77..79, 77..80, 0..3, 197..200] {
+            let mut values = filling();
+            let sound = values[rows.start];
+            values[rows.clone()].fill(260.0);
+            let (found, worst) = wild(&values, 0.05, Some([-100.0, 300.0]));
+            assert_eq!(found, rows.clone().collect::<Vec<_>>());
+            assert!((worst - (260.0 - sound)).abs() < 40.0 && worst > 150.0, "{rows:?}: {worst}");
+        }
+    }
+
+    /// A sensor that is powered late reads zero until then, however long; a chamber at rest that a pump fills does not jump.
+    #[test]
+    fn readings_before_a_sensor_has_power_are_wild() {
+        let scattering = |k: u32| 120.0 + 0.05 * f64::from(k * 7919 % 13);
+        for rows in [1, 2, 3, 4, 30, 80] {
+            let mut values: Vec<f64> = (0..400).map(scattering).collect();
+            values[..rows].fill(0.0);
+            assert_eq!(wild(&values, 0.05, Some([-100.0, 300.0])).0, (0..rows).collect::<Vec<_>>());
+        }
+        let mut at_rest = vec![0.0; 30];
+        at_rest.extend(filling());
+        assert_eq!(wild(&at_rest, 0.05, Some([-100.0, 300.0])).0, Vec::<usize>::new());
     }
 }
