@@ -28,7 +28,7 @@ fn bad_recordings_get_one_line_with_line_and_column() {
         ("percent", rows("0.02,85,1,0,0\n").into(), "line 3, column 2 (u_pos): 85 is outside 0 … 1"),
         ("ms", format!("{HEADER}\n0,1,1,0,0\n20,1,1,0,0\n40,1,1,0,0\n").into(), "milliseconds"),
         ("semicolons", HEADER.replace(',', ";").into(), "no row of data"),
-        ("binary", vec![0x89, b'P', 0xFF, 0xFE, b'\n', 0, 1], "not UTF-8"),
+        ("binary", vec![0x89, b'P', 0xFF, 0xFE, b'\n', 0, 1], "a binary file of a kind that is not read"),
     ];
     for (name, bytes, words) in cases {
         let path = folder.with(&format!("{name}.csv"), bytes);

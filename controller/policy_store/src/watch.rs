@@ -222,7 +222,10 @@ mod tests {
         std::fs::remove_file(&file).unwrap();
         assert_eq!(watcher.read().gone, ["first"]);
         std::fs::remove_dir_all(&folder).unwrap();
-        assert_eq!(watcher.read(), Reading::default(), "a directory that is not there holds nothing");
+        let gone = watcher.read();
+        assert!(gone.settled.is_empty() && gone.problem.is_some_and(|told| told.contains("the folder is gone")));
+        let mut never_there = Watcher::new(folder);
+        assert_eq!(never_there.read(), Reading::default(), "a directory that is not there yet holds nothing");
     }
 
     /// As `cp -p` or a synchronising program leaves it: the same name, length and date, in the same file.

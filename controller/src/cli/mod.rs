@@ -157,7 +157,7 @@ fn is_configured_wrong(error: &SessionError) -> bool {
     use std::io::ErrorKind as Kind;
     match error {
         SessionError::Socket(SocketError::InUse { .. }) => false,
-        SessionError::Socket(_) => true,
+        SessionError::Socket(_) | SessionError::Stream(_) => true,
         SessionError::Directory { source, .. } => {
             matches!(source.kind(), Kind::NotADirectory | Kind::AlreadyExists | Kind::PermissionDenied)
         }

@@ -137,7 +137,7 @@ pub fn parse_mcap(file: &str, bytes: &[u8]) -> Result<McapContent, ReadMcapError
     let end = gathering.read(bytes)?;
     let Gathering { content, topics, damaged, .. } = &mut gathering;
     damaged_chunks::tell(&mut content.notes, damaged, |channel| topics.get(&channel) == Some(&Topic::Tick));
-    let Gathering { mut content, topics, foreign_ticks, holds, .. } = gathering;
+    let Gathering { mut content, topics, foreign_ticks, holds, ticks: places, .. } = gathering;
     let has_tick_topic = topics.values().any(|topic| *topic == Topic::Tick);
     let ticks = content.ticks.len();
     let whole = matches!(end, FileEnd::Reached);
@@ -159,15 +159,20 @@ pub fn parse_mcap(file: &str, bytes: &[u8]) -> Result<McapContent, ReadMcapError
         return Err(ReadMcapError::NoTicks { file: file.to_owned(), notes: content.notes });
     }
     content.complete = content.notes.is_empty();
-    into_order(&mut content.ticks);
+    into_order(&mut content.ticks, &places);
     Ok(content)
 }
 
-/// Puts ticks that another tool has written in another order back into that in which they were received.
-fn into_order(ticks: &mut [TickRecord]) {
-    let received = |tick: &TickRecord| tick.receive_ns;
-    if ticks.iter().all(|tick| received(tick) > 0) && !ticks.is_sorted_by_key(received) {
-        ticks.sort_by_key(received);
+/// Puts ticks that another tool has written in another order back into their own, `places` being where each sequence number stands.
+fn into_order(ticks: &mut Vec<TickRecord>, places: &HashMap<u32, usize>) {
+    // A tool that numbers messages anew says nothing of their order.
+    if places.len() != ticks.len() {
+        return;
+    }
+    let mut order: Vec<(u32, usize)> = places.iter().map(|(sequence, place)| (*sequence, *place)).collect();
+    order.sort_unstable();
+    if !order.is_sorted_by_key(|(_, place)| *place) {
+        *ticks = order.iter().filter_map(|(_, place)| ticks.get(*place)).copied().collect();
     }
 }
 

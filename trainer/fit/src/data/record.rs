@@ -264,7 +264,7 @@ impl Records {
             begun_s: 0.0,
             inputs: whole.inputs.iter().map(|input| picked(input)).collect(),
             before: Earlier::default(),
-            segments: vec![0..rows.len()],
+            segments: std::iter::once(0..rows.len()).collect(),
             measured: Vec::new(),
             missing: Vec::new(),
             sampling_s: PERIOD_S,

@@ -47,6 +47,7 @@ pub use finding::{Finding, Severity, Trouble};
 pub use ranges::within_ranges;
 
 use model::rig::Rig;
+use wild::MOST_TOGETHER;
 
 use super::{Noise, Record, Records};
 use crate::FitError;
@@ -123,8 +124,8 @@ impl Quality {
         (self, records)
     }
 
-    /// By recording, the first row that a run can begin at: 0, or the first behind readings that are left out, where that leaves more
-    /// than half of the rows.
+    /// By recording, the first row that a run can begin at: 0, or the first behind readings that are left out, where these are more than
+    /// are bridged and leave more than half of the rows.
     pub fn first_rows(&self, records: &Records) -> Vec<usize> {
         let first = |(record, r): (usize, &Record)| {
             let channels = 0..records.layout().channels();
@@ -134,9 +135,9 @@ impl Quality {
             let is_sound = |row: &usize| usable.iter().all(|usable| usable.get(*row).is_some_and(|u| *u > 0.0));
             let rows = r.time_s.len();
             let samples: Vec<usize> = (0..rows).filter(|row| r.is_measured(*row)).collect();
-            let (begun, first) = (samples.first(), samples.iter().find(|row| is_sound(row)).copied());
-            // Rows before the first sample are no readings that anything was left out of.
-            first.filter(|first| begun.is_some_and(|begun| begun < first) && 2 * first < rows).unwrap_or(0)
+            // A few are bridged by the first sound one: at a command that jumps in the first row it may be the rig itself that is far off.
+            let sound_from = samples.iter().position(is_sound).filter(|unsound| *unsound > MOST_TOGETHER);
+            sound_from.and_then(|at| samples.get(at)).copied().filter(|first| 2 * first < rows).unwrap_or(0)
         };
         records.records().iter().enumerate().map(first).collect()
     }

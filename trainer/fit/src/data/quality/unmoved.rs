@@ -96,9 +96,10 @@ fn driven_unseen(records: &Records, noise: &[Noise]) -> Option<Finding> {
                 severity: Severity::Unusable,
                 trouble: Trouble::NothingMoves,
                 text: format!(
-                    "goes up and down, and {} stands still in all recordings: is it the command that was sent? Name the right column \
+                    "goes up and down, and {} {} still in all recordings: is it the command that was sent? Name the right column \
                      in the rig file, [recording] columns",
-                    commands.join(", ")
+                    commands.join(", "),
+                    if commands.len() == 1 { "stands" } else { "stand" }
                 ),
             });
         }

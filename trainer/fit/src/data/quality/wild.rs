@@ -21,7 +21,7 @@ const STEPS: f64 = 5.0;
 /// … and as the sound readings around them are apart.
 const APART: f64 = 5.0;
 /// Most wild readings that stand next to each other.
-const MOST_TOGETHER: usize = 3;
+pub(super) const MOST_TOGETHER: usize = 3;
 /// Readings behind those of a sensor without power that show that it scatters.
 const LATE_REST: usize = 50;
 
