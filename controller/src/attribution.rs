@@ -1,4 +1,4 @@
-//! What a missed deadline is put down to: own code, this machine, its host, or the link.
+//! Causes of a missed deadline: own code, this machine, its host, or the link.
 
 use std::fs::File;
 use std::io::{Read as _, Seek as _, SeekFrom};

@@ -50,7 +50,7 @@ pub struct Session<H> {
     pub say: Box<dyn FnMut(String) + Send>,
     /// What the guard watches.
     pub pulse: Arc<Pulse>,
-    /// What the host takes from this machine.
+    /// Stolen time of this machine.
     pub stolen: StolenTime,
     /// Whether all memory is locked.
     pub memory: MemoryLock,

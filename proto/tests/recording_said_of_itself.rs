@@ -1,4 +1,4 @@
-//! What a table says of itself in an odd place: units in a row that begins with a per cent, names of rows, a row per channel, whole seconds.
+//! Tables that say something of themselves in an odd place: units in a row that begins with a per cent, names of rows, a row per channel, whole seconds.
 
 #![allow(clippy::unwrap_used, reason = "the helpers of a test fail by panicking, as the test does")]
 

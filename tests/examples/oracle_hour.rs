@@ -202,11 +202,11 @@ fn crio() -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// What is run beside the daemon, in its folder.
+/// A command that is run beside the daemon, in its folder.
 struct Beside(Vec<String>);
 
 impl Beside {
-    /// Whatever stands behind `--beside`.
+    /// The command behind `--beside`; `None` without it.
     fn of(arguments: &[String]) -> Option<Self> {
         let place = arguments.iter().position(|argument| argument == "--beside")?;
         Some(Beside(arguments[place + 1..].to_vec()))

@@ -1,4 +1,4 @@
-//! What is taken away from a running daemon, or was never there: its socket, its policies' folder, the files that its configuration names,
+//! A running daemon from which something is taken away, or to which it was never given: its socket, its policies' folder, the files that its configuration names,
 //! the CPU. It is told in a line, and what can be had back is.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -132,7 +132,7 @@ fn a_place_that_cannot_be_used_is_a_wrong_configuration_also_for_run() {
     }
 }
 
-/// Where real-time rights are asked for and refused, whoever arms is told so, and whoever asks for the status.
+/// Real-time rights that are asked for and refused are told to whoever arms, and to whoever asks for the status.
 #[test]
 fn what_bars_arming_is_told_to_whoever_asks() {
     let _alone = alone();

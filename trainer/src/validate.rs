@@ -143,7 +143,7 @@ struct Looked {
     usable: Vec<Vec<Vec<bool>>>,
     /// By recording, the first row that its run begins at.
     first_rows: Vec<usize>,
-    /// What was read from there on, wild readings bridged.
+    /// Recordings as they were read from there on, wild readings bridged.
     records: Records,
 }
 

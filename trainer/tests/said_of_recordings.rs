@@ -1,5 +1,5 @@
 //! Recordings that say something wrong of themselves, or nothing of what they are: units over other numbers, seconds that may count rows.
-//! What they are is told by the rig, and the key that is told mends it.
+//! The rig tells what they are, and the key that is told mends it.
 
 // What fails here fails the test, helper functions included.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -11,7 +11,7 @@ use model::rig::Rig;
 use program::paper_run::{Dice, Spoil, absolute, csv, scaled, sound, told_key};
 use program::{Folder, run};
 
-/// Whatever unit is said of the pressures, it is the numbers that tell: what they seem to be, and a key a column that makes them so.
+/// Numbers tell what they are whatever unit is said of them: what they seem to be, and a key a column that makes them so.
 #[test]
 fn a_unit_that_is_said_of_numbers_in_another_is_told_with_the_key_that_mends_it() {
     let folder = Folder::new("said-units");

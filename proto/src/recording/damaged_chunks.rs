@@ -1,4 +1,4 @@
-//! How much of a run damaged chunks lack.
+//! Damaged chunks, and the ticks that a run lacks with them.
 //!
 //! The index behind a chunk lists its messages by channel, so what was lost of one that is damaged is known to the tick. A file of
 //! another tool may have no index; then the head of the chunk says from when to when its messages are, if it is whole.
@@ -37,7 +37,7 @@ impl Damaged {
         *self.indexed.entry(channel).or_default() += messages;
     }
 
-    /// What it lacks, in words; `None` where it lacks no tick, or nothing says how many.
+    /// Words for the ticks that it lacks; `None` where it lacks none, or nothing says how many.
     fn lacks(&self, is_of_ticks: impl Fn(u16) -> bool) -> Option<String> {
         let ticks: usize =
             self.indexed.iter().filter(|(channel, _)| is_of_ticks(**channel)).map(|(_, messages)| messages).sum();

@@ -12,11 +12,11 @@ pub struct FileUnit {
     pub scale: f64,
     /// Rig's unit at zero: not nought of an absolute pressure and of what a sensor puts out.
     pub zero: f64,
-    /// Who says so.
+    /// Place where it is said.
     pub by: UnitSource,
 }
 
-/// Where a unit is said.
+/// Place where a unit is said.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum UnitSource {
     /// In the file itself.
@@ -31,7 +31,7 @@ impl FileUnit {
         (read - self.zero) / self.scale
     }
 
-    /// Who says what: `the file says psi`.
+    /// Words for who says which unit: `the file says psi`.
     pub fn says(&self) -> String {
         let who = match self.by {
             UnitSource::File => "the file",

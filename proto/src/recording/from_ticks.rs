@@ -39,7 +39,7 @@ const COLUMNS: [Source; 8] = [
 /// Columns that are there when every row has them.
 const REFERENCES: [Source; 2] = [("ref_pos_kpa", |tick| tick.ref_pos_kpa), ("ref_neg_kpa", |tick| tick.ref_neg_kpa)];
 
-/// What becomes of a tick with a sound frame in which a sensor's reading is none.
+/// Treatment of a tick with a sound frame in which a sensor's reading is none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Broken {
     /// It has no row.

@@ -50,7 +50,7 @@ pub(super) fn numbered<'a>(
 pub(super) struct Missing {
     /// Columns of sensors that lack some; by row, whether one is missing there.
     pub(super) columns: Vec<(String, Vec<bool>)>,
-    /// What is told of them.
+    /// Remarks on them.
     pub(super) notes: Vec<String>,
 }
 
@@ -64,7 +64,7 @@ impl Missing {
         }
     }
 
-    /// The same in some rows alone.
+    /// Missing readings of some rows alone.
     pub(super) fn cut(self, rows: &Range<usize>) -> Self {
         let cut = |missing: Vec<bool>| missing.get(rows.clone()).unwrap_or_default().to_vec();
         Missing { columns: self.columns.into_iter().map(|(name, missing)| (name, cut(missing))).collect(), ..self }

@@ -1,4 +1,4 @@
-//! What a person should know of a file's times: what they were taken for, where that may be wrong or is not what the map says.
+//! Remarks on a file's times: what they were taken for, where that may be wrong or is not what the map says.
 
 use model::rig::RecordingMap;
 

@@ -50,7 +50,7 @@ pub fn csv(rows: &[Row]) -> String {
     "time_s,u_pos,u_neg,p_pos_kpa,p_neg_kpa\n".to_owned() + &rows.iter().map(line).collect::<String>()
 }
 
-/// What is done to every row.
+/// Change that is made to every row.
 pub type Spoil = fn(&mut Row);
 
 pub fn scaled(row: &mut Row, factor: f64) {

@@ -337,7 +337,7 @@ impl Records {
         measured
     }
 
-    /// The same recordings with straight lines in place of some readings, which are left out from then on; `left_out` is of the
+    /// These recordings with straight lines in place of some readings, which are left out from then on; `left_out` is of the
     /// recordings' layout.
     #[must_use]
     pub fn without_readings(mut self, left_out: &[bool]) -> Self {

@@ -242,7 +242,7 @@ impl Compare<'_> {
         }
     }
 
-    /// The same of a meaning found by some channels within margins, with the other that it cannot be told from.
+    /// The complaint about a meaning found by some channels within margins, with the other that it cannot be told from.
     fn wrong_or(
         &self,
         recorded: &Recorded<'_>,

@@ -1,4 +1,4 @@
-//! Whole seconds that are a count of rows, told by what the rig would do.
+//! A count of rows in the place of seconds, told by the way the rig would go.
 //!
 //! A column that is called `time_s` and holds 0, 1, 2 … may be of a logger that writes a row a second, and may count rows of 20 ms. The
 //! commands tell: run once with a row a second and once with a row every 20 ms, the rig follows the readings in one of the two.
@@ -44,7 +44,7 @@ pub fn seconds_are_no_count(rig: &Rig, recordings: &[Recording]) -> Result<(), F
     Ok(())
 }
 
-/// How far the rig is from a recording's readings at some rows (kPa): mean of all channels.
+/// Distance of the rig from a recording's readings at some rows (kPa): mean of all channels.
 fn off_kpa(rig: &Rig, records: &Records, rows: &[usize]) -> Result<f64, FitError> {
     let trace = Simulator::new(records, Fidelity::Coarse).one(rig, &Arcs::free(records))?;
     let of = |channel: usize| {

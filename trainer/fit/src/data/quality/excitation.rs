@@ -18,7 +18,7 @@ const SMALLEST_SCALE: f64 = 0.02;
 /// A command is a share of 1 by this much at most above it, for the rounding of its numbers.
 const ONE: f64 = 1.001;
 
-/// What a command that never exceeds so much is, and the key that says so.
+/// Words for a command that never exceeds so much: what it seems to be, and the key that says so.
 fn divided(rig: &Rig, records: &Records, column: &str, largest: f64) -> String {
     let said = records.records().iter().find_map(|r| r.file_unit(column));
     match said.filter(|said| (0.0..=ONE).contains(&said.written(largest))) {

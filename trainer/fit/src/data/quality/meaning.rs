@@ -97,7 +97,7 @@ pub(super) enum Meaning {
     Unsigned,
 }
 
-/// What a column should be.
+/// The meaning that a column should have.
 pub(super) const RIGHT: Meaning = Meaning::AsRead;
 /// Numbers that are gauge kPa as they are written, whatever unit is said of them.
 pub(super) const AS_WRITTEN: Meaning = Meaning::Gauge(1.0, "kPa");
@@ -203,7 +203,7 @@ impl Meaning {
         format!("reads {} where about {} kPa are expected: {is}: {key}", figures(*recorded), about(*simulated))
     }
 
-    /// What numbers seem to be that nobody says a unit of.
+    /// Words for the unit that numbers seem to be in where nobody says one.
     fn words(self, sensor: Option<&Sensor>, simulated_kpa: f64, atmosphere_kpa: f64) -> String {
         match self {
             Meaning::AsRead => "the pressure seems to be in kPa".to_owned(),

@@ -76,7 +76,7 @@ pub(in crate::data) fn wild(values: &[f64], sigma: f64, range: Option<[f64; 2]>)
     (wild, worst)
 }
 
-/// How many readings at the beginning are one and the same that a sensor gives which has no power yet: they stand still to the last digit
+/// Number of readings at the beginning that a sensor gives which has no power yet: they stand still to the last digit
 /// while the others scatter, and the reading that follows is far off in one step, where no chamber gets in a row.
 fn late(values: &[f64], far_kpa: f64) -> usize {
     let Some(first) = values.first() else { return 0 };
@@ -90,12 +90,12 @@ fn late(values: &[f64], far_kpa: f64) -> usize {
     after.unwrap_or(0)
 }
 
-/// How many readings differ from the one before.
+/// Number of readings that differ from the one before.
 fn changes(values: &[f64]) -> usize {
     values.windows(2).filter(|w| w[0] != w[1]).count()
 }
 
-/// How far a wild reading is from the middle of the nearest sound ones (kPa), two on either side where there are.
+/// Distance of a wild reading from the middle of the nearest sound ones (kPa), two on either side where there are.
 fn off_the_sound(values: &[f64], is_wild: &[bool], row: usize) -> f64 {
     let sound = |other: &usize| !is_wild.get(*other).copied().unwrap_or(true);
     let around = (0..row).rev().filter(sound).take(2).chain((row + 1..values.len()).filter(sound).take(2));
@@ -118,7 +118,7 @@ fn usual_step(values: &[f64]) -> f64 {
     if steps.is_empty() { 0.0 } else { *steps.select_nth_unstable_by(at, f64::total_cmp).1 }
 }
 
-/// What is told of them, `first` being how many of them a recording begins with.
+/// The finding on wild readings, `first` of which a recording begins with.
 pub(super) fn told(count: usize, of: usize, worst: f64, first: usize) -> (Severity, Trouble, String) {
     let reason = if first > MOST_TOGETHER {
         format!(
@@ -200,7 +200,7 @@ mod tests {
         }
     }
 
-    /// How far off they are is told from sound readings, never from the others of their run.
+    /// Their distance is told from sound readings, never from the others of their run.
     #[test]
     fn the_distance_is_to_the_sound_neighbours() {
         for rows in [77..78, 77..79, 77..80, 0..3, 197..200] {
