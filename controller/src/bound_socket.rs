@@ -15,6 +15,8 @@ const LOOK: Duration = Duration::from_secs(1);
 /// A socket that is listened on, and its file.
 pub(crate) struct BoundSocket {
     listener: UnixListener,
+    /// The one before, until whoever had come to it is served.
+    before: Option<UnixListener>,
     path: PathBuf,
     /// Device and number of the socket's file: another daemon's socket is not ours to remove.
     file: Option<(u64, u64)>,
@@ -38,14 +40,21 @@ impl BoundSocket {
         std::fs::set_permissions(path, PermissionsExt::from_mode(0o660)).map_err(make)?;
         listener.set_nonblocking(true).map_err(make)?;
         let file = identity(path);
-        Ok(BoundSocket { listener, path: path.to_owned(), file, looked: Instant::now(), is_told: false })
+        let (before, looked) = (None, Instant::now());
+        Ok(BoundSocket { listener, before, path: path.to_owned(), file, looked, is_told: false })
     }
 
     /// Takes a client that has come.
     ///
     /// # Errors
     /// The system's, `WouldBlock` where nobody has.
-    pub(crate) fn accept(&self) -> io::Result<UnixStream> {
+    pub(crate) fn accept(&mut self) -> io::Result<UnixStream> {
+        if let Some(before) = &self.before {
+            match before.accept() {
+                Ok((stream, _)) => return Ok(stream),
+                Err(_) => self.before = None,
+            }
+        }
         Ok(self.listener.accept()?.0)
     }
 
@@ -63,7 +72,8 @@ impl BoundSocket {
         match Self::bind(&self.path) {
             Ok(again) => {
                 let line = format!("{path}: the operators' socket was taken away; it is made again");
-                *self = again;
+                let old = std::mem::replace(self, again);
+                self.before = Some(old.listener);
                 Some(line)
             }
             Err(_) if self.is_told => None,
@@ -129,10 +139,12 @@ mod tests {
         let path = folder.join("s");
         let mut socket = BoundSocket::bind(&path).unwrap();
         assert_eq!(look(&mut socket), None);
+        // Whoever came before it was taken away is served as well.
+        let _early = UnixStream::connect(&path).unwrap();
         std::fs::remove_file(&path).unwrap();
         assert!(look(&mut socket).unwrap().contains("made again"));
-        UnixStream::connect(&path).unwrap();
-        assert!(socket.accept().is_ok());
+        let _late = UnixStream::connect(&path).unwrap();
+        assert!(socket.accept().is_ok() && socket.accept().is_ok() && socket.accept().is_err());
         assert_eq!(look(&mut socket), None);
 
         std::fs::remove_file(&path).unwrap();

@@ -29,13 +29,26 @@ const SILENT_TO_ABORT: u32 = 50;
 const SILENT_OUTSIDE: u32 = 750;
 
 /// What the tick's thread leaves for the guard, and the guard for it.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Pulse {
     beats: AtomicU64,
     in_session: AtomicBool,
     thread: AtomicI32,
     run_delay_ns: AtomicU64,
+    /// The largest number until the guard has looked: nothing is later than that.
     stolen_ns: AtomicU64,
+}
+
+impl Default for Pulse {
+    fn default() -> Self {
+        Pulse {
+            beats: AtomicU64::new(0),
+            in_session: AtomicBool::new(false),
+            thread: AtomicI32::new(0),
+            run_delay_ns: AtomicU64::new(0),
+            stolen_ns: AtomicU64::new(u64::MAX),
+        }
+    }
 }
 
 impl Pulse {
@@ -70,7 +83,7 @@ impl Pulse {
         self.run_delay_ns.load(Ordering::Acquire)
     }
 
-    /// Time stolen from all CPUs since the machine started, in ns, as of one of the guard's last looks: 0.2 s old at most.
+    /// Time stolen from all CPUs since the machine started, in ns, as of one of the guard's last looks: 0.2 to 0.4 s old.
     ///
     /// # Real-time
     /// Runs in the tick.
@@ -150,11 +163,21 @@ struct Watched {
     run_delay_ns: u64,
     looks: u32,
     stolen: StolenTime,
+    /// Stolen time as of the look before the last.
+    earlier_ns: Option<u64>,
 }
 
 impl Watched {
     fn new() -> Self {
-        Watched { beats: 0, silent: 0, schedule: None, run_delay_ns: 0, looks: 0, stolen: StolenTime::open() }
+        Watched {
+            beats: 0,
+            silent: 0,
+            schedule: None,
+            run_delay_ns: 0,
+            looks: 0,
+            stolen: StolenTime::open(),
+            earlier_ns: None,
+        }
     }
 
     fn look(&mut self, pulse: &Pulse) -> Look {
@@ -162,7 +185,8 @@ impl Watched {
         if self.looks.is_multiple_of(STOLEN_EVERY)
             && let Some(total_ns) = self.stolen.total_ns()
         {
-            pulse.stolen_ns.store(total_ns, Ordering::Release);
+            // One look old at least: the last may have come behind what a late tick is about to ask for.
+            pulse.stolen_ns.store(self.earlier_ns.replace(total_ns).unwrap_or(total_ns), Ordering::Release);
         }
         self.looks = self.looks.wrapping_add(1);
         let beats = pulse.beats.load(Ordering::Acquire);

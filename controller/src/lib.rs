@@ -40,7 +40,8 @@
 //!
 //! Beside this crate: `law` (control laws, shared with the trainer), `policy` (ONNX), `admission`, `handover` and
 //! `policy_store` (from a published policy to an active one), `safety_filter`, `flight` (recorder,
-//! figures, report). Nothing in the tick allocates, locks, or touches a file.
+//! figures, report). Nothing in the tick allocates, locks, or touches a file, but for
+//! the kernel's count of stolen time once a deadline has been missed.
 
 pub mod attribution;
 mod bound_socket;

@@ -319,8 +319,10 @@ impl Link {
                 Ok(None) => {}
                 Err(broken) => return Incoming::Lost(broken),
             }
+            let begun_ns = now_ns();
             let has_come = self.wait(until_ns);
-            let late_ns = until_ns.map_or(0, |until| now_ns().saturating_sub(until));
+            // A wait whose end had passed before it began asked for nothing.
+            let late_ns = until_ns.map_or(0, |until| now_ns().saturating_sub(until.max(begun_ns)));
             self.overslept_ns = self.overslept_ns.max(late_ns);
             if !has_come {
                 return Incoming::Timeout;

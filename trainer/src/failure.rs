@@ -69,6 +69,8 @@ pub(crate) enum Failure {
     Learner(String),
     #[error("{out}: this is the file of --inputs, which would be lost; give --out another name")]
     OverInputs { out: String },
+    #[error("--out -: the table takes standard output, where --json has no place beside it; leave out one of the two")]
+    TwoOutputs,
     #[error("{out}: this is one of the recordings, which would be lost; give --out another name")]
     OverRecording { out: String },
     #[error(
@@ -124,6 +126,7 @@ impl Failure {
             | Self::Faults(_)
             | Self::OverInputs { .. }
             | Self::OverRecording { .. }
+            | Self::TwoOutputs
             | Self::OverRig { .. }
             | Self::NoRehearsal { .. }
             | Self::TooShort { .. } => BAD_INPUT,

@@ -51,11 +51,14 @@ const BYTES_PER_ROW: u64 = 240;
 const DIGITS: i32 = 7;
 
 pub(crate) fn run(args: &SimulateArgs) -> Result<(), Failure> {
+    let to_standard_output = args.out.as_os_str() == "-";
+    if to_standard_output && args.json {
+        return Err(Failure::TwoOutputs);
+    }
     let (rig, plant) = args.rig.compile()?;
     let recording = Recording::read_for(&args.inputs, &rig)?;
     seconds_are_no_count(&rig, std::slice::from_ref(&recording))?;
     within_ranges(&rig, std::slice::from_ref(&recording))?;
-    let to_standard_output = args.out.as_os_str() == "-";
     if !to_standard_output {
         if proto::output::same_file(&args.inputs, &args.out) {
             return Err(Failure::OverInputs { out: args.out.display().to_string() });

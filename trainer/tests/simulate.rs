@@ -219,4 +219,6 @@ fn a_dash_is_standard_output() {
     sound(["simulate", "--inputs", &inputs, "--out", &out]);
     assert_eq!(said.out, std::fs::read_to_string(out).unwrap());
     assert!(!Path::new("-").exists());
+    let both = refused(["simulate", "--inputs", &inputs, "--out", "-", "--json"]);
+    assert!(both.contains("leave out one of the two"), "{both}");
 }

@@ -1,11 +1,15 @@
 //! Where ticks go: one file, watched while it grows.
 
+use std::io::ErrorKind;
 use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 
 use proto::recording::{Attachment, EventLevel, RecordingWriter, TickRecord};
 
 use crate::record_error::RecordError;
+
+/// Linux's number for a link that leads in a circle, which the standard library has no stable name for.
+const ELOOP: i32 = 40;
 
 /// Where ticks go: a file, or what tests put in its place.
 pub(crate) trait Tape: Send {
@@ -62,11 +66,16 @@ impl Tape for McapTape {
     fn check(&mut self) -> Result<(), RecordError> {
         let about = match std::fs::metadata(&self.partial) {
             Ok(about) => about,
-            // A folder that may not be searched just now is no proof that the file is gone.
-            Err(error) if error.kind() == std::io::ErrorKind::PermissionDenied => return Ok(()),
-            // A file without a name takes every byte and keeps none, and the system reports no error. Its name is gone as well where
-            // something else stands in the folder's place.
-            Err(_) => return Err(RecordError::Removed { path: self.partial.clone() }),
+            // A file without a name takes every byte and keeps none, and the system reports no error. Its name is gone as well where a
+            // file or a link that leads nowhere stands in the folder's place.
+            Err(error)
+                if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory)
+                    || error.raw_os_error() == Some(ELOOP) =>
+            {
+                return Err(RecordError::Removed { path: self.partial.clone() });
+            }
+            // A folder that may not be searched, or a disk that does not answer just now, is no proof that the file is gone.
+            Err(_) => return Ok(()),
         };
         if self.file.is_some_and(|file| file != (about.dev(), about.ino())) {
             return Err(RecordError::Removed { path: self.partial.clone() });

@@ -227,6 +227,9 @@ impl Round {
             }
         }
         let folder = self.settings.directory.display().to_string();
+        if reading.is_another_folder {
+            (self.say)(format!("{folder}: it is another folder than before"));
+        }
         let misnamed = reading.misnamed.map(|name| {
             format!("{folder}: \"{name}\" is passed over: a policy's name is up to 128 letters, digits, '.', '_' and '-', and not {FALLBACK}; rename it")
         });

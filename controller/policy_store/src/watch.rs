@@ -92,6 +92,8 @@ pub struct Reading {
     pub gone: Vec<String>,
     /// The first file, by name, that would be a policy but for its name.
     pub misnamed: Option<String>,
+    /// Whether another folder has taken the place of the one that was read before.
+    pub is_another_folder: bool,
     /// Why the directory cannot be read, if it cannot.
     pub problem: Option<String>,
 }
@@ -126,10 +128,8 @@ impl Watcher {
             }
         };
         let folder = std::fs::metadata(&self.directory).ok().map(|about| (about.dev(), about.ino()));
-        if self.folder.is_some() && folder != self.folder {
-            reading.problem = Some(format!("{}: it is another folder than before", self.directory.display()));
-        }
-        self.folder = folder;
+        reading.is_another_folder = self.folder.is_some() && folder.is_some() && folder != self.folder;
+        self.folder = folder.or(self.folder);
         let mut seen = HashMap::new();
         for path in entries.take(MOST_NAMES).flatten().map(|entry| entry.path()) {
             match (policy_name(&path), Look::at(&path)) {

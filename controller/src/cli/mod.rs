@@ -155,12 +155,15 @@ impl From<ConfigError> for Failure {
 /// full or not yet there may be better next time, and another controller may have ended by then.
 fn is_configured_wrong(error: &SessionError) -> bool {
     use std::io::ErrorKind as Kind;
+    let is_of_the_place = |source: &std::io::Error| {
+        matches!(source.kind(), Kind::NotFound | Kind::NotADirectory | Kind::AlreadyExists | Kind::PermissionDenied)
+    };
     match error {
-        SessionError::Socket(SocketError::InUse { .. }) => false,
-        SessionError::Socket(_) | SessionError::Stream(_) => true,
-        SessionError::Directory { source, .. } => {
-            matches!(source.kind(), Kind::NotADirectory | Kind::AlreadyExists | Kind::PermissionDenied)
+        SessionError::Socket(SocketError::NotASocket { .. }) => true,
+        SessionError::Socket(SocketError::Make { source, .. }) | SessionError::Directory { source, .. } => {
+            is_of_the_place(source)
         }
+        SessionError::Stream(error) => is_of_the_place(&error.source),
         _ => false,
     }
 }

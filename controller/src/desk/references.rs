@@ -121,7 +121,7 @@ impl Desk {
             self.refresh();
             let (Some(reference), Some(file)) = (reference, config.reference.file) else { continue };
             let (name, identity) = (file.display().to_string(), reference.identity());
-            if self.options.followed == Some(identity) {
+            if self.options.followed == Some(identity) && self.options.running.reference == one_line(&name) {
                 continue;
             }
             let runs = self.live_status().is_some_and(|s| s.state.is_controlling());

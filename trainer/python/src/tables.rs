@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
 
-use fit::data::quality::within_ranges;
+use fit::data::quality::{seconds_are_no_count, within_ranges};
 use free_run::refine::refined;
 use free_run::{Began, FreeRun};
 use model::plant::Plant;
@@ -118,6 +118,8 @@ type Read = (Vec<(String, ColumnOut)>, Cow<'static, [u8]>, Vec<String>);
 pub(crate) fn read_recording(py: Python<'_>, file: &str, rig: &str) -> PyResult<Read> {
     let rig = proto::rig_file::load(rig).map_err(refused)?;
     let recording = py.detach(|| Recording::read_for(Path::new(file), &rig)).map_err(refused)?;
+    let alone = std::slice::from_ref(&recording);
+    py.detach(|| within_ranges(&rig, alone).and_then(|()| seconds_are_no_count(&rig, alone))).map_err(refused)?;
     let numbers = |values: &[f64]| ColumnOut::Numbers(Cow::Owned(bytes_of(values.iter().copied(), f64::to_le_bytes)));
     let mut columns = vec![("time_s".to_owned(), numbers(recording.time_s()))];
     for name in recording.names().filter(|name| *name != "time_s") {

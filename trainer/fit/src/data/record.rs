@@ -106,12 +106,19 @@ impl Record {
         self.missing.get(channel).and_then(|missing| missing.get(row)).copied().unwrap_or(false)
     }
 
-    /// Puts straight lines in place of a channel's numbers by row where its readings are missing, none of them across a gap.
+    /// Puts straight lines in place of a channel's numbers by row where its readings are missing, none of them across a gap unless a
+    /// stretch between two gaps lacks all of its readings.
     pub(crate) fn over_missing(&self, channel: usize, numbers: &mut [f64]) {
         let Some(missing) = self.missing.get(channel).filter(|missing| missing.contains(&true)) else { return };
+        let mut across = numbers.to_vec();
+        lines_over(&mut across, missing);
         for rows in &self.segments {
-            if let (Some(numbers), Some(missing)) = (numbers.get_mut(rows.clone()), missing.get(rows.clone())) {
-                lines_over(numbers, missing);
+            let (Some(numbers), Some(missing)) = (numbers.get_mut(rows.clone()), missing.get(rows.clone())) else {
+                continue;
+            };
+            match (missing.contains(&false), across.get(rows.clone())) {
+                (false, Some(across)) => numbers.copy_from_slice(across),
+                _ => lines_over(numbers, missing),
             }
         }
     }

@@ -52,7 +52,8 @@ fn off_kpa(rig: &Rig, records: &Records, rows: &[usize]) -> Result<f64, FitError
         let read = records.channel_kpa(0, channel);
         let at = rows.iter().filter_map(|row| Some((simulated.get(*row)? - read.get(*row)?).abs()));
         let off: Vec<f64> = at.filter(|off| off.is_finite()).collect();
-        off.iter().sum::<f64>() / off.len().max(1) as f64
+        // A run that comes to no numbers follows nothing.
+        if off.is_empty() { f64::INFINITY } else { off.iter().sum::<f64>() / off.len() as f64 }
     };
     Ok((0..records.layout().channels()).map(of).sum())
 }

@@ -124,15 +124,14 @@ impl Quality {
         (self, records)
     }
 
-    /// By recording, the first row that a run can begin at: 0, or the first behind readings that are left out, where these are more than
-    /// are bridged and leave more than half of the rows.
+    /// By recording, the first row that a run can begin at: 0, or the first behind wild readings, where these are more than are bridged
+    /// and leave more than half of the rows.
     pub fn first_rows(&self, records: &Records) -> Vec<usize> {
         let first = |(record, r): (usize, &Record)| {
             let channels = 0..records.layout().channels();
-            // A channel that is left out as a whole says nothing of where a run begins.
-            let usable = channels.filter_map(|channel| self.usable.get(records.layout().channel(record, channel)));
-            let usable: Vec<&[f64]> = usable.filter(|usable| usable.iter().any(|u| *u > 0.0)).collect();
-            let is_sound = |row: &usize| usable.iter().all(|usable| usable.get(*row).is_some_and(|u| *u > 0.0));
+            let wild = channels.filter_map(|channel| self.wild.get(records.layout().channel(record, channel)));
+            let wild: Vec<&[bool]> = wild.collect();
+            let is_sound = |row: &usize| wild.iter().all(|wild| !wild.get(*row).copied().unwrap_or(false));
             let rows = r.time_s.len();
             let samples: Vec<usize> = (0..rows).filter(|row| r.is_measured(*row)).collect();
             // A few are bridged by the first sound one: at a command that jumps in the first row it may be the rig itself that is far off.

@@ -22,6 +22,10 @@ const STEPS: f64 = 5.0;
 const APART: f64 = 5.0;
 /// Most wild readings that stand next to each other.
 pub(super) const MOST_TOGETHER: usize = 3;
+/// Share of its range within which a reading is nothing, or at an end of it.
+const NOTHING: f64 = 0.02;
+/// Most readings without power that spoil nothing behind them, as a share of all: a fifth.
+const LATE_PART: usize = 5;
 /// Readings behind those of a sensor without power that show that it scatters.
 const LATE_REST: usize = 50;
 
@@ -69,17 +73,17 @@ pub(in crate::data) fn wild(values: &[f64], sigma: f64, range: Option<[f64; 2]>)
             }
         }
     }
-    let late = late(values, far);
+    let late = late(values, far, range);
     is_wild[..late].fill(true);
-    let wild: Vec<usize> = (0..values.len()).filter(|row| is_wild[*row]).collect();
-    let worst = wild.iter().map(|row| off_the_sound(values, &is_wild, *row)).fold(0.0, f64::max);
+    let (wild, sound): (Vec<usize>, Vec<usize>) = (0..values.len()).partition(|row| is_wild[*row]);
+    let worst = wild.iter().map(|row| off_the_sound(values, &sound, *row)).fold(0.0, f64::max);
     (wild, worst)
 }
 
 /// Number of readings at the beginning that a sensor gives which has no power yet: they stand still to the last digit
 /// while the others scatter, and the reading that follows is far off in one step, where no chamber gets in a row.
-fn late(values: &[f64], far_kpa: f64) -> usize {
-    let Some(first) = values.first() else { return 0 };
+fn late(values: &[f64], far_kpa: f64, range: Option<[f64; 2]>) -> usize {
+    let Some(first) = values.first().filter(|first| is_without_power(**first, values, range)) else { return 0 };
     let still = values.iter().take_while(|v| *v == first).count();
     let rest = values.get(still..).unwrap_or_default();
     if still <= MOST_TOGETHER || rest.len() < still.max(LATE_REST) || 2 * changes(rest) < rest.len() {
@@ -95,11 +99,18 @@ fn changes(values: &[f64]) -> usize {
     values.windows(2).filter(|w| w[0] != w[1]).count()
 }
 
-/// Distance of a wild reading from the middle of the nearest sound ones (kPa), two on either side where there are.
-fn off_the_sound(values: &[f64], is_wild: &[bool], row: usize) -> f64 {
-    let sound = |other: &usize| !is_wild.get(*other).copied().unwrap_or(true);
-    let around = (0..row).rev().filter(sound).take(2).chain((row + 1..values.len()).filter(sound).take(2));
-    let around: Vec<f64> = around.filter_map(|other| values.get(other)).copied().collect();
+/// Whether a sensor gives this without power: nothing, or what stands at or beyond an end of its range.
+fn is_without_power(first: f64, values: &[f64], range: Option<[f64; 2]>) -> bool {
+    let near = NOTHING * range.map_or_else(|| span(values), |[low, high]| high - low);
+    let at_an_end = range.is_some_and(|[low, high]| first <= low + near || first >= high - near);
+    at_an_end || first.abs() <= near
+}
+
+/// Distance of a wild reading from the middle of the nearest sound ones (kPa), two on either side where there are; `sound` are their rows.
+fn off_the_sound(values: &[f64], sound: &[usize], row: usize) -> f64 {
+    let at = sound.partition_point(|other| *other < row);
+    let around = sound.get(at.saturating_sub(2)..(at + 2).min(sound.len())).unwrap_or_default();
+    let around: Vec<f64> = around.iter().filter_map(|other| values.get(*other)).copied().collect();
     if around.is_empty() { 0.0 } else { (values[row] - median(&around)).abs() }
 }
 
@@ -134,7 +145,7 @@ pub(super) fn told(count: usize, of: usize, worst: f64, first: usize) -> (Severi
         if worst < 1e6 { format!("{worst:.1}") } else { format!("{worst:.0e}") }
     );
     // A sensor without power spoils nothing behind it.
-    let among = if first > MOST_TOGETHER { count - first } else { count };
+    let among = if first > MOST_TOGETHER && first * LATE_PART <= of { count - first } else { count };
     (if among * 100 > of { Severity::Unusable } else { Severity::Doubtful }, Trouble::Spikes, text)
 }
 
