@@ -7,7 +7,7 @@ mod program;
 
 use std::path::{Path, PathBuf};
 
-use program::{Csv, Folder, elsewhere, run, sound};
+use program::{Csv, Folder, elsewhere, refused, run, sound};
 
 /// What users are promised; free runs at the default `--refine` are converged to a fifth of it.
 const TOLERANCE_KPA: f64 = 0.01;
