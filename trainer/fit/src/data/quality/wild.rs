@@ -233,6 +233,12 @@ mod tests {
             values[..rows].fill(0.0);
             assert_eq!(wild(&values, 0.05, Some([-100.0, 300.0])).0, (0..rows).collect::<Vec<_>>());
         }
+        // At an end of its range, but nowhere within it: that is a sensor that stands still.
+        for (level, is_wild) in [(-100.0, true), (300.0, true), (60.0, false), (-40.0, false)] {
+            let mut values: Vec<f64> = (0..400).map(scattering).collect();
+            values[..150].fill(level);
+            assert_eq!(!wild(&values, 0.05, Some([-100.0, 300.0])).0.is_empty(), is_wild, "{level}");
+        }
         let mut at_rest = vec![0.0; 30];
         at_rest.extend(filling());
         assert_eq!(wild(&at_rest, 0.05, Some([-100.0, 300.0])).0, Vec::<usize>::new());
