@@ -133,7 +133,8 @@ fn no_run_begins_before_a_sensor_has_power() {
         let quality = Quality::of(&rig, &records, &noise(&records)).unwrap();
         assert_eq!(quality.refusal(), None, "{name}");
         let (quality, records) = quality.sound(records);
-        let rows_left = ROWS - count;
+        // A few are bridged by the first sound reading, more are left out.
+        let rows_left = if count > 3 { ROWS - count } else { ROWS };
         assert_eq!((records.rows(), quality.usable.len()), (rows_left, 2 * rows_left), "{name}");
         assert!(records.channel_kpa(0, 0)[0] > 20.0, "{name}");
     }
