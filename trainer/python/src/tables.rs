@@ -119,7 +119,8 @@ pub(crate) fn read_recording(py: Python<'_>, file: &str, rig: &str) -> PyResult<
     let rig = proto::rig_file::load(rig).map_err(refused)?;
     let recording = py.detach(|| Recording::read_for(Path::new(file), &rig)).map_err(refused)?;
     let alone = std::slice::from_ref(&recording);
-    py.detach(|| within_ranges(&rig, alone).and_then(|()| seconds_are_no_count(&rig, alone))).map_err(refused)?;
+    // Whoever only reads gets the numbers as they are, and what every command of `trainer` would refuse them for.
+    let doubt = py.detach(|| within_ranges(&rig, alone).and_then(|()| seconds_are_no_count(&rig, alone))).err();
     let numbers = |values: &[f64]| ColumnOut::Numbers(Cow::Owned(bytes_of(values.iter().copied(), f64::to_le_bytes)));
     let mut columns = vec![("time_s".to_owned(), numbers(recording.time_s()))];
     for name in recording.names().filter(|name| *name != "time_s") {
@@ -134,7 +135,8 @@ pub(crate) fn read_recording(py: Python<'_>, file: &str, rig: &str) -> PyResult<
     let is_read = |row: usize| sensors.iter().all(|missing| !missing.get(row).copied().unwrap_or(false));
     let measured = recording.measured().unwrap_or(&every).iter().enumerate();
     let measured = measured.map(|(row, measured)| u8::from(*measured && is_read(row))).collect();
-    Ok((columns, Cow::Owned(measured), recording.notes().to_vec()))
+    let notes = recording.notes().iter().cloned().chain(doubt.map(|doubt| doubt.to_string()));
+    Ok((columns, Cow::Owned(measured), notes.collect()))
 }
 
 /// Every number of every tick of a daemon's recording by column, and what the reader has to tell.
