@@ -101,6 +101,11 @@ pub struct PolicyChoice {
 }
 
 impl PolicyChoice {
+    /// File of the policy that is to run; nothing says that it is there.
+    pub fn active_file(&self) -> PathBuf {
+        self.directory.join(format!("{}.onnx", self.active))
+    }
+
     /// Keys with their values and what those may be.
     fn ranges(&self) -> [(&'static str, f64, f64, f64); 2] {
         [

@@ -168,7 +168,7 @@ fn load_policy(
     if choice.active == FALLBACK {
         return Ok(None);
     }
-    let file = choice.directory.join(format!("{}.onnx", choice.active));
+    let file = choice.active_file();
     if file.is_file() {
         return Ok(Some(policy_service::examine_active(config, rig, &file)?));
     }

@@ -74,7 +74,7 @@ fn read(file: &std::path::Path) -> Result<Reloaded, ReloadError> {
     // What only a restart takes over must not keep the daemon from starting then.
     proto::rig_file::load(&config.rig.file)?;
     let active = config.policy.active.as_str();
-    let file = config.policy.directory.join(format!("{active}.onnx"));
+    let file = config.policy.active_file();
     if active != FALLBACK && active != DEFAULT_POLICY && !file.is_file() {
         return Err(ReloadError::NoPolicy { file });
     }

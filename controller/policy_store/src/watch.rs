@@ -92,7 +92,7 @@ pub struct Reading {
     pub gone: Vec<String>,
     /// The first file, by name, that would be a policy but for its name.
     pub misnamed: Option<String>,
-    /// Whether another folder has taken the place of the one that was read before.
+    /// True where another folder has taken the place of the one that was read before.
     pub is_another_folder: bool,
     /// Why the directory cannot be read, if it cannot.
     pub problem: Option<String>,

@@ -151,7 +151,7 @@ impl From<ConfigError> for Failure {
     }
 }
 
-/// Whether a session cannot begin because of a place that the configuration names, so that another start would end alike. A disk that is
+/// Tells whether a session cannot begin because of a place that the configuration names, so that another start would end alike. A disk that is
 /// full or not yet there may be better next time, and another controller may have ended by then.
 fn is_configured_wrong(error: &SessionError) -> bool {
     use std::io::ErrorKind as Kind;

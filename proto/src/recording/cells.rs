@@ -147,7 +147,7 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Whether a line that a per cent may begin is a row of units: as many cells as the row before, blank or a unit each.
+    /// Tells whether a line that a per cent may begin is a row of units: as many cells as the row before, blank or a unit each.
     fn is_units(&self, line: &[u8]) -> bool {
         if !line.trim_ascii_start().starts_with(b"%") {
             return false;

@@ -269,7 +269,7 @@ pub(super) fn check(
 /// One reading of so many below any vacuum is no loose contact.
 const MANY: usize = 20;
 
-/// Whether many of a column's numbers are wrong.
+/// Tells whether many of a column's numbers are wrong.
 fn are_many(numbers: &[f64], is_wrong: impl Fn(f64) -> bool) -> bool {
     MANY * numbers.iter().filter(|number| is_wrong(**number)).count() > numbers.len()
 }

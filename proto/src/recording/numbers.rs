@@ -29,7 +29,7 @@ pub(super) fn says_nothing(text: &str) -> bool {
         || (text.starts_with('#') && text.ends_with('!'))
 }
 
-/// Whether a cell without its sign, in small letters, is NaN or one of C's words for what is not finite.
+/// Tells whether a cell without its sign, in small letters, is NaN or one of C's words for what is not finite.
 fn is_not_finite(unsigned: &str) -> bool {
     unsigned == "nan" || NOT_FINITE.iter().any(|begin| unsigned.starts_with(begin))
 }

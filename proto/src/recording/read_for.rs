@@ -162,10 +162,8 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     notes.extend(sheet.notes.iter().cloned());
     notes.extend(missing.notes);
     notes.extend(resampling.notes(&sheet.file));
-    Ok(Recording::from_rows(&sheet.file, rows)?
-        .with_notes(notes)
-        .with_file_units(file_units)
-        .with_may_count_rows(may_count_rows))
+    let recording = Recording::from_rows(&sheet.file, rows)?.with_notes(notes).with_file_units(file_units);
+    Ok(if may_count_rows { recording.that_may_count_rows() } else { recording })
 }
 
 /// The numbers of all sensors' columns.

@@ -325,14 +325,14 @@ impl Recording {
         Self { missing, ..self }
     }
 
-    /// Whether its times are whole seconds from row to row that nobody but the column's name says to be seconds: they may be a count of
+    /// Tells whether its times are whole seconds from row to row that nobody but the column's name says to be seconds: they may be a count of
     /// rows as well, which the readings tell.
     pub fn may_count_rows(&self) -> bool {
         self.may_count_rows
     }
 
-    pub(super) fn with_may_count_rows(self, may_count_rows: bool) -> Self {
-        Self { may_count_rows, ..self }
+    pub(super) fn that_may_count_rows(self) -> Self {
+        Self { may_count_rows: true, ..self }
     }
 
     pub(super) fn with_file_units(self, file_units: Vec<FileUnit>) -> Self {
