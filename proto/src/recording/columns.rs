@@ -1,15 +1,19 @@
 //! The columns that a rig asks of a file: found, brought to the rig's units, checked.
 
+pub(crate) mod file_unit;
+mod in_rig_unit;
+pub(crate) mod units;
+
 use model::rig::{Pump, RecordingMap, Rig, Term, Terms};
 
-use super::csv::{CsvError, TIME_COLUMN};
-use super::file_unit::{FileUnit, UnitSource};
-use super::in_rig_unit::{AS_IT_STANDS, converted, of_unit};
-use super::recording_error::RecordingError;
-use super::resample::Kind;
-use super::sheet::Sheet;
-use super::slower;
-use super::table::rules::{LEAST_READING_KPA, below_vacuum};
+use self::file_unit::{FileUnit, UnitSource};
+use self::in_rig_unit::{AS_IT_STANDS, converted, of_unit};
+use crate::recording::csv::{CsvError, TIME_COLUMN};
+use crate::recording::logger_file::sheet::Sheet;
+use crate::recording::recording_error::RecordingError;
+use crate::recording::rows::resample::Kind;
+use crate::recording::rows::slower;
+use crate::recording::table::rules::{LEAST_READING_KPA, below_vacuum};
 
 /// A command may be so far beyond 0 … 1, by the rounding of a scale such as 0.00392; it is cut off there.
 const ROUNDING: f64 = 1e-3;

@@ -15,12 +15,16 @@
 //! Left out: separators other than the comma (the error says so), decimal commas, comments. What loggers write is read by
 //! [`Recording::read_for`](super::Recording::read_for).
 
+pub(crate) mod cells;
+mod csv_error;
+pub(crate) mod numbers;
+
 use std::borrow::Cow;
 use std::collections::HashSet;
 
-use super::cells::{Broken, Rows};
+use self::cells::{Broken, Rows};
 
-pub use super::csv_error::CsvError;
+pub use self::csv_error::CsvError;
 
 /// The column of times in every table.
 pub const TIME_COLUMN: &str = "time_s";

@@ -20,80 +20,38 @@
 //! Left out: reading MCAP files of other programs (their messages are not ours), and writing compressed ones
 //! (see [`RecordingWriter`]).
 
-pub mod attached;
-mod bursts;
-mod cells;
 mod columns;
-mod counter_wrap;
 pub mod csv;
-mod csv_error;
-mod damaged_chunks;
-mod decompress;
-mod doubled;
-mod file_kind;
-mod file_unit;
-mod from_ticks;
-mod in_rig_unit;
-mod labview;
-mod labview_rates;
-mod log_clock;
-mod logger_text;
-mod long_format;
-mod lost_rows;
-mod mat5;
-mod mcap_follower;
-mod mcap_reader;
-mod mcap_writer;
-mod messages;
-mod milliseconds;
-mod month_names;
-mod numbers;
+mod logger_file;
+mod mcap_file;
 mod packed;
-mod protobuf;
 mod read_for;
 mod recording_error;
-mod recording_info;
-mod remarks;
-mod repeated;
-mod resample;
-mod row_names;
-mod schema;
-mod serial_monitor;
-mod sheet;
+mod rows;
 mod short_names;
-mod slower;
 mod table;
-mod table_head;
-mod text_encoding;
-mod tick;
-mod tick_order;
-mod tick_table;
-mod time_notes;
 mod times;
-mod timestamps;
-mod units;
-mod unlikely_times;
-mod wall_clock;
 
-pub use file_unit::{FileUnit, UnitSource};
-pub use mcap_follower::{FollowEnd, McapFollower};
-pub use mcap_reader::{ForeignMcap, McapContent, ReadMcapError, parse_mcap, read_mcap};
-pub use mcap_writer::{Event, EventLevel, RecordingWriter, VERDICT, WriteMcapError, unfinished_path};
-pub use messages::{
+pub use columns::file_unit::{FileUnit, UnitSource};
+pub use mcap_file::attached;
+pub use mcap_file::follower::{FollowEnd, McapFollower};
+pub use mcap_file::messages::{
     MessageSchema, decode_log_message, decode_tick_message, encode_log_message, encode_tick_message, message_schemas,
 };
-pub use packed::unpacked;
-pub use recording_error::RecordingError;
-pub use recording_info::{Attachment, LogTime, RecordingInfo};
-pub use short_names::short_name;
-pub use table::{MAX_STEP_S, PERIOD_S, Recording};
-pub use tick::{
+pub use mcap_file::reader::{ForeignMcap, McapContent, ReadMcapError, parse_mcap, read_mcap};
+pub use mcap_file::recording_info::{Attachment, LogTime, RecordingInfo};
+pub use mcap_file::tick::{
     Arrival, COMMAND_BYTES, LawParts, PLANNED_OUTPUTS, POLICY_OUTPUTS, PREDICTED_TICKS, SENSE_BYTES, TickInput,
     TickRecord, observation_hash,
 };
-pub use tick_order::TickOrder;
-pub use tick_table::tick_table;
-pub use wall_clock::rfc3339;
+pub use mcap_file::tick_order::TickOrder;
+pub use mcap_file::tick_table::tick_table;
+pub use mcap_file::wall_clock::rfc3339;
+pub use mcap_file::writer::{Event, EventLevel, RecordingWriter, VERDICT, WriteMcapError, unfinished_path};
+pub use packed::unpacked;
+pub use recording_error::RecordingError;
+pub use short_names::short_name;
+pub use table::{MAX_STEP_S, PERIOD_S, Recording};
 
 /// Largest recording that is read (bytes): a week at 50 Hz has 6 GiB, and it is read into memory as a whole.
 pub const MOST_BYTES: u64 = 8 << 30;

@@ -8,8 +8,8 @@ use std::borrow::Cow;
 use miniz_oxide::inflate::stream::{InflateState, inflate};
 use miniz_oxide::{DataFormat, MZFlush, MZStatus};
 
-use super::decompress::{End, decompress};
-use super::recording_error::RecordingError;
+use crate::recording::mcap_file::decompress::{End, decompress};
+use crate::recording::recording_error::RecordingError;
 
 const GZIP: &[u8] = b"\x1f\x8b\x08";
 const ZSTD: &[u8] = b"\x28\xb5\x2f\xfd";

@@ -15,20 +15,20 @@ use std::path::Path;
 
 use model::rig::{RecordingMap, Rig};
 
-use super::columns::{Asked, asked, check, naming};
-use super::csv::{Column, ColumnData, CsvError, TIME_COLUMN};
-use super::from_ticks::Broken;
-use super::recording_error::RecordingError;
-use super::repeated::Sensors;
-use super::resample::{Kind, Resampling};
-use super::sheet::Sheet;
-use super::slower::{self, Slower};
-use super::table::{Recording, Rows};
-use super::times::{Times, places_of_time, times};
-use super::{
-    MOST_BYTES, file_kind, logger_text, long_format, lost_rows, packed, repeated, serial_monitor, text_encoding,
-    time_notes,
-};
+use crate::recording::columns::{Asked, asked, check, naming};
+use crate::recording::csv::{Column, ColumnData, CsvError, TIME_COLUMN};
+use crate::recording::logger_file::sheet::Sheet;
+use crate::recording::logger_file::{file_kind, logger_text, long_format, serial_monitor, text_encoding};
+use crate::recording::mcap_file::from_ticks::Broken;
+use crate::recording::recording_error::RecordingError;
+use crate::recording::rows::repeated::Sensors;
+use crate::recording::rows::resample::{Kind, Resampling};
+use crate::recording::rows::slower::{self, Slower};
+use crate::recording::rows::{lost_rows, repeated};
+use crate::recording::table::{Recording, Rows};
+use crate::recording::times::time_notes;
+use crate::recording::times::{Times, places_of_time, times};
+use crate::recording::{MOST_BYTES, packed};
 use crate::regular_file;
 
 impl Recording {
@@ -100,21 +100,23 @@ fn rows_of(resampling: &Resampling<'_>, data: &ColumnData, kind: Kind) -> Column
 
 /// The recording that a sheet is for a rig.
 fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Recording, RecordingError> {
-    let once = super::doubled::once(sheet);
+    let once = crate::recording::rows::doubled::once(sheet);
     let sheet = once.as_ref().unwrap_or(sheet);
     let naming = naming(sheet, rig, map)?;
     long_format::check(sheet, rig, map)?;
     let of_time = places_of_time(sheet, map, naming);
     let timed = lost_rows::timed(sheet, &of_time);
     let sheet = timed.as_ref().unwrap_or(sheet);
-    let apart = super::doubled::at_one_time(sheet, &of_time);
+    let apart = crate::recording::rows::doubled::at_one_time(sheet, &of_time);
     let sheet = apart.as_ref().unwrap_or(sheet);
     let Times { mut time_s, columns: of_time, taken } = times(sheet, map, naming)?;
     let (time_notes, may_count_rows) = time_notes::of_times(sheet, map, &of_time, &time_s);
     let mut units = taken;
     let (mut columns, mut file_units) = (Vec::new(), Vec::new());
     for Asked { name, kind, default } in asked(rig) {
-        let Some(made) = super::columns::made(sheet, rig, map, naming, (&name, kind, default))? else { continue };
+        let Some(made) = crate::recording::columns::made(sheet, rig, map, naming, (&name, kind, default))? else {
+            continue;
+        };
         check(sheet, rig, (&name, kind), &made)?;
         units.extend(made.taken);
         file_units.extend(made.file_unit);

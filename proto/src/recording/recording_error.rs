@@ -1,8 +1,8 @@
 //! Why something is no recording.
 
-use super::csv::CsvError;
-use super::mcap_reader::ReadMcapError;
 use crate::atomic_file::AtomicFileError;
+use crate::recording::csv::CsvError;
+use crate::recording::mcap_file::reader::ReadMcapError;
 
 /// What is wrong with a recording.
 #[derive(Debug, thiserror::Error)]

@@ -23,15 +23,15 @@ use std::ops::Range;
 use std::path::Path;
 
 use super::MOST_BYTES;
-use super::csv::{self, Column, ColumnData, CsvError, Table};
-use super::file_unit::FileUnit;
-use super::from_ticks::Broken;
-use super::mcap_reader::parse_mcap;
-use super::mcap_writer::{Event, EventLevel, VERDICT};
-use super::recording_error::RecordingError;
-use super::resample::Resampling;
-use super::tick::TickRecord;
 use crate::atomic_file;
+use crate::recording::columns::file_unit::FileUnit;
+use crate::recording::csv::{self, Column, ColumnData, CsvError, Table};
+use crate::recording::mcap_file::from_ticks::Broken;
+use crate::recording::mcap_file::reader::parse_mcap;
+use crate::recording::mcap_file::tick::TickRecord;
+use crate::recording::mcap_file::writer::{Event, EventLevel, VERDICT};
+use crate::recording::recording_error::RecordingError;
+use crate::recording::rows::resample::Resampling;
 use crate::regular_file;
 
 /// Nominal time between rows (s).
@@ -144,7 +144,7 @@ impl Recording {
     /// The recording that the bytes of a daemon's MCAP file are.
     pub(super) fn parse_mcap(file: &str, bytes: &[u8], broken: Broken) -> Result<Self, RecordingError> {
         let content = parse_mcap(file, bytes)?;
-        let mut recording = super::from_ticks::recording(file, &content.ticks, broken)?;
+        let mut recording = crate::recording::mcap_file::from_ticks::recording(file, &content.ticks, broken)?;
         let unfinished = |event: &&Event| event.part == VERDICT && event.level == EventLevel::Error;
         let aborted = content.events.iter().filter(unfinished).map(|event| format!("{file}: {}", event.message));
         recording.notes.splice(0..0, content.notes.into_iter().chain(aborted));
@@ -179,7 +179,7 @@ impl Recording {
     /// # Errors
     /// No tick has a reading; a duty outside [0, 1].
     pub fn from_ticks(source: &str, ticks: &[TickRecord]) -> Result<Self, RecordingError> {
-        super::from_ticks::recording(source, ticks, Broken::NoRow)
+        crate::recording::mcap_file::from_ticks::recording(source, ticks, Broken::NoRow)
     }
 
     /// Where the recording comes from: the file's name as it was given.

@@ -5,17 +5,25 @@
 //! recording's seconds are epochs, in the unit in which they lie between 2001 and 2286. Where nobody says a unit, steps that only
 //! another one explains are refused with the key that says it, and never taken for a slow logger's.
 
+mod bursts;
+mod counter_wrap;
+mod milliseconds;
+mod month_names;
+pub(crate) mod time_notes;
+pub(crate) mod timestamps;
+mod unlikely_times;
+
 use model::rig::{RecordingMap, Term};
 
-use super::bursts::{Bursts, bursts};
-use super::columns::Naming;
-use super::csv::{CsvError, TIME_COLUMN};
-use super::read_for::forward;
-use super::recording_error::RecordingError;
-use super::resample::median_step;
-use super::sheet::{Sheet, field};
-use super::units::Unit;
-use super::unlikely_times::{DAY_S, MOST_STEP_S, plausible};
+use self::bursts::{Bursts, bursts};
+use self::unlikely_times::{DAY_S, MOST_STEP_S, plausible};
+use crate::recording::columns::Naming;
+use crate::recording::columns::units::Unit;
+use crate::recording::csv::{CsvError, TIME_COLUMN};
+use crate::recording::logger_file::sheet::{Sheet, field};
+use crate::recording::read_for::forward;
+use crate::recording::recording_error::RecordingError;
+use crate::recording::rows::resample::median_step;
 
 /// Epochs in seconds lie between these (2001 and 2286), which no recording's own seconds reach.
 const EPOCH_S: [f64; 2] = [1e9, 1e10];
@@ -87,7 +95,7 @@ pub(super) fn times(sheet: &Sheet<'_>, map: &RecordingMap, naming: Naming) -> Re
             Found::Period(period_s) => every(sheet, period_s),
         },
     };
-    let times = match super::milliseconds::added(sheet, &times.columns, &times.time_s) {
+    let times = match crate::recording::times::milliseconds::added(sheet, &times.columns, &times.time_s) {
         Some((at, time_s)) if !times.columns.is_empty() => {
             let title = sheet.columns.get(at).map_or("", |column| column.title.as_str());
             let taken = times.taken.into_iter().chain([format!("milliseconds from {title}")]).collect();
@@ -364,7 +372,7 @@ fn seconds(sheet: &Sheet<'_>, at: usize, said: Said) -> Result<(Vec<f64>, Option
     if sheet.is_timestamped(at) {
         return Ok((numbers, Some(format!("{title} as date and time"))));
     }
-    let wrapped = super::counter_wrap::unwrapped(&mut numbers);
+    let wrapped = crate::recording::times::counter_wrap::unwrapped(&mut numbers);
     let (factor, word) = match said {
         Said::Unit(s) => (s, (s != 1.0).then(|| format!("{title} in {s} s"))),
         Said::Column | Said::Nothing => {

@@ -1,0 +1,238 @@
+//! LabVIEW measurement files (`.lvm`), as the Write To Measurement File VI writes them.
+//!
+//! A header of `key<separator>value` lines says separator, decimal mark and how many columns of times there are; each segment
+//! repeats a head with the channels' units, the clock when it began and, where there is no column of times, first time and step.
+//! Rows follow a line of names that begins with `X_Value`. Segments with the same names are one recording: times go on from segment
+//! to segment where `X0` does; where each begins at the same `X0`, its clock says when; where that stands still as well, rows follow
+//! each other.
+
+use std::borrow::Cow;
+
+use model::rig::{Decimal, RecordingMap, Separator};
+
+use super::labview_rates;
+use super::logger_text::{LastRow, Row, fill, next};
+use super::sheet::{Cells, Sheet, SheetColumn};
+use super::table_head::Head;
+use crate::recording::csv::CsvError;
+use crate::recording::csv::cells::{Comments, Grammar, Rows};
+use crate::recording::times::timestamps;
+
+/// First words of such a file.
+const MAGIC: &str = "LabVIEW Measurement";
+/// First cell of the line that ends a head.
+const END_OF_HEADER: &str = "***End_of_Header***";
+/// Name of a column of times.
+const TIME: &str = "X_Value";
+
+/// Whether a text is a LabVIEW measurement file.
+pub(crate) fn is_measurement(text: &str) -> bool {
+    text.trim_start().starts_with(MAGIC)
+}
+
+/// What the head of a segment says of its times.
+#[derive(Debug, Clone, Default, PartialEq)]
+struct Segment {
+    /// Line of its names: its rows stand behind it.
+    line: u64,
+    /// `X0` and `Delta_X`, where there is no column of times (s).
+    first_s: f64,
+    step_s: f64,
+    /// `Date` and `Time` when it began, as written.
+    clock: [String; 2],
+}
+
+/// Reads such a file.
+///
+/// # Errors
+/// No names, no rows, ragged rows, one column of times per channel whose times cannot be brought together.
+pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result<Sheet<'a>, CsvError> {
+    let separator = map.separator.unwrap_or(match value_of(text, "Separator") {
+        Some("Comma") => Separator::Comma,
+        _ => Separator::Tab,
+    });
+    let decimal = map.decimal.unwrap_or(match value_of(text, "Decimal_Separator") {
+        Some(",") => Decimal::Comma,
+        _ => Decimal::Point,
+    });
+    let grammar = Grammar { separator, comments: Comments::No };
+    let mut walk = Rows::with(text.as_bytes(), grammar);
+    let (mut cells, mut rows): (_, Vec<Row<'a>>) = (Vec::new(), Vec::new());
+    let mut head = Head::default();
+    let (mut in_head, mut units, mut segment, mut segments) = (true, Vec::new(), Segment::default(), Vec::new());
+    while let Some((line, row)) = next(file, &mut walk, &mut cells)? {
+        let first = row.first().map_or("", AsRef::as_ref);
+        match first {
+            MAGIC | "Channels" => in_head = true,
+            "Y_Unit_Label" => units = row.iter().skip(1).cloned().collect(),
+            "X0" | "Delta_X" | "Date" | "Time" if in_head => {
+                segment.takes(first, row.get(1).map_or("", AsRef::as_ref), decimal);
+            }
+            TIME => {
+                in_head = false;
+                segment.line = line;
+                segments.push(segment.clone());
+                if head.line.is_none() {
+                    head.line = Some(line);
+                    head.names = row.iter().map(ToString::to_string).collect();
+                }
+            }
+            END_OF_HEADER => {}
+            _ if !in_head => rows.push((line, row)),
+            _ => {}
+        }
+    }
+    if head.line.is_none() {
+        return Err(CsvError::NoRows { file: file.to_owned() });
+    }
+    // Units are those of the channels, which stand behind the times.
+    head.units = std::iter::once(Cow::Borrowed("s")).chain(units).collect();
+    let mut sheet = Sheet {
+        file: file.to_owned(),
+        header_line: head.line,
+        columns: Vec::new(),
+        lines: Vec::new(),
+        decimal,
+        manner: vec!["the head of a LabVIEW measurement file".to_owned()],
+        notes: Vec::new(),
+    };
+    if decimal == Decimal::Comma {
+        sheet.manner.push("decimal commas".to_owned());
+    }
+    if segments.len() > 1 {
+        sheet.manner.push(format!("{} segments", segments.len()));
+    }
+    let last = if text.ends_with('\n') { LastRow::Whole } else { LastRow::MayBeCut };
+    fill(&mut sheet, &head, &rows, last)?;
+    timed(&mut sheet, &segments)?;
+    Ok(sheet)
+}
+
+/// The value behind a key of the header.
+fn value_of<'a>(text: &'a str, key: &str) -> Option<&'a str> {
+    text.lines()
+        .take_while(|line| !line.starts_with(END_OF_HEADER))
+        .find_map(|line| line.strip_prefix(key)?.strip_prefix(['\t', ',']).map(str::trim))
+}
+
+impl Segment {
+    /// Takes a line of a head; a number that is none says nothing.
+    fn takes(&mut self, key: &str, value: &str, decimal: Decimal) {
+        let number = crate::recording::csv::numbers::parse(value, decimal);
+        match (key, number) {
+            ("X0", Some(number)) => self.first_s = number,
+            ("Delta_X", Some(number)) => self.step_s = number,
+            ("Date", _) => self.clock[0] = value.to_owned(),
+            ("Time", _) => self.clock[1] = value.to_owned(),
+            _ => {}
+        }
+    }
+}
+
+/// Times of the first rows of segments (s), which have `rows` each.
+fn begun_s(segments: &[Segment], rows: &[usize]) -> Vec<f64> {
+    let first = segments.first().map_or(0.0, |segment| segment.first_s);
+    if segments.iter().any(|segment| segment.first_s != first) {
+        return segments.iter().map(|segment| segment.first_s).collect();
+    }
+    let clocks: Vec<String> = segments.iter().map(|segment| segment.clock.join(" ")).collect();
+    let clocks: Vec<&str> = clocks.iter().map(String::as_str).collect();
+    let clocks_s = timestamps::column_s(&clocks).unwrap_or_default();
+    if clocks_s.windows(2).any(|pair| pair[0] != pair[1]) {
+        let begun = clocks_s.first().copied().unwrap_or(0.0);
+        return clocks_s.iter().map(|clock| first + clock - begun).collect();
+    }
+    let mut at = first;
+    let each = segments.iter().zip(rows).map(|(segment, rows)| {
+        let begun = at;
+        at += segment.step_s * *rows as f64;
+        begun
+    });
+    each.collect()
+}
+
+/// Times by row, of `lines`, where the file has no column of them (s).
+fn steps_of(lines: &[u64], segments: &[Segment]) -> Vec<f64> {
+    let row_at = |segment: &Segment| lines.partition_point(|line| *line < segment.line);
+    let bounds: Vec<usize> = segments.iter().map(row_at).chain([lines.len()]).collect();
+    let rows: Vec<usize> = bounds.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let begun = begun_s(segments, &rows);
+    let of = |((segment, begun), rows): ((&Segment, f64), usize)| {
+        (0..rows).map(move |row| begun + segment.step_s * row as f64).collect::<Vec<_>>()
+    };
+    segments.iter().zip(begun).zip(rows).flat_map(of).collect()
+}
+
+/// Makes the one column of times: from `X0` and `Delta_X` where it is empty; the first of several that are alike; the finest where
+/// channels have rates of their own.
+fn timed(sheet: &mut Sheet<'_>, segments: &[Segment]) -> Result<(), CsvError> {
+    let is_time = |column: &SheetColumn<'_>| column.title == TIME;
+    let times: Vec<usize> = (0..sheet.columns.len()).filter(|at| sheet.columns.get(*at).is_some_and(is_time)).collect();
+    let Some(first) = times.first().copied() else { return Ok(()) };
+    let empty = |column: &SheetColumn<'_>| match &column.cells {
+        Cells::Text(texts) => texts.iter().all(|text| text.is_empty()),
+        Cells::Numbers(_) => false,
+    };
+    if sheet.columns.get(first).is_some_and(empty) {
+        let step_s = segments.first().map_or(0.0, |segment| segment.step_s);
+        let numbers = steps_of(&sheet.lines, segments);
+        if let Some(column) = sheet.columns.get_mut(first) {
+            column.cells = Cells::Numbers(numbers);
+        }
+        sheet.manner.push(format!("times from X0 and Delta_X = {step_s} s"));
+        return Ok(());
+    }
+    let cells = |at: usize| sheet.columns.get(at).map(|column| &column.cells);
+    let others: Vec<usize> = times.iter().copied().skip(1).filter(|other| cells(*other) != cells(first)).collect();
+    if let Some(other) = others.first() {
+        return match labview_rates::joined(sheet, &times) {
+            Some(joined) => {
+                *sheet = joined;
+                Ok(())
+            }
+            None => Err(CsvError::SeveralTimes {
+                file: sheet.file.clone(),
+                line: sheet.header_line.unwrap_or(1),
+                position: other + 1,
+            }),
+        };
+    }
+    for other in times.into_iter().skip(1).rev() {
+        sheet.columns.remove(other);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A file of two segments of three rows, without a column of times.
+    fn begins(x0: [f64; 2], clock: [&str; 2]) -> Vec<f64> {
+        let head = "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\tNo\nDate\t2026/03/29\nTime\t01:59:59.98\n***End_of_Header***\t\n\t\n";
+        let segment = |at: usize| {
+            let (x0, clock) = (x0[at], clock[at]);
+            format!(
+                "Channels\t1\nSamples\t3\nDate\t2026/03/29\nTime\t{clock}\nX0\t{x0}\nDelta_X\t0.02\n***End_of_Header***\t\n\
+                 X_Value\tp\tComment\n\t1.0\n\t2.0\n\t3.0\n"
+            )
+        };
+        let text = format!("{head}{}{}", segment(0), segment(1));
+        let sheet = sheet("a.lvm", &text, &RecordingMap::default()).unwrap();
+        sheet.numbers(0).unwrap()
+    }
+
+    #[test]
+    fn segments_begin_when_they_say() {
+        let same = ["10:00:00.00", "10:00:00.00"];
+        let near = |found: Vec<f64>, expected: [f64; 2]| {
+            let expected: Vec<f64> = expected.iter().flat_map(|at| [*at, at + 0.02, at + 0.04]).collect();
+            assert!(found.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?} {expected:?}");
+            assert_eq!(found.len(), expected.len());
+        };
+        // X0 goes on; the clock does; neither does.
+        near(begins([1.0, 4.5], same), [1.0, 4.5]);
+        near(begins([0.0, 0.0], ["10:00:00.00", "10:00:07.50"]), [0.0, 7.5]);
+        near(begins([0.0, 0.0], same), [0.0, 0.06]);
+    }
+}

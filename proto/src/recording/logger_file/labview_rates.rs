@@ -1,0 +1,110 @@
+//! LabVIEW channels with rates of their own: `X_Columns  Multi`, a column of times before each channel.
+//!
+//! The times of the fastest channel become those of the rows. A sample of a slower one goes into the row that is nearest to it, and the
+//! other rows have blank cells there, as a logger writes a sensor that it reads less often: what that means for a command and for a reading
+//! is then decided as for any other file ([`super::slower`]).
+
+use std::borrow::Cow;
+
+use super::sheet::{Cells, Sheet, SheetColumn};
+use crate::recording::csv::numbers::parse;
+
+/// A column of times, and the places of the columns that belong to it: those behind it up to the next.
+struct Channel {
+    /// Line by line where there is one: its row in the file and its time (s).
+    samples: Vec<(usize, f64)>,
+    columns: std::ops::Range<usize>,
+}
+
+/// The sheet with the times of its fastest channel alone; `None` where a cell of a time is no number or times do not go forward, so that
+/// no row is nearest.
+pub(crate) fn joined<'a>(sheet: &Sheet<'a>, times: &[usize]) -> Option<Sheet<'a>> {
+    let ends = times.iter().copied().skip(1).chain([sheet.columns.len()]);
+    let channels: Option<Vec<Channel>> =
+        times.iter().zip(ends).map(|(at, end)| Channel::of(sheet, *at, at + 1..end)).collect();
+    let channels = channels?;
+    // Of several that are as fast the first.
+    let fastest = channels.iter().enumerate().max_by_key(|(at, of)| (of.samples.len(), std::cmp::Reverse(*at)))?.0;
+    let rows = &channels.get(fastest)?.samples;
+    if rows.len() < 2 {
+        return None;
+    }
+    let mut joined = Sheet { columns: Vec::new(), ..sheet.clone() };
+    joined.lines = rows.iter().filter_map(|(row, _)| sheet.lines.get(*row)).copied().collect();
+    for (channel, at) in channels.iter().zip(times) {
+        if *at == *times.get(fastest)? {
+            let column = sheet.columns.get(*at)?;
+            let cells = Cells::Numbers(rows.iter().map(|(_, time_s)| *time_s).collect());
+            joined.columns.push(SheetColumn { cells, ..column.clone() });
+        }
+        for column in sheet.columns.get(channel.columns.clone()).unwrap_or_default() {
+            let Cells::Text(texts) = &column.cells else { return None };
+            let mut brought = vec![Cow::Borrowed(""); rows.len()];
+            for (row, time_s) in &channel.samples {
+                if let Some(slot) = nearest(rows, *time_s).and_then(|at| brought.get_mut(at)) {
+                    slot.clone_from(texts.get(*row)?);
+                }
+            }
+            joined.columns.push(SheetColumn { cells: Cells::Text(brought), ..column.clone() });
+        }
+    }
+    let rates = channels.iter().filter(|channel| channel.samples.len() < rows.len()).count();
+    joined.manner.push(format!(
+        "{} columns of times, {rates} of them slower, whose samples go to the nearest row of the fastest",
+        times.len()
+    ));
+    Some(joined)
+}
+
+impl Channel {
+    fn of(sheet: &Sheet<'_>, at: usize, columns: std::ops::Range<usize>) -> Option<Self> {
+        let Cells::Text(texts) = &sheet.columns.get(at)?.cells else { return None };
+        let filled = texts.iter().enumerate().filter(|(_, text)| !text.is_empty());
+        let samples: Option<Vec<(usize, f64)>> = filled
+            .map(|(row, text)| Some((row, parse(text, sheet.decimal).filter(|time_s| time_s.is_finite())?)))
+            .collect();
+        let samples = samples.filter(|samples| samples.windows(2).all(|pair| pair[1].1 > pair[0].1))?;
+        Some(Channel { samples, columns })
+    }
+}
+
+/// The row nearest to a time; `None` for a time further outside all rows than they are apart.
+fn nearest(rows: &[(usize, f64)], time_s: f64) -> Option<usize> {
+    let behind = rows.partition_point(|(_, of)| *of < time_s);
+    let off = |at: usize| rows.get(at).map_or(f64::INFINITY, |(_, of)| (of - time_s).abs());
+    let at = behind.checked_sub(1).filter(|before| off(*before) <= off(behind)).unwrap_or(behind);
+    let step_s = rows.last()?.1 - rows.first()?.1;
+    (off(at) <= step_s / (rows.len() - 1) as f64).then_some(at)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::recording::logger_file::labview;
+    use model::rig::RecordingMap;
+
+    /// A pressure every 20 ms, a command every 100 ms, and times of the second that lie beside the first's.
+    #[test]
+    fn channels_of_two_rates_stand_in_the_rows_of_the_faster() {
+        let mut text = "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\tMulti\n***End_of_Header***\t\n\t\n\
+                        Channels\t2\nY_Unit_Label\tVolts\t\tkPa\n***End_of_Header***\t\n\
+                        X_Value\tu\tX_Value\tp\tComment\n"
+            .to_owned();
+        for k in 0..100 {
+            let command =
+                if k < 20 { format!("{:.3}\t{}", 0.1 * f64::from(k) + 0.004, k % 2) } else { "\t".to_owned() };
+            text += &format!("{command}\t{:.2}\t{k}.5\n", 0.02 * f64::from(k));
+        }
+        let sheet = labview::sheet("a.lvm", &text, &RecordingMap::default()).unwrap();
+        let names: Vec<&str> = sheet.columns.iter().map(|column| column.name.as_str()).collect();
+        assert_eq!(names, ["u", "X_Value", "p", "Comment"]);
+        assert_eq!(sheet.columns[2].unit.as_deref(), Some("kPa"));
+        assert_eq!(sheet.numbers(1).unwrap()[99], 1.98);
+        assert_eq!(sheet.numbers(2).unwrap()[99], 99.5);
+        let super::Cells::Text(commands) = &sheet.columns[0].cells else { panic!("{sheet:?}") };
+        let written: Vec<usize> = (0..100).filter(|row| !commands[*row].is_empty()).collect();
+        assert_eq!(written, (0..20).map(|k| 5 * k).collect::<Vec<_>>());
+        assert_eq!((&*commands[0], &*commands[5]), ("0", "1"));
+        // Times that go back say of no row when it was.
+        assert!(labview::sheet("a.lvm", &text.replace("1.98\t99.5", "0.50\t99.5"), &RecordingMap::default()).is_err());
+    }
+}

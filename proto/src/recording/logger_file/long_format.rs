@@ -1,0 +1,78 @@
+//! Tables with a row per channel and time instead of a column per channel: a column of names, one of values.
+//!
+//! Databases and plotting programs write them. They are refused with the line that pivots them, since which value is a command and which
+//! a reading stands in a name.
+
+use std::collections::BTreeSet;
+
+use model::rig::{RecordingMap, Rig};
+
+use super::sheet::{Cells, Sheet, is_data};
+use crate::recording::csv::shown;
+use crate::recording::recording_error::RecordingError;
+
+/// Channels that such a table has at most.
+const MOST_CHANNELS: usize = 64;
+/// Rows of each channel at least, on average.
+const LEAST_ROWS: usize = 3;
+/// Names of channels that an error lists.
+const LISTED: usize = 6;
+
+/// Refuses a table with a row per channel.
+///
+/// # Errors
+/// None of the rig's columns is there, nor what the map makes them from, and a column of text names channels.
+pub(crate) fn check(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<(), RecordingError> {
+    let is_there = |name: &str| !matches!(sheet.find(name), Ok(None));
+    let mapped = map.columns.values().flat_map(|terms| &terms.0).any(|term| is_there(&term.from));
+    let missing = rig.columns();
+    if mapped || missing.iter().any(|name| is_there(name)) {
+        return Ok(());
+    }
+    let Some((at, channels)) = (0..sheet.columns.len()).find_map(|at| Some((at, channels(sheet, at)?))) else {
+        return Ok(());
+    };
+    let title = |at: usize| sheet.columns.get(at).map_or("", |column| column.title.as_str());
+    let value = (0..sheet.columns.len()).rev().find(|other| *other != at && sheet.numbers(*other).is_ok());
+    let time = (0..sheet.columns.len()).find(|other| *other != at && Some(*other) != value);
+    let mut names: Vec<String> = channels.iter().take(LISTED).map(|name| shown(name)).collect();
+    if channels.len() > LISTED {
+        names.push("…".to_owned());
+    }
+    Err(RecordingError::Kind {
+        file: sheet.file.clone(),
+        what: format!(
+            "columns {} are missing; it has one row per channel, column {} names it ({})",
+            missing.iter().map(String::as_str).collect::<Vec<_>>().join(", "),
+            title(at),
+            names.join(", ")
+        ),
+        mend: format!(
+            "pivot it so that each channel has a column: python3 -c \"import pandas; pandas.read_csv('FILE').pivot(index='{}', columns='{}', values='{}').to_csv('FILE_wide.csv')\"",
+            time.map_or("time", title),
+            title(at),
+            value.map_or("value", title)
+        ),
+    })
+}
+
+/// The names in a column that names channels: text throughout, few different ones, which come again and again.
+fn channels(sheet: &Sheet<'_>, at: usize) -> Option<BTreeSet<String>> {
+    let Some(Cells::Text(texts)) = sheet.columns.get(at).map(|column| &column.cells) else { return None };
+    let mut seen = BTreeSet::new();
+    for text in texts {
+        if text.trim().is_empty() || is_data(text, sheet.decimal) || seen.len() > MOST_CHANNELS {
+            return None;
+        }
+        if !seen.contains(text.as_ref()) {
+            seen.insert(text.to_string());
+        }
+    }
+    // A state of the rig stands beside a column per channel, and says the same from row to row.
+    let changes = texts.windows(2).filter(|pair| matches!(pair, [one, other] if one != other)).count();
+    let others = sheet.columns.iter().enumerate().filter(|(of, _)| *of != at);
+    let of_numbers = others.filter(|(of, _)| sheet.numbers(*of).is_ok() || sheet.is_timestamped(*of)).count();
+    let in_turn = 2 * changes >= texts.len() && of_numbers <= 3;
+    let one_behind_another = changes + 1 == seen.len() && of_numbers <= 2;
+    (seen.len() > 1 && (in_turn || one_behind_another) && LEAST_ROWS * seen.len() <= texts.len()).then_some(seen)
+}

@@ -1,0 +1,14 @@
+//! Files of loggers, LabVIEW and MATLAB, each to a [`sheet`] of named columns.
+
+pub(crate) mod file_kind;
+pub(crate) mod labview;
+pub(crate) mod labview_rates;
+pub(crate) mod logger_text;
+pub(crate) mod long_format;
+pub(crate) mod mat5;
+pub(crate) mod remarks;
+pub(crate) mod row_names;
+pub(crate) mod serial_monitor;
+pub(crate) mod sheet;
+pub(crate) mod table_head;
+pub(crate) mod text_encoding;

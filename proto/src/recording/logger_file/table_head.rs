@@ -1,0 +1,169 @@
+//! The head of a table: the row that names its columns, a row of units below it, and where the data begin.
+
+use std::borrow::Cow;
+
+use model::rig::RecordingMap;
+
+use super::logger_text::{Manner, Row, cells_of, filled};
+use super::sheet::is_data;
+use crate::recording::columns::units::Unit;
+use crate::recording::csv::CsvError;
+
+/// Names, units and where the data begin.
+#[derive(Debug, Default)]
+pub(crate) struct Head<'a> {
+    pub(crate) line: Option<u64>,
+    pub(crate) names: Vec<String>,
+    pub(crate) units: Vec<Cow<'a, str>>,
+    /// Index of the first row of data.
+    pub(crate) first: usize,
+    /// Rows above the header.
+    pub(crate) rows_above: usize,
+    pub(crate) in_comment: bool,
+}
+
+impl<'a> Head<'a> {
+    /// Finds the head among the rows of a file, or in the last comment above them.
+    ///
+    /// # Errors
+    /// Nothing names the columns.
+    pub(crate) fn of(
+        file: &str,
+        rows: &[Row<'a>],
+        manner: &Manner,
+        map: &RecordingMap,
+        comment: Option<(u64, &'a str)>,
+    ) -> Result<Self, CsvError> {
+        let numbers = |row: &[Cow<'_, str>]| row.iter().filter(|cell| is_data(cell, manner.decimal)).count();
+        // Half of the cells, and not the numbers of a block of settings, which are as many as there are by chance.
+        let as_many = |row: &[Cow<'_, str>]| filled(row) == manner.cells || row.len().abs_diff(manner.cells) == 0;
+        let data = |row: &Row<'_>| as_many(&row.1) && numbers(&row.1) > 0 && 2 * numbers(&row.1) >= filled(&row.1);
+        let is_data: Vec<bool> = rows.iter().map(data).collect();
+        let first = is_data.iter().position(|data| *data).unwrap_or(rows.len());
+        if !map.names.is_empty() {
+            return Ok(Head { names: map.names.clone(), first, ..Head::default() });
+        }
+        let (header, first) = match map.header_line {
+            Some(line) => (rows.iter().position(|(at, _)| *at == line), first),
+            None => found(rows, &is_data, manner).map_or((None, first), |(at, first)| (Some(at), first)),
+        };
+        let Some(at) = header else {
+            return Self::without_row(file, rows, first, manner, comment);
+        };
+        let (line, cells) = rows.get(at).cloned().unwrap_or_default();
+        let units = rows.get(at + 1).filter(|row| is_units(&row.1)).map(|row| row.1.clone());
+        let first =
+            if map.header_line.is_some() || first <= at { at + 1 + usize::from(units.is_some()) } else { first };
+        let (names, rows_above) = (cells.iter().map(|name| name.to_string()).collect(), at);
+        Ok(Head { line: Some(line), names, units: units.unwrap_or_default(), first, rows_above, in_comment: false })
+    }
+
+    /// The head of a file whose rows are all data: names in the comment above, or nowhere.
+    fn without_row(
+        file: &str,
+        rows: &[Row<'a>],
+        first: usize,
+        manner: &Manner,
+        comment: Option<(u64, &'a str)>,
+    ) -> Result<Self, CsvError> {
+        if let Some((line, text)) = comment {
+            let names = cells_of(text, manner.separator);
+            if names.len() == manner.cells && names.iter().all(|name| !is_data(name, manner.decimal)) {
+                let names = names.into_iter().map(str::to_owned).collect();
+                return Ok(Head { line: Some(line), names, first, in_comment: true, ..Head::default() });
+            }
+        }
+        let (line, row) = rows.first().cloned().unwrap_or_default();
+        if first == rows.len() {
+            // Nothing in it looks like data; the first row is taken for the header and says so below.
+            let names = row.iter().map(|name| name.to_string()).collect();
+            return Ok(Head { line: Some(line), names, first: 1, ..Head::default() });
+        }
+        let cell = rows
+            .get(first)
+            .and_then(|row| row.1.first())
+            .map(|cell| crate::recording::csv::shown(cell))
+            .unwrap_or_default();
+        Err(CsvError::NoHeader {
+            file: file.to_owned(),
+            line: rows.get(first).map_or(line, |row| row.0),
+            cell,
+            mend: "; or give them in the rig file: [recording] names = [\"…\", \"…\"], or header_line = … where they stand elsewhere",
+        })
+    }
+}
+
+/// Indices of the header and of the first row of data: of all places where data follow a header, that with the most data, and of
+/// those with the same names the first.
+fn found(rows: &[Row<'_>], is_data: &[bool], manner: &Manner) -> Option<(usize, usize)> {
+    let begins = |at: &usize| at.checked_sub(1).is_none_or(|before| is_data.get(before) != Some(&true));
+    let starts = (0..rows.len()).filter(|at| is_data.get(*at) == Some(&true)).filter(begins);
+    let mut places: Vec<(usize, usize)> =
+        starts.filter_map(|first| Some((above(rows, first, manner)?, first))).collect();
+    if places.is_empty() {
+        // A header and nothing below it that looks like data: the rows below say what is wrong with them.
+        let texts = |row: &Row<'_>| filled(&row.1) > 0 && row.1.iter().all(|cell| !is_data_cell(cell, manner));
+        places.extend(rows.first().filter(|row| texts(row)).map(|_| (0, 1)));
+    }
+    let end = |place: usize| places.get(place + 1).map_or(rows.len(), |(_, first)| *first);
+    let data_of = |place: usize| {
+        let (_, first) = places.get(place).copied().unwrap_or_default();
+        is_data.get(first..end(place)).unwrap_or_default().iter().filter(|data| **data).count()
+    };
+    let most = (0..places.len()).max_by_key(|place| (data_of(*place), std::cmp::Reverse(*place)))?;
+    let names = |place: &(usize, usize)| rows.get(place.0).map(|row| &row.1);
+    let best = places.get(most)?;
+    places.iter().find(|place| names(place) == names(best)).copied()
+}
+
+fn is_data_cell(cell: &str, manner: &Manner) -> bool {
+    is_data(cell, manner.decimal)
+}
+
+/// Index of the header above the data.
+fn above(rows: &[Row<'_>], first: usize, manner: &Manner) -> Option<usize> {
+    let named = |at: usize| {
+        let row = rows.get(at)?;
+        let cells = row.1.len();
+        let texts = row.1.iter().all(|cell| !is_data(cell, manner.decimal));
+        // One name more is that of a comment which no row has; one less that of an index without a name.
+        // A remark in a line of empty cells names no columns.
+        let named = row.1.iter().filter(|cell| !cell.is_empty()).count();
+        (texts && named > 0 && 2 * named >= manner.cells && cells.abs_diff(manner.cells) <= 1).then_some(at)
+    };
+    let cells = |at: usize| rows.get(at).map_or(&[] as &[Cow<'_, str>], |row| row.1.as_slice());
+    let Some(directly) = first.checked_sub(1).and_then(named) else {
+        // Units of a few columns alone, the others' cells blank.
+        let names = first.checked_sub(2).and_then(named).filter(|at| !is_units(cells(*at)))?;
+        return is_units(cells(names + 1)).then_some(names);
+    };
+    // What each number is (its unit, how it was sampled, a line of dashes) may stand between names and data.
+    let mut between = std::iter::successors(Some(directly), |at| at.checked_sub(1).and_then(named));
+    if is_units(cells(directly)) {
+        return between.nth(1).or(Some(directly));
+    }
+    if are_names(cells(directly)) {
+        return Some(directly);
+    }
+    let alike = |at: &usize| cells(*at).len() == cells(directly).len();
+    between.skip(1).take_while(alike).find(|at| are_names(cells(*at))).or(Some(directly))
+}
+
+/// Whether cells can name columns: no name twice.
+fn are_names(row: &[Cow<'_, str>]) -> bool {
+    let mut seen = std::collections::HashSet::new();
+    row.iter().filter(|cell| !cell.is_empty()).all(|cell| seen.insert(cell.as_ref()))
+}
+
+/// Whether a row holds units: at least one, and nothing else but empty cells and dashes.
+fn is_units(row: &[Cow<'_, str>]) -> bool {
+    let units = row.iter().filter(|cell| !cell.is_empty());
+    let mut any = false;
+    for unit in units {
+        match Unit::parse(unit) {
+            Some(_) => any = true,
+            None => return false,
+        }
+    }
+    any
+}

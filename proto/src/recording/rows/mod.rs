@@ -1,0 +1,7 @@
+//! Samples of any rate to rows of 20 ms: lost rows bridged, repeated and doubled ones taken out.
+
+pub(crate) mod doubled;
+pub(crate) mod lost_rows;
+pub(crate) mod repeated;
+pub(crate) mod resample;
+pub(crate) mod slower;
