@@ -93,8 +93,8 @@ fn figure_5(rig: &UnknownRig, folder: &Path, programs: &Path) -> Value {
 }
 
 /// The transfer: a daemon in which the policy of a run controls, exploration on, and `trainer finetune` beside it, which goes
-/// on with the run's critics.
-fn transfer(rig: &UnknownRig, run: &Path, folder: &Path, programs: &Path, updates: &str) {
+/// on with the run's critics. An error where the daemon does not fly the policy: its reason.
+fn transfer(rig: &UnknownRig, run: &Path, folder: &Path, programs: &Path, updates: &str) -> Result<(), String> {
     let run = run.canonicalize().unwrap();
     std::fs::create_dir_all(folder.join("policies")).unwrap();
     let exported = Command::new(programs.join("trainer"))
@@ -108,7 +108,7 @@ fn transfer(rig: &UnknownRig, run: &Path, folder: &Path, programs: &Path, update
     // Nor a bound on exploration: what is drawn is the policy's own distribution, cut off at two deviations alone.
     let lines = "policy.active = \"untouched\"\npolicy.follow = \"newest\"\npolicy.when_behind = \"fly\"\n\
                  policy.exploration_max_duty = 0.1\nreference.repeat = true";
-    let daemon = UnhurriedDaemon::start(rig, LEAST_TICK, folder, programs, lines);
+    let daemon = UnhurriedDaemon::try_start(rig, LEAST_TICK, folder, programs, lines)?;
     let log = |name: &str| std::fs::File::create(folder.join(name)).unwrap();
     let steps = TRANSFER_TICKS.to_string();
     let mut finetune = daemon
@@ -125,6 +125,7 @@ fn transfer(rig: &UnknownRig, run: &Path, folder: &Path, programs: &Path, update
         let _ = daemon.command("controller", &explore).output().unwrap();
         std::thread::sleep(AGAIN);
     }
+    Ok(())
 }
 
 /// RMSE of the readings in kPa on the paper's reference, and how much the duties move.
@@ -186,18 +187,22 @@ fn keep(path: &Path, value: &Value) {
 /// All of one policy that is not there yet.
 fn do_policy(rig: &UnknownRig, run: &Path, folder: &Path, programs: &Path, updates: &str) {
     let before = TrainedPolicy::load(run).unwrap();
+    let mut refused = None;
     if read(&folder.join("finetuned/summary.json")).is_none() {
         let _ = std::fs::remove_dir_all(folder);
         std::fs::create_dir_all(folder).unwrap();
-        transfer(rig, run, folder, programs, updates);
+        refused = transfer(rig, run, folder, programs, updates).err();
     }
-    let after = TrainedPolicy::load(&folder.join("finetuned")).unwrap();
+    let transferred = match &refused {
+        Some(reason) => json!({ "refused": reason }),
+        None => json!(policy_flown(rig, &TrainedPolicy::load(&folder.join("finetuned")).unwrap())),
+    };
     let settings = before.settings();
     keep(
         &folder.join("flown.json"),
         &json!({
             "variant": settings.policy.variant.name(), "seed": settings.run.seed,
-            "untouched": policy_flown(rig, &before), "transferred": policy_flown(rig, &after),
+            "untouched": policy_flown(rig, &before), "transferred": transferred,
             "summary": read(&folder.join("finetuned/summary.json")),
         }),
     );
@@ -223,6 +228,10 @@ fn table(out: &Path) {
         accuracy("diagnosed"),
     );
     let mut line = |name: &str, flown: &Value| {
+        if let Some(reason) = flown["refused"].as_str() {
+            writeln!(text, "| {name} | refused by the daemon: {reason} | | |").unwrap();
+            return;
+        }
         let all = flown.as_array().cloned().unwrap_or_default();
         let loads: Vec<String> = all.iter().skip(1).map(|flown| pair(&flown["rmse_kpa"], 3)).collect();
         let (rmse, change) = (pair(&flown[0]["rmse_kpa"], 3), pair(&flown[0]["duty_change_rms"], 4));

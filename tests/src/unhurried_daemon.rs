@@ -47,6 +47,23 @@ impl UnhurriedDaemon {
     /// # Panics
     /// If one of them does not start, or the daemon does not control in a minute.
     pub fn start(rig: &UnknownRig, least_tick: Duration, folder: &Path, programs: &Path, lines: &str) -> Self {
+        Self::try_start(rig, least_tick, folder, programs, lines).unwrap_or_else(|refusal| panic!("{refusal}"))
+    }
+
+    /// As [`Self::start`], where the daemon may refuse what it is given.
+    ///
+    /// # Errors
+    /// The daemon ended before it controlled: its last line.
+    ///
+    /// # Panics
+    /// If one of them does not start, or the daemon neither ends nor controls in a minute.
+    pub fn try_start(
+        rig: &UnknownRig,
+        least_tick: Duration,
+        folder: &Path,
+        programs: &Path,
+        lines: &str,
+    ) -> Result<Self, String> {
         let config = EmulatorConfig { crio: rig.crio(), pace: Pace::LOCKSTEP, seed: 1, ..EmulatorConfig::default() };
         let plant = Unhurried { plant: rig.plant(), least_tick, last: Instant::now() };
         let emulator = Emulator::bind("127.0.0.1:0", config, Box::new(plant)).expect("an address of this machine");
@@ -63,13 +80,17 @@ impl UnhurriedDaemon {
             .stderr(log)
             .spawn()
             .expect("the daemon's program");
-        let daemon = UnhurriedDaemon { daemon, emulator, programs: programs.to_owned(), folder: folder.to_owned() };
+        let mut daemon = UnhurriedDaemon { daemon, emulator, programs: programs.to_owned(), folder: folder.to_owned() };
         let until = Instant::now() + READY;
         while daemon.status()["state"] != "run" {
+            if let Ok(Some(_)) = daemon.daemon.try_wait() {
+                let log = std::fs::read_to_string(folder.join("daemon.log")).unwrap_or_default();
+                return Err(log.lines().last().unwrap_or("the daemon ended without a word").to_owned());
+            }
             assert!(Instant::now() < until, "the daemon does not control: {}", folder.join("daemon.log").display());
             std::thread::sleep(Duration::from_millis(200));
         }
-        daemon
+        Ok(daemon)
     }
 
     /// A program of the two, to be run where the daemon runs.

@@ -81,8 +81,7 @@ impl Demo {
 #[test]
 fn tracks_the_papers_reference_on_the_bench() {
     let demo = demo("60", &[]);
-    // The shipped policy has 0.110/0.172 in lockstep with this noise (docs/training-results.md, and why not the 0.13 of the project's aim on the
-    // negative channel); in real time a frame may come late.
+    // The shipped policy has 0.110/0.172 in lockstep with this noise (docs/training-results.md); in real time a frame may come late.
     demo.check_tracking([0.15, 0.18]);
     let fallback = self::demo("60", &["--policy", "fallback"]);
     fallback.check_tracking([0.60, 0.25]);

@@ -2,7 +2,7 @@
 //!
 //! `independent_crio.py` checks every byte that the daemon sends and reports what it saw. It can also play
 //! faults: lost frames, a dropped link, a broken sensor, NaN, over-pressure, a wrong CRC,
-//! another version. Everything here runs in real time, one test after the other.
+//! another version. Everything here runs in real time, as many tests at a time as there are CPUs.
 //!
 //! Times are compared in ticks, and where possible in the number of the frame that is answered: that does not depend
 //! on how busy the machine is.

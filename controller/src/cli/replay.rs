@@ -21,7 +21,7 @@ use super::console::say;
     after_help = "Exit status: 0 every bit the same, 1 a difference, or the recording ends before it was all compared, 2 it cannot be replayed.
 
 Example:
-  controller replay recordings/flight-20261120-020405.mcap"
+  controller replay recordings/run-20261120-020405.mcap"
 )]
 pub(crate) struct ReplayArgs {
     /// Recordings (MCAP) in the order of time; one that goes on where the one before ended continues it

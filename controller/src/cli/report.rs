@@ -24,7 +24,7 @@ use super::console::{say, tell};
 #[command(after_help = "Exit status: 0 good, 1 a run was not good (its report is written all the same), 2 wrong use.
 
 Examples:
-  controller report recordings/flight-20261120-020405.mcap
+  controller report recordings/run-20261120-020405.mcap
   controller report monday/flight.mcap tuesday/flight.mcap --out both.html")]
 pub(crate) struct ReportArgs {
     /// Recordings, MCAP or CSV
@@ -44,7 +44,7 @@ pub(crate) struct ReportArgs {
 /// --all a row for every tick, with everything that was recorded; a cell is empty where there was no number.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:
-  controller export recordings/flight-20261120-020405.mcap --csv --all --out run.csv")]
+  controller export recordings/run-20261120-020405.mcap --csv --all --out run.csv")]
 pub(crate) struct ExportArgs {
     /// Recording (MCAP)
     #[arg(value_name = "RECORDING")]
