@@ -10,6 +10,11 @@
 //! error here but a condition: [`monitor`] and the limits find conditions, [`supervisor::next`] makes a state and an action
 //! of them, and this is where the action is done. What is steered for while all is sound is its [`DutySource`].
 
+pub mod duty_source;
+pub mod reference_tracking;
+pub mod running_source;
+pub mod sensing;
+
 mod construction;
 mod filtering;
 mod limits;
@@ -31,10 +36,12 @@ use supervisor::{
 use filtering::FilterWatch;
 
 use crate::config::Safety;
-use crate::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, Prediction, SensorSample, Steering};
-use crate::notice::Notice;
-use crate::running_source::RunningSource;
-use crate::sensing::Sensing;
+use crate::cycle::duty_source::{
+    ActuatorCommand, DutySource, ModeRequest, NoticeSink, Prediction, SensorSample, Steering,
+};
+use crate::cycle::running_source::RunningSource;
+use crate::cycle::sensing::Sensing;
+use crate::operator::notice::Notice;
 
 /// Frames that may be missing in a row before the rig is vented; the plan is followed meanwhile.
 const TOLERATED_MISSING: u32 = 1;

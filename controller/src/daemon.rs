@@ -1,5 +1,5 @@
 //! Puts the daemon together: everything that a configuration names is read and checked, then flown
-//! ([`crate::session_recorder`]).
+//! ([`crate::session::session_recorder`]).
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,15 +13,15 @@ use proto::reference::Reference;
 
 use crate::config::{Config, DEFAULT_POLICY, FALLBACK};
 use crate::cycle::Cycle;
-use crate::notice::sentence;
+use crate::operator::notice::sentence;
+use crate::operator::reference_limits::{self, Margin};
+use crate::operator::socket::{May, Running};
 use crate::policy_service::{self, PolicyHandle};
-use crate::reference_limits::{self, Margin};
-use crate::run_file::attached;
-use crate::run_length::RunLength;
-use crate::session_recorder::{SessionError, SessionRecorder, StartPolicies, attachment, fly_recorded};
-use crate::socket::{May, Running};
+use crate::replay::run_file::attached;
+use crate::session::run_length::RunLength;
+use crate::session::session_recorder::{SessionError, SessionRecorder, StartPolicies, attachment, fly_recorded};
 
-pub use crate::session_recorder::PROGRAM;
+pub use crate::session::session_recorder::PROGRAM;
 
 /// Why the daemon cannot start or did not end well.
 #[derive(Debug, thiserror::Error)]

@@ -1,8 +1,16 @@
 //! Puts an experiment together: a sequence checked, foreseen, played once on the rig, and recorded.
 //!
-//! The link, the tick, the watch, the recorder are the daemon's ([`crate::session_recorder`], [`crate::cycle`]); only what is
-//! steered for is another ([`crate::open_loop_playback`]). The recording holds the rest before the rows and the rest
+//! The link, the tick, the watch, the recorder are the daemon's ([`crate::session::session_recorder`], [`crate::cycle`]); only what is
+//! steered for is another ([`crate::experiment::open_loop_playback`]). The recording holds the rest before the rows and the rest
 //! after them, too, with the commands that were then in force.
+
+pub mod command_sequence;
+pub mod experiment_log;
+pub mod open_loop_playback;
+pub mod playback_report;
+pub mod preflight_simulation;
+pub mod pump_relay;
+pub mod settling;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -12,18 +20,18 @@ use flight::{Recorded, RecordingSummary};
 use model::rig::Rig;
 use proto::recording::PERIOD_S;
 
-use crate::command_sequence::{CommandSequence, CommandSequenceError};
 use crate::config::{Config, Safety};
 use crate::cycle::Cycle;
-use crate::notice::sentence_of_one_session;
-use crate::open_loop_playback::{OpenLoopPlayback, Stopped};
-use crate::playback_report::PlaybackReport;
-use crate::preflight_simulation::{Forecast, ForecastError, preflight_simulation};
-use crate::pump_relay::PumpRelay;
-use crate::run_file::attached;
-use crate::run_length::RunLength;
-use crate::session_recorder::{EXPERIMENT_STEM, SessionError, SessionRecorder, attachment, fly_recorded};
-use crate::socket::{May, Running};
+use crate::experiment::command_sequence::{CommandSequence, CommandSequenceError};
+use crate::experiment::open_loop_playback::{OpenLoopPlayback, Stopped};
+use crate::experiment::playback_report::PlaybackReport;
+use crate::experiment::preflight_simulation::{Forecast, ForecastError, preflight_simulation};
+use crate::experiment::pump_relay::PumpRelay;
+use crate::operator::notice::sentence_of_one_session;
+use crate::operator::socket::{May, Running};
+use crate::replay::run_file::attached;
+use crate::session::run_length::RunLength;
+use crate::session::session_recorder::{EXPERIMENT_STEM, SessionError, SessionRecorder, attachment, fly_recorded};
 
 /// Why an experiment cannot be made.
 #[derive(Debug, thiserror::Error)]

@@ -16,7 +16,7 @@ fn main() -> ExitCode {
     ended(match arguments.run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            controller::console::notice(failure.line);
+            controller::operator::console::notice(failure.line);
             ExitCode::from(failure.status)
         }
     })
@@ -24,10 +24,10 @@ fn main() -> ExitCode {
 
 /// The exit status once all is printed: results that nobody could keep are no success.
 fn ended(status: ExitCode) -> ExitCode {
-    let Err(line) = controller::console::finish() else { return status };
-    controller::console::notice(line);
+    let Err(line) = controller::operator::console::finish() else { return status };
+    controller::operator::console::notice(line);
     // Where standard error takes nothing either there is no one to tell.
-    let _ = controller::console::finish();
+    let _ = controller::operator::console::finish();
     if status == ExitCode::SUCCESS { ExitCode::FAILURE } else { status }
 }
 
@@ -35,11 +35,11 @@ fn ended(status: ExitCode) -> ExitCode {
 fn explain(error: &clap::Error) -> ExitCode {
     let status = match manual::explain(&cli::Arguments::command(), error) {
         Explained::Help(text) => {
-            controller::console::result(text.trim_end());
+            controller::operator::console::result(text.trim_end());
             ExitCode::SUCCESS
         }
         Explained::Wrong(lines) => {
-            lines.iter().for_each(controller::console::notice);
+            lines.iter().for_each(controller::operator::console::notice);
             ExitCode::from(2)
         }
     };

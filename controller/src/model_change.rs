@@ -23,8 +23,8 @@ use proto::emulator::rig_and_crio;
 use proto::recording::{TickOrder, attached};
 use safety_filter::{Envelope, SafetyFilter, SlewLimit};
 
-use crate::sensing::Sensing;
-use crate::session_recorder::attachment;
+use crate::cycle::sensing::Sensing;
+use crate::session::session_recorder::attachment;
 
 /// Samples that the tick keeps for a comparison: 160 s.
 const SAMPLES: usize = 8192;

@@ -11,7 +11,7 @@ use proto::reference::Reference;
 use proto::rig_file::RigFileError;
 
 use crate::config::{Config, ConfigError, DEFAULT_POLICY, FALLBACK};
-use crate::reference_limits::{Margin, check};
+use crate::operator::reference_limits::{Margin, check};
 
 /// A configuration that was read again, with the reference it names.
 #[derive(Debug)]

@@ -8,6 +8,9 @@
 //! What ends a replay early: ticks that were not recorded, and inputs whose content the recording does not hold. What was
 //! compared until then counts, and the end is told.
 
+pub(crate) mod recorded_orders;
+pub mod run_file;
+
 mod comparison;
 mod replay_error;
 
@@ -22,14 +25,14 @@ use proto::reference::Reference;
 use proto::wire::{Frame, Sense};
 use supervisor::Condition;
 
-use crate::command_sequence::CommandSequence;
 use crate::config::Config;
 use crate::cycle::Cycle;
 use crate::daemon::contracts;
-use crate::open_loop_playback::OpenLoopPlayback;
-use crate::pump_relay::PumpRelay;
-use crate::recorded_orders::RecordedOrders;
-use crate::run_file::{RunFile, attached};
+use crate::experiment::command_sequence::CommandSequence;
+use crate::experiment::open_loop_playback::OpenLoopPlayback;
+use crate::experiment::pump_relay::PumpRelay;
+use crate::replay::recorded_orders::RecordedOrders;
+use crate::replay::run_file::{RunFile, attached};
 
 use comparison::compare;
 pub use comparison::{Difference, Stage};

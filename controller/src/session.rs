@@ -1,6 +1,14 @@
 //! The tick's thread: sessions one after the other (or one only, as the duty source needs). What happens within one stands in
 //! `session_loop`.
 
+pub mod attribution;
+pub mod link;
+pub mod live_stream;
+pub mod pacing;
+pub mod run_length;
+pub(crate) mod session_loop;
+pub mod session_recorder;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -10,18 +18,18 @@ use monitor::Pacing as GatePacing;
 use proto::recording::TickInput;
 use supervisor::State;
 
-use crate::attribution::StolenTime;
-use crate::clock::now_ns;
 use crate::config::{Config, Pacing};
 use crate::cycle::Cycle;
-use crate::duty_source::DutySource;
-use crate::guard::Pulse;
-use crate::link::{Link, LinkError};
-use crate::mailbox::{Request, Spent, Status, TickMailbox};
-use crate::notice::Notice;
-use crate::realtime::{MemoryLock, Rights, make_realtime};
-use crate::run_length::RunLength;
-use crate::session_loop::{Counts, Ending, one_session};
+use crate::cycle::duty_source::DutySource;
+use crate::machine::clock::now_ns;
+use crate::machine::guard::Pulse;
+use crate::machine::realtime::{MemoryLock, Rights, make_realtime};
+use crate::operator::mailbox::{Request, Spent, Status, TickMailbox};
+use crate::operator::notice::Notice;
+use crate::session::attribution::StolenTime;
+use crate::session::link::{Link, LinkError};
+use crate::session::run_length::RunLength;
+use crate::session::session_loop::{Counts, Ending, one_session};
 
 /// Pauses between attempts to connect, the last for ever after.
 const PAUSES_MS: [u64; 5] = [100, 200, 500, 1000, 2000];
@@ -213,6 +221,6 @@ pub(crate) fn tell(sink: &mut RecordSink, notice: Notice) {
 }
 
 /// Whether a state counts as under control, for how long a run lasts.
-pub(crate) fn is_armed(state: State) -> crate::run_length::Armed {
-    if state.is_controlling() { crate::run_length::Armed::Yes } else { crate::run_length::Armed::No }
+pub(crate) fn is_armed(state: State) -> crate::session::run_length::Armed {
+    if state.is_controlling() { crate::session::run_length::Armed::Yes } else { crate::session::run_length::Armed::No }
 }

@@ -10,9 +10,9 @@ use proto::recording::{Arrival, TickRecord};
 use proto::reference::Reference;
 use proto::wire::Mode;
 
-use crate::duty_source::{ActuatorCommand, DutySource, VENT};
-use crate::reference_tracking::ReferenceTracking;
-use crate::sensing::Sensing;
+use crate::cycle::duty_source::{ActuatorCommand, DutySource, VENT};
+use crate::cycle::reference_tracking::ReferenceTracking;
+use crate::cycle::sensing::Sensing;
 use crate::state::{FRAMES_TO_ARM, State};
 
 /// Runs longer than this are judged by their first so many seconds: by then the figures no longer change, and the

@@ -19,9 +19,9 @@ use std::time::{Duration, Instant};
 
 use controller::config::{Config, ReferenceChoice, Safety};
 use controller::daemon::contracts;
-use controller::desk::DeskOptions;
-use controller::mailbox::mailbox;
-use controller::socket::{May, Reply, Running, serve};
+use controller::operator::desk::DeskOptions;
+use controller::operator::mailbox::mailbox;
+use controller::operator::socket::{May, Reply, Running, serve};
 use flight::{Recorder, RecorderOptions};
 use policy::Policy;
 use proto::recording::{EventLevel, RecordingInfo, RecordingWriter, TickRecord, read_mcap};

@@ -23,12 +23,12 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use controller::clock::now_ns;
 use controller::config::Realtime;
-use controller::operator_protocol::Switch;
-use controller::pacing::{COMMAND_DEADLINE_NS, FRAME_GRACE_NS, PERIOD_NS};
-use controller::realtime::{lock_memory, make_realtime, with_priority};
-use controller::socket::Ask;
+use controller::machine::clock::now_ns;
+use controller::machine::realtime::{lock_memory, make_realtime, with_priority};
+use controller::operator::operator_protocol::Switch;
+use controller::operator::socket::Ask;
+use controller::session::pacing::{COMMAND_DEADLINE_NS, FRAME_GRACE_NS, PERIOD_NS};
 use controller::state::State;
 use flight::Recorded;
 use model::rig::Rig;

@@ -8,7 +8,7 @@
 
 use controller::config::Safety;
 use controller::cycle::Cycle;
-use controller::notice::Notice;
+use controller::operator::notice::Notice;
 use model::rig::Rig;
 use proto::emulator::SensorFault;
 use proto::reference::Reference;

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 
 use controller::config::Config;
 use controller::daemon::{self, DaemonError, Options};
-use controller::run_length::RunLength;
-use controller::socket::{Ask, Reply, ask};
+use controller::operator::socket::{Ask, Reply, ask};
+use controller::session::run_length::RunLength;
 use flight::{Recorded, RecordingSummary};
 
 use crate::task::tasks_named;

@@ -1,9 +1,9 @@
 //! A cycle flown in lockstep on an emulated rig: no socket, no thread, no clock, as fast as it computes.
 
 use controller::cycle::Cycle;
-use controller::duty_source::{ActuatorCommand, DutySource};
-use controller::notice::Notice;
-use controller::running_source::RunningSource;
+use controller::cycle::duty_source::{ActuatorCommand, DutySource};
+use controller::cycle::running_source::RunningSource;
+use controller::operator::notice::Notice;
 use model::rig::Rig;
 use proto::emulator::{Crio, EmulatedPlant, SensorFault, Sensors, rig_and_crio};
 use proto::recording::TickRecord;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use controller::socket::{Ask, ask};
+use controller::operator::socket::{Ask, ask};
 use controller::state::State;
 use model::rig::Rig;
 use proto::wire::{Mode, Sense};

@@ -7,8 +7,8 @@
 
 use controller::config::Safety;
 use controller::cycle::Cycle;
+use controller::cycle::duty_source::ActuatorCommand;
 use controller::daemon::shipped_policy;
-use controller::duty_source::ActuatorCommand;
 use handover::{Candidate, Command, Haste};
 use proto::emulator::SensorFault;
 use proto::reference::Reference;

@@ -5,8 +5,8 @@
 
 use controller::config::Safety;
 use controller::cycle::Cycle;
-use controller::duty_source::ActuatorCommand;
-use controller::notice::Notice;
+use controller::cycle::duty_source::ActuatorCommand;
+use controller::operator::notice::Notice;
 use controller::state::Condition;
 use proto::emulator::SensorFault;
 use proto::reference::Reference;

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use controller::config::Safety;
 use controller::cycle::Cycle;
-use controller::notice::Notice;
+use controller::operator::notice::Notice;
 use evaluate::rigs_around::rigs_around;
 use model::rig::Rig;
 use proto::reference::Reference;

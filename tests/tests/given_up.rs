@@ -5,7 +5,7 @@
 use controller::config::Safety;
 use controller::cycle::Cycle;
 use controller::daemon::shipped_policy;
-use controller::notice::Notice;
+use controller::operator::notice::Notice;
 use controller::state::{Arming, Condition, State};
 use model::rig::Rig;
 use model::steady::SteadyMap;

@@ -7,7 +7,7 @@
 use std::process::Command;
 use std::time::Duration;
 
-use controller::socket::{Ask, ask};
+use controller::operator::socket::{Ask, ask};
 use controller::state::State;
 use model::rig::Rig;
 use proto::recording::read_mcap;

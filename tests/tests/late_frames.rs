@@ -9,7 +9,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use controller::socket::{Ask, ask};
+use controller::operator::socket::{Ask, ask};
 use controller::state::State;
 use model::rig::Rig;
 use proto::emulator::SensorFault;

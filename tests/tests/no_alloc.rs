@@ -10,12 +10,12 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::hint::black_box;
 
-use controller::command_sequence::Row;
 use controller::config::Safety;
 use controller::cycle::Cycle;
-use controller::duty_source::{ActuatorCommand, DutySource};
-use controller::open_loop_playback::OpenLoopPlayback;
-use controller::pump_relay::PumpRelay;
+use controller::cycle::duty_source::{ActuatorCommand, DutySource};
+use controller::experiment::command_sequence::Row;
+use controller::experiment::open_loop_playback::OpenLoopPlayback;
+use controller::experiment::pump_relay::PumpRelay;
 use controller::state::State;
 use handover::{Candidate, Command, Haste};
 use law::{AfterEnd, RepetitionLearning};

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use controller::socket::{Ask, ask};
+use controller::operator::socket::{Ask, ask};
 use proto::emulator::{Emulator, EmulatorConfig, Pace, SensorFault, rig_and_crio};
 use proto::wire::{Mode, Sense, TripBits};
 use tests::coarse_rigs::{coarse, write_coarse};

@@ -5,9 +5,9 @@ use std::path::Path;
 use controller::config::Config;
 use controller::cycle::Cycle;
 use controller::daemon;
-use controller::machine_check;
+use controller::machine::machine_check;
+use controller::machine::tick_trial::TickTrial;
 use controller::state::Arming;
-use controller::tick_trial::TickTrial;
 use serde_json::json;
 
 use super::Failure;

@@ -1,4 +1,4 @@
-//! Lines for a person: see [`controller::console`], which never waits for a terminal that nobody reads.
+//! Lines for a person: see [`controller::operator::console`], which never waits for a terminal that nobody reads.
 
-pub(super) use controller::console::notice as tell;
-pub(super) use controller::console::result as say;
+pub(super) use controller::operator::console::notice as tell;
+pub(super) use controller::operator::console::result as say;

@@ -10,14 +10,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use clap::Args;
 use controller::config::{Config, FALLBACK, Pacing};
-use controller::console::progress;
 use controller::daemon::{self, Options, PROGRAM};
-use controller::notice::fault_name;
-use controller::realtime::with_priority;
-use controller::run_file::attached;
-use controller::run_length::{Begins, RunClock, RunLength};
-use controller::session_recorder::attachment;
-use controller::signals::Signals;
+use controller::machine::realtime::with_priority;
+use controller::machine::signals::Signals;
+use controller::operator::console::progress;
+use controller::operator::notice::fault_name;
+use controller::replay::run_file::attached;
+use controller::session::run_length::{Begins, RunClock, RunLength};
+use controller::session::session_recorder::attachment;
 use controller::state::State;
 use controller::yardstick::{self, Trial};
 use flight::{

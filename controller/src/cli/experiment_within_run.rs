@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use controller::command_sequence::CommandSequence;
-use controller::desk::{ExperimentOutcome, ExperimentView};
-use controller::duty_source::ExperimentPhase;
+use controller::cycle::duty_source::ExperimentPhase;
 use controller::experiment::Played;
-use controller::socket::{Ask, Reply, ask};
+use controller::experiment::command_sequence::CommandSequence;
+use controller::operator::desk::{ExperimentOutcome, ExperimentView};
+use controller::operator::socket::{Ask, Reply, ask};
 use flight::RecordingSummary;
 use proto::recording::PERIOD_S;
 

@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use clap::Args;
 use controller::config::{Config, Control};
-use controller::notice::fault_name;
+use controller::operator::notice::fault_name;
 use controller::state::State;
 use flight::CodeNames;
 use live::{Hub, Server};

@@ -20,8 +20,8 @@ use std::path::PathBuf;
 use clap::{CommandFactory, Parser, Subcommand};
 use controller::config::ConfigError;
 use controller::daemon::DaemonError;
-use controller::session_recorder::SessionError;
-use controller::socket::SocketError;
+use controller::operator::socket::SocketError;
+use controller::session::session_recorder::SessionError;
 
 /// First steps, below the list of commands.
 const EXAMPLES: &str = "Examples:
@@ -102,7 +102,7 @@ enum Command {
     /// all of the command. Ends by itself with any fault, with disarming, and with another policy or model.
     Explore {
         /// Whether it begins or ends.
-        switch: controller::socket::Switch,
+        switch: controller::operator::socket::Switch,
         /// Seed of the noise; left out, one from the clock, which the answer and the recording name
         #[arg(long)]
         seed: Option<u32>,

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use controller::replay::run_file::RunFile;
 use controller::replay::{Replay, ReplayError};
-use controller::run_file::RunFile;
 use proto::reference::Reference;
 use serde_json::json;
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use controller::run_file::{RunFile, RunFileError};
+use controller::replay::run_file::{RunFile, RunFileError};
 use flight::{
     ComparedRun, FlightInfo, FlightStatistics, FlightSummary, StatisticsOptions, Verdict, comparison_report,
     flight_report,

@@ -6,10 +6,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 use controller::config::{Config, Realtime};
-use controller::rt_test::finding::{Finding, Weight, findings};
-use controller::rt_test::lateness::{EDGES_US, LatenessFigures};
-use controller::rt_test::{Phase, RtTest};
-use controller::signals::Signals;
+use controller::machine::rt_test::finding::{Finding, Weight, findings};
+use controller::machine::rt_test::lateness::{EDGES_US, LatenessFigures};
+use controller::machine::rt_test::{Phase, RtTest};
+use controller::machine::signals::Signals;
 use serde_json::json;
 
 use super::Failure;

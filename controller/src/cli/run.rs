@@ -6,9 +6,9 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use controller::config::{Config, Pacing};
-use controller::console::{Admission, Throttle};
 use controller::daemon::{self, Options};
-use controller::run_length::{Begins, RunClock, RunLength};
+use controller::operator::console::{Admission, Throttle};
+use controller::session::run_length::{Begins, RunClock, RunLength};
 use flight::Recorded;
 use proto::recording::EventLevel;
 

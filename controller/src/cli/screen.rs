@@ -3,7 +3,7 @@
 use std::io::IsTerminal;
 use std::time::Duration;
 
-use controller::console::overwrite;
+use controller::operator::console::overwrite;
 
 use super::console::tell;
 

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use controller::config::{Config, Control};
-use controller::duty_source::ExperimentPhase;
-use controller::mailbox::Status;
-use controller::notice::why_barred;
-use controller::socket::{Ask, Reply, Switch, ask};
+use controller::cycle::duty_source::ExperimentPhase;
+use controller::operator::mailbox::Status;
+use controller::operator::notice::why_barred;
+use controller::operator::socket::{Ask, Reply, Switch, ask};
 use controller::state::State;
 use proto::reference::{MOST_BYTES, Reference};
 use proto::regular_file;

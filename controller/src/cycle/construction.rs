@@ -11,13 +11,13 @@ use supervisor::{Arming, ConditionSet, Memory};
 
 use super::Cycle;
 use super::filtering::FilterWatch;
-use crate::command_sequence::Row;
 use crate::config::Safety;
-use crate::duty_source::{ActuatorCommand, DutySource};
-use crate::open_loop_playback::OpenLoopPlayback;
-use crate::pump_relay::PumpRelay;
-use crate::running_source::RunningSource;
-use crate::sensing::Sensing;
+use crate::cycle::duty_source::{ActuatorCommand, DutySource};
+use crate::cycle::running_source::RunningSource;
+use crate::cycle::sensing::Sensing;
+use crate::experiment::command_sequence::Row;
+use crate::experiment::open_loop_playback::OpenLoopPlayback;
+use crate::experiment::pump_relay::PumpRelay;
 
 impl Cycle<RunningSource> {
     /// A cycle that follows a reference on the rig that the model is made of.

@@ -9,8 +9,8 @@ use safety_filter::Intervention;
 use supervisor::{Condition, Integration};
 
 use super::Cycle;
-use crate::duty_source::{ActuatorCommand, DutySource, NoticeSink, Steering};
-use crate::notice::Notice;
+use crate::cycle::duty_source::{ActuatorCommand, DutySource, NoticeSink, Steering};
+use crate::operator::notice::Notice;
 
 /// The most that a duty moves in a tick of HOLD: half of what it may otherwise (study of the daemon, §3.4).
 const HOLD_SLEW_DUTY: f64 = 0.5 * MOST_CHANGE_DUTY;

@@ -5,7 +5,7 @@ use proto::wire::{CrioState, Sense, TripBits};
 use supervisor::Condition;
 
 use super::Cycle;
-use crate::duty_source::DutySource;
+use crate::cycle::duty_source::DutySource;
 
 impl<H: DutySource> Cycle<H> {
     /// Readings, with broken sensors and limits among the conditions.

@@ -5,9 +5,9 @@ use proto::reference::Reference;
 use supervisor::Request;
 
 use super::Cycle;
-use crate::duty_source::{Afterwards, DutySource, NoticeSink, Steering};
-use crate::notice::Notice;
-use crate::open_loop_playback::OpenLoopPlayback;
+use crate::cycle::duty_source::{Afterwards, DutySource, NoticeSink, Steering};
+use crate::experiment::open_loop_playback::OpenLoopPlayback;
+use crate::operator::notice::Notice;
 
 impl<H: DutySource> Cycle<H> {
     /// The operator asks to arm; it happens in the next tick or not at all.

@@ -5,8 +5,8 @@ use supervisor::{Arming, Condition, State, Transition};
 
 use super::Cycle;
 use super::filtering::FilterWatch;
-use crate::duty_source::{DutySource, NoticeSink, Steering};
-use crate::notice::Notice;
+use crate::cycle::duty_source::{DutySource, NoticeSink, Steering};
+use crate::operator::notice::Notice;
 
 /// Ticks between two reminders that venting is in doubt: 5 s (chosen).
 const REMIND_TICKS: u32 = 250;

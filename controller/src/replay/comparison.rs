@@ -3,7 +3,7 @@
 use proto::recording::{LawParts, TickRecord};
 use proto::wire::Frame;
 
-use crate::duty_source::ActuatorCommand;
+use crate::cycle::duty_source::ActuatorCommand;
 
 /// A stage of the tick, in the order in which they run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

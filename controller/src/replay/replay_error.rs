@@ -4,8 +4,8 @@ use model::rig::RigError;
 use policy::PolicyError;
 use proto::reference::ReferenceError;
 
-use crate::command_sequence::CommandSequenceError;
 use crate::config::ConfigError;
+use crate::experiment::command_sequence::CommandSequenceError;
 
 /// Why a recording cannot be replayed at all.
 #[derive(Debug, thiserror::Error)]

@@ -1,0 +1,199 @@
+//! Whether this machine has what a configuration names: a place for the socket, a folder for recordings, a CPU.
+
+use std::ffi::CString;
+use std::os::unix::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+use rustix::fs::{Access, access};
+use rustix::thread::{CpuSet, sched_getaffinity};
+
+use crate::config::{Config, Record};
+use crate::machine::realtime::make_realtime;
+use crate::operator::socket::{SocketError, check_free};
+
+/// What of a configuration this machine cannot give.
+#[derive(Debug, thiserror::Error)]
+pub enum MachineError {
+    /// The socket's path is of no use.
+    #[error("{}: control.socket is {bytes} bytes long, and a socket's path may have 107; choose a shorter one", .path.display())]
+    LongPath {
+        /// The path.
+        path: PathBuf,
+        /// Its length (bytes).
+        bytes: usize,
+    },
+    /// The socket cannot be made.
+    #[error(transparent)]
+    Socket(#[from] SocketError),
+    /// A folder is missing or may not be written.
+    #[error("{}: {key}: {problem}", .folder.display())]
+    Folder {
+        /// The folder.
+        folder: PathBuf,
+        /// The key that names it.
+        key: &'static str,
+        /// What is wrong, and the fix.
+        problem: String,
+    },
+    /// With `auto_arm`: too little room.
+    #[error("{}: only {free_mib} MiB free, record.min_free_mib = {min_mib}; make room: with control.auto_arm nothing runs unrecorded", .folder.display())]
+    NoRoom {
+        /// The folder.
+        folder: PathBuf,
+        /// What is free (MiB).
+        free_mib: u64,
+        /// What is needed (MiB).
+        min_mib: u64,
+    },
+    /// There is no such CPU.
+    #[error("realtime.cpu = {cpu}: this program may use the CPUs {allowed}; choose one of them, or leave the key out")]
+    Cpu {
+        /// The CPU wanted.
+        cpu: usize,
+        /// Those allowed.
+        allowed: String,
+    },
+}
+
+/// Looks at everything; the remarks are what a person should know although it works.
+///
+/// # Errors
+/// The first thing that would keep the daemon from starting.
+pub fn check(config: &Config) -> Result<Vec<String>, MachineError> {
+    let mut remarks = Vec::new();
+    check_socket(&config.control.socket, &mut remarks)?;
+    check_recordings(&config.record, config.control.auto_arm, &mut remarks)?;
+    check_cpu(config)?;
+    remarks.extend(refused_realtime(config));
+    Ok(remarks)
+}
+
+fn check_socket(path: &Path, remarks: &mut Vec<String>) -> Result<(), MachineError> {
+    if SocketAddr::from_pathname(path).is_err() {
+        return Err(MachineError::LongPath { path: path.to_owned(), bytes: path.as_os_str().len() });
+    }
+    let folder = parent(path);
+    let wrong = |problem: &str| {
+        let problem = format!("{problem}; make it, or choose another path");
+        MachineError::Folder { folder: folder.clone(), key: "control.socket", problem }
+    };
+    if !folder.is_dir() {
+        return Err(wrong("there is no such folder"));
+    }
+    if !writable(&folder) {
+        return Err(wrong("this user may not write there"));
+    }
+    match check_free(path) {
+        Ok(()) => Ok(()),
+        Err(SocketError::InUse { path }) => {
+            remarks.push(format!("a controller answers on {} already", path.display()));
+            Ok(())
+        }
+        Err(error) => Err(error.into()),
+    }
+}
+
+fn check_recordings(record: &Record, auto_arm: bool, remarks: &mut Vec<String>) -> Result<(), MachineError> {
+    let folder = record.directory.clone();
+    let wrong = |problem: String| MachineError::Folder { folder: folder.clone(), key: "record.directory", problem };
+    if folder.exists() && !folder.is_dir() {
+        return Err(wrong("it is no folder; choose another".to_owned()));
+    }
+    // It is made when it is needed, below the first folder that is there.
+    let there = folder.ancestors().map(nearest).find(|place| place.is_dir()).unwrap_or_else(|| "/".into());
+    if !writable(&there) {
+        return Err(wrong(format!(
+            "this user may not write in {}; give the right to, or choose another",
+            there.display()
+        )));
+    }
+    if let Some(free) = flight::disk::free_bytes(&there)
+        && free < record.min_free_mib << 20
+    {
+        let (free_mib, min_mib) = (free >> 20, record.min_free_mib);
+        if auto_arm {
+            return Err(MachineError::NoRoom { folder, free_mib, min_mib });
+        }
+        remarks.push(format!(
+            "{}: only {free_mib} MiB free, record.min_free_mib = {min_mib}: it will not be armed before there is room",
+            there.display()
+        ));
+    }
+    Ok(())
+}
+
+fn check_cpu(config: &Config) -> Result<(), MachineError> {
+    let (Some(cpu), Ok(allowed)) = (config.realtime.cpu, sched_getaffinity(None)) else { return Ok(()) };
+    if cpu < CpuSet::MAX_CPU && allowed.is_set(cpu) {
+        return Ok(());
+    }
+    let names: Vec<String> = (0..CpuSet::MAX_CPU).filter(|n| allowed.is_set(*n)).map(|n| n.to_string()).collect();
+    Err(MachineError::Cpu { cpu, allowed: names.join(", ") })
+}
+
+/// What the machine refuses a thread that asks for what the tick needs; tried on a thread of its own.
+fn refused_realtime(config: &Config) -> Vec<String> {
+    std::thread::scope(|scope| scope.spawn(|| make_realtime(&config.realtime)).join()).unwrap_or_default()
+}
+
+fn parent(path: &Path) -> PathBuf {
+    nearest(path.parent().unwrap_or(Path::new("")))
+}
+
+/// A path as it is; the current folder where it is empty.
+fn nearest(path: &Path) -> PathBuf {
+    if path.as_os_str().is_empty() { PathBuf::from(".") } else { path.to_owned() }
+}
+
+fn writable(folder: &Path) -> bool {
+    CString::new(folder.as_os_str().as_encoded_bytes())
+        .is_ok_and(|name| access(name.as_c_str(), Access::WRITE_OK | Access::EXEC_OK).is_ok())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn config(folder: &Path) -> Config {
+        let mut config = Config::for_address("127.0.0.1:1");
+        config.control.socket = folder.join("s");
+        config.record.directory = folder.join("not/yet/there");
+        config.record.min_free_mib = 16;
+        config
+    }
+
+    #[test]
+    fn what_the_machine_lacks_is_named_with_its_key() {
+        let folder = std::env::temp_dir().join(format!("machine-check-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let sound = config(&folder);
+        check(&sound).unwrap();
+        assert!(!folder.join("not").exists(), "looking makes nothing");
+        std::fs::write(folder.join("file"), "x").unwrap();
+        let refused = |change: &dyn Fn(&mut Config)| {
+            let mut config = config(&folder);
+            change(&mut config);
+            check(&config).unwrap_err().to_string()
+        };
+        for (said, words) in [
+            (refused(&|c| c.control.socket = folder.join("x".repeat(120))), "107"),
+            (refused(&|c| c.control.socket = folder.join("none/s")), "no such folder"),
+            (refused(&|c| c.control.socket = folder.join("file")), "no socket"),
+            (refused(&|c| c.record.directory = folder.join("file")), "record.directory"),
+            (refused(&|c| c.realtime.cpu = Some(1000)), "realtime.cpu = 1000"),
+            (
+                refused(&|c| {
+                    c.record.min_free_mib = 1 << 40;
+                    c.control.auto_arm = true;
+                }),
+                "nothing runs unrecorded",
+            ),
+        ] {
+            assert!(said.contains(words) && !said.contains('\n'), "`{words}` is not in: {said}");
+        }
+        let mut config = config(&folder);
+        config.record.min_free_mib = 1 << 40;
+        assert!(check(&config).unwrap().concat().contains("will not be armed"));
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+}

@@ -1,0 +1,131 @@
+//! Answers to operators and their record, and the newest that the tick has shown.
+
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use proto::recording::{EventLevel, rfc3339};
+
+use super::{Desk, Step};
+use crate::machine::clock::now_ns;
+use crate::operator::mailbox::Status;
+use crate::operator::operator_protocol::Reply;
+use crate::operator::peer::Peer;
+use crate::state::State;
+
+impl Desk {
+    /// An answer to what is no request.
+    pub fn refuse(&mut self, why: &str) -> Reply {
+        self.refresh();
+        self.reply(Err(why.to_owned()))
+    }
+
+    /// Records and answers a request that is over.
+    pub(super) fn over(&mut self, what: &str, peer: Peer, outcome: Result<(), String>) -> Step {
+        self.record(what, peer, &outcome);
+        self.done(outcome)
+    }
+
+    /// As [`Desk::over`], with a line that says what was done.
+    pub(super) fn over_saying(&mut self, what: &str, peer: Peer, outcome: Result<String, String>) -> Step {
+        let (done, outcome) = match outcome {
+            Ok(text) => (Some(text), Ok(())),
+            Err(why) => (None, Err(why)),
+        };
+        self.record(what, peer, &outcome);
+        let mut reply = self.reply(outcome);
+        reply.done = done;
+        Step::Done(Box::new(reply))
+    }
+
+    pub(super) fn record(&self, what: &str, peer: Peer, outcome: &Result<(), String>) {
+        let (level, how) = match outcome {
+            Ok(()) => (EventLevel::Info, "done".to_owned()),
+            Err(why) => (EventLevel::Warning, format!("refused: {why}")),
+        };
+        self.options.notes.note(now_ns(), level, "operator", one_line(&format!("{what} by {peer}: {how}")));
+    }
+
+    pub(super) fn done(&mut self, outcome: Result<(), String>) -> Step {
+        Step::Done(Box::new(self.reply(outcome)))
+    }
+
+    pub(super) fn refresh(&mut self) {
+        if let Some(shown) = self.options.mailbox.status() {
+            self.newest = Some(shown);
+        }
+    }
+
+    /// How old the newest data is; `None` where none has come yet.
+    fn age(&self) -> Option<Duration> {
+        let came = self.newest.filter(|(_, at_ns)| *at_ns > 0);
+        came.map(|(_, at_ns)| Duration::from_nanos(now_ns().saturating_sub(at_ns)))
+    }
+
+    /// The newest status, if it still tells what is.
+    pub(super) fn live_status(&self) -> Option<Status> {
+        let fresh = self.age().is_some_and(|age| age <= self.options.stale);
+        self.newest.filter(|_| fresh).map(|(status, _)| status)
+    }
+
+    pub(super) fn no_session(&self) -> String {
+        match self.age() {
+            Some(age) if age > self.options.stale => {
+                format!("no session with the cRIO, last data {:.1} s ago", age.as_secs_f64())
+            }
+            Some(_) => "the cRIO answers".to_owned(),
+            None => "no session with the cRIO yet".to_owned(),
+        }
+    }
+
+    pub(super) fn reply(&mut self, outcome: Result<(), String>) -> Reply {
+        let live = self.live_status();
+        let runs = live.is_some_and(|s| s.state.is_controlling());
+        let mut running = self.options.running.clone();
+        running.armed_by = running.armed_by.filter(|_| runs);
+        if let Some(handle) = &self.options.policies {
+            (running.policy, running.policy_sha256) = handle.policies.active();
+            running.model = handle.models.name();
+            running.why_fallback = handle.policies.why_fallback();
+        }
+        Reply {
+            ok: outcome.is_ok(),
+            error: outcome.err().map(|why| one_line(&why)),
+            state: live.map_or(State::Connect, |s| s.state),
+            // Without a session the last readings are history: nothing is followed, nothing can be armed.
+            status: live.or(self.newest.map(|(s, _)| Status { can_arm: false, reference_kpa: None, ..s })),
+            age_ms: self.age().map(|age| u64::try_from(age.as_millis()).unwrap_or(u64::MAX)),
+            running,
+            done: None,
+            policies: None,
+            policies_problem: None,
+            experiment: self.experiments.as_ref().and_then(|e| e.view(live.and_then(|s| s.experiment))),
+            bad_input: false,
+            recording_problem: self.options.health.error().or_else(|| self.options.health.why_not_arm()),
+        }
+    }
+
+    /// Notes who armed it, and when.
+    pub(super) fn armed_by(&mut self, peer: Peer) {
+        self.options.running.armed_by = Some(stamp(peer));
+    }
+}
+
+/// Most characters of a line that is told; what clients send is quoted in it.
+const MOST_CHARACTERS: usize = 1000;
+
+/// A text as one plain line: what clients send may hold line breaks, escapes of a terminal, and megabytes.
+pub(super) fn one_line(text: &str) -> String {
+    let mut line = String::new();
+    for c in text.chars().take(MOST_CHARACTERS) {
+        if c.is_control() { line.extend(c.escape_default()) } else { line.push(c) }
+    }
+    if text.chars().nth(MOST_CHARACTERS).is_some() {
+        line.push('…');
+    }
+    line
+}
+
+/// Who, and when by the wall clock.
+fn stamp(peer: Peer) -> String {
+    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
+    format!("{peer} at {}", rfc3339(UNIX_EPOCH + Duration::from_secs(seconds)))
+}

@@ -1,0 +1,264 @@
+//! Answers the operator's requests: at once, or as soon as the tick has carried them out or provably will not.
+//!
+//! Nothing here waits. [`Desk::begin`] answers or names what is pending; [`Desk::look`] is asked again and again, and
+//! [`Desk::gone`] is told when the client has left, which withdraws a request that the tick has not taken yet. Each subject
+//! has its part of all three: `begin_…`, `look_at_…`, `leave_…`.
+//!
+//! | module | subject |
+//! | --- | --- |
+//! | `arming` | arm, disarm, acknowledge |
+//! | `references` | another reference: by an operator, by a configuration that was read again |
+//! | `policies` | policies listed, swapped, taken back; another model |
+//! | `exploration` | noise on the active policy's answers |
+//! | `experiments`, `experiment_desk` | an experiment: how it is asked for and begins; what becomes of it |
+//! | `answers` | answers and their record; the newest that the tick has shown |
+
+use std::sync::mpsc::Receiver;
+use std::sync::{Arc, Weak};
+use std::time::{Duration, Instant};
+
+use flight::{Noter, RecorderHealth};
+use handover::ExplorationRules;
+use proto::recording::EventLevel;
+
+use crate::config::{ReferenceChoice, Safety};
+use crate::experiment::experiment_log::ExperimentLog;
+use crate::machine::clock::now_ns;
+use crate::operator::mailbox::{OperatorMailbox, Request, Status, Ticket};
+use crate::operator::operator_protocol::{Ask, EFFECT_TIME, Reply, Running};
+use crate::operator::peer::Peer;
+use crate::policy_service::PolicyHandle;
+use crate::reload::Reloaded;
+use experiment_desk::ExperimentDesk;
+use experiments::{Beginning, Checking};
+use exploration::Switching;
+use policies::Change;
+use references::{Following, Reading};
+
+mod answers;
+mod arming;
+mod experiment_desk;
+mod experiments;
+mod exploration;
+mod policies;
+mod references;
+
+pub use experiment_desk::{ExperimentOutcome, ExperimentView};
+
+/// What an operator may do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum May {
+    /// Everything.
+    Fly,
+    /// Look on and disarm: an experiment is under way.
+    OnlyStop,
+}
+
+/// What a desk works with.
+pub struct DeskOptions {
+    /// The way to the tick.
+    pub mailbox: OperatorMailbox,
+    /// Limits that references must keep.
+    pub safety: Safety,
+    /// How references are followed.
+    pub reference: ReferenceChoice,
+    /// How the recording does.
+    pub health: RecorderHealth,
+    /// Where the record of who asked for what goes.
+    pub notes: Noter,
+    /// What an operator may do.
+    pub may: May,
+    /// What the daemon runs with.
+    pub running: Running,
+    /// Identity of the reference that is followed once armed, where there is one.
+    pub followed: Option<u64>,
+    /// Policies and models, where they can be changed.
+    pub policies: Option<PolicyHandle>,
+    /// Where experiments are recorded, where they can be played within the run.
+    pub experiments: Option<ExperimentLog>,
+    /// How exploration is configured; the seed is each one's own.
+    pub exploration: ExplorationRules,
+    /// Age from which a status no longer tells what is: there is no session.
+    pub stale: Duration,
+    /// Configurations that were read again.
+    pub reloads: Receiver<Reloaded>,
+}
+
+/// The operators' desk.
+pub struct Desk {
+    options: DeskOptions,
+    experiments: Option<ExperimentDesk>,
+    newest: Option<(Status, u64)>,
+    /// A reference is being read; at most one at a time.
+    reading: bool,
+    /// Held by the thread that loads a policy, compares a model or checks an experiment, for as long as it lives.
+    working: Weak<()>,
+}
+
+/// Held by a thread that works on a policy, a model or an experiment; at most one at a time.
+type AtWork = Arc<()>;
+
+/// Answered while such a thread lives, also one whose client has been answered or has left.
+const BUSY: &str = "another policy, model or experiment is being loaded or checked; try again";
+
+/// Answered to a request that came too late for the tick, or before a disarming.
+const WITHDRAWN: &str = "it was not carried out: a disarming came after it, or no tick in time";
+/// Recorded of a request whose client left before the tick took it.
+const LEFT: &str = "the client went away; withdrawn";
+
+/// What is asked for and not yet answered.
+pub struct Pending {
+    what: What,
+    asked: Asked,
+}
+
+/// Who asks for something, since when, and until when it is answered.
+#[derive(Debug, Clone, Copy)]
+struct Asked {
+    peer: Peer,
+    at_ns: u64,
+    until: Instant,
+}
+
+impl Asked {
+    fn now(peer: Peer, answer_time: Duration) -> Self {
+        Asked { peer, at_ns: now_ns(), until: Instant::now() + answer_time }
+    }
+
+    /// True once it has to be answered, whatever there is to say.
+    fn is_late(self) -> bool {
+        Instant::now() >= self.until
+    }
+
+    /// The same request, whose current part takes this long from now.
+    fn taking(self, time: Duration) -> Self {
+        Asked { until: Instant::now() + time, ..self }
+    }
+
+    fn pending(self, what: What) -> Step {
+        Step::Pending(Pending { what, asked: self })
+    }
+}
+
+enum What {
+    Arm(Ticket),
+    Acknowledge(Ticket),
+    Disarm,
+    Reading(Reading),
+    Following(Following),
+    Change(Change),
+    Explore(Switching),
+    Checking(Checking),
+    Experiment(Beginning),
+}
+
+/// What comes of a request for now.
+pub enum Step {
+    /// The answer.
+    Done(Box<Reply>),
+    /// Not yet.
+    Pending(Pending),
+}
+
+impl Desk {
+    /// A desk for a daemon.
+    pub fn new(options: DeskOptions) -> Self {
+        let experiments = options.experiments.clone().map(ExperimentDesk::new);
+        Desk { options, experiments, newest: None, reading: false, working: Weak::new() }
+    }
+
+    /// Tells the person at the daemon something about the socket.
+    pub fn tell(&self, line: String) {
+        self.options.notes.note(now_ns(), EventLevel::Warning, "socket", line);
+    }
+
+    /// Takes in a line that a client sent.
+    pub fn begin(&mut self, line: &[u8], peer: Peer) -> Step {
+        self.refresh();
+        let ask = match serde_json::from_slice::<Ask>(line) {
+            Ok(ask) => ask,
+            Err(error) => return self.done(Err(format!("not a request: {error}"))),
+        };
+        let asked = Asked::now(peer, ask.answer_time());
+        match ask {
+            Ask::Status {} => self.done(Ok(())),
+            Ask::Policies {} => self.list_policies(),
+            _ if self.comes_between(&ask) => self.done(Err(experiments::UNDER_WAY.to_owned())),
+            Ask::Arm {} => self.begin_arming(asked),
+            Ask::Acknowledge {} => self.begin_acknowledging(asked),
+            Ask::Disarm {} => self.begin_disarming(asked),
+            Ask::Swap { name } => self.begin_swap(name, asked),
+            Ask::Rollback {} => self.roll_back(peer),
+            Ask::Model { file } => self.begin_model(file, asked),
+            Ask::Explore { switch, seed } => self.begin_exploring(switch, seed, asked),
+            Ask::Experiment { file, csv } => self.begin_experiment(&file, csv, asked),
+            Ask::Reference { file, csv } => self.begin_reference(file, csv, asked),
+        }
+    }
+
+    /// Looks whether something pending is over.
+    pub fn look(&mut self, pending: Pending) -> Step {
+        self.refresh();
+        let Pending { what, asked } = pending;
+        match what {
+            What::Arm(ticket) => self.look_at_arming(ticket, asked),
+            What::Acknowledge(ticket) => self.look_at_acknowledging(ticket, asked),
+            What::Disarm => self.look_at_disarming(asked),
+            What::Reading(reading) => self.look_at_reading(reading, asked),
+            What::Following(following) => self.look_at_following(following, asked),
+            What::Change(change) => self.look_at_change(change, asked),
+            What::Explore(switching) => self.look_at_exploring(switching, asked),
+            What::Checking(checking) => self.look_at_check(checking, asked),
+            What::Experiment(beginning) => self.look_at_beginning(beginning, asked),
+        }
+    }
+
+    /// The client has left: what the tick has not taken yet is withdrawn. A disarming stands.
+    pub fn gone(&mut self, pending: Pending) {
+        let Pending { what, asked: Asked { peer, .. } } = pending;
+        match what {
+            What::Arm(ticket) => self.leave_arming(ticket, peer),
+            What::Acknowledge(ticket) => {
+                let outcome = self.withdrawn(ticket);
+                self.record("acknowledge", peer, &outcome);
+            }
+            What::Disarm => self.record("disarm", peer, &Ok(())),
+            What::Reading(_) => {
+                self.reading = false;
+                self.record("reference", peer, &Err(LEFT.to_owned()));
+            }
+            What::Following(following) => self.leave_following(following, peer),
+            What::Change(change) => self.leave_change(&change, peer),
+            What::Explore(switching) => {
+                let outcome = self.withdrawn(switching.ticket);
+                self.record(switching.name(), peer, &outcome);
+            }
+            What::Checking(checking) => self.leave_check(&checking, peer),
+            // What a tick has taken goes on without whoever asked for it.
+            What::Experiment(beginning) => drop(self.experiment_settled(&beginning, peer)),
+        }
+    }
+
+    /// Asks the tick, which takes it in time or not at all.
+    fn ask_tick(&self, request: Request) -> Result<Ticket, String> {
+        let until_ns = now_ns().saturating_add(EFFECT_TIME.as_nanos() as u64);
+        self.options.mailbox.ask(request, until_ns).ok_or_else(|| "too many requests wait; try again".to_owned())
+    }
+
+    /// Whether a thread works on a policy, a model or an experiment.
+    fn is_working(&self) -> bool {
+        self.working.strong_count() > 0
+    }
+
+    /// What the next such thread holds.
+    fn at_work(&mut self) -> AtWork {
+        let at_work = Arc::new(());
+        self.working = Arc::downgrade(&at_work);
+        at_work
+    }
+
+    /// What becomes of a request whose client has left: withdrawn, unless a tick has taken it.
+    fn withdrawn(&self, ticket: Ticket) -> Result<(), String> {
+        if self.options.mailbox.withdraw(ticket) { Err(LEFT.to_owned()) } else { Ok(()) }
+    }
+}

@@ -1,0 +1,211 @@
+//! Another reference: as an operator asks for it, and as a configuration that was read again names it.
+//!
+//! It is read and checked on a thread of its own, and only then is the tick asked to follow it.
+
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+
+use proto::recording::EventLevel;
+use proto::reference::{Reference, ReferenceError};
+
+use super::answers::one_line;
+use super::{Asked, Desk, Step, What};
+use crate::machine::clock::now_ns;
+use crate::operator::mailbox::{Fate, Request, Ticket};
+use crate::operator::operator_protocol::{EFFECT_TIME, READ_TIME};
+use crate::operator::peer::Peer;
+use crate::operator::reference_limits::{self, Margin, too_short_to_repeat};
+use crate::reload::Reloaded;
+use crate::replay::run_file::attached;
+use crate::session::session_recorder::attachment;
+
+/// A reference that is being read.
+pub(super) struct Reading {
+    from: Receiver<Result<Reference, String>>,
+    name: String,
+}
+
+/// A reference that the tick is asked to follow.
+pub(super) struct Following {
+    ticket: Ticket,
+    name: String,
+    /// What goes into the recording once the tick has taken it.
+    csv: String,
+    identity: u64,
+}
+
+impl Desk {
+    pub(super) fn begin_reference(&mut self, file: PathBuf, csv: Option<String>, asked: Asked) -> Step {
+        if self.reading {
+            return self.over("reference", asked.peer, Err("another reference is being read; try again".to_owned()));
+        }
+        let name = file.display().to_string();
+        match read_aside(file, csv) {
+            Ok(from) => {
+                self.reading = true;
+                // Of its time the tick's part comes after reading.
+                asked.taking(READ_TIME).pending(What::Reading(Reading { from, name }))
+            }
+            Err(why) => self.over("reference", asked.peer, Err(why)),
+        }
+    }
+
+    pub(super) fn look_at_reading(&mut self, reading: Reading, asked: Asked) -> Step {
+        let late = asked.is_late();
+        match reading.from.try_recv() {
+            Ok(read) => self.reference_read(read, reading.name, asked),
+            Err(TryRecvError::Empty) if !late => asked.pending(What::Reading(reading)),
+            Err(_) => {
+                // The thread that reads may hang in a file system; its answer goes nowhere.
+                self.reading = false;
+                let why = format!("{}: it could not be read within {} ms", reading.name, READ_TIME.as_millis());
+                self.over("reference", asked.peer, Err(why))
+            }
+        }
+    }
+
+    fn reference_read(&mut self, read: Result<Reference, String>, name: String, asked: Asked) -> Step {
+        self.reading = false;
+        let checked = read.and_then(|r| match reference_limits::check(&r, &self.options.safety) {
+            Margin::Beyond(why) => Err(format!("{name}: {why}")),
+            Margin::Close(_) | Margin::Wide => Ok(r),
+        });
+        let checked = checked.and_then(|r| match too_short_to_repeat(&r, &self.options.reference) {
+            Some(why) => Err(format!("{name}: {why}")),
+            None => Ok(r),
+        });
+        let reference = match checked {
+            Ok(reference) => reference,
+            Err(why) => {
+                self.record("reference", asked.peer, &Err(why.clone()));
+                let mut reply = self.reply(Err(why));
+                reply.bad_input = true;
+                return Step::Done(Box::new(reply));
+            }
+        };
+        let (csv, identity) = (reference.to_csv(), reference.identity());
+        match self.ask_tick(Request::Reference(Box::new(reference))) {
+            Ok(ticket) => asked.taking(EFFECT_TIME).pending(What::Following(Following { ticket, name, csv, identity })),
+            Err(why) => self.over("reference", asked.peer, Err(why)),
+        }
+    }
+
+    pub(super) fn look_at_following(&mut self, following: Following, asked: Asked) -> Step {
+        let late = asked.is_late();
+        let fate = self.options.mailbox.fate(following.ticket);
+        if fate == Fate::Waiting && !late {
+            return asked.pending(What::Following(following));
+        }
+        let what = format!("reference {}", following.name);
+        if fate == Fate::Taken || (fate == Fate::Waiting && !self.options.mailbox.withdraw(following.ticket)) {
+            self.reference_taken(&following.name, following.csv, following.identity);
+            return self.over(&what, asked.peer, Ok(()));
+        }
+        let why = format!("no tick took it; {}", self.no_session());
+        self.over(&what, asked.peer, Err(why))
+    }
+
+    /// The client that asked for a reference has left.
+    pub(super) fn leave_following(&mut self, following: Following, peer: Peer) {
+        let outcome = self.withdrawn(following.ticket);
+        let what = format!("reference {}", following.name);
+        if outcome.is_ok() {
+            self.reference_taken(&following.name, following.csv, following.identity);
+        }
+        self.record(&what, peer, &outcome);
+    }
+
+    /// Takes over the references of configurations that were read again; never while the rig is controlled.
+    pub fn take_reloads(&mut self) {
+        while let Ok(Reloaded { config, reference }) = self.options.reloads.try_recv() {
+            self.refresh();
+            let (Some(reference), Some(file)) = (reference, config.reference.file) else { continue };
+            let (name, identity) = (file.display().to_string(), reference.identity());
+            if self.options.followed == Some(identity) && self.options.running.reference == one_line(&name) {
+                continue;
+            }
+            let runs = self.live_status().is_some_and(|s| s.state.is_controlling());
+            let csv = reference.to_csv();
+            let taken = !runs
+                && self.live_status().is_some()
+                && self.options.mailbox.ask(Request::Reference(Box::new(reference)), u64::MAX).is_some();
+            let text = if taken {
+                self.reference_taken(&name, csv, identity);
+                format!("reference {name} taken over")
+            } else {
+                format!(
+                    "reference {name} not taken over: that needs a session and a rig that is not controlled; `controller reference {name}` does it at any time"
+                )
+            };
+            self.options.notes.note(now_ns(), EventLevel::Info, "reload", text);
+        }
+    }
+
+    /// The tick follows another reference: those who ask are told, and the recording holds it.
+    fn reference_taken(&mut self, name: &str, csv: String, identity: u64) {
+        self.options.running.reference = one_line(name);
+        self.options.followed = Some(identity);
+        self.options.notes.attach(attachment(attached::REFERENCE, "text/csv", csv));
+    }
+}
+
+/// Reads and checks a reference on a thread of its own: a file system that hangs holds nobody else.
+fn read_aside(file: PathBuf, csv: Option<String>) -> Result<Receiver<Result<Reference, String>>, String> {
+    let (answer, from) = channel();
+    let work = move || {
+        let name = file.display().to_string();
+        let read = match csv {
+            // The text is the client's own, so it may be quoted back.
+            Some(text) => Reference::parse(&name, text.as_bytes()).map_err(|e| e.to_string()),
+            None => Reference::read(&file).map_err(|error| without_cells(&file, &error)),
+        };
+        // Who asked may have gone.
+        let _ = answer.send(read);
+    };
+    std::thread::Builder::new()
+        .name("reference".to_owned())
+        .spawn(work)
+        .map_err(|e| format!("no thread can be started to read it: {e}"))?;
+    Ok(from)
+}
+
+/// What is wrong with a file that the daemon read with rights of its own: where, never what stands there.
+fn without_cells(file: &Path, error: &ReferenceError) -> String {
+    if let ReferenceError::Read { .. } = error {
+        return error.to_string();
+    }
+    let name = file.display().to_string();
+    let text = error.to_string();
+    let place = text
+        .strip_prefix(&format!("{name}: "))
+        .and_then(|rest| rest.split_once(": "))
+        .map(|(place, _)| place)
+        .filter(|place| place.starts_with("line "));
+    // `line 3, column 2 (name)`: the name comes out of the file, too.
+    let place = place.and_then(|place| place.split(" (").next()).map(|place| format!(", {place}")).unwrap_or_default();
+    format!("{name}{place}: no reference that can be followed; needed is CSV with time_s,ref_pos_kpa,ref_neg_kpa")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_of_somebody_else_is_not_read_out() {
+        let folder = std::env::temp_dir().join(format!("desk-cells-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        for (text, place) in [
+            ("root:$6$secret:19000:0:99999:7:::\n", ""),
+            ("secret,other\n1,2\n", ""),
+            ("time_s,ref_pos_kpa,ref_neg_kpa\n0,secret,-70\n", "line 2, column 2"),
+            ("secret;x;y\n1;2;3\n", ""),
+            ("time_s,secret,secret\n0,1,2\n", ""),
+        ] {
+            let file = folder.join("shadow");
+            std::fs::write(&file, text).unwrap();
+            let said = without_cells(&file, &Reference::read(&file).unwrap_err());
+            assert!(!said.contains("secret") && said.contains(place) && !said.contains('\n'), "{said}");
+        }
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+}

@@ -1,0 +1,468 @@
+//! The TCP link to the cRIO: connect, open a session, receive until a deadline, send in one write.
+//!
+//! The socket never blocks: waiting is done by `ppoll`, which keeps nanosecond deadlines (a socket's own
+//! receive time-out has the grain of the kernel's timer), and a send that would block means the cRIO has
+//! stopped reading, which is a lost link, not a reason to wait.
+
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::io::{self, Write};
+use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
+use std::time::Duration;
+
+use monitor::{FrameGate, Pacing, Rejection};
+use proto::wire::{
+    Bye, ByeReason, Frame, FrameReader, Hello, HelloRefusal, RawFrame, Sense, SequenceCounter, WireError,
+};
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::time::Timespec;
+use socket2::{Domain, Protocol, SockRef, Socket, TcpKeepalive, Type};
+use supervisor::Condition;
+
+use crate::machine::clock::now_ns;
+
+/// How long connecting and each answer of the handshake may take.
+const HANDSHAKE: Duration = Duration::from_millis(1000);
+/// Bytes taken in one tick: a thousand readings, twenty seconds of a machine that stood still. More is a flood.
+const MOST_BYTES: usize = 64 * 1024;
+/// Room for commands that the cRIO has not read yet, in bytes; the kernel doubles it. A second or two of them, so that a
+/// cRIO that stopped reading is noticed.
+const SEND_BUFFER: usize = 4096;
+/// The daemon's name in HELLO.
+const NAME: &str = "controller";
+
+/// Why there is no session.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// The address has no host, or the name is not known.
+    #[error("{address}: {source}; check link.address")]
+    Resolve {
+        /// As configured.
+        address: String,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// Nobody answers there.
+    #[error("{address}: {source}; is the cRIO on and its program running?")]
+    Connect {
+        /// As configured.
+        address: String,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The link broke during the handshake.
+    #[error("{address}: the link broke during the handshake: {source}")]
+    Broken {
+        /// As configured.
+        address: String,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// No HELLO came back.
+    #[error("{address}: connected, but no HELLO came back within 1 s; is another program listening there?")]
+    Silent {
+        /// As configured.
+        address: String,
+    },
+    /// The bytes are no frames.
+    #[error("{address}: {error}")]
+    Wire {
+        /// As configured.
+        address: String,
+        /// What is wrong.
+        error: WireError,
+    },
+    /// The HELLO that came back cannot open a session.
+    #[error("{address}: {refusal}")]
+    Refused {
+        /// As configured.
+        address: String,
+        /// Why.
+        refusal: HelloRefusal,
+    },
+    /// The cRIO answered with another session.
+    #[error("{address}: the cRIO answered session {found:08X} instead of {sent:08X}")]
+    Session {
+        /// As configured.
+        address: String,
+        /// What was asked for.
+        sent: u32,
+        /// What came back.
+        found: u32,
+    },
+    /// The cRIO said BYE.
+    #[error("{address}: the cRIO said BYE: {reason}")]
+    Bye {
+        /// As configured.
+        address: String,
+        /// Why.
+        reason: ByeReason,
+    },
+}
+
+/// What waiting for a frame brought.
+#[derive(Debug, Clone, Copy)]
+pub enum Incoming {
+    /// The newest reading.
+    Sense {
+        /// The frame.
+        sense: Sense,
+        /// Its bytes.
+        raw: RawFrame,
+        /// When it was in hand.
+        at_ns: u64,
+    },
+    /// The deadline passed.
+    Timeout,
+    /// The link is gone, or must be closed.
+    Lost(Broken),
+}
+
+/// Why a link is gone or must be closed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Broken {
+    /// The condition.
+    pub condition: Condition,
+    /// The number behind it; of a lost link the system's error, 0 where the cRIO closed it, minus the seconds of a silence.
+    pub value: f64,
+}
+
+impl Broken {
+    fn because(condition: Condition, value: f64) -> Self {
+        Broken { condition, value }
+    }
+
+    /// A cRIO that has said nothing for so long.
+    pub fn silent(ns: u64) -> Self {
+        Broken { condition: Condition::LinkLost, value: -(ns as f64) * 1e-9 }
+    }
+
+    /// Reason of the BYE that is said before closing.
+    pub fn bye_reason(self) -> ByeReason {
+        match self.condition {
+            Condition::VersionWrong => ByeReason::Version,
+            Condition::LinkLost | Condition::PeerLeft => ByeReason::Normal,
+            _ => ByeReason::ProtocolError,
+        }
+    }
+}
+
+/// A sound frame that a cRIO has no reason to send within a session.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Misplaced {
+    /// It greets again, as a program does that has begun anew.
+    Hello,
+    /// It commands.
+    Command,
+    /// Its reading belongs to another session.
+    Sense {
+        /// Which.
+        session: u32,
+    },
+}
+
+impl Misplaced {
+    /// Code and number as events carry them.
+    pub(crate) fn numbers(self) -> [f64; 2] {
+        match self {
+            Misplaced::Hello => [1.0, 0.0],
+            Misplaced::Command => [3.0, 0.0],
+            Misplaced::Sense { session } => [2.0, f64::from(session)],
+        }
+    }
+
+    /// What a person is told about the frame with these numbers.
+    pub(crate) fn text([code, number]: [f64; 2]) -> String {
+        match code as u8 {
+            1 => "a HELLO in the middle of the session; has the cRIO's program begun anew?".to_owned(),
+            3 => "a COMMAND, which only the daemon sends; is something else connected?".to_owned(),
+            _ => format!("a SENSE of session {:08X}, which is not this one", number as u32),
+        }
+    }
+}
+
+/// A frame did not go out whole: the link is lost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NotSent;
+
+/// An open session.
+pub struct Link {
+    socket: TcpStream,
+    reader: FrameReader,
+    sequence: SequenceCounter,
+    session: u32,
+    gate: FrameGate,
+    damaged: u64,
+    misplaced: Option<Misplaced>,
+    rejected: Option<Rejection>,
+    /// Bytes taken since the last reading was asked for.
+    taken: usize,
+    /// Time by which the last wait for a reading ended later than was asked for, in ns.
+    overslept_ns: u64,
+}
+
+impl Link {
+    /// Connects and opens a session with a fresh random number.
+    ///
+    /// # Errors
+    /// Why not, in one line that names the address.
+    ///
+    /// # Real-time
+    /// Not for the tick: it waits and allocates.
+    pub fn open(address: &str, pacing: Pacing) -> Result<Self, LinkError> {
+        let socket = connect(address)?;
+        let mut link = Link {
+            socket,
+            reader: FrameReader::new(),
+            sequence: SequenceCounter::new(),
+            session: fresh_session(),
+            gate: FrameGate::new(pacing),
+            damaged: 0,
+            misplaced: None,
+            rejected: None,
+            taken: 0,
+            overslept_ns: 0,
+        };
+        let hello = Hello::new(link.sequence.advance(), now_ns(), link.session, NAME);
+        let broken = |source| LinkError::Broken { address: address.to_owned(), source };
+        link.socket.write_all(&hello.encode()).map_err(broken)?;
+        let until = now_ns() + HANDSHAKE.as_nanos() as u64;
+        loop {
+            match link.reader.next_frame() {
+                Ok(Some(received)) => match received.frame {
+                    Frame::Hello(hello) => {
+                        hello.check().map_err(|refusal| {
+                            link.bye(refusal.bye_reason());
+                            LinkError::Refused { address: address.to_owned(), refusal }
+                        })?;
+                        if hello.session != link.session {
+                            link.bye(ByeReason::ProtocolError);
+                            return Err(LinkError::Session {
+                                address: address.to_owned(),
+                                sent: link.session,
+                                found: hello.session,
+                            });
+                        }
+                        return Ok(link);
+                    }
+                    Frame::Bye(bye) => return Err(LinkError::Bye { address: address.to_owned(), reason: bye.reason }),
+                    // Readings of an older session may still be on their way.
+                    Frame::Sense(_) | Frame::Command(_) => {}
+                },
+                Ok(None) => {
+                    if !link.wait(Some(until)) {
+                        return Err(LinkError::Silent { address: address.to_owned() });
+                    }
+                    if link.reader.read_from(&mut link.socket).map_err(broken)? == 0 {
+                        return Err(broken(io::ErrorKind::UnexpectedEof.into()));
+                    }
+                }
+                Err(damage) if damage.is_fatal() => {
+                    let reason = if matches!(damage.error, WireError::Version { .. }) {
+                        ByeReason::Version
+                    } else {
+                        ByeReason::ProtocolError
+                    };
+                    link.bye(reason);
+                    return Err(LinkError::Wire { address: address.to_owned(), error: damage.error });
+                }
+                Err(_) => {}
+            }
+        }
+    }
+
+    /// The session's number.
+    pub fn session(&self) -> u32 {
+        self.session
+    }
+
+    /// A frame since the last call that did not count because its numbering cannot be right.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn take_rejection(&mut self) -> Option<Rejection> {
+        self.rejected.take()
+    }
+
+    /// Whether the cRIO samples at another rate, with the rate in Hz.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn wrong_rate(&self) -> Option<(Condition, f64)> {
+        self.gate.wrong_rate()
+    }
+
+    /// The newest frame since the last call that had no place in the session, however sound it was.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn take_misplaced(&mut self) -> Option<Misplaced> {
+        self.misplaced.take()
+    }
+
+    /// Frames dropped as damaged, or of a kind or session that has no place here.
+    pub fn damaged(&self) -> u64 {
+        self.damaged
+    }
+
+    /// Waits for the newest reading until `until_ns` on the monotonic clock (`None`: for ever).
+    ///
+    /// What has already come is taken first, so a late wake-up of this thread loses nothing.
+    ///
+    /// # Real-time
+    /// Runs in the tick: waits no longer than asked, takes no more than a bounded number of bytes, allocates nothing.
+    pub fn receive(&mut self, until_ns: Option<u64>) -> Incoming {
+        self.taken = 0;
+        self.overslept_ns = 0;
+        loop {
+            match self.newest() {
+                Ok(Some((sense, raw))) => return Incoming::Sense { sense, raw, at_ns: now_ns() },
+                Ok(None) => {}
+                Err(broken) => return Incoming::Lost(broken),
+            }
+            let begun_ns = now_ns();
+            let has_come = self.wait(until_ns);
+            // A wait whose end had passed before it began asked for nothing.
+            let late_ns = until_ns.map_or(0, |until| now_ns().saturating_sub(until.max(begun_ns)));
+            self.overslept_ns = self.overslept_ns.max(late_ns);
+            if !has_come {
+                return Incoming::Timeout;
+            }
+        }
+    }
+
+    /// Time by which this thread came back later from its last wait for a reading than it had asked to, in ns: it stood still.
+    pub fn overslept_ns(&self) -> u64 {
+        self.overslept_ns
+    }
+
+    /// Sends a frame in one write.
+    ///
+    /// # Errors
+    /// If it could not go out whole at once: the link is lost.
+    ///
+    /// # Real-time
+    /// Runs in the tick: one system call that does not wait.
+    pub fn send(&mut self, frame: &[u8]) -> Result<(), NotSent> {
+        match self.socket.write(frame) {
+            Ok(sent) if sent == frame.len() => Ok(()),
+            _ => Err(NotSent),
+        }
+    }
+
+    /// The next sequence number of our direction.
+    pub fn next_sequence(&mut self) -> u32 {
+        self.sequence.advance()
+    }
+
+    /// Says BYE; whether it arrives matters no more.
+    pub fn bye(&mut self, reason: ByeReason) {
+        let bye = Bye { sequence: self.sequence.advance(), clock_ns: now_ns(), session: self.session, reason };
+        let _ = self.send(&bye.encode());
+    }
+
+    /// Takes everything that has come and answers the newest reading in it.
+    fn newest(&mut self) -> Result<Option<(Sense, RawFrame)>, Broken> {
+        let mut newest = None;
+        loop {
+            match self.reader.next_frame() {
+                Ok(Some(received)) => match received.frame {
+                    Frame::Sense(sense) if sense.session == self.session => match self.gate.judge(&sense, now_ns()) {
+                        Ok(()) => newest = Some((sense, received.raw)),
+                        Err(rejection) => self.rejected = Some(rejection),
+                    },
+                    Frame::Bye(bye) => {
+                        return Err(Broken::because(Condition::PeerLeft, f64::from(bye.reason.code())));
+                    }
+                    Frame::Sense(sense) => self.misplace(Misplaced::Sense { session: sense.session }),
+                    Frame::Hello(_) => self.misplace(Misplaced::Hello),
+                    Frame::Command(_) => self.misplace(Misplaced::Command),
+                },
+                Ok(None) => {
+                    if self.taken > MOST_BYTES {
+                        return Err(Broken::because(Condition::LinkFlooded, self.taken as f64));
+                    }
+                    match self.reader.read_from(&mut self.socket) {
+                        Ok(0) => {
+                            return newest
+                                .map_or(Err(Broken::because(Condition::LinkLost, 0.0)), |newest| Ok(Some(newest)));
+                        }
+                        Ok(bytes) => self.taken += bytes,
+                        Err(e) if e.kind() == io::ErrorKind::WouldBlock => return Ok(newest),
+                        Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                        Err(e) => {
+                            let errno = e.raw_os_error().unwrap_or(0);
+                            return Err(Broken::because(Condition::LinkLost, f64::from(errno)));
+                        }
+                    }
+                }
+                Err(damage) if damage.is_fatal() => return Err(broken_stream(damage.error)),
+                Err(_) => self.damaged += 1,
+            }
+        }
+    }
+
+    fn misplace(&mut self, what: Misplaced) {
+        self.damaged += 1;
+        self.misplaced = Some(what);
+    }
+
+    /// Waits until there is something to read; `false` at the deadline.
+    fn wait(&self, until_ns: Option<u64>) -> bool {
+        loop {
+            let left = until_ns.map(|until| until.saturating_sub(now_ns()));
+            let timeout =
+                left.map(|ns| Timespec { tv_sec: (ns / 1_000_000_000) as i64, tv_nsec: (ns % 1_000_000_000) as _ });
+            let mut fds = [PollFd::new(&self.socket, PollFlags::IN)];
+            match poll(&mut fds, timeout.as_ref()) {
+                Ok(0) => return false,
+                Err(rustix::io::Errno::INTR) if left != Some(0) => {}
+                // An error of the socket itself is found by the read that follows.
+                _ => return true,
+            }
+        }
+    }
+}
+
+fn broken_stream(error: WireError) -> Broken {
+    match error {
+        WireError::Version { found, .. } => Broken::because(Condition::VersionWrong, f64::from(found)),
+        WireError::Magic { header } => {
+            let first = header.as_bytes().iter().take(4).fold(0u32, |word, byte| (word << 8) | u32::from(*byte));
+            Broken::because(Condition::StreamBroken, f64::from(first))
+        }
+        _ => Broken::because(Condition::StreamBroken, f64::from(proto::wire::MAGIC)),
+    }
+}
+
+fn connect(address: &str) -> Result<TcpStream, LinkError> {
+    let resolve = |source| LinkError::Resolve { address: address.to_owned(), source };
+    let addresses: Vec<SocketAddr> = address.to_socket_addrs().map_err(resolve)?.collect();
+    let mut last = io::Error::from(io::ErrorKind::AddrNotAvailable);
+    for candidate in addresses {
+        match connect_to(candidate) {
+            Ok(stream) => return Ok(stream),
+            Err(error) => last = error,
+        }
+    }
+    Err(LinkError::Connect { address: address.to_owned(), source: last })
+}
+
+fn connect_to(address: SocketAddr) -> io::Result<TcpStream> {
+    let socket = Socket::new(Domain::for_address(address), Type::STREAM, Some(Protocol::TCP))?;
+    socket.connect_timeout(&address.into(), HANDSHAKE)?;
+    // With Nagle's algorithm on, a frame can wait 40 ms for an acknowledgement.
+    socket.set_tcp_nodelay(true)?;
+    socket.set_send_buffer_size(SEND_BUFFER)?;
+    let stream: TcpStream = socket.into();
+    // A cRIO that lost its power says nothing; without probes the link would look alive for hours.
+    let keepalive = TcpKeepalive::new().with_time(Duration::from_secs(1)).with_interval(Duration::from_secs(1));
+    SockRef::from(&stream).set_tcp_keepalive(&keepalive)?;
+    stream.set_nonblocking(true)?;
+    Ok(stream)
+}
+
+/// A session number that is random and not zero; the hasher's keys come from the system's random numbers.
+fn fresh_session() -> u32 {
+    let hash = RandomState::new().build_hasher().finish();
+    ((hash ^ (hash >> 32)) as u32).max(1)
+}

@@ -1,0 +1,491 @@
+//! A run with its recording: threads started, signals and the disk watched, everything ended in order and in bounded time.
+//!
+//! | thread | does |
+//! | --- | --- |
+//! | `tick` | the loop of [`crate::session`]; real-time |
+//! | `rec` | recording, figures ([`flight::Recorder`]) |
+//! | `guard` | watches the tick, beats systemd's watchdog ([`crate::machine::guard`]) |
+//! | `ctl` | the Unix socket ([`crate::operator::socket`]) |
+//! | `console` | prints ([`crate::operator::console`]) |
+//! | main | signals, a disk that does not answer |
+
+use std::collections::{BTreeMap, HashSet};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use flight::recorder::Observer;
+use flight::{Destination, Event, Noter, Recorded, Recorder, RecorderOptions, RecordingSummary, Retention};
+use handover::ExplorationRules;
+use policy_store::{KeepOrder, Voices};
+use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo, VERDICT, rfc3339};
+
+use crate::config::{Config, Pacing};
+use crate::cycle::Cycle;
+use crate::cycle::duty_source::DutySource;
+use crate::experiment::experiment_log::{ExperimentLog, LogSettings};
+use crate::experiment::open_loop_playback::OpenLoopPlayback;
+use crate::machine::clock::now_ns;
+use crate::machine::guard::{self, OnSilence, Pulse};
+use crate::machine::realtime::lock_memory;
+use crate::machine::signals::{Order, Signals};
+use crate::machine::systemd::Notifier;
+use crate::operator::console::notice;
+use crate::operator::desk::DeskOptions;
+use crate::operator::mailbox::{Status, mailbox};
+use crate::operator::operator_protocol::Running;
+use crate::operator::socket::{May, SocketError, check_free, serve};
+use crate::policy_service::{PolicyHandle, ServiceError};
+use crate::reload::{ReloadError, Reloaded, needs_restart, read_aside};
+use crate::replay::run_file::attached;
+use crate::session::attribution::StolenTime;
+use crate::session::link::LinkError;
+use crate::session::live_stream::{self, StreamError};
+use crate::session::run_length::RunLength;
+use crate::session::{Session, run_session};
+
+/// Between two looks of the main thread.
+const LOOK: Duration = Duration::from_millis(20);
+/// How long the tick's thread may take to end: it looks at its orders ten times a second, but a name that is being
+/// resolved or a cRIO that is being connected to holds it longer.
+const TICK_END: Duration = Duration::from_secs(3);
+/// Age from which a status no longer tells what is, in real time: twelve ticks.
+const STALE: Duration = Duration::from_millis(250);
+/// And in lockstep, where the cRIO may be a slow simulation.
+const STALE_LOCKSTEP: Duration = Duration::from_secs(1);
+/// Stems of all recordings that the daemon makes.
+const STEMS: [&str; 3] = ["run", EXPERIMENT_STEM, "flight"];
+/// Stem of recordings of experiments.
+pub(crate) const EXPERIMENT_STEM: &str = "experiment";
+
+/// Program and version, as recordings and reports name it.
+pub const PROGRAM: &str = concat!("controller ", env!("CARGO_PKG_VERSION"));
+
+/// Why a flight cannot start or was not recorded well.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// The recording cannot be made.
+    #[error(transparent)]
+    Record(#[from] flight::RecordError),
+    /// There is too little room, and nobody who could be asked.
+    #[error("{}: only {free_mib} MiB free, record.min_free_mib = {min_mib}; make room: with control.auto_arm nothing runs unrecorded", .directory.display())]
+    NoRoom {
+        /// The folder.
+        directory: PathBuf,
+        /// What is free (MiB).
+        free_mib: u64,
+        /// What is needed (MiB).
+        min_mib: u64,
+    },
+    /// The tick's thread does not end.
+    #[error("the tick's thread did not end within {} s (the cRIO's name may not resolve); the cRIO vents by its time to live", TICK_END.as_secs())]
+    Hung,
+    /// The folder for recordings cannot be made.
+    #[error("{}: cannot be used for recordings: {source}; set record.directory to a folder that can be written", .directory.display())]
+    Directory {
+        /// The folder.
+        directory: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The operator's socket cannot be made.
+    #[error(transparent)]
+    Socket(#[from] SocketError),
+    /// The socket for live viewers cannot be made.
+    #[error(transparent)]
+    Stream(#[from] StreamError),
+    /// There is no link, for a flight that does not wait for one.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// The watched directory cannot be served.
+    #[error(transparent)]
+    Policies(#[from] ServiceError),
+    /// A thread or signal handler cannot be set up.
+    #[error("cannot start: {0}")]
+    System(#[from] std::io::Error),
+    /// The tick's thread ended by a panic.
+    #[error("the tick's thread stopped by itself; this is a bug in this program, and the cRIO has vented")]
+    Died,
+}
+
+/// What a run leaves in its recording, and who sees and ends it.
+pub struct SessionRecorder {
+    /// Where the recording goes; by default files named after the time in the configured folder.
+    pub file: Option<PathBuf>,
+    /// How such files' names begin.
+    pub stem: &'static str,
+    /// The policy's name and hash, where one runs.
+    pub policy: Option<(String, String)>,
+    /// What the recording says about itself, by name.
+    pub extra: Vec<(String, String)>,
+    /// Files that go into the recording.
+    pub attachments: Vec<Attachment>,
+    /// What a person should know at the start.
+    pub remarks: Vec<String>,
+    /// Words for events.
+    pub event_text: fn(&Event) -> String,
+    /// What an operator may do; `None`: there is no socket.
+    pub operator: Option<May>,
+    /// What the daemon runs with, for those who ask.
+    pub running: Running,
+    /// Identity of the reference that is followed, where there is one.
+    pub followed: Option<u64>,
+    /// Starts what serves policies and models beside the tick; `None`: nothing does.
+    pub policies: Option<StartPolicies>,
+    /// The configuration file, to be read again on `SIGHUP`.
+    pub config_file: Option<PathBuf>,
+    /// Sees every tick and event, in the recorder's thread.
+    pub observer: Observer,
+    /// Set to end the run; signals set it too.
+    pub stop: Arc<AtomicBool>,
+    /// How long the run lasts.
+    pub length: RunLength,
+}
+
+/// Starts the service of policies, given where it speaks and what ends it.
+pub type StartPolicies = Box<dyn FnOnce(Voices, Arc<AtomicBool>) -> Result<PolicyHandle, ServiceError>>;
+
+/// A file of text for [`SessionRecorder::attachments`].
+pub fn attachment(name: &str, media_type: &str, data: impl Into<Vec<u8>>) -> Attachment {
+    Attachment { name: name.to_owned(), media_type: media_type.to_owned(), data: data.into() }
+}
+
+/// Runs a cycle to its end and records it.
+///
+/// # Errors
+/// Why it cannot start, or what was lost at the end.
+pub fn fly_recorded<H: DutySource + 'static>(
+    config: &Config,
+    cycle: Cycle<H>,
+    logbook: SessionRecorder,
+) -> Result<(RecordingSummary, Cycle<H>), SessionError> {
+    let stop = Arc::clone(&logbook.stop);
+    let signals = Signals::install(&stop)?;
+    // Before anything is made: a second daemon leaves nothing behind.
+    if logbook.operator.is_some() {
+        check_free(&config.control.socket)?;
+    }
+    let SessionRecorder {
+        file,
+        stem,
+        attachments,
+        remarks,
+        event_text,
+        operator,
+        running,
+        policies,
+        config_file,
+        observer,
+        ..
+    } = logbook;
+    let mut info = RecordingInfo::new(PROGRAM, now_ns());
+    info.log_time = if config.link.pacing == Pacing::Lockstep { LogTime::Tick } else { LogTime::Arrival };
+    info.policy = logbook.policy;
+    info.extra.extend(logbook.extra);
+    let live = match operator {
+        Some(_) => Some(live_stream::serve(&config.control.socket, about(&info), Arc::clone(&stop))?),
+        None => None,
+    };
+    let (tap, live) = live.map_or((None, None), |(tap, live)| (Some(tap), Some(live)));
+    let experiments = (operator == Some(May::Fly) && policies.is_some()).then(|| {
+        let config_file = attachments.iter().find(|file| file.name == attached::CONFIG).cloned();
+        let destination = destination(config, EXPERIMENT_STEM);
+        ExperimentLog::new(LogSettings { destination, log_time: info.log_time, config: config_file })
+    });
+    let viewers = tap.clone();
+    let mut observer = observer;
+    let elsewhere = experiments.clone();
+    let observer = move |recorded: Recorded<'_>| {
+        if let Some(experiments) = &elsewhere {
+            experiments.pass(recorded);
+        }
+        if let Some(tap) = &tap {
+            tap.pass(recorded);
+        }
+        observer(recorded);
+    };
+    let options = RecorderOptions::new(event_text).observer(observer);
+    let (recorder, sink) = match &file {
+        Some(file) => Recorder::start(file, &info, &attachments, options)?,
+        None => {
+            let destination = destination(config, stem);
+            check_folder(&destination, config)?;
+            Recorder::start_in(destination, &info, &attachments, options)?
+        }
+    };
+    let memory = lock_memory();
+    for remark in remarks {
+        recorder.note(now_ns(), EventLevel::Warning, "start", remark);
+    }
+    let noter = recorder.noter();
+    let policies = policies
+        .map(|start| {
+            let say = Box::new(move |text| noter.note(now_ns(), EventLevel::Info, "policies", text));
+            let show = Box::new(move |json| {
+                if let Some(tap) = &viewers {
+                    tap.policies(json);
+                }
+            });
+            start(Voices { say, show, keep: keeping(recorder.noter()) }, Arc::clone(&stop))
+        })
+        .transpose()?;
+    let (mailbox, desk) = mailbox();
+    let (reloads, inbox) = channel();
+    let desk_options = |may| DeskOptions {
+        mailbox: desk.clone(),
+        safety: config.safety,
+        reference: config.reference.clone(),
+        health: recorder.health(),
+        notes: recorder.noter(),
+        may,
+        running: running.clone(),
+        followed: logbook.followed,
+        policies: policies.clone(),
+        experiments: experiments.clone(),
+        exploration: ExplorationRules {
+            seed: 0,
+            std_share: config.policy.exploration_std,
+            most_duty: config.policy.exploration_max_duty,
+        },
+        stale: if config.link.pacing == Pacing::Lockstep { STALE_LOCKSTEP } else { STALE },
+        reloads: inbox,
+    };
+    let served = operator.map(|may| serve(&config.control.socket, desk_options(may), Arc::clone(&stop))).transpose()?;
+    let speaker = recorder.noter();
+    let say = Box::new(move |text: String| speaker.note(now_ns(), EventLevel::Warning, "link", text));
+    let pulse = Arc::new(Pulse::default());
+    let guard = watch_tick(config, operator, &pulse, &stop, recorder.noter())?;
+    let session = Session {
+        config: config.clone(),
+        cycle,
+        sink,
+        mailbox,
+        stop: Arc::clone(&stop),
+        length: logbook.length,
+        inputs: 0,
+        say,
+        pulse,
+        stolen: StolenTime::open(),
+        memory,
+        status: Status::default(),
+    };
+    let thread = std::thread::Builder::new().name("tick".to_owned()).spawn(move || run_session(session))?;
+    let mut watch =
+        Watch { signals, config, stem, recorder: &recorder, config_file, reloads, reading: None, stalled: false };
+    watch.until_over(&thread, &stop);
+    let mut flown = thread.is_finished().then(|| thread.join());
+    stop.store(true, Ordering::Relaxed);
+    if let Some(served) = served {
+        served.join();
+    }
+    if let Some(guard) = guard {
+        // It sleeps for 30 ms at most between two looks at the stop flag.
+        let _ = guard.join();
+    }
+    if let Some(Ok(Ok(cycle))) = &flown
+        && let Some((level, text)) = cycle.duty_source().verdict()
+    {
+        recorder.note(now_ns(), level, VERDICT, text);
+    }
+    let summary = recorder.finish();
+    if let Some(experiments) = &experiments {
+        // Where one was being played, its recording ends here, too; where one is being finished, that is waited for.
+        let cycle = flown.as_mut().and_then(|flown| flown.as_mut().ok()?.as_mut().ok());
+        experiments.close(cycle.map_or_else(|| unfinished(None), |cycle| unfinished(cycle.end_experiment())));
+    }
+    if let Some(live) = live {
+        live.join();
+    }
+    let cycle = flown.ok_or(SessionError::Hung)?.map_err(|_| SessionError::Died)?;
+    let summary = summary?;
+    if cycle.is_err() && summary.ticks == 0 && !summary.files.is_empty() {
+        // There was no link: an empty recording would only puzzle whoever finds it.
+        let _ = std::fs::remove_file(&summary.path);
+    }
+    Ok((summary, cycle?))
+}
+
+/// The last line of an experiment that the end of the run cut short.
+fn unfinished(playback: Option<Box<OpenLoopPlayback>>) -> (EventLevel, String) {
+    let unknown = || (EventLevel::Error, "EXPERIMENT ABORTED: the daemon ended".to_owned());
+    playback.map_or_else(unknown, |playback| playback.ending())
+}
+
+/// Puts each order to the tick into the recording, and each policy that comes into it that way once.
+fn keeping(notes: Noter) -> KeepOrder {
+    let mut known = HashSet::new();
+    Box::new(move |order, policy| {
+        if let Some(bytes) = policy
+            && known.insert(policy::hash(bytes))
+        {
+            notes.attach_once(attachment(attached::POLICY, "application/onnx", bytes.to_vec()));
+        }
+        notes.attach(attachment(attached::ORDER, "application/json", order.to_json()));
+    })
+}
+
+/// What live viewers are sent about a run.
+fn about(info: &RecordingInfo) -> BTreeMap<String, String> {
+    let mut about = info.extra.clone();
+    about.insert("program".to_owned(), info.program.clone());
+    about.insert("started".to_owned(), rfc3339(info.started));
+    if let Some((name, sha256)) = &info.policy {
+        about.insert("policy_name".to_owned(), name.clone());
+        about.insert("policy_sha256".to_owned(), sha256.clone());
+    }
+    about
+}
+
+/// Starts the guard where time is real, or where systemd waits for word; a program that an operator serves ends itself where its tick hangs.
+fn watch_tick(
+    config: &Config,
+    operator: Option<May>,
+    pulse: &Arc<Pulse>,
+    stop: &Arc<AtomicBool>,
+    notes: Noter,
+) -> std::io::Result<Option<JoinHandle<()>>> {
+    let lockstep = config.link.pacing == Pacing::Lockstep;
+    // Without a service manager nobody waits for word of a program whose ticks have no deadlines.
+    if lockstep && !Notifier::is_awaited() {
+        return Ok(None);
+    }
+    let on_silence = match operator {
+        _ if lockstep => OnSilence::Wait,
+        Some(_) => OnSilence::Abort,
+        None => OnSilence::Tell,
+    };
+    let say = Box::new(move |text: String| notes.note(now_ns(), EventLevel::Error, "guard", text));
+    guard::start(Arc::clone(pulse), on_silence, Arc::clone(stop), say).map(Some)
+}
+
+/// The folder for recordings and its limits, as configured.
+fn destination(config: &Config, stem: &'static str) -> Destination {
+    let record = &config.record;
+    Destination {
+        directory: record.directory.clone(),
+        stem,
+        stems: &STEMS,
+        most_bytes: record.max_mib << 20,
+        most_time: Duration::from_secs(record.max_minutes * 60),
+        min_free_bytes: record.min_free_mib << 20,
+        retention: Retention { days: record.keep_days, bytes: record.keep_gib << 30 },
+        clock: now_ns,
+    }
+}
+
+/// Makes the folder and tries to write there; with `auto_arm`, for which nobody asks, there must be room as well.
+fn check_folder(to: &Destination, config: &Config) -> Result<(), SessionError> {
+    try_folder(&to.directory).map_err(|source| SessionError::Directory { directory: to.directory.clone(), source })?;
+    match flight::disk::free_bytes(&to.directory) {
+        Some(free) if config.control.auto_arm && free < to.min_free_bytes => Err(SessionError::NoRoom {
+            directory: to.directory.clone(),
+            free_mib: free >> 20,
+            min_mib: to.min_free_bytes >> 20,
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// Makes a folder if it is not there, and a file in it, which is removed again.
+pub(crate) fn try_folder(directory: &Path) -> std::io::Result<()> {
+    std::fs::create_dir_all(directory)?;
+    let trial = directory.join(format!(".controller-trial-{}", std::process::id()));
+    std::fs::OpenOptions::new().write(true).create_new(true).open(&trial)?;
+    std::fs::remove_file(&trial)
+}
+
+/// What the main thread looks after while the others work.
+struct Watch<'a> {
+    signals: Signals,
+    config: &'a Config,
+    stem: &'static str,
+    recorder: &'a Recorder,
+    config_file: Option<PathBuf>,
+    reloads: Sender<Reloaded>,
+    reading: Option<Receiver<Result<Reloaded, ReloadError>>>,
+    stalled: bool,
+}
+
+impl Watch<'_> {
+    /// Returns once the thread has ended, or has had its time to end.
+    fn until_over<T>(&mut self, thread: &JoinHandle<T>, stop: &AtomicBool) {
+        let mut since = None;
+        while !thread.is_finished() {
+            for order in self.signals.orders() {
+                self.carry_out(order);
+            }
+            self.reloaded();
+            self.disk();
+            if stop.load(Ordering::Relaxed) && since.get_or_insert_with(Instant::now).elapsed() > TICK_END {
+                return;
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    fn say(&self, level: EventLevel, part: &'static str, text: String) {
+        self.recorder.note(now_ns(), level, part, text);
+    }
+
+    fn carry_out(&mut self, order: Order) {
+        match (order, &self.config_file) {
+            (Order::Stop, _) => self.say(EventLevel::Info, "signal", "asked to end: vents open, goodbye".to_owned()),
+            (Order::Nothing(name), _) => {
+                self.say(EventLevel::Info, "signal", format!("{name} does nothing here; SIGTERM ends, SIGHUP reloads"));
+            }
+            (Order::Reload, None) => {
+                self.say(EventLevel::Info, "signal", "SIGHUP: there is no configuration file to read again".to_owned());
+            }
+            (Order::Reload, Some(file)) => match read_aside(file.clone()) {
+                Ok(from) => self.reading = Some(from),
+                Err(error) => self.say(EventLevel::Warning, "reload", format!("nothing was read: {error}")),
+            },
+        }
+    }
+
+    /// Takes over what was read, if something was.
+    fn reloaded(&mut self) {
+        let Some(from) = &self.reading else { return };
+        let read = match from.try_recv() {
+            Ok(read) => read,
+            Err(TryRecvError::Empty) => return,
+            Err(TryRecvError::Disconnected) => return self.reading = None,
+        };
+        self.reading = None;
+        let reloaded = match read {
+            Ok(reloaded) => reloaded,
+            Err(error) => {
+                return self.say(EventLevel::Warning, "reload", format!("{error}; the configuration stays as it was"));
+            }
+        };
+        let restart = needs_restart(self.config, &reloaded.config);
+        let mut new = destination(&reloaded.config, self.stem);
+        new.directory.clone_from(&self.config.record.directory);
+        self.recorder.redirect(new);
+        let mut text = "configuration read again: limits of recordings taken over".to_owned();
+        if !restart.is_empty() {
+            text.push_str(&format!("; changed, but needs a restart: {}", restart.join(", ")));
+        }
+        self.say(EventLevel::Info, "reload", text);
+        // The socket's thread knows whether the rig is controlled; without one nobody takes it.
+        let _ = self.reloads.send(reloaded);
+    }
+
+    /// Tells, past the recorder, that the recorder's disk does not answer.
+    fn disk(&mut self) {
+        let stalled = self.recorder.health().stalled();
+        if let (Some(time), false) = (stalled, self.stalled) {
+            notice(format_args!(
+                "the disk for recordings has not answered for {:.1} s; the rig is controlled on, nothing new is armed",
+                time.as_secs_f64()
+            ));
+        }
+        if let (None, true) = (stalled, self.stalled) {
+            self.say(EventLevel::Warning, "recorder", "the disk answers again".to_owned());
+        }
+        self.stalled = stalled.is_some();
+    }
+}
