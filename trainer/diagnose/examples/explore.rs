@@ -5,7 +5,7 @@
 use std::time::Instant;
 
 use diagnose::bench::Bench;
-use diagnose::candidate::candidates;
+use diagnose::search::candidate::candidates;
 use diagnose::search::{SearchSettings, search};
 use fit::data::Records;
 use fit::simulate::Fidelity;
@@ -56,7 +56,7 @@ fn main() {
         }
     }
     for e in &found.tried {
-        let ev = diagnose::evidence::evidence(&bench, e, &found.nominal);
+        let ev = diagnose::judge::evidence::evidence(&bench, e, &found.nominal);
         println!(
             "tried {:?} cost {:.1} rmse {:?} excess {:?} fitted {:.1} chosen {:.1}",
             e.terms.iter().map(|t| all[*t].full_name()).collect::<Vec<_>>(),

@@ -15,9 +15,9 @@ use fit::parameters::{Parameter, ParameterSet, Scatter, nominal};
 use fit::simulate::{Arcs, Fidelity, Simulator, refined_starts};
 use model::rig::Rig;
 
-use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
-use crate::much::much_kpa;
+use crate::judge::large_error::much_kpa;
+use crate::search::candidate::Candidate;
 
 pub use errors::Allowed;
 pub use explanation::Explanation;
@@ -179,7 +179,7 @@ impl<'r> Bench<'r> {
         &self.counted
     }
 
-    /// Whether errors beyond the noise by channel, in kPa, are more than a model may leave that lacks nothing ([`crate::much`]).
+    /// Whether errors beyond the noise by channel, in kPa, are more than a model may leave that lacks nothing ([`crate::judge::large_error`]).
     pub(crate) fn is_much(&self, excess_kpa: &[f64]) -> bool {
         excess_kpa.iter().zip(&self.much_kpa).any(|(kpa, much)| kpa > much)
     }

@@ -16,6 +16,8 @@
 //! Where it happened is asked of the span alone: each number of the rig is changed by itself, from a hundredth to a hundred
 //! times, and what then remains of the error tells which change is likest.
 
+pub(crate) mod changes;
+
 use std::ops::Range;
 
 use fit::data::Records;

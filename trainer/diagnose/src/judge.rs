@@ -4,19 +4,29 @@
 //! recordings as well as the best must be named as its rival; and a mechanism that only saves the priors a stretch is
 //! a reason to ask for an experiment, never to name it.
 
+pub mod added_uncertainty;
+pub mod evidence;
+pub(crate) mod implausible_parameters;
+pub(crate) mod large_error;
+pub(crate) mod range_ends;
+pub(crate) mod rejected_names;
+pub mod step_uncertainty;
+pub mod undetectable;
+pub(crate) mod undetermined;
+
 use fit::cores::side_by_side_telling;
 use fit::data::Role;
 use proto::diagnosis::Verdict;
 
 use crate::bench::{Bench, Effort, Explanation};
-use crate::candidate::{Candidate, DRIFT, is_leak};
 use crate::error::DiagnoseError;
-use crate::evidence::evidence;
-use crate::glance::Footing;
-use crate::much::UNKNOWN_KPA;
-use crate::place::volumes_at;
+use crate::judge::evidence::evidence;
+use crate::judge::large_error::UNKNOWN_KPA;
+use crate::pump::switched::{REACH_KPA, reaches_kpa, stands_somewhere};
+use crate::search::candidate::{Candidate, DRIFT, is_leak};
+use crate::search::place::volumes_at;
+use crate::search::quick_search::Footing;
 use crate::search::{Found, cost, starts, twins, with, without};
-use crate::switched::{REACH_KPA, reaches_kpa, stands_somewhere};
 
 mod alike;
 mod moved;

@@ -5,30 +5,19 @@
 //!
 //! | step | module |
 //! | --- | --- |
-//! | recordings checked, and cut where no run goes through | `recorded` |
+//! | recordings checked, cut where no run goes through, flows into closed volumes | [`recordings`] |
 //! | recordings, split, noise; fits and free runs of a rig with terms | [`mod@bench`] |
-//! | what may be missing: mechanisms at places, with priors | [`candidate`], [`place`] |
-//! | the rig's own parameters fitted; terms added, swapped, deleted | [`search`]: [`screen`], [`glance`], then fits |
-//! | whether one explanation is better, by more than chance | [`evidence`] |
-//! | what a single mechanism explains of the given rig's mismatch | [`alone`] |
+//! | what may be missing, screened; the rig's own parameters fitted; terms added, swapped, deleted | [`search`] |
 //! | where the mismatch lives; missing flows reconstructed | [`locate`] |
-//! | how the pump turned, and the answer that goes with it | `turning`, `crank`, `heard`, `answer` |
-//! | numbers at an end of their range: widened | `ends` |
-//! | a verdict and its rivals; names that do not hold after all | [`judge`], `withheld`, `untold` |
+//! | how the pump turned, when it was switched | [`pump`] |
+//! | whether an explanation is better by more than chance; a verdict and its rivals; names that do not hold; what would not show | [`judge`] |
+//! | a time span in which the rig was another one; a change that stays | [`event`] |
 //! | a term without a name | [`unknown`] |
-//! | what could be there and would not show; what numbers are off by because of it | [`hidden`], [`unnamed`] |
-//! | recordings in pieces of a few seconds | [`pieces`] |
-//! | recorded flows into closed volumes | [`closed`] |
-//! | pumps that were switched | [`switched`] |
-//! | a time span in which the rig was another one; a change that stays | [`event`], `changes` |
 //! | the experiment that tells rivals apart | [`experiment`] |
-//! | before and after; in words; where | [`figures`], `summary`, `whereabouts` |
-//! | what is still unexplained, and where; parameters nobody would believe; what to do next | `unexplained`, `axes`, `doubtful`, `next_step` |
-//! | what was found; `diagnosis.json`, `report.html` | `findings`; `files`, [`proto::diagnosis`], `page` |
+//! | before and after, in words, where; what is still unexplained; what to do next; `diagnosis.json`, `report.html` | [`report`], [`proto::diagnosis`] |
 //!
 //! No verdict is better than its recordings: what they do not tell is said, and never guessed.
 
-pub mod alone;
 // Recordings for tests are made in one place, which names this crate as its suites do.
 #[cfg(test)]
 extern crate self as diagnose;
@@ -36,50 +25,20 @@ extern crate self as diagnose;
 #[path = "../tests/made/mod.rs"]
 mod made;
 
-mod answer;
-mod axes;
 pub mod bench;
-pub mod candidate;
-mod changes;
-pub mod closed;
-mod crank;
-mod doubtful;
-mod ends;
 mod error;
 pub mod event;
-pub mod evidence;
 pub mod experiment;
-pub mod figures;
-mod files;
-mod findings;
-pub mod glance;
-mod heard;
-pub mod hidden;
-mod immovable;
 pub mod judge;
 pub mod locate;
-mod much;
-mod next_step;
-mod page;
-pub mod pieces;
-pub mod place;
-mod recorded;
+pub mod pump;
+pub mod recordings;
+pub mod report;
 mod run;
-pub mod screen;
 pub mod search;
-mod summary;
-pub mod switched;
-mod turning;
-mod unexplained;
 pub mod unknown;
-pub mod unnamed;
-pub mod unsettled;
-mod untold;
-mod whereabouts;
-mod withheld;
-mod words;
 
 pub use error::DiagnoseError;
-pub use files::{NEXT_EXPERIMENT, Outcome, check_out_dir};
 pub use proto::diagnosis::{Diagnosis, Verdict};
+pub use report::files::{NEXT_EXPERIMENT, Outcome, check_out_dir};
 pub use run::{Request, run, work_out};

@@ -7,30 +7,30 @@ use model::rig::Rig;
 use proto::diagnosis::{Diagnosis, RigKind, Verdict};
 use proto::recording::{Recording, short_name};
 
-use crate::answer::{Answer, Asked};
 use crate::bench::{Bench, Explanation};
-use crate::candidate::{Candidate, candidates, names_of, no_faster_than};
-use crate::changes::{self, changes};
-use crate::doubtful::{self, doubtful, own};
 use crate::error::DiagnoseError;
+use crate::event::changes::{self, changes};
 use crate::event::{self, Event};
 use crate::experiment::{can_be_shut_in, plan};
-use crate::figures::{Figures, figures};
-use crate::files::{Outcome, under_its_own_name};
-use crate::findings::Findings;
-use crate::glance::settled;
-use crate::hidden;
+use crate::judge::added_uncertainty::variance_beyond_noise;
+use crate::judge::implausible_parameters::{self, doubtful, own};
+use crate::judge::rejected_names::{are_leaks_too_small, objection};
+use crate::judge::step_uncertainty::variance_of_steps;
+use crate::judge::undetectable;
+use crate::judge::undetermined::unname;
 use crate::judge::{Judgement, MOVED, judge_without};
-use crate::recorded::{Recorded, without};
+use crate::pump::answer::{Answer, Asked};
+use crate::pump::switched::REACH_KPA;
+use crate::pump::turning::answered;
+use crate::recordings::checked::{Recorded, without};
+use crate::report::figures::{Figures, figures};
+use crate::report::files::{Outcome, under_its_own_name};
+use crate::report::findings::Findings;
+use crate::report::unexplained::unexplained;
+use crate::search::candidate::{Candidate, candidates, names_of, no_faster_than};
+use crate::search::quick_search::settled;
 use crate::search::{Found, SearchSettings};
-use crate::switched::REACH_KPA;
-use crate::turning::answered;
-use crate::unexplained::unexplained;
 use crate::unknown::{self, Formula, UnknownTerm, fit_unknown};
-use crate::unnamed::variance_beyond_noise;
-use crate::unsettled::variance_of_steps;
-use crate::untold::unname;
-use crate::withheld::{are_leaks_too_small, objection};
 
 /// What is asked for.
 #[derive(Debug, Clone)]
@@ -180,7 +180,7 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
         _ => under_its_own_name(turning.as_begun(&by.fitted.rig), kind, &sources(request)),
     };
     let doubtful = if kind == RigKind::AsGiven { Vec::new() } else { doubtful(&own(&by.fitted.estimates)) };
-    notes.extend(doubtful.iter().map(doubtful::in_words));
+    notes.extend(doubtful.iter().map(implausible_parameters::in_words));
     let changes = if bench.is_much(&extended.beyond_noise_kpa(&bench.sigma_kpa())) {
         changes(bench, &extended.trace)
     } else {
@@ -332,10 +332,10 @@ fn tell_what_could_hide(
     notes: &mut Vec<String>,
 ) {
     if matches!(judgement.verdict, Verdict::Adequate | Verdict::ParametersMoved | Verdict::MissingPhysics) {
-        notes.extend(hidden::in_words(searched, candidates, base));
+        notes.extend(undetectable::in_words(searched, candidates, base));
     }
     if let Some(group) = judgement.groups.iter_mut().find(|group| group.iter().any(|name| name == MOVED)) {
-        let hide = hidden::leaks_behind(searched, candidates, base);
+        let hide = undetectable::leaks_behind(searched, candidates, base);
         group.extend(hide.into_iter().filter(|name| !group.contains(name)).collect::<Vec<_>>());
     }
 }

@@ -12,14 +12,20 @@
 //! | `twin` | what was found on one side, on the other |
 //! | `terms` | which terms may stand beside which, and where their parameters lie |
 
+pub mod candidate;
+pub mod place;
+pub mod quick_search;
+pub mod screen;
+pub mod single_mechanism;
+
 use fit::simulate::Look;
 
 use crate::bench::{Bench, Effort, Explanation};
-use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
-use crate::evidence::{Bar, Evidence, evidence};
+use crate::judge::evidence::{Bar, Evidence, evidence};
 use crate::judge::{excess, explains_most, left};
-use crate::screen::Screening;
+use crate::search::candidate::Candidate;
+use crate::search::screen::Screening;
 
 mod additions;
 mod believed;

@@ -16,10 +16,10 @@ use proto::recording::PERIOD_S;
 
 use crate::bench::{Bench, Effort, Explanation};
 use crate::error::DiagnoseError;
-use crate::evidence::evidence;
+use crate::judge::evidence::evidence;
 use crate::locate::Missing;
-use crate::place::volumes_at;
-use crate::words::three;
+use crate::report::wording::three;
+use crate::search::place::volumes_at;
 
 mod dead_end;
 mod response;
@@ -185,7 +185,7 @@ fn column(bench: &Bench<'_>, base: &Explanation, axis: &Axis) -> Option<Vec<Vec<
             (0..layout.records()).map(|r| records.input(r, command).map(<[f64]>::to_vec)).collect::<Option<_>>()?
         }
         Variable::Pressure => {
-            let channel = crate::place::channel_of(bench.rig, &axis.of)?;
+            let channel = crate::search::place::channel_of(bench.rig, &axis.of)?;
             (0..layout.records())
                 .map(|r| base.trace.get(layout.channel(r, channel)).map(<[f64]>::to_vec))
                 .collect::<Option<_>>()?

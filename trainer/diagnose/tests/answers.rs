@@ -9,7 +9,7 @@
 mod made;
 
 use diagnose::bench::Bench;
-use diagnose::candidate::{Candidate, candidates};
+use diagnose::search::candidate::{Candidate, candidates};
 use diagnose::{Request, Verdict, run};
 use fit::data::Records;
 use fit::simulate::Fidelity;

@@ -5,8 +5,8 @@
 mod made;
 
 use diagnose::Verdict;
-use diagnose::candidate::candidates;
 use diagnose::judge::MOVED;
+use diagnose::search::candidate::candidates;
 use fit::data::Records;
 use made::{bench, judged, made_after, moved};
 

@@ -6,11 +6,11 @@ mod made;
 
 use diagnose::Verdict;
 use diagnose::bench::Effort;
-use diagnose::candidate::{Candidate, candidates};
 use diagnose::experiment::plan;
-use diagnose::hidden::{hidden, leaks_behind};
 use diagnose::judge::MOVED;
-use diagnose::switched::pieces;
+use diagnose::judge::undetectable::{hidden, leaks_behind};
+use diagnose::pump::switched::pieces;
+use diagnose::search::candidate::{Candidate, candidates};
 use fit::data::Records;
 use made::{bench, flown, judged, made, moved};
 use model::rig::Rig;

@@ -5,9 +5,9 @@
 mod made;
 
 use diagnose::bench::Effort;
-use diagnose::candidate::candidates;
-use diagnose::unnamed::{FORMULAS, variance_beyond_noise};
-use diagnose::unsettled::variance_of_steps;
+use diagnose::judge::added_uncertainty::{FORMULAS, variance_beyond_noise};
+use diagnose::judge::step_uncertainty::variance_of_steps;
+use diagnose::search::candidate::candidates;
 use fit::data::Records;
 use made::{bench, made, moved};
 

@@ -4,7 +4,7 @@
 
 mod made;
 
-use diagnose::candidate::candidates;
+use diagnose::search::candidate::candidates;
 use diagnose::{Diagnosis, Request, Verdict, run};
 use made::{made, made_after, moved};
 use model::rig::Rig;

@@ -4,8 +4,8 @@
 
 mod made;
 
-use diagnose::candidate::candidates;
-use diagnose::evidence::evidence;
+use diagnose::judge::evidence::evidence;
+use diagnose::search::candidate::candidates;
 use diagnose::search::{SearchSettings, search};
 use fit::data::Records;
 use made::{bench, judged, made_after, moved};

@@ -9,8 +9,8 @@ use fit::simulate::{Arcs, Simulator};
 use model::rig::{ATMOSPHERE, Rig};
 
 use crate::bench::Explanation;
-use crate::candidate::reads_wrong;
 use crate::error::DiagnoseError;
+use crate::search::candidate::reads_wrong;
 
 /// How far beyond the air a chamber may be whose vent is open, in kPa: less passes hardly anything.
 const BEYOND_KPA: f64 = 0.05;

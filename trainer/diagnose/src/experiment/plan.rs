@@ -12,8 +12,8 @@ use super::backwards::backwards;
 use super::menu::{Programme, SHUT_IN, Usage, menu};
 use super::separation::{PairSums, Predicted};
 use crate::bench::{Bench, Explanation};
-use crate::candidate::{leaks, reads_wrong};
 use crate::error::DiagnoseError;
+use crate::search::candidate::{leaks, reads_wrong};
 
 /// The longest experiment in s.
 const LONGEST_S: f64 = 120.0;

@@ -3,19 +3,19 @@
 //! Parameters that were fitted to recordings of a rig with a leak take the leak up. What then speaks for the leak is not the
 //! likelihood: it is that parameters need not be believed to be far off. So mechanisms are asked for that save the priors much,
 //! on top of the fitted parameters and, by themselves, on top of the rig as it was given; and what no more than equals the
-//! shift is asked for as well where it explains nearly all of the mismatch with one number ([`crate::alone`]), unless a pump stood in
+//! shift is asked for as well where it explains nearly all of the mismatch with one number ([`crate::search::single_mechanism`]), unless a pump stood in
 //! some recording: that shows what leaks, and nothing is left to prudence.
 
 use proto::diagnosis::Verdict;
 
 use super::{FLOOR_KPA, Judgement, MOVED, TIE, excess, is_rival};
-use crate::alone::{ByThemselves, by_themselves};
 use crate::bench::{Bench, Explanation};
-use crate::candidate::{Candidate, is_leak};
 use crate::error::DiagnoseError;
-use crate::evidence::{Bar, evidence};
+use crate::judge::evidence::{Bar, evidence};
+use crate::pump::switched::{REACH_KPA, reach_kpa, stands_somewhere};
+use crate::search::candidate::{Candidate, is_leak};
+use crate::search::single_mechanism::{ByThemselves, by_themselves};
 use crate::search::{Found, brings_back, has_given_way, with};
-use crate::switched::{REACH_KPA, reach_kpa, stands_somewhere};
 
 /// Gain of prior and likelihood, beyond what the best of all candidates has by chance, at which a mechanism that does
 /// not pass the bar is a rival of moved parameters.

@@ -255,7 +255,7 @@ fn suspects(rig: &Rig, channels: usize) -> Vec<Suspect> {
             Pump::Piston(p) => (&p.inlet, &p.outlet),
             Pump::Flow(p) => (&p.inlet, &p.outlet),
         };
-        let channel = |volume: &str| crate::place::channel_of(rig, volume);
+        let channel = |volume: &str| crate::search::place::channel_of(rig, volume);
         if let (Some(from), Some(to)) = (channel(inlet), channel(outlet)) {
             all.push(Suspect::Transfer { from, to });
         }

@@ -8,13 +8,13 @@ use super::stepped::{STEPS, STEPS_IN_SHORT, Spot, scanned, sharpened};
 use super::terms::{open_beside, position_in, starts, starts_at, with};
 use super::worth::any_could_earn;
 use super::{GLANCE_ROUNDS, PAIR_ROUNDS, PRICE, PRICE_OF_A_PARAMETER, Ranked, SearchSettings, cost, has_given_way};
-use crate::alone::by_themselves;
 use crate::bench::{Bench, Effort, Explanation};
-use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
-use crate::glance::{Footing, Glanced};
 use crate::judge::{explains_most, left};
-use crate::screen::{Screened, Screening, screen};
+use crate::search::candidate::Candidate;
+use crate::search::quick_search::{Footing, Glanced};
+use crate::search::screen::{Screened, Screening, screen};
+use crate::search::single_mechanism::by_themselves;
 
 /// Share of the first one's gain at a glance within which others are fitted as well.
 const NOT_CONVERGED: f64 = 0.7;

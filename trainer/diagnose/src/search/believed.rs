@@ -11,8 +11,8 @@ use fit::cores::side_by_side_telling;
 use super::terms::{open_beside, starts_at, with};
 use super::{PRICE, SearchSettings, cost};
 use crate::bench::{Bench, Effort, Explanation};
-use crate::candidate::{Candidate, is_leak};
-use crate::screen::{Screened, Screening, screen};
+use crate::search::candidate::{Candidate, is_leak};
+use crate::search::screen::{Screened, Screening, screen};
 
 /// What the screen must see in a term, in log-likelihood and prior, for it to be fitted.
 const LEAST: f64 = 10.0;

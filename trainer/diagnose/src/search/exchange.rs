@@ -11,10 +11,10 @@ use super::{
     starts, values_of, with, without,
 };
 use crate::bench::{Bench, Effort, Explanation};
-use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
-use crate::evidence::evidence;
-use crate::glance::{Footing, Glanced};
+use crate::judge::evidence::evidence;
+use crate::search::candidate::Candidate;
+use crate::search::quick_search::{Footing, Glanced};
 
 /// Replaces terms one by one by what stood next to them in earlier rounds, while that lowers the cost.
 pub(super) fn swaps(

@@ -4,9 +4,9 @@ use fit::cores::{side_by_side, side_by_side_telling};
 
 use super::{cost, sharpened, starts, values_of, with, without};
 use crate::bench::{Bench, Effort, Explanation};
-use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
-use crate::evidence::evidence;
+use crate::judge::evidence::evidence;
+use crate::search::candidate::Candidate;
 
 /// The same with plainer shapes of its terms, where the richer ones set right less than is worth a name: a number more takes
 /// up what the formula is off by, and with it the numbers that were right.

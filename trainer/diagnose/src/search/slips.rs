@@ -13,11 +13,11 @@ use super::terms::is_open;
 use super::worth::earns_its_place;
 use super::{SearchSettings, cost, sharpened, with};
 use crate::bench::{Bench, Effort, Explanation};
-use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
-use crate::evidence::evidence;
+use crate::judge::evidence::evidence;
 use crate::judge::{explains_most, left};
-use crate::pieces::{pieces, taken};
+use crate::recordings::pieces::{pieces, taken};
+use crate::search::candidate::Candidate;
 
 /// The most mechanisms that are looked for.
 const LOOKED_FOR: usize = 2;
@@ -93,8 +93,8 @@ mod tests {
     use fit::data::Records;
 
     use super::*;
-    use crate::candidate::candidates;
     use crate::made::{self, made_after, moved};
+    use crate::search::candidate::candidates;
     use crate::search::values_of;
 
     /// Of a flapper that sticks only the plunger was tried, over a band that is a third too small.

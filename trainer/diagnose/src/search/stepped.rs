@@ -8,10 +8,10 @@ use fit::simulate::{Flapper, Look, Run, flappers_of};
 use super::terms::starts_at;
 use super::{cost, position_of, with};
 use crate::bench::{Bench, Effort, Explanation, LOSS};
-use crate::candidate::Candidate;
 use crate::error::DiagnoseError;
-use crate::glance::weighted;
-use crate::screen::Projector;
+use crate::search::candidate::Candidate;
+use crate::search::quick_search::weighted;
+use crate::search::screen::Projector;
 
 /// Factor within which [`scanned`] looks, either way, in so many steps, and what a second parameter is set to.
 const SCAN: f64 = 4.0;

@@ -1,7 +1,7 @@
 //! Terms of an explanation: which may stand beside which, and where their parameters lie in its point.
 
 use crate::bench::{Bench, Explanation};
-use crate::candidate::Candidate;
+use crate::search::candidate::Candidate;
 
 /// Whether candidate `k` can and may be put beside `terms`.
 pub fn is_open(bench: &Bench<'_>, candidates: &[Candidate], terms: &[usize], k: usize) -> bool {

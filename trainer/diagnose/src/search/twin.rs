@@ -5,9 +5,9 @@ use fit::simulate::Look;
 use super::terms::starts;
 use super::{SearchSettings, cost, values_of, with};
 use crate::bench::{Bench, Effort, Explanation};
-use crate::candidate::Candidate;
-use crate::evidence::{CERTAIN, evidence};
-use crate::screen::screen;
+use crate::judge::evidence::{CERTAIN, evidence};
+use crate::search::candidate::Candidate;
+use crate::search::screen::screen;
 
 /// Factor within which both sides of one make have the same number.
 const ALIKE: f64 = 2.0;

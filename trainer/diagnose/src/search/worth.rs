@@ -4,10 +4,10 @@ use fit::data::Role;
 
 use super::SearchSettings;
 use crate::bench::{Bench, Explanation};
-use crate::candidate::Candidate;
-use crate::evidence::{Evidence, evidence};
+use crate::judge::evidence::{Evidence, evidence};
 use crate::judge::{FLOOR_KPA, left};
-use crate::screen::Screening;
+use crate::search::candidate::Candidate;
+use crate::search::screen::Screening;
 
 /// What a further term must set right beside what is found already, as a share of its error: nobody's formula for the main
 /// effect is exact, and what a tenth of it leaves behind looks like some small effect of another kind.

@@ -14,8 +14,8 @@ use model::rig::{Line, Rig, Volume};
 
 use super::{UnknownTerm, fit_further, told};
 use crate::bench::{Bench, Explanation};
-use crate::glance::weighted;
-use crate::screen::Projector;
+use crate::search::quick_search::weighted;
+use crate::search::screen::Projector;
 
 /// Volumes that are looked at, as shares of the chamber's.
 const SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];

@@ -3,8 +3,8 @@
 #![allow(dead_code, unreachable_pub, missing_docs)] // Each suite uses its part.
 
 use diagnose::bench::Bench;
-use diagnose::candidate::Candidate;
 use diagnose::judge::{Judgement, judge};
+use diagnose::search::candidate::Candidate;
 use diagnose::search::{Found, SearchSettings, search};
 use fit::data::Records;
 use fit::parameters::set_value;

@@ -1,0 +1,7 @@
+//! How the pump turned, told by its ripple, and pumps that were switched.
+
+pub(crate) mod answer;
+pub(crate) mod crank;
+pub(crate) mod ripple;
+pub mod switched;
+pub(crate) mod turning;

@@ -1,0 +1,313 @@
+//! A pump that was switched while it was recorded.
+//!
+//! A motor takes a while to stop and to come up (30 ms to some tenths of a second with its rotor and what it drives), and
+//! stops at some angle with some gas in its cylinders. The model stops at once. What that is off by at the switch a shut
+//! chamber keeps for good (several kPa with the pump off and both valves shut), and it would be taken for what such a hold is
+//! made to show. So a recording is run freely from switch to switch: each piece from its own first pressures, a little
+//! after the relay has changed.
+
+use std::ops::Range;
+
+use fit::data::Records;
+use model::plant::FreeRunStart;
+use model::rig::{Pump, Rig};
+
+use crate::bench::{Bench, Effort, Explanation};
+use crate::error::DiagnoseError;
+use crate::judge::evidence::evidence;
+use crate::search::candidate::{Candidate, is_leak};
+use crate::search::{starts, without};
+
+/// Rows after a change of the relay that belong to no piece: 0.6 s.
+const SWITCHING_ROWS: usize = 30;
+/// The least rows of a piece: 1 s.
+const LEAST_ROWS: usize = 50;
+
+/// The recordings in pieces between changes of a pump's relay, and which reading each of theirs was; `None` where no pump
+/// was switched.
+pub fn pieces(rig: &Rig, records: &Records) -> Option<(Records, Vec<usize>)> {
+    let mut parts: Vec<(usize, Range<usize>)> = Vec::new();
+    let mut switched = false;
+    for (record, columns) in records.records().iter().enumerate() {
+        let states = records.relays(rig, record);
+        let on = |row: usize| states.iter().map(move |state| state.get(row).is_none_or(|on| *on));
+        for segment in &columns.segments {
+            let mut start = segment.start;
+            for row in start + 1..segment.end {
+                if on(row).ne(on(row - 1)) {
+                    switched = true;
+                    parts.push((record, start..row));
+                    start = row + SWITCHING_ROWS;
+                }
+            }
+            parts.push((record, start..segment.end));
+        }
+    }
+    parts.retain(|(_, rows)| rows.end >= rows.start + LEAST_ROWS);
+    switched.then(|| records.parts(&parts))
+}
+
+/// The recordings without the first 0.6 s of those at whose beginning the pump starts, and which reading each of theirs was; `None` where
+/// it does in none. What a motor that comes up and the first strokes into empty chambers are off by (several kPa) passes for
+/// another volume.
+pub(crate) fn started(rig: &Rig, records: &Records) -> Option<(Records, Vec<usize>)> {
+    let mut parts: Vec<(usize, Range<usize>)> = Vec::new();
+    let mut started = false;
+    for (record, columns) in records.records().iter().enumerate() {
+        for segment in &columns.segments {
+            let first = first_row(rig, records, record, segment);
+            started |= first > segment.start;
+            parts.push((record, first..segment.end));
+        }
+    }
+    started.then(|| records.parts(&parts))
+}
+
+/// The first row of a stretch that a run begins at: its own, or that behind the start of a pump.
+fn first_row(rig: &Rig, records: &Records, record: usize, segment: &Range<usize>) -> usize {
+    let behind = segment.start + SWITCHING_ROWS;
+    let stands = |row: usize| {
+        let channels = 0..records.layout().channels();
+        let at: Vec<f64> = channels.filter_map(|c| records.channel_kpa(record, c).get(row)).copied().collect();
+        FreeRunStart::for_readings(&at) == FreeRunStart::AtRest
+    };
+    let strokes = rig.pumps.values().any(|pump| matches!(pump, Pump::Piston(_)));
+    let runs = || records.relays(rig, record).iter().all(|on| on.get(segment.start).is_none_or(|on| *on));
+    let starts = strokes && segment.len() >= SWITCHING_ROWS + LEAST_ROWS && stands(segment.start) && !stands(behind);
+    if starts && runs() { behind } else { segment.start }
+}
+
+/// Whether a pump stands in some recording, or some piece of one.
+pub(crate) fn stands_somewhere(bench: &Bench<'_>) -> bool {
+    (0..bench.records.records().len()).any(|record| !bench.pumps_run(record))
+}
+
+/// What a mechanism must do where the rig works, in kPa, with all else as it is, to be what is missing, or worth an experiment:
+/// less is below a thousandth of the 175 kPa that the pump spans.
+pub(crate) const REACH_KPA: f64 = 0.175;
+
+/// By how much readings would be off without the term that matters most to them: the largest of [`reaches_kpa`], 0 without terms.
+///
+/// # Errors
+/// The rig cannot be simulated without a term.
+pub(crate) fn reach_kpa(bench: &Bench<'_>, explanation: &Explanation) -> Result<f64, DiagnoseError> {
+    Ok(reaches_kpa(bench, explanation)?.into_iter().fold(0.0, f64::max))
+}
+
+/// By how much readings would be off without each of the terms, all else as it is: root mean square in kPa of the pressure that
+/// it moves most, in the middle one of the recordings in which no pump was switched. Infinite where there are none.
+///
+/// A shut chamber at the end of what the pump can do shows a leak of a thousandth of the vent's flow, and takes any other
+/// error of the pump for one; commands over the whole range of a valve show what it does where nobody uses it. What moves
+/// nothing by [`REACH_KPA`] where the rig works is not what is missing.
+///
+/// # Errors
+/// The rig cannot be simulated without it.
+pub(crate) fn reaches_kpa(bench: &Bench<'_>, explanation: &Explanation) -> Result<Vec<f64>, DiagnoseError> {
+    let records = bench.records.records();
+    let whole = |record: &usize| records.iter().filter(|r| r.source == records[*record].source).count() == 1;
+    let ordinary: Vec<usize> = (0..records.len()).filter(whole).collect();
+    let given = bench.rig.mechanisms.len();
+    let reach = |term: usize| {
+        let mut rig = explanation.fitted.rig.clone();
+        rig.mechanisms.remove(given + term);
+        let without = bench.free_run(&rig)?;
+        let moved = |record: &usize| bench.most_moved_kpa(&explanation.trace, &without, *record..*record + 1);
+        let mut moved: Vec<f64> = ordinary.iter().map(moved).collect();
+        moved.sort_by(f64::total_cmp);
+        // Of an even number the lower one: one of four is an experiment.
+        Ok(moved.get(moved.len().saturating_sub(1) / 2).copied().unwrap_or(f64::INFINITY))
+    };
+    (0..explanation.terms.len()).map(reach).collect()
+}
+
+/// Log-likelihood that a term must gain where the pumps run.
+const GAINED_AT_WORK: f64 = 5.0;
+
+/// The explanation `best` without the terms that show while a pump stands and at no other time, everything else fitted
+/// again: recordings, and pieces of them, in which all pumps run are asked by themselves. Leaks stay, for such holds are
+/// made to show them.
+///
+/// A pump that stands has its cylinders somewhere along their stroke, each shut off at a pressure of its own: some tens of
+/// millilitres that nobody knows, and that a wall which gives way, a gas that warms or a line can stand for.
+///
+/// # Errors
+/// What is left cannot be fitted.
+pub(crate) fn at_work(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    mut best: Explanation,
+) -> Result<Explanation, DiagnoseError> {
+    let records = bench.records;
+    let (at_work, at_rest): (Vec<usize>, Vec<usize>) =
+        (0..records.records().len()).partition(|record| bench.pumps_run(*record));
+    let asked = best.terms.iter().copied().filter(|term| !is_leak(candidates, *term));
+    let asked: Vec<usize> = asked.collect();
+    if at_work.is_empty() || at_rest.is_empty() || asked.is_empty() {
+        return Ok(best);
+    }
+    let whole = |record: &usize| records.records().get(*record).map(|r| (*record, 0..r.time_s.len()));
+    let (records, places) = records.parts(&at_work.iter().filter_map(whole).collect::<Vec<_>>());
+    let counted: Vec<f64> = places.iter().map(|place| bench.counted().get(*place).copied().unwrap_or(0.0)).collect();
+    let at_work = bench.over(&records, &counted, bench.simulator.fidelity());
+    for term in asked {
+        let rest = without(&best.terms, term);
+        // What was made up for the term may lead astray: from the priors' means as well.
+        let fitted = |bench: &Bench<'_>, terms: &[usize]| {
+            bench.fit(candidates, terms, &starts(bench, candidates, &best, terms, &[], true), Effort::Polish)
+        };
+        let (Ok(with), Ok(less)) = (fitted(&at_work, &best.terms), fitted(&at_work, &rest)) else { continue };
+        let gained = evidence(&at_work, &with, &less);
+        if gained.fitted + gained.chosen < GAINED_AT_WORK {
+            best = fitted(bench, &rest)?;
+        }
+    }
+    Ok(best)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::search::candidate::candidates;
+    use fit::simulate::{Fidelity, Simulator};
+    use proto::recording::Recording;
+    use proto::recording::csv::{Column, ColumnData};
+
+    #[test]
+    fn pieces_lie_between_switches_and_a_pump_that_ran_leaves_a_recording_whole() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let recorded = |on: &dyn Fn(usize) -> f64| {
+            let time_s: Vec<f64> = (0..1000).map(|k| 0.02 * k as f64).collect();
+            let column = |name: &str, of: &dyn Fn(usize) -> f64| Column {
+                name: name.to_owned(),
+                data: ColumnData::Numbers((0..1000).map(of).collect()),
+            };
+            let columns = vec![
+                column("u_pos", &|_| 0.8),
+                column("u_neg", &|_| 0.8),
+                column("p_pos_kpa", &|k| 90.0 + 1e-3 * k as f64),
+                column("p_neg_kpa", &|_| -70.0),
+                column("pump_on", on),
+            ];
+            Records::new(&rig, &[Recording::new("made", time_s, columns).unwrap()]).unwrap()
+        };
+        assert!(pieces(&rig, &recorded(&|_| 1.0)).is_none());
+        // Off at row 300, on at 600; the last switch is too near the end for a piece after it.
+        let switched = recorded(&|k| if (300..600).contains(&k) || k >= 940 { 0.0 } else { 1.0 });
+        let (cut, places) = pieces(&rig, &switched).unwrap();
+        let rows: Vec<usize> = cut.records().iter().map(|r| r.time_s.len()).collect();
+        assert_eq!(rows, [300, 270, 310]);
+        // Rows keep their readings.
+        assert_eq!(cut.readings_kpa().len(), places.len());
+        let readings = switched.readings_kpa();
+        assert!(cut.readings_kpa().iter().zip(&places).all(|(reading, place)| *reading == readings[*place]));
+        assert_eq!(cut.records()[1].time_s[0], 0.02 * 330.0);
+    }
+
+    const ROWS: usize = 1000;
+
+    /// A recording of these duties, its readings those of one rig while the pump runs, which it does where `on` is 1, and of
+    /// another one while it stands; with noise.
+    fn made(source: &str, duty: [Vec<f64>; 2], on: &dyn Fn(usize) -> f64, [at_work, at_rest]: [&Rig; 2]) -> Recording {
+        let recorded = |kpa: [Vec<f64>; 2]| {
+            let column =
+                |name: &str, values: Vec<f64>| Column { name: name.to_owned(), data: ColumnData::Numbers(values) };
+            let [pos, neg] = kpa;
+            let columns = vec![
+                column("u_pos", duty[0].clone()),
+                column("u_neg", duty[1].clone()),
+                column("p_pos_kpa", pos),
+                column("p_neg_kpa", neg),
+                column("pump_on", (0..ROWS).map(on).collect()),
+            ];
+            Recording::new(source, (0..ROWS).map(|k| 0.02 * k as f64).collect(), columns).unwrap()
+        };
+        let records = Records::new(at_work, &[recorded([vec![0.0; ROWS], vec![0.0; ROWS]])]).unwrap();
+        let free = |rig: &Rig| {
+            let simulator = Simulator::new(&records, Fidelity::Averaged);
+            simulator.free(std::slice::from_ref(rig)).pop().unwrap().unwrap()
+        };
+        let (work, rest) = (free(at_work), free(at_rest));
+        // Noise of 0.05 kPa, the same each time.
+        let mut state = source.len() as u64;
+        let mut noise = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            0.087 * ((state >> 33) as f64 / f64::from(1u32 << 30) - 1.0)
+        };
+        recorded([0, 1].map(|channel| {
+            let rows = records.layout().channel(0, channel).enumerate();
+            rows.map(|(row, i)| if on(row) < 0.5 { rest[i] } else { work[i] } + noise()).collect()
+        }))
+    }
+
+    /// Filled with both valves shut, then left alone.
+    fn shut_in(truths: [&Rig; 2]) -> Recording {
+        made("shut_in.csv", [vec![0.0; ROWS], vec![0.0; ROWS]], &|row| f64::from(row < 200), truths)
+    }
+
+    fn named(all: &[Candidate], name: &str) -> usize {
+        all.iter().position(|candidate| candidate.name() == name).unwrap()
+    }
+
+    /// A leak that a shut-in shows by a kPa, and that moves what was recorded with the valves at work by less than a tenth.
+    #[test]
+    fn what_only_a_shut_in_shows_does_not_reach_where_the_rig_works() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let all = candidates(&rig);
+        let leak = named(&all, "chamber_leak:positive");
+        let mut truth = rig.clone();
+        truth.mechanisms.push(all[leak].attached(&[4e-17]));
+        let working: Vec<f64> = (0..ROWS).map(|k| 0.78 + 0.1 * (0.013 * k as f64).sin()).collect();
+        let ordinary = made("ordinary.csv", [working.clone(), working], &|_| 1.0, [&truth, &truth]);
+        let shut_in = shut_in([&truth, &truth]);
+        let of = |recordings: &[Recording]| {
+            let (cut, _) = pieces(&rig, &Records::new(&rig, recordings).unwrap()).unwrap();
+            let usable = vec![1.0; cut.layout().len()];
+            let bench = Bench::new(&rig, &cut, &usable, Fidelity::Averaged);
+            let set = bench.set_of(&all, &[leak]).unwrap();
+            let mut start = vec![0.0; set.len()];
+            *start.last_mut().unwrap() = all[leak].parameters(0)[0].coordinate(4e-17);
+            let explanation = bench.fit(&all, &[leak], &[start], Effort::Polish).unwrap();
+            let without = bench.free_run(&rig).unwrap();
+            let off = explanation.trace.iter().zip(&without).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            (reach_kpa(&bench, &explanation).unwrap(), off)
+        };
+        let (reach, most) = of(&[ordinary, shut_in.clone()]);
+        assert!(reach > 0.0 && reach < 0.1 && most > 1.0, "{reach} {most}");
+        // Where all was recorded with the pump switched, nothing says how far it reaches.
+        assert_eq!(of(&[shut_in]).0, f64::INFINITY);
+    }
+
+    /// A chamber that seems to give way, once while the pump stands alone and once always, beside a leak.
+    #[test]
+    fn what_shows_while_the_pump_stands_alone_is_left_out_and_leaks_stay() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let all = candidates(&rig);
+        let (leak, walls) = (named(&all, "cross_leak:positive"), named(&all, "volume_compliance:negative"));
+        let mut terms = vec![leak, walls];
+        terms.sort_unstable();
+        let mut leaky = rig.clone();
+        leaky.mechanisms.push(all[leak].attached(&[1e-15]));
+        let mut both = leaky.clone();
+        both.mechanisms.push(all[walls].attached(&[0.8]));
+        let hold = |row: usize, length: usize| if (row / length).is_multiple_of(2) { 0.72 } else { 0.86 };
+        let duty = || [(0..ROWS).map(|row| hold(row, 70)).collect(), (0..ROWS).map(|row| hold(row, 110)).collect()];
+        let left = |at_work: &Rig| {
+            let recordings = [made("ordinary.csv", duty(), &|_| 1.0, [at_work, at_work]), shut_in([at_work, &both])];
+            let (cut, _) = pieces(&rig, &Records::new(&rig, &recordings).unwrap()).unwrap();
+            let usable = vec![1.0; cut.layout().len()];
+            let bench = Bench::new(&rig, &cut, &usable, Fidelity::Averaged);
+            let set = bench.set_of(&all, &terms).unwrap();
+            let mut start = vec![0.0; bench.nominal.len()];
+            for term in &terms {
+                let value = if *term == leak { 1e-15 } else { 0.8 };
+                start.extend(all[*term].parameters(0).first().map(|parameter| parameter.coordinate(value)));
+            }
+            assert_eq!(start.len(), set.len());
+            let best = bench.fit(&all, &terms, &[start], Effort::Polish).unwrap();
+            super::at_work(&bench, &all, best).unwrap().terms
+        };
+        assert_eq!(left(&leaky), [leak]);
+        assert_eq!(left(&both), terms);
+    }
+}

@@ -1,0 +1,79 @@
+//! What was recorded, checked, and in pieces where no run goes through it in one.
+
+use fit::data::quality::Quality;
+use fit::data::{Records, noise};
+use model::rig::Rig;
+use proto::recording::Recording;
+
+use crate::error::DiagnoseError;
+use crate::event::{self, Event};
+use crate::pump::switched;
+use crate::recordings::closed_volumes;
+use crate::recordings::pieces::{pieces, taken};
+use crate::recordings::unmovable_pressure::refuse_what_nothing_moves;
+
+/// Recordings that can be used.
+pub(crate) struct Recorded {
+    pub(crate) records: Records,
+    /// By reading: 1 where it counts.
+    pub(crate) usable: Vec<f64>,
+    /// Whether a pump was switched in them, as experiments do.
+    pub(crate) switched: bool,
+    /// What is doubtful about them, and how they are run.
+    pub(crate) notes: Vec<String>,
+}
+
+impl Recorded {
+    /// Checks recordings of `rig`.
+    ///
+    /// # Errors
+    /// They cannot be used, and why.
+    pub(crate) fn of(rig: &Rig, recordings: &[Recording]) -> Result<Self, DiagnoseError> {
+        let records = Records::new(rig, recordings)?;
+        let noise = noise(&records);
+        let quality = Quality::of(rig, &records, &noise)?;
+        if let Some(refusal) = quality.refusal() {
+            return Err(fit::FitError::Unusable(refusal).into());
+        }
+        let (quality, records) = quality.sound(records);
+        refuse_what_nothing_moves(rig, &records, &noise)?;
+        let mut notes: Vec<String> = recordings.iter().flat_map(|r| r.notes().to_vec()).collect();
+        notes.extend(quality.doubts().map(ToString::to_string));
+        // What was checked whole is run in pieces where a meter's error would add up.
+        if let Some(source) = closed_volumes::accumulates(rig) {
+            notes.push(format!(
+                "{source} fills a closed volume, in which an error of its meter adds up: simulations start anew every 4 s"
+            ));
+            let (pieces, places) = pieces(&records);
+            let mut usable = taken(&quality.usable, &places);
+            closed_volumes::without_starts(&pieces, &mut usable);
+            return Ok(Recorded { records: pieces, usable, switched: false, notes });
+        }
+        let Some((pieces, places)) = switched::pieces(rig, &records) else {
+            let Some((rest, places)) = switched::started(rig, &records) else {
+                return Ok(Recorded { records, usable: quality.usable, switched: false, notes });
+            };
+            notes.push(
+                "the pump starts at the beginning of a recording: simulations start 0.6 s later, since no motor starts at once"
+                    .to_owned(),
+            );
+            return Ok(Recorded { records: rest, usable: taken(&quality.usable, &places), switched: false, notes });
+        };
+        notes.push(
+            "the pump was switched: simulations start anew 0.6 s after each change, since no motor stops or starts at once"
+                .to_owned(),
+        );
+        let usable = taken(&quality.usable, &places);
+        Ok(Recorded { records: pieces, usable, switched: true, notes })
+    }
+}
+
+/// The recordings without the span in which something happened, and which of their readings count.
+pub(crate) fn without(event: &Event, rig: &Rig, records: &Records, usable: &[f64]) -> (Records, Vec<f64>) {
+    let (rest, places) = event::without(records, event);
+    let mut usable = taken(usable, &places);
+    if closed_volumes::accumulates(rig).is_some() {
+        closed_volumes::without_starts(&rest, &mut usable);
+    }
+    (rest, usable)
+}

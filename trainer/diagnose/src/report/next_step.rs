@@ -1,0 +1,165 @@
+//! What to do after a diagnosis, as lines for a shell.
+
+use model::rig::Rig;
+use proto::diagnosis::{NextStep, RigKind, Verdict};
+
+use crate::report::files::NEXT_EXPERIMENT;
+use crate::run::Request;
+
+/// What the next step depends on.
+pub(crate) struct Situation<'a> {
+    pub(crate) request: &'a Request,
+    pub(crate) verdict: Verdict,
+    pub(crate) kind: RigKind,
+    /// Whether an experiment was planned.
+    pub(crate) planned: bool,
+    /// What the recordings do not tell apart, as `id:where`.
+    pub(crate) groups: &'a [Vec<String>],
+    /// Whether the rig that was written is a part of the truth at most: much of it is left unexplained, or a parameter went where
+    /// nobody would believe it.
+    pub(crate) in_part: bool,
+}
+
+/// The next step.
+pub(crate) fn next_step(situation: &Situation<'_>) -> NextStep {
+    let Situation { request, verdict, kind, planned, groups, in_part } = situation;
+    let rig_toml = shell(&request.out_dir.join("rig.toml").display().to_string());
+    let again = |more: &str, out: &str| {
+        let recordings: Vec<String> = request.recordings.iter().map(|r| shell(r.source())).collect();
+        format!("trainer diagnose --rig {} {}{more} --out {out}", shell(&request.rig_argument), recordings.join(" "))
+    };
+    let step = |why: &str, commands: Vec<String>| NextStep { why: why.to_owned(), commands };
+    let next_out = shell(&format!("{}_2", request.out_dir.display()));
+    match verdict {
+        Verdict::Adequate => step(
+            "Nothing needs to be done: nothing known explains these recordings better than the rig file.",
+            Vec::new(),
+        ),
+        Verdict::Undecided if *planned => step(
+            "Play the proposed experiment once on the rig, then ask again with its recording beside the others.",
+            vec![
+                format!(
+                    "controller experiment {} --config controller.toml --out experiment.mcap",
+                    shell(&request.out_dir.join(NEXT_EXPERIMENT).display().to_string())
+                ),
+                again(" experiment.mcap", &next_out),
+            ],
+        ),
+        Verdict::Undecided => step(&what_would_tell(groups), vec![again(" new_recording.csv", &next_out)]),
+        Verdict::UnknownMechanism if request.quick => {
+            step("Look again with the whole search, which takes a few minutes.", vec![again("", &next_out)])
+        }
+        Verdict::UnknownMechanism if *kind == RigKind::AsGiven => step(
+            "Look in report.html at where and when the model is off, and record more of that operating region.",
+            vec![again(" new_recording.csv", &next_out)],
+        ),
+        _ if *in_part && request.quick => step(
+            "What was found is a part of the truth: look again with the whole search, which takes a few minutes.",
+            vec![again("", &next_out)],
+        ),
+        _ if *in_part => step(
+            "What was found is a part of the truth: look in report.html at where and when the model is off, and record more of that \
+             operating region.",
+            vec![again(" new_recording.csv", &next_out)],
+        ),
+        _ if drives(&request.rig) => step(
+            "Give a running daemon this model (or name the file under [rig] in its configuration).",
+            vec![format!("controller model {rig_toml}")],
+        ),
+        _ => step(
+            "Check the rig file on a recording that nothing was fitted to.",
+            vec![format!("trainer validate --rig {rig_toml} new_recording.csv")],
+        ),
+    }
+}
+
+/// Which recording would tell rivals apart where no experiment can be planned.
+fn what_would_tell(groups: &[Vec<String>]) -> String {
+    let among = |id: &str| groups.iter().flatten().any(|name| name.starts_with(id));
+    if among("sensor_drift") && among("chamber_leak") {
+        "End a recording with the chamber open to the air for 10 s: a sensor that drifted then reads off zero, and a leak leaves \
+         no trace."
+            .to_owned()
+    } else if among("chamber_leak") || among("cross_leak") || among("piston_blowby") {
+        "Add a pressure-decay (leak) test: 15 s with the pump off and everything shut.".to_owned()
+    } else {
+        "Add a recording that uses the whole operating range: commands that step and sweep from one end to the other."
+            .to_owned()
+    }
+}
+
+/// Whether the daemon can drive the rig: it has the paper's two sides and commands.
+fn drives(rig: &Rig) -> bool {
+    let commanded = |column: &str| rig.valves.values().any(|valve| valve.command == column);
+    rig.volumes.contains_key("positive")
+        && rig.volumes.contains_key("negative")
+        && commanded("u_pos")
+        && commanded("u_neg")
+}
+
+/// A word for a POSIX shell.
+fn shell(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "_-./:=+@%,".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', r"'\''"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn request(rig: Rig) -> Request {
+        Request {
+            rig,
+            rig_argument: "my rig.toml".to_owned(),
+            recordings: Vec::new(),
+            out_dir: "found".into(),
+            quick: true,
+        }
+    }
+
+    fn next(request: &Request, verdict: Verdict, planned: bool, groups: &[Vec<String>]) -> NextStep {
+        next_step(&Situation { request, verdict, kind: RigKind::Extended, planned, groups, in_part: false })
+    }
+
+    #[test]
+    fn a_part_of_the_truth_is_not_given_to_the_daemon() {
+        let mut request = request(Rig::builtin("dual_pressure").unwrap());
+        let at_hand = |request: &Request| {
+            let (verdict, kind) = (Verdict::MissingPhysics, RigKind::Extended);
+            next_step(&Situation { request, verdict, kind, planned: false, groups: &[], in_part: true })
+        };
+        let step = at_hand(&request);
+        assert!(step.commands[0].starts_with("trainer diagnose") && !step.commands[0].contains("--quick"), "{step:?}");
+        request.quick = false;
+        let step = at_hand(&request);
+        assert!(step.commands[0].contains("new_recording.csv"), "{step:?}");
+    }
+
+    #[test]
+    fn an_undecided_answer_is_followed_by_its_experiment_and_the_question_again() {
+        let request = request(Rig::builtin("dual_pressure").unwrap());
+        let step = next(&request, Verdict::Undecided, true, &[]);
+        assert_eq!(step.commands.len(), 2);
+        assert!(step.commands[0].starts_with("controller experiment found/next_experiment.csv --config"));
+        assert!(step.commands[1].contains("--rig 'my rig.toml'") && step.commands[1].contains("experiment.mcap"));
+        assert_eq!(next(&request, Verdict::MissingPhysics, false, &[]).commands, ["controller model found/rig.toml"]);
+    }
+
+    #[test]
+    fn a_rig_without_commands_is_told_which_recording_would_tell() {
+        let mut rig = Rig::builtin("dual_pressure").unwrap();
+        rig.valves.clear();
+        let groups = [vec!["sensor_drift:chamber".to_owned(), "chamber_leak:chamber".to_owned()]];
+        let step = next(&request(rig), Verdict::Undecided, false, &groups);
+        assert!(step.why.contains("open to the air"), "{}", step.why);
+    }
+
+    #[test]
+    fn words_are_quoted_for_a_shell() {
+        assert_eq!(shell("a/b-1.csv"), "a/b-1.csv");
+        assert_eq!(shell("a b's"), r"'a b'\''s'");
+    }
+}
