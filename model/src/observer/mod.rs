@@ -10,13 +10,14 @@
 //! ```
 //!
 //! The noise that the gains trade against is found from the readings ([`ReadingNoise`]). A perfect model has no innovation, and
-//! predicts what comes.
+//! predicts what comes. The pump's ripple is shown by a late sensor otherwise than by one that is not (`ripple`).
 //!
 //! Source: Kalman, *J. Basic Eng.* 82 (1960); the constant disturbance as in offset-free control, Pannocchia and Rawlings,
 //! *AIChE J.* 49 (2003).
 
 mod gains;
 mod noise;
+mod ripple;
 
 pub use noise::ReadingNoise;
 
@@ -25,6 +26,7 @@ use crate::plant::{Plant, Simulated, Simulation};
 use crate::real::Real;
 
 use gains::{Gains, Ladder, NOISES_KPA};
+use ripple::Ripple;
 
 /// Noise that is taken for a reading before any has come, in kPa RMS: between both sensors of the paper's rig.
 const FIRST_NOISE_KPA: f64 = 0.024;
@@ -38,6 +40,7 @@ struct Channel<R> {
     noise: ReadingNoise<R>,
     /// What the model errs by, in Pa per tick.
     disturbance_pa: R,
+    ripple: Ripple<R>,
 }
 
 impl<R: Real> Channel<R> {
@@ -87,6 +90,7 @@ impl<R: Simulated> Observer<R> {
                 gain: system.gain,
                 noise: ReadingNoise::beginning_at(FIRST_NOISE_KPA),
                 disturbance_pa: R::splat(0.0),
+                ripple: Ripple::behind(system),
             })
         });
         Observer { channels, sensors, added_kpa: [R::splat(0.0); CHANNELS] }
@@ -97,6 +101,7 @@ impl<R: Simulated> Observer<R> {
         for channel in self.channels.iter_mut().flatten() {
             channel.disturbance_pa = R::splat(0.0);
             channel.noise.restart();
+            channel.ripple.restart();
         }
     }
 
@@ -106,6 +111,7 @@ impl<R: Simulated> Observer<R> {
             let kept = channel.disturbance_pa;
             channel.disturbance_pa = R::from_lanes(|l| if l == lane { 0.0 } else { kept.lane(l) });
             channel.noise.restart_lane(lane);
+            channel.ripple.restart_lane(lane);
         }
     }
 
@@ -123,12 +129,17 @@ impl<R: Simulated> Observer<R> {
             };
             let noise_kpa = channel.noise.follow(measured);
             let gains = channel.at(noise_kpa / channel.gain.map(f64::abs));
-            let innovation_pa = (measured - simulation.reading_kpa(sensor)) / channel.gain * R::splat(1e3);
+            let shown_kpa = simulation.reading_kpa(sensor);
+            channel.ripple.follow(shown_kpa, simulation.undelayed_kpa(sensor));
+            let innovation_pa = (measured - shown_kpa) / channel.gain * R::splat(1e3);
             // The disturbance was added after the tick before this reading; it is no work of the model's either.
             self.added_kpa[c] =
                 (channel.disturbance_pa + gains.pressure * innovation_pa) * channel.gain * R::splat(1e-3);
             simulation.move_sensed_pressure(sensor, gains.pressure * innovation_pa);
-            simulation.move_sensor_memory(sensor, &gains.memory.map(|gain| gain * innovation_pa));
+            let memory_pa = gains.memory.map(|gain| gain * innovation_pa);
+            simulation.move_sensor_memory(sensor, &memory_pa);
+            let as_read = channel.gain * R::splat(1e-3);
+            channel.ripple.corrected(gains.pressure * innovation_pa * as_read, &memory_pa.map(|by| by * as_read));
             channel.disturbance_pa += gains.disturbance * innovation_pa;
         }
     }
@@ -153,13 +164,14 @@ impl<R: Simulated> Observer<R> {
         }
     }
 
-    /// What the sensors would read now if none lagged or swung, in kPa gauge; what was measured where none does.
+    /// What the sensors would read now if none lagged or swung, in kPa gauge, with the pump's ripple as they show it; what was
+    /// measured where none does.
     ///
     /// # Real-time
     /// May run in the tick.
     pub(crate) fn undelayed_kpa(&self, simulation: &Simulation<R>, measured_kpa: [R; CHANNELS]) -> [R; CHANNELS] {
-        std::array::from_fn(|c| match self.channels[c] {
-            Some(_) => simulation.undelayed_kpa(self.sensors[c]),
+        std::array::from_fn(|c| match &self.channels[c] {
+            Some(channel) => simulation.undelayed_kpa(self.sensors[c]) + channel.ripple.mean_kpa(),
             None => measured_kpa[c],
         })
     }
