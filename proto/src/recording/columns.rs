@@ -1,14 +1,17 @@
 //! The columns that a rig asks of a file: found, brought to the rig's units, checked.
 
+mod command_ranges;
 pub(crate) mod file_unit;
 mod in_rig_unit;
 pub(crate) mod units;
+
+use std::borrow::Cow;
 
 use model::rig::{Pump, RecordingMap, Rig, Term, Terms};
 
 use self::file_unit::{FileUnit, UnitSource};
 use self::in_rig_unit::{AS_IT_STANDS, converted, of_unit};
-use crate::recording::csv::{CsvError, TIME_COLUMN};
+use crate::recording::csv::{CsvError, TIME_COLUMN, toml_text};
 use crate::recording::logger_file::sheet::Sheet;
 use crate::recording::recording_error::RecordingError;
 use crate::recording::rows::resample::Kind;
@@ -17,8 +20,6 @@ use crate::recording::table::rules::{LEAST_READING_KPA, below_vacuum};
 
 /// A command may be so far beyond 0 … 1, by the rounding of a scale such as 0.00392; it is cut off there.
 const ROUNDING: f64 = 1e-3;
-/// Numbers that loggers write for a command in full, smallest first.
-const FULL_SCALES: [f64; 9] = [100.0, 127.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0];
 
 /// What loggers write for no reading, beyond any pressure: the round numbers are those of data acquisition programs, the others the
 /// least that 16 bits and a float hold.
@@ -109,8 +110,51 @@ pub(super) struct Made {
     pub(super) taken: Vec<String>,
     /// The places in the file that it was made from.
     pub(super) from: Vec<usize>,
+    /// A command's numbers as they stand in the file, where the map or a unit scales them.
+    pub(super) written: Option<Vec<f64>>,
     /// The unit that the file or its map says of these numbers, where that is not the rig's.
     pub(super) file_unit: Option<FileUnit>,
+}
+
+/// The terms of which a column of the rig is the sum: the map's, or the column of its own name; `None` where the file does not have it and
+/// the rig does without.
+fn terms_of<'m>(
+    sheet: &Sheet<'_>,
+    rig: &Rig,
+    map: &'m RecordingMap,
+    naming: Naming,
+    (name, kind, presence): (&str, Kind, Presence),
+) -> Result<Option<Cow<'m, [Term]>>, CsvError> {
+    let own_term = || Cow::Owned(vec![Term::plain(name)]);
+    let asked = map.columns.get(name).filter(|terms| naming == Naming::Foreign || is_of_own_names(rig, terms));
+    Ok(match asked.map(|terms| terms.0.as_slice()) {
+        Some(terms) if !all_there(sheet, terms)? && sheet.find(name)?.is_some() => Some(own_term()),
+        Some(terms) => Some(Cow::Borrowed(terms)),
+        None if presence == Presence::Optional && is_nowhere(sheet, name, kind)? => None,
+        None => Some(own_term()),
+    })
+}
+
+/// Whether a file lacks a column, or has one of a relay without anything in any row.
+fn is_nowhere(sheet: &Sheet<'_>, name: &str, kind: Kind) -> Result<bool, CsvError> {
+    let is_blank = |at: usize| kind == Kind::Switch && slower::blank(sheet, at).iter().all(|blank| *blank);
+    Ok(sheet.find(name)?.is_none_or(is_blank))
+}
+
+/// The kinds of all columns that a rig asks for, and the places in the file that each is made from; what the file lacks is left out.
+pub(super) fn places(
+    sheet: &Sheet<'_>,
+    rig: &Rig,
+    map: &RecordingMap,
+    naming: Naming,
+) -> Result<Vec<(Kind, Vec<usize>)>, CsvError> {
+    let mut all = Vec::new();
+    for Asked { name, kind, default } in asked(rig) {
+        let Some(terms) = terms_of(sheet, rig, map, naming, (&name, kind, default))? else { continue };
+        let places = terms.iter().map(|term| sheet.find(&term.from)).collect::<Result<Vec<_>, _>>()?;
+        all.push((kind, places.into_iter().flatten().collect()));
+    }
+    Ok(all)
 }
 
 /// Makes a column of the rig; `None` where the file does not have it and the rig does without.
@@ -124,16 +168,10 @@ pub(super) fn made(
     naming: Naming,
     (name, kind, presence): (&str, Kind, Presence),
 ) -> Result<Option<Made>, RecordingError> {
-    let own_term = [Term::plain(name)];
-    let asked = map.columns.get(name).filter(|terms| naming == Naming::Foreign || is_of_own_names(rig, terms));
-    let mapped = asked.map(|terms| terms.0.as_slice());
-    let terms = match mapped {
-        Some(terms) if !all_there(sheet, terms)? && sheet.find(name)?.is_some() => own_term.as_slice(),
-        Some(terms) => terms,
-        None if presence == Presence::Optional && sheet.find(name)?.is_none() => return Ok(None),
-        None => own_term.as_slice(),
-    };
-    let mut made = Made { numbers: vec![0.0; sheet.rows()], taken: Vec::new(), from: Vec::new(), file_unit: None };
+    let Some(terms) = terms_of(sheet, rig, map, naming, (name, kind, presence))? else { return Ok(None) };
+    let terms = &*terms;
+    let mut made =
+        Made { numbers: vec![0.0; sheet.rows()], taken: Vec::new(), from: Vec::new(), written: None, file_unit: None };
     for term in terms {
         let Some(at) = sheet.find(&term.from)? else { return Err(missing(sheet, name, &term.from)) };
         let numbers = match kind {
@@ -150,6 +188,9 @@ pub(super) fn made(
         let numbers = numbers.map_err(|error| text_column(sheet, &term.from, error))?;
         let markers = if kind == Kind::Reading { markers(&numbers) } else { Vec::new() };
         let unit = of_unit(sheet, at, term)?;
+        if matches!((kind, terms), (Kind::Command | Kind::Switch, [_])) && (unit.is_some() || !term.is_plain()) {
+            made.written = Some(numbers.clone());
+        }
         let in_rig_unit = converted(sheet, rig, (name, kind), term, unit.as_ref(), numbers)?;
         made.taken.extend(in_rig_unit.taken);
         // What a sum of columns or a scale makes of a unit is no number of the file any more.
@@ -254,8 +295,11 @@ pub(super) fn check(
     let from_name = if matches!(sheet.find(name), Ok(Some(own)) if own == at) { name } else { title.as_str() };
     let hint = match kind {
         Kind::Reading => of_reading(rig, (name, from_name), value, made),
-        Kind::Switch => "; the pump is on (1) or off (0)".to_owned(),
-        _ => of_scale(name, from_name, numbers),
+        Kind::Switch => command_ranges::of_relay(name, from_name, made.written.as_ref().unwrap_or(numbers)),
+        _ => match &made.written {
+            Some(written) => command_ranges::of_scaled(name, from_name, numbers, written),
+            None => command_ranges::hint(name, from_name, numbers),
+        },
     };
     Err(CsvError::OutOfRange {
         file: sheet.file.clone(),
@@ -280,7 +324,7 @@ fn are_many(numbers: &[f64], is_wrong: impl Fn(f64) -> bool) -> bool {
 
 /// What a reading below any vacuum is, and the key that says so.
 fn of_reading(rig: &Rig, (name, title): (&str, &str), value: f64, made: &Made) -> String {
-    let key = |rest: &str| format!("[recording] columns.{name} = {{ from = \"{title}\", {rest} }}");
+    let key = |rest: &str| format!("[recording] columns.{name} = {{ from = {}, {rest} }}", toml_text(title));
     if NO_READING.contains(&value) {
         return "; it seems to be what the logger writes for no reading: leave out rows without a reading".to_owned();
     }
@@ -309,28 +353,4 @@ fn of_reading(rig: &Rig, (name, title): (&str, &str), value: f64, made: &Made) -
         };
     }
     format!("{}: {}", below_vacuum(value), key("unit = \"…\""))
-}
-
-/// What a command beyond 1 is scaled by, and the key that says so.
-fn of_scale(name: &str, title: &str, numbers: &[f64]) -> String {
-    let least = numbers.iter().copied().fold(f64::INFINITY, f64::min);
-    let most = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let key = |scale: &str| format!("[recording] columns.{name} = {{ from = \"{title}\", scale = {scale} }}");
-    if least < -ROUNDING {
-        let span = format!("{least} … {most}");
-        return format!(
-            "; a duty is a share, not a percentage, and {name} goes over {span}: bring it to 0 … 1 by {}",
-            key("…, offset = …")
-        );
-    }
-    match FULL_SCALES.iter().find(|full| **full >= most).filter(|_| most > 12.0) {
-        Some(100.0) => {
-            format!("; a duty is a share, not a percentage, and {name} reaches {most}: scale it, {}", key("0.01"))
-        }
-        Some(full) => format!(
-            "; {name} is a command, a share of 1, and reaches {most}: scale it, {}",
-            key(&format!("{:.8}", 1.0 / full))
-        ),
-        None => format!("; {name} is a command, a share of 1, and reaches {most}: scale it, {}", key("…")),
-    }
 }

@@ -315,10 +315,26 @@ pub(crate) fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
 pub(crate) fn shown(cell: &str) -> String {
     const MOST: usize = 40;
     if cell.chars().count() <= MOST {
-        return cell.escape_debug().to_string();
+        return escaped(cell);
     }
     let head: String = cell.chars().take(MOST).collect();
-    format!("{}…", head.escape_debug())
+    format!("{}…", escaped(&head))
+}
+
+/// A name as a string of TOML, to be pasted into a rig file.
+pub(crate) fn toml_text(name: &str) -> String {
+    format!("\"{}\"", escaped(name))
+}
+
+/// A text on one line, in which nothing is escaped that TOML would not have escaped: an apostrophe stays as it is.
+fn escaped(text: &str) -> String {
+    let letter = |c: char| match c {
+        '\'' => "'".to_owned(),
+        '"' | '\\' | '\t' | '\n' | '\r' => c.escape_default().to_string(),
+        c if c.escape_debug().len() > 1 => format!("\\U{:08X}", u32::from(c)),
+        c => c.to_string(),
+    };
+    text.chars().map(letter).collect()
 }
 
 fn push_number(out: &mut String, number: f64) {

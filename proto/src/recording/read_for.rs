@@ -15,8 +15,8 @@ use std::path::Path;
 
 use model::rig::{RecordingMap, Rig};
 
-use crate::recording::columns::{Asked, asked, check, naming};
-use crate::recording::csv::{Column, ColumnData, CsvError, TIME_COLUMN};
+use crate::recording::columns::{Asked, asked, check, naming, places};
+use crate::recording::csv::{Column, ColumnData, TIME_COLUMN, rows_alone};
 use crate::recording::logger_file::sheet::Sheet;
 use crate::recording::logger_file::{file_kind, logger_text, long_format, serial_monitor, text_encoding};
 use crate::recording::mcap_file::from_ticks::Broken;
@@ -24,10 +24,10 @@ use crate::recording::recording_error::RecordingError;
 use crate::recording::rows::repeated::Sensors;
 use crate::recording::rows::resample::{Kind, Resampling};
 use crate::recording::rows::slower::{self, Slower};
-use crate::recording::rows::{lost_rows, repeated};
+use crate::recording::rows::{asynchronous, lost_rows, repeated};
 use crate::recording::table::{Recording, Rows};
 use crate::recording::times::time_notes;
-use crate::recording::times::{Times, places_of_time, times};
+use crate::recording::times::{Stamps, Times, places_of_time, times};
 use crate::recording::{MOST_BYTES, packed};
 use crate::regular_file;
 
@@ -107,20 +107,32 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     let of_time = places_of_time(sheet, map, naming);
     let timed = lost_rows::timed(sheet, &of_time);
     let sheet = timed.as_ref().unwrap_or(sheet);
+    let joined = asynchronous::joined(sheet, &of_time);
+    let sheet = joined.as_ref().unwrap_or(sheet);
     let apart = crate::recording::rows::doubled::at_one_time(sheet, &of_time);
     let sheet = apart.as_ref().unwrap_or(sheet);
-    let Times { mut time_s, columns: of_time, taken } = times(sheet, map, naming)?;
+    let held = asynchronous::apart(sheet, &places(sheet, rig, map, naming)?);
+    let (sheet, stamps) =
+        held.as_ref().map_or((sheet, Stamps::OfRows), |of| (&of.sheet, Stamps::OfTopics(&of.rows_read)));
+    let Times { mut time_s, columns: of_time, taken } = times(sheet, map, naming, stamps)?;
     let (time_notes, may_count_rows) = time_notes::of_times(sheet, map, &of_time, &time_s);
     let mut units = taken;
-    let (mut columns, mut file_units) = (Vec::new(), Vec::new());
+    let (mut columns, mut file_units, mut blank_columns) = (Vec::new(), Vec::new(), Vec::new());
     for Asked { name, kind, default } in asked(rig) {
         let Some(made) = crate::recording::columns::made(sheet, rig, map, naming, (&name, kind, default))? else {
+            blank_columns.extend(blank_column(sheet, &name));
             continue;
         };
         check(sheet, rig, (&name, kind), &made)?;
         units.extend(made.taken);
         file_units.extend(made.file_unit);
         columns.push((Column { name, data: ColumnData::Numbers(made.numbers) }, kind));
+    }
+    if stamps != Stamps::OfRows {
+        let manner = manner(sheet, &units);
+        let notes: Vec<String> =
+            manner.into_iter().chain(time_notes).chain(sheet.notes.iter().cloned()).chain(blank_columns).collect();
+        return of_topics(sheet, &time_s, columns, notes).map(|recording| recording.with_file_units(file_units));
     }
     let numbered = lost_rows::numbered(sheet, &mut time_s, &mut columns);
     let sheet = numbered.as_ref().unwrap_or(sheet);
@@ -149,6 +161,8 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     if resampling.is_as_it_was() {
         let span = slower.as_ref().map_or(0..sheet.rows(), |slower| slower.span.clone());
         made = with_others(made, (sheet, span), &of_time, &resampling);
+        // What a relay's column holds that has nothing in any row is no text either.
+        made.retain(|column| column.numbers().is_some() || asked(rig).iter().all(|one| one.name != column.name));
     }
     let rows = Rows {
         columns: made,
@@ -162,10 +176,48 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     notes.extend(manner(sheet, &units));
     notes.extend(time_notes);
     notes.extend(sheet.notes.iter().cloned());
+    notes.extend(blank_columns);
     notes.extend(missing.notes);
     notes.extend(resampling.notes(&sheet.file));
     let recording = Recording::from_rows(&sheet.file, rows)?.with_notes(notes).with_file_units(file_units);
     Ok(if may_count_rows { recording.that_may_count_rows() } else { recording })
+}
+
+/// The recording of topics that stand in rows of their own: rows where the sensors were read, and the commands that were in force there.
+fn of_topics(
+    sheet: &Sheet<'_>,
+    time_s: &[f64],
+    mut columns: Vec<(Column, Kind)>,
+    notes: Vec<String>,
+) -> Result<Recording, RecordingError> {
+    let read =
+        asynchronous::readings(time_s, &mut columns).map_err(|sensor| never_together(sheet, &columns, sensor))?;
+    let read_s = rows_alone(time_s, &read);
+    let mut resampling = Resampling::new(&read_s).commanded(time_s);
+    if let Some((fresh, repeats)) = repeated::fresh(&readings(&columns)).filter(|_| resampling.is_as_it_was()) {
+        resampling.only(&fresh, Sensors::Repeated(repeats));
+    }
+    let rows = |(column, kind): &(Column, Kind)| Column {
+        name: column.name.clone(),
+        data: rows_of(&resampling, &column.data, *kind),
+    };
+    let rows = Rows {
+        columns: columns.iter().map(rows).collect(),
+        measured: resampling.measured.clone(),
+        missing: Vec::new(),
+        sampling_s: resampling.sampling_s(),
+        header_line: sheet.header_line,
+        time_s: resampling.rows.clone(),
+    };
+    let notes = notes.into_iter().chain(resampling.notes(&sheet.file)).collect();
+    Ok(Recording::from_rows(&sheet.file, rows)?.with_notes(notes))
+}
+
+/// The remark on a column that is there, has nothing in any row, and so counts as one that is not there.
+fn blank_column(sheet: &Sheet<'_>, name: &str) -> Option<String> {
+    let at = sheet.find(name).ok().flatten()?;
+    let title = sheet.columns.get(at).map_or(name, |column| column.title.as_str());
+    Some(format!("{}: column {title} has nothing in any row and counts as one that is not there", sheet.file))
 }
 
 /// The numbers of all sensors' columns.
@@ -233,25 +285,6 @@ fn manner(sheet: &Sheet<'_>, units: &[String]) -> Option<String> {
         words.push(format!("units taken: {}", units.join(", ")));
     }
     (!words.is_empty()).then(|| format!("{}: read with {}", sheet.file, words.join("; ")))
-}
-
-/// Share of the rows that have the time of the row before from which times are rounded, and not rows doubled here and there.
-const COARSE: f64 = 0.25;
-
-/// Refuses times that do not go forward.
-///
-/// # Errors
-/// The first row whose time is not after that of the row before, with its line.
-pub(super) fn forward(sheet: &Sheet<'_>, column: usize, time_s: &[f64]) -> Result<(), CsvError> {
-    let mut steps = time_s.windows(2).zip(sheet.lines.iter().skip(1));
-    let Some((pair, line)) = steps.find(|(pair, _)| pair[1] <= pair[0]) else { return Ok(()) };
-    let (file, line, position) = (sheet.file.clone(), *line, column + 1);
-    let column = sheet.columns.get(column).map_or_else(|| TIME_COLUMN.to_owned(), |column| column.title.clone());
-    let repeats = time_s.windows(2).filter(|pair| pair[1] == pair[0]).count();
-    if repeats as f64 > COARSE * time_s.len() as f64 {
-        return Err(CsvError::CoarseTimes { file, line, position, column, repeats });
-    }
-    Err(CsvError::TimeNotForward { file, line, position, column, value: pair[1], previous: pair[0] })
 }
 
 #[cfg(test)]

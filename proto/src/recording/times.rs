@@ -6,22 +6,27 @@
 //! another one explains are refused with the key that says it, and never taken for a slow logger's.
 
 mod bursts;
+mod clock_set;
 mod counter_wrap;
+mod forward;
 mod milliseconds;
 mod month_names;
 pub(crate) mod time_notes;
 pub(crate) mod timestamps;
 mod unlikely_times;
 
+use std::borrow::Cow;
+
 use model::rig::{RecordingMap, Term};
 
 use self::bursts::{Bursts, bursts};
+use self::clock_set::clock_set;
+use self::forward::forward;
 use self::unlikely_times::{DAY_S, MOST_STEP_S, plausible};
 use crate::recording::columns::Naming;
 use crate::recording::columns::units::Unit;
-use crate::recording::csv::{CsvError, TIME_COLUMN};
+use crate::recording::csv::{CsvError, TIME_COLUMN, rows_alone, toml_text};
 use crate::recording::logger_file::sheet::{Sheet, field};
-use crate::recording::read_for::forward;
 use crate::recording::recording_error::RecordingError;
 use crate::recording::rows::resample::median_step;
 
@@ -29,7 +34,7 @@ use crate::recording::rows::resample::median_step;
 const EPOCH_S: [f64; 2] = [1e9, 1e10];
 
 /// Names that columns of times go by, in the order in which they are preferred, and the s per number that the name says.
-const NAMES: [(&str, Option<f64>); 24] = [
+const NAMES: [(&str, Option<f64>); 26] = [
     ("time", None),
     ("t", None),
     ("timestamp", None),
@@ -38,6 +43,8 @@ const NAMES: [(&str, Option<f64>); 24] = [
     ("date_time", None),
     ("date time", None),
     ("date/time", None),
+    ("_time", None),
+    ("__time", None),
     ("x_value", None),
     ("elapsed", None),
     ("elapsed time", None),
@@ -72,6 +79,31 @@ pub(super) struct Times {
     pub(super) taken: Vec<String>,
 }
 
+/// What the times of rows are times of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Stamps<'r> {
+    /// Rows that are samples of all channels.
+    OfRows,
+    /// Topics in rows of their own, which may come close behind one another and be no bursts. The rows of one sensor are at a distance
+    /// that tells something.
+    OfTopics(&'r [usize]),
+}
+
+impl Stamps<'_> {
+    /// Times of the rows whose distance tells something, of the times of all rows.
+    fn telling(self, time_s: &[f64]) -> Cow<'_, [f64]> {
+        match self {
+            Stamps::OfRows => Cow::Borrowed(time_s),
+            Stamps::OfTopics(rows) => Cow::Owned(rows_alone(time_s, rows)),
+        }
+    }
+
+    /// The bursts that times come in, of rows that are samples.
+    fn bursts(self, time_s: &[f64]) -> Option<Bursts> {
+        bursts(time_s).filter(|_| self == Stamps::OfRows)
+    }
+}
+
 /// Where the seconds of a column come from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Said {
@@ -87,11 +119,16 @@ pub(super) enum Said {
 ///
 /// # Errors
 /// No column of times, a cell that is no time, times that do not go forward, steps of another unit.
-pub(super) fn times(sheet: &Sheet<'_>, map: &RecordingMap, naming: Naming) -> Result<Times, RecordingError> {
+pub(super) fn times(
+    sheet: &Sheet<'_>,
+    map: &RecordingMap,
+    naming: Naming,
+    stamps: Stamps<'_>,
+) -> Result<Times, RecordingError> {
     let times = match mapped(sheet, map, naming)? {
-        Some(places) => or_every(sheet, map, of_terms(sheet, map, &places))?,
+        Some(places) => or_every(sheet, map, of_terms(sheet, map, &places, stamps), stamps)?,
         None => match place(sheet, map)? {
-            Found::Columns(places) => or_every(sheet, map, of_columns(sheet, &places))?,
+            Found::Columns(places) => or_every(sheet, map, of_columns(sheet, &places, stamps), stamps)?,
             Found::Period(period_s) => every(sheet, period_s),
         },
     };
@@ -105,7 +142,7 @@ pub(super) fn times(sheet: &Sheet<'_>, map: &RecordingMap, naming: Naming) -> Re
     };
     let column = times.columns.first().copied().unwrap_or(0);
     forward(sheet, column, &times.time_s)?;
-    match bursts(&times.time_s) {
+    match stamps.bursts(&times.time_s) {
         Some(bursts) if !times.columns.is_empty() => Err(come_in(sheet, column, bursts)),
         _ => Ok(times),
     }
@@ -135,15 +172,21 @@ fn mapped(sheet: &Sheet<'_>, map: &RecordingMap, naming: Naming) -> Result<Optio
     Ok(places.into_iter().collect::<Option<Vec<_>>>().filter(|_| asked))
 }
 
-/// Times as the file has them, or at the map's distance where it says one and they are none, stand still or come in bursts.
+/// Times as the file has them, or at the map's distance where it says one and they are none, stand still, go back, come in bursts, or
+/// leave a hole in which the clock was set.
 fn or_every(
     sheet: &Sheet<'_>,
     map: &RecordingMap,
     times: Result<Times, RecordingError>,
+    stamps: Stamps<'_>,
 ) -> Result<Times, RecordingError> {
     let Some(period_ms) = map.period_ms else { return times };
     match times {
-        Ok(times) if times.time_s.windows(2).all(|pair| pair[1] > pair[0]) && bursts(&times.time_s).is_none() => {
+        Ok(times)
+            if times.time_s.windows(2).all(|pair| pair[1] > pair[0])
+                && stamps.bursts(&times.time_s).is_none()
+                && clock_set(&times.time_s).is_none() =>
+        {
             Ok(times)
         }
         _ => Ok(every(sheet, 1e-3 * period_ms)),
@@ -192,6 +235,12 @@ fn place(sheet: &Sheet<'_>, map: &RecordingMap) -> Result<Found, RecordingError>
     let column = map.time.0.iter().map(|term| &term.from).find(|name| !matches!(sheet.find(name), Ok(Some(_))));
     let mend = if map.names_time() {
         "the rig file's [recording] time asks for it".to_owned()
+    } else if let Some((seconds, nanoseconds)) = seconds_and_nanoseconds(sheet) {
+        format!(
+            "the time stands in two columns: say so in the rig file, [recording] time = [{{ from = {} }}, {{ from = {}, scale = 1e-9 }}]",
+            toml_text(seconds),
+            toml_text(nanoseconds)
+        )
     } else {
         "where the time has another name say so in the rig file: [recording] time = \"…\"; where there is none, period_ms = …".to_owned()
     };
@@ -203,6 +252,18 @@ fn place(sheet: &Sheet<'_>, map: &RecordingMap) -> Result<Found, RecordingError>
         column: column.map_or(TIME_COLUMN, String::as_str).to_owned(),
         found: sheet.listed(),
         mend,
+    })
+}
+
+/// Names of two columns that are the seconds and the nanoseconds of one stamp, as messages of ROS have it.
+fn seconds_and_nanoseconds<'s>(sheet: &'s Sheet<'_>) -> Option<(&'s str, &'s str)> {
+    let titles = || sheet.columns.iter().map(|column| column.title.as_str());
+    let nanoseconds = ["nanosec", "nanosecs", "nanoseconds", "nsec", "nsecs"];
+    titles().find_map(|fine| {
+        let stem = nanoseconds.iter().find_map(|end| fine.strip_suffix(end))?;
+        let is_coarse =
+            |title: &&str| title.strip_prefix(stem).is_some_and(|end| ["sec", "secs", "seconds", "s"].contains(&end));
+        Some((titles().find(is_coarse)?, fine))
     })
 }
 
@@ -263,7 +324,12 @@ fn with_its_unit(sheet: &Sheet<'_>) -> Option<usize> {
 }
 
 /// Times as the map makes them.
-fn of_terms(sheet: &Sheet<'_>, map: &RecordingMap, places: &[usize]) -> Result<Times, RecordingError> {
+fn of_terms(
+    sheet: &Sheet<'_>,
+    map: &RecordingMap,
+    places: &[usize],
+    stamps: Stamps<'_>,
+) -> Result<Times, RecordingError> {
     let mut time_s = vec![0.0; sheet.rows()];
     let mut taken = Vec::new();
     for (term, at) in map.time.0.iter().zip(places) {
@@ -281,12 +347,12 @@ fn of_terms(sheet: &Sheet<'_>, map: &RecordingMap, places: &[usize]) -> Result<T
         (true, ..) => Said::Unit(1.0),
         (false, ..) => Said::Column,
     };
-    plausible(sheet, places, &time_s, said)?;
+    plausible(sheet, places, &stamps.telling(&time_s), said)?;
     Ok(Times { time_s: from_zero(time_s), columns: places.to_vec(), taken })
 }
 
 /// Times of columns that no map names.
-fn of_columns(sheet: &Sheet<'_>, places: &[usize]) -> Result<Times, RecordingError> {
+fn of_columns(sheet: &Sheet<'_>, places: &[usize], stamps: Stamps<'_>) -> Result<Times, RecordingError> {
     let mut time_s = vec![0.0; sheet.rows()];
     let (mut taken, mut least) = (Vec::new(), Said::Unit(1.0));
     for at in places {
@@ -302,7 +368,7 @@ fn of_columns(sheet: &Sheet<'_>, places: &[usize]) -> Result<Times, RecordingErr
     if let Some(moments) = sheet.moments(places) {
         time_s = moments;
     }
-    plausible(sheet, places, &time_s, least)?;
+    plausible(sheet, places, &stamps.telling(&time_s), least)?;
     if let ([at], Some(first)) = (places, time_s.first().copied())
         && sheet.is_clock_alone(*at)
     {
@@ -374,13 +440,13 @@ fn seconds(sheet: &Sheet<'_>, at: usize, said: Said) -> Result<(Vec<f64>, Option
     }
     let wrapped = crate::recording::times::counter_wrap::unwrapped(&mut numbers);
     let (factor, word) = match said {
-        Said::Unit(s) => (s, (s != 1.0).then(|| format!("{title} in {s} s"))),
+        Said::Unit(s) => (s, (s != 1.0).then(|| format!("{title} in {}", unit_word(s)))),
         Said::Column | Said::Nothing => {
             if is_in_days(&numbers) {
                 (DAY_S, Some(format!("{title} in days, as spreadsheets and MATLAB count them")))
             } else {
                 let factor = epoch_unit(numbers.first().copied().unwrap_or(0.0));
-                (factor, (factor != 1.0).then(|| format!("{title} since 1970 in {factor} s")))
+                (factor, (factor != 1.0).then(|| format!("{title} since 1970 in {}", unit_word(factor))))
             }
         }
     };
@@ -397,6 +463,15 @@ fn seconds(sheet: &Sheet<'_>, at: usize, said: Said) -> Result<(Vec<f64>, Option
     });
     let words: Vec<String> = word.into_iter().chain(wrapped).collect();
     Ok((numbers, (!words.is_empty()).then(|| words.join(", "))))
+}
+
+/// A unit of time as one writes it, of so many s.
+fn unit_word(s: f64) -> String {
+    let known = [("ns", 1e-9), ("us", 1e-6), ("ms", 1e-3), ("min", 60.0), ("h", 3600.0), ("days", DAY_S)];
+    known
+        .into_iter()
+        .find(|(_, of)| (s / of - 1.0).abs() < 1e-9)
+        .map_or_else(|| format!("{s} s"), |(unit, _)| unit.to_owned())
 }
 
 /// The error of a cell of times that is no number.

@@ -87,7 +87,7 @@ def simulate_recording(rig, columns, refine=REFINE):
     if not (isinstance(refine, (int, np.integer)) and 1 <= refine <= 100):
         raise ValueError(f"refine is a whole number within 1 ... 100, not {refine!r}")
     numbers = [(name, _bytes(_row(name, c))) for name, c in columns.items() if _is_numbers(c)]
-    return _arrays(_native.simulate(_path(rig), numbers, int(refine)))
+    return _arrays(_native.simulate(_rig_name(rig), numbers, int(refine)))
 
 
 def read_recording(file, rig="dual_pressure"):
@@ -103,7 +103,7 @@ def read_recording(file, rig="dual_pressure"):
     An MCAP file gives the rows that every command reads, those with both pressures and a command, and references only
     where every row has them; read_ticks gives all.
     """
-    columns, measured, notes = _native.read_recording(_path(file), _path(rig))
+    columns, measured, notes = _native.read_recording(os.fsdecode(file), _rig_name(rig))
     return Recording(_arrays(columns), _path(file), np.frombuffer(measured, dtype=np.uint8).astype(bool), _told(notes))
 
 
@@ -114,7 +114,7 @@ def read_ticks(file):
     no number; arrays of the message have their index behind their name, from 1. Whole numbers above 2**53 (findings,
     hashes) are rounded. Raises ValueError with one line that names the file.
     """
-    columns, notes = _native.read_ticks(_path(file))
+    columns, notes = _native.read_ticks(os.fsdecode(file))
     arrays = _arrays(columns)
     return Recording(arrays, _path(file), np.ones(len(arrays["time_s"]), dtype=bool), _told(notes))
 
@@ -122,6 +122,16 @@ def read_ticks(file):
 def _path(name):
     # A built-in name is a str, a file a str or a path; anything else is said to be wrong by os.fspath.
     return os.fsdecode(name)
+
+
+def _rig_name(rig):
+    """A built-in name or a rig file's path, which messages and recordings must be able to carry as text."""
+    name = os.fsdecode(rig)
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        raise ValueError(f"{name!r}: the path of a rig file must be UTF-8; rename the file or its folder") from None
+    return name
 
 
 def _arrays(columns):

@@ -1,7 +1,5 @@
 """The rig as a Gymnasium environment: what a policy reads and answers on the running daemon, tick by tick."""
 
-import os
-
 import numpy as np
 
 try:
@@ -9,7 +7,7 @@ try:
 except ModuleNotFoundError as missing:
     raise ModuleNotFoundError("DualPressureEnv needs Gymnasium: pip install gymnasium", name="gymnasium") from missing
 
-from . import _native
+from . import _native, _rig_name
 
 DUTIES = 12
 
@@ -23,19 +21,19 @@ class DualPressureEnv(gymnasium.Env):
     noise_v_rms   noise of the converter in V RMS, 0 to 0.1; left out, that of the emulated cRIO
     spread        domain randomisation: every episode draws volumes, valves and check valves within +- so many percent
 
-    Each episode draws a reference over the reachable range; it follows from the seed of reset(). An action holds u_pos
-    and u_neg of this tick, then of the next five, which the prediction takes; duties beyond 0 and 1 are taken as 0 and 1.
-    The applied duty is sat(action + integral), as in the daemon. Info: pressures without noise, the reference, and the
-    applied duties.
+    Each episode draws a reference over the reachable range; it follows from the seed of reset(). An action holds
+    u_pos and u_neg of this tick, then of the next five, which the prediction takes; duties beyond 0 and 1 are taken
+    as 0 and 1, and NaN is refused. The applied duty is sat(action + integral), as in the daemon. Info: pressures
+    without noise, the reference, and the applied duties.
     """
 
     metadata = {"render_modes": []}
 
     def __init__(self, rig="dual_pressure", model=None, episode_s=20.0, noise_v_rms=None, spread=0.0):
         super().__init__()
-        model = None if model is None else os.fsdecode(model)
+        model = None if model is None else _rig_name(model)
         noise_v_rms = None if noise_v_rms is None else float(noise_v_rms)
-        self._native = _native.Env(os.fsdecode(rig), model, float(episode_s), noise_v_rms, float(spread))
+        self._native = _native.Env(_rig_name(rig), model, float(episode_s), noise_v_rms, float(spread))
         low, high = (np.frombuffer(b, dtype="<f4").copy() for b in self._native.bounds())
         self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float32)
         self.action_space = gymnasium.spaces.Box(0.0, 1.0, (DUTIES,), np.float32)
@@ -56,7 +54,8 @@ class DualPressureEnv(gymnasium.Env):
             raise ValueError(f"an action is {DUTIES} duties, u_pos and u_neg of six ticks; this one has shape {duties.shape}")
         if not np.isfinite(duties).all():
             place = int(np.flatnonzero(~np.isfinite(duties))[0])
-            raise ValueError(f"action[{place}] is {duties[place]}; duties are within 0 ... 1")
+            mend = "a duty must be a number; beyond 0 and 1 it is taken as 0 or 1"
+            raise ValueError(f"action[{place}] is {duties[place]}; {mend}")
         duties = np.clip(duties, 0.0, 1.0).tolist()
         observation, reward, terminated, truncated, info = self._native.step(duties)
         return self._observation(observation), reward, terminated, truncated, dict(info)

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use fit::data::quality::{seconds_are_no_count, within_ranges};
@@ -115,9 +115,9 @@ type Read = (Vec<(String, ColumnOut)>, Cow<'static, [u8]>, Vec<String>);
 /// # Errors
 /// `ValueError` with the reader's line: file, line or column, what is wrong, and the fix.
 #[pyfunction]
-pub(crate) fn read_recording(py: Python<'_>, file: &str, rig: &str) -> PyResult<Read> {
+pub(crate) fn read_recording(py: Python<'_>, file: PathBuf, rig: &str) -> PyResult<Read> {
     let rig = proto::rig_file::load(rig).map_err(refused)?;
-    let recording = py.detach(|| Recording::read_for(Path::new(file), &rig)).map_err(refused)?;
+    let recording = py.detach(|| Recording::read_for(&file, &rig)).map_err(refused)?;
     let alone = std::slice::from_ref(&recording);
     // Whoever only reads gets the numbers as they are, and what every command of `trainer` would refuse them for.
     let doubt = py.detach(|| within_ranges(&rig, alone).and_then(|()| seconds_are_no_count(&rig, alone))).err();
@@ -144,9 +144,9 @@ pub(crate) fn read_recording(py: Python<'_>, file: &str, rig: &str) -> PyResult<
 /// # Errors
 /// `ValueError` with the reader's line.
 #[pyfunction]
-pub(crate) fn read_ticks(py: Python<'_>, file: &str) -> PyResult<(Numbers, Vec<String>)> {
+pub(crate) fn read_ticks(py: Python<'_>, file: PathBuf) -> PyResult<(Numbers, Vec<String>)> {
     py.detach(|| {
-        let content = read_mcap(Path::new(file)).map_err(refused)?;
+        let content = read_mcap(&file).map_err(refused)?;
         let table = tick_table(&content.ticks);
         let mut lines = table.lines().map(|line| line.split(','));
         let names: Vec<&str> = lines.next().map(Iterator::collect).unwrap_or_default();

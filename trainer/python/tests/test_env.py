@@ -92,8 +92,14 @@ class Interface(unittest.TestCase):
         env.reset(seed=0)
         nan = OPEN.copy()
         nan[3] = np.nan
-        self.assertEqual(refusal(env.step, nan), "action[3] is nan; duties are within 0 ... 1")
+        self.assertEqual(refusal(env.step, nan), "action[3] is nan; a duty must be a number; beyond 0 and 1 it is taken as 0 or 1")
         self.assertIn("12 duties", refusal(env.step, OPEN[:2]))
+        # Beyond the range a duty is taken at its end.
+        pressures = []
+        for far in (1.0, 9.0):
+            env.reset(seed=3)
+            pressures.append(env.step(np.full(12, far, np.float32))[4]["p_pos_kpa"])
+        self.assertEqual(pressures[0], pressures[1])
         self.assertIn("12 duties", refusal(env.step, OPEN.reshape(6, 2)))
 
 

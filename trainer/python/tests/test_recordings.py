@@ -42,6 +42,16 @@ class Tables(unittest.TestCase):
         self.assertTrue(self.plain.measured.all())
         self.assertEqual((self.plain.source, self.plain.notes), (str(HOLDS), []))
 
+    def test_a_path_that_is_no_utf_8_is_a_path(self):
+        with folder() as here:
+            name = os.fsencode(here) + b"/l\xfcft.csv"
+            with open(name, "wb") as file:
+                file.write(HOLDS.read_bytes())
+            self.assert_same(read_quietly(name))
+            self.assert_same(read_quietly(os.fsdecode(name)))
+            with self.assertRaisesRegex(ValueError, "must be UTF-8; rename"):
+                read_quietly(HOLDS, name)
+
     def test_what_loggers_and_other_tools_make_of_it(self):
         text = HOLDS.read_text()
         header, *rows = text.splitlines()

@@ -2,7 +2,9 @@
 
 use model::rig::{Rig, Sensor, Term};
 
+use super::command_ranges;
 use super::units::Unit;
+use crate::recording::csv::toml_text;
 use crate::recording::logger_file::sheet::Sheet;
 use crate::recording::recording_error::RecordingError;
 use crate::recording::rows::resample::Kind;
@@ -73,13 +75,15 @@ pub(crate) fn converted(
         }
         _ => {
             let what = if kind == Kind::Reading { "a pressure" } else { "a command, a share of 1" };
+            let of_range =
+                if kind == Kind::Reading { None } else { command_ranges::of_unit(name, &term.from, unit, &numbers) };
+            let key = of_range.unwrap_or_else(|| {
+                format!("[recording] columns.{name} = {{ from = {}, scale = …, offset = … }}", toml_text(&term.from))
+            });
             return Err(RecordingError::Unit {
                 file: sheet.file.clone(),
                 column: term.from.clone(),
-                problem: format!(
-                    "its unit is {text}, and {name} is {what}; say how it is scaled: [recording] columns.{name} = {{ from = \"{}\", scale = …, offset = … }}",
-                    term.from
-                ),
+                problem: format!("its unit is {text}, and {name} is {what}; say how it is scaled: {key}"),
             });
         }
     };

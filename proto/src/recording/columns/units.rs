@@ -95,7 +95,8 @@ impl Unit {
                 '°' => ' ',
                 c => c.to_ascii_lowercase(),
             })
-            .filter(|c| !c.is_whitespace() && !matches!(c, '_' | '.'))
+            // `kPa (gauge)`, `bar(a)`: brackets within a unit are as good as none.
+            .filter(|c| !c.is_whitespace() && !matches!(c, '_' | '.' | '(' | ')'))
             .collect();
         match plain.as_str() {
             "%" | "percent" | "pct" => return Some(Unit::Share(0.01)),
@@ -119,11 +120,9 @@ impl Unit {
         // The longest ending first: `bara` before `a`, `abs` before nothing.
         for (ending, absolute) in [
             ("absolute", true),
-            ("(abs)", true),
-            ("(a)", true),
             ("abs", true),
             ("gauge", false),
-            ("(g)", false),
+            ("relative", false),
             ("rel", false),
             ("g", false),
             ("a", true),
@@ -189,6 +188,9 @@ mod tests {
             ("psia", Unit::Absolute(6.894_757_293_168)),
             ("bar(a)", Unit::Absolute(100.0)),
             ("bara", Unit::Absolute(100.0)),
+            ("kPa (gauge)", Unit::Gauge(1.0)),
+            ("[mbar (absolute)]", Unit::Absolute(0.1)),
+            ("kPa(rel.)", Unit::Gauge(1.0)),
             ("kPa abs", Unit::Absolute(1.0)),
             ("kPa_gauge", Unit::Gauge(1.0)),
             ("Pa", Unit::Gauge(1e-3)),
@@ -215,6 +217,7 @@ mod tests {
         assert_eq!(Unit::in_name("P [mbar]"), Some(("P", "mbar")));
         assert_eq!(Unit::in_name("chamber 1 (kPa(g))"), Some(("chamber 1", "kPa(g)")));
         assert_eq!(Unit::in_name("p / kPa"), Some(("p", "kPa")));
+        assert_eq!(Unit::in_name("p_kpa [kPa (gauge)]"), Some(("p_kpa", "kPa (gauge)")));
         assert_eq!(Unit::in_name("duty in %"), Some(("duty", "%")));
         assert_eq!(Unit::in_name("p_pos_kpa/bar"), Some(("p_pos_kpa", "bar")));
         assert_eq!(Unit::in_name("Time/s"), Some(("Time", "s")));

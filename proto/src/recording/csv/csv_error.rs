@@ -153,7 +153,7 @@ pub enum CsvError {
     },
     /// Time that does not go forward.
     #[error(
-        "{file}: line {line}, column {position} ({column}): {value} s does not come after {previous} s in the row before; {}", not_forward_mend(*.value, *.previous)
+        "{file}: line {line}, column {position} ({column}): {} s does not come after {} s in the row before; {}", to_a_microsecond(*.value), to_a_microsecond(*.previous), not_forward_mend(*.value, *.previous)
     )]
     TimeNotForward {
         /// The file.
@@ -168,6 +168,46 @@ pub enum CsvError {
         value: f64,
         /// Time of the row before (s).
         previous: f64,
+    },
+    /// Rows that are out of order, and in order by their times.
+    #[error(
+        "{file}: line {line}, column {position} ({column}): {} s does not come after {} s in the row before; rows are out of order: sort them by {column}", to_a_microsecond(*.value), to_a_microsecond(*.previous)
+    )]
+    OutOfOrder {
+        /// The file.
+        file: String,
+        /// Line, from 1.
+        line: u64,
+        /// Column, from 1.
+        position: usize,
+        /// Its name.
+        column: String,
+        /// Time of this row (s).
+        value: f64,
+        /// Time of the row before (s).
+        previous: f64,
+    },
+    /// Times that begin anew: sorted, rows of different moments would be mixed.
+    #[error(
+        "{file}: line {line}, column {position} ({column}): {} s does not come after {} s in the row before{}: the clock was set back, or another run begins; where rows go on at one distance, say it in the rig file: [recording] period_ms = {period_ms:?}; where another run begins, make a file of each", to_a_microsecond(*.value), to_a_microsecond(*.previous), more_places(*.places)
+    )]
+    ClockSetBack {
+        /// The file.
+        file: String,
+        /// Line, from 1.
+        line: u64,
+        /// Column, from 1.
+        position: usize,
+        /// Its name.
+        column: String,
+        /// Time of this row (s).
+        value: f64,
+        /// Time of the row before (s).
+        previous: f64,
+        /// Rows whose time is before that of the row before.
+        places: usize,
+        /// Usual distance of rows (ms).
+        period_ms: f64,
     },
     /// Channels with times of their own that cannot be brought together.
     #[error(
@@ -235,6 +275,15 @@ pub enum CsvError {
         /// Column, from 1.
         position: usize,
     },
+}
+
+/// A time as one reads it (s): what arithmetic and single precision leave behind a microsecond is no part of it.
+fn to_a_microsecond(time_s: f64) -> f64 {
+    (time_s * 1e6).round() / 1e6
+}
+
+fn more_places(places: usize) -> String {
+    if places > 1 { format!(", and so in {} further rows", places - 1) } else { String::new() }
 }
 
 /// What helps where a time does not come after the one before (s).

@@ -18,6 +18,10 @@ const NOT_FINITE: [&str; 2] = ["1.#", "nan("];
 /// Whether a cell says that there is nothing: blank, NaN, a logger's word for it, a spreadsheet's error (`#DIV/0!`).
 pub(crate) fn says_nothing(text: &str) -> bool {
     let text = text.trim();
+    // Nearly every cell is a number, and a week of them is looked at.
+    if text.trim_start_matches('-').starts_with(|c: char| c.is_ascii_digit()) && !text.contains('#') {
+        return false;
+    }
     let unsigned = text.trim_start_matches(['+', '-']).to_ascii_lowercase();
     let is_full_of = |mark: char| text.chars().all(|c| c == mark);
     text.is_empty()
@@ -34,6 +38,11 @@ fn is_not_finite(unsigned: &str) -> bool {
     unsigned == "nan" || NOT_FINITE.iter().any(|begin| unsigned.starts_with(begin))
 }
 
+/// A number with so many figures, as one reads it: what arithmetic leaves behind them is no part of it.
+pub(crate) fn figures(x: f64, figures: usize) -> f64 {
+    format!("{x:.*e}", figures.saturating_sub(1)).parse().unwrap_or(x)
+}
+
 /// A number with this decimal mark; `true` and `false` are 1 and 0.
 pub(crate) fn parse(text: &str, decimal: Decimal) -> Option<f64> {
     let text = text.trim();
@@ -43,11 +52,19 @@ pub(crate) fn parse(text: &str, decimal: Decimal) -> Option<f64> {
         Decimal::Comma if text.contains(',') => text.replace('.', "").replace(',', ".").parse().ok(),
         Decimal::Comma => text.parse().ok(),
     };
-    number.or_else(|| rewritten(text, decimal)).or_else(|| match text.to_ascii_lowercase().as_str() {
-        "true" => Some(1.0),
-        "false" => Some(0.0),
-        _ => None,
+    number.or_else(|| rewritten(text, decimal)).or_else(|| hexadecimal(text)).or_else(|| {
+        match text.to_ascii_lowercase().as_str() {
+            "true" => Some(1.0),
+            "false" => Some(0.0),
+            _ => None,
+        }
     })
+}
+
+/// A count in hexadecimal digits behind `0x`.
+fn hexadecimal(text: &str) -> Option<f64> {
+    let digits = text.strip_prefix("0x").or_else(|| text.strip_prefix("0X"))?;
+    u32::from_str_radix(digits, 16).ok().filter(|_| !digits.starts_with('+')).map(f64::from)
 }
 
 /// A number that Rust writes in another way.
@@ -107,6 +124,7 @@ mod tests {
             ("1.250000D-04", 1.25e-4),
             ("+3.5", 3.5),
             ("TRUE", 1.0),
+            ("0x77D", 1917.0),
         ] {
             assert_eq!(parse(text, Decimal::Point), Some(number), "{text}");
         }
@@ -119,7 +137,22 @@ mod tests {
 
     #[test]
     fn what_only_looks_like_a_group_is_no_number() {
-        for text in ["0,123", "1,23", "1,2345", "1,234'567", ",234", "1234,567", "d", "D5", "12 kPa", "run 3", ""] {
+        for text in [
+            "0,123",
+            "1,23",
+            "1,2345",
+            "0x",
+            "0xG",
+            "0x+1",
+            "1,234'567",
+            ",234",
+            "1234,567",
+            "d",
+            "D5",
+            "12 kPa",
+            "run 3",
+            "",
+        ] {
             assert_eq!(parse(text, Decimal::Point), None, "{text}");
         }
     }

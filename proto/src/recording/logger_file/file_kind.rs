@@ -73,6 +73,15 @@ pub(crate) fn sheet(file: &str, bytes: &[u8]) -> Result<Option<Sheet<'static>>, 
     if bytes.starts_with(MAT5) {
         return mat5::sheet(file, bytes).map(Some);
     }
+    let start = bytes.get(..bytes.len().min(LOOKED_AT)).unwrap_or_default();
+    if !start.is_empty() && start.iter().all(|byte| *byte == 0) {
+        return Err(RecordingError::Kind {
+            file: file.to_owned(),
+            what: "it begins with nothing but zero bytes: a binary file, or one whose data never reached the disk"
+                .to_owned(),
+            mend: "get it again from the logger".to_owned(),
+        });
+    }
     if is_mat4(bytes) {
         return Err(RecordingError::Kind {
             file: file.to_owned(),

@@ -2,18 +2,19 @@
 //!
 //! A header of `key<separator>value` lines says separator, decimal mark and how many columns of times there are; each segment
 //! repeats a head with the channels' units, the clock when it began and, where there is no column of times, first time and step.
-//! Rows follow a line of names that begins with `X_Value`. Segments with the same names are one recording: times go on from segment
-//! to segment where `X0` does; where each begins at the same `X0`, its clock says when; where that stands still as well, rows follow
-//! each other.
+//! Rows follow a line of names that begins with `X_Value`; without a column of times that name may be blank or absent. Segments with the
+//! same names are one recording: times go on from segment to segment where `X0` does; where each begins at the same `X0`, its clock says
+//! when; where that stands still as well, rows follow each other. Columns of times that begin anew in each segment are put in order by
+//! the same clocks ([`super::labview_segments`]).
 
 use std::borrow::Cow;
 
 use model::rig::{Decimal, RecordingMap, Separator};
 
-use super::labview_rates;
-use super::logger_text::{LastRow, Row, fill, next};
-use super::sheet::{Cells, Sheet, SheetColumn};
+use super::logger_text::{LastRow, Row, fill, filled, next};
+use super::sheet::{Cells, Sheet, SheetColumn, is_data};
 use super::table_head::Head;
+use super::{labview_rates, labview_segments};
 use crate::recording::csv::CsvError;
 use crate::recording::csv::cells::{Comments, Grammar, Rows};
 use crate::recording::times::timestamps;
@@ -60,15 +61,23 @@ pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
     let (mut cells, mut rows): (_, Vec<Row<'a>>) = (Vec::new(), Vec::new());
     let mut head = Head::default();
     let (mut in_head, mut units, mut segment, mut segments) = (true, Vec::new(), Segment::default(), Vec::new());
+    // The line behind a segment's head has the names, whatever stands over the times: nothing does where the file has none.
+    let (mut of_segment, mut names_follow) = (false, false);
     while let Some((line, row)) = next(file, &mut walk, &mut cells)? {
         let first = row.first().map_or("", AsRef::as_ref);
+        let are_names = names_follow && filled(&row) > 0 && row.iter().all(|cell| !is_data(cell, decimal));
+        names_follow = false;
         match first {
-            MAGIC | "Channels" => in_head = true,
+            MAGIC | "Channels" => {
+                in_head = true;
+                of_segment = first != MAGIC;
+            }
             "Y_Unit_Label" => units = row.iter().skip(1).cloned().collect(),
             "X0" | "Delta_X" | "Date" | "Time" if in_head => {
                 segment.takes(first, row.get(1).map_or("", AsRef::as_ref), decimal);
             }
-            TIME => {
+            END_OF_HEADER => names_follow = in_head && of_segment,
+            _ if first == TIME || are_names => {
                 in_head = false;
                 segment.line = line;
                 segments.push(segment.clone());
@@ -77,16 +86,24 @@ pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
                     head.names = row.iter().map(ToString::to_string).collect();
                 }
             }
-            END_OF_HEADER => {}
             _ if !in_head => rows.push((line, row)),
             _ => {}
         }
     }
     if head.line.is_none() {
-        return Err(CsvError::NoRows { file: file.to_owned() });
+        return Err(CsvError::MissingColumn {
+            file: file.to_owned(),
+            line: None,
+            column: TIME.to_owned(),
+            found: "no names behind the heads of its segments; write the file with names, or as CSV".to_owned(),
+        });
+    }
+    let has_times = head.names.first().is_some_and(|name| name.is_empty() || name == TIME);
+    if let Some(name) = head.names.first_mut().filter(|name| name.is_empty()) {
+        TIME.clone_into(name);
     }
     // Units are those of the channels, which stand behind the times.
-    head.units = std::iter::once(Cow::Borrowed("s")).chain(units).collect();
+    head.units = has_times.then_some(Cow::Borrowed("s")).into_iter().chain(units).collect();
     let mut sheet = Sheet {
         file: file.to_owned(),
         header_line: head.line,
@@ -104,6 +121,10 @@ pub(crate) fn sheet<'a>(file: &str, text: &'a str, map: &RecordingMap) -> Result
     }
     let last = if text.ends_with('\n') { LastRow::Whole } else { LastRow::MayBeCut };
     fill(&mut sheet, &head, &rows, last)?;
+    if !has_times {
+        let cells = Cells::Text(vec![Cow::Borrowed(""); sheet.rows()]);
+        sheet.columns.insert(0, SheetColumn { unit: Some("s".to_owned()), ..SheetColumn::new(TIME, cells) });
+    }
     timed(&mut sheet, &segments)?;
     Ok(sheet)
 }
@@ -135,9 +156,7 @@ fn begun_s(segments: &[Segment], rows: &[usize]) -> Vec<f64> {
     if segments.iter().any(|segment| segment.first_s != first) {
         return segments.iter().map(|segment| segment.first_s).collect();
     }
-    let clocks: Vec<String> = segments.iter().map(|segment| segment.clock.join(" ")).collect();
-    let clocks: Vec<&str> = clocks.iter().map(String::as_str).collect();
-    let clocks_s = timestamps::column_s(&clocks).unwrap_or_default();
+    let clocks_s = clocks_s(segments);
     if clocks_s.windows(2).any(|pair| pair[0] != pair[1]) {
         let begun = clocks_s.first().copied().unwrap_or(0.0);
         return clocks_s.iter().map(|clock| first + clock - begun).collect();
@@ -151,11 +170,22 @@ fn begun_s(segments: &[Segment], rows: &[usize]) -> Vec<f64> {
     each.collect()
 }
 
+/// When segments began by the clock in their heads (s); none where one of them is no time.
+fn clocks_s(segments: &[Segment]) -> Vec<f64> {
+    let clocks: Vec<String> = segments.iter().map(|segment| segment.clock.join(" ")).collect();
+    let clocks: Vec<&str> = clocks.iter().map(String::as_str).collect();
+    timestamps::column_s(&clocks).unwrap_or_default()
+}
+
+/// First rows of segments, and the number of all rows behind them.
+fn bounds(lines: &[u64], segments: &[Segment]) -> Vec<usize> {
+    let row_at = |segment: &Segment| lines.partition_point(|line| *line < segment.line);
+    segments.iter().map(row_at).chain([lines.len()]).collect()
+}
+
 /// Times by row, of `lines`, where the file has no column of them (s).
 fn steps_of(lines: &[u64], segments: &[Segment]) -> Vec<f64> {
-    let row_at = |segment: &Segment| lines.partition_point(|line| *line < segment.line);
-    let bounds: Vec<usize> = segments.iter().map(row_at).chain([lines.len()]).collect();
-    let rows: Vec<usize> = bounds.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let rows: Vec<usize> = bounds(lines, segments).windows(2).map(|pair| pair[1] - pair[0]).collect();
     let begun = begun_s(segments, &rows);
     let of = |((segment, begun), rows): ((&Segment, f64), usize)| {
         (0..rows).map(move |row| begun + segment.step_s * row as f64).collect::<Vec<_>>()
@@ -182,6 +212,7 @@ fn timed(sheet: &mut Sheet<'_>, segments: &[Segment]) -> Result<(), CsvError> {
         sheet.manner.push(format!("times from X0 and Delta_X = {step_s} s"));
         return Ok(());
     }
+    labview_segments::put_in_order(sheet, &times, &bounds(&sheet.lines, segments), &clocks_s(segments));
     let cells = |at: usize| sheet.columns.get(at).map(|column| &column.cells);
     let others: Vec<usize> = times.iter().copied().skip(1).filter(|other| cells(*other) != cells(first)).collect();
     if let Some(other) = others.first() {
@@ -234,5 +265,19 @@ mod tests {
         near(begins([1.0, 4.5], same), [1.0, 4.5]);
         near(begins([0.0, 0.0], ["10:00:00.00", "10:00:07.50"]), [0.0, 7.5]);
         near(begins([0.0, 0.0], same), [0.0, 0.06]);
+    }
+
+    #[test]
+    fn names_without_one_for_the_times_are_names() {
+        let head = "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\tNo\n***End_of_Header***\t\n\t\n\
+                    Channels\t2\nSamples\t3\t3\nX0\t1.5\t1.5\nDelta_X\t0.02\t0.02\n***End_of_Header***\t\t\n";
+        for rows in
+            ["\tu\tp\tComment\n\t0.5\t1.0\n\t0.5\t2.0\n\t0.5\t3.0\n", "u\tp\tComment\n0.5\t1.0\n0.5\t2.0\n0.5\t3.0\n"]
+        {
+            let text = format!("{head}{rows}");
+            let sheet = sheet("a.lvm", &text, &RecordingMap::default()).unwrap();
+            let at = |name: &str| sheet.numbers(sheet.find(name).unwrap().unwrap()).unwrap();
+            assert_eq!((at("X_Value"), at("u"), at("p")), (vec![1.5, 1.52, 1.54], vec![0.5; 3], vec![1.0, 2.0, 3.0]));
+        }
     }
 }

@@ -206,9 +206,18 @@ fn rows<'a>(file: &str, text: &'a str, grammar: Grammar) -> Result<AllRows<'a>, 
         if found.is_empty() {
             comment = walk.last_comment().map(|(line, text)| (line, std::str::from_utf8(text).unwrap_or_default()));
         }
-        found.push(row);
+        if !is_ruled(&row.1) {
+            found.push(row);
+        }
     }
     Ok((found, comment, text.ends_with('\n')))
+}
+
+/// Whether a row is a line that somebody drew (`-----+-----` under a database's header): one cell, and no sign that says anything.
+fn is_ruled(row: &[Cow<'_, str>]) -> bool {
+    const SHORTEST: usize = 4;
+    let [only] = row else { return false };
+    only.len() >= SHORTEST && only.chars().all(|c| matches!(c, '-' | '+' | '=' | '|' | '─' | '┼'))
 }
 
 /// The next row as text.

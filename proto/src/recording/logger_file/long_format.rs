@@ -34,7 +34,8 @@ pub(crate) fn check(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<
     };
     let title = |at: usize| sheet.columns.get(at).map_or("", |column| column.title.as_str());
     let value = (0..sheet.columns.len()).rev().find(|other| *other != at && sheet.numbers(*other).is_ok());
-    let time = (0..sheet.columns.len()).find(|other| *other != at && Some(*other) != value);
+    let time =
+        (0..sheet.columns.len()).find(|other| *other != at && Some(*other) != value && goes_by(sheet, *other, at));
     let mut names: Vec<String> = channels.iter().take(LISTED).map(|name| shown(name)).collect();
     if channels.len() > LISTED {
         names.push("…".to_owned());
@@ -48,12 +49,31 @@ pub(crate) fn check(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<
             names.join(", ")
         ),
         mend: format!(
-            "pivot it so that each channel has a column: python3 -c \"import pandas; pandas.read_csv('FILE').pivot(index='{}', columns='{}', values='{}').to_csv('FILE_wide.csv')\"",
+            "pivot it so that each channel has a column: python3 -c \"import pandas; pandas.read_csv('FILE'{}).pivot(index='{}', columns='{}', values='{}').to_csv('FILE_wide.csv')\"",
+            if sheet.header_line.is_some_and(|line| line > 1) { ", comment='#'" } else { "" },
             time.map_or("time", title),
             title(at),
             value.map_or("value", title)
         ),
     })
+}
+
+/// Whether a column says something of single rows: it changes where the channel of the rows does not. What does not (the number of a block,
+/// the span that was asked for) is said of the channel, or of the file.
+fn goes_by(sheet: &Sheet<'_>, column: usize, of_channels: usize) -> bool {
+    let changes = |at: usize| -> Vec<bool> {
+        match sheet.columns.get(at).map(|column| &column.cells) {
+            Some(Cells::Text(texts)) => texts.windows(2).map(|pair| pair[0] != pair[1]).collect(),
+            Some(Cells::Numbers(numbers)) => numbers.windows(2).map(|pair| pair[0] != pair[1]).collect(),
+            None => Vec::new(),
+        }
+    };
+    let channel = changes(of_channels);
+    // Channels in turn change in every row.
+    let own = |(of, channel): (&bool, &bool)| *of && !channel;
+    let in_turn = 2 * channel.iter().filter(|change| **change).count() >= channel.len();
+    let all = changes(column);
+    if in_turn { all.contains(&true) } else { all.iter().zip(&channel).any(own) }
 }
 
 /// The names in a column that names channels: text throughout, few different ones, which come again and again.
@@ -71,7 +91,9 @@ fn channels(sheet: &Sheet<'_>, at: usize) -> Option<BTreeSet<String>> {
     // A state of the rig stands beside a column per channel, and says the same from row to row.
     let changes = texts.windows(2).filter(|pair| matches!(pair, [one, other] if one != other)).count();
     let others = sheet.columns.iter().enumerate().filter(|(of, _)| *of != at);
-    let of_numbers = others.filter(|(of, _)| sheet.numbers(*of).is_ok() || sheet.is_timestamped(*of)).count();
+    let of_numbers = others
+        .filter(|(of, _)| (sheet.numbers(*of).is_ok() || sheet.is_timestamped(*of)) && goes_by(sheet, *of, at))
+        .count();
     let in_turn = 2 * changes >= texts.len() && of_numbers <= 3;
     let one_behind_another = changes + 1 == seen.len() && of_numbers <= 2;
     (seen.len() > 1 && (in_turn || one_behind_another) && LEAST_ROWS * seen.len() <= texts.len()).then_some(seen)

@@ -5,6 +5,7 @@ use std::borrow::Cow;
 use model::rig::RecordingMap;
 
 use super::logger_text::{Manner, Row, cells_of, filled};
+use super::row_names::is_called_a_time;
 use super::sheet::is_data;
 use crate::recording::columns::units::Unit;
 use crate::recording::csv::CsvError;
@@ -43,6 +44,9 @@ impl<'a> Head<'a> {
         if !map.names.is_empty() {
             return Ok(Head { names: map.names.clone(), first, ..Head::default() });
         }
+        if let Some(head) = Self::over_an_index(rows, first, manner).filter(|_| map.header_line.is_none()) {
+            return Ok(head);
+        }
         let (header, first) = match map.header_line {
             Some(line) => (rows.iter().position(|(at, _)| *at == line), first),
             None => found(rows, &is_data, manner).map_or((None, first), |(at, first)| (Some(at), first)),
@@ -56,6 +60,37 @@ impl<'a> Head<'a> {
             if map.header_line.is_some() || first <= at { at + 1 + usize::from(units.is_some()) } else { first };
         let (names, rows_above) = (cells.iter().map(|name| name.to_string()).collect(), at);
         Ok(Head { line: Some(line), names, units: units.unwrap_or_default(), first, rows_above, in_comment: false })
+    }
+
+    /// The head that pandas writes over columns of several levels: a line per level, the last one with the names or their units, and below
+    /// them one with nothing but the name of the index.
+    fn over_an_index(rows: &[Row<'a>], first: usize, manner: &Manner) -> Option<Self> {
+        let row = |above: usize| rows.get(first.checked_sub(above)?).filter(|(_, row)| row.len() == manner.cells);
+        let texts =
+            |cells: &[Cow<'_, str>]| cells.iter().all(|cell| !cell.is_empty() && !is_data(cell, manner.decimal));
+        let (_, index) = row(1)?;
+        let (index, blank) = index.split_first()?;
+        if index.is_empty() || is_data(index, manner.decimal) || !blank.iter().all(|cell| cell.is_empty()) {
+            return None;
+        }
+        let (_, [_, last @ ..]) = row(2).map(|(line, row)| (line, row.as_slice()))? else { return None };
+        let units_above = is_units(last);
+        let above = if units_above { 3 } else { 2 };
+        let (line, [level, names @ ..]) = row(above).map(|(line, row)| (*line, row.as_slice()))? else { return None };
+        // A remark or a unit under a header has blanks beside it as well, and the header names its first column.
+        let is_level = level.is_empty() || (is_called_a_time(index) && !is_called_a_time(level));
+        if names.is_empty() || !texts(names) || !is_level || Unit::parse(index).is_some() {
+            return None;
+        }
+        let units = if units_above { last } else { &[] };
+        Some(Head {
+            line: Some(line),
+            names: std::iter::once(index).chain(names).map(ToString::to_string).collect(),
+            units: std::iter::once(Cow::Borrowed("")).chain(units.iter().cloned()).collect(),
+            first,
+            rows_above: first - above,
+            in_comment: false,
+        })
     }
 
     /// The head of a file whose rows are all data: names in the comment above, or nowhere.

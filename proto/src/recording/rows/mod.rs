@@ -1,5 +1,6 @@
 //! Samples of any rate to rows of 20 ms: lost rows bridged, repeated and doubled ones taken out.
 
+pub(crate) mod asynchronous;
 pub(crate) mod doubled;
 pub(crate) mod lost_rows;
 pub(crate) mod repeated;

@@ -66,6 +66,8 @@ pub(crate) struct Resampling<'t> {
     pub(crate) measured: Vec<bool>,
     /// By row, the sample that it is, where samples are rows as they are.
     is_sample: Option<Vec<Option<usize>>>,
+    /// Times at which commands were written, where these are others (s).
+    commands_s: Option<&'t [f64]>,
     /// How samples and readings go together.
     sensors: Sensors,
     /// Holes that were bridged: the time of the row or sample before each (s), and the rows or samples that it lacks.
@@ -83,6 +85,7 @@ impl<'t> Resampling<'t> {
             rows: Vec::new(),
             measured: Vec::new(),
             is_sample: None,
+            commands_s: None,
             sensors: Sensors::EachSample,
             holes: holes(time_s, step_s, longest_s),
         };
@@ -101,6 +104,11 @@ impl<'t> Resampling<'t> {
             None => runs.iter().for_each(|run| of.lay(run.clone(), on_grid)),
         }
         of
+    }
+
+    /// The same rows, for commands that were written at times of their own.
+    pub(crate) fn commanded(self, commands_s: &'t [f64]) -> Self {
+        Resampling { commands_s: Some(commands_s), ..self }
     }
 
     /// Usual distance of samples (s), that of rows where they are closer.
@@ -193,6 +201,19 @@ impl<'t> Resampling<'t> {
 
     /// The rows of a column.
     pub(crate) fn rows_of(&self, x: &[f64], kind: Kind) -> Vec<f64> {
+        if let Some(time_s) = self.commands_s.filter(|_| kind != Kind::Reading) {
+            let rows = self.rows.clone();
+            let of = Resampling {
+                time_s,
+                rows,
+                measured: Vec::new(),
+                is_sample: None,
+                commands_s: None,
+                holes: Vec::new(),
+                ..*self
+            };
+            return of.rows_of(x, kind);
+        }
         if let Some(is_sample) = &self.is_sample {
             return self.rows.iter().zip(is_sample).map(|(t, sample)| self.as_it_was(x, *t, *sample, kind)).collect();
         }

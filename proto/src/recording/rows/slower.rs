@@ -89,13 +89,18 @@ pub(crate) fn signals(sheet: &Sheet<'_>, column: usize) -> Result<Vec<f64>, CsvE
     with_blanks(sheet, column).filter(|written| !is_slower(written)).ok_or(refused)
 }
 
-/// By row, whether a column has nothing there, where that is so in a row now and then; all false elsewhere.
-pub(crate) fn now_and_then_blank(sheet: &Sheet<'_>, column: usize) -> Vec<bool> {
-    let blank: Vec<bool> = match sheet.columns.get(column).map(|of| &of.cells) {
+/// By row, whether a column has nothing there.
+pub(crate) fn blank(sheet: &Sheet<'_>, column: usize) -> Vec<bool> {
+    match sheet.columns.get(column).map(|of| &of.cells) {
         Some(Cells::Numbers(numbers)) => numbers.iter().map(|x| x.is_nan()).collect(),
         Some(Cells::Text(texts)) => texts.iter().map(|text| says_nothing(text)).collect(),
         None => Vec::new(),
-    };
+    }
+}
+
+/// By row, whether a column has nothing there, where that is so in a row now and then; all false elsewhere.
+pub(crate) fn now_and_then_blank(sheet: &Sheet<'_>, column: usize) -> Vec<bool> {
+    let blank = blank(sheet, column);
     let count = blank.iter().filter(|blank| **blank).count();
     if are_many(count, blank.len()) { vec![false; blank.len()] } else { blank }
 }

@@ -2,7 +2,10 @@
 
 use model::rig::RecordingMap;
 
-use super::unlikely_times::may_count_rows;
+use super::clock_set::{ClockSet, clock_set};
+use super::unlikely_times::{DAY_S, may_count_rows};
+use crate::recording::csv::numbers::figures;
+use crate::recording::csv::toml_text;
 use crate::recording::logger_file::sheet::Sheet;
 use crate::recording::rows::resample::median_step;
 
@@ -22,7 +25,8 @@ pub(crate) fn of_times(
     let may_count = !map.names_time() && may_count_rows(sheet, of_time, time_s);
     let counted = may_count.then(|| {
         format!(
-            "{file}: {title} has whole numbers, taken as 1 s a row; if they count rows: [recording] time = {{ from = \"{title}\", scale = 0.02 }}"
+            "{file}: {title} has whole numbers, taken as 1 s a row; if they count rows: [recording] time = {{ from = {}, scale = 0.02 }}",
+            toml_text(title)
         )
     });
     let step_s = median_step(time_s).unwrap_or(0.0);
@@ -33,5 +37,19 @@ pub(crate) fn of_times(
             1e3 * step_s
         )
     });
-    (counted.into_iter().chain(unused).collect(), may_count)
+    let set = clock_set(time_s).filter(|_| !of_time.is_empty()).map(|ClockSet { row, gap_s, rest_s }| {
+        let line = sheet.lines.get(row).copied().unwrap_or(0);
+        format!(
+            "{file}: line {line}: {title} goes on by {} in one step, longer than all other rows together ({rest_s:.1} s): if the clock was set \
+             there, say how far apart rows were read in the rig file: [recording] period_ms = {:?}",
+            in_words(gap_s),
+            figures(1e3 * step_s, 4)
+        )
+    });
+    (counted.into_iter().chain(unused).chain(set).collect(), may_count)
+}
+
+/// A span of an hour or more in words.
+fn in_words(span_s: f64) -> String {
+    if span_s < 2.0 * DAY_S { format!("{:.1} hours", span_s / 3600.0) } else { format!("{:.0} days", span_s / DAY_S) }
 }

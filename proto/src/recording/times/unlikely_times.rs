@@ -5,7 +5,8 @@
 //! that go on by one count rows, unless the column's name says seconds: then the readings tell, which the trainer asks.
 
 use super::{Said, unit_behind};
-use crate::recording::csv::TIME_COLUMN;
+use crate::recording::csv::numbers::figures;
+use crate::recording::csv::{TIME_COLUMN, toml_text};
 use crate::recording::logger_file::sheet::Sheet;
 use crate::recording::recording_error::RecordingError;
 use crate::recording::rows::resample::median_step;
@@ -32,11 +33,12 @@ pub(crate) fn plausible(sheet: &Sheet<'_>, places: &[usize], time_s: &[f64], sai
     // A key goes by the rig's own name where the file has it, whatever unit stands behind it there.
     let is_own = sheet.find(TIME_COLUMN).is_ok_and(|own| own.is_some() && own.as_ref() == places.first());
     let title = if is_own { TIME_COLUMN } else { title };
-    let key = |unit: &str| format!("[recording] time = {{ from = \"{title}\", unit = \"{unit}\" }}");
+    let quoted = toml_text(title);
+    let key = |unit: &str| format!("[recording] time = {{ from = {quoted}, unit = \"{unit}\" }}");
     let another = |mend: String| {
         Err(RecordingError::TimeUnit {
             file: sheet.file.clone(),
-            median_ms: rounded(1e3 * step_s),
+            median_ms: figures(1e3 * step_s, 3),
             mend: format!("{title} {mend}"),
             column: title.to_owned(),
         })
@@ -53,7 +55,7 @@ pub(crate) fn plausible(sheet: &Sheet<'_>, places: &[usize], time_s: &[f64], sai
             column: title.to_owned(),
             problem: format!(
                 "by the unit that is said of it rows are {} ms apart, which no logger of a rig does; the numbers seem to be s as they stand: {}",
-                rounded(1e3 * step_s),
+                figures(1e3 * step_s, 3),
                 key("s")
             ),
         });
@@ -64,9 +66,7 @@ pub(crate) fn plausible(sheet: &Sheet<'_>, places: &[usize], time_s: &[f64], sai
         let key = match unit_of(hint) {
             Some(unit) => key(unit),
             None => {
-                format!(
-                    "[recording] time = {{ from = \"{title}\", scale = 0.02 }}, or unit = \"s\" if these are seconds"
-                )
+                format!("[recording] time = {{ from = {quoted}, scale = 0.02 }}, or unit = \"s\" if these are seconds")
             }
         };
         return another(format!("seems to {hint}, or say what it is in the rig file: {key}"));
@@ -118,20 +118,16 @@ fn too_sparse(sheet: &Sheet<'_>, title: &str, (step_s, unit_s): (f64, f64)) -> R
     let smaller = [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
     let written = step_s / unit_s;
     let likely = smaller.into_iter().find(|(_, s)| written * s <= MOST_STEP_S).map_or("ns", |(unit, _)| unit);
+    let quoted = toml_text(title);
     RecordingError::TooSparse {
         file: sheet.file.clone(),
         column: title.to_owned(),
         step_s: (step_s * 1e3).round() / 1e3,
         most_s: MOST_STEP_S,
         mend: format!(
-            "{title} seems to be in {likely}: say so in the rig file, [recording] time = {{ from = \"{title}\", unit = \"{likely}\" }}"
+            "{title} seems to be in {likely}: say so in the rig file, [recording] time = {{ from = {quoted}, unit = \"{likely}\" }}"
         ),
     }
-}
-
-/// A number with three figures, as one reads it.
-fn rounded(x: f64) -> f64 {
-    format!("{x:.2e}").parse().unwrap_or(x)
 }
 
 /// Distances that loggers are set to (s).

@@ -1,0 +1,156 @@
+//! Topics in one table, each in rows of its own: what a plotting program or a bag of messages writes when every topic has its own stamps.
+//!
+//! The distance of such rows is that of nothing. Readings count at the times of the sensor that is read least often, where the other
+//! sensors were read within a step of it (straight lines between their own readings); commands act from their own rows on, between readings
+//! as well. Topics that share their stamps in rows of their own become one row each.
+
+use std::borrow::Cow;
+
+use super::resample::{Kind, median_step};
+use super::slower::{self, blank};
+use crate::recording::csv::numbers::says_nothing;
+use crate::recording::csv::{Column, ColumnData, rows_alone};
+use crate::recording::logger_file::sheet::{Cells, Sheet};
+
+/// Readings that there are at least: fewer tell nothing of a rate.
+const LEAST_READINGS: usize = 20;
+/// Commands that there are at least: written where they change, there are few.
+const LEAST_COMMANDS: usize = 2;
+/// One row of so many, of those with a reading or of those with a command, at most has both.
+const BOTH: usize = 10;
+
+/// The sheet with the rows of one time put together where each has what the other lacks; `None` where there are none.
+pub(crate) fn joined<'a>(sheet: &Sheet<'a>, of_time: &[usize]) -> Option<Sheet<'a>> {
+    let text = |at: usize| match sheet.columns.get(at).map(|column| &column.cells) {
+        Some(Cells::Text(texts)) => Some(texts),
+        _ => None,
+    };
+    let columns: Vec<&Vec<Cow<'a, str>>> = (0..sheet.columns.len()).filter_map(text).collect();
+    let is_at_once = |row: usize| {
+        let same = |at: &usize| text(*at).is_some_and(|texts| texts.get(row) == texts.get(row - 1));
+        !of_time.is_empty() && of_time.iter().all(same)
+    };
+    let adds = |row: usize| {
+        let cells = columns.iter().map(|texts| {
+            let cell = |row: usize| texts.get(row).map_or("", AsRef::as_ref).trim();
+            (cell(row - 1), cell(row))
+        });
+        let (mut before, mut here) = (false, false);
+        for (one, other) in cells {
+            match (says_nothing(one), says_nothing(other)) {
+                (false, true) => before = true,
+                (true, false) => here = true,
+                (false, false) if one != other => return false,
+                _ => {}
+            }
+        }
+        before && here
+    };
+    // The first of two is what the second adds to; a third of one time adds to the second, and so to both.
+    let added: Vec<bool> = (0..sheet.rows()).map(|row| row > 0 && is_at_once(row) && adds(row)).collect();
+    // A few are rows whose times are rounded, and whose blank cells fit by chance.
+    if added.iter().filter(|added| **added).count() < LEAST_READINGS {
+        return None;
+    }
+    let mut of = sheet.clone();
+    for column in &mut of.columns {
+        let Cells::Text(texts) = &mut column.cells else { continue };
+        for row in (1..texts.len()).rev().filter(|row| added.get(*row) == Some(&true)) {
+            let Some([before, here]) = texts.get_mut(row - 1..=row) else { continue };
+            if says_nothing(before) {
+                *before = std::mem::take(here);
+            }
+        }
+    }
+    let kept: Vec<usize> = (0..sheet.rows()).filter(|row| added.get(*row) == Some(&false)).collect();
+    let mut of = of.rows_alone(&kept);
+    of.manner.push("rows of one time put together".to_owned());
+    Some(of)
+}
+
+/// A sheet whose readings and commands stand in rows of their own.
+#[derive(Debug)]
+pub(crate) struct Apart<'a> {
+    /// With commands held between the rows that have them.
+    pub(crate) sheet: Sheet<'a>,
+    /// Rows with a reading of the first sensor.
+    pub(crate) rows_read: Vec<usize>,
+}
+
+/// The sheet with commands held between the rows that have them, where these are other rows than those with readings; `None` elsewhere.
+/// `columns` are what the rig asks for and their places.
+pub(crate) fn apart<'a>(sheet: &Sheet<'a>, columns: &[(Kind, Vec<usize>)]) -> Option<Apart<'a>> {
+    type Places<'c> = Vec<&'c (Kind, Vec<usize>)>;
+    let (sensors, commands): (Places<'_>, Places<'_>) = columns.iter().partition(|(kind, _)| *kind == Kind::Reading);
+    let [sensors, commands]: [Vec<usize>; 2] =
+        [sensors, commands].map(|those| those.into_iter().flat_map(|(_, places)| places.iter().copied()).collect());
+    let filled = |places: &[usize]| -> Vec<bool> {
+        let blank: Vec<Vec<bool>> = places.iter().map(|at| blank(sheet, *at)).collect();
+        (0..sheet.rows()).map(|row| blank.iter().any(|blank| blank.get(row) == Some(&false))).collect()
+    };
+    let (read, written) = (filled(&sensors), filled(&commands));
+    let count = |rows: &[bool]| rows.iter().filter(|filled| **filled).count();
+    let both = read.iter().zip(&written).filter(|(read, written)| **read && **written).count();
+    let [readings, orders] = [count(&read), count(&written)];
+    if readings < LEAST_READINGS || orders < LEAST_COMMANDS || BOTH * both > readings.min(orders) {
+        return None;
+    }
+    let mut held = sheet.clone();
+    for at in commands {
+        let is_blank = blank(sheet, at);
+        if let Some(Cells::Text(texts)) = held.columns.get_mut(at).map(|column| &mut column.cells) {
+            hold(texts, &is_blank);
+        }
+    }
+    held.manner.push("readings and commands in rows of their own, each at its own times".to_owned());
+    let first = blank(sheet, *sensors.first()?);
+    let rows_read = (0..sheet.rows()).filter(|row| first.get(*row) == Some(&false)).collect();
+    Some(Apart { sheet: held, rows_read })
+}
+
+/// Repeats each cell over the blank ones behind it, the first one also before it.
+fn hold(texts: &mut [Cow<'_, str>], is_blank: &[bool]) {
+    let Some(first) = is_blank.iter().position(|blank| !blank) else { return };
+    let mut last = texts.get(first).cloned().unwrap_or_default();
+    for (text, blank) in texts.iter_mut().zip(is_blank) {
+        if *blank {
+            text.clone_from(&last);
+        } else {
+            last.clone_from(text);
+        }
+    }
+}
+
+/// Rows at whose times readings count, with all sensors' columns brought to these rows alone.
+///
+/// # Errors
+/// The place among the sensors of one that was hardly ever read when the others were.
+pub(crate) fn readings(time_s: &[f64], columns: &mut [(Column, Kind)]) -> Result<Vec<usize>, usize> {
+    let sensors = columns.iter().filter(|(_, kind)| *kind == Kind::Reading);
+    let read: Vec<Vec<usize>> = sensors.filter_map(|(column, _)| column.numbers()).map(rows_with_a_number).collect();
+    let Some((slowest, base)) = read.iter().enumerate().min_by_key(|(_, rows)| rows.len()) else {
+        return Ok(Vec::new());
+    };
+    let at = |row: usize| time_s.get(row).copied().unwrap_or(f64::NAN);
+    let step_s = median_step(&base.iter().map(|row| at(*row)).collect::<Vec<_>>()).unwrap_or(0.0);
+    let is_near = |rows: &[usize], time_s: f64| {
+        let behind = rows.partition_point(|row| at(*row) < time_s);
+        let off = |place: usize| rows.get(place).map_or(f64::INFINITY, |row| (at(*row) - time_s).abs());
+        behind.checked_sub(1).map_or(f64::INFINITY, off).min(off(behind)) <= step_s
+    };
+    let kept: Vec<usize> = base.iter().copied().filter(|row| read.iter().all(|rows| is_near(rows, at(*row)))).collect();
+    if 2 * kept.len() < base.len() {
+        return Err(slowest);
+    }
+    for (column, _) in columns.iter_mut().filter(|(_, kind)| *kind == Kind::Reading) {
+        if let ColumnData::Numbers(numbers) = &mut column.data {
+            slower::fill(time_s, numbers);
+            *numbers = rows_alone(numbers, &kept);
+        }
+    }
+    Ok(kept)
+}
+
+fn rows_with_a_number(numbers: &[f64]) -> Vec<usize> {
+    numbers.iter().enumerate().filter(|(_, x)| !x.is_nan()).map(|(row, _)| row).collect()
+}

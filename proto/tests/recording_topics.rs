@@ -1,0 +1,90 @@
+//! Topics that were written into one table, each in rows of its own: a merged bag of messages, a plotting program's export.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "the helpers of a test fail by panicking, as the test does")]
+
+use model::rig::Rig;
+use proto::recording::{Recording, RecordingError};
+
+const HEADER: &str = "__time,u_pos,u_neg,p_pos_kpa,p_neg_kpa";
+const SAMPLES: usize = 300;
+
+fn read(rows: &[(f64, String)]) -> Result<Recording, RecordingError> {
+    let mut rows = rows.to_vec();
+    rows.sort_by(|one, other| one.0.total_cmp(&other.0));
+    let lines: String = rows.iter().map(|(time_s, cells)| format!("{time_s:.6},{cells}\n")).collect();
+    Recording::parse_for("x.csv", format!("{HEADER}\n{lines}").as_bytes(), &Rig::builtin("dual_pressure").unwrap())
+}
+
+fn duty(k: usize) -> f64 {
+    0.5 + 0.05 * (k % 7) as f64
+}
+
+fn pressure(time_s: f64) -> f64 {
+    90.0 + 10.0 * (2.0 * time_s).sin()
+}
+
+/// Commands every `command_ms`, readings every 20 ms later by `skew_s`.
+fn merged(command_ms: usize, skew_s: f64) -> Vec<(f64, String)> {
+    let commands =
+        (0..SAMPLES * 20 / command_ms).map(|k| (1e-3 * (k * command_ms) as f64, format!("{:.2},0.8,,", duty(k))));
+    let readings = (0..SAMPLES).map(|k| {
+        let t = 0.02 * k as f64 + skew_s;
+        (t, format!(",,{:.5},{:.5}", pressure(t), 20.0 - pressure(t)))
+    });
+    commands.chain(readings).collect()
+}
+
+#[test]
+fn sensors_keep_their_own_rate_whatever_rows_stand_between() {
+    for (command_ms, skew_s) in [(20, 0.001), (20, 0.003), (20, 0.01), (20, 0.017), (100, 0.004), (40, 0.019)] {
+        let of = read(&merged(command_ms, skew_s)).unwrap_or_else(|error| panic!("{command_ms} {skew_s}: {error}"));
+        let notes = of.notes().join("\n");
+        assert!(
+            notes.contains("rows of their own") && !notes.contains("nothing faster"),
+            "{command_ms} {skew_s}: {notes}"
+        );
+        assert!((of.sampling_s() - 0.02).abs() < 1e-9 && of.measured().is_none(), "{command_ms} {skew_s}: {notes}");
+        assert_eq!((of.rows(), of.segments().len()), (SAMPLES, 1), "{command_ms} {skew_s}");
+        let [u, p] = of.require(["u_pos", "p_pos_kpa"]).unwrap();
+        let each = command_ms / 20;
+        for row in 0..SAMPLES - each {
+            assert!((p[row] - pressure(0.02 * row as f64 + skew_s)).abs() < 1e-4, "{row}");
+            // What acts from a reading to the next: the command in force, and the next one from when it comes.
+            let rest = if (row + 1).is_multiple_of(each) { skew_s / 0.02 } else { 0.0 };
+            let expected = (1.0 - rest) * duty(row / each) + rest * duty(row / each + 1);
+            assert!((u[row] - expected).abs() < 1e-3, "{command_ms} {skew_s}, row {row}: {} {expected}", u[row]);
+        }
+    }
+}
+
+#[test]
+fn each_channel_may_have_stamps_of_its_own() {
+    let mut rows = Vec::new();
+    for k in 0..SAMPLES {
+        let t = 0.02 * k as f64;
+        rows.push((t, format!("{:.2},,,", duty(k))));
+        rows.push((t + 0.001, ",0.8,,".to_owned()));
+        rows.push((t + 0.004, format!(",,{:.5},", pressure(t + 0.004))));
+        rows.push((t + 0.007, format!(",,,{:.5}", 20.0 - pressure(t + 0.007))));
+    }
+    let of = read(&rows).unwrap();
+    assert!((of.sampling_s() - 0.02).abs() < 1e-9 && of.segments().len() == 1, "{:?}", of.notes());
+    let [p, n] = of.require(["p_pos_kpa", "p_neg_kpa"]).unwrap();
+    // One sensor's readings are on straight lines at the other's times: h²/8 · p'' with h = 20 ms.
+    let off = p.iter().zip(n).map(|(p, n)| (p + n - 20.0).abs()).fold(0.0, f64::max);
+    assert!(off < 0.02_f64.powi(2) / 8.0 * 40.0 + 0.07, "{off}");
+    // A sensor that is read in another half of the file than the other is none that a run begins with.
+    let turns = rows.iter().filter(|(t, cells)| !cells.starts_with(",,,") || *t > 3.0);
+    let turns: Vec<_> =
+        turns.filter(|(t, cells)| cells.starts_with(",,,") || !cells.starts_with(",,") || *t < 3.0).cloned().collect();
+    let said = read(&turns).unwrap_err().to_string();
+    assert!(said.contains("in other rows than the other sensors"), "{said}");
+}
+
+#[test]
+fn rows_of_one_time_are_put_together() {
+    let of = read(&merged(20, 0.0)).unwrap();
+    assert!(of.notes().join("\n").contains("rows of one time put together"), "{:?}", of.notes());
+    assert_eq!((of.rows(), of.measured()), (SAMPLES, None));
+    assert!((of.column("u_pos").unwrap()[6] - duty(6)).abs() < 1e-9);
+}
