@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use fit::FitError;
 use fit::data::quality::{Finding, Quality, Trouble, seconds_are_no_count, within_ranges};
-use fit::data::{Records, noise};
+use fit::data::{Records, each_once, noise};
 use fit::simulate::{Arcs, Fidelity, Flapper, Look, Run, Simulator, flappers_of};
 use free_run::{Began, FreeRun, FreeRunError};
 use model::plant::Plant;
@@ -30,7 +30,8 @@ use crate::stdout;
 /// 20 s come out best, and said.
 ///
 /// Recordings of any rate are brought to rows of 20 ms; only rows with a sample are compared. Lost rows up to 0.1 s are bridged;
-/// at a longer gap the run begins anew from the recorded pressures, which makes its error smaller: the column `anew` counts that.
+/// at a longer gap the run begins anew from the recorded pressures, which makes its error smaller: the column `anew` counts that. A
+/// recording that is given twice counts once.
 #[derive(Debug, Args)]
 #[command(after_help = "Exit status: 0 compared; 1 compared, and the recording does not hold what the rig file says
 (another unit, swapped columns, a command turned round); 2 wrong use or input.
@@ -74,6 +75,7 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
     // All are read before any is run, so that a bad file shows at once.
     let recordings =
         args.recordings.iter().map(|path| Recording::read_for(path, &rig)).collect::<Result<Vec<_>, _>>()?;
+    let (recordings, left_out) = each_once(recordings);
     seconds_are_no_count(&rig, &recordings)?;
     check_meaning(&rig, &recordings)?;
     let mut free_run = FreeRun::new(&rig, plant.clone())
@@ -85,7 +87,8 @@ pub(crate) fn run(args: &ValidateArgs) -> Result<(), Failure> {
         return Err(Failure::TooShort { file: short.source().to_owned(), rows: short.rows(), least: LEAST_ROWS });
     }
     let rows: usize = recordings.iter().map(Recording::rows).sum();
-    let looked = looked_at(&rig, &recordings)?;
+    let mut looked = looked_at(&rig, &recordings)?;
+    looked.doubts.extend(left_out);
     let recordings: Vec<Recording> = sound(recordings, &looked);
     let mut figures = Vec::with_capacity(recordings.len());
     {

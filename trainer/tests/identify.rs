@@ -168,6 +168,112 @@ fn results_are_said_in_words() {
     }
 }
 
+/// A chamber that one pump fills and one line empties, as TOML.
+fn cell(flow_l_per_min: f64, resistance_kpa_s_per_l: f64) -> String {
+    format!(
+        r#"
+format = 1
+name = "cell"
+[gas]
+gas_constant_j_per_kg_k = 287.0
+heat_capacity_ratio = 1.4
+[atmosphere]
+pressure_kpa_abs = 101.3
+temperature_k = 293.15
+[integrator]
+step_ms = 0.4
+tick_ms = 20.0
+[volumes.cell]
+volume_l = 1.0
+temperature_k = 293.15
+[pumps.p]
+kind = "flow"
+outlet = "cell"
+command = "pump"
+flow_l_per_min = {flow_l_per_min}
+[lines.leak]
+kind = "laminar"
+from = "cell"
+to = "atmosphere"
+resistance_kpa_s_per_l = {resistance_kpa_s_per_l}
+[sensors.g]
+volume = "cell"
+column = "p_cell_kpa"
+range_kpa_gauge = [0.0, 200.0]
+range_v = [0.0, 5.0]
+"#
+    )
+}
+
+/// A recording of a cell whose pump runs so (seconds and duty, one after the other).
+fn cell_recorded(folder: &Folder, name: &str, truth: &str, schedule: &[(f64, f64)]) -> String {
+    let duties = schedule.iter().flat_map(|(seconds, duty)| vec![*duty; (50.0 * seconds) as usize]);
+    let rows: String = duties.enumerate().map(|(row, duty)| format!("{:.2},{duty}\n", 0.02 * row as f64)).collect();
+    let inputs = folder.with(&format!("{name}.commands.csv"), format!("time_s,pump\n{rows}"));
+    let (rig, out) = (folder.with(&format!("{name}.toml"), truth), folder.path(&format!("{name}.all.csv")));
+    sound(["simulate", "--rig", &rig, "--inputs", &inputs, "--out", &out]);
+    let csv = Csv::read(out);
+    let mut reading = noisy(11);
+    let at = csv.header.iter().position(|column| column == "p_cell_kpa").unwrap();
+    let row =
+        |cells: &Vec<String>| format!("{},{},{:.4}\n", cells[0], cells[1], reading(0, cells[at].parse().unwrap()));
+    let rows: String = csv.rows.iter().map(row).collect();
+    folder.with(&format!("{name}.csv"), format!("time_s,pump,p_cell_kpa\n{rows}"))
+}
+
+/// A pump that delivers eight times as much as stated, and a leak a tenth of the stated one: what was stated does not decide how far
+/// off a part may be.
+#[test]
+fn a_number_beyond_five_times_what_was_stated_is_found_and_said_to_be_far() {
+    let folder = Folder::new("identify-far");
+    let file = folder.with("file.toml", cell(5.0, 4e4));
+    let flow = [(2.0, 0.0), (2.0, 0.3), (4.0, 0.0), (3.0, 0.2), (6.0, 0.0), (3.0, 0.1), (8.0, 0.0)];
+    let leak = [(2.0, 0.0), (6.0, 1.0), (20.0, 0.0)];
+    let cases = [
+        ("flow", cell(40.0, 4e4), flow.as_slice(), "pumps.p.flow_l_per_min", 40.0),
+        ("leak", cell(4.5, 4e5), leak.as_slice(), "lines.leak.resistance_kpa_s_per_l", 4e5),
+    ];
+    for (name, truth, schedule, key, expected) in cases {
+        let path = cell_recorded(&folder, name, &truth, schedule);
+        let out = folder.path(&format!("{name}.found.toml"));
+        let value: Value =
+            serde_json::from_str(&sound(["identify", "--rig", &file, &path, "--out", &out, "--json"])).unwrap();
+        let found = fit::parameters::value(&rig_file::load(&out).unwrap(), key).unwrap();
+        // A fifth is what the stated values pull by.
+        assert!((found / expected - 1.0).abs() < 0.35, "{key}: {found}, made with {expected}\n{value:#}");
+        let volume = fit::parameters::value(&rig_file::load(&out).unwrap(), "volumes.cell.volume_l").unwrap();
+        assert!((volume - 1.0).abs() < 0.15, "{volume}");
+        let remarks = value["remarks"].to_string();
+        assert!(
+            remarks.contains(&format!("{key} is ")) && remarks.contains("times the value in the rig file"),
+            "{remarks}"
+        );
+        // Pressures show no size, and nothing is known to 0.00 %.
+        assert!(value["not_determined"].to_string().contains("only their ratios are determined"), "{value:#}");
+        let determined = value["determined"].to_string();
+        assert!(!determined.contains("0.00 %") && determined.contains("by themselves none is"), "{determined}");
+    }
+}
+
+#[test]
+fn a_copy_of_a_recording_is_told_and_standard_output_is_no_rig_file() {
+    let folder = Folder::new("identify-copies");
+    let file = folder.with("file.toml", cell(5.0, 4e4));
+    let schedule = [(2.0, 0.0), (6.0, 1.0), (20.0, 0.0)];
+    let path = cell_recorded(&folder, "run", &cell(4.8, 4e4), &schedule);
+    let copy = folder.with("copy.csv", std::fs::read(&path).unwrap());
+    let out = folder.path("lab.toml");
+    let said = run(["identify", "--rig", &file, &path, &copy, "--out", &out]);
+    assert_eq!(said.status, 0, "{}\n{}", said.out, said.err);
+    assert!(said.err.contains("copy.csv: holds the same rows as"), "{}", said.err);
+    assert!(said.out.starts_with("1 recording: "), "{}", said.out);
+    for command in ["identify", "diagnose"] {
+        let said = run([command, "--rig", &file, &path, "--out", "-"]);
+        assert!(said.status == 2 && said.err.contains("standard output"), "{}", said.err);
+        assert!(!std::path::Path::new("-").exists());
+    }
+}
+
 /// A valve that follows its duty half a second late is nothing that parameters can stand in for: the file is written, with an exit
 /// status that tells a script that the work was done and is not good.
 #[test]

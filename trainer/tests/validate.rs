@@ -105,11 +105,30 @@ fn rows_near_the_atmosphere_are_counted_and_left_out() {
 fn several_recordings_get_a_line_each_and_one_for_all() {
     let folder = Folder::new("several");
     let path = simulated(&folder);
-    let table = sound(["validate", &path, &path]);
+    let text = std::fs::read_to_string(&path).unwrap();
+    // The same rig from its 41st row on is another run.
+    let later: Vec<&str> = text.lines().enumerate().filter(|(k, _)| *k == 0 || *k > 40).map(|(_, line)| line).collect();
+    let later = folder.with("later.csv", later.join("\n") + "\n");
+    let table = sound(["validate", &path, &later]);
     assert_eq!(table.lines().count(), 1 + 3 * 2, "{table}");
     assert!(table.lines().nth(5).is_some_and(|line| line.starts_with("all ")), "{table}");
-    let value = json(&[&path, &path]);
-    assert_eq!((value["recordings"].as_array().map(Vec::len), &value["overall"]["pos_rows"]), (Some(2), &200.into()));
+    let value = json(&[&path, &later]);
+    assert_eq!((value["recordings"].as_array().map(Vec::len), &value["overall"]["pos_rows"]), (Some(2), &160.into()));
+}
+
+/// A file that is given twice, and a copy of it under another name, are no more evidence.
+#[test]
+fn a_recording_that_is_given_twice_counts_once() {
+    let folder = Folder::new("twice");
+    let path = simulated(&folder);
+    let copy = folder.with("copy.csv", std::fs::read(&path).unwrap());
+    let said = run(["validate", &path, &path, &copy]);
+    assert_eq!((said.status, said.out.lines().count()), (0, 1 + 2), "{}{}", said.out, said.err);
+    assert!(said.err.contains("simulated.csv: is given more than once, and counts once"), "{}", said.err);
+    assert!(said.err.contains("copy.csv: holds the same rows as "), "{}", said.err);
+    let value = json(&[&path, &copy]);
+    assert_eq!((value["recordings"].as_array().map(Vec::len), &value["overall"]["pos_rows"]), (Some(1), &100.into()));
+    assert!(value["doubts"].to_string().contains("holds the same rows"), "{value:#}");
 }
 
 #[test]

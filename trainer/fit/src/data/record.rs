@@ -8,6 +8,7 @@ use model::rig::{Pump, Rig};
 use proto::recording::{FileUnit, PERIOD_S, Recording};
 
 use super::Layout;
+use super::bridged::lines_over;
 use crate::FitError;
 
 /// One recording: commands and readings, row by row.
@@ -210,6 +211,16 @@ impl Records {
         self
     }
 
+    /// The same recordings, each as if its file began with its first row: nothing is known of what went before.
+    #[must_use]
+    pub fn begun_anew(mut self) -> Self {
+        for record in &mut self.records {
+            record.begun_s = record.time_s.first().copied().unwrap_or(0.0);
+            record.before = Earlier::default();
+        }
+        self
+    }
+
     /// Parts of the recordings (index and rows), each a recording of its own; and which reading of these recordings each
     /// of theirs is. What is empty is left out.
     pub fn parts(&self, parts: &[(usize, Range<usize>)]) -> (Self, Vec<usize>) {
@@ -279,6 +290,17 @@ impl Records {
         };
         let layout = Layout::new(channels, vec![rows.len()]);
         Some(Records { records: vec![counted], layout, readings_kpa, ..self.clone() })
+    }
+
+    /// These recordings, each changed by its place: its commands, and its readings channel after channel (kPa).
+    #[must_use]
+    pub(super) fn changed(mut self, change: impl Fn(usize, &mut Record, &mut [f64])) -> Self {
+        for (at, record) in self.records.iter_mut().enumerate() {
+            let start = self.layout.channel(at, 0).start;
+            let places = start..start + self.layout.channels() * self.layout.rows(at);
+            change(at, record, self.readings_kpa.get_mut(places).unwrap_or_default());
+        }
+        self
     }
 
     /// The inputs of the rig, in the order of [`Record::inputs`].
@@ -370,35 +392,7 @@ impl Records {
     }
 }
 
-/// Puts straight lines in place of the numbers that are left out; before the first and behind the last of the others theirs.
-fn lines_over(values: &mut [f64], left_out: &[bool]) {
-    let is_out = |row: &usize| left_out.get(*row) == Some(&true);
-    let kept: Vec<usize> = (0..values.len()).filter(|row| !is_out(row)).collect();
-    for row in (0..values.len()).filter(is_out) {
-        let at = kept.partition_point(|other| *other < row);
-        let before = at.checked_sub(1).and_then(|k| kept.get(k)).map(|k| (*k, values[*k]));
-        let after = kept.get(at).map(|k| (*k, values[*k]));
-        match (before, after) {
-            (Some((a, x)), Some((b, y))) => values[row] = x + (y - x) * (row - a) as f64 / (b - a) as f64,
-            (Some((_, x)), None) | (None, Some((_, x))) => values[row] = x,
-            (None, None) => {}
-        }
-    }
-}
-
 /// Whether a relay's command switches its pump on, as plants take it.
 pub(super) fn is_on(relay: f64) -> bool {
     relay >= 0.5
-}
-
-#[cfg(test)]
-mod tests {
-    use super::lines_over;
-
-    #[test]
-    fn lines_go_from_sound_to_sound_reading() {
-        let mut values = [9e9, 1.0, 9e9, 9e9, 4.0, 9e9];
-        lines_over(&mut values, &[true, false, true, true, false, true]);
-        assert_eq!(values, [1.0, 1.0, 2.0, 3.0, 4.0, 4.0]);
-    }
 }

@@ -14,10 +14,11 @@ use std::ops::Range;
 
 use model::rig::Rig;
 
-use super::counts::{converters, look_like_counts, or_counts};
+use super::counts::{Counts, converters, is_counted, largest, samples};
 use super::duties::duties;
 use super::meaning::{AS_WRITTEN, Meaning, RIGHT, Standing, or_rival};
 use super::mend::exchanged_keys;
+use super::mistaken;
 use super::{Finding, Severity, Trouble, median};
 use crate::FitError;
 use crate::data::Records;
@@ -88,23 +89,24 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) -
         });
         let record = arc.record;
         let counted: Vec<usize> = (0..channels).filter(|channel| is_counted(records, record, *channel)).collect();
-        standings.push(Recorded { source: source.clone(), telling: telling.collect(), counted });
+        standings.push(Recorded { source: source.clone(), record, telling: telling.collect(), counted });
         // What a chamber holds that nothing drives is for its leaks to say.
         if !records.inputs().is_empty() {
             let recorded = extremes(records, arc, records.readings_kpa());
-            absolutes.push((Recorded { source, telling: whole, counted: Vec::new() }, recorded, simulated));
+            absolutes.push((Recorded { source, record, telling: whole, counted: Vec::new() }, recorded, simulated));
         }
     }
-    let compare = Compare { rig, columns: records.sensors(), atmosphere_kpa: rig.atmosphere.pressure_kpa_abs };
+    let compare = Compare { rig, records, atmosphere_kpa: rig.atmosphere.pressure_kpa_abs };
     // What the duties do is told by the pressures, so what is sure about those comes first. A duty never turns a
     // pressure's sign, but one that is inverted or exchanged moves what is expected of it, so the rest comes last.
     let before = findings.len();
     let counted = |r: &Recorded<'_>| r.telling.iter().all(|s| r.counted.contains(&s.channel));
-    let checks: [Check<'_>; 6] = [
+    let checks: [Check<'_>; 7] = [
         &|found| standings.iter().for_each(|r| found.extend(compare.together(r))),
         &|found| standings.iter().filter(|r| counted(r)).for_each(|r| found.extend(compare.counts(r))),
         &|found| standings.iter().for_each(|r| found.extend(compare.alone(r, |s| s.recorded * s.simulated < 0.0))),
         &|found| duties(rig, records, found),
+        &|found| mistaken::check(rig, records, found),
         &|found| standings.iter().for_each(|r| found.extend(compare.alone(r, |_| true))),
         &|found| {
             absolutes.iter().for_each(|(r, recorded, simulated)| found.extend(compare.absolute(r, recorded, simulated)))
@@ -158,16 +160,11 @@ type Check<'c> = &'c dyn Fn(&mut Vec<Finding>);
 /// A recording's channels that tell something.
 struct Recorded<'a> {
     source: String,
+    /// Its place among the recordings.
+    record: usize,
     telling: Vec<Standing<'a>>,
     /// Channels that look like the counts of a converter.
     counted: Vec<usize>,
-}
-
-/// Whether the samples of a channel look like the counts of a converter.
-fn is_counted(records: &Records, record: usize, channel: usize) -> bool {
-    let readings = records.channel_kpa(record, channel).iter().enumerate();
-    let of = records.records().get(record);
-    look_like_counts(readings.filter(|(row, _)| of.is_some_and(|of| of.is_read(channel, *row))).map(|(_, kpa)| *kpa))
 }
 
 /// Rows that are compared: the last before chambers count as filled, then the others in turn, for a rig that rests at first.
@@ -219,13 +216,13 @@ fn standing<'a>(
 /// Compares recorded and simulated medians.
 struct Compare<'a> {
     rig: &'a Rig,
-    columns: &'a [String],
+    records: &'a Records,
     atmosphere_kpa: f64,
 }
 
 impl Compare<'_> {
     fn column(&self, channel: usize) -> String {
-        self.columns.get(channel).cloned().unwrap_or_default()
+        self.records.sensors().get(channel).cloned().unwrap_or_default()
     }
 
     fn wrong(&self, recorded: &Recorded<'_>, standing: &Standing<'_>, meaning: Meaning) -> Finding {
@@ -253,6 +250,16 @@ impl Compare<'_> {
         let found = self.wrong(recorded, standing, meaning);
         let rival = or_rival(self.rig, &found.column, by, (meaning, standing.file_unit));
         Finding { text: found.text + &rival, ..found }
+    }
+
+    /// The complaint about a unit, with the counts of a converter beside it where the channel looks like those.
+    fn or_counts(&self, recorded: &Recorded<'_>, standing: &Standing<'_>, found: Finding) -> Finding {
+        if !recorded.counted.contains(&standing.channel) {
+            return found;
+        }
+        let counts = Counts { rig: self.rig, run: Some((self.records, recorded.record)) };
+        let most = largest(samples(self.records, recorded.record, standing.channel));
+        Finding { text: counts.beside(&found.column, most, &found.text), ..found }
     }
 
     /// The meaning that all of some channels have instead of gauge kPa, with its misfit where they tell first: one that explains what
@@ -321,7 +328,8 @@ impl Compare<'_> {
         // One channel says nothing about all of them.
         (misfit < 1.0 && telling.len() > 1)
             .then(|| {
-                first.map(|first| self.wrong_or(recorded, first, (&telling.iter().collect::<Vec<_>>(), NEAR), meaning))
+                let by: Vec<&Standing<'_>> = telling.iter().collect();
+                first.map(|first| self.or_counts(recorded, first, self.wrong_or(recorded, first, (&by, NEAR), meaning)))
             })
             .flatten()
     }
@@ -375,9 +383,7 @@ impl Compare<'_> {
         let those = recorded.telling.iter().filter(|s| of(s));
         let told = |standing: &Standing<'_>| {
             let found = self.wrong_or(recorded, standing, (&[standing], NEARER), closest(standing)?.1);
-            let or = or_counts(self.rig, &found.column);
-            let is_counted = recorded.counted.contains(&standing.channel);
-            Some(if is_counted { Finding { text: format!("{}{or}", found.text), ..found } } else { found })
+            Some(self.or_counts(recorded, standing, found))
         };
         those.filter_map(told).collect()
     }

@@ -1,4 +1,7 @@
 //! Swapped and inverted duties, told by which chamber answers, and which way.
+//!
+//! This asks no model, so that a rig that is far from its file is judged as well, and knows one actuator alone, or one for each of two
+//! chambers. What it cannot tell is left to free runs ([`super::mistaken`]), which know any number.
 
 use model::rig::{Pump, Rig};
 
@@ -25,8 +28,10 @@ struct Actuator<'r> {
 
 /// Kinds of actuators.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Is {
+pub(super) enum Is {
+    /// It opens.
     Valve,
+    /// It is driven.
     Pump,
 }
 
@@ -38,6 +43,11 @@ enum Is {
 /// over 2 s say so as well: a sensor whose line rings swings the wrong way for a while.
 pub(super) fn duties(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) {
     let actuators = actuators(rig, records);
+    // A command that acts between two chambers, or on none with a sensor, hides what the others do.
+    let is_commanded = |pump: &&Pump| matches!(pump, Pump::Flow(pump) if pump.command.is_some());
+    if actuators.len() < rig.valves.values().count() + rig.pumps.values().filter(is_commanded).count() {
+        return;
+    }
     if let [only] = actuators.as_slice() {
         inverted_alone(rig, records, only, findings);
     }
@@ -73,24 +83,25 @@ pub(super) fn duties(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) 
         .map_or(own, |[first, second]| [t(&first, 1, one.sign), t(&second, 2, other.sign)]);
     for ((effect, settled), valve) in own.iter().zip(settled).zip(pair) {
         if *effect < -SURE && settled < 0.0 {
-            findings.push(inverted(rig, valve));
+            findings.push(inverted(rig, "", valve.command, valve.is));
         }
     }
 }
 
-fn inverted(rig: &Rig, actuator: &Actuator<'_>) -> Finding {
-    let [what, full] = match actuator.is {
+/// The complaint about a command that is turned round, in one recording or (without a `source`) in all.
+pub(super) fn inverted(rig: &Rig, source: &str, command: &str, is: Is) -> Finding {
+    let [what, full] = match is {
         Is::Valve => ["opening the valve", "open"],
         Is::Pump => ["driving the pump", "full speed"],
     };
     Finding {
-        source: String::new(),
-        column: actuator.command.to_owned(),
+        source: source.to_owned(),
+        column: command.to_owned(),
         severity: Severity::Unusable,
         trouble: Trouble::InvertedDuty,
         text: format!(
             "{what} moves the pressure the wrong way: the duty seems to be inverted (1 is {full}): {}",
-            inverted_key(rig, actuator.command)
+            inverted_key(rig, command)
         ),
     }
 }
@@ -119,7 +130,7 @@ fn inverted_alone(rig: &Rig, records: &Records, only: &Actuator<'_>, findings: &
     let fast = of(ANSWER_ROWS, &|p, rows| p[rows.end] - p[rows.start]);
     let settled = of(SETTLED_ROWS, &|p, rows| p[rows.clone()].iter().sum::<f64>() / rows.len() as f64);
     if fast.is_some_and(|t| t < -SURE) && settled.is_some_and(|t| t < -SURE) {
-        findings.push(inverted(rig, only));
+        findings.push(inverted(rig, "", only.command, only.is));
     }
 }
 

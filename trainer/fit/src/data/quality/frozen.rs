@@ -5,11 +5,15 @@
 //! seconds of the very same digits while every command and another pressure go over a tenth of their way are no plant either: the
 //! chambers are tied together by the pump, and a chamber that is shut off has a command that stands. A coarse reading is not asked:
 //! a good controller may hold a pressure within one of its steps for as long.
+//!
+//! Where all sensors stand, or the only one, nothing but the rig as given says that they ought to move. It is asked for shares of its own way,
+//! which are the same in any unit.
 
 use std::ops::Range;
 
 use proto::recording::PERIOD_S;
 
+use super::expected::Expected;
 use super::readings::severity_of;
 use super::{Finding, Trouble};
 use crate::data::Records;
@@ -21,12 +25,15 @@ const LONG_S: f64 = 10.0;
 const MOVES: f64 = 0.1;
 /// Time at the beginning of the run in which what moves may still be what came before it, in s.
 const BEFORE_S: f64 = 1.0;
+/// Share of all that the rig would move through, and steps of the converter, that it would go meanwhile where a reading is frozen.
+const WOULD_MOVE: f64 = 0.15;
+const WOULD_STEP: f64 = 20.0;
 /// Steps of the converter, at least, that all that a channel moves through is worth: one of a thousand is 0.1 kPa of 100.
 const FINE: f64 = 1000.0;
 
 /// Masks the rows of such runs in one channel of one recording, and tells them.
 pub(super) fn check(records: &Records, record: usize, channel: usize, usable: &mut [f64], findings: &mut Vec<Finding>) {
-    let (Some(r), Some(column)) = (records.records().get(record), records.sensors().get(channel)) else { return };
+    let Some(r) = records.records().get(record) else { return };
     let readings = records.channel_kpa(record, channel);
     if !is_fine(readings) {
         return;
@@ -34,25 +41,70 @@ pub(super) fn check(records: &Records, record: usize, channel: usize, usable: &m
     let others: Vec<&[f64]> =
         (0..records.sensors().len()).filter(|c| *c != channel).map(|c| records.channel_kpa(record, c)).collect();
     let inputs: Vec<&[f64]> = r.inputs.iter().map(Vec::as_slice).filter(|input| is_graded(input)).collect();
-    let mut frozen: Vec<Range<usize>> = runs(readings).filter(|run| stands_alone(run, &inputs, &others)).collect();
+    let frozen: Vec<Range<usize>> = runs(readings).filter(|run| stands_alone(run, &inputs, &others)).collect();
+    let meanwhile = "commands and the other channel move";
+    findings.extend(left_out(records, (record, channel), frozen, meanwhile, usable));
+}
+
+/// Masks the rows of runs meanwhile which a command moves and the rig as given would move the pressure, and tells them; `smooth` are
+/// recordings and channels without noise to tell them by. A rig that is somewhat off its file moves all the same.
+pub(super) fn check_by_model(
+    records: &Records,
+    smooth: &[(usize, usize)],
+    expected: &Expected<'_>,
+    usable: &mut [f64],
+    findings: &mut Vec<Finding>,
+) {
+    for &(record, channel) in smooth {
+        let (Some(r), Some(column)) = (records.records().get(record), records.sensors().get(channel)) else { continue };
+        let is_known = |f: &Finding| f.source == r.source && f.column == *column && f.trouble == Trouble::Stuck;
+        let readings = records.channel_kpa(record, channel);
+        let long: Vec<Range<usize>> = runs(readings).collect();
+        if long.is_empty() || findings.iter().any(is_known) {
+            continue;
+        }
+        let Some(would) = expected.channel_kpa(record, channel) else { continue };
+        let least_kpa = (WOULD_MOVE * span(Some(would))).max(WOULD_STEP * step(readings));
+        let is_left = |run: &Range<usize>| {
+            let within = run.start + (BEFORE_S / PERIOD_S) as usize..run.end;
+            let goes = |x: &[f64]| x.get(within.clone()).map_or(0.0, |part| span(Some(part)));
+            let is_driven = r.inputs.iter().any(|u| span(Some(u)) > 0.0 && goes(u) > MOVES * span(Some(u)));
+            is_driven && goes(would) > least_kpa
+        };
+        let frozen = long.into_iter().filter(is_left).collect();
+        let usable = usable.get_mut(records.layout().channel(record, channel)).unwrap_or_default();
+        let meanwhile = "commands move and the rig would follow them";
+        findings.extend(left_out(records, (record, channel), frozen, meanwhile, usable));
+    }
+}
+
+/// Masks runs of a channel that lie within one stretch, and tells them.
+fn left_out(
+    records: &Records,
+    (record, channel): (usize, usize),
+    mut frozen: Vec<Range<usize>>,
+    meanwhile: &str,
+    usable: &mut [f64],
+) -> Option<Finding> {
+    let (r, column) = (records.records().get(record)?, records.sensors().get(channel)?);
     frozen.retain(|run| r.segments.iter().any(|segment| segment.start <= run.start && run.end <= segment.end));
-    let Some(longest) = frozen.iter().map(Range::len).max() else { return };
+    let longest = frozen.iter().map(Range::len).max()?;
     let rows: usize = frozen.iter().map(Range::len).sum();
     for run in frozen {
         usable.get_mut(run).unwrap_or_default().fill(0.0);
     }
-    let percent = 100.0 * rows as f64 / readings.len() as f64;
-    findings.push(Finding {
+    let percent = 100.0 * rows as f64 / r.time_s.len().max(1) as f64;
+    Some(Finding {
         source: r.source.clone(),
         column: column.clone(),
         severity: severity_of(percent),
         trouble: Trouble::Stuck,
         text: format!(
-            "stuck: the same reading for up to {:.1} s ({percent:.1} % of the recording) while commands and the other channel move; left \
-             out. Look for a dead sensor or a logger that holds the last value",
+            "stuck: the same reading for up to {:.1} s ({percent:.1} % of the recording) while {meanwhile}; left out. Look for a dead \
+             sensor or a logger that holds the last value",
             longest as f64 * PERIOD_S,
         ),
-    });
+    })
 }
 
 /// Runs of equal readings that are long.
@@ -75,11 +127,15 @@ fn stands_alone(run: &Range<usize>, inputs: &[&[f64]], others: &[&[f64]]) -> boo
 
 /// Whether neighbouring readings are a small step apart.
 fn is_fine(readings: &[f64]) -> bool {
+    span(Some(readings)) > FINE * step(readings)
+}
+
+/// Least distance of two different readings, in kPa: a step of their converter.
+fn step(readings: &[f64]) -> f64 {
     let mut sorted = readings.to_vec();
     sorted.sort_by(f64::total_cmp);
     sorted.dedup();
-    let step = sorted.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
-    span(Some(readings)) > FINE * step
+    sorted.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min)
 }
 
 /// Whether a command is more than a switch.

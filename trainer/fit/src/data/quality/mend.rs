@@ -7,6 +7,8 @@ use super::meaning::Meaning;
 
 /// Numbers that are no scale any more.
 const LEAST_SCALE: f64 = 1e-12;
+/// Share of an atmosphere that two statements of it differ by.
+const LEFT_OF_ATMOSPHERE: f64 = 0.05;
 
 /// The key that says what a column of pressures holds, `meaning` being what its numbers are and `file_unit` what is said of them.
 pub(super) fn pressure_key(rig: &Rig, column: &str, meaning: Meaning, file_unit: Option<&FileUnit>) -> String {
@@ -48,9 +50,13 @@ fn pressure_says(
     }
 }
 
-/// The key that scales what no unit explains.
-pub(super) fn scaled_key(rig: &Rig, column: &str) -> String {
-    keyed(rig, column, |_| Some("scale = …, offset = …".to_owned()))
+/// The key that adds so many kPa to a column of pressures; what is left of an atmosphere taken away is none.
+pub(super) fn shifted_key(rig: &Rig, column: &str, kpa: f64) -> String {
+    keyed(rig, column, |term| {
+        let offset = term.offset + kpa;
+        let is_left = offset.abs() < LEFT_OF_ATMOSPHERE * kpa.abs();
+        Some(line(term, term.scale, if is_left { 0.0 } else { offset }))
+    })
 }
 
 /// The key that says of a command that its numbers are shares of 1, whatever unit is said of them.

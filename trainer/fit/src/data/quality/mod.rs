@@ -7,13 +7,15 @@
 //! | `readings` | flat, stuck and clipped readings |
 //! | `plateau` | readings clipped before the noise comes in, told by what the rig would do |
 //! | `wild` | wild readings, and what goes in their place |
-//! | `frozen` | readings that stand for long while all else moves |
+//! | `frozen` | readings that stand for long while all else moves, or the rig would |
 //! | `excitation` | commands that never move, a pump that never runs |
 //! | `against_model` | swapped pressures and wrong units, told by what the rig would do |
 //! | `duties` | swapped and inverted duties, told by which chamber answers, and which way |
+//! | `mistaken` | exchanged columns, commands turned round, an atmosphere too much, told by what the rig would do without them |
+//! | `trials` | free runs for that, with columns taken for something else |
 //! | `ranges` | readings outside what their sensor can tell |
 //! | `stood` | a pump that stood while the commands say that it ran |
-//! | `expected` | what the rig would read, for those two |
+//! | `expected` | what the rig would read, for those that ask it of all rows |
 //! | `unmoved` | pressures that move in a rig that nothing moves |
 //! | `counts` | raw counts of a converter |
 //! | `counted_rows` | whole seconds that are a count of rows |
@@ -34,11 +36,13 @@ mod finding;
 mod frozen;
 mod meaning;
 mod mend;
+mod mistaken;
 mod plateau;
 mod ranges;
 pub(super) mod readings;
 mod shape;
 mod stood;
+mod trials;
 mod unmoved;
 pub(super) mod wild;
 
@@ -73,7 +77,7 @@ impl Quality {
         // Rows without a sample are no evidence, whatever stands in them.
         let mut usable = records.measured();
         shape::check(records, &mut findings);
-        let places = readings::check(rig, records, noise, &mut usable, &mut findings);
+        let readings::Seen { wild: places, smooth } = readings::check(rig, records, noise, &mut usable, &mut findings);
         let mut wild = vec![false; if places.is_empty() { 0 } else { usable.len() }];
         places.into_iter().for_each(|place| wild[place] = true);
         // Nothing that follows begins at a wild reading, or is judged by one.
@@ -92,7 +96,11 @@ impl Quality {
         }
         // Where the pump stood nothing is in another unit.
         if findings.iter().all(|f| f.trouble != Trouble::PumpStood) {
-            let agreed = against_model::check(rig, records, &mut findings)?;
+            let before = findings.len();
+            frozen::check_by_model(records, &smooth, &expected, &mut usable, &mut findings);
+            // What stands for most of a recording stands where some unit puts it by chance.
+            let stands = findings.iter().skip(before).any(|f| f.severity == Severity::Unusable);
+            let agreed = if stands { Vec::new() } else { against_model::check(rig, records, &mut findings)? };
             // What the model and the duties tell is the closer word.
             if sound(&findings) {
                 ranges::check(rig, records, &agreed, &mut findings);

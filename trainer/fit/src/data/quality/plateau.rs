@@ -4,7 +4,8 @@
 //! [`super::readings`] sees none that is stuck. What tells such a plateau is that a pressure runs into it at full speed and is still at
 //! once, as no chamber comes to rest; that it is the channel's own extreme, the same to a part of the noise however often; and that the
 //! rig would go beyond it meanwhile, now further and now less far, while the other pressures move. A valve that stays shut (a
-//! dead band that the rig file lacks) leaves a chamber at what the pump can do, which the chamber approaches slowly.
+//! dead band that the rig file lacks) leaves a chamber at what the pump can do, which the chamber approaches slowly. A command that steps
+//! stops a pressure at once as well, so a run that begins there tells nothing.
 
 use std::ops::Range;
 
@@ -26,6 +27,9 @@ const LEVEL: f64 = 1.0;
 /// Rows before a run, and deviations by which a pressure comes up over them that runs into a limit.
 const APPROACH_ROWS: usize = 10;
 const APPROACH: f64 = 12.0;
+/// Share of its whole way that a command steps by, and rows from there within which a run that comes to its level is its doing.
+const STEP: f64 = 0.1;
+const COMMANDED_ROWS: usize = 3;
 /// Deviations and share of all that a channel moves through by which the rig must go beyond a limit, and vary meanwhile.
 const BEYOND: f64 = 10.0;
 const BEYOND_SHARE: f64 = 0.05;
@@ -113,12 +117,20 @@ impl Channel<'_> {
         if rows(&runs) < many || 5 * rows(&runs) < 4 * all || level.abs() < BEYOND_SHARE * whole {
             return None;
         }
+        // A chamber whose command steps stops at once, too: a run that comes to its level in such a row is the command's doing.
+        let steps = self.steps();
+        let is_commanded = |run: &Range<usize>| {
+            let reached = run.clone().find(|row| y.get(*row).is_some_and(|y| *y >= level)).unwrap_or(run.start);
+            let around = run.start.saturating_sub(COMMANDED_ROWS)..=reached + COMMANDED_ROWS;
+            steps.iter().any(|step| around.contains(step))
+        };
+        let by_itself = || runs.iter().filter(|run| run.start >= APPROACH_ROWS && !is_commanded(run));
         let comes_up = |run: &&Range<usize>| {
             let before = run.start.checked_sub(APPROACH_ROWS).and_then(|at| y.get(at));
             before.is_some_and(|before| level - before > APPROACH * self.sigma)
         };
-        let entered = runs.iter().filter(|run| run.start >= APPROACH_ROWS).count();
-        let corners = runs.iter().filter(comes_up).count();
+        let entered = by_itself().count();
+        let corners = by_itself().filter(comes_up).count();
         if corners == 0 || 2 * corners < entered {
             return None;
         }
@@ -139,6 +151,17 @@ impl Channel<'_> {
         let part = |share: f64| would.get((share * would.len() as f64) as usize).copied();
         let goes_beyond = part(0.5)? > level + margin && part(0.95)? - part(0.05)? > margin;
         goes_beyond.then_some((runs, sign * level))
+    }
+
+    /// Rows in which a command steps.
+    fn steps(&self) -> Vec<usize> {
+        let inputs = self.records.records().get(self.record).map_or(&[][..], |r| &r.inputs);
+        let of = |input: &Vec<f64>| {
+            let least = STEP * span(Some(input));
+            let stepped = |(row, pair): (usize, &[f64])| ((pair[1] - pair[0]).abs() > least).then_some(row + 1);
+            input.windows(2).enumerate().filter_map(stepped).collect::<Vec<usize>>()
+        };
+        inputs.iter().flat_map(of).collect()
     }
 
     /// Runs of readings above a level within the recording's stretches.

@@ -8,9 +8,9 @@ use model::rig::{Rig, Sensor};
 use proto::recording::{FileUnit, Recording};
 
 use super::against_model::Agreed;
-use super::counts::{look_like_counts, or_counts};
+use super::counts::{Counts, largest, look_like_counts};
 use super::meaning::{AS_WRITTEN, Meaning, lost_sign, said_otherwise};
-use super::mend::{exchanged_keys, pressure_key, scaled_key};
+use super::mend::{exchanged_keys, pressure_key};
 use super::{Finding, Severity, Trouble};
 use crate::FitError;
 use crate::data::Records;
@@ -40,7 +40,7 @@ pub fn within_ranges(rig: &Rig, recordings: &[Recording]) -> Result<(), FitError
                 Channel { column, values, file_unit: recording.file_unit(column) }
             })
             .collect();
-        if let Some(finding) = first_outside(rig, recording.source(), &channels, &[]) {
+        if let Some(finding) = first_outside(Counts { rig, run: None }, recording.source(), &channels, &[]) {
             return Err(FitError::Unusable(finding.to_string()));
         }
     }
@@ -60,7 +60,7 @@ pub(super) fn check(rig: &Rig, records: &Records, agreed: &[Agreed], findings: &
                 Channel { column, values, file_unit: r.file_unit(column) }
             })
             .collect();
-        findings.extend(first_outside(rig, &r.source, &channels, agreed));
+        findings.extend(first_outside(Counts { rig, run: Some((records, record)) }, &r.source, &channels, agreed));
     }
 }
 
@@ -138,15 +138,16 @@ fn range_of(sensor: &Sensor) -> [f64; 2] {
     [a.min(b), a.max(b)]
 }
 
-fn first_outside(rig: &Rig, source: &str, channels: &[Channel<'_>], agreed: &[Agreed]) -> Option<Finding> {
+fn first_outside(of_counts: Counts<'_>, source: &str, channels: &[Channel<'_>], agreed: &[Agreed]) -> Option<Finding> {
+    let rig = of_counts.rig;
     let channels: Vec<Judged<'_>> = channels.iter().filter_map(|channel| Judged::of(rig, channel)).collect();
     let channel = channels.iter().find(|channel| channel.outside(Margin::Wide, Some) > MANY)?;
     let is_agreed = agreed.iter().any(|of| of.source == source && of.column == channel.column);
     let (trouble, reason) = is_agreed
         .then(|| (Trouble::WrongUnit, beyond(rig, channel.column)))
         .or_else(|| swapped(rig, channel, &channels))
-        .or_else(|| meant(rig, channel, &channels).map(|meaning| told(rig, (channel, &channels), meaning)))
-        .or_else(|| counts(rig, channel))
+        .or_else(|| meant(rig, channel, &channels).map(|meaning| told(of_counts, (channel, &channels), meaning)))
+        .or_else(|| counts(of_counts, channel))
         .unwrap_or_else(|| {
             let text = "is it another unit, absolute, or the sensor's volts? Say so in the rig file, [recording] columns, or state the \
                         sensor's true range_kpa_gauge";
@@ -194,15 +195,10 @@ fn meant(rig: &Rig, channel: &Judged<'_>, channels: &[Judged<'_>]) -> Option<Mea
 }
 
 /// Whole numbers that no unit brings inside: the counts of a converter, of whatever scale.
-fn counts(rig: &Rig, channel: &Judged<'_>) -> Option<(Trouble, String)> {
-    let most = channel.values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    look_like_counts(channel.values.iter().copied()).then(|| {
-        let key = scaled_key(rig, channel.column);
-        let text = format!(
-            "whole numbers of up to {most} seem to be the raw counts of a converter: bring them to gauge kPa by {key}"
-        );
-        (Trouble::WrongUnit, text)
-    })
+fn counts(of_counts: Counts<'_>, channel: &Judged<'_>) -> Option<(Trouble, String)> {
+    let readings = || channel.values.iter().copied();
+    let text = of_counts.alone(channel.column, largest(readings())).filter(|_| look_like_counts(readings()))?;
+    Some((Trouble::WrongUnit, text))
 }
 
 /// What is wrong where the rig would go as far as the readings do.
@@ -212,11 +208,16 @@ fn beyond(rig: &Rig, column: &str) -> String {
 }
 
 /// A meaning in words, with the key that says so.
-fn told(rig: &Rig, (channel, channels): (&Judged<'_>, &[Judged<'_>]), meaning: Meaning) -> (Trouble, String) {
-    let (trouble, text) = told_alone(rig, channel, meaning);
-    let text = text + &or_others(rig, (channel, channels), meaning);
-    let is_counted = look_like_counts(channel.values.iter().copied());
-    (trouble, if is_counted { text + &or_counts(rig, channel.column) } else { text })
+fn told(
+    of_counts: Counts<'_>,
+    (channel, channels): (&Judged<'_>, &[Judged<'_>]),
+    meaning: Meaning,
+) -> (Trouble, String) {
+    let (trouble, text) = told_alone(of_counts.rig, channel, meaning);
+    let text = text + &or_others(of_counts.rig, (channel, channels), meaning);
+    let readings = || channel.values.iter().copied();
+    let is_counted = look_like_counts(readings());
+    (trouble, if is_counted { of_counts.beside(channel.column, largest(readings()), &text) } else { text })
 }
 
 /// The other units that put all readings inside, of which ranges tell none from another, where a wrong one is said; empty where there

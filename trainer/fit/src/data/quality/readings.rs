@@ -19,15 +19,24 @@ const DISTINCT: usize = 4;
 /// Samples further apart than this, in s, are not asked for wild ones.
 pub(in crate::data) const WILD_SAMPLING_S: f64 = 0.05;
 
-/// Masks what cannot be trusted in `usable` and tells it; gives the places of wild readings.
+/// What later checks need to know of readings.
+#[derive(Debug, Default)]
+pub(super) struct Seen {
+    /// Places of wild readings in the recordings' layout.
+    pub(super) wild: Vec<usize>,
+    /// Recordings and channels that move without noise that would tell a reading that is stuck.
+    pub(super) smooth: Vec<(usize, usize)>,
+}
+
+/// Masks what cannot be trusted in `usable` and tells it.
 pub(super) fn check(
     rig: &Rig,
     records: &Records,
     noise: &[Noise],
     usable: &mut [f64],
     findings: &mut Vec<Finding>,
-) -> Vec<usize> {
-    let mut wild_places = Vec::new();
+) -> Seen {
+    let mut seen = Seen::default();
     for (record, r) in records.records().iter().enumerate() {
         // Rows without a sample repeat and join; what is wrong shows in samples.
         for (channel, column) in records.sensors().iter().enumerate() {
@@ -42,9 +51,10 @@ pub(super) fn check(
             let of = Channel { values: &values, sigma, range: range_of(rig, column), sampling_s: r.sampling_s };
             let (smooth, wild) = of.check(&mut mask, add);
             let begin = records.layout().channel(record, channel).start;
-            wild_places.extend(wild.iter().filter_map(|at| Some(begin + rows.get(*at)?)));
+            seen.wild.extend(wild.iter().filter_map(|at| Some(begin + rows.get(*at)?)));
             let usable = usable.get_mut(records.layout().channel(record, channel)).unwrap_or_default();
             if smooth {
+                seen.smooth.push((record, channel));
                 frozen::check(records, record, channel, usable, findings);
             }
             for (row, kept) in rows.iter().zip(&mask) {
@@ -54,7 +64,7 @@ pub(super) fn check(
             }
         }
     }
-    wild_places
+    seen
 }
 
 /// The samples of one sensor in one recording.

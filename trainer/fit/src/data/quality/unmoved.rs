@@ -19,10 +19,9 @@ const NOISES: f64 = 10.0;
 
 /// Samples that are taken together to see whether a pressure turns round.
 const TOGETHER: usize = 25;
-/// Share of all that a pressure moves through by which it must go back to have turned round.
-const BACK: f64 = 0.3;
-/// Times that a pressure turns round which commands that stand still do not explain.
-const TURNS: usize = 2;
+/// Share of all that a pressure moves through by which it must go back to have turned round, and times that it turns round which commands
+/// that stand still do not explain: a few wide swings, or more of lesser ones, which warming air does not make.
+const SWINGS: [(f64, usize); 2] = [(0.3, 2), (0.08, 3)];
 
 pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mut Vec<Finding>) {
     if !records.inputs().is_empty() {
@@ -86,7 +85,7 @@ fn driven_unseen(records: &Records, noise: &[Noise]) -> Option<Finding> {
                 .collect();
             let levels: Vec<f64> = samples.chunks(TOGETHER).map(middle).collect();
             let sigma = noise.get(channel).map_or(0.0, |n| n.sigma_kpa);
-            if turns(&levels, NOISES * sigma) < TURNS {
+            if SWINGS.iter().all(|(share, least)| turns(&levels, *share, NOISES * sigma) < *least) {
                 continue;
             }
             let commands: Vec<&str> = records.inputs().iter().map(|input| input.column.as_str()).collect();
@@ -107,10 +106,10 @@ fn driven_unseen(records: &Records, noise: &[Noise]) -> Option<Finding> {
     None
 }
 
-/// How often levels turn round by a share of all that they move through, and by so many kPa at least.
-fn turns(levels: &[f64], least_kpa: f64) -> usize {
+/// Number of times that levels turn round by a share of all that they move through, and by so many kPa at least.
+fn turns(levels: &[f64], share: f64, least_kpa: f64) -> usize {
     let (low, high) = levels.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-    let back = (BACK * (high - low)).max(least_kpa);
+    let back = (share * (high - low)).max(least_kpa);
     let (mut turns, mut lowest, mut highest, mut rises) = (0, f64::INFINITY, f64::NEG_INFINITY, None);
     for level in levels {
         lowest = level.min(lowest);
