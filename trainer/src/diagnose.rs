@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::Args;
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use diagnose::{Diagnosis, Request, check_out_dir, work_out};
 use fit::data::quality::seconds_are_no_count;
 use proto::diagnosis::RigKind;
@@ -32,7 +33,7 @@ pub(crate) struct DiagnoseArgs {
     #[arg(value_name = "RECORDING", required = true)]
     recordings: Vec<PathBuf>,
     /// Folder for the results; made if it is not there
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = PathBufValueParser::new().try_map(a_folder))]
     out: PathBuf,
     /// Shorter search, for a first look: fewer candidates are followed to the end; mostly the same answer
     #[arg(long)]
@@ -40,6 +41,16 @@ pub(crate) struct DiagnoseArgs {
     /// Print diagnosis.json instead of a summary
     #[arg(long)]
     json: bool,
+}
+
+/// A name that is no sign for standard output, which holds no folder.
+fn a_folder(path: PathBuf) -> Result<PathBuf, &'static str> {
+    if path.as_os_str() == "-" {
+        return Err(
+            "the answer is several files, which standard output cannot hold; name a folder (./- for one that is called so)",
+        );
+    }
+    Ok(path)
 }
 
 pub(crate) fn run(args: &DiagnoseArgs) -> Result<(), Failure> {

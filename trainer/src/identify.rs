@@ -6,12 +6,15 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
-use fit::data::Role;
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use fit::data::quality::seconds_are_no_count;
+use fit::data::{Role, each_once};
 use fit::identify::{
-    Accuracy, Identified, IdentifySettings, Step, determined, figures, not_good, run as identify, table, undetermined,
-    verdict,
+    Accuracy, Identified, IdentifySettings, Step, determined, figures, noise_in_words, not_good, run as identify,
+    table, undetermined, verdict,
 };
+use fit::objective::Runaway;
+use fit::parameters::End;
 use proto::output::same_file;
 use proto::recording::{PERIOD_S, Recording, short_name};
 use proto::{output, rig_file};
@@ -30,7 +33,8 @@ use crate::work_shown::WorkShown;
 /// will do (random holds, tracking); 20 s at least, and both duties must move.
 #[derive(Debug, Args)]
 #[command(after_help = "Exit status: 0 written; 1 written and still off by ten times the noise or more, or
-not written because it is worse than before; 2 wrong use or input.
+with a parameter at an end of what it can be, or not written because it is worse
+than before; 2 wrong use or input.
 
 Example: trainer identify --rig dual_pressure run1.mcap run2.csv --out lab.toml")]
 pub(crate) struct IdentifyArgs {
@@ -42,7 +46,7 @@ pub(crate) struct IdentifyArgs {
     #[arg(value_name = "RECORDING", required = true)]
     recordings: Vec<PathBuf>,
     /// Rig file to write: the same rig with the fitted parameters
-    #[arg(long, value_name = "RIG")]
+    #[arg(long, value_name = "RIG", value_parser = PathBufValueParser::new().try_map(a_file))]
     out: PathBuf,
     /// Cores to use (all by default)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
@@ -50,6 +54,14 @@ pub(crate) struct IdentifyArgs {
     /// Print the results as one JSON object instead of a table and words
     #[arg(long)]
     json: bool,
+}
+
+/// A name that is no sign for standard output, which holds what is said.
+fn a_file(path: PathBuf) -> Result<PathBuf, &'static str> {
+    if path.as_os_str() == "-" {
+        return Err("standard output holds the table; name a file for the rig (./- for one that is called so)");
+    }
+    Ok(path)
 }
 
 pub(crate) fn run(args: &IdentifyArgs) -> Result<(), Failure> {
@@ -66,7 +78,8 @@ pub(crate) fn run(args: &IdentifyArgs) -> Result<(), Failure> {
     let work = Interruptible::begin()?;
     work.undisturbed(|| output::check_file(&args.out, ROOM))?;
     seconds_are_no_count(&rig, &recordings)?;
-    for note in recordings.iter().flat_map(Recording::notes) {
+    let (recordings, copies) = each_once(recordings);
+    for note in recordings.iter().flat_map(Recording::notes).chain(&copies) {
         tell(note);
     }
     let settings =
@@ -85,7 +98,7 @@ pub(crate) fn run(args: &IdentifyArgs) -> Result<(), Failure> {
     }
     if args.json {
         let written = if worse { Value::Null } else { json!(out) };
-        stdout::say_json(&json_of(&identified, &rig.name, &recordings, &written))?;
+        stdout::say_json(&json_of(&identified, &rig.name, (&recordings, &copies), &written))?;
     } else {
         stdout::say(&words(&identified, &recordings, &out))?;
     }
@@ -168,7 +181,7 @@ fn words(identified: &Identified, recordings: &[Recording], out: &str) -> String
     line(&format!("{files}: {fitted:.0} s fitted, {kept:.0} s of validation data"));
     for (channel, noise) in identified.channels.iter().zip(&identified.noise) {
         let steps = if noise.step_kpa > 0.0 { format!(", steps of {:.4} kPa", noise.step_kpa) } else { String::new() };
-        line(&format!("{channel}: noise of a reading {:.3} kPa{steps}", noise.sigma_kpa));
+        line(&format!("{channel}: {}{steps}", noise_in_words(noise)));
     }
     line("");
     line(table(identified).trim_end());
@@ -193,17 +206,24 @@ fn channel(column: &str) -> &str {
     column.strip_prefix("p_").and_then(|rest| rest.strip_suffix("_kpa")).unwrap_or(column)
 }
 
-fn json_of(identified: &Identified, rig: &str, recordings: &[Recording], out: &Value) -> Value {
+fn json_of(identified: &Identified, rig: &str, (recordings, copies): (&[Recording], &[String]), out: &Value) -> Value {
     let not_good = not_good(identified);
     let parameters: Vec<Value> = identified
         .fitted
         .estimates
         .iter()
-        .map(|e| {
+        .enumerate()
+        .map(|(index, e)| {
             let [low, high] = e.interval();
+            // Of what has no limit nothing is stated but what it is beyond.
+            let (sd, [low, high], open) = match identified.fitted.runaway(index) {
+                None => (Some(e.sd), [Some(low), Some(high)], None),
+                Some(Runaway { end: End::High, beyond, .. }) => (None, [Some(beyond), None], Some("high")),
+                Some(Runaway { end: End::Low, beyond, .. }) => (None, [None, Some(beyond)], Some("low")),
+            };
             json!({
                 "parameter": e.parameter.path, "unit": e.parameter.unit(), "rig_file": e.parameter.mean,
-                "value": e.value, "sd": e.sd, "low": low, "high": high,
+                "value": e.value, "sd": sd, "low": low, "high": high, "no_limit": open,
                 "shift_in_prior_sd": e.shift, "sd_over_prior_sd": e.undetermined,
             })
         })
@@ -231,6 +251,7 @@ fn json_of(identified: &Identified, rig: &str, recordings: &[Recording], out: &V
     json!({
         "rig": rig, "out": out,
         "recordings": recordings.iter().map(Recording::source).collect::<Vec<_>>(),
+        "left_out": copies,
         "fitted_s": seconds(identified, &[Role::Fit, Role::Select]),
         "kept_back_s": seconds(identified, &[Role::HeldOut]),
         "tested_on_fitted_rows": identified.tested_on_fitted,

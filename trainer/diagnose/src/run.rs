@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use fit::cores::side_by_side;
+use fit::identify::no_worse_than;
 use model::rig::Rig;
 use proto::diagnosis::{Diagnosis, RigKind, Verdict};
 use proto::recording::{Recording, short_name};
@@ -13,7 +14,7 @@ use crate::event::changes::{self, changes};
 use crate::event::{self, Event};
 use crate::experiment::{can_be_shut_in, plan};
 use crate::judge::added_uncertainty::variance_beyond_noise;
-use crate::judge::implausible_parameters::{self, doubtful, own};
+use crate::judge::implausible_parameters::{self, doubtful, ends_with_its_range, own, sides_alone};
 use crate::judge::rejected_names::{are_leaks_too_small, objection};
 use crate::judge::step_uncertainty::variance_of_steps;
 use crate::judge::undetectable;
@@ -26,6 +27,7 @@ use crate::recordings::checked::{Recorded, without};
 use crate::report::figures::{Figures, figures};
 use crate::report::files::{Outcome, under_its_own_name};
 use crate::report::findings::Findings;
+use crate::report::summary::noise_kpa;
 use crate::report::unexplained::unexplained;
 use crate::search::candidate::{Candidate, candidates, names_of, no_faster_than};
 use crate::search::quick_search::settled;
@@ -179,8 +181,13 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
         RigKind::AsGiven => request.rig.clone(),
         _ => under_its_own_name(turning.as_begun(&by.fitted.rig), kind, &sources(request)),
     };
-    let doubtful = if kind == RigKind::AsGiven { Vec::new() } else { doubtful(&own(&by.fitted.estimates)) };
+    let (doubtful, sides_alone) = match kind {
+        RigKind::AsGiven => (Vec::new(), Vec::new()),
+        _ => (doubtful(&own(&by.fitted)), sides_alone(&by.fitted)),
+    };
+    let in_part = kind != RigKind::AsGiven && ends_with_its_range(&by.fitted);
     notes.extend(doubtful.iter().map(implausible_parameters::in_words));
+    notes.extend(sides_alone.iter().cloned());
     let changes = if bench.is_much(&extended.beyond_noise_kpa(&bench.sigma_kpa())) {
         changes(bench, &extended.trace)
     } else {
@@ -206,6 +213,8 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
         event,
         changes,
         doubtful,
+        sides_alone,
+        in_part,
         rig,
         kind,
         notes,
@@ -214,9 +223,6 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
 
 const JUDGED_IN_THE_MIDDLE: &str = "where a valve sticks, one jump that comes late throws the open-loop simulation off until the next: what \
                                     is left was judged by the middle one of all stretches of 2 s";
-
-/// Ratio of two errors on validation data that are equal but for chance.
-const CHANCE: f64 = 1.05;
 
 /// Which rig is written. What is worse on validation data than the rig as it was given is no answer: it loses its name, and the given
 /// rig stays.
@@ -233,8 +239,8 @@ fn kind_of_rig(
     }
     let [before_kpa, after_kpa] = [given, extended].map(Figures::total_rmse_kpa);
     // What has no name has nothing but its figures to speak for it.
-    let most = if unknown.is_some() { 1.0 } else { CHANCE };
-    if after_kpa <= most * before_kpa {
+    let most_kpa = if unknown.is_some() { before_kpa } else { no_worse_than(before_kpa, noise_kpa(bench)) };
+    if after_kpa <= most_kpa {
         let extends = unknown.is_some() || !found.best.terms.is_empty();
         return if extends { RigKind::Extended } else { RigKind::Fitted };
     }
@@ -244,7 +250,7 @@ fn kind_of_rig(
         "what was found"
     };
     notes.push(format!(
-        "{what} is off by {after_kpa:.2} kPa on validation data where the rig as it was given is off by {before_kpa:.2} kPa: worse \
+        "{what} is off by {after_kpa:.3} kPa on validation data where the rig as it was given is off by {before_kpa:.3} kPa: worse \
          than before, so the rig as given is kept"
     ));
     if judgement.verdict != Verdict::Undecided {

@@ -8,7 +8,7 @@
 //! a dead end of a chamber (`unknown/dead_end.rs`).
 
 use fit::data::Role;
-use fit::parameters::{Knowledge, Parameter, ParameterSet, Transform};
+use fit::parameters::{Knowledge, Parameter, ParameterSet, SearchRange, Transform};
 use model::mechanism::{Axis, Mechanism, ResidualFlow, Shape, Variable};
 use model::rig::{MechanismInstance, Rig};
 use nalgebra::{DMatrix, DVector};
@@ -326,6 +326,7 @@ fn fit_design(
         mean: 0.0,
         knowledge: Knowledge::Prior { sd: 2.0 * scale },
         bounds: [-50.0 * scale, 50.0 * scale],
+        range: SearchRange::Whole,
     });
     let start = base.fitted.point.clone();
     fit_further(bench, base, &rig, table, [start])

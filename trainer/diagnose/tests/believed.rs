@@ -25,19 +25,25 @@ fn beside_a_hose(leak_kg_per_s_pa2: Option<f64>) -> (Verdict, Vec<String>, Vec<V
     (judgement.verdict, named, judgement.groups)
 }
 
-/// A leak between the chambers that moves a pressure by 3 kPa leaves the fit as good as it is, and the parameters where nobody believes
-/// them.
-#[test]
-fn a_leak_that_parameters_give_way_to_is_asked_for_beside_what_is_named() {
-    let (verdict, named, groups) = beside_a_hose(Some(2.5e-15));
-    assert_eq!(verdict, Verdict::Undecided);
-    assert_eq!(named, ["line_resistance:positive"]);
-    assert_eq!(groups, [[MOVED, "cross_leak:positive"]]);
-}
-
 #[test]
 fn parameters_that_are_near_are_believed_beside_what_is_named() {
     let (verdict, named, groups) = beside_a_hose(None);
     assert_eq!((verdict, groups), (Verdict::MissingPhysics, Vec::new()));
     assert_eq!(named, ["line_resistance:positive"]);
+}
+
+/// Tests of the thorough tier (docs/testing.md).
+mod thorough {
+    use super::*;
+
+    /// A leak between the chambers that moves a pressure by 3 kPa leaves the fit as good as it is, and the parameters where nobody believes
+    /// them.
+    #[test]
+    #[ignore = "thorough: docs/testing.md"]
+    fn a_leak_that_parameters_give_way_to_is_asked_for_beside_what_is_named() {
+        let (verdict, named, groups) = beside_a_hose(Some(2.5e-15));
+        assert_eq!(verdict, Verdict::Undecided);
+        assert_eq!(named, ["line_resistance:positive"]);
+        assert_eq!(groups, [[MOVED, "cross_leak:positive"]]);
+    }
 }

@@ -56,32 +56,41 @@ fn a_reading_that_rings_has_no_name_and_the_rig_file_its_formula() {
     assert!(found.fit.reidentified.pos_rmse_kpa > 1.2 * found.fit.extended.pos_rmse_kpa, "{:?}", found.fit);
 }
 
-/// A room of a third of the chamber behind a passage of a second: warm gas comes near to it, and is not what it is.
-#[test]
-fn a_dead_end_is_no_warm_gas_and_the_rig_file_has_its_room() {
-    let (rig, mut truth) = moved(&[("volumes.negative.volume_l", 1.03), ("valves.valve_pos.input_area_mm2", 0.98)]);
-    let (volume_l, time_constant_s, usual_kpa_abs) = (0.5, 1.0, 190.0);
-    let resistance_kpa_s_per_l = time_constant_s * usual_kpa_abs / volume_l;
-    let temperature_k = truth.volumes["positive"].temperature_k;
-    truth.volumes.insert("room".to_owned(), Volume { volume_l, temperature_k, compliance_ml_per_kpa: 0.0 });
-    let [from, to] = ["positive", "room"].map(str::to_owned);
-    truth.lines.insert("passage".to_owned(), Line::Laminar { from, to, resistance_kpa_s_per_l });
-    let (found, written) = diagnosed("dead-end", rig, &truth, 61);
-    assert_eq!(found.verdict, Verdict::UnknownMechanism, "{}", found.summary);
-    assert!(found.summary.contains("a dead end of the positive chamber"), "{}", found.summary);
-    let room = written.volumes["dead_end_positive"].volume_l;
-    let Line::Laminar { resistance_kpa_s_per_l: passage, .. } = written.lines["dead_end_positive"] else {
-        panic!("{:?}", written.lines)
-    };
-    // What the room held when a recording began no reading tells: it is taken to be the chamber's pressure, here 5 kPa off for a
-    // second or two of each half minute.
-    assert!((room / volume_l - 1.0).abs() < 0.2, "{room} L");
-    assert!((room * passage / (volume_l * resistance_kpa_s_per_l) - 1.0).abs() < 0.2, "{room} L, {passage} kPa s/L");
-    assert!(found.fit.extended.pos_rmse_kpa < 0.5 * found.fit.reidentified.pos_rmse_kpa, "{:?}", found.fit);
-    // And the controller predicts with it: filled, gas goes on into the room.
-    let mut predicted = DualPressureRig::new(&written).unwrap();
-    predicted.start_from([90.0, -60.0], [0.8, 0.8]);
-    (0..50).for_each(|_| predicted.tick([0.0, 0.8], true));
-    let [pos_kpa, _] = predicted.readings_kpa();
-    assert!(pos_kpa.is_finite() && pos_kpa > 90.0, "{pos_kpa} kPa");
+/// Tests of the thorough tier (docs/testing.md).
+mod thorough {
+    use super::*;
+
+    /// A room of a third of the chamber behind a passage of a second: warm gas comes near to it, and is not what it is.
+    #[test]
+    #[ignore = "thorough: docs/testing.md"]
+    fn a_dead_end_is_no_warm_gas_and_the_rig_file_has_its_room() {
+        let (rig, mut truth) = moved(&[("volumes.negative.volume_l", 1.03), ("valves.valve_pos.input_area_mm2", 0.98)]);
+        let (volume_l, time_constant_s, usual_kpa_abs) = (0.5, 1.0, 190.0);
+        let resistance_kpa_s_per_l = time_constant_s * usual_kpa_abs / volume_l;
+        let temperature_k = truth.volumes["positive"].temperature_k;
+        truth.volumes.insert("room".to_owned(), Volume { volume_l, temperature_k, compliance_ml_per_kpa: 0.0 });
+        let [from, to] = ["positive", "room"].map(str::to_owned);
+        truth.lines.insert("passage".to_owned(), Line::Laminar { from, to, resistance_kpa_s_per_l });
+        let (found, written) = diagnosed("dead-end", rig, &truth, 61);
+        assert_eq!(found.verdict, Verdict::UnknownMechanism, "{}", found.summary);
+        assert!(found.summary.contains("a dead end of the positive chamber"), "{}", found.summary);
+        let room = written.volumes["dead_end_positive"].volume_l;
+        let Line::Laminar { resistance_kpa_s_per_l: passage, .. } = written.lines["dead_end_positive"] else {
+            panic!("{:?}", written.lines)
+        };
+        // What the room held when a recording began no reading tells: it is taken to be the chamber's pressure, here 5 kPa off for a
+        // second or two of each half minute.
+        assert!((room / volume_l - 1.0).abs() < 0.2, "{room} L");
+        assert!(
+            (room * passage / (volume_l * resistance_kpa_s_per_l) - 1.0).abs() < 0.2,
+            "{room} L, {passage} kPa s/L"
+        );
+        assert!(found.fit.extended.pos_rmse_kpa < 0.5 * found.fit.reidentified.pos_rmse_kpa, "{:?}", found.fit);
+        // And the controller predicts with it: filled, gas goes on into the room.
+        let mut predicted = DualPressureRig::new(&written).unwrap();
+        predicted.start_from([90.0, -60.0], [0.8, 0.8]);
+        (0..50).for_each(|_| predicted.tick([0.0, 0.8], true));
+        let [pos_kpa, _] = predicted.readings_kpa();
+        assert!(pos_kpa.is_finite() && pos_kpa > 90.0, "{pos_kpa} kPa");
+    }
 }

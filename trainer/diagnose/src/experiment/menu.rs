@@ -36,6 +36,8 @@ impl Programme {
 enum Role {
     Valve,
     Relay,
+    /// A pump that is given by its flow and follows a command.
+    Drive,
     Other,
 }
 
@@ -103,12 +105,14 @@ pub fn menu(rig: &Rig, inputs: &[Input], usage: &Usage) -> Vec<Programme> {
     let roles: Vec<Role> = inputs.iter().map(|input| role(rig, &input.column)).collect();
     let of_role = |wanted: Role| (0..roles.len()).filter(|i| roles[*i] == wanted).collect();
     let bench = Levers { inputs, usage, valves: of_role(Role::Valve), relays: of_role(Role::Relay), roles: &roles };
+    let drives: Vec<usize> = of_role(Role::Drive);
     if bench.valves.is_empty() {
-        return Vec::new();
+        return drives.iter().flat_map(|drive| bench.with_one_drive(*drive)).collect();
     }
     let mut all = if bench.relays.is_empty() { Vec::new() } else { bench.with_the_pump_off() };
     all.extend(bench.valves.iter().flat_map(|valve| bench.with_one_valve(*valve)));
     all.extend(bench.with_all_valves());
+    all.extend(drives.iter().flat_map(|drive| bench.with_one_drive(*drive)));
     all
 }
 
@@ -183,6 +187,21 @@ impl<'a> Levers<'a> {
         let switched = |t: f64, now: &mut [f64]| set(now, &self.relays, f64::from(in_second_half(t, 2.0)));
         all.push(self.sheet().part(12.0, switched).named("pump off and on every 2 s"));
         all
+    }
+
+    /// A pump within what it was commanded to, and at rest: what leaks, and what it delivers against a pressure.
+    fn with_one_drive(&self, drive: usize) -> Vec<Programme> {
+        let name = self.name(drive);
+        let [low, high] = self.ends(drive);
+        vec![
+            self.sheet().part(15.0, |_, now| set(now, &[drive], 0.0)).named(format!("{name} at 0 for 15 s")),
+            self.sheet()
+                .part(16.0, |t, now| set(now, &[drive], low + (high - low) * (1.0 - (t / 8.0 - 1.0).abs())))
+                .named(format!("{name} up to its highest and down again in 16 s")),
+            self.sheet()
+                .part(16.0, |t, now| set(now, &[drive], if in_second_half(t, 4.0) { 0.0 } else { high }))
+                .named(format!("{name} at its highest and at 0, 4 s each")),
+        ]
     }
 
     fn with_one_valve(&self, valve: usize) -> Vec<Programme> {
@@ -260,11 +279,18 @@ pub fn can_be_shut_in(rig: &Rig, inputs: &[Input]) -> bool {
     has(Role::Relay) && has(Role::Valve)
 }
 
+/// Whether a pump of the rig follows a command.
+pub(super) fn has_a_drive(rig: &Rig, inputs: &[Input]) -> bool {
+    inputs.iter().any(|input| role(rig, &input.column) == Role::Drive)
+}
+
 fn role(rig: &Rig, column: &str) -> Role {
     if rig.valves.values().any(|valve| valve.command == column) {
         Role::Valve
     } else if rig.pumps.values().any(|pump| matches!(pump, Pump::Piston(p) if p.relay.as_deref() == Some(column))) {
         Role::Relay
+    } else if rig.pumps.values().any(|pump| matches!(pump, Pump::Flow(p) if p.command.as_deref() == Some(column))) {
+        Role::Drive
     } else {
         Role::Other
     }
@@ -278,4 +304,54 @@ fn register_bit(k: u32, offset: u32) -> bool {
         register = ((register << 1) | bit) & 0x7f;
     }
     register & 1 == 1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One chamber, a pump that follows a command, and a leak: no valve at all.
+    const CELL: &str = r#"
+format = 1
+name = "cell"
+[gas]
+gas_constant_j_per_kg_k = 287.0
+heat_capacity_ratio = 1.4
+[atmosphere]
+pressure_kpa_abs = 101.3
+temperature_k = 293.15
+[integrator]
+step_ms = 0.4
+tick_ms = 20.0
+[volumes.cell]
+volume_l = 1.0
+temperature_k = 293.15
+[pumps.p]
+kind = "flow"
+outlet = "cell"
+command = "pump"
+flow_l_per_min = 5.0
+[lines.leak]
+kind = "laminar"
+from = "cell"
+to = "atmosphere"
+resistance_kpa_s_per_l = 40000.0
+[sensors.g]
+volume = "cell"
+column = "p_cell_kpa"
+range_kpa_gauge = [0.0, 200.0]
+range_v = [0.0, 5.0]
+"#;
+
+    #[test]
+    fn a_rig_without_valves_has_programmes_of_its_pump() {
+        let rig = Rig::from_toml(CELL).unwrap();
+        let plant = model::plant::Plant::<f64>::new(&rig).unwrap();
+        let usage = Usage { middle: vec![0.4], low: vec![0.1], high: vec![0.8] };
+        let all = menu(&rig, plant.inputs(), &usage);
+        assert_eq!(all.len(), 3);
+        let within = |p: &Programme| p.inputs.len() == 1 && p.inputs[0].iter().all(|duty| (0.0..=0.8).contains(duty));
+        assert!(all.iter().all(within), "{:?}", all.iter().map(|p| &p.name).collect::<Vec<_>>());
+        assert!(all[0].inputs[0].ends_with(&[0.0; 700]) && !all[0].stops_a_pump);
+    }
 }

@@ -4,20 +4,19 @@
 //! measurement of either: it stands in for something that the rig file lacks, or the file is wrong by a digit. Both are for a person
 //! to see.
 
-use fit::objective::Estimate;
+use fit::identify::runaway_in_words;
+use fit::objective::{Estimate, FAR, Fitted, HeldBy};
 use proto::diagnosis::DoubtfulParameter;
 
 use crate::report::wording::three;
 
-/// Standard deviations of what such parts scatter by from which on a parameter is doubted (as `identify` does).
-const DOUBTED: f64 = 3.0;
-/// And from which on the headline says so; or this factor either way.
+/// Standard deviations of what such parts scatter by from which on the headline says that a parameter is doubted; or this factor either way.
 const UNBELIEVED: f64 = 6.0;
 const FACTOR: f64 = 1.5;
 
 /// Those of some estimates that are doubted, furthest off first.
 pub(crate) fn doubtful(estimates: &[Estimate]) -> Vec<DoubtfulParameter> {
-    let far = estimates.iter().filter(|e| e.shift.abs() > DOUBTED && e.parameter.prior_weight() > 0.0);
+    let far = estimates.iter().filter(|e| e.shift.abs() > FAR && e.parameter.prior_weight() > 0.0);
     let mut all: Vec<DoubtfulParameter> = far
         .map(|e| DoubtfulParameter {
             parameter: e.parameter.path.clone(),
@@ -31,9 +30,26 @@ pub(crate) fn doubtful(estimates: &[Estimate]) -> Vec<DoubtfulParameter> {
     all
 }
 
-/// The rig's own parameters among the estimates of a fit: those of mechanisms have no stated value.
-pub(crate) fn own(estimates: &[Estimate]) -> Vec<Estimate> {
-    estimates.iter().filter(|e| !e.parameter.path.starts_with("mechanisms.")).cloned().collect()
+/// The rig's own parameters among the estimates of a fit that have a value: those of mechanisms have no stated one.
+pub(crate) fn own(fitted: &Fitted) -> Vec<Estimate> {
+    let all = fitted.estimates.iter().enumerate();
+    all.filter(|(index, e)| is_own(e) && fitted.runaway(*index).is_none()).map(|(_, e)| e.clone()).collect()
+}
+
+/// The rig's own parameters of which only a side is known, in words.
+pub(crate) fn sides_alone(fitted: &Fitted) -> Vec<String> {
+    let all = fitted.estimates.iter().enumerate().filter(|(_, e)| is_own(e));
+    all.filter_map(|(index, e)| Some(runaway_in_words(e, &fitted.runaway(index)?))).collect()
+}
+
+/// Whether one of the rig's own parameters ends where its range does: the rig that was fitted is a part of the truth at most.
+pub(crate) fn ends_with_its_range(fitted: &Fitted) -> bool {
+    let held = |index: usize| fitted.runaway(index).is_some_and(|runaway| runaway.held_by == HeldBy::Range);
+    fitted.estimates.iter().enumerate().any(|(index, e)| is_own(e) && held(index))
+}
+
+fn is_own(estimate: &Estimate) -> bool {
+    !estimate.parameter.path.starts_with("mechanisms.")
 }
 
 /// One of them in words: `volumes.chamber.volume_l is 0.167 L, 3.3 times the stated 0.05 L (24 times what such parts scatter by)`.

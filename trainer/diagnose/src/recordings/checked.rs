@@ -1,7 +1,7 @@
 //! What was recorded, checked, and in pieces where no run goes through it in one.
 
 use fit::data::quality::Quality;
-use fit::data::{Records, noise};
+use fit::data::{Records, each_once, noise};
 use model::rig::Rig;
 use proto::recording::Recording;
 
@@ -9,6 +9,7 @@ use crate::error::DiagnoseError;
 use crate::event::{self, Event};
 use crate::pump::switched;
 use crate::recordings::closed_volumes;
+use crate::recordings::long_gaps;
 use crate::recordings::pieces::{pieces, taken};
 use crate::recordings::unmovable_pressure::refuse_what_nothing_moves;
 
@@ -29,7 +30,8 @@ impl Recorded {
     /// # Errors
     /// They cannot be used, and why.
     pub(crate) fn of(rig: &Rig, recordings: &[Recording]) -> Result<Self, DiagnoseError> {
-        let records = Records::new(rig, recordings)?;
+        let (recordings, copies) = each_once(recordings.to_vec());
+        let records = Records::new(rig, &recordings)?;
         let noise = noise(&records);
         let quality = Quality::of(rig, &records, &noise)?;
         if let Some(refusal) = quality.refusal() {
@@ -38,32 +40,38 @@ impl Recorded {
         let (quality, records) = quality.sound(records);
         refuse_what_nothing_moves(rig, &records, &noise)?;
         let mut notes: Vec<String> = recordings.iter().flat_map(|r| r.notes().to_vec()).collect();
+        notes.extend(copies);
         notes.extend(quality.doubts().map(ToString::to_string));
+        // Quality and noise were asked of whole files; what follows runs through no long gap.
+        let (records, usable) = match long_gaps::apart(&records) {
+            Some((parts, places)) => (parts, taken(&quality.usable, &places)),
+            None => (records, quality.usable.clone()),
+        };
         // What was checked whole is run in pieces where a meter's error would add up.
         if let Some(source) = closed_volumes::accumulates(rig) {
             notes.push(format!(
                 "{source} fills a closed volume, in which an error of its meter adds up: simulations start anew every 4 s"
             ));
             let (pieces, places) = pieces(&records);
-            let mut usable = taken(&quality.usable, &places);
+            let mut usable = taken(&usable, &places);
             closed_volumes::without_starts(&pieces, &mut usable);
             return Ok(Recorded { records: pieces, usable, switched: false, notes });
         }
         let Some((pieces, places)) = switched::pieces(rig, &records) else {
             let Some((rest, places)) = switched::started(rig, &records) else {
-                return Ok(Recorded { records, usable: quality.usable, switched: false, notes });
+                return Ok(Recorded { records, usable, switched: false, notes });
             };
             notes.push(
                 "the pump starts at the beginning of a recording: simulations start 0.6 s later, since no motor starts at once"
                     .to_owned(),
             );
-            return Ok(Recorded { records: rest, usable: taken(&quality.usable, &places), switched: false, notes });
+            return Ok(Recorded { records: rest, usable: taken(&usable, &places), switched: false, notes });
         };
         notes.push(
             "the pump was switched: simulations start anew 0.6 s after each change, since no motor stops or starts at once"
                 .to_owned(),
         );
-        let usable = taken(&quality.usable, &places);
+        let usable = taken(&usable, &places);
         Ok(Recorded { records: pieces, usable, switched: true, notes })
     }
 }
@@ -76,4 +84,20 @@ pub(crate) fn without(event: &Event, rig: &Rig, records: &Records, usable: &[f64
         closed_volumes::without_starts(&rest, &mut usable);
     }
     (rest, usable)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::made::{made, moved};
+
+    #[test]
+    fn a_copy_of_a_recording_is_told_and_counts_once() {
+        let (rig, truth) = moved(&[]);
+        let mut recordings = made(&truth, 2, 3);
+        recordings.push(recordings[0].clone());
+        let recorded = Recorded::of(&rig, &recordings).unwrap();
+        assert_eq!(recorded.records.records().len(), 2);
+        assert!(recorded.notes.iter().any(|note| note.contains("counts once")), "{:?}", recorded.notes);
+    }
 }

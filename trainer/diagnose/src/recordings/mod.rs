@@ -3,5 +3,6 @@
 pub(crate) mod axes;
 pub(crate) mod checked;
 pub mod closed_volumes;
+mod long_gaps;
 pub mod pieces;
 pub(crate) mod unmovable_pressure;

@@ -7,6 +7,7 @@ use proto::diagnosis::{ChannelFit, Diagnosis, Fits, RigKind, Verdict, WrittenRig
 use proto::output;
 
 use crate::error::DiagnoseError;
+use crate::judge::MOVED;
 use crate::report::figures::Figures;
 use crate::report::findings::Findings;
 use crate::report::next_step::{Situation, next_step};
@@ -76,14 +77,18 @@ pub fn check_out_dir(directory: &Path) -> Result<(), DiagnoseError> {
 fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {
     let judgement = findings.judgement;
     let mechanisms = summary::mechanisms(findings);
+    let rivals = shown_groups(&findings.request.rig, &judgement.groups);
     let situation = Situation {
         request: findings.request,
         verdict: judgement.verdict,
         kind: findings.kind,
         planned: findings.plan.is_some(),
-        groups: &judgement.groups,
-        in_part: !findings.doubtful.is_empty() || findings.unexplained.iter().any(|left| left.times_noise > IN_PART),
+        groups: &rivals,
+        in_part: findings.in_part
+            || !findings.doubtful.is_empty()
+            || findings.unexplained.iter().any(|left| left.times_noise > IN_PART),
     };
+    let next = next_step(&situation);
     Diagnosis {
         verdict: judgement.verdict,
         summary: summary::summary(findings, &mechanisms),
@@ -97,15 +102,26 @@ fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {
             extended: findings.extended.to_fit(),
         },
         fit_by_channel: fit_by_channel(findings),
-        rivals: judgement.groups.clone(),
+        rivals,
         next_experiment: findings.plan.as_ref().map(|_| NEXT_EXPERIMENT.to_owned()),
         notes: findings.notes.clone(),
         unexplained: findings.unexplained.clone(),
         doubtful_parameters: findings.doubtful.clone(),
         changes: findings.changes.clone(),
         rig: WrittenRig { name: findings.rig.name.clone(), kind: findings.kind },
-        next_step: next_step(&situation),
+        next_step: next,
     }
+}
+
+/// Groups of names that recordings do not tell apart. Moved parameters are of both sides where a rig has the paper's two, and of no side
+/// elsewhere.
+fn shown_groups(rig: &Rig, groups: &[Vec<String>]) -> Vec<Vec<String>> {
+    let two_sides = ["positive", "negative"].iter().all(|side| rig.volumes.contains_key(*side));
+    let shown = |name: &String| match name.split_once(':') {
+        Some((id, _)) if name == MOVED && !two_sides => id.to_owned(),
+        _ => name.clone(),
+    };
+    groups.iter().map(|group| group.iter().map(shown).collect()).collect()
 }
 
 /// Errors of the three rigs channel by channel.
@@ -165,6 +181,15 @@ pub(crate) fn under_its_own_name(mut rig: Rig, kind: RigKind, sources: &[String]
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn moved_parameters_are_of_both_sides_only_where_there_are_two() {
+        let groups = [vec![MOVED.to_owned(), "chamber_leak:cell".to_owned()]];
+        let mut rig = Rig::builtin("dual_pressure").unwrap();
+        assert_eq!(shown_groups(&rig, &groups)[0][0], "parameters_moved:both");
+        rig.volumes.shift_remove("negative");
+        assert_eq!(shown_groups(&rig, &groups)[0], ["parameters_moved", "chamber_leak:cell"]);
+    }
 
     #[test]
     fn a_rig_that_came_out_of_a_fit_has_a_name_of_its_own_and_one_ending() {

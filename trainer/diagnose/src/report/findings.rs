@@ -41,6 +41,10 @@ pub(crate) struct Findings<'a, 'r> {
     pub(crate) unexplained: Vec<Unexplained>,
     /// Parameters of it that nobody would believe.
     pub(crate) doubtful: Vec<DoubtfulParameter>,
+    /// Parameters of it of which only a side is known, in words.
+    pub(crate) sides_alone: Vec<String>,
+    /// Whether one of these ends where its range does.
+    pub(crate) in_part: bool,
     /// The rig that is written.
     pub(crate) rig: Rig,
     pub(crate) kind: RigKind,

@@ -120,7 +120,8 @@ fn lasting(findings: &Findings<'_, '_>) -> Vec<Location> {
 fn shared_out(mut places: Vec<Location>) -> Vec<Location> {
     let total: f64 = places.iter().map(|place| place.share_of_residual).sum();
     for place in &mut places {
-        place.share_of_residual /= total.max(1.0);
+        // A share is good to a few hundredths: what more there is of digits is rounding.
+        place.share_of_residual = (1e4 * place.share_of_residual / total.max(1.0)).round() / 1e4;
     }
     places
 }

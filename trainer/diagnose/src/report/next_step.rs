@@ -1,6 +1,6 @@
 //! What to do after a diagnosis, as lines for a shell.
 
-use model::rig::Rig;
+use model::rig::{ATMOSPHERE, Line, Rig};
 use proto::diagnosis::{NextStep, RigKind, Verdict};
 
 use crate::report::files::NEXT_EXPERIMENT;
@@ -35,6 +35,11 @@ pub(crate) fn next_step(situation: &Situation<'_>) -> NextStep {
             "Nothing needs to be done: nothing known explains these recordings better than the rig file.",
             Vec::new(),
         ),
+        Verdict::Undecided if *planned && !drives(&request.rig) => step(
+            "Play the commands of the proposed experiment once on the rig, with what you drive it with, record as before, then ask again \
+             with that recording beside the others.",
+            vec![again(" new_recording.csv", &next_out)],
+        ),
         Verdict::Undecided if *planned => step(
             "Play the proposed experiment once on the rig, then ask again with its recording beside the others.",
             vec![
@@ -45,7 +50,9 @@ pub(crate) fn next_step(situation: &Situation<'_>) -> NextStep {
                 again(" experiment.mcap", &next_out),
             ],
         ),
-        Verdict::Undecided => step(&what_would_tell(groups), vec![again(" new_recording.csv", &next_out)]),
+        Verdict::Undecided => {
+            step(&what_would_tell(&request.rig, groups), vec![again(" new_recording.csv", &next_out)])
+        }
         Verdict::UnknownMechanism if request.quick => {
             step("Look again with the whole search, which takes a few minutes.", vec![again("", &next_out)])
         }
@@ -73,18 +80,42 @@ pub(crate) fn next_step(situation: &Situation<'_>) -> NextStep {
     }
 }
 
-/// Which recording would tell rivals apart where no experiment can be planned.
-fn what_would_tell(groups: &[Vec<String>]) -> String {
+/// What would tell rivals apart where no experiment can be planned: a recording that this rig can make, or a measurement.
+fn what_would_tell(rig: &Rig, groups: &[Vec<String>]) -> String {
     let among = |id: &str| groups.iter().flatten().any(|name| name.starts_with(id));
+    let leaks = among("chamber_leak") || among("cross_leak") || among("piston_blowby");
     if among("sensor_drift") && among("chamber_leak") {
         "End a recording with the chamber open to the air for 10 s: a sensor that drifted then reads off zero, and a leak leaves \
          no trace."
             .to_owned()
-    } else if among("chamber_leak") || among("cross_leak") || among("piston_blowby") {
-        "Add a pressure-decay (leak) test: 15 s with the pump off and everything shut.".to_owned()
+    } else if leaks && stays_shut(rig) {
+        format!("Add a pressure-decay (leak) test: 15 s with {}.", at_rest(rig))
+    } else if leaks || among("parameters_moved") {
+        "Measure one volume, flow or resistance of the rig by other means, state it in the rig file, and ask again: recordings of \
+         pressures show only ratios of these, so that no further one would tell."
+            .to_owned()
     } else {
         "Add a recording that uses the whole operating range: commands that step and sweep from one end to the other."
             .to_owned()
+    }
+}
+
+/// Whether gas stays in the rig's chambers where nothing is driven: a line to the open air that is in the rig file anyway lets it out
+/// beside any leak.
+fn stays_shut(rig: &Rig) -> bool {
+    rig.lines.values().all(|line| {
+        let (Line::Orifice { from, to, .. } | Line::Laminar { from, to, .. }) = line;
+        from != ATMOSPHERE && to != ATMOSPHERE
+    })
+}
+
+/// A rig at rest, by what it has: `the pump off and everything shut`.
+fn at_rest(rig: &Rig) -> &'static str {
+    match (rig.pumps.is_empty(), rig.valves.is_empty()) {
+        (false, false) => "the pump off and everything shut",
+        (false, true) => "the pump off",
+        (true, false) => "everything shut",
+        (true, true) => "a pressure in it and nothing that flows in or out",
     }
 }
 
@@ -155,6 +186,28 @@ mod tests {
         let groups = [vec!["sensor_drift:chamber".to_owned(), "chamber_leak:chamber".to_owned()]];
         let step = next(&request(rig), Verdict::Undecided, false, &groups);
         assert!(step.why.contains("open to the air"), "{}", step.why);
+    }
+
+    #[test]
+    fn what_would_tell_is_something_that_the_rig_can_do() {
+        let mut rig = Rig::builtin("dual_pressure").unwrap();
+        let leak = [vec!["chamber_leak:cell".to_owned(), "sensor_bias:cell".to_owned()]];
+        assert!(what_would_tell(&rig, &leak).contains("the pump off and everything shut"));
+        rig.pumps.clear();
+        assert!(what_would_tell(&rig, &leak).contains("15 s with everything shut"));
+        rig.valves.clear();
+        assert!(!what_would_tell(&rig, &leak).contains("pump"));
+        let ratios = [vec!["parameters_moved".to_owned(), "pump_droop:p".to_owned()]];
+        let said = what_would_tell(&rig, &ratios);
+        assert!(said.contains("Measure one volume") && !said.contains("range"), "{said}");
+    }
+
+    #[test]
+    fn an_experiment_for_a_rig_that_the_daemon_does_not_drive_is_played_by_its_owner() {
+        let mut rig = Rig::builtin("dual_pressure").unwrap();
+        rig.valves.clear();
+        let step = next(&request(rig), Verdict::Undecided, true, &[]);
+        assert!(step.commands.len() == 1 && !step.commands[0].contains("controller"), "{step:?}");
     }
 
     #[test]

@@ -5,6 +5,8 @@ use report::{KeyFigure, Report, Table, Verdict as Sign};
 
 use crate::report::figures::Figures;
 use crate::report::findings::Findings;
+use crate::report::summary::{noise_in_words, noise_kpa};
+use crate::report::unexplained;
 use crate::report::wording::{in_words, short};
 use plots::{experiment, flows, regions, traces};
 use tables::{found_table, horizons, hypotheses, parameters, separation, suspects, tried};
@@ -103,9 +105,7 @@ fn title(diagnosis: &Diagnosis) -> &'static str {
 }
 
 fn key_figures(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Vec<KeyFigure> {
-    let noise = findings.bench.noise.iter().map(|n| n.sigma_kpa.powi(2)).sum::<f64>()
-        / findings.bench.noise.len().max(1) as f64;
-    let noise = noise.sqrt();
+    let (noise, told) = (noise_kpa(findings.bench), noise_in_words(findings.bench));
     let figure = |label: &str, figures: &Figures| {
         let kpa = figures.total_rmse_kpa();
         let sign = if kpa < 1.15 * noise {
@@ -116,7 +116,7 @@ fn key_figures(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Vec<KeyFig
             Sign::Bad
         };
         KeyFigure::new(label, &format!("{kpa:.3} kPa"))
-            .note(&format!("open-loop simulation, validation data; noise {noise:.3} kPa"))
+            .note(&format!("open-loop simulation, validation data; {told}"))
             .verdict(sign)
     };
     let mut all = vec![figure("As given", &findings.given), figure("Parameters fitted", &findings.reidentified)];
@@ -130,13 +130,8 @@ fn key_figures(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Vec<KeyFig
 fn left(diagnosis: &Diagnosis) -> Table {
     let mut table = Table::new(["reading", "unexplained, kPa", "noise, kPa", "times the noise", "most of it at"]);
     for u in &diagnosis.unexplained {
-        table.push([
-            u.channel.clone(),
-            format!("{:.3}", u.kpa),
-            format!("{:.3}", u.noise_kpa),
-            format!("{:.1}", u.times_noise),
-            u.region.clone(),
-        ]);
+        let [noise, times] = unexplained::cells(u);
+        table.push([u.channel.clone(), format!("{:.3}", u.kpa), noise, times, u.region.clone()]);
     }
     table
 }

@@ -3,13 +3,14 @@
 use proto::diagnosis::{FoundEvidence, FoundMechanism, FoundParameter, RigKind, Verdict};
 use std::collections::BTreeMap;
 
+use crate::bench::Bench;
 use crate::event::Event;
 use crate::event::changes;
 use crate::judge::implausible_parameters;
 use crate::locate::{Suspect, Suspicion};
 use crate::pump::ripple::{Heard, Number, Told};
 use crate::report::findings::Findings;
-use crate::report::unexplained;
+use crate::report::unexplained::{self, NO_NOISE_KPA};
 use crate::report::wording::{called, does, does_at, in_words, plain, three};
 use crate::search::place::side_of;
 use crate::search::position_of;
@@ -31,6 +32,9 @@ pub(crate) fn summary(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]
     }
     all.extend(unexplained::in_words(&findings.unexplained));
     all.extend(implausible_parameters::headline(&findings.doubtful));
+    if !findings.sides_alone.is_empty() {
+        all.push(format!("Of some parameters only a side is known: {}.", findings.sides_alone.join("; ")));
+    }
     all.join(" ")
 }
 
@@ -84,16 +88,29 @@ fn shows_in(findings: &Findings<'_, '_>) -> Option<String> {
 const NOISE_ALONE: f64 = 2.0;
 
 /// Noise of the readings over all channels, root mean square, in kPa.
-fn noise_kpa(findings: &Findings<'_, '_>) -> f64 {
-    let squares = findings.bench.noise.iter().map(|n| n.sigma_kpa.powi(2)).sum::<f64>();
-    (squares / findings.bench.noise.len().max(1) as f64).sqrt()
+pub(crate) fn noise_kpa(bench: &Bench<'_>) -> f64 {
+    let squares = bench.noise.iter().map(|n| n.sigma_kpa.powi(2)).sum::<f64>();
+    (squares / bench.noise.len().max(1) as f64).sqrt()
+}
+
+/// Noise in kPa below which two decimals do not show it.
+const LITTLE_NOISE_KPA: f64 = 0.01;
+
+/// The same in words.
+pub(crate) fn noise_in_words(bench: &Bench<'_>) -> String {
+    let kpa = noise_kpa(bench);
+    match kpa {
+        kpa if kpa <= NO_NOISE_KPA => "the noise cannot be told".to_owned(),
+        kpa if kpa < LITTLE_NOISE_KPA => format!("noise {} kPa", three(kpa)),
+        kpa => format!("noise {kpa:.2} kPa"),
+    }
 }
 
 fn verdict_in_words(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) -> String {
     let judgement = findings.judgement;
     let [before, after] = findings.before_and_after_kpa();
     match judgement.verdict {
-        Verdict::Adequate if after > NOISE_ALONE * noise_kpa(findings) => {
+        Verdict::Adequate if after > NOISE_ALONE * noise_kpa(findings.bench) => {
             "No known mechanism and no other parameters make the model better than it stands; yet it does not explain all of these \
              recordings."
                 .to_owned()
@@ -109,16 +126,16 @@ fn verdict_in_words(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) 
         ),
         Verdict::MissingPhysics => {
             let what: Vec<String> = mechanisms.iter().map(|m| m.summary.clone()).collect();
-            let noise = noise_kpa(findings);
+            let noise = noise_in_words(findings.bench);
             let what = what.join(" ");
             match shows_in(findings) {
                 Some(shows) if before - after < AS_GOOD_KPA => format!(
                     "{what} It shows {shows}; on validation data the open-loop simulation is off by {after:.2} kPa with it and by \
-                     {before:.2} kPa without (noise {noise:.2} kPa)."
+                     {before:.2} kPa without ({noise})."
                 ),
                 _ => format!(
                     "{what} With this the open-loop simulation is off by {after:.2} kPa instead of {before:.2} kPa on validation data \
-                     (noise {noise:.2} kPa)."
+                     ({noise})."
                 ),
             }
         }

@@ -11,6 +11,10 @@ use crate::report::figures::{Figures, held_out};
 const ROWS: usize = 10;
 /// Multiples of the noise from which on a residual is worth its region.
 const TIMES_NOISE: f64 = 1.0;
+/// Noise in kPa up to which there is none to speak of: most readings repeat the one before, and multiples of it say nothing.
+pub(crate) const NO_NOISE_KPA: f64 = 1e-5;
+/// The most multiples of the noise that are stated.
+const MOST_TIMES: f64 = 1000.0;
 
 /// The unexplained residual of every channel with the rig of `figures`.
 pub(crate) fn unexplained(bench: &Bench<'_>, figures: &Figures) -> Vec<Unexplained> {
@@ -19,7 +23,7 @@ pub(crate) fn unexplained(bench: &Bench<'_>, figures: &Figures) -> Vec<Unexplain
         let stated_kpa = bench.sigma_kpa().get(channel).copied().unwrap_or(0.0);
         let noise_kpa = stated_kpa.max(white_kpa(bench, &figures.trace, channel)).min(error.rmse_kpa.max(stated_kpa));
         let kpa = (error.rmse_kpa.powi(2) - noise_kpa.powi(2)).max(0.0).sqrt();
-        let times_noise = kpa / noise_kpa.max(1e-9);
+        let times_noise = (kpa / noise_kpa.max(NO_NOISE_KPA)).min(MOST_TIMES);
         let worth_it = times_noise > TIMES_NOISE;
         let sensor = bench.rig.sensors.values().nth(channel);
         Unexplained {
@@ -107,15 +111,7 @@ pub(crate) fn in_words(all: &[Unexplained]) -> Option<String> {
     let told: Vec<String> = all
         .iter()
         .filter(|u| u.times_noise > TIMES_NOISE)
-        .map(|u| {
-            format!(
-                "{:.2} kPa ({} times the noise) in {}, {}",
-                u.kpa,
-                rounded(u.times_noise),
-                u.channel,
-                most_of(&u.region)
-            )
-        })
+        .map(|u| format!("{:.2} kPa ({}) in {}, {}", u.kpa, times_in_words(u), u.channel, most_of(&u.region)))
         .collect();
     Some(if told.is_empty() {
         "The unexplained residual on validation data is down to the noise.".to_owned()
@@ -132,6 +128,28 @@ fn most_of(region: &str) -> String {
 fn at(region: &str) -> String {
     let begins = |word: &str| region.starts_with(word);
     if begins("within") || begins("from") || begins("between") { region.to_owned() } else { format!("at {region}") }
+}
+
+/// A residual in multiples of the noise.
+fn times_in_words(left: &Unexplained) -> String {
+    if left.noise_kpa <= NO_NOISE_KPA {
+        "its noise cannot be told: most readings repeat the one before".to_owned()
+    } else if left.times_noise >= MOST_TIMES {
+        format!("more than {MOST_TIMES:.0} times the noise")
+    } else {
+        format!("{} times the noise", rounded(left.times_noise))
+    }
+}
+
+/// Cells of a table for noise and multiples of it.
+pub(crate) fn cells(left: &Unexplained) -> [String; 2] {
+    if left.noise_kpa <= NO_NOISE_KPA {
+        ["cannot be told".to_owned(), String::new()]
+    } else if left.times_noise >= MOST_TIMES {
+        [format!("{:.3}", left.noise_kpa), format!("more than {MOST_TIMES:.0}")]
+    } else {
+        [format!("{:.3}", left.noise_kpa), format!("{:.1}", left.times_noise)]
+    }
 }
 
 fn rounded(times: f64) -> String {
@@ -163,5 +181,15 @@ mod tests {
         );
         assert!(in_words(&[left(0.02, "")]).unwrap().contains("down to the noise"));
         assert_eq!(in_words(&[]), None);
+    }
+
+    #[test]
+    fn multiples_of_no_noise_are_not_told() {
+        let frozen = Unexplained { noise_kpa: 1e-6, times_noise: 1000.0, ..left(7.263, "everywhere alike") };
+        let said = in_words(std::slice::from_ref(&frozen)).unwrap();
+        assert!(said.contains("7.26 kPa (its noise cannot be told") && !said.contains("times"), "{said}");
+        assert_eq!(cells(&frozen), ["cannot be told", ""]);
+        let steady = Unexplained { noise_kpa: 2e-4, times_noise: 1000.0, ..left(7.263, "everywhere alike") };
+        assert!(in_words(&[steady]).unwrap().contains("(more than 1000 times the noise)"));
     }
 }

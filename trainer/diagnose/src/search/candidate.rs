@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use fit::parameters::{Knowledge, Parameter, Transform};
+use fit::parameters::{Knowledge, Parameter, SearchRange, Transform};
 use model::mechanism::{Candidate as Offered, CandidateParameter};
 use model::rig::{MechanismInstance, Rig};
 use proto::diagnosis::RangeEnd;
@@ -340,6 +340,7 @@ fn parameter(id: &str, p: &CandidateParameter, path: String) -> Parameter {
             mean: p.starts.first().copied().unwrap_or(p.low),
             knowledge: Knowledge::Nothing { scale: ONSET_S },
             bounds: [p.low, p.high],
+            range: SearchRange::Whole,
         };
     }
     match neutral(id, p) {
@@ -352,6 +353,7 @@ fn parameter(id: &str, p: &CandidateParameter, path: String) -> Parameter {
                 mean: neutral,
                 knowledge: Knowledge::Prior { sd },
                 bounds: [p.low, p.high],
+                range: SearchRange::Whole,
             }
         }
         None => {
@@ -366,6 +368,7 @@ fn parameter(id: &str, p: &CandidateParameter, path: String) -> Parameter {
                 mean,
                 knowledge: Knowledge::Prior { sd },
                 bounds: [p.low.max(1e-2 * least), p.high],
+                range: SearchRange::Whole,
             }
         }
     }

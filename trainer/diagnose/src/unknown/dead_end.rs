@@ -8,7 +8,7 @@
 //! Gas that comes and goes by a passage of a second is warm gas, or a leak that ends, to whoever knows no dead ends. Sizes are
 //! first looked up with all other parameters giving way to first order; only the best is fitted in free runs.
 
-use fit::parameters::{Knowledge, Parameter, Transform};
+use fit::parameters::{Knowledge, Parameter, SearchRange, Transform};
 use fit::simulate::Run;
 use model::rig::{Line, Rig, Volume};
 
@@ -74,6 +74,7 @@ pub(super) fn fit_dead_end(bench: &Bench<'_>, base: &Explanation) -> Option<Unkn
         mean,
         knowledge: Knowledge::Prior { sd: KNOWN },
         bounds: [1e-3 * mean, 1e3 * mean],
+        range: SearchRange::Whole,
     });
     let explanation = fit_further(bench, base, &rig, own, [base.moved(&shift), base.fitted.point.clone()]).ok()?;
     let depends_on = format!(

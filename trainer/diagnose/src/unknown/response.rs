@@ -5,7 +5,7 @@
 //! best place is then fitted in free runs.
 
 use fit::data::Role;
-use fit::parameters::{Knowledge, Parameter, Transform};
+use fit::parameters::{Knowledge, Parameter, SearchRange, Transform};
 use model::mechanism::{Mechanism, ResidualResponse};
 use model::rig::MechanismInstance;
 use proto::recording::PERIOD_S;
@@ -57,6 +57,7 @@ pub(super) fn fit_response(bench: &Bench<'_>, base: &Explanation) -> Option<Unkn
         mean,
         knowledge: Knowledge::Prior { sd: KNOWN },
         bounds,
+        range: SearchRange::Whole,
     });
     let explanation = fit_further(bench, base, &rig, own, [base.fitted.point.clone()]).ok()?;
     let rings = explanation.fitted.estimates.get(known + 1).is_some_and(|damping| damping.value < 1.0);

@@ -22,8 +22,15 @@ pub struct IdentifySettings {
     pub fit: FitSettings,
 }
 
-/// Ratio of two errors on some tens of seconds that are equal but for chance.
+/// Ratio of two errors on some tens of seconds that are equal but for chance, where both are little more than the noise.
 const CHANCE: f64 = 1.05;
+/// Multiples of the noise from which on no chance makes an error larger.
+const BEYOND_CHANCE: f64 = 2.0;
+
+/// The most that a rig may be off by on validation data, in kPa, to be no worse than one that is off by `before_kpa`.
+pub fn no_worse_than(before_kpa: f64, noise_kpa: f64) -> f64 {
+    if before_kpa > BEYOND_CHANCE * noise_kpa { before_kpa } else { CHANCE * before_kpa }
+}
 
 /// What is being done, for a progress line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,7 +100,8 @@ impl Identified {
     /// Whether the identified rig is worse on validation data than the rig as it came, by more than chance.
     pub fn is_worse(&self) -> bool {
         let [before_kpa, after_kpa] = self.before_and_after_kpa();
-        after_kpa > CHANCE * before_kpa
+        let squares: f64 = self.noise.iter().map(|n| n.sigma_kpa.powi(2)).sum();
+        after_kpa > no_worse_than(before_kpa, (squares / self.noise.len().max(1) as f64).sqrt())
     }
 
     /// How far the identified rig's free run is from the true pressures, by channel in kPa: what the error exceeds the
@@ -210,4 +218,17 @@ fn residual_lines(records: &Records, trace: &[f64]) -> Vec<Vec<Line>> {
         }
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_error_far_above_the_noise_that_grows_is_worse_and_one_of_noise_may_grow_by_chance() {
+        // Where most readings repeat the one before.
+        assert!(7.3225 > no_worse_than(7.3167, 1e-6));
+        assert!(0.0505 < no_worse_than(0.05, 0.05));
+        assert!(0.06 > no_worse_than(0.05, 0.05));
+    }
 }

@@ -3,19 +3,13 @@
 use std::fmt::Write as _;
 
 use super::run::Identified;
-use crate::least_squares::Direction;
-use crate::objective::{Estimate, Fitted};
+use crate::data::Noise;
+use crate::objective::{Estimate, FAR, HeldBy, Runaway};
+use crate::parameters::{End, Transform};
 use crate::simulate::ChannelError;
 
-/// A combination whose standard error is still this share of what was known beforehand is not determined.
-const HARDLY: f64 = 0.5;
 /// A parameter of which recordings say next to nothing, as the same share.
 const AS_BEFORE: f64 = 0.9;
-/// Combinations that are told of those that are determined best.
-const MOST_TOLD: usize = 3;
-/// Share of a combination's largest component from which on a parameter belongs to it, and the most that are told.
-const BELONGS: f64 = 0.35;
-const MOST_PARTS: usize = 4;
 /// A free run off by less than so many times the noise leaves nothing to explain.
 const EXPLAINED: f64 = 1.3;
 /// A free run off by so many times the noise is not that of the rig: what a rig file lacks outweighs what was fitted (chosen; `diagnose`
@@ -25,41 +19,88 @@ const IN_PART: f64 = 10.0;
 /// open a step of the integrator sooner or later (up to 8 measured, where the noise of a fit moves costs by half the
 /// number of parameters, 7).
 const SAME_VALLEY: f64 = 15.0;
-/// A parameter that moved by more prior deviations than this did not just scatter.
-const IMPLAUSIBLE: f64 = 3.0;
+/// A parameter that is this many times what was stated, or one in so many, is told with that factor.
+const FACTOR: f64 = 1.5;
+/// Noise in kPa up to which there is none to speak of: most readings repeat the one before, and multiples of it say nothing.
+const NO_NOISE_KPA: f64 = 1e-5;
+/// Error in kPa from which on a channel without noise is off.
+const OFF_KPA: f64 = 0.1;
+/// The most multiples of a noise that are told as a number.
+const MOST_TIMES: f64 = 1000.0;
 
 /// The parameters with their uncertainties, one a line.
 pub fn table(identified: &Identified) -> String {
     let mut text = String::new();
     let width = identified.fitted.estimates.iter().map(|e| e.parameter.path.chars().count()).max().unwrap_or(9).max(9);
     let _ = writeln!(text, "{:<width$}  {:>8}  {:>10}  {:>7}  moved", "parameter", "rig file", "identified", "±");
-    let mut any_as_before = false;
-    for e in &identified.fitted.estimates {
+    let (mut any_as_before, mut any_runaway) = (false, false);
+    for (index, e) in identified.fitted.estimates.iter().enumerate() {
         let digits = decimals(e.sd);
-        let as_before = e.undetermined > AS_BEFORE;
+        let runaway = identified.fitted.runaway(index).is_some();
+        let as_before = e.undetermined > AS_BEFORE && !runaway;
         any_as_before |= as_before;
+        any_runaway |= runaway;
+        let sd = if runaway { "-".to_owned() } else { format!("{:.digits$}", e.sd) };
         let _ = writeln!(
             text,
-            "{:<width$}  {:>8.digits$}  {:>10.digits$}  {:>7.digits$}  {}{}",
+            "{:<width$}  {:>8.digits$}  {:>10.digits$}  {sd:>7}  {}{}",
             e.parameter.path,
             e.parameter.mean,
             e.value,
-            e.sd,
             moved(e),
-            if as_before { " *" } else { "" },
+            if runaway {
+                " †"
+            } else if as_before {
+                " *"
+            } else {
+                ""
+            },
         );
     }
     if any_as_before {
         text.push_str("* known no better than before\n");
     }
+    if any_runaway {
+        text.push_str("† no value: only on which side it is\n");
+    }
     text
+}
+
+/// Parameters of which only a side is known, one sentence a line.
+fn runaways(identified: &Identified) -> Vec<String> {
+    let of = |(index, e): (usize, &Estimate)| Some(runaway_in_words(e, &identified.fitted.runaway(index)?));
+    identified.fitted.estimates.iter().enumerate().filter_map(of).collect()
+}
+
+/// A parameter of which only a side is known, in words.
+pub fn runaway_in_words(estimate: &Estimate, runaway: &Runaway) -> String {
+    let (path, unit) = (&estimate.parameter.path, estimate.parameter.unit());
+    let beyond = format!("{}{}{unit}", three_digits(runaway.beyond), if unit.is_empty() { "" } else { " " });
+    let (side, limit) = if runaway.end == End::High { ("above", "upper") } else { ("below", "lower") };
+    match runaway.held_by {
+        HeldBy::Statement => {
+            format!("{path} is {side} {beyond}: the recordings hold no {limit} limit, and no value is stated")
+        }
+        HeldBy::Range => format!(
+            "{path} ends at {beyond}, the {limit} end of what it can be: that is no answer; it stands in for something that the rig file \
+             lacks or has wrong"
+        ),
+    }
+}
+
+/// A number with three significant digits.
+fn three_digits(value: f64) -> String {
+    let magnitude = if value == 0.0 { 0.0 } else { value.abs().log10().floor() };
+    let digits = (2.0 - magnitude).clamp(0.0, 9.0) as usize;
+    let step = 10_f64.powf(magnitude - 2.0);
+    if digits == 0 { format!("{:.0}", (value / step).round() * step) } else { format!("{value:.digits$}") }
 }
 
 /// By how much a parameter moved: in per cent, or in its unit where it may be zero.
 fn moved(e: &Estimate) -> String {
     match e.parameter.transform {
-        crate::parameters::Transform::Log => format!("{:+.1} %", 100.0 * (e.value / e.parameter.mean - 1.0)),
-        crate::parameters::Transform::Linear => format!("{:+.2} {}", e.value - e.parameter.mean, e.parameter.unit()),
+        Transform::Log => format!("{:+.1} %", 100.0 * (e.value / e.parameter.mean - 1.0)),
+        Transform::Linear => format!("{:+.2} {}", e.value - e.parameter.mean, e.parameter.unit()),
     }
 }
 
@@ -85,135 +126,110 @@ pub fn figures(identified: &Identified) -> String {
     text
 }
 
-/// What the recordings do not determine, one sentence a line; empty if they determine everything.
-pub fn undetermined(fitted: &Fitted) -> Vec<String> {
-    let name = |i: usize| fitted.estimates.get(i).map_or("?", |e| e.parameter.path.as_str());
-    let Some(information) = &fitted.information else {
-        return vec!["some parameter without a prior does not show in these recordings at all".to_owned()];
-    };
-    let mut said = Vec::new();
-    for direction in information.directions() {
-        // The posterior's deviation along it, in prior deviations: 1/√(1 + information).
-        if (1.0 / (1.0 + direction.information)).sqrt() < HARDLY {
-            break;
-        }
-        let shown = parts_of(&direction.components);
-        match shown.as_slice() {
-            [(one, _)] => said.push(format!("{} hardly shows", name(*one))),
-            [(first, sign), rest @ ..] => {
-                // To move along the direction leaves the readings as they are: what one does the others undo.
-                said.push(format!("raising {} looks the same as {}", name(*first), moves(rest, -sign, name)));
-            }
-            [] => {}
-        }
+/// An error in multiples of a noise; `None` where there is no noise to speak of.
+fn times_noise(error: &ChannelError, noise: &Noise) -> Option<f64> {
+    (noise.sigma_kpa > NO_NOISE_KPA).then(|| error.rmse_kpa / noise.sigma_kpa)
+}
+
+/// A noise for a table: `noise of a reading 0.052 kPa`.
+pub fn noise_in_words(noise: &Noise) -> String {
+    if noise.sigma_kpa > NO_NOISE_KPA {
+        format!("noise of a reading {:.3} kPa", noise.sigma_kpa)
+    } else {
+        "the noise of a reading cannot be told: most repeat the one before".to_owned()
     }
-    said
 }
 
-/// The parameters that make up most of a combination, the largest first.
-fn parts_of(components: &[f64]) -> Vec<(usize, f64)> {
-    let mut parts: Vec<(usize, f64)> = components.iter().copied().enumerate().collect();
-    parts.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
-    let largest = parts.first().map_or(0.0, |p| p.1.abs());
-    parts.into_iter().filter(|(_, c)| c.abs() > BELONGS * largest).take(MOST_PARTS).collect()
-}
-
-/// What the recordings determine, one sentence a line: how many combinations of the parameters, which by themselves, and the best
-/// combinations with how well they are known.
-///
-/// Recordings of a closed machine hardly ever determine one parameter: a wider valve and a weaker spring move the pressures alike.
-/// What they do determine are combinations, some of them to a thousandth; the standard errors of single parameters hide that.
-pub fn determined(fitted: &Fitted) -> Vec<String> {
-    let Some(information) = &fitted.information else { return Vec::new() };
-    let name = |i: usize| fitted.estimates.get(i).map_or("?", |e| e.parameter.path.as_str());
-    // The posterior's deviation in prior deviations.
-    let sd = |direction: &Direction| (1.0 / (1.0 + direction.information)).sqrt();
-    let mut directions = information.directions();
-    directions.reverse();
-    directions.retain(|direction| sd(direction) < HARDLY);
-    let alone: Vec<&str> =
-        fitted.estimates.iter().filter(|e| e.undetermined < HARDLY).map(|e| e.parameter.path.as_str()).collect();
-    let mut said = vec![format!(
-        "{} of {} combinations of parameters are known better than half of what was known before; by themselves {}",
-        directions.len(),
-        fitted.estimates.len(),
-        if alone.is_empty() { "none is".to_owned() } else { alone.join(", ") }
-    )];
-    for direction in directions.iter().take(MOST_TOLD) {
-        let parts = parts_of(&direction.components);
-        let Some((first, largest)) = parts.first().copied() else { continue };
-        let Some(estimate) = fitted.estimates.get(first) else { continue };
-        let known = sd(direction) * estimate.parameter.scale() / largest.abs();
-        let known = match estimate.parameter.transform {
-            crate::parameters::Transform::Log => format!("{:.2} %", 100.0 * known),
-            crate::parameters::Transform::Linear => format!("{known:.3} {}", estimate.parameter.unit()),
-        };
-        said.push(match parts.get(1..) {
-            None | Some([]) => format!("{} is known to {known}", name(first)),
-            Some(others) => format!(
-                "what raising {0} while {1} does is known to {known} of {0}",
-                name(first),
-                moves(others, largest, name)
-            ),
-        });
-    }
-    said
-}
-
-/// Says how parts of a combination move where one of the sign `with` is raised: "raising a, lowering b and raising c".
-fn moves<'n>(parts: &[(usize, f64)], with: f64, name: impl Fn(usize) -> &'n str) -> String {
-    let words: Vec<String> = parts
-        .iter()
-        .map(|(i, c)| format!("{} {}", if c * with > 0.0 { "raising" } else { "lowering" }, name(*i)))
-        .collect();
-    match words.as_slice() {
-        [] => String::new(),
-        [one] => one.clone(),
-        [first @ .., last] => format!("{} and {last}", first.join(", ")),
+/// A multiple as a number, or that it is beyond all measure.
+fn times(ratio: f64) -> String {
+    match ratio {
+        ratio if ratio > MOST_TIMES => format!("more than {MOST_TIMES:.0}"),
+        ratio if ratio < IN_PART => format!("{ratio:.1}"),
+        ratio => format!("{ratio:.0}"),
     }
 }
 
 /// Whether the free run of a channel is down to the noise.
 fn explained(identified: &Identified, channel: usize) -> bool {
     let (error, noise) = (identified.after.free.get(channel), identified.noise.get(channel));
-    error.zip(noise).is_some_and(|(error, noise)| error.rmse_kpa < EXPLAINED * noise.sigma_kpa)
+    error.zip(noise).is_some_and(|(error, noise)| is_explained(error, noise))
+}
+
+fn is_explained(error: &ChannelError, noise: &Noise) -> bool {
+    match times_noise(error, noise) {
+        Some(ratio) => ratio < EXPLAINED,
+        None => error.rmse_kpa < OFF_KPA,
+    }
 }
 
 /// Why the identified rig is not good although it is better than before: the channel that it is furthest off in, in multiples of its
-/// noise. `None` where it is as good as such models get.
+/// noise, or a parameter that no value was found of. `None` where it is as good as such models get.
 pub fn not_good(identified: &Identified) -> Option<String> {
-    let channels = identified.channels.iter().zip(&identified.after.free).zip(&identified.noise);
-    let ratios = channels.map(|((channel, error), noise)| (channel, error.rmse_kpa, error.rmse_kpa / noise.sigma_kpa));
-    let (channel, kpa, times) = ratios.max_by(|a, b| a.2.total_cmp(&b.2)).filter(|(.., times)| *times >= IN_PART)?;
-    Some(format!("{channel} is off by {kpa:.2} kPa, {times:.0} times its noise, with the parameters as fitted"))
+    let channels = || identified.channels.iter().zip(&identified.after.free).zip(&identified.noise);
+    let told = channels()
+        .filter_map(|((channel, error), noise)| Some((channel, error.rmse_kpa, times_noise(error, noise)?)))
+        .max_by(|a, b| a.2.total_cmp(&b.2))
+        .filter(|(.., ratio)| *ratio >= IN_PART);
+    if let Some((channel, kpa, ratio)) = told {
+        let times = times(ratio);
+        return Some(format!(
+            "{channel} is off by {kpa:.2} kPa, {times} times its noise, with the parameters as fitted"
+        ));
+    }
+    let untold =
+        channels().find(|((_, error), noise)| times_noise(error, noise).is_none() && !is_explained(error, noise));
+    if let Some(((channel, error), _)) = untold {
+        return Some(format!(
+            "{channel} is off by {:.2} kPa with the parameters as fitted, and most of its readings repeat the one before",
+            error.rmse_kpa
+        ));
+    }
+    let ended = |(index, e): (usize, &Estimate)| {
+        let runaway = identified.fitted.runaway(index).filter(|runaway| runaway.held_by == HeldBy::Range)?;
+        Some(runaway_in_words(e, &runaway))
+    };
+    identified.fitted.estimates.iter().enumerate().find_map(ended)
+}
+
+/// A parameter far from what was stated, in words.
+fn far_in_words(e: &Estimate) -> String {
+    let factor = e.value / e.parameter.mean;
+    let scatter = format!("{:.1} times what such parts scatter by", e.shift.abs());
+    let how_far = if e.parameter.transform == Transform::Log && !(1.0 / FACTOR..FACTOR).contains(&factor) {
+        format!("is {} times the value in the rig file ({scatter})", three_digits(factor))
+    } else {
+        format!("moved by {scatter}")
+    };
+    format!(
+        "{} {how_far}: it may stand in for something that the rig file lacks; if the file is wrong there, put the right value in and \
+         identify again, for what is stated still pulls at it",
+        e.parameter.path
+    )
 }
 
 /// What to make of it, one sentence a line.
 pub fn verdict(identified: &Identified) -> Vec<String> {
     let mut said = Vec::new();
     for ((channel, error), noise) in identified.channels.iter().zip(&identified.after.free).zip(&identified.noise) {
-        let ratio = error.rmse_kpa / noise.sigma_kpa;
         let rows = if identified.tested_on_fitted { "the fitted rows" } else { "validation data" };
-        if ratio < EXPLAINED {
-            said.push(format!(
-                "{channel}: the open-loop simulation is off by {:.3} kPa rms on {rows}, the noise is {:.3}: nothing more to explain",
-                error.rmse_kpa, noise.sigma_kpa
-            ));
-        } else {
-            said.push(format!(
-                "{channel}: the open-loop simulation is off by {:.3} kPa rms on {rows}, {ratio:.1} times the noise: the rig file \
-                 lacks something; `trainer diagnose` looks for it",
-                error.rmse_kpa
-            ));
-        }
+        let off = format!("{channel}: the open-loop simulation is off by {:.3} kPa rms on {rows}", error.rmse_kpa);
+        said.push(match times_noise(error, noise) {
+            Some(ratio) if ratio < EXPLAINED => {
+                format!("{off}, the noise is {:.3}: nothing more to explain", noise.sigma_kpa)
+            }
+            Some(ratio) => {
+                format!(
+                    "{off}, {} times the noise: the rig file lacks something; `trainer diagnose` looks for it",
+                    times(ratio)
+                )
+            }
+            None => format!("{off}; most of its readings repeat the one before, so that their noise cannot be told"),
+        });
     }
-    for e in &identified.fitted.estimates {
-        if e.shift.abs() > IMPLAUSIBLE {
-            said.push(format!(
-                "{} moved by {:.1} times what such parts scatter by: it may stand in for something that the rig file lacks",
-                e.parameter.path,
-                e.shift.abs()
-            ));
+    said.extend(runaways(identified));
+    for (index, e) in identified.fitted.estimates.iter().enumerate() {
+        if e.shift.abs() > FAR && identified.fitted.runaway(index).is_none() {
+            said.push(far_in_words(e));
         }
     }
     let spread = identified
@@ -241,4 +257,39 @@ pub fn verdict(identified: &Identified) -> Vec<String> {
         }
     }
     said
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parameters::Parameter;
+
+    fn noise(sigma_kpa: f64) -> Noise {
+        Noise { sigma_kpa, step_kpa: 0.0, on_plateaus_kpa: None }
+    }
+
+    #[test]
+    fn multiples_of_no_noise_are_not_told() {
+        let error = ChannelError { rmse_kpa: 7.263, ..ChannelError::default() };
+        assert_eq!(times_noise(&error, &noise(1e-6)), None);
+        assert!(!is_explained(&error, &noise(1e-6)));
+        assert!(noise_in_words(&noise(1e-6)).contains("cannot be told"));
+        assert_eq!(noise_in_words(&noise(0.052)), "noise of a reading 0.052 kPa");
+        assert_eq!(times(7_263_021.0), "more than 1000");
+        assert_eq!([times(1.44), times(12.7)], ["1.4", "13"]);
+    }
+
+    #[test]
+    fn a_parameter_without_a_limit_and_one_at_its_end_are_said_to_be_so() {
+        let parameter = Parameter::log("lines.leak.resistance_kpa_s_per_l", 4e4, 0.3);
+        let shift = parameter.coordinate(1.35e6);
+        let estimate = Estimate { value: 1.35e6, sd: 2e5, shift, undetermined: 0.47, parameter };
+        let open = Runaway { end: End::High, beyond: 1.07e6, held_by: HeldBy::Statement };
+        let said = runaway_in_words(&estimate, &open);
+        assert!(said.contains("is above 1070000 kPa s/L: the recordings hold no upper limit"), "{said}");
+        let said = runaway_in_words(&estimate, &Runaway { held_by: HeldBy::Range, ..open });
+        assert!(said.contains("the upper end of what it can be"), "{said}");
+        let said = far_in_words(&estimate);
+        assert!(said.contains("is 33.8 times the value in the rig file (11.7 times what"), "{said}");
+    }
 }

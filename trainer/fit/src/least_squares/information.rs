@@ -82,6 +82,39 @@ impl Information {
         largest
     }
 
+    /// Standard error of a combination of coordinates, by its weights: as cautious as [`Information::cautious_sd`].
+    pub fn cautious_sd_of(&self, weights: &[f64]) -> f64 {
+        let along = |matrix: &DMatrix<f64>| quadratic(matrix, weights).max(0.0).sqrt();
+        self.by_groups.iter().map(along).fold(along(&self.covariance), f64::max)
+    }
+
+    /// Information of the data along a vector, as much as the prior's where it is 1.
+    pub fn along(&self, vector: &[f64]) -> f64 {
+        quadratic(&self.data, vector) / dot(vector, vector).max(f64::MIN_POSITIVE)
+    }
+
+    /// Standard errors, in units of the priors' standard deviations, where priors count for this share of what they do: what is left of
+    /// them where it is small is what the data say alone. `None` where that cannot be told.
+    pub fn sd_with_priors_of(&self, share: f64) -> Option<Vec<f64>> {
+        let n = self.data.nrows();
+        let covariance = (&self.data + DMatrix::identity(n, n) * share).cholesky()?.inverse();
+        Some(covariance.diagonal().iter().map(|v| v.max(0.0).sqrt()).collect())
+    }
+
+    /// All combinations that leave another one as it is, least determined first.
+    pub fn directions_beside(&self, known: &[f64]) -> Vec<Direction> {
+        let n = self.data.nrows();
+        let length = dot(known, known).sqrt().max(f64::MIN_POSITIVE);
+        let unit = DMatrix::from_fn(n, 1, |i, _| known.get(i).copied().unwrap_or(0.0) / length);
+        let along = &unit * unit.transpose();
+        let across = DMatrix::identity(n, n) - &along;
+        // More than any combination has, so that it comes last.
+        let most = 2.0 * self.data.trace() + 1.0;
+        let mut directions = sorted(&across * &self.data * &across + along * most);
+        directions.pop();
+        directions
+    }
+
     /// `(F + P)⁻¹`.
     pub fn covariance(&self) -> &DMatrix<f64> {
         &self.covariance
@@ -94,19 +127,30 @@ impl Information {
 
     /// All combinations, least determined first.
     pub fn directions(&self) -> Vec<Direction> {
-        let eigen = SymmetricEigen::new(self.data.clone());
-        let mut directions: Vec<Direction> = eigen
-            .eigenvalues
-            .iter()
-            .zip(eigen.eigenvectors.column_iter())
-            .map(|(information, vector)| Direction {
-                components: vector.iter().copied().collect(),
-                information: information.max(0.0),
-            })
-            .collect();
-        directions.sort_by(|a, b| a.information.total_cmp(&b.information));
-        directions
+        sorted(self.data.clone())
     }
+}
+
+/// Eigenvectors of an information matrix, least determined first.
+fn sorted(information: DMatrix<f64>) -> Vec<Direction> {
+    let eigen = SymmetricEigen::new(information);
+    let mut directions: Vec<Direction> = eigen
+        .eigenvalues
+        .iter()
+        .zip(eigen.eigenvectors.column_iter())
+        .map(|(information, vector)| Direction {
+            components: vector.iter().copied().collect(),
+            information: information.max(0.0),
+        })
+        .collect();
+    directions.sort_by(|a, b| a.information.total_cmp(&b.information));
+    directions
+}
+
+/// `vᵀ M v`.
+fn quadratic(matrix: &DMatrix<f64>, vector: &[f64]) -> f64 {
+    let row = |(i, a): (usize, &f64)| a * matrix.row(i).iter().zip(vector).map(|(m, b)| m * b).sum::<f64>();
+    vector.iter().enumerate().take(matrix.nrows()).map(row).sum()
 }
 
 /// `Σ_b g_b g_bᵀ` over groups of residuals.
@@ -204,5 +248,12 @@ mod tests {
         let directions = information.directions();
         assert!(directions[0].information < 1e-9 && (directions[1].information - 200.0).abs() < 1e-9);
         assert!((directions[0].components[0] + directions[0].components[1]).abs() < 1e-12, "the difference");
+        // The sum has a variance of 2/(200 + 1), each of both hardly less than before; beside the sum there is the difference alone.
+        let sum = information.cautious_sd_of(&[1.0, 1.0]);
+        assert!((sum - (2.0_f64 / 201.0).sqrt()).abs() < 1e-12, "{sum}");
+        assert!(information.along(&[1.0, -1.0]) < 1e-9 && (information.along(&[1.0, 1.0]) - 200.0).abs() < 1e-9);
+        assert!(information.sd_with_priors_of(0.01).unwrap()[0] > 5.0);
+        let beside = information.directions_beside(&[1.0, 1.0]);
+        assert!(beside.len() == 1 && beside[0].information < 1e-9, "{beside:?}");
     }
 }

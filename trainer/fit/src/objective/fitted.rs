@@ -5,7 +5,7 @@ use model::rig::Rig;
 use super::Projection;
 use crate::data::Records;
 use crate::least_squares::{Information, Linearised, Loss};
-use crate::parameters::{Parameter, ParameterSet};
+use crate::parameters::{End, Parameter, ParameterSet, Transform};
 use crate::simulate::Arcs;
 
 /// z of a two-sided interval of 90 %.
@@ -46,6 +46,52 @@ impl Estimate {
     }
 }
 
+/// A parameter of which a fit tells only a side on which it is: its value is no answer, and it has no interval.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Runaway {
+    /// The side.
+    pub end: End,
+    /// What it is beyond, in its unit.
+    pub beyond: f64,
+    /// What holds the fit where it is.
+    pub held_by: HeldBy,
+}
+
+/// What holds a parameter that recordings would move on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum HeldBy {
+    /// An end of what such a number can be.
+    Range,
+    /// What was stated: the recordings say less and less the further it goes.
+    Statement,
+}
+
+/// Prior standard deviations from which on a parameter did not just scatter.
+pub const FAR: f64 = 3.0;
+/// Logarithm of the factor by which recordings alone would have a parameter elsewhere, from which on they do not say where it is. One that
+/// is nothing, or endless, is always a whole one away, for what it does falls with its size.
+const NOWHERE: f64 = 0.5;
+
+impl Runaway {
+    /// Of an estimate on which the recordings have so much information, the other parameters as they are; `None` of one that has a value.
+    pub fn of(estimate: &Estimate, information: f64) -> Option<Runaway> {
+        let Estimate { parameter, value, shift, .. } = estimate;
+        if let Some(end) = parameter.end_at(*value) {
+            let [low, high] = parameter.bounds;
+            let beyond = if end == End::Low { low } else { high };
+            return Some(Runaway { end, beyond, held_by: HeldBy::Range });
+        }
+        let further = parameter.scale() * shift.abs() / information.max(f64::MIN_POSITIVE);
+        let moves_on = shift.abs() > FAR && further > NOWHERE && parameter.prior_weight() > 0.0;
+        if parameter.transform != Transform::Log || !moves_on {
+            return None;
+        }
+        let [low, high] = estimate.interval();
+        let (end, beyond) = if *shift > 0.0 { (End::High, low) } else { (End::Low, high) };
+        Some(Runaway { end, beyond, held_by: HeldBy::Statement })
+    }
+}
+
 /// What a fit gave.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fitted {
@@ -78,6 +124,12 @@ pub struct Fitted {
 }
 
 impl Fitted {
+    /// Whether one of its estimates tells a side alone.
+    pub fn runaway(&self, index: usize) -> Option<Runaway> {
+        let alone = self.information.as_ref().and_then(|of| of.data().get((index, index)).copied());
+        Runaway::of(self.estimates.get(index)?, alone.unwrap_or(f64::INFINITY))
+    }
+
     /// Adds variances, by coordinate in units of the prior's, to those of the estimates.
     pub fn widen(&mut self, variances: &[f64]) {
         for (estimate, variance) in self.estimates.iter_mut().zip(variances) {
@@ -146,4 +198,25 @@ pub(super) fn rmse(records: &Records, residuals: &[f64], weights: &[f64], scale_
 /// What the minimum and its standard errors (both as coordinates) are in the parameters' units.
 pub(super) fn estimates(set: &ParameterSet, point: &[f64], sd: &[f64]) -> Vec<Estimate> {
     set.parameters().iter().zip(point).zip(sd).map(|((parameter, z), sd)| Estimate::of(parameter, *z, *sd)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_parameter_without_a_limit_or_at_its_end_tells_a_side_alone() {
+        let resistance = Parameter::log("lines.leak.resistance_kpa_s_per_l", 4e4, 0.3).within(4.0, 1e8);
+        let at = |value: f64, sd: f64| Estimate::of(&resistance, resistance.coordinate(value), sd);
+        // What a leak of no size leaves: its information falls with the square of its resistance, to where the prior holds it.
+        let moved = at(1.35e6, 0.47);
+        let runaway = Runaway::of(&moved, 0.3 * moved.shift).unwrap();
+        assert_eq!((runaway.end, runaway.held_by), (End::High, HeldBy::Statement));
+        assert!(runaway.beyond > 1e6 && runaway.beyond < 1.35e6, "{runaway:?}");
+        // One that is ten times the stated one and shows has a value.
+        assert_eq!(Runaway::of(&at(4e5, 0.15), 43.0), None);
+        assert_eq!(Runaway::of(&at(4.4e4, 0.9), 0.2), None);
+        let ended = Runaway::of(&at(1e8, 0.01), 1e4).unwrap();
+        assert_eq!((ended.end, ended.held_by, ended.beyond), (End::High, HeldBy::Range, 1e8));
+    }
 }

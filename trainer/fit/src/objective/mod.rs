@@ -16,7 +16,7 @@ mod problem;
 mod projection;
 mod stages;
 
-pub use fitted::{Estimate, Fitted, NINETY, profiled};
+pub use fitted::{Estimate, FAR, Fitted, HeldBy, NINETY, Runaway, profiled};
 pub use groups::{by_state, by_time};
 pub use likelihood::{BlockScore, Likelihood, NoiseModel, Score, blocks_of, score};
 pub use problem::{RigProblem, Sides, difference_step};

@@ -188,11 +188,11 @@ impl Task<'_> {
         Ok((fitted, slopes, reached))
     }
 
-    fn search(&self, rounds: usize, least_gain: f64) -> Settings {
+    fn search(&self, from: &[f64], rounds: usize, least_gain: f64) -> Settings {
         Settings {
             loss: self.settings.loss,
             prior: self.set.prior(),
-            bounds: self.set.bounds(),
+            bounds: self.set.search_bounds(from),
             rounds,
             // Where slopes are kept two at a time take a third of the time, and more rounds, and ended elsewhere in long valleys.
             trials: 8,
@@ -218,7 +218,7 @@ impl Task<'_> {
             let scale = scales(records, &fast.one(&rig, &arcs)?, self.weights, self.sigma_kpa);
             let weighted = over(records, self.weights, &scale);
             let mut problem = RigProblem::new(fast, self.set, arcs, weighted).on(Sides::One);
-            let search = self.search(self.settings.rounds.min(6), 1.0);
+            let search = self.search(&near.point, self.settings.rounds.min(6), 1.0);
             let outcome = minimise(&mut Watched { problem: &mut problem, watch }, &near.point, &search)?;
             near = Near { point: outcome.point, rounds: near.rounds + outcome.rounds };
         }
@@ -240,7 +240,8 @@ impl Task<'_> {
         let mut last: Option<(Outcome, Setting)> = None;
         let mut gained = f64::INFINITY;
         let passes = if borrowing { 1 } else { self.settings.passes };
-        for pass in 0..passes {
+        let (mut pass, mut widened) = (0, 0);
+        while pass < passes {
             let setting = self.setting(&self.rig_at(&point)?)?;
             let at_rest =
                 |(old, at): &(Vec<f64>, Vec<f64>)| settled(old, &setting.scale_kpa) && near_to(at, &point, 0.1);
@@ -259,19 +260,27 @@ impl Task<'_> {
             problem =
                 if approaching { problem.on(Sides::One) } else { problem.keeping(slopes.map(|(slopes, _)| slopes)) };
             let search = match (approaching, borrowing) {
-                (true, _) => self.search(self.settings.rounds, APPROACH_GAIN),
-                (false, true) => self.search(FOLLOWED, self.settings.least_gain),
-                (false, false) => self.search(self.settings.rounds, self.settings.least_gain),
+                (true, _) => self.search(&point, self.settings.rounds, APPROACH_GAIN),
+                (false, true) => self.search(&point, FOLLOWED, self.settings.least_gain),
+                (false, false) => self.search(&point, self.settings.rounds, self.settings.least_gain),
             };
             let outcome = minimise(&mut Watched { problem: &mut problem, watch }, &point, &search)?;
+            let cut_off = self.set.was_cut_off(&point, &outcome.point) && widened < WIDENINGS;
             point.clone_from(&outcome.point);
             if approaching {
                 rounds += outcome.rounds;
-            } else {
+            } else if !cut_off {
                 gained = outcome.gained;
                 known = problem.into_slopes().map(|(slopes, _)| (slopes, at));
             }
             last = Some((outcome, setting));
+            // A number at the end of its range is no answer: the same pass again from there, where the range is wider.
+            if cut_off {
+                widened += 1;
+                gained = f64::INFINITY;
+            } else {
+                pass += 1;
+            }
         }
         let Some(last) = last else { return Err(FitError::NoRecordings) };
         let slopes = known.filter(|(_, at)| near_to(at, &point, SLOPES_REACH)).map(|(slopes, _)| slopes);
@@ -357,6 +366,8 @@ impl Problem for Watched<'_, '_> {
 /// What a round must gain while slopes are taken on one side: they are off by a per cent, and along a valley a search that
 /// follows them crawls.
 const APPROACH_GAIN: f64 = 5.0;
+/// Times that ranges are widened in the last stage: from five times what was stated to ten thousand times takes as many.
+const WIDENINGS: usize = 6;
 /// Rounds that borrowed slopes are followed for: another minimum shows by then.
 const FOLLOWED: usize = 4;
 

@@ -13,6 +13,6 @@ mod path;
 mod set;
 
 pub use nominal::{Scatter, nominal};
-pub use parameter::{Knowledge, Parameter, Transform};
+pub use parameter::{End, Knowledge, Parameter, SearchRange, Transform};
 pub use path::{set_value, value};
 pub use set::ParameterSet;

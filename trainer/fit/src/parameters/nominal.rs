@@ -126,7 +126,28 @@ pub fn nominal(rig: &Rig, scatter: Scatter) -> Vec<Parameter> {
         parameters.push(Parameter::linear("atmosphere.pressure_kpa_abs", kpa, scatter.atmosphere_kpa));
     }
     parameters.retain(|p| p.transform == super::Transform::Linear || p.mean > 0.0);
-    parameters
+    parameters.into_iter().map(|parameter| accepted(rig, parameter)).collect()
+}
+
+/// The factor by which an end of a range is brought nearer until a rig file may hold it.
+const NEARER: f64 = 1.25;
+
+/// A parameter with its bounds where a rig file may hold them.
+fn accepted(rig: &Rig, mut parameter: Parameter) -> Parameter {
+    if parameter.transform == super::Transform::Linear {
+        return parameter;
+    }
+    let mean = parameter.mean;
+    let holds = |value: f64| rig.clone().set_value(&parameter.path, value).is_ok();
+    let [mut low, mut high] = parameter.bounds;
+    while low < mean && !holds(low) {
+        low = (low * NEARER).min(mean);
+    }
+    while high > mean && !holds(high) {
+        high = (high / NEARER).max(mean);
+    }
+    parameter.bounds = [low, high];
+    parameter
 }
 
 #[cfg(test)]
@@ -147,5 +168,19 @@ mod tests {
                 assert!((z - 0.5).abs() < 1e-9);
             }
         }
+    }
+
+    #[test]
+    fn bounds_are_wide_and_a_rig_file_may_hold_them() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        for parameter in nominal(&rig, Scatter::default()) {
+            for bound in parameter.bounds {
+                let mut with = rig.clone();
+                with.set_value(&parameter.path, bound).unwrap();
+            }
+        }
+        let volume = nominal(&rig, Scatter::default()).swap_remove(0);
+        // 100 L is the most that a rig file holds.
+        assert!(volume.path == "volumes.positive.volume_l" && (80.0..=100.0).contains(&volume.bounds[1]), "{volume:?}");
     }
 }

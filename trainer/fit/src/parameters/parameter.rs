@@ -40,23 +40,53 @@ pub struct Parameter {
     pub knowledge: Knowledge,
     /// Lowest and highest value, in the parameter's unit.
     pub bounds: [f64; 2],
+    /// Where between its bounds a search looks first.
+    pub range: SearchRange,
 }
+
+/// Where a search looks for a parameter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SearchRange {
+    /// Between its bounds, which say what such a number can be.
+    Whole,
+    /// About its mean, and further off, up to the bounds, only where it ends up there: a step beyond all measure must not lead astray,
+    /// and what was stated must not decide how far off a part may be.
+    Growing,
+}
+
+/// An end of a range.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum End {
+    /// The lower one.
+    Low,
+    /// The upper one.
+    High,
+}
+
+/// The factor either way of its mean within which a positive parameter is searched first, and by which its range grows: five times as
+/// much or a fifth of what a part is sold as is another part.
+const FIRST_FACTOR: f64 = 5.0;
+/// The factor beyond which a range does not grow.
+const MOST_FACTOR: f64 = 1e4;
 
 /// Share of a bound by which a value beyond it is rounding.
 const ROUNDING: f64 = 1e-9;
+/// Share of a bound, or of what lies between both, within which a value stands at it.
+const AT_AN_END: f64 = 1e-6;
 
 impl Parameter {
     /// A positive parameter with a relative prior.
     pub fn log(path: impl Into<String>, mean: f64, sd: f64) -> Self {
-        // Five times as much or a fifth of what a part is sold as is another part.
-        let bounds = [mean / 5.0, mean * 5.0];
-        Parameter { path: path.into(), transform: Transform::Log, mean, knowledge: Knowledge::Prior { sd }, bounds }
+        let bounds = [mean / MOST_FACTOR, mean * MOST_FACTOR];
+        let (transform, knowledge) = (Transform::Log, Knowledge::Prior { sd });
+        Parameter { path: path.into(), transform, mean, knowledge, bounds, range: SearchRange::Growing }
     }
 
     /// A parameter that may be negative, with a prior in its unit.
     pub fn linear(path: impl Into<String>, mean: f64, sd: f64) -> Self {
         let bounds = [mean - 20.0 * sd, mean + 20.0 * sd];
-        Parameter { path: path.into(), transform: Transform::Linear, mean, knowledge: Knowledge::Prior { sd }, bounds }
+        let (transform, knowledge) = (Transform::Linear, Knowledge::Prior { sd });
+        Parameter { path: path.into(), transform, mean, knowledge, bounds, range: SearchRange::Whole }
     }
 
     /// The same without a prior; its standard deviation stays the scale of the coordinate.
@@ -112,6 +142,37 @@ impl Parameter {
     /// The bounds as coordinates.
     pub fn coordinate_bounds(&self) -> [f64; 2] {
         self.bounds.map(|value| self.coordinate(value))
+    }
+
+    /// The bounds, as coordinates, of a search that has come to `coordinate`: they grow with the way that it has gone.
+    pub fn search_bounds(&self, coordinate: f64) -> [f64; 2] {
+        let [low, high] = self.coordinate_bounds();
+        if self.range == SearchRange::Whole || self.transform != Transform::Log {
+            return [low, high];
+        }
+        let first = FIRST_FACTOR.ln() / self.scale();
+        // The next wider one from where it has come to an end of the last.
+        let reach = first * ((coordinate.abs() / first + ROUNDING).floor() + 1.0);
+        [low.max(-reach), high.min(reach)]
+    }
+
+    /// Whether a search that began at one coordinate ended at another because its range ended there, and may go on.
+    pub fn was_cut_off(&self, began: f64, ended: f64) -> bool {
+        let at = |[low, high]: [f64; 2]| ended <= low + ROUNDING || ended >= high - ROUNDING;
+        at(self.search_bounds(began)) && !at(self.coordinate_bounds())
+    }
+
+    /// The end of its bounds that a value stands at, if it does.
+    pub fn end_at(&self, value: f64) -> Option<End> {
+        let [low, high] = self.bounds;
+        let near = |end: f64| (value - end).abs() <= AT_AN_END * (high - low).min(end.abs().max(ROUNDING));
+        if near(low) {
+            Some(End::Low)
+        } else if near(high) {
+            Some(End::High)
+        } else {
+            None
+        }
     }
 
     /// Interval of the value for an interval of `±by` around `coordinate`, within the bounds.
@@ -184,6 +245,27 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_search_range_grows_with_the_way_that_a_search_has_gone() {
+        let flow = Parameter::log("pumps.p.flow_l_per_min", 5.0, 0.3);
+        let range = |value: f64| flow.search_bounds(flow.coordinate(value)).map(|z| flow.value(z));
+        let about = |[low, high]: [f64; 2], expected: [f64; 2]| {
+            (low / expected[0] - 1.0).abs() < 1e-6 && (high / expected[1] - 1.0).abs() < 1e-6
+        };
+        assert!(about(range(5.0), [1.0, 25.0]) && about(range(24.0), [1.0, 25.0]), "{:?}", range(5.0));
+        // From the end of one range the next wider one, up to what a rig file accepts.
+        assert!(about(range(25.0), [0.2, 125.0]), "{:?}", range(25.0));
+        let [began, ended] = [5.0, 25.0].map(|value| flow.coordinate(value));
+        assert!(flow.was_cut_off(began, ended) && !flow.was_cut_off(began, ended - 0.1));
+        let limited = flow.clone().within(1e-6, 100.0);
+        assert!(about(limited.search_bounds(limited.coordinate(30.0)).map(|z| limited.value(z)), [0.2, 100.0]));
+        let [began, ended] = [30.0, 100.0].map(|value| limited.coordinate(value));
+        assert!(!limited.was_cut_off(began, ended), "a bound does not grow");
+        assert_eq!(limited.end_at(limited.value(ended)), Some(End::High));
+        assert_eq!(limited.end_at(30.0), None);
+        assert_eq!(Parameter::linear("atmosphere.pressure_kpa_abs", 101.3, 0.5).end_at(91.3), Some(End::Low));
     }
 
     #[test]

@@ -105,7 +105,17 @@ impl ParameterSet {
         self.prior().iter().zip(point).map(|(p, z)| 0.5 * p * z * z).sum()
     }
 
-    /// Bounds as coordinates, for [`crate::least_squares::Settings::bounds`].
+    /// Bounds as coordinates of a search that begins at a point, for [`crate::least_squares::Settings::bounds`].
+    pub fn search_bounds(&self, point: &[f64]) -> Vec<[f64; 2]> {
+        self.parameters.iter().zip(point).map(|(p, z)| p.search_bounds(*z)).collect()
+    }
+
+    /// Whether a search between two points ended where a range did that may grow.
+    pub fn was_cut_off(&self, began: &[f64], ended: &[f64]) -> bool {
+        self.parameters.iter().zip(began.iter().zip(ended)).any(|(p, (began, ended))| p.was_cut_off(*began, *ended))
+    }
+
+    /// The widest bounds as coordinates.
     pub fn bounds(&self) -> Vec<[f64; 2]> {
         self.parameters.iter().map(Parameter::coordinate_bounds).collect()
     }

@@ -1,5 +1,7 @@
 //! Tables of the page.
 
+use fit::objective::Fitted;
+use fit::parameters::End;
 use report::Table;
 
 use super::{rival_name, shows_extended};
@@ -33,12 +35,19 @@ pub(super) fn found_table(diagnosis: &Diagnosis) -> Table {
                 three(p.value),
                 format!("{} … {}", three(p.low), three(p.high)),
                 p.unit.clone(),
-                once(format!("{:+.0}", m.evidence.delta_log_likelihood)),
+                once(gain_in_words(m.evidence.delta_log_likelihood)),
                 once(format!("{:.0} %", 100.0 * m.evidence.held_out_rmse_gain)),
             ]);
         }
     }
     table
+}
+
+/// Gain in log-likelihood from which on its size says nothing but that the readings have next to no noise.
+const BEYOND_DOUBT: f64 = 1e6;
+
+fn gain_in_words(gain: f64) -> String {
+    if gain.abs() < BEYOND_DOUBT { format!("{gain:+.0}") } else { "beyond doubt".to_owned() }
 }
 
 pub(super) fn horizons(findings: &Findings<'_, '_>) -> Table {
@@ -83,7 +92,7 @@ pub(super) fn suspects(findings: &Findings<'_, '_>) -> Table {
             Suspect::Transfer { from, to } => (format!("pump flow {} → {}", volume(from), volume(to)), "kPa/s"),
             Suspect::Reading { channel } => (format!("reading, {}", volume(channel)), "kPa"),
         };
-        table.push([name, format!("{:+.0}", s.gain), s.length_s.to_string(), format!("{} {unit}", s.size)]);
+        table.push([name, gain_in_words(s.gain), s.length_s.to_string(), format!("{} {unit}", s.size)]);
     }
     table
 }
@@ -153,20 +162,25 @@ pub(super) fn parameters(findings: &Findings<'_, '_>) -> Table {
     let mut table = Table::new(head).caption(&caption);
     let best = &findings.found.best;
     for (at, e) in findings.found.nominal.fitted.estimates.iter().enumerate() {
-        let mut row = vec![
-            e.parameter.path.clone(),
-            three(e.parameter.mean),
-            three(e.value),
-            three(e.sd),
-            format!("{:+.1}", e.shift),
-        ];
+        let [value, sd] = value_and_sd(&findings.found.nominal.fitted, at);
+        let mut row = vec![e.parameter.path.clone(), three(e.parameter.mean), value, sd, format!("{:+.1}", e.shift)];
         if extended {
-            let again = best.fitted.estimates.get(at);
-            row.push(again.map_or(String::new(), |e| three(e.value)));
-            row.push(again.map_or(String::new(), |e| three(e.sd)));
+            row.extend(value_and_sd(&best.fitted, at));
         }
         row.push(e.parameter.unit().to_owned());
         table.push(row);
     }
     table
+}
+
+/// An estimate and its standard error; of what has no limit the side that it is on, and no error.
+fn value_and_sd(fitted: &Fitted, at: usize) -> [String; 2] {
+    match (fitted.estimates.get(at), fitted.runaway(at)) {
+        (None, _) => [String::new(), String::new()],
+        (Some(e), None) => [three(e.value), three(e.sd)],
+        (Some(_), Some(runaway)) => {
+            let side = if runaway.end == End::High { "above" } else { "below" };
+            [format!("{side} {}", three(runaway.beyond)), "no limit".to_owned()]
+        }
+    }
 }
