@@ -13,20 +13,25 @@ use model::rig::Rig;
 use proto::recording::{Attachment, RecordingInfo, RecordingWriter, TickRecord, attached};
 use proto::reference::Reference;
 use serde_json::{Value, json};
-use tests::{Folder, RunStatus, Running, alone, finish, program, root};
+use tests::{Folder, RunStatus, Running, Stream, alone, finish, program, root};
 
 const SESSION: u32 = 9;
 const RUN: u8 = 1;
 /// Ticks that pass between two questions to the stand-in.
 const STRIDE: u32 = 250;
 
-/// A daemon that answers as told, with a recording of a rig that errs by `error_kpa`, less with another model.
+/// Ticks of the recording that are flown before another model is in force.
+const BEFORE: u32 = 3_000;
+
+/// A daemon that answers as told, with a recording of a rig that errs by less with another model, or by more.
 struct StandIn {
     folder: Folder,
     out: PathBuf,
     asked: Arc<Mutex<Vec<String>>>,
     /// The experiments that it was asked to play.
     asked_csv: Arc<Mutex<Vec<String>>>,
+    /// The reference that it follows.
+    followed: Arc<Mutex<String>>,
 }
 
 /// How it answers, and whether a policy has been trained already.
@@ -40,32 +45,53 @@ struct Manners {
     policies_become: &'static str,
     /// Questions after its state in which the rig is vented, until a person has acknowledged and armed.
     vented_for: usize,
+    /// Error of the rig on the model that was found, in kPa.
+    on_the_model: [f64; 2],
 }
 
-const GOOD: Manners =
-    Manners { is_trained: true, takes_models: true, experiments: "ask", policies_become: "active", vented_for: 0 };
+const GOOD: Manners = Manners {
+    is_trained: true,
+    takes_models: true,
+    experiments: "ask",
+    policies_become: "active",
+    vented_for: 0,
+    on_the_model: [0.2, 0.1],
+};
 
 impl StandIn {
     fn new(manners: Manners) -> Self {
         let folder = Folder::new();
         let config = folder.write("c.toml", "[link]\naddress = \"127.0.0.1:1\"\n[control]\nsocket = \"s\"\n");
         std::fs::create_dir(folder.join("recordings")).unwrap();
-        record(&folder.join("recordings/run-20260101-000000.mcap"));
+        let off = |tick| if tick < BEFORE { [0.5, 0.3] } else { manners.on_the_model };
+        record(&folder.join("recordings/run-20260101-000000.mcap"), (0..20_000).map(|tick| ticked(tick, off(tick))));
+        let operators = folder.write("operators.csv", Reference::constant(85.0, -72.0).to_csv());
         let out = folder.join("out");
-        diagnosed(&out, &config, manners);
+        diagnosed(&out, &config, &operators, manners);
         let (asked, asked_csv) = <(Arc<Mutex<Vec<String>>>, Arc<Mutex<Vec<String>>>)>::default();
+        let followed = Arc::new(Mutex::new(operators.display().to_string()));
         let listener = UnixListener::bind(folder.join("s")).unwrap();
-        let (log, played) = (Arc::clone(&asked), Arc::clone(&asked_csv));
-        std::thread::spawn(move || serve(&listener, manners, &log, &played));
-        StandIn { folder, out, asked, asked_csv }
+        let (log, played, follows) = (Arc::clone(&asked), Arc::clone(&asked_csv), Arc::clone(&followed));
+        std::thread::spawn(move || serve(&listener, manners, &log, &played, &follows));
+        StandIn { folder, out, asked, asked_csv, followed }
     }
 
     /// Goes on from a diagnosis that is done.
     fn adapt(&self, more: &[&str]) -> RunStatus {
+        let ended = self.begin(more).wait(Duration::from_secs(120));
+        assert_eq!(self.followed(), "operators.csv", "the operator's reference is back at every end: {ended:?}");
+        ended
+    }
+
+    fn begin(&self, more: &[&str]) -> Running {
         let mut command = Command::new(program("trainer"));
         command.args(["adapt", "--resume"]).arg(&self.out).args(more);
-        command.arg("--controller").arg(program("controller"));
-        Running::start(&mut command).wait(Duration::from_secs(120))
+        Running::start(command.arg("--controller").arg(program("controller")))
+    }
+
+    /// Name of the file that it follows.
+    fn followed(&self) -> String {
+        self.followed.lock().unwrap().rsplit('/').next().unwrap().to_owned()
     }
 
     /// Everything it was asked that changes anything, in order.
@@ -79,8 +105,22 @@ impl StandIn {
     }
 }
 
-/// A recording of 400 s: off by 0.5/0.3 kPa in its first half, by 0.2/0.1 in its second.
-fn record(path: &Path) {
+/// A tick of a rig that is off its reference by so much, in kPa.
+fn ticked(tick: u32, off: [f64; 2]) -> TickRecord {
+    TickRecord {
+        session: SESSION,
+        tick,
+        state: RUN,
+        p_pos_kpa: 85.0 + off[0],
+        p_neg_kpa: -72.0 + off[1],
+        ref_pos_kpa: 85.0,
+        ref_neg_kpa: -72.0,
+        ..TickRecord::default()
+    }
+}
+
+/// A recording of the stand-in.
+fn record(path: &Path, ticks: impl Iterator<Item = TickRecord>) {
     let file = |name: &str, text: String| Attachment {
         name: name.to_owned(),
         media_type: "text/plain".to_owned(),
@@ -89,25 +129,14 @@ fn record(path: &Path) {
     let model = Rig::builtin("dual_pressure").unwrap().to_toml().unwrap();
     let files = [file(attached::MODEL, model), file(attached::REFERENCE, Reference::constant(85.0, -72.0).to_csv())];
     let mut writer = RecordingWriter::create(path, &RecordingInfo::new("stand-in", 0), &files).unwrap();
-    for tick in 0..20_000 {
-        let off = if tick < 2_000 { [0.5, 0.3] } else { [0.2, 0.1] };
-        let record = TickRecord {
-            session: SESSION,
-            tick,
-            state: RUN,
-            p_pos_kpa: 85.0 + off[0],
-            p_neg_kpa: -72.0 + off[1],
-            ref_pos_kpa: 85.0,
-            ref_neg_kpa: -72.0,
-            ..TickRecord::default()
-        };
-        writer.write(&record).unwrap();
+    for tick in ticks {
+        writer.write(&tick).unwrap();
     }
     writer.finish().unwrap();
 }
 
 /// The folder of an adaptation whose diagnosis is done: a valve's lag was found; and a policy trained, or not yet.
-fn diagnosed(out: &Path, config: &Path, manners: Manners) {
+fn diagnosed(out: &Path, config: &Path, operators: &Path, manners: Manners) {
     let found = out.join("found");
     std::fs::create_dir_all(&found).unwrap();
     std::fs::create_dir_all(out.join("before")).unwrap();
@@ -130,7 +159,7 @@ fn diagnosed(out: &Path, config: &Path, manners: Manners) {
             "config": config, "fly_seconds": 20.0, "diagnose_seconds": 60.0, "search": "quick", "experiments": manners.experiments,
             "training": "always", "train_rounds": 1, "train_seconds": 60, "verdict_seconds": 30, "seed": 1
         },
-        "before": {"policy": "fallback", "model": "dual_pressure", "interventions": 3, "at": [SESSION, 100]},
+        "before": {"policy": "fallback", "model": "dual_pressure", "reference": operators, "interventions": 3, "at": [SESSION, 100]},
         "recordings": ["run-1.csv"], "experiments": [], "experiment_allowed": null, "found": found,
         "model_line": null, "trained": trained, "published": null, "verdict": null, "flown": flown, "kept": null,
         "ticks": 0, "interventions": null
@@ -142,7 +171,13 @@ fn fit() -> Value {
     json!({"pos_rmse_kpa": 1.0, "neg_rmse_kpa": 1.0, "pos_accuracy": 0.9, "neg_accuracy": 0.9})
 }
 
-fn serve(listener: &UnixListener, manners: Manners, log: &Mutex<Vec<String>>, played: &Mutex<Vec<String>>) {
+fn serve(
+    listener: &UnixListener,
+    manners: Manners,
+    log: &Mutex<Vec<String>>,
+    played: &Mutex<Vec<String>>,
+    follows: &Mutex<String>,
+) {
     let (mut tick, mut policy) = (100, "fallback".to_owned());
     for stream in listener.incoming() {
         let mut stream = stream.unwrap();
@@ -161,12 +196,15 @@ fn serve(listener: &UnixListener, manners: Manners, log: &Mutex<Vec<String>>, pl
             "swap" => format!("swap {}", ask["name"].as_str().unwrap()),
             _ => what.clone(),
         });
+        if what == "reference" {
+            ask["file"].as_str().unwrap().clone_into(&mut follows.lock().unwrap());
+        }
         if what == "swap" && manners.policies_become == "active" {
             policy = ask["name"].as_str().unwrap().to_owned();
         }
         let mut reply = json!({
             "ok": true, "state": "run", "age_ms": 1,
-            "running": {"policy": policy, "model": "dual_pressure", "reference": "r"},
+            "running": {"policy": policy, "model": "dual_pressure", "reference": *follows.lock().unwrap()},
             "status": {
                 "state": "run", "session": SESSION, "tick": tick, "can_arm": true, "pressures_kpa": null,
                 "reference_kpa": null, "duty": [0.8, 0.8], "deadline_misses": 0, "frames_missed": 0, "slowest_ms": 0.1,
@@ -221,7 +259,9 @@ fn a_model_that_is_refused_leaves_everything_as_it_was() {
     let stand_in = StandIn::new(Manners { takes_models: false, ..GOOD });
     let ended = stand_in.adapt(&[]);
     assert_eq!(ended.status, Some(1), "{ended:?}");
-    for words in ["predicts worse than the one in force", "model and policy are as they were", "adapt --resume"] {
+    for words in
+        ["predicts worse than the one in force", "model, policy and reference are as they were", "adapt --resume"]
+    {
         assert!(ended.stderr.contains(words), "{words}: {}", ended.stderr);
     }
     assert_eq!(stand_in.changes(), ["model rig.toml of found"], "nothing else was asked for");
@@ -235,7 +275,7 @@ fn a_training_that_fails_puts_the_model_back() {
     std::fs::write(stand_in.out.join("run"), "in the way").unwrap();
     let ended = stand_in.adapt(&[]);
     assert_eq!(ended.status, Some(1), "{ended:?}");
-    for words in ["trainer improve", "model and policy are as they were", "adapt --resume"] {
+    for words in ["trainer improve", "model, policy and reference are as they were", "adapt --resume"] {
         assert!(ended.stderr.contains(words), "{words}: {}", ended.stderr);
     }
     assert_eq!(stand_in.changes(), ["model rig.toml of found", "model model.toml of before"]);
@@ -334,15 +374,75 @@ fn a_rig_that_was_vented_for_what_was_found_is_armed_by_a_person_and_goes_on() {
     assert_eq!(stand_in.outcome()["kept"], "with the policy");
 }
 
+/// What was found makes the rig track worse: the flight on it is not flown to its end, the model is put back, and
+/// nothing is trained.
 #[test]
-fn a_daemon_that_is_not_there_is_told_and_nothing_made() {
-    let folder = Folder::new();
-    let config = folder.write("c.toml", "[link]\naddress = \"127.0.0.1:1\"\n[control]\nsocket = \"s\"\n");
-    let mut command = Command::new(program("trainer"));
-    command.args(["adapt", "--out"]).arg(folder.join("out")).arg("--config").arg(&config);
-    let ended = finish(command.arg("--controller").arg(program("controller")));
+fn a_model_that_tracks_worse_is_taken_back_before_its_flight_is_over() {
+    let stand_in = StandIn::new(Manners { on_the_model: [0.9, 0.6], ..GOOD });
+    let ended = stand_in.adapt(&["--json"]);
     assert_eq!(ended.status, Some(1), "{ended:?}");
-    assert!(ended.stderr.contains("no controller answers there"), "{}", ended.stderr);
+    for words in ["it tracks worse, and is ended", "no policy is trained on it", "kept: before"] {
+        assert!(ended.stderr.contains(words), "{words}: {}", ended.stderr);
+    }
+    assert_eq!(stand_in.changes(), ["model rig.toml of found", "model model.toml of before"]);
+    let outcome = stand_in.outcome();
+    assert_eq!((&outcome["kept"], &outcome["is_better"]), (&json!("before"), &json!(false)), "{outcome}");
+    let ended_after_s = outcome["flown"][1]["ended_after_s"].as_f64().unwrap();
+    assert!((10.0..20.0).contains(&ended_after_s), "{outcome}");
+}
+
+/// A published policy that is on its way to the rig when the run is stopped: it is taken back, as the model and the
+/// reference are.
+#[test]
+fn a_run_that_is_stopped_on_the_way_leaves_model_policy_and_reference_as_they_were() {
+    for signal in ["INT", "TERM"] {
+        let stand_in = StandIn::new(Manners { policies_become: "ramp", ..GOOD });
+        let running = stand_in.begin(&[]);
+        running.line(Stream::Err, "out/back-and-forth.csv", Duration::from_secs(120));
+        running.signal(signal);
+        let ended = running.wait(Duration::from_secs(120));
+        assert_eq!(ended.status, Some(1), "{ended:?}");
+        assert!(ended.stderr.contains("stopped; model, policy and reference are as they were"), "{}", ended.stderr);
+        assert_eq!(stand_in.followed(), "operators.csv", "{ended:?}");
+        let changes = stand_in.changes();
+        let (_, last) = changes.split_at(changes.len().saturating_sub(2));
+        assert!(changes.iter().filter(|change| change.starts_with("swap")).count() <= 1, "{changes:?}");
+        match changes.contains(&"swap adapted".to_owned()) {
+            true => assert_eq!(last, ["rollback", "model model.toml of before"]),
+            false => assert_eq!(last, ["model rig.toml of found", "model model.toml of before"]),
+        }
+    }
+}
+
+/// Nobody can put anything back when it is killed: what it said at its beginning is a command that does.
+#[test]
+fn a_run_that_is_killed_has_said_how_the_reference_is_put_back() {
+    let stand_in = StandIn::new(Manners { policies_become: "ramp", ..GOOD });
+    let running = stand_in.begin(&[]);
+    running.line(Stream::Err, "out/back-and-forth.csv", Duration::from_secs(120));
+    let said = running.line(Stream::Err, "Where this is killed: `", Duration::from_secs(1));
+    running.signal("KILL");
+    running.wait(Duration::from_secs(60));
+    // The daemon is asked by a child that has ended or ends with it.
+    let command = said.split('`').nth(1).unwrap();
+    let arguments: Vec<&str> = command.split(' ').skip(1).collect();
+    let ended = finish(Command::new(program("controller")).args(arguments));
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    assert_eq!(stand_in.followed(), "operators.csv", "{command}");
+}
+
+/// The worst pressures of the whole time, not of the flights along the reference alone.
+#[test]
+fn the_worst_pressures_are_those_of_experiments_as_well() {
+    let stand_in = StandIn::new(Manners { policies_become: "refused", ..GOOD });
+    let played = TickRecord { p_pos_kpa: 117.9, p_neg_kpa: -80.8, experiment: 2, ..ticked(500, [0.0; 2]) };
+    record(&stand_in.folder.join("recordings/experiment-20260101-000000.mcap"), [played].into_iter());
+    let ended = stand_in.adapt(&[]);
+    assert_eq!(ended.status, Some(0), "{ended:?}");
+    let told = "worst pressures: 117.9 kPa (in control: experiment) and -80.8 kPa (experiment)";
+    assert!(ended.stdout.contains(told), "{}", ended.stdout);
+    let outcome = stand_in.outcome();
+    assert_eq!(outcome["extremes_kpa"], json!([117.9, -80.8]), "{outcome}");
 }
 
 /// From differing recordings to a controller that tracks better, in one command:

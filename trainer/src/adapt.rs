@@ -6,6 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use ::adapt::found_in;
+use ::adapt::journal::Journal;
 use ::adapt::programs::Programs;
 use ::adapt::rehearsal::{Rehearsal, concealed, draw_rig};
 use ::adapt::run::GoesOn;
@@ -24,7 +26,8 @@ use crate::stdout;
 /// Records, diagnoses, asks for an experiment where one is needed, gives the daemon the model that was found, runs the
 /// fallback on it and the policy that controlled, trains a policy where more is left than any controller must leave,
 /// publishes it, waits for the daemon's verdict, and tells what came of it. The
-/// reference is begun anew for every figure. Every step is a command that is shown; one that fails leaves model and
+/// reference is begun anew for every figure, and put back at every end. A run that tracks worse than what was there is
+/// ended early. Every step is a command that is shown; one that fails leaves model and
 /// policy as they were, and --resume goes on from there. --rehearse does all of it against a concealed rig here.
 /// Exit status: 0 it tracks better than before, 1 it does not or a step failed, 2 wrong usage.
 #[derive(Debug, Args)]
@@ -40,22 +43,22 @@ pub(crate) struct AdaptArgs {
     #[arg(long, value_name = "DIR", required_unless_present = "resume")]
     out: Option<PathBuf>,
     /// Folder of a run to go on with, as it was begun
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "out", "rehearse", "allow_experiment", "fly_seconds", "diagnose_seconds", "thorough", "train_rounds", "train_seconds", "verdict_seconds", "seed"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "out", "rehearse", "allow_experiment", "fly_seconds", "diagnose_seconds", "thorough", "train_anyway", "train_rounds", "train_seconds", "verdict_seconds", "seed"])]
     resume: Option<PathBuf>,
     /// Start a concealed rig and a daemon on this machine, and adapt to that
     #[arg(long, conflicts_with = "config")]
     rehearse: bool,
     /// The concealed rig of the rehearsal, name or file [default: drawn by --seed]
-    #[arg(long, value_name = "RIG", requires = "rehearse")]
+    #[arg(long, value_name = "RIG", requires = "rehearse", conflicts_with_all = ["config", "resume"])]
     rig: Option<String>,
     /// The rig may be driven by an experiment where diagnosis needs one [default: ask once on the terminal]
     #[arg(long)]
     allow_experiment: bool,
     /// Longest run for a figure, in s of the rig; a shorter reference is run to its end
-    #[arg(long = "run-seconds", alias = "fly-seconds", value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u32).range(20..=600))]
+    #[arg(long = "run-seconds", alias = "fly-seconds", value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u32).range(30..=600))]
     fly_seconds: u32,
     /// The most of what was recorded that diagnosis reads, in s of the rig
-    #[arg(long, value_name = "S", default_value_t = 120, value_parser = clap::value_parser!(u32).range(20..=3600))]
+    #[arg(long, value_name = "S", default_value_t = 120, value_parser = clap::value_parser!(u32).range(30..=3600))]
     diagnose_seconds: u32,
     /// Search for missing physics to the end instead of for a first look
     #[arg(long)]
@@ -98,9 +101,12 @@ pub(crate) fn run(args: &AdaptArgs) -> Result<(), Failure> {
     } else {
         // clap asks for it.
         let out = args.out.clone().unwrap_or_default();
+        // Before anything is started or written.
+        found_in::nothing(&out)?;
         match &args.config {
             Some(config) => {
                 let config = absolute(config)?;
+                output::check_folder(&out, ADAPTATION_BYTES)?;
                 go(Adaptation::begin(settings(args, config), &out, programs, Box::new(GoesOn))?, &out, &mut terminal)?
             }
             None => rehearse(args, &out, programs, &mut terminal)?,
@@ -122,19 +128,23 @@ pub(crate) fn run(args: &AdaptArgs) -> Result<(), Failure> {
 fn go(mut adaptation: Adaptation, out: &Path, terminal: &mut Terminal) -> Result<Outcome, Failure> {
     adaptation.go(terminal).map_err(|error| {
         terminal.clear();
-        Failure::Adapt { error, out: out.display().to_string() }
+        let begun = Journal::is_in(out);
+        let out = out.display().to_string();
+        if begun { Failure::Adapt { error, out } } else { Failure::NotBegun { error, out } }
     })
 }
 
 /// Folder of a rehearsal's rig and daemon within that of `--out`.
 const REHEARSAL: &str = "rehearsal";
+/// Room that diagnoses, experiments and the run of a training need, in bytes.
+const ADAPTATION_BYTES: u64 = 64 << 20;
 /// Room that the daemon's recordings of a rehearsal and what is made of them need, in bytes.
 const REHEARSAL_BYTES: u64 = 256 << 20;
 
 /// A rehearsal's rig and daemon end with it, so there is nothing to go on with.
 fn rehearsal_over(failure: Failure) -> Failure {
     match failure {
-        Failure::Adapt { error, .. } => Failure::Rehearsed { error },
+        Failure::Adapt { error, .. } | Failure::NotBegun { error, .. } => Failure::Rehearsed { error },
         other => other,
     }
 }
@@ -186,6 +196,10 @@ fn programs(args: &AdaptArgs) -> Result<Programs, AdaptError> {
     let here = |error| AdaptError::file(Path::new("trainer"), format!("does not know where it is: {error}"));
     let trainer = std::env::current_exe().map_err(here)?;
     let beside = trainer.with_file_name("controller");
+    // A bare name is looked for on the PATH, where it is started.
+    if let Some(given) = args.controller.as_deref().filter(|given| given.components().count() > 1 && !given.is_file()) {
+        return Err(AdaptError::file(given, "is no program; --controller takes the daemon's"));
+    }
     let found = if beside.is_file() { beside } else { PathBuf::from("controller") };
     Ok(Programs { controller: args.controller.clone().unwrap_or(found), trainer })
 }

@@ -55,8 +55,10 @@ pub(crate) enum Failure {
     Finetune(#[from] FinetuneError),
     #[error(transparent)]
     Rehearsal(#[from] AdaptError),
-    #[error("{error}{}; go on with: trainer adapt --resume {out}", match .error { AdaptError::NotRestored(_) => "", _ => "; model and policy are as they were" })]
+    #[error("{error}{}; go on with: trainer adapt --resume {out}", match .error { AdaptError::NotRestored(_) | AdaptError::ReferenceLeft { .. } => "", _ => "; model, policy and reference are as they were" })]
     Adapt { error: AdaptError, out: String },
+    #[error("{error}; nothing was changed and {out} was not begun: see to that, then give the same command again")]
+    NotBegun { error: AdaptError, out: String },
     #[error("{error}; the rehearsal's rig and daemon have ended with it: begin anew, with another --out")]
     Rehearsed { error: AdaptError },
     #[error("{out}: this was a rehearsal, whose rig and daemon have ended with it; begin anew, with another --out")]
@@ -106,8 +108,12 @@ impl Failure {
                 | FinetuneError::Training(TrainingError::Diverged { .. } | TrainingError::Write(_)),
             ) => FAILED,
             Self::Finetune(_) => BAD_INPUT,
-            Self::Rehearsal(AdaptError::File { .. }) => BAD_INPUT,
-            Self::Rehearsal(_) | Self::Adapt { .. } | Self::Rehearsed { .. } | Self::NotBetter { .. } => FAILED,
+            Self::Rehearsal(error) | Self::NotBegun { error, .. } => match error {
+                AdaptError::File { .. } | AdaptError::Start { .. } => BAD_INPUT,
+                _ => FAILED,
+            },
+            Self::Adapt { error: AdaptError::Start { .. }, .. } => BAD_INPUT,
+            Self::Adapt { .. } | Self::Rehearsed { .. } | Self::NotBetter { .. } => FAILED,
             Self::Rig(RigFileError::Write(_)) | Self::Recording(RecordingError::Write(_)) => FAILED,
             Self::FreeRun(FreeRunError::NotFinite { .. }) => FAILED,
             Self::Fit(FitError::NotFinite { .. })

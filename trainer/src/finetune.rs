@@ -6,7 +6,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use ::finetune::{FinetuneCallback, FinetuneRun, FinetuneSettings, Progress, PublishedPlan, Source, Status};
+use ::finetune::recording_folder::RecordingFolder;
+use ::finetune::{
+    FinetuneCallback, FinetuneError, FinetuneRun, FinetuneSettings, Progress, PublishedPlan, Source, Status,
+};
 use clap::Args;
 use proto::live_line;
 use serde_json::json;
@@ -127,8 +130,11 @@ pub(crate) fn run(args: &FinetuneArgs) -> Result<(), Failure> {
         ),
     };
     text += &format!(
-        "\n{} updates in {:.0} s, lambda_T {:.3}; error of the last 20 s {:.3}/{:.3} kPa\n",
-        summary.updates, summary.wall_s, summary.lambda_temporal, summary.rmse_kpa[0], summary.rmse_kpa[1]
+        "\n{} updates in {:.0} s, lambda_T {:.3}; error of the last 20 s {}\n",
+        summary.updates,
+        summary.wall_s,
+        summary.lambda_temporal,
+        error_text(summary.rmse_kpa)
     );
     let tally = &summary.tally;
     text += &format!(
@@ -162,6 +168,13 @@ fn begin(args: &FinetuneArgs, threads: usize) -> Result<FinetuneRun, Failure> {
             .into());
         }
     }
+    // Before anything is made: of a folder without recordings nothing would come but an empty run.
+    if args.offline
+        && let Some(holds) = RecordingFolder::lacks_recordings(recordings)?
+    {
+        let folder = recordings.display().to_string();
+        return Err(FinetuneError::NothingToLearn { folder, ticks: 0, reasons: format!(": it holds {holds}") }.into());
+    }
     let start = PolicyStart::load(from)?;
     let settings = FinetuneSettings {
         recordings: absolute(recordings)?,
@@ -182,6 +195,11 @@ fn begin(args: &FinetuneArgs, threads: usize) -> Result<FinetuneRun, Failure> {
 
 fn absolute(path: &Path) -> Result<PathBuf, Failure> {
     std::path::absolute(path).map_err(|error| TrainingError::file(path, &format!("has no place: {error}")).into())
+}
+
+/// Errors of both channels, where there are any yet.
+fn error_text(rmse_kpa: Option<[f64; 2]>) -> String {
+    rmse_kpa.map_or_else(|| "not known".to_owned(), |[pos, neg]| format!("{pos:.3}/{neg:.3} kPa"))
 }
 
 const BAR_EVERY: Duration = Duration::from_millis(200);
@@ -212,8 +230,7 @@ impl FinetuneCallback for Bar {
             return;
         }
         let percent = 100 * p.steps / p.steps_planned.max(1);
-        let [pos, neg] = p.rmse_kpa;
-        let figures = format!("{}, {:.0} updates/s, RMSE {pos:.3}/{neg:.3} kPa", p.doing, p.updates_per_s);
+        let figures = format!("{}, {:.0} updates/s, RMSE {}", p.doing, p.updates_per_s, error_text(p.rmse_kpa));
         if self.terminal {
             let full = BAR_WIDTH * usize::try_from(percent.min(100)).unwrap_or(100) / 100;
             let bar = format!("[{}{}]", "#".repeat(full), "-".repeat(BAR_WIDTH - full));

@@ -1,4 +1,4 @@
-//! Steps that ask the daemon for a change, wait for what comes of it, and put back what was.
+//! Steps that ask the daemon for a change and wait for what comes of it.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -10,100 +10,10 @@ use crate::AdaptError;
 use crate::daemon::{FALLBACK, LOOK};
 use crate::journal::{Before, Verdict};
 use crate::programs::Console;
-use crate::recorded;
 use crate::rig_time::TICKS_PER_S;
-use crate::run::{Adaptation, FALLBACK_ON_MODEL, WITH_MODEL};
-use crate::tracking::Tracking;
-
-/// Time in which a tick must follow another, in lockstep on a busy machine as well.
-const STILL: Duration = Duration::from_secs(20);
-/// Time in which a recording must hold what was flown: it is flushed once a second.
-const FLUSHED: Duration = Duration::from_secs(10);
-/// Shortest run for a figure, in s.
-const SHORTEST_S: f64 = 20.0;
-
-/// How the daemon is asked.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Asking {
-    /// As a step that a person sees.
-    AsAStep,
-    /// Beside a step that is under way.
-    Silently,
-}
+use crate::run::Adaptation;
 
 impl Adaptation {
-    /// Begins the reference anew, waits for its end, and works out how well it was tracked.
-    pub(crate) fn fly(&mut self, what: &str, console: &mut dyn Console) -> Result<Tracking, AdaptError> {
-        if let Some(tracking) = self.journal.flown(what) {
-            return Ok(tracking);
-        }
-        self.in_control(console)?;
-        let file = self.before_folder().join("reference.csv");
-        let (session, start) = self.begin_reference(&file, Asking::AsAStep, console)?;
-        let end = start.wrapping_add((self.fly_s()? * TICKS_PER_S) as u32);
-        self.moves_until = end;
-        self.wait_for_tick(session, end, console)?;
-        let missing = "the recording of a run";
-        let ticks = self.wait_for(missing, FLUSHED, console, |this, _| {
-            let ticks = recorded::between(&this.folders.recordings, session, start..end)?;
-            Ok(ticks.last().is_some_and(|last| last.tick.wrapping_add(1) >= end).then_some(ticks))
-        })?;
-        let vented = || AdaptError::NotRunning { state: "vented on the way".into(), waits_for: String::new() };
-        let tracking = Tracking::of(&ticks).ok_or_else(vented)?;
-        let [pos, neg] = tracking.rmse_kpa;
-        console.say(&format!("{what}: {pos:.3}/{neg:.3} kPa"));
-        self.note_flown(what, tracking, console)?;
-        Ok(tracking)
-    }
-
-    pub(crate) fn fly_s(&self) -> Result<f64, AdaptError> {
-        Ok(self.reference()?.end_s().max(SHORTEST_S).min(self.journal.settings.fly_seconds.max(SHORTEST_S)))
-    }
-
-    /// Has the daemon follow a reference from its beginning; session and tick from then on.
-    fn begin_reference(
-        &mut self,
-        file: &Path,
-        asking: Asking,
-        console: &mut dyn Console,
-    ) -> Result<(u32, u32), AdaptError> {
-        let file = file.to_string_lossy();
-        match asking {
-            Asking::AsAStep => self.daemon.tell(&["reference", &file], console)?,
-            Asking::Silently => self.daemon.try_silently(&["reference", &file], console)?,
-        };
-        let status = self.daemon.status(console)?;
-        if !status.is_running() {
-            return Err(status.not_running());
-        }
-        Ok(status.at)
-    }
-
-    fn wait_for_tick(&self, session: u32, end: u32, console: &mut dyn Console) -> Result<(), AdaptError> {
-        let (mut last, mut moved) = (0, Instant::now());
-        loop {
-            let status = self.daemon.status(console)?;
-            if !status.is_running() || status.at.0 != session {
-                return Err(status.not_running());
-            }
-            if status.at.1 >= end {
-                return Ok(());
-            }
-            if status.at.1 != last {
-                (last, moved) = (status.at.1, Instant::now());
-            }
-            if moved.elapsed() > STILL {
-                return Err(AdaptError::TooLong { what: "no tick".to_owned(), seconds: STILL.as_secs() });
-            }
-            if console.stop() {
-                return Err(AdaptError::Stopped);
-            }
-            let left_s = f64::from(end.wrapping_sub(status.at.1)) / TICKS_PER_S;
-            console.waiting(&format!("running, {left_s:.0} s of the rig left"), Duration::ZERO, None);
-            std::thread::sleep(LOOK);
-        }
-    }
-
     /// Asks again and again until there is an answer.
     pub(crate) fn wait_for<T>(
         &self,
@@ -128,51 +38,23 @@ impl Adaptation {
         }
     }
 
-    /// Runs along the reference on the new model: of the fallback, which uses all of it, and of the policy that controlled before, if
-    /// by the daemon's own trial it is sound there. What tracked best controls on, in words and figures.
-    pub(crate) fn fly_on_the_model(
-        &mut self,
-        before: &Before,
-        console: &mut dyn Console,
-    ) -> Result<(&'static str, Tracking), AdaptError> {
-        if before.policy == FALLBACK {
-            return Ok((WITH_MODEL, self.fly(WITH_MODEL, console)?));
-        }
-        if self.journal.flown(FALLBACK_ON_MODEL).is_none() && self.in_control(console)?.policy != FALLBACK {
-            self.swap(FALLBACK, console)?;
-        }
-        let fallback = self.fly(FALLBACK_ON_MODEL, console)?;
-        if !self.is_sound_on_the_model(console)? {
-            return Ok((FALLBACK_ON_MODEL, fallback));
-        }
-        if self.journal.flown(WITH_MODEL).is_none() {
-            self.swap(&before.policy, console)?;
-        }
-        let policy = self.fly(WITH_MODEL, console)?;
-        if policy.over(&fallback) <= 1.0 {
-            return Ok((WITH_MODEL, policy));
-        }
-        self.swap(FALLBACK, console)?;
-        Ok((FALLBACK_ON_MODEL, fallback))
-    }
-
-    /// Whether the policy that controlled before passes the daemon's trial on the model that was found: without a minute of the rig.
-    fn is_sound_on_the_model(&mut self, console: &mut dyn Console) -> Result<bool, AdaptError> {
-        let policy = self.before_folder().join("policy.onnx");
-        if !policy.exists() {
-            return Ok(false);
+    /// Has the daemon take the model that was found, if it finds that it foresees no worse.
+    pub(crate) fn change_model(&mut self, console: &mut dyn Console) -> Result<(), AdaptError> {
+        if self.journal.model_line.is_some() {
+            return Ok(());
         }
         let rig = self.journal.found.clone().unwrap_or_default().join("rig.toml");
-        let arguments = ["check-policy".as_ref(), policy.as_os_str(), "--rig".as_ref(), rig.as_os_str()];
-        let said = self.computed(|this, console| this.daemon.programs.controller(arguments).run(console), console)?;
-        if said.status != Some(0) {
-            console.say(&said.last_line());
-        }
-        Ok(said.status == Some(0))
+        let asked = self.moment(console)?;
+        let said = self.daemon.tell(&["model", &rig.to_string_lossy()], console)?;
+        self.examined_since(&asked, console)?;
+        let line = said.last_line();
+        console.say(&line);
+        self.journal.model_line = Some(line);
+        self.journal.keep(&self.out)
     }
 
     /// Has a policy that has passed take over, and waits until it does.
-    fn swap(&mut self, name: &str, console: &mut dyn Console) -> Result<(), AdaptError> {
+    pub(crate) fn swap(&mut self, name: &str, console: &mut dyn Console) -> Result<(), AdaptError> {
         self.in_control(console)?;
         self.daemon.tell(&["swap", name], console)?;
         let most = Duration::from_secs(self.journal.settings.verdict_seconds);
@@ -203,9 +85,9 @@ impl Adaptation {
         let status = self.in_control(console)?;
         if status.at.1 > self.moves_until {
             let reference = self.reference()?;
-            let file = self.out.join("back-and-forth.csv");
+            let file = self.back_and_forth_file();
             atomic_file::write(&file, back_and_forth(&reference).as_bytes())?;
-            let (_, start) = self.begin_reference(&file, Asking::Silently, console)?;
+            let (_, start) = self.begin_reference(&file, console)?;
             self.moves_until = start.wrapping_add((2.0 * reference.end_s() * TICKS_PER_S) as u32);
         }
         Ok(())
@@ -255,8 +137,11 @@ impl Adaptation {
             return Ok(verdict.clone());
         }
         let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
-        let name = format!("adapted-{seconds}");
-        let path = self.folders.policies.join(format!("{name}.onnx"));
+        let file = |name: &str| self.folders.policies.join(format!("{name}.onnx"));
+        // Another run may have published in the same second; what it published is not replaced.
+        let mut names = (seconds..).map(|seconds| format!("adapted-{seconds}"));
+        let name = names.find(|name| !file(name).exists()).unwrap_or_default();
+        let path = file(&name);
         let bytes = std::fs::read(policy).map_err(|error| AdaptError::file(policy, error))?;
         crate::make_folder(self.folders.policies.clone())?;
         console.command(&format!("cp {} {} (aside, then renamed)", policy.display(), path.display()));
@@ -306,40 +191,6 @@ impl Adaptation {
             Ok((this.in_control(console)?.policy != name).then_some(()))
         })
     }
-
-    /// Puts model and policy back, as far as they were changed; whether all is as it was. What cannot be put back is told: a
-    /// daemon keeps a model that foresees what it has just seen better than the one before.
-    pub(crate) fn restore(&mut self, console: &mut dyn Console) -> bool {
-        let mut console = Unstoppable(console);
-        let Some(before) = self.journal.before.clone() else { return true };
-        let is_changed = self.journal.model_line.is_some() || self.journal.published.is_some();
-        let mut is_restored = true;
-        let mut back = Vec::new();
-        if is_changed && self.daemon.status(&mut console).is_ok_and(|status| status.policy != before.policy) {
-            back.push(vec!["swap".to_owned(), before.policy.clone()]);
-        }
-        if self.journal.model_line.is_some() {
-            let model = self.before_folder().join("model.toml");
-            back.push(vec!["model".to_owned(), model.to_string_lossy().into_owned()]);
-        }
-        for arguments in back {
-            let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
-            let why = match self.daemon.try_to(&arguments, &mut console) {
-                Ok(said) if said.status == Some(0) => continue,
-                Ok(said) => said.last_line(),
-                Err(error) => error.to_string(),
-            };
-            console.say(&format!("not put back: {why}"));
-            is_restored = false;
-        }
-        if is_restored {
-            self.journal.forget_changes();
-        }
-        if let Err(error) = self.journal.keep(&self.out) {
-            console.say(&error.to_string());
-        }
-        is_restored
-    }
 }
 
 /// A reference backwards and forwards, in 20 ms rows: it begins where it ends, and can be followed again and again without a jump.
@@ -350,30 +201,6 @@ fn back_and_forth(reference: &Reference) -> String {
         format!("{:.2},{pos:.4},{neg:.4}\n", n as f64 / TICKS_PER_S)
     };
     std::iter::once("time_s,ref_pos_kpa,ref_neg_kpa\n".to_owned()).chain((0..=2 * ticks).map(row)).collect()
-}
-
-/// A console that goes on to the end of what must be done.
-struct Unstoppable<'a>(&'a mut dyn Console);
-
-impl Console for Unstoppable<'_> {
-    fn step(&mut self, number: usize, of: usize, what: &str) {
-        self.0.step(number, of, what);
-    }
-    fn command(&mut self, command: &str) {
-        self.0.command(command);
-    }
-    fn say(&mut self, text: &str) {
-        self.0.say(text);
-    }
-    fn waiting(&mut self, what: &str, elapsed: Duration, most: Option<Duration>) {
-        self.0.waiting(what, elapsed, most);
-    }
-    fn stop(&self) -> bool {
-        false
-    }
-    fn ask(&mut self, _question: &str) -> bool {
-        false
-    }
 }
 
 #[cfg(test)]

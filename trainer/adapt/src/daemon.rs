@@ -58,6 +58,8 @@ pub struct DaemonStatus {
     pub policy: String,
     /// Name of the model behind the predictions.
     pub model: String,
+    /// Name of the reference that is followed: its file's path, where it has one.
+    pub reference: String,
     /// Commands that the safety filter has changed.
     pub interventions: u64,
 }
@@ -74,6 +76,7 @@ impl DaemonStatus {
             at: (small("session"), small("tick")),
             policy: text(&reply["running"]["policy"]),
             model: text(&reply["running"]["model"]),
+            reference: text(&reply["running"]["reference"]),
             interventions: number("filter_interventions"),
         }
     }
@@ -95,6 +98,11 @@ impl Daemon {
         self.programs.controller(arguments.iter().copied().chain(["--config", config.as_ref()]))
     }
 
+    /// A command as a person would type it.
+    pub fn text(&self, arguments: &[&str]) -> String {
+        self.command(arguments).text()
+    }
+
     /// Asks, as a step that is shown; a refusal is an error.
     ///
     /// # Errors
@@ -109,19 +117,6 @@ impl Daemon {
     /// The command cannot be started, or everything is stopped.
     pub fn try_to(&self, arguments: &[&str], console: &mut dyn Console) -> Result<Said, AdaptError> {
         self.command(arguments).run(console)
-    }
-
-    /// Asks without showing it; a refusal is an error.
-    ///
-    /// # Errors
-    /// The daemon's own line.
-    pub fn try_silently(&self, arguments: &[&str], console: &mut dyn Console) -> Result<Said, AdaptError> {
-        let step = self.command(arguments);
-        let said = step.run_silently(console)?;
-        match said.status {
-            Some(0) => Ok(said),
-            _ => Err(AdaptError::Failed { command: step.text(), said: said.last_line() }),
-        }
     }
 
     /// Asks for JSON.

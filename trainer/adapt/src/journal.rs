@@ -9,9 +9,13 @@ use crate::AdaptError;
 use crate::rig_time::TICKS_PER_MIN;
 use crate::settings::AdaptSettings;
 use crate::tracking::Tracking;
+use crate::worst::{Since, Worst};
 
 /// Name of the file in the folder of a run.
 const FILE: &str = "journal.json";
+
+/// Name of the run along the reference before anything was changed.
+pub(crate) const BEFORE: &str = "before";
 
 /// What was there before anything was changed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -20,6 +24,9 @@ pub struct Before {
     pub policy: String,
     /// Model in force.
     pub model: String,
+    /// The operator's reference, as the daemon names it; empty in the journal of an older program.
+    #[serde(default)]
+    pub reference: String,
     /// Commands that the safety filter had changed.
     pub interventions: u64,
     /// Session and tick.
@@ -36,6 +43,13 @@ pub struct Flown {
     /// Minutes of the rig from the beginning until it was over.
     #[serde(default)]
     pub rig_minutes: f64,
+    /// Seconds after which it was ended because it tracked worse than what was there; nothing where it was not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ended_after_s: Option<f64>,
+    /// Mean squares of the error of both channels together, second by second, in kPa²: what later flights are held
+    /// against.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub squares: Vec<f64>,
 }
 
 /// What the daemon made of the policy.
@@ -77,6 +91,12 @@ pub struct Journal {
     pub flown: Vec<Flown>,
     /// What controls at the end, in words.
     pub kept: Option<String>,
+    /// Where the sitting under way began; a sitting that was killed leaves it behind for the next one to count from.
+    #[serde(default)]
+    pub since: Option<Since>,
+    /// The worst pressures of all sittings that are over: highest positive, lowest negative.
+    #[serde(default)]
+    pub worst: Option<[Worst; 2]>,
     /// Ticks of the rig that were used.
     pub ticks: u64,
     /// Those of them that passed while this machine computed, or in lockstep beyond what real time has.
@@ -106,6 +126,8 @@ impl Journal {
             verdict: None,
             flown: Vec::new(),
             kept: None,
+            since: None,
+            worst: None,
             ticks: 0,
             unused_ticks: 0,
             computed_s: 0.0,
@@ -153,11 +175,16 @@ impl Journal {
         self.model_line = None;
         self.published = None;
         self.verdict = None;
-        self.flown.retain(|flown| flown.what == "before");
+        self.flown.retain(|flown| flown.what == BEFORE);
+    }
+
+    /// Figures of the run of a name, once it was made.
+    pub fn flown(&self, what: &str) -> Option<Tracking> {
+        self.flight(what).map(|flown| flown.tracking)
     }
 
     /// The run of a name, once it was made.
-    pub fn flown(&self, what: &str) -> Option<Tracking> {
-        self.flown.iter().find(|flown| flown.what == what).map(|flown| flown.tracking)
+    pub fn flight(&self, what: &str) -> Option<&Flown> {
+        self.flown.iter().find(|flown| flown.what == what)
     }
 }

@@ -10,7 +10,12 @@
 //! | [`tracking`] | how well a run tracked |
 //! | [`journal`] | what has been done, to go on from |
 //! | [`run`] | the steps |
-//! | `change` | those that ask the daemon for something, wait, and put back |
+//! | `flight` | runs along the reference |
+//! | `guard` | when a run is worse than what was there |
+//! | `change` | those that ask the daemon for something, and wait |
+//! | `put_back` | what was changed is put back: the operator's reference at every end |
+//! | [`found_in`] | what stands in the way of a new one |
+//! | [`worst`] | the worst pressures meanwhile |
 //! | `optimum` | what any controller must leave on the model, and whether there is anything to learn |
 //! | [`rig_time`] | how much of the rig's time it takes |
 //! | [`outcome`] | what came out: text, JSON, page |
@@ -23,16 +28,21 @@
 mod change;
 pub mod daemon;
 pub mod excitation;
+mod flight;
+pub mod found_in;
+mod guard;
 pub mod journal;
 mod optimum;
 pub mod outcome;
 pub mod programs;
+mod put_back;
 pub mod recorded;
 pub mod rehearsal;
 pub mod rig_time;
 pub mod run;
 pub mod settings;
 pub mod tracking;
+pub mod worst;
 
 pub use outcome::Outcome;
 pub use programs::Console;
@@ -98,6 +108,14 @@ pub enum AdaptError {
     /// A step failed, and the daemon would not take back what had been changed.
     #[error("{0}; not all of what was changed could be put back")]
     NotRestored(Box<AdaptError>),
+    /// The daemon would not follow the operator's reference again.
+    #[error("the daemon may still follow a reference of this run ({why}); put yours back with: {command}")]
+    ReferenceLeft {
+        /// The command that does it.
+        command: String,
+        /// What went wrong.
+        why: String,
+    },
     /// The user stopped it.
     #[error("stopped")]
     Stopped,

@@ -8,7 +8,7 @@ use report::{Color, KeyFigure, Panel, Plot, Report, Scatter, Table};
 use serde::Serialize;
 
 use crate::AdaptError;
-use crate::journal::{Flown, Journal};
+use crate::journal::{BEFORE, Flown, Journal};
 use crate::tracking::Tracking;
 
 /// What came of it.
@@ -38,8 +38,11 @@ pub struct Outcome {
     pub rig_minutes: f64,
     /// Minutes that this machine computed.
     pub computing_minutes: f64,
-    /// Highest positive and lowest negative pressure in the runs, in kPa gauge.
-    pub extremes_kpa: [f64; 2],
+    /// Highest positive and lowest negative pressure from the first tick to the last, experiments included, in kPa
+    /// gauge; nothing where no recording tells.
+    pub extremes_kpa: Option<[f64; 2]>,
+    /// Who was in control there: `experiment`, `policy`, `fallback` or `nobody`.
+    pub extremes_by: Option<[String; 2]>,
     /// Commands that the safety filter changed meanwhile; nothing where the daemon does not say.
     pub interventions: Option<u64>,
     /// What had been concealed, in a rehearsal.
@@ -55,8 +58,8 @@ impl Outcome {
     /// # Errors
     /// A diagnosis that cannot be read.
     pub fn of(journal: &Journal, out: &Path) -> Result<Self, AdaptError> {
-        let kept = journal.kept.clone().unwrap_or_else(|| "before".to_owned());
-        let (before, after) = (journal.flown("before"), journal.flown(&kept));
+        let kept = journal.kept.clone().unwrap_or_else(|| BEFORE.to_owned());
+        let (before, after) = (journal.flown(BEFORE), journal.flown(&kept));
         let diagnosis = match &journal.found {
             Some(found) => {
                 let path = found.join("diagnosis.json");
@@ -70,9 +73,6 @@ impl Outcome {
                 m.parameters.iter().map(|(name, p)| format!("{name} {:.3} {}", p.value, p.unit)).collect();
             format!("{} ({})", m.summary, numbers.join(", "))
         });
-        let extremes = |c: usize, worse: fn(f64, f64) -> f64, start: f64| {
-            journal.flown.iter().map(|flown| flown.tracking.extremes_kpa[c]).fold(start, worse)
-        };
         let policy = journal.verdict.as_ref().map(|verdict| match verdict.why.as_str() {
             "" => verdict.state.clone(),
             why => format!("{} ({why})", verdict.state),
@@ -82,7 +82,7 @@ impl Outcome {
             kept,
             missing: diagnosis.as_ref().map_or_else(String::new, |d| d.summary.clone()),
             learned: learned.collect(),
-            flown: journal.flown.clone(),
+            flown: journal.flown.iter().map(|flown| Flown { squares: Vec::new(), ..flown.clone() }).collect(),
             tracking: [before, after],
             optimum_kpa: journal.optimum_kpa,
             model: journal.model_line.clone(),
@@ -90,7 +90,8 @@ impl Outcome {
             experiments: journal.experiments.len(),
             rig_minutes: journal.rig_minutes(journal.ticks),
             computing_minutes: journal.computed_s / 60.0,
-            extremes_kpa: [extremes(0, f64::max, f64::MIN), extremes(1, f64::min, f64::MAX)],
+            extremes_kpa: journal.worst.as_ref().map(|worst| [worst[0].kpa, worst[1].kpa]),
+            extremes_by: journal.worst.as_ref().map(|worst| worst.clone().map(|worst| worst.by)),
             interventions: journal.interventions,
             concealed: None,
             command: format!("trainer adapt --resume {}", out.display()),
@@ -121,9 +122,11 @@ impl Outcome {
             text += &format!("policy:  {policy}\n");
         }
         text += &format!("\n{:<24} {:>14} {:>14}\n", "RMSE after 5 s", "positive kPa", "negative kPa");
-        for Flown { what, tracking, .. } in &self.flown {
+        for Flown { what, tracking, ended_after_s, .. } in &self.flown {
             let [pos, neg] = tracking.rmse_kpa;
-            text += &format!("{what:<24} {pos:>14.3} {neg:>14.3}\n");
+            let ended =
+                ended_after_s.map_or_else(String::new, |s| format!("   worse than what was there after {s:.0} s"));
+            text += &format!("{what:<24} {pos:>14.3} {neg:>14.3}{ended}\n");
         }
         if !self.flown.is_empty() {
             // A loop that swings passes for noise; the calmest run says most of it.
@@ -134,16 +137,26 @@ impl Outcome {
         if let Some([pos, neg]) = self.optimum_kpa {
             text += &format!("{:<24} {pos:>14.3} {neg:>14.3}\n", "optimum on this model");
         }
-        let [pos, neg] = self.extremes_kpa;
         text += &format!(
-            "\nkept: {}; {:.1} min of the rig and {:.1} min of computing, {} experiments; worst pressures {pos:.1}/{neg:.1} kPa; commands bent by the safety filter: {}\n",
+            "\nkept: {}; {:.1} min of the rig and {:.1} min of computing, {} experiments; worst pressures: {}; commands bent by the safety filter: {}\n",
             self.kept,
             self.rig_minutes,
             self.computing_minutes,
             self.experiments,
+            self.extremes(),
             self.interventions.map_or_else(|| "not known".to_owned(), |n| n.to_string()),
         );
         text
+    }
+
+    /// The worst pressures, and who was in control there.
+    fn extremes(&self) -> String {
+        match (&self.extremes_kpa, &self.extremes_by) {
+            (Some([pos, neg]), Some([by_pos, by_neg])) => {
+                format!("{pos:.1} kPa (in control: {by_pos}) and {neg:.1} kPa ({by_neg})")
+            }
+            _ => "not known".to_owned(),
+        }
     }
 
     /// The page.
@@ -157,6 +170,7 @@ impl Outcome {
             KeyFigure::new("RMSE as kept", &pair(after)).note("positive / negative"),
             KeyFigure::new("Rig time", &format!("{:.1} min", self.rig_minutes))
                 .note(&format!("and {:.1} min of computing", self.computing_minutes)),
+            KeyFigure::new("Worst pressures", &self.extremes()).note("experiments included"),
         ]);
         page = page.heading("What was missing").text(&self.missing).list(self.learned.clone());
         if let Some(concealed) = &self.concealed {

@@ -1,5 +1,6 @@
 //! Ticks of a daemon's recordings: what was flown from one tick to another, and what diagnosis is given.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
@@ -9,7 +10,7 @@ use proto::recording::{FollowEnd, McapFollower, TickRecord, attached};
 use crate::AdaptError;
 
 /// The state's code of a rig that is being controlled.
-const RUN: u8 = 1;
+pub(crate) const RUN: u8 = 1;
 /// Recordings that are looked through for a run, newest first.
 const LOOKED_THROUGH: usize = 4;
 /// Stretches shorter than this say nothing of a rig, in ticks.
@@ -23,15 +24,26 @@ pub struct Inside {
     pub model: Vec<u8>,
     /// The reference that is followed.
     pub reference: Vec<u8>,
+    /// The daemon's configuration, where the recording has it.
+    pub config: Option<Vec<u8>>,
     /// The policy that the daemon began with, where there was one.
     pub policy: Option<Vec<u8>>,
 }
 
-/// Recordings of a folder, newest first; those of experiments left out.
+/// Which recordings are meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Holding {
+    /// Those of runs, in which the rig is controlled.
+    Runs,
+    /// Those of experiments as well.
+    Everything,
+}
+
+/// Recordings of a folder with the times of their last changes, newest first.
 ///
 /// # Errors
 /// The folder cannot be read.
-fn newest_first(folder: &Path) -> Result<Vec<PathBuf>, AdaptError> {
+pub(crate) fn newest_first(folder: &Path, holding: Holding) -> Result<Vec<(SystemTime, PathBuf)>, AdaptError> {
     let entries = match std::fs::read_dir(folder) {
         Ok(entries) => entries,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -41,25 +53,81 @@ fn newest_first(folder: &Path) -> Result<Vec<PathBuf>, AdaptError> {
     for entry in entries.flatten() {
         let path = entry.path();
         let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        if !name.ends_with(".mcap") || name.starts_with("experiment") || name.starts_with('.') {
+        let is_meant = holding == Holding::Everything || !name.starts_with("experiment");
+        if !name.ends_with(".mcap") || !is_meant || name.starts_with('.') {
             continue;
         }
         let changed = entry.metadata().and_then(|about| about.modified()).unwrap_or(SystemTime::UNIX_EPOCH);
         found.push((changed, path));
     }
     found.sort();
-    Ok(found.into_iter().rev().map(|(_, path)| path).collect())
+    found.reverse();
+    Ok(found)
+}
+
+/// Looks at every tick of a recording, as far as it has been written.
+///
+/// # Errors
+/// A recording that cannot be read.
+pub(crate) fn each_tick(path: &Path, mut look: impl FnMut(&TickRecord)) -> Result<(), AdaptError> {
+    let mut follower = McapFollower::open(path)?;
+    loop {
+        follower.read_on()?.iter().for_each(&mut look);
+        if follower.end() != FollowEnd::More {
+            follower.give_up()?.iter().for_each(&mut look);
+            return Ok(());
+        }
+    }
 }
 
 /// The ticks of a recording that are wanted, as far as it has been written.
-fn ticks_of(path: &Path, mut wanted: impl FnMut(&TickRecord) -> bool) -> Result<Vec<TickRecord>, AdaptError> {
-    let mut follower = McapFollower::open(path)?;
+fn ticks_of(path: &Path, wanted: impl Fn(&TickRecord) -> bool) -> Result<Vec<TickRecord>, AdaptError> {
     let mut ticks = Vec::new();
-    loop {
-        ticks.extend(follower.read_on()?.into_iter().filter(&mut wanted));
-        if follower.end() != FollowEnd::More {
-            ticks.extend(follower.give_up()?.into_iter().filter(&mut wanted));
-            return Ok(ticks);
+    each_tick(path, |tick| {
+        if wanted(tick) {
+            ticks.push(*tick);
+        }
+    })?;
+    Ok(ticks)
+}
+
+/// Ticks of a flight that is under way, read on as they are recorded.
+#[derive(Debug)]
+pub(crate) struct FlightTicks {
+    folder: PathBuf,
+    session: u32,
+    ticks: Range<u32>,
+    open: Option<McapFollower>,
+    taken: Vec<TickRecord>,
+}
+
+impl FlightTicks {
+    /// Those of a session from one number up to another.
+    pub(crate) fn new(folder: &Path, session: u32, ticks: Range<u32>) -> Self {
+        FlightTicks { folder: folder.to_owned(), session, ticks, open: None, taken: Vec::new() }
+    }
+
+    /// All that are recorded by now, in their order.
+    ///
+    /// # Errors
+    /// A recording that cannot be read.
+    pub(crate) fn so_far(&mut self) -> Result<&[TickRecord], AdaptError> {
+        if self.open.as_ref().is_none_or(|open| open.end() == FollowEnd::Finished) {
+            let newest = newest_first(&self.folder, Holding::Runs)?.into_iter().next();
+            self.open = newest.map(|(_, path)| McapFollower::open(&path)).transpose()?;
+        }
+        let Some(open) = &mut self.open else { return Ok(&self.taken) };
+        loop {
+            for tick in open.read_on()? {
+                let is_new = self.taken.last().is_none_or(|last| tick.tick > last.tick);
+                // A recording that was finished is read anew until the next one is there.
+                if tick.session == self.session && self.ticks.contains(&tick.tick) && is_new {
+                    self.taken.push(tick);
+                }
+            }
+            if open.end() != FollowEnd::More {
+                return Ok(&self.taken);
+            }
         }
     }
 }
@@ -69,7 +137,7 @@ fn ticks_of(path: &Path, mut wanted: impl FnMut(&TickRecord) -> bool) -> Result<
 /// # Errors
 /// A recording that cannot be read.
 pub fn newest(folder: &Path) -> Result<Option<Inside>, AdaptError> {
-    let Some(path) = newest_first(folder)?.into_iter().next() else { return Ok(None) };
+    let Some((_, path)) = newest_first(folder, Holding::Runs)?.into_iter().next() else { return Ok(None) };
     let mut follower = McapFollower::open(&path)?;
     follower.read_on()?;
     let last = |name: &str| follower.attachments(name).last().map(<[u8]>::to_vec);
@@ -77,6 +145,7 @@ pub fn newest(folder: &Path) -> Result<Option<Inside>, AdaptError> {
     Ok(Some(Inside {
         model: last(attached::MODEL).ok_or_else(|| lacks(attached::MODEL))?,
         reference: last(attached::REFERENCE).ok_or_else(|| lacks(attached::REFERENCE))?,
+        config: last(attached::CONFIG),
         // Those that were tried since stand behind it.
         policy: follower.attachments(attached::POLICY).next().map(<[u8]>::to_vec),
     }))
@@ -86,9 +155,9 @@ pub fn newest(folder: &Path) -> Result<Option<Inside>, AdaptError> {
 ///
 /// # Errors
 /// A recording that cannot be read.
-pub fn between(folder: &Path, session: u32, ticks: std::ops::Range<u32>) -> Result<Vec<TickRecord>, AdaptError> {
+pub fn between(folder: &Path, session: u32, ticks: Range<u32>) -> Result<Vec<TickRecord>, AdaptError> {
     let mut parts = Vec::new();
-    for path in newest_first(folder)?.into_iter().take(LOOKED_THROUGH) {
+    for (_, path) in newest_first(folder, Holding::Runs)?.into_iter().take(LOOKED_THROUGH) {
         let part = ticks_of(&path, |tick| tick.session == session && ticks.contains(&tick.tick))?;
         let reaches_back = part.first().is_some_and(|first| first.tick <= ticks.start);
         parts.push(part);

@@ -9,13 +9,16 @@ use proto::reference::Reference;
 
 use crate::daemon::{Daemon, DaemonStatus, Vented};
 use crate::excitation::{self, Spans};
-use crate::journal::{Before, Flown, Journal};
+use crate::guard::WORSE;
+use crate::journal::{BEFORE, Before, Journal};
 use crate::outcome::Outcome;
 use crate::programs::{Console, Programs};
+use crate::put_back::{Told, Unstoppable};
 use crate::recorded::{self, Inside};
 use crate::settings::{AdaptSettings, DaemonFolders, Experiments, Search};
 use crate::tracking::Tracking;
-use crate::{AdaptError, make_folder};
+use crate::worst::Since;
+use crate::{AdaptError, found_in, make_folder};
 
 /// Steps that are told.
 const STEPS: usize = 7;
@@ -29,9 +32,6 @@ pub(crate) const WITH_MODEL: &str = "with the model";
 pub(crate) const FALLBACK_ON_MODEL: &str = "fallback on the model";
 /// The policy that was trained on it.
 pub(crate) const WITH_POLICY: &str = "with the policy";
-/// A run this much worse than another is worse (both channels together; chosen: flights of one controller differ by half of it).
-pub(crate) const WORSE: f64 = 1.05;
-
 /// Multiples of the noise that a model may leave before another experiment is worth a minute of the rig. Chosen: what is found to its
 /// end leaves one or two.
 const MOST_LEFT: f64 = 3.0;
@@ -67,26 +67,22 @@ pub struct Adaptation {
     pub(crate) rig: Box<dyn Pausable>,
     /// Tick at which the reference that was begun last is over.
     pub(crate) moves_until: u32,
+    /// Whether it has been said that the daemon follows references of this run meanwhile.
+    pub(crate) reference_told: Told,
 }
 
 impl Adaptation {
-    /// Begins one in a new folder, or goes on with that of `out`.
+    /// Begins one; its folder is made once the rig has been found to be controlled.
     ///
     /// # Errors
-    /// A configuration that cannot be read, a folder that holds one already.
+    /// A configuration that cannot be read, a folder that holds an adaptation already.
     pub fn begin(
         settings: AdaptSettings,
         out: &Path,
         programs: Programs,
         rig: Box<dyn Pausable>,
     ) -> Result<Self, AdaptError> {
-        if Journal::is_in(out) {
-            return Err(AdaptError::file(
-                out,
-                "holds an adaptation already; go on with --resume, or give --out another",
-            ));
-        }
-        make_folder(out.to_owned())?;
+        found_in::no_adaptation(out)?;
         Self::of(Journal::new(settings), out, programs, rig)
     }
 
@@ -102,41 +98,55 @@ impl Adaptation {
         let config = journal.settings.config.clone();
         let folders = DaemonFolders::read(&config)?;
         let daemon = Daemon { programs, config };
-        Ok(Adaptation { out: out.to_owned(), journal, daemon, folders, rig, moves_until: 0 })
+        Ok(Adaptation {
+            out: out.to_owned(),
+            journal,
+            daemon,
+            folders,
+            rig,
+            moves_until: 0,
+            reference_told: Told::NotYet,
+        })
     }
 
-    /// All steps; model and policy are as they were where one fails.
+    /// All steps; model and policy are as they were where one fails, and the daemon follows the operator's reference
+    /// again however it ends.
     ///
     /// # Errors
-    /// The step that failed; [`AdaptError::NotRestored`] where the daemon did not take back what had been changed.
+    /// The step that failed; [`AdaptError::NotRestored`] and [`AdaptError::ReferenceLeft`] where the daemon did not
+    /// take back what had been changed.
     pub fn go(&mut self, console: &mut dyn Console) -> Result<Outcome, AdaptError> {
-        match self.steps(console) {
-            Ok(()) => {
-                let outcome = Outcome::of(&self.journal, &self.out)?;
-                outcome.write(&self.out)?;
-                Ok(outcome)
-            }
+        let done = self.steps(console);
+        self.rig.go_on();
+        let ended = match done {
+            Ok(()) => self.put_reference_back(&mut Unstoppable(console)),
             Err(error) => {
-                self.rig.go_on();
-                match self.restore(console) {
-                    true => Err(error),
-                    false => Err(AdaptError::NotRestored(Box::new(error))),
-                }
+                let is_restored = self.restore(console);
+                self.note_worst(console);
+                return Err(if is_restored { error } else { AdaptError::NotRestored(Box::new(error)) });
             }
-        }
+        };
+        self.note_worst(console);
+        let outcome = Outcome::of(&self.journal, &self.out)?;
+        outcome.write(&self.out)?;
+        ended.map(|()| outcome)
     }
 
     fn steps(&mut self, console: &mut dyn Console) -> Result<(), AdaptError> {
+        if self.journal.kept.is_some() {
+            console.say("all its steps are done already");
+            return Ok(());
+        }
         console.step(1, STEPS, "what is there, and how well it tracks");
         let before = self.look(console)?;
-        let tracked = self.fly("before", console)?;
+        let tracked = self.fly_before(console)?;
         console.step(2, STEPS, "what the model leaves out");
         loop {
             let diagnosis = self.diagnose(console)?;
             if diagnosis.rig.kind == RigKind::AsGiven {
                 self.in_control(console)?;
                 console.say("the model explains what was recorded; nothing is changed");
-                return self.keep_what("before", console);
+                return self.keep_what(BEFORE, console);
             }
             console.step(3, STEPS, "the model, in the daemon");
             match self.change_model(console) {
@@ -149,7 +159,10 @@ impl Adaptation {
             }
         }
         console.step(4, STEPS, "what tracks best on this model");
-        let (mut kept, mut best) = self.fly_on_the_model(&before, console)?;
+        let Some((mut kept, mut best)) = self.fly_on_the_model(&before, console)? else {
+            console.say("on this model nothing tracks as well as what was there, so no policy is trained on it");
+            return self.keep_before(WITH_MODEL, console);
+        };
         console.step(5, STEPS, "a policy trained on the model");
         if !self.leaves_something(&best, console)? {
             return self.keep_better(&tracked, &best, kept, console);
@@ -162,13 +175,13 @@ impl Adaptation {
         let verdict = self.publish(&policy, console)?;
         console.step(7, STEPS, "what came of it");
         if verdict.state == "active" {
-            let after = self.fly(WITH_POLICY, console)?;
-            if after.over(&best) <= WORSE {
-                (kept, best) = (WITH_POLICY, after);
-            } else {
-                console.say("it tracks worse than without; what controlled before it goes on");
-                self.daemon.tell(&["rollback"], console)?;
-                self.wait_until_policy_is_not(&self.journal.published.clone().unwrap_or_default(), console)?;
+            match self.fly_against(WITH_POLICY, kept, console)?.sound() {
+                Some(after) if after.over(&best) <= WORSE => (kept, best) = (WITH_POLICY, after),
+                _ => {
+                    console.say("it tracks worse than without; what controlled before it goes on");
+                    self.daemon.tell(&["rollback"], console)?;
+                    self.wait_until_policy_is_not(&self.journal.published.clone().unwrap_or_default(), console)?;
+                }
             }
         } else {
             console.say(&format!("the daemon refused it ({}); the model stays", verdict.why));
@@ -185,24 +198,38 @@ impl Adaptation {
         console: &mut dyn Console,
     ) -> Result<(), AdaptError> {
         if best.over(tracked) > WORSE {
-            console.say("nothing of it tracks as well as what was there; that is put back");
-            if self.restore(console) {
-                return self.keep_what("before", console);
-            }
+            console.say("nothing of it tracks as well as what was there");
+            return self.keep_before(kept, console);
         }
         self.keep_what(kept, console)
     }
 
-    /// What controls on which model, and what stands in the newest recording.
+    /// Puts model and policy back, and keeps that; `otherwise` is in control where the daemon does not take them back.
+    fn keep_before(&mut self, otherwise: &str, console: &mut dyn Console) -> Result<(), AdaptError> {
+        let is_put_back = self.put_back(console);
+        if is_put_back {
+            console.say("model and policy of before are put back");
+        }
+        self.keep_what(if is_put_back { BEFORE } else { otherwise }, console)
+    }
+
+    /// What controls on which model, and what stands in the newest recording. Nothing is made before the rig is
+    /// controlled.
     fn look(&mut self, console: &mut dyn Console) -> Result<Before, AdaptError> {
-        if let (Some(before), true) = (&self.journal.before, self.journal.found.is_some()) {
-            return Ok(before.clone());
+        let is_found = self.journal.before.is_some() && self.journal.found.is_some();
+        let status = if is_found { self.daemon.status(console)? } else { self.in_control(console)? };
+        self.journal.since.get_or_insert_with(|| Since::now(status.at));
+        if let Some(before) = self.journal.before.clone() {
+            self.journal.keep(&self.out)?;
+            return Ok(before);
         }
-        let status = self.in_control(console)?;
-        if let Some(before) = &self.journal.before {
-            return Ok(before.clone());
-        }
+        found_in::no_other_run(Path::new(&status.reference))?;
         let inside = self.inside(console)?;
+        if let Some(recorded) = &inside.config {
+            found_in::same_rig(&self.daemon.config, recorded)?;
+        }
+        make_folder(self.out.clone())?;
+        self.journal.keep(&self.out)?;
         let folder = make_folder(self.before_folder())?;
         atomic_file::write(&folder.join("model.toml"), &inside.model)?;
         atomic_file::write(&folder.join("reference.csv"), &inside.reference)?;
@@ -212,8 +239,8 @@ impl Adaptation {
             atomic_file::write(&folder.join("policy.onnx"), &policy)?;
         }
         console.say(&format!("{} controls on the model {}", status.policy, status.model));
-        let before =
-            Before { policy: status.policy, model: status.model, interventions: status.interventions, at: status.at };
+        let DaemonStatus { policy, model, reference, interventions, at, .. } = status;
+        let before = Before { policy, model, reference, interventions, at };
         self.journal.before = Some(before.clone());
         self.journal.keep(&self.out)?;
         Ok(before)
@@ -358,20 +385,6 @@ impl Adaptation {
         Ok(allowed)
     }
 
-    fn change_model(&mut self, console: &mut dyn Console) -> Result<(), AdaptError> {
-        if self.journal.model_line.is_some() {
-            return Ok(());
-        }
-        let rig = self.journal.found.clone().unwrap_or_default().join("rig.toml");
-        let asked = self.moment(console)?;
-        let said = self.daemon.tell(&["model", &rig.to_string_lossy()], console)?;
-        self.examined_since(&asked, console)?;
-        let line = said.last_line();
-        console.say(&line);
-        self.journal.model_line = Some(line);
-        self.journal.keep(&self.out)
-    }
-
     fn keep_what(&mut self, what: &str, console: &mut dyn Console) -> Result<(), AdaptError> {
         let status = self.daemon.status(console)?;
         if let Some(before) = self.journal.before.as_ref().filter(|before| before.at.0 == status.at.0) {
@@ -379,17 +392,6 @@ impl Adaptation {
             self.journal.interventions = status.interventions.checked_sub(before.interventions);
         }
         self.journal.kept = Some(what.to_owned());
-        self.journal.keep(&self.out)
-    }
-
-    pub(crate) fn note_flown(
-        &mut self,
-        what: &str,
-        tracking: Tracking,
-        console: &mut dyn Console,
-    ) -> Result<(), AdaptError> {
-        let rig_minutes = self.rig_minutes(console)?;
-        self.journal.flown.push(Flown { what: what.to_owned(), tracking, rig_minutes });
         self.journal.keep(&self.out)
     }
 }

@@ -3,10 +3,10 @@
 use proto::recording::TickRecord;
 use serde::{Deserialize, Serialize};
 
+use crate::recorded::RUN;
+
 /// Ticks at the start of a run that do not count: the way to where the reference begins.
-const SKIPPED: usize = 250;
-/// The state's code of a rig that is being controlled.
-const RUN: u8 = 1;
+pub(crate) const SKIPPED: usize = 250;
 
 /// Figures of a run along the reference.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

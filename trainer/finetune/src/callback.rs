@@ -33,8 +33,8 @@ pub struct Progress {
     pub steps_planned: u64,
     /// Updates a second in this sitting; 0 until it is known.
     pub updates_per_s: f64,
-    /// RMSE of about the last 20 s of transitions, in kPa.
-    pub rmse_kpa: [f64; 2],
+    /// RMSE of about the last 20 s of transitions, in kPa; nothing before the first.
+    pub rmse_kpa: Option<[f64; 2]>,
     /// What is being done.
     pub doing: &'static str,
 }
@@ -66,8 +66,8 @@ pub struct Summary {
     pub published: u64,
     /// The last of them.
     pub last_published: Option<String>,
-    /// RMSE of about the last 20 s of transitions, in kPa.
-    pub rmse_kpa: [f64; 2],
+    /// RMSE of about the last 20 s of transitions, in kPa; nothing before the first.
+    pub rmse_kpa: Option<[f64; 2]>,
     /// Seconds of work.
     pub wall_s: f64,
     /// What of the recordings was of use.

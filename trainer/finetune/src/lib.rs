@@ -73,6 +73,18 @@ pub enum FinetuneError {
     /// A policy cannot be published.
     #[error(transparent)]
     Publish(#[from] AtomicFileError),
+    /// A run is to end before where it stands.
+    #[error(
+        "{folder}: {done} ticks have been learned from already, so --steps {steps} cannot be its end; give {done} or more, or begin a new run"
+    )]
+    FewerSteps {
+        /// The run's folder.
+        folder: String,
+        /// Steps that are asked for.
+        steps: u64,
+        /// Steps that are done.
+        done: u64,
+    },
     /// There is nothing to learn from.
     #[error("{folder}: no tick to learn from in {ticks} ticks{reasons}")]
     NothingToLearn {

@@ -1,10 +1,12 @@
 //! Policies go out: with their plan fitted, their provenance, written aside and renamed into the watched folder.
 
-use std::path::PathBuf;
+use std::fs::{hard_link, remove_file};
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 
 use model::rig::Rig;
-use proto::atomic_file;
+use proto::atomic_file::{self, AtomicFileError, AtomicFileStep};
 use training::settings::Plan;
 use training::trained_policy::Origin;
 use training::{RunFiles, TrainedPolicy, TrainingError};
@@ -52,11 +54,14 @@ impl FinetuneRun {
         let bytes = policy.to_onnx(&self.provenance())?;
         RunFiles::write(&self.files.policy(), &policy.to_bytes()?)?;
         RunFiles::write(&self.files.onnx(), &bytes)?;
-        let path = self.published_path();
-        atomic_file::write(&path, &bytes)?;
+        let named = self.published_path();
+        let path = write_new(&named, &bytes)?;
+        if path != named {
+            callback.say(&format!("{}: is another policy, which stays; published beside it", named.display()));
+        }
         self.position.published += 1;
         self.position.published_at = self.position.steps;
-        self.last_published = path.file_name().map(|name| name.to_string_lossy().into_owned());
+        self.position.last_published = path.file_name().map(|name| name.to_string_lossy().into_owned());
         callback.say(&format!("published {}", path.display()));
         self.keep()?;
         Ok(true)
@@ -70,7 +75,8 @@ impl FinetuneRun {
     }
 
     fn published_path(&self) -> PathBuf {
-        self.settings.publish.join(format!("{}-{:06}.onnx", self.settings.name, self.position.steps))
+        let (settings, steps) = (&self.settings, self.position.steps);
+        settings.publish.join(format!("{}-{}-{steps:06}.onnx", settings.name, settings.run_name()))
     }
 
     /// Where a published policy comes from, beside what every policy says.
@@ -86,5 +92,56 @@ impl FinetuneRun {
         ]
         .map(|(key, value)| (key.to_owned(), value))
         .into()
+    }
+}
+
+/// Writes a policy under a name that nobody has: with `-2`, `-3` … behind it where the name is another policy's, which
+/// is never replaced. One that holds these very bytes is this one, published before a run was stopped.
+fn write_new(named: &Path, bytes: &[u8]) -> Result<PathBuf, AtomicFileError> {
+    let stem = named.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let aside = named.with_file_name(format!(".{stem}.{}.new", std::process::id()));
+    atomic_file::write(&aside, bytes)?;
+    let mut number = 1;
+    let written = loop {
+        let path = match number {
+            1 => named.to_owned(),
+            _ => named.with_file_name(format!("{stem}-{number}.onnx")),
+        };
+        // A link, as against a renaming, replaces nothing: not even what another run publishes in this moment.
+        match hard_link(&aside, &path) {
+            Ok(()) => break Ok(path),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {
+                if std::fs::read(&path).is_ok_and(|there| there == bytes) {
+                    break Ok(path);
+                }
+                number += 1;
+            }
+            // A file system without links: nothing better is left than to look first.
+            Err(_) if !path.exists() => break atomic_file::write(&path, bytes).map(|()| path),
+            Err(source) => break Err(AtomicFileError { path, step: AtomicFileStep::Rename, source }),
+        }
+    };
+    // A hidden file that cannot be removed is only litter.
+    let _ = remove_file(&aside);
+    written
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_another_run_published_stays_and_the_same_policy_is_published_once() {
+        let folder = std::env::temp_dir().join(format!("finetune-publish-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let named = folder.join("finetuned-00000000-000300.onnx");
+        assert_eq!(write_new(&named, b"one").unwrap(), named);
+        assert_eq!(write_new(&named, b"one").unwrap(), named, "gone on with after it was stopped");
+        let beside = write_new(&named, b"other").unwrap();
+        assert_eq!(beside, folder.join("finetuned-00000000-000300-2.onnx"));
+        assert_eq!(std::fs::read(&named).unwrap(), b"one");
+        assert_eq!(std::fs::read(&beside).unwrap(), b"other");
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 2, "nothing else is left");
+        std::fs::remove_dir_all(folder).unwrap();
     }
 }

@@ -40,6 +40,24 @@ impl RecordingFolder {
         RecordingFolder { folder: folder.to_owned(), current: None }
     }
 
+    /// Says what a folder holds instead of recordings that can be learned from, where it holds none of those.
+    ///
+    /// # Errors
+    /// The folder cannot be read.
+    pub fn lacks_recordings(folder: &Path) -> Result<Option<String>, FinetuneError> {
+        let this = Self::new(folder);
+        if this.next()?.is_some() {
+            return Ok(None);
+        }
+        let unreadable = |source| FinetuneError::Folder { folder: folder.display().to_string(), source };
+        let mut has_tables = false;
+        for entry in std::fs::read_dir(folder).map_err(unreadable)? {
+            has_tables |= entry.map_err(unreadable)?.path().extension().is_some_and(|kind| kind == "csv");
+        }
+        let besides = if has_tables { ", but CSV files, which hold too little".to_owned() } else { String::new() };
+        Ok(Some(format!("no recording of `controller run` or `demo` (*.mcap){besides}")))
+    }
+
     /// The recording under way.
     pub fn current(&self) -> Option<&McapFollower> {
         self.current.as_ref().map(|(_, follower)| follower)

@@ -36,8 +36,6 @@ pub struct FinetuneRun {
     pub(crate) average: Average,
     replay: ReplayFiles,
     pub(crate) position: Position,
-    squares: [f64; 2],
-    pub(crate) last_published: Option<String>,
     sitting: Sitting,
 }
 
@@ -105,7 +103,7 @@ impl FinetuneRun {
     /// Goes on with a run; `steps` plans another length.
     ///
     /// # Errors
-    /// A folder that holds no run of fine-tuning, or whose files are damaged.
+    /// A folder that holds no run of fine-tuning, or whose files are damaged; fewer steps than it has done.
     pub fn resume(folder: &Path, steps: Option<u64>, threads: usize) -> Result<Self, FinetuneError> {
         let files = RunFiles::open(folder)?;
         let training = files.read_settings()?;
@@ -115,11 +113,15 @@ impl FinetuneRun {
         })?;
         let mut settings: FinetuneSettings =
             toml::from_str(&text).map_err(|error| TrainingError::file(&path, error.message()))?;
+        let restored = checkpoint::read(&files, &training, threads)?;
         if let Some(steps) = steps {
+            let done = restored.position.steps;
+            if steps < done {
+                return Err(FinetuneError::FewerSteps { folder: folder.display().to_string(), steps, done });
+            }
             settings.steps = steps;
             write_settings(&files, &settings)?;
         }
-        let restored = checkpoint::read(&files, &training, threads)?;
         Ok(Self::assemble(settings, training, files, restored))
     }
 
@@ -134,8 +136,6 @@ impl FinetuneRun {
             average,
             replay,
             position,
-            squares: [0.0; 2],
-            last_published: None,
             sitting: Sitting::begin(),
         }
     }
@@ -238,8 +238,10 @@ impl FinetuneRun {
         self.replay.keep_full(&self.learner)?;
         self.position.steps += 1;
         let share = NEWEST.max(1.0 / self.position.steps as f64);
-        for (square, error) in self.squares.iter_mut().zip(transition.error_kpa) {
-            *square += share * (error * error - *square);
+        let newest = transition.error_kpa.map(|error| error * error);
+        let squares = self.position.squares.get_or_insert(newest);
+        for (square, newest) in squares.iter_mut().zip(newest) {
+            *square += share * (newest - *square);
         }
         if self.learner.replay_len() < self.training.sac.batch {
             return Ok(());
@@ -284,7 +286,7 @@ impl FinetuneRun {
             steps: self.position.steps,
             steps_planned: self.settings.steps,
             updates_per_s: self.sitting.updates_per_s(),
-            rmse_kpa: self.squares.map(f64::sqrt),
+            rmse_kpa: self.rmse_kpa(),
             doing,
         });
     }
@@ -321,6 +323,10 @@ impl FinetuneRun {
         }
     }
 
+    fn rmse_kpa(&self) -> Option<[f64; 2]> {
+        self.position.squares.map(|squares| squares.map(f64::sqrt))
+    }
+
     /// Figures of the run so far.
     pub fn summary(&self) -> Summary {
         Summary {
@@ -329,8 +335,8 @@ impl FinetuneRun {
             updates: self.position.updates,
             lambda_temporal: f64::from(self.settings.lambda_at(self.position.steps)),
             published: self.position.published,
-            last_published: self.last_published.clone(),
-            rmse_kpa: self.squares.map(f64::sqrt),
+            last_published: self.position.last_published.clone(),
+            rmse_kpa: self.rmse_kpa(),
             wall_s: self.position.wall_s,
             tally: self.transitions.tally().clone(),
             joined: self.transitions.joined(),

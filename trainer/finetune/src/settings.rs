@@ -61,6 +61,14 @@ impl FinetuneSettings {
     /// policy of preset `paper` moved a valve the wrong way at a sixth to three quarters of the places far from its goal.
     pub const REMEMBERED: u64 = 102_400;
 
+    /// A name for the run, the same for whoever begins it anew from the same policy with the same settings: eight
+    /// hexadecimal digits. Folders, and how long it goes on, decide nothing that it computes until there.
+    pub fn run_name(&self) -> String {
+        let decides =
+            FinetuneSettings { recordings: PathBuf::new(), publish: PathBuf::new(), steps: 0, ..self.clone() };
+        format!("{:08x}", crc32c::crc32c(format!("{decides:?}").as_bytes()))
+    }
+
     /// λ_T at a transition.
     pub fn lambda_at(&self, step: u64) -> f32 {
         let [start, growth, most] = self.lambda_temporal;
@@ -72,9 +80,8 @@ impl FinetuneSettings {
 mod tests {
     use super::*;
 
-    #[test]
-    fn lambda_grows_as_in_table_iv() {
-        let settings = FinetuneSettings {
+    fn settings() -> FinetuneSettings {
+        FinetuneSettings {
             recordings: PathBuf::new(),
             publish: PathBuf::new(),
             name: String::new(),
@@ -87,9 +94,23 @@ mod tests {
             lambda_temporal: FinetuneSettings::PAPER_LAMBDA,
             plan: PublishedPlan::Fitted,
             seed: 1,
-        };
+        }
+    }
+
+    #[test]
+    fn lambda_grows_as_in_table_iv() {
+        let settings = settings();
         assert_eq!(settings.lambda_at(0), 1.0);
         assert!((settings.lambda_at(25_600) - 2.0).abs() < 1e-4, "half way after a quarter of the steps");
         assert_eq!(settings.lambda_at(102_400), 3.0);
+    }
+
+    #[test]
+    fn a_run_is_named_by_what_decides_its_policy() {
+        let name = settings().run_name();
+        assert_eq!(name.len(), 8);
+        assert_eq!(name, FinetuneSettings { recordings: "elsewhere".into(), steps: 5, ..settings() }.run_name());
+        assert_ne!(name, FinetuneSettings { seed: 2, ..settings() }.run_name());
+        assert_ne!(name, FinetuneSettings { from_crc32c: "0badcafe".to_owned(), ..settings() }.run_name());
     }
 }

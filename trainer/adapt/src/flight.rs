@@ -1,0 +1,230 @@
+//! Runs along the reference: each begun anew, watched, ended early where it is worse than what was there, and put in
+//! figures.
+
+use std::ops::Range;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use crate::AdaptError;
+use crate::daemon::{FALLBACK, LOOK};
+use crate::guard::{WorseWindow, squares_by_second, worse_window};
+use crate::journal::{BEFORE, Before, Flown};
+use crate::programs::Console;
+use crate::recorded::{self, FlightTicks};
+use crate::rig_time::TICKS_PER_S;
+use crate::run::{Adaptation, FALLBACK_ON_MODEL, WITH_MODEL};
+use crate::tracking::Tracking;
+
+/// Time in which a tick must follow another, in lockstep on a busy machine as well.
+const STILL: Duration = Duration::from_secs(20);
+/// Time in which a recording must hold what was flown: it is flushed once a second.
+const FLUSHED: Duration = Duration::from_secs(10);
+/// Shortest run along a reference that is shorter, in s: diagnosis takes 20 s and more that it can begin in.
+const SHORTEST_S: f64 = 30.0;
+
+/// A run along the reference, as it ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Flight {
+    /// To its end, and not worse than what it was held against.
+    Sound(Tracking),
+    /// It tracked worse than what it was held against, and was ended where that was clear.
+    Worse,
+}
+
+impl Flight {
+    fn of(flown: &Flown) -> Self {
+        if flown.ended_after_s.is_some() { Flight::Worse } else { Flight::Sound(flown.tracking) }
+    }
+
+    pub(crate) fn sound(self) -> Option<Tracking> {
+        match self {
+            Flight::Sound(tracking) => Some(tracking),
+            Flight::Worse => None,
+        }
+    }
+}
+
+impl Adaptation {
+    /// Runs along the reference before anything is changed.
+    pub(crate) fn fly_before(&mut self, console: &mut dyn Console) -> Result<Tracking, AdaptError> {
+        self.fly(BEFORE, &[], console)?;
+        self.journal
+            .flown(BEFORE)
+            .ok_or_else(|| AdaptError::NotRunning { state: "vented on the way".to_owned(), waits_for: String::new() })
+    }
+
+    /// Begins the reference anew, waits for its end, and works out how well it was tracked. Ended early where it tracks
+    /// worse than the run of the name `against`.
+    pub(crate) fn fly_against(
+        &mut self,
+        what: &str,
+        against: &str,
+        console: &mut dyn Console,
+    ) -> Result<Flight, AdaptError> {
+        let there = match self.journal.flight(against) {
+            Some(flown) if flown.squares.is_empty() => {
+                vec![flown.tracking.both_kpa().powi(2); (flown.tracking.ticks as f64 / TICKS_PER_S) as usize]
+            }
+            Some(flown) => flown.squares.clone(),
+            None => Vec::new(),
+        };
+        self.fly(what, &there, console)
+    }
+
+    fn fly(&mut self, what: &str, there: &[f64], console: &mut dyn Console) -> Result<Flight, AdaptError> {
+        if let Some(flown) = self.journal.flight(what) {
+            return Ok(Flight::of(flown));
+        }
+        self.in_control(console)?;
+        let file = self.before_folder().join("reference.csv");
+        let (session, start) = self.begin_reference(&file, console)?;
+        let end = start.wrapping_add((self.fly_s()? * TICKS_PER_S) as u32);
+        self.moves_until = end;
+        let mut ticks = FlightTicks::new(&self.folders.recordings, session, start..end);
+        let until = self.watch(session, start..end, &mut ticks, there, console)?;
+        let missing = "the recording of a run";
+        let ticks = self.wait_for(missing, FLUSHED, console, |this, _| {
+            let ticks = recorded::between(&this.folders.recordings, session, start..until)?;
+            Ok(ticks.last().is_some_and(|last| last.tick.wrapping_add(1) >= until).then_some(ticks))
+        })?;
+        let vented = || AdaptError::NotRunning { state: "vented on the way".into(), waits_for: String::new() };
+        let tracking = Tracking::of(&ticks).ok_or_else(vented)?;
+        let squares = squares_by_second(&ticks, start);
+        let worse = worse_window(&squares, there);
+        let flown_s = f64::from(until.wrapping_sub(start)) / TICKS_PER_S;
+        let [pos, neg] = tracking.rmse_kpa;
+        console.say(&format!("{what}: {pos:.3}/{neg:.3} kPa"));
+        if let Some(WorseWindow { flown_kpa, there_kpa }) = worse {
+            let when = if until == end { "at its end" } else { "and is ended" };
+            console.say(&format!(
+                "{what}: after {flown_s:.0} s it errs by {flown_kpa:.3} kPa where what was there errs by {there_kpa:.3} (both channels together): it tracks worse, {when}"
+            ));
+        }
+        let rig_minutes = self.rig_minutes(console)?;
+        let ended_after_s = worse.map(|_| flown_s);
+        let flown = Flown { what: what.to_owned(), tracking, rig_minutes, ended_after_s, squares };
+        let flight = Flight::of(&flown);
+        self.journal.flown.push(flown);
+        self.journal.keep(&self.out)?;
+        Ok(flight)
+    }
+
+    pub(crate) fn fly_s(&self) -> Result<f64, AdaptError> {
+        Ok(self.reference()?.end_s().max(SHORTEST_S).min(self.journal.settings.fly_seconds))
+    }
+
+    /// Has the daemon follow a reference from its beginning; session and tick from then on.
+    pub(crate) fn begin_reference(&mut self, file: &Path, console: &mut dyn Console) -> Result<(u32, u32), AdaptError> {
+        self.tell_of_reference(console);
+        self.daemon.tell(&["reference", &file.to_string_lossy()], console)?;
+        let status = self.daemon.status(console)?;
+        if !status.is_running() {
+            return Err(status.not_running());
+        }
+        Ok(status.at)
+    }
+
+    /// Waits for the end of a flight; the tick behind its last, which is earlier where it tracks worse than what was
+    /// `there`.
+    fn watch(
+        &self,
+        session: u32,
+        flight: Range<u32>,
+        ticks: &mut FlightTicks,
+        there: &[f64],
+        console: &mut dyn Console,
+    ) -> Result<u32, AdaptError> {
+        let (mut last, mut moved) = (0, Instant::now());
+        loop {
+            let status = self.daemon.status(console)?;
+            if !status.is_running() || status.at.0 != session {
+                return Err(status.not_running());
+            }
+            if status.at.1 >= flight.end {
+                return Ok(flight.end);
+            }
+            if !there.is_empty() {
+                let so_far = ticks.so_far()?;
+                let recorded = so_far.iter().take_while(|tick| tick.tick < status.at.1).count();
+                let so_far = so_far.get(..recorded).unwrap_or_default();
+                if let Some(last) = so_far.last()
+                    && worse_window(&squares_by_second(so_far, flight.start), there).is_some()
+                {
+                    return Ok(last.tick.wrapping_add(1));
+                }
+            }
+            if status.at.1 != last {
+                (last, moved) = (status.at.1, Instant::now());
+            }
+            if moved.elapsed() > STILL {
+                return Err(AdaptError::TooLong { what: "no tick".to_owned(), seconds: STILL.as_secs() });
+            }
+            if console.stop() {
+                return Err(AdaptError::Stopped);
+            }
+            let left_s = f64::from(flight.end.wrapping_sub(status.at.1)) / TICKS_PER_S;
+            console.waiting(&format!("running, {left_s:.0} s of the rig left"), Duration::ZERO, None);
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Runs along the reference on the new model: of the policy that controlled before, if by the daemon's own trial it
+    /// is sound there, and of the fallback, which uses all of the model. What tracked best controls on, in words and
+    /// figures; nothing where each tracked worse than what was there.
+    pub(crate) fn fly_on_the_model(
+        &mut self,
+        before: &Before,
+        console: &mut dyn Console,
+    ) -> Result<Option<(&'static str, Tracking)>, AdaptError> {
+        if before.policy == FALLBACK {
+            let flight = self.fly_against(WITH_MODEL, BEFORE, console)?;
+            return Ok(flight.sound().map(|tracking| (WITH_MODEL, tracking)));
+        }
+        // The policy first: it controls already, and is nearer to what was there than the fallback.
+        let policy = match self.journal.flight(WITH_MODEL).map(Flight::of) {
+            Some(flight) => flight.sound(),
+            None if self.is_sound_on_the_model(console)? => {
+                self.let_control(&before.policy, console)?;
+                self.fly_against(WITH_MODEL, BEFORE, console)?.sound()
+            }
+            None => None,
+        };
+        if self.journal.flight(FALLBACK_ON_MODEL).is_none() {
+            self.let_control(FALLBACK, console)?;
+        }
+        let against = if policy.is_some() { WITH_MODEL } else { BEFORE };
+        let fallback = self.fly_against(FALLBACK_ON_MODEL, against, console)?.sound();
+        match (policy, fallback) {
+            (Some(policy), fallback) if fallback.is_none_or(|fallback| policy.over(&fallback) <= 1.0) => {
+                self.let_control(&before.policy, console)?;
+                Ok(Some((WITH_MODEL, policy)))
+            }
+            (_, Some(fallback)) => {
+                self.let_control(FALLBACK, console)?;
+                Ok(Some((FALLBACK_ON_MODEL, fallback)))
+            }
+            (_, None) => Ok(None),
+        }
+    }
+
+    /// Has a policy take over unless it controls already.
+    fn let_control(&mut self, policy: &str, console: &mut dyn Console) -> Result<(), AdaptError> {
+        if self.in_control(console)?.policy == policy { Ok(()) } else { self.swap(policy, console) }
+    }
+
+    /// Whether the policy that controlled before passes the daemon's trial on the model that was found: without a
+    /// minute of the rig.
+    fn is_sound_on_the_model(&mut self, console: &mut dyn Console) -> Result<bool, AdaptError> {
+        let policy = self.before_folder().join("policy.onnx");
+        if !policy.exists() {
+            return Ok(false);
+        }
+        let rig = self.journal.found.clone().unwrap_or_default().join("rig.toml");
+        let arguments = ["check-policy".as_ref(), policy.as_os_str(), "--rig".as_ref(), rig.as_os_str()];
+        let said = self.computed(|this, console| this.daemon.programs.controller(arguments).run(console), console)?;
+        if said.status != Some(0) {
+            console.say(&said.last_line());
+        }
+        Ok(said.status == Some(0))
+    }
+}

@@ -1,0 +1,138 @@
+//! The worst pressures of a rig while it was being adapted to, and who was in control there.
+//!
+//! Every tick counts from the first to the last of a sitting: flights along the reference, experiments, and what lies
+//! between them. Recordings of runs and of experiments are both read, since an experiment is in one or in both.
+
+use std::path::Path;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use proto::recording::TickRecord;
+use serde::{Deserialize, Serialize};
+
+use crate::AdaptError;
+use crate::recorded::{self, Holding, RUN};
+
+/// Between the times of two clocks that mean the same moment: a file system keeps whole seconds at the worst.
+const CLOCKS_DIFFER: Duration = Duration::from_secs(2);
+
+/// The moment at which a sitting began.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Since {
+    /// Session and tick.
+    pub at: (u32, u32),
+    /// Time of day, in s since 1970.
+    pub unix_s: u64,
+}
+
+impl Since {
+    /// Now, at this session and tick.
+    pub fn now(at: (u32, u32)) -> Self {
+        let unix_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+        Since { at, unix_s }
+    }
+
+    fn counts(&self, tick: &TickRecord) -> bool {
+        tick.session != self.at.0 || tick.tick >= self.at.1
+    }
+}
+
+/// A pressure that no other was worse than.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Worst {
+    /// The pressure, in kPa gauge.
+    pub kpa: f64,
+    /// Who was in control in that tick: `experiment`, `policy`, `fallback`, or `nobody`.
+    pub by: String,
+}
+
+/// The highest positive and the lowest negative pressure since a moment, from all recordings of a folder; nothing where
+/// no tick was recorded since.
+///
+/// # Errors
+/// A recording that cannot be read.
+pub fn since(folder: &Path, since: &Since) -> Result<Option<[Worst; 2]>, AdaptError> {
+    let mut worst: Option<[Worst; 2]> = None;
+    let began = UNIX_EPOCH + Duration::from_secs(since.unix_s);
+    for (changed, path) in recorded::newest_first(folder, Holding::Everything)? {
+        // What was written last before the sitting began holds no tick of it.
+        if changed + CLOCKS_DIFFER < began {
+            break;
+        }
+        recorded::each_tick(&path, |tick| {
+            if since.counts(tick) {
+                worst = worse_of(worst.take(), of_tick(tick));
+            }
+        })?;
+    }
+    Ok(worst)
+}
+
+/// The worse of two pairs, channel by channel.
+pub fn worse_of(one: Option<[Worst; 2]>, other: Option<[Worst; 2]>) -> Option<[Worst; 2]> {
+    match (one, other) {
+        (Some([pos, neg]), Some([other_pos, other_neg])) => Some([
+            if other_pos.kpa > pos.kpa { other_pos } else { pos },
+            if other_neg.kpa < neg.kpa { other_neg } else { neg },
+        ]),
+        (one, other) => one.or(other),
+    }
+}
+
+fn of_tick(tick: &TickRecord) -> Option<[Worst; 2]> {
+    let readings = [tick.p_pos_kpa, tick.p_neg_kpa];
+    let in_control = by(tick);
+    readings.iter().all(|kpa| kpa.is_finite()).then(|| readings.map(|kpa| Worst { kpa, by: in_control.to_owned() }))
+}
+
+fn by(tick: &TickRecord) -> &'static str {
+    if tick.experiment != 0 {
+        "experiment"
+    } else if tick.state != RUN {
+        "nobody"
+    } else if tick.observation_hash != 0 && tick.authority > 0.0 {
+        "policy"
+    } else {
+        "fallback"
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proto::recording::{RecordingInfo, RecordingWriter};
+
+    fn record(path: &Path, ticks: impl IntoIterator<Item = TickRecord>) {
+        let mut writer = RecordingWriter::create(path, &RecordingInfo::new("test", 0), &[]).unwrap();
+        for tick in ticks {
+            writer.write(&tick).unwrap();
+        }
+        writer.finish().unwrap();
+    }
+
+    #[test]
+    fn the_worst_is_taken_from_every_tick_since_the_beginning_with_who_was_in_control() {
+        let folder = std::env::temp_dir().join(format!("adapt-worst-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let tick = |tick: u32| TickRecord {
+            session: 5,
+            tick,
+            state: RUN,
+            p_pos_kpa: 90.0,
+            p_neg_kpa: -70.0,
+            ..TickRecord::default()
+        };
+        // Worse still, but before the beginning.
+        let early = TickRecord { p_pos_kpa: 200.0, p_neg_kpa: -99.0, ..tick(10) };
+        let by_policy = TickRecord { p_neg_kpa: -78.0, observation_hash: 1, authority: 1.0, ..tick(60) };
+        record(&folder.join("run-1.mcap"), [early, tick(50), by_policy]);
+        let played = TickRecord { p_pos_kpa: 117.9, experiment: 2, ..tick(70) };
+        record(&folder.join("experiment-1.mcap"), [played, TickRecord { p_pos_kpa: f64::NAN, ..tick(71) }]);
+        let worst = since(&folder, &Since { at: (5, 40), unix_s: 0 }).unwrap().unwrap();
+        assert_eq!(worst[0], Worst { kpa: 117.9, by: "experiment".to_owned() });
+        assert_eq!(worst[1], Worst { kpa: -78.0, by: "policy".to_owned() });
+        // Whatever was written long before the sitting began is not even looked at.
+        let later = Since { at: (6, 0), unix_s: Since::now((6, 0)).unix_s + 3600 };
+        assert_eq!(since(&folder, &later).unwrap(), None);
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+}
