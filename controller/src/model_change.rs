@@ -6,11 +6,11 @@
 
 use std::collections::VecDeque;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use admission::model_comparison::{Sample, compare, warmed};
+use admission::model_comparison::{ModelFigures, Sample, compare, seconds_lacking, warmed};
 use crossbeam::queue::ArrayQueue;
 use flight::Noter;
 use handover::Permit;
@@ -34,6 +34,8 @@ const COMPARED: usize = 3000;
 const FOLLOWED: usize = 500;
 /// Samples that a replay keeps: a change may have looked at those of 20 min before, where ticks did not wait for it.
 const REPLAYED: usize = 1 << 16;
+/// Ticks without one that is flown after which the rig counts as not under control: a second, for in HOLD none is kept.
+const STANDING_BY: u32 = 50;
 /// How long the tick may take to put a model in.
 pub const PATIENCE: Duration = Duration::from_secs(2);
 
@@ -87,6 +89,8 @@ struct Shared {
     next: ArrayQueue<Box<ModelChange>>,
     retired: ArrayQueue<Box<ModelChange>>,
     samples: ArrayQueue<Numbered>,
+    /// Ticks since the newest that was flown.
+    since_flown: AtomicU32,
     /// Whether a change brings what learns from flights.
     learns: AtomicBool,
 }
@@ -94,6 +98,10 @@ struct Shared {
 impl Shared {
     fn learning(&self) -> RepetitionLearning {
         if self.learns.load(Ordering::Relaxed) { RepetitionLearning::On } else { RepetitionLearning::Off }
+    }
+
+    fn is_flown(&self) -> bool {
+        self.since_flown.load(Ordering::Relaxed) < STANDING_BY
     }
 }
 
@@ -133,6 +141,7 @@ pub fn ends(rig: &Rig) -> (ModelTickEnd, ModelDesk) {
         next: ArrayQueue::new(1),
         retired: ArrayQueue::new(4),
         samples: ArrayQueue::new(SAMPLES),
+        since_flown: AtomicU32::new(STANDING_BY),
         learns: AtomicBool::new(false),
     });
     let models = Arc::new(Mutex::new(Models { rig: rig.clone(), before: None }));
@@ -140,11 +149,13 @@ pub fn ends(rig: &Rig) -> (ModelTickEnd, ModelDesk) {
 }
 
 impl ModelTickEnd {
-    /// The next model, if there is one and what is in force finds room on its way back.
+    /// The next model, if there is one and what is in force finds room on its way back; asked for in every tick.
     ///
     /// # Real-time
     /// Runs in the tick.
     pub fn take(&self) -> Option<Box<ModelChange>> {
+        let ticks = self.shared.since_flown.load(Ordering::Relaxed);
+        self.shared.since_flown.store(ticks.saturating_add(1), Ordering::Relaxed);
         if self.shared.retired.is_full() { None } else { self.shared.next.pop() }
     }
 
@@ -163,12 +174,13 @@ impl ModelTickEnd {
         self.shared.learns.store(learning == RepetitionLearning::On, Ordering::Relaxed);
     }
 
-    /// Keeps a tick for later comparisons; the oldest goes.
+    /// Keeps a tick that was flown for later comparisons; the oldest goes.
     ///
     /// # Real-time
     /// Runs in the tick.
     pub fn keep(&mut self, sample: Sample) {
         self.kept += 1;
+        self.shared.since_flown.store(0, Ordering::Relaxed);
         self.shared.samples.force_push((self.kept, sample));
     }
 }
@@ -189,7 +201,7 @@ impl ModelDesk {
     }
 
     /// Reads a rig file, checks it, compares it, and has the tick put it in while the permit counts. One that foresees worse is refused,
-    /// unless it was in force before. Takes seconds; not for the tick nor for the thread that answers other operators.
+    /// and while the rig is under control also one that cannot be compared yet, unless it was in force before. Takes seconds; not for the tick nor for the thread that answers other operators.
     ///
     /// # Errors
     /// Why not, one line; nothing has changed then.
@@ -218,29 +230,15 @@ impl ModelDesk {
             return Err(format!("{name}: {reason}"));
         }
         let change = ModelChange::new(&rig, &run, self.shared.learning()).map_err(unfit)?;
+        if figures.is_none() && !is_back && self.shared.is_flown() {
+            return Err(format!("{name}: {}", too_little(&run)));
+        }
         permit.redeem().map_err(|late| format!("{name}: {late}"))?;
         self.hand_over(change)?;
         let new = rig.name.clone();
         *self.models() = Models { rig, before: Some(old) };
         let again = if is_back { " again" } else { "" };
-        let line = match figures {
-            Some(f) => format!(
-                "model {} is in force{again}; five ticks ahead it errs by {:.3}/{:.3} kPa on the last {:.0} s, the one before by {:.3}/{:.3}; it errs less in {}/{} seconds, more in {}/{}",
-                new,
-                f.after_kpa[1][0],
-                f.after_kpa[1][1],
-                f.ticks as f64 * 0.02,
-                f.before_kpa[1][0],
-                f.before_kpa[1][1],
-                f.better_s[0],
-                f.better_s[1],
-                f.worse_s[0],
-                f.worse_s[1]
-            ),
-            None => {
-                format!("model {new} is in force{again}; too little was run to compare it with the one before")
-            }
-        };
+        let line = told(&new, again, figures.as_ref());
         Ok(ModelInForce { line, toml, followed })
     }
 
@@ -291,6 +289,30 @@ impl ModelDesk {
     }
 }
 
+/// Answer to whoever asked for a model that has come into force.
+fn told(model: &str, again: &str, figures: Option<&ModelFigures>) -> String {
+    let Some(f) = figures else {
+        return format!("model {model} is in force{again}; too little was run to compare it with the one before");
+    };
+    let ([pos, neg], [before_pos, before_neg]) = (f.after_kpa[1], f.before_kpa[1]);
+    format!(
+        "model {model} is in force{again}; five ticks ahead it errs by {pos:.3}/{neg:.3} kPa on the last {:.0} s, the one before by {before_pos:.3}/{before_neg:.3}; it errs less in {}/{} seconds, more in {}/{}",
+        f.ticks as f64 * 0.02,
+        f.better_s[0],
+        f.better_s[1],
+        f.worse_s[0],
+        f.worse_s[1]
+    )
+}
+
+/// Refusal of a model that cannot be compared, under control: one that is far off would vent the rig.
+fn too_little(run: &[Sample]) -> String {
+    format!(
+        "too little was run to compare it with the model in force; keep the rig armed for {} s more, or put it in while disarmed",
+        seconds_lacking(run)
+    )
+}
+
 /// The samples that a change compares and runs along with, of those up to a number.
 fn newest(samples: &VecDeque<Numbered>, followed: u64) -> Vec<Sample> {
     let end = samples.partition_point(|(number, _)| *number <= followed);
@@ -304,4 +326,54 @@ fn monitor_models(rig: &Rig, run: &[Sample]) -> Result<MonitorModels, RigError> 
         models.follow(sample.measured_kpa, sample.duty, sample.pump_on);
     }
     Ok(models)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Four times the volumes: what it foresees would vent the rig within moments.
+    fn far_off() -> std::path::PathBuf {
+        let mut rig = Rig::builtin("dual_pressure").unwrap();
+        rig.volumes.values_mut().for_each(|volume| volume.volume_l *= 4.0);
+        let file = std::env::temp_dir().join(format!("far-off-{}.toml", std::process::id()));
+        std::fs::write(&file, rig.to_toml().unwrap()).unwrap();
+        file
+    }
+
+    fn flown(tick: u32) -> Sample {
+        Sample { tick, measured_kpa: [90.0, -70.0], duty: [0.88, 0.87], pump_on: true }
+    }
+
+    #[test]
+    fn what_cannot_be_compared_yet_is_put_in_only_while_disarmed() {
+        let nominal = Rig::builtin("dual_pressure").unwrap();
+        let file = far_off();
+        let (mut tick, desk) = ends(&nominal);
+        for number in 0..200 {
+            assert!(tick.take().is_none());
+            tick.keep(flown(number));
+        }
+        // Of 500 ticks that count there are 170.
+        let refused = desk.change(&file, &Permit::unlimited()).unwrap_err();
+        assert!(refused.contains("armed for 7 s more, or put it in while disarmed"), "{refused}");
+        assert!(tick.take().is_none() && desk.rig() == nominal, "nothing has changed");
+
+        // The rig stands by: ticks come, and none is flown.
+        (0..STANDING_BY).for_each(|_| assert!(tick.take().is_none()));
+        let changing = {
+            let (desk, file) = (desk.clone(), file.clone());
+            std::thread::spawn(move || desk.change(&file, &Permit::unlimited()))
+        };
+        while !changing.is_finished() {
+            if let Some(change) = tick.take() {
+                tick.retire(change);
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let line = changing.join().unwrap().unwrap().line;
+        assert!(line.contains("is in force; too little was run to compare it"), "{line}");
+        assert_ne!(desk.rig(), nominal);
+        std::fs::remove_file(file).unwrap();
+    }
 }

@@ -10,8 +10,8 @@ use serde_json::{Value, json};
 use tests::alone;
 use tests::laboratory::{Laboratory, Plan, SOCKET, SOON};
 
-/// Ticks after which comparing a model on them takes half a second or more.
-const SOME_SECONDS: u64 = 500;
+/// Ticks after which a model can be compared on them, and that takes half a second or more.
+const SOME_SECONDS: u64 = 650;
 /// Longer than the daemon takes to see a request or a client that has left, shorter than comparing a model.
 const MOMENT: Duration = Duration::from_millis(20);
 

@@ -94,6 +94,15 @@ pub fn compare(old: &Rig, new: &Rig, run: &[Sample]) -> Result<Option<ModelFigur
     }))
 }
 
+/// Seconds that a run must go on without a gap until models can be compared on it; 0 where they can be.
+pub fn seconds_lacking(run: &[Sample]) -> usize {
+    let unseen = SETTLING_TICKS + AHEAD;
+    let count: usize = stretches(run).map(|stretch| stretch.len().saturating_sub(unseen)).sum();
+    // What a stretch that is still going on has left to settle counts as well.
+    let settling = unseen.saturating_sub(stretches(run).last().map_or(0, <[Sample]>::len));
+    if count >= LEAST_TICKS { 0 } else { (LEAST_TICKS - count + settling).div_ceil(PART_TICKS) }
+}
+
 /// A predictor that has run along with the newest stretch of a run.
 ///
 /// # Errors
@@ -246,6 +255,9 @@ mod tests {
     fn a_short_run_says_nothing() {
         let nominal = Rig::builtin("dual_pressure").unwrap();
         assert_eq!(compare(&nominal, &nominal, &run(300)).unwrap(), None);
+        // In each stretch the first 25 ticks settle, and the last five have nothing ahead; one ends after 401.
+        assert_eq!([0, 300, 410, 559].map(|ticks| seconds_lacking(&run(ticks))), [11, 5, 3, 1]);
+        assert!(compare(&nominal, &nominal, &run(561)).unwrap().is_some() && seconds_lacking(&run(561)) == 0);
         assert!(warmed(&nominal, &[]).is_ok());
     }
 }

@@ -28,6 +28,7 @@ use crate::record::Record;
 use crate::remainder::{Remainder, away};
 use crate::seat::{Answer, PolicyAnswer, Seat, layout_of};
 use crate::stages::{Next, Stages};
+use succession::Before;
 
 /// Seconds after arming that are not held against anybody: the rig comes from rest.
 const APPROACH_TICKS: u32 = 250;
@@ -66,8 +67,7 @@ pub enum Trust {
 pub struct Arbiter {
     incumbent: Seat,
     candidate: Option<(Seat, Stages)>,
-    /// What was active before the incumbent.
-    before: Option<Box<Candidate>>,
+    before: Before,
     record: Record,
     conditions: Conditions,
     end: TickEnd,
@@ -99,12 +99,10 @@ impl Arbiter {
     /// For the rig that `map` was made of; without a policy the fallback flies.
     pub fn new(map: Arc<SteadyMap>, active: Option<Box<Candidate>>, end: TickEnd) -> Self {
         let layout = layout_of(active.as_deref());
-        // A box from the start, so that the fallback, too, can be gone back to without making one in the tick.
-        let active = Some(active.unwrap_or_else(Candidate::fallback));
         Arbiter {
             incumbent: Seat { law: PolicyLaw::new(map, layout), taken: active },
             candidate: None,
-            before: None,
+            before: Before::Nothing,
             record: Record::default(),
             conditions: Conditions::default(),
             end,

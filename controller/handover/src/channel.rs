@@ -10,12 +10,14 @@ use policy::Policy;
 use serde::{Deserialize, Serialize};
 
 use crate::exploration::PolicySpread;
+use crate::succession::Succession;
 
 /// Commands that may wait.
 const COMMANDS: usize = 8;
-/// Policies that may wait to be dropped: at most three go in a tick (candidate, incumbent, the one before it).
+/// Policies that may wait to be dropped: at most four go in a tick (a candidate and the one that replaced it, the incumbent, the
+/// one before it).
 const RETIRED: usize = 16;
-const MOST_AT_ONCE: usize = 3;
+const MOST_AT_ONCE: usize = 4;
 /// Events that may wait; the publishing thread looks ten times a second.
 const EVENTS: usize = 256;
 
@@ -74,7 +76,7 @@ impl Candidate {
 
 /// What the publishing thread asks of the tick.
 pub enum Command {
-    /// To try a candidate; one that is on its way already is withdrawn.
+    /// To try a candidate; another one that is on its way is withdrawn. Of what controls already that is all.
     Try(Box<Candidate>, Haste),
     /// To go back to what was active before, or from a candidate to the incumbent.
     Rollback,
@@ -87,7 +89,7 @@ pub enum PolicyEvent {
     Taken(PolicyTag),
     /// A candidate passed into a stage, by [`crate::StageNow::code`].
     Passed(PolicyTag, u8),
-    /// A candidate became active.
+    /// A candidate became active, or what was to be tried controls already.
     Active(PolicyTag),
     /// A candidate lost its authority at a stage, by [`crate::StageNow::code`], for a reason.
     Lost(PolicyTag, u8, crate::Loss),
@@ -102,10 +104,14 @@ pub enum PolicyEvent {
 pub struct Snapshot {
     /// Events told before it: of an event and a snapshot the reader then knows which is the later.
     pub told: u32,
+    /// Orders carried out before it.
+    pub served: u32,
     /// The incumbent.
     pub incumbent: PolicyTag,
     /// The candidate, if one is on its way.
     pub candidate: Option<PolicyTag>,
+    /// Predecessor of the incumbent, as in [`Succession::before`].
+    pub before: Option<PolicyTag>,
     /// Its stage, by [`crate::StageNow::code`].
     pub stage: u8,
     /// Ticks in it.
@@ -118,13 +124,49 @@ pub struct Snapshot {
     pub incumbent_rms_kpa: [f64; 2],
 }
 
+impl Snapshot {
+    /// The policies that the loop holds.
+    pub fn succession(&self) -> Succession {
+        Succession { incumbent: self.incumbent, candidate: self.candidate, before: self.before }
+    }
+
+    /// The policy that has all of the command: a candidate in full authority, otherwise the incumbent.
+    pub fn in_command(&self) -> PolicyTag {
+        self.candidate.filter(|_| self.authority >= 1.0).unwrap_or(self.incumbent)
+    }
+
+    /// Tells whether an order has been carried out, by its number.
+    pub fn has_served(&self, number: u32) -> bool {
+        self.served.wrapping_sub(number) as i32 >= 0
+    }
+}
+
+/// An event as the tick tells it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Told {
+    /// The event.
+    pub event: PolicyEvent,
+    /// Number of the order that it is the answer to, counted from 1 as they were given.
+    pub answers: Option<u32>,
+    /// State of the loop with it.
+    pub snapshot: Snapshot,
+}
+
+/// Tells whether an event is the answer to the order that is carried out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Occasion {
+    Answer,
+    Course,
+}
+
 /// The tick's end.
 pub struct TickEnd {
     commands: Arc<ArrayQueue<Command>>,
     retired: Arc<ArrayQueue<Box<Candidate>>>,
-    events: Arc<ArrayQueue<PolicyEvent>>,
+    events: Arc<ArrayQueue<Told>>,
     snapshot: Arc<ArrayQueue<Snapshot>>,
     told: u32,
+    served: u32,
 }
 
 /// The publishing thread's end.
@@ -132,7 +174,7 @@ pub struct TickEnd {
 pub struct StoreEnd {
     commands: Arc<ArrayQueue<Command>>,
     retired: Arc<ArrayQueue<Box<Candidate>>>,
-    events: Arc<ArrayQueue<PolicyEvent>>,
+    events: Arc<ArrayQueue<Told>>,
     snapshot: Arc<ArrayQueue<Snapshot>>,
 }
 
@@ -148,7 +190,7 @@ pub fn channel() -> (TickEnd, StoreEnd) {
         events: Arc::clone(&events),
         snapshot: Arc::clone(&snapshot),
     };
-    (TickEnd { commands, retired, events, snapshot, told: 0 }, store)
+    (TickEnd { commands, retired, events, snapshot, told: 0, served: 0 }, store)
 }
 
 impl TickEnd {
@@ -156,9 +198,11 @@ impl TickEnd {
     ///
     /// # Real-time
     /// Runs in the tick.
-    pub(crate) fn command(&self) -> Option<Command> {
+    pub(crate) fn command(&mut self) -> Option<Command> {
         let room = self.retired.capacity() - self.retired.len();
-        if room < 2 * MOST_AT_ONCE { None } else { self.commands.pop() }
+        let command = if room < 2 * MOST_AT_ONCE { None } else { self.commands.pop() };
+        self.served = self.served.wrapping_add(u32::from(command.is_some()));
+        command
     }
 
     /// Hands a policy back, to be dropped elsewhere.
@@ -171,18 +215,27 @@ impl TickEnd {
         }
     }
 
-    pub(crate) fn tell(&mut self, event: PolicyEvent) {
+    /// Tells an event and what flies with it.
+    ///
+    /// # Real-time
+    /// Runs in the tick.
+    pub(crate) fn tell(&mut self, event: PolicyEvent, occasion: Occasion, snapshot: Snapshot) {
         self.told = self.told.wrapping_add(1);
-        self.events.force_push(event);
+        let answers = (occasion == Occasion::Answer).then_some(self.served);
+        self.events.force_push(Told { event, answers, snapshot: self.counted(snapshot) });
     }
 
     pub(crate) fn show(&self, snapshot: Snapshot) {
-        self.snapshot.force_push(Snapshot { told: self.told, ..snapshot });
+        self.snapshot.force_push(self.counted(snapshot));
+    }
+
+    fn counted(&self, snapshot: Snapshot) -> Snapshot {
+        Snapshot { told: self.told, served: self.served, ..snapshot }
     }
 }
 
 impl StoreEnd {
-    /// Puts a command to the next tick.
+    /// Puts a command to the next tick under control. Commands are carried out in their order, and are numbered by it from 1.
     ///
     /// # Errors
     /// The command, if too many wait: nothing ticks.
@@ -191,7 +244,7 @@ impl StoreEnd {
     }
 
     /// The next event.
-    pub fn event(&self) -> Option<PolicyEvent> {
+    pub fn event(&self) -> Option<Told> {
         self.events.pop()
     }
 

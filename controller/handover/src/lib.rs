@@ -23,6 +23,7 @@
 //! | `seat`, `blend`, `remainder` | a policy in its law; two decisions in one; what is left of a bump decays |
 //! | [`exploration`] | bounded noise on the active policy's answer |
 //! | [`permit`] | until when a request counts that takes work before it is handed over |
+//! | [`succession`] | who controls, who is on its way and who controlled before; what an order makes of them |
 //! | [`mod@channel`] | queues between the tick and the thread that publishes: policies in, retired ones out |
 //!
 //! All of it but the making of queues and policies runs in the tick: no allocation, no lock, bounded time. Every policy
@@ -44,11 +45,13 @@ pub mod sequential_test;
 mod share;
 pub mod stage_now;
 pub mod stages;
+pub mod succession;
 
 pub use arbiter::{Arbiter, ArbitratedCommand, Trust};
-pub use channel::{Candidate, Command, Haste, PolicyEvent, PolicyTag, Snapshot, StoreEnd, TickEnd, channel};
+pub use channel::{Candidate, Command, Haste, PolicyEvent, PolicyTag, Snapshot, StoreEnd, TickEnd, Told, channel};
 pub use exploration::{ExplorationRules, ExplorationShown, Noise, StdOrigin};
 pub use loss::Loss;
 pub use permit::{NoLongerWanted, Permit};
 pub use seat::PolicyAnswer;
 pub use stage_now::StageNow;
+pub use succession::{Succession, WayBack};

@@ -1,138 +1,382 @@
 //! Who did what to which policy: one JSON object a line, each with the SHA-256 of the line before it.
 //!
-//! The file stands beside the recordings and is only ever appended to. A line that was taken out or changed shows at the
-//! next one; the file proves nothing against somebody who rewrites all of it.
+//! The file stands beside the recordings and is only ever appended to, by a thread of its own: a disk that does not answer
+//! holds nobody who has something to note. What cannot be written waits, and is told ([`Audit::problem`]). A line that was
+//! taken out or changed shows at the next one; the file proves nothing against somebody who rewrites all of it.
 
 use std::collections::VecDeque;
-use std::fs::OpenOptions;
-use std::io::Write;
+use std::fs::{File, Metadata, OpenOptions};
+use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::time::{Duration, Instant, SystemTime};
 
 use proto::recording::rfc3339;
+use rustix::fs::OFlags;
 use serde_json::json;
+
+use crate::locked;
 
 /// Most of a file that is read for its last line, in bytes.
 const MOST_TAIL_BYTES: u64 = 64 << 10;
-/// Lines that are kept while the file cannot be written (chosen: a day of a busy laboratory).
-const MOST_OWED: usize = 1_000;
+/// Notes that wait while the file cannot be written (chosen: a day of a busy laboratory).
+const MOST_WAITING: usize = 1_000;
+/// Time after which a disk that works on a note counts as one that does not answer.
+const SLOW: Duration = Duration::from_secs(1);
+/// Time from a note that could not be written to the next try.
+const RETRY: Duration = Duration::from_secs(1);
+/// Between two looks of the thread while nothing is to be written; it is woken by each note.
+const IDLE: Duration = Duration::from_secs(3600);
 
-/// The audit record of a daemon.
-#[derive(Debug)]
+/// A note on a policy.
+#[derive(Debug, Clone, PartialEq)]
+struct Note {
+    at: SystemTime,
+    who: String,
+    what: String,
+    policy: String,
+    sha256: String,
+    detail: String,
+}
+
+/// The audit record of a daemon; cheap to clone. Once the last handle is dropped, what waits is written and the thread ends.
+#[derive(Debug, Clone)]
 pub struct Audit {
+    handle: Arc<Handle>,
+}
+
+#[derive(Debug)]
+struct Handle {
+    shared: Arc<Shared>,
+}
+
+#[derive(Debug)]
+struct Shared {
     file: PathBuf,
-    last: String,
-    /// Lines that could not be written yet, the oldest first.
-    owed: VecDeque<String>,
+    queue: Mutex<Queue>,
+    news: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct Queue {
+    /// Notes that are not written yet, the oldest first.
+    waiting: VecDeque<Note>,
+    /// Notes that found no room.
+    lost: u64,
+    /// Reason why the oldest could not be written.
+    problem: Option<String>,
+    /// Since when the oldest is being written.
+    at_work: Option<Instant>,
+    /// When it is tried again after it could not be.
+    again_at: Option<Instant>,
+    is_closed: bool,
 }
 
 impl Audit {
-    /// Goes on in `file`, which need not be there yet.
-    pub fn open(file: PathBuf) -> Self {
-        let last = last_line(&file).map_or_else(String::new, |line| policy::hash(line.as_bytes()).to_string());
-        Audit { file, last, owed: VecDeque::new() }
-    }
-
-    /// Appends a line, behind those that could not be written before it.
+    /// Goes on in `file`, which need not be there yet and is not touched here.
     ///
     /// # Errors
-    /// What the system said, with the file; the line is kept and written as soon as that goes ([`Audit::catch_up`]).
-    pub fn note(&mut self, who: &str, what: &str, policy: &str, sha256: &str, detail: &str) -> Result<(), String> {
-        let line = json!({
-            "time": rfc3339(SystemTime::now()),
-            "who": who,
-            "what": what,
-            "policy": policy,
-            "sha256": sha256,
-            "detail": detail,
+    /// If the system gives no thread.
+    pub fn start(file: PathBuf) -> io::Result<Self> {
+        let mut chain = Chain::default();
+        let path = file.clone();
+        Self::start_writing(file, move |note| chain.append(&path, note))
+    }
+
+    /// As [`Audit::start`], with something else that writes.
+    fn start_writing(
+        file: PathBuf,
+        mut write: impl FnMut(&Note) -> io::Result<()> + Send + 'static,
+    ) -> io::Result<Self> {
+        let shared = Arc::new(Shared { file, queue: Mutex::default(), news: Condvar::new() });
+        let handle = Arc::new(Handle { shared: Arc::clone(&shared) });
+        std::thread::Builder::new().name("audit".to_owned()).spawn(move || {
+            while let Some(note) = shared.next() {
+                let written = write(&note);
+                shared.settle(written);
+            }
+        })?;
+        Ok(Audit { handle })
+    }
+
+    /// Notes something; it waits for nothing, and one that finds too many waiting is counted.
+    pub fn note(&self, who: &str, what: &str, policy: &str, sha256: &str, detail: &str) {
+        let [who, what, policy, sha256, detail] = [who, what, policy, sha256, detail].map(str::to_owned);
+        self.handle.shared.put(Note { at: SystemTime::now(), who, what, policy, sha256, detail });
+    }
+
+    /// Problem of the file, one line: it cannot be written, or the disk does not answer.
+    pub fn problem(&self) -> Option<String> {
+        let Shared { file, queue, .. } = &*self.handle.shared;
+        let queue = locked(queue);
+        let why = match (&queue.problem, queue.at_work) {
+            (Some(problem), _) => problem.clone(),
+            (None, Some(since)) if since.elapsed() > SLOW => "the disk does not answer".to_owned(),
+            _ => return None,
+        };
+        let lost = if queue.lost > 0 { format!(", {} more are lost", queue.lost) } else { String::new() };
+        Some(format!(
+            "{}: who did what cannot be written: {why}; {} lines wait{lost}, and are written once it can be",
+            file.display(),
+            queue.waiting.len()
+        ))
+    }
+}
+
+impl Drop for Handle {
+    fn drop(&mut self) {
+        locked(&self.shared.queue).is_closed = true;
+        self.shared.news.notify_all();
+    }
+}
+
+impl Shared {
+    fn put(&self, note: Note) {
+        let mut queue = locked(&self.queue);
+        if queue.waiting.len() >= MOST_WAITING {
+            queue.lost += 1;
+            return;
+        }
+        let lost = std::mem::take(&mut queue.lost);
+        if lost > 0 {
+            let gap = Note {
+                who: "daemon".to_owned(),
+                what: "lines lost".to_owned(),
+                policy: String::new(),
+                sha256: String::new(),
+                detail: format!("{lost} lines found no room while this file could not be written"),
+                ..note.clone()
+            };
+            queue.waiting.push_back(gap);
+        }
+        queue.waiting.push_back(note);
+        drop(queue);
+        self.news.notify_all();
+    }
+
+    /// Waits for the next note to write; `None` once there is none and will be none, or what is left cannot be written.
+    fn next(&self) -> Option<Note> {
+        let mut queue = locked(&self.queue);
+        loop {
+            if queue.is_closed && (queue.problem.is_some() || queue.waiting.is_empty()) {
+                return None;
+            }
+            // After one that failed, whatever else is noted meanwhile.
+            let pause = queue.again_at.map_or(Duration::ZERO, |at| at.saturating_duration_since(Instant::now()));
+            if pause.is_zero()
+                && let Some(note) = queue.waiting.front().cloned()
+            {
+                queue.at_work = Some(Instant::now());
+                return Some(note);
+            }
+            let time = if pause.is_zero() { IDLE } else { pause };
+            queue = self.news.wait_timeout(queue, time).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    fn settle(&self, written: io::Result<()>) {
+        let mut queue = locked(&self.queue);
+        queue.at_work = None;
+        queue.again_at = written.is_err().then(|| Instant::now() + RETRY);
+        queue.problem = written.err().map(|error| error.to_string());
+        if queue.problem.is_none() {
+            queue.waiting.pop_front();
+        }
+    }
+}
+
+/// The hashes that hold the lines of a file together.
+#[derive(Debug, Default)]
+struct Chain {
+    /// Hash of the last line, empty before the first; `None` until the file was looked at.
+    last: Option<String>,
+}
+
+impl Chain {
+    /// Appends a note as a line. What was left unfinished at the end, by a power cut or a full disk, is a line of its own.
+    fn append(&mut self, path: &Path, note: &Note) -> io::Result<()> {
+        let mut file = open(path)?;
+        let (line, ending) = last_line(&mut file)?;
+        if ending == Ending::Unfinished {
+            file.write_all(b"\n")?;
+        }
+        if ending == Ending::Unfinished || self.last.is_none() {
+            self.last = Some(line.map_or_else(String::new, |line| policy::hash(&line).to_string()));
+        }
+        let mut line = json!({
+            "time": rfc3339(note.at),
+            "who": note.who,
+            "what": note.what,
+            "policy": note.policy,
+            "sha256": note.sha256,
+            "detail": note.detail,
             "previous": self.last,
         })
         .to_string();
-        self.last = policy::hash(line.as_bytes()).to_string();
-        if self.owed.len() < MOST_OWED {
-            self.owed.push_back(line);
-        }
-        self.catch_up()
-    }
-
-    /// Lines that wait to be written.
-    pub fn owed(&self) -> usize {
-        self.owed.len()
-    }
-
-    /// Writes the lines that wait.
-    ///
-    /// # Errors
-    /// What the system said, with the file.
-    pub fn catch_up(&mut self) -> Result<(), String> {
-        while let Some(line) = self.owed.front() {
-            let written = OpenOptions::new()
-                .append(true)
-                .create(true)
-                .mode(0o640)
-                .open(&self.file)
-                .and_then(|mut file| file.write_all(format!("{line}\n").as_bytes()));
-            written.map_err(|error| format!("{}: cannot be written: {error}", self.file.display()))?;
-            self.owed.pop_front();
-        }
+        let hash = policy::hash(line.as_bytes()).to_string();
+        line.push('\n');
+        file.write_all(line.as_bytes())?;
+        self.last = Some(hash);
         Ok(())
     }
 }
 
-fn last_line(file: &Path) -> Option<String> {
-    use std::io::{Read, Seek, SeekFrom};
-    let mut file = std::fs::File::open(file).ok()?;
-    let length = file.metadata().ok().filter(std::fs::Metadata::is_file)?.len();
-    file.seek(SeekFrom::Start(length.saturating_sub(MOST_TAIL_BYTES))).ok()?;
+/// Opens a regular file to be read and appended to, made if it is not there: a pipe or a device is refused at once.
+fn open(path: &Path) -> io::Result<File> {
+    let check = |about: Metadata| {
+        let refused = || io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file; move it away");
+        if about.is_file() { Ok(()) } else { Err(refused()) }
+    };
+    // Opening a device may act on it.
+    if let Ok(about) = std::fs::metadata(path) {
+        check(about)?;
+    }
+    let flags = OFlags::NONBLOCK.union(OFlags::NOCTTY).bits().cast_signed();
+    let file = OpenOptions::new().read(true).append(true).create(true).mode(0o640).custom_flags(flags).open(path)?;
+    check(file.metadata()?)?;
+    Ok(file)
+}
+
+/// State of a file's last line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Ending {
+    Finished,
+    Unfinished,
+}
+
+/// The last line of a file, without its end; `None` where there is none.
+fn last_line(file: &mut File) -> io::Result<(Option<Vec<u8>>, Ending)> {
+    let length = file.metadata()?.len();
+    file.seek(SeekFrom::Start(length.saturating_sub(MOST_TAIL_BYTES)))?;
     let mut tail = Vec::new();
-    file.take(MOST_TAIL_BYTES).read_to_end(&mut tail).ok()?;
-    let text = String::from_utf8_lossy(&tail).into_owned();
-    text.lines().next_back().map(str::to_owned)
+    file.take(MOST_TAIL_BYTES).read_to_end(&mut tail)?;
+    if tail.is_empty() {
+        return Ok((None, Ending::Finished));
+    }
+    let ending = if tail.ends_with(b"\n") { Ending::Finished } else { Ending::Unfinished };
+    let lines = tail.strip_suffix(b"\n").unwrap_or(&tail);
+    Ok((lines.rsplit(|byte| *byte == b'\n').next().map(<[u8]>::to_vec), ending))
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::mpsc::channel;
+
     use super::*;
 
-    #[test]
-    fn what_could_not_be_written_is_written_once_that_goes() {
-        let folder = std::env::temp_dir().join(format!("audit-owed-{}", std::process::id()));
+    /// Generous: how long a line may take on a machine that does other things as well.
+    const SOON: Duration = Duration::from_secs(60);
+
+    fn until(mut done: impl FnMut() -> bool) {
+        let end = Instant::now() + SOON;
+        while !done() {
+            assert!(Instant::now() < end, "not in time");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    fn waiting(audit: &Audit) -> usize {
+        locked(&audit.handle.shared.queue).waiting.len()
+    }
+
+    fn folder(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("audit-{name}-{}", std::process::id()));
         let _ = std::fs::remove_dir_all(&folder);
-        let file = folder.join("audit.jsonl");
-        let mut audit = Audit::open(file.clone());
-        assert!(audit.note("alice", "swap", "a", "ff", "").unwrap_err().contains("audit.jsonl"), "there is no folder");
-        assert!(audit.note("bob", "swap", "b", "ee", "").is_err());
-        assert_eq!(audit.owed(), 2);
         std::fs::create_dir(&folder).unwrap();
-        audit.catch_up().unwrap();
-        audit.note("carol", "rollback", "a", "ff", "").unwrap();
-        let text = std::fs::read_to_string(&file).unwrap();
-        let who: Vec<String> = text
-            .lines()
-            .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["who"].as_str().unwrap().to_owned())
-            .collect();
-        assert_eq!((who.as_slice(), audit.owed()), (["alice", "bob", "carol"].map(String::from).as_slice(), 0));
+        folder
+    }
+
+    /// All lines, each of which must name the one before it.
+    fn chained(file: &Path) -> Vec<String> {
+        let text = std::fs::read_to_string(file).unwrap();
+        let (mut before, mut who) = (String::new(), Vec::new());
+        for line in text.lines() {
+            if let Ok(object) = serde_json::from_str::<serde_json::Value>(line) {
+                assert_eq!(object["previous"], before.as_str(), "{text}");
+                who.push(object["who"].as_str().unwrap().to_owned());
+            }
+            before = policy::hash(line.as_bytes()).to_string();
+        }
+        who
+    }
+
+    #[test]
+    fn what_could_not_be_written_is_told_and_written_once_that_goes() {
+        let folder = folder("owed");
+        let file = folder.join("none/audit.jsonl");
+        let audit = Audit::start(file.clone()).unwrap();
+        audit.note("alice", "swap", "a", "ff", "");
+        audit.note("bob", "swap", "b", "ee", "");
+        until(|| audit.problem().is_some_and(|problem| problem.contains("audit.jsonl") && problem.contains("2 lines")));
+        std::fs::create_dir(folder.join("none")).unwrap();
+        until(|| waiting(&audit) == 0 && audit.problem().is_none());
+        audit.note("carol", "rollback", "a", "ff", "");
+        until(|| waiting(&audit) == 0);
+        assert_eq!(chained(&file), ["alice", "bob", "carol"]);
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// A pipe that nobody reads in place of the file, from the start.
+    #[test]
+    fn what_is_no_file_is_refused_at_once() {
+        let folder = folder("pipe");
+        let file = folder.join("audit.jsonl");
+        assert!(std::process::Command::new("mkfifo").arg(&file).status().unwrap().success());
+        let audit = Audit::start(file.clone()).unwrap();
+        audit.note("alice", "swap", "a", "ff", "");
+        until(|| audit.problem().is_some_and(|problem| problem.contains("not a regular file; move it away")));
+        std::fs::remove_file(&file).unwrap();
+        until(|| waiting(&audit) == 0);
+        assert_eq!(chained(&file), ["alice"]);
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
     #[test]
-    fn each_line_names_the_one_before_it_also_after_a_restart() {
-        let file = std::env::temp_dir().join(format!("audit-{}.jsonl", std::process::id()));
-        let _ = std::fs::remove_file(&file);
-        let mut audit = Audit::open(file.clone());
-        audit.note("alice (uid 1000, pid 1)", "swap", "a", "ff", "").unwrap();
-        audit.note("follow", "swap", "b", "ee", "").unwrap();
-        Audit::open(file.clone()).note("bob", "rollback", "a", "ff", "\"quoted\"\nand broken").unwrap();
-        let text = std::fs::read_to_string(&file).unwrap();
+    fn a_disk_that_does_not_answer_holds_nobody_and_is_told() {
+        let (answer, disk) = channel::<()>();
+        let audit = Audit::start_writing("audit.jsonl".into(), move |_| {
+            disk.recv().map_err(|_| io::Error::other("the disk is gone"))
+        })
+        .unwrap();
+        // Were one of these to wait for the disk, the test would not end.
+        (0..MOST_WAITING + 7).for_each(|k| audit.note("alice", "swap", &k.to_string(), "ff", ""));
+        until(|| audit.problem().is_some_and(|problem| problem.contains("does not answer")));
+        assert!(audit.problem().unwrap().contains("7 more are lost"), "{:?}", audit.problem());
+        (0..2).for_each(|_| answer.send(()).unwrap());
+        until(|| waiting(&audit) == MOST_WAITING - 2);
+        audit.note("bob", "swap", "b", "ee", "");
+        let tail: Vec<String> =
+            locked(&audit.handle.shared.queue).waiting.iter().rev().take(2).map(|note| note.detail.clone()).collect();
+        assert!(tail[1].starts_with("7 lines found no room"), "{tail:?}");
+    }
+
+    #[test]
+    fn each_line_names_the_one_before_it_also_after_a_restart_and_behind_an_unfinished_one() {
+        let folder = folder("chain");
+        let file = folder.join("audit.jsonl");
+        let note = |who: &str, detail: &str| {
+            let audit = Audit::start(file.clone()).unwrap();
+            audit.note(who, "swap", "a", "ff", detail);
+            until(|| waiting(&audit) == 0);
+        };
+        note("alice (uid 1000, pid 1)", "");
+        note("bob", "\"quoted\"\nand broken");
+        OpenOptions::new().append(true).open(&file).unwrap().write_all(b"{\"time\":\"2026-\xff").unwrap();
+        note("carol", "");
+        note("dave", "");
+        let text = String::from_utf8_lossy(&std::fs::read(&file).unwrap()).into_owned();
         let lines: Vec<&str> = text.lines().collect();
-        assert_eq!(lines.len(), 3, "{text}");
+        assert!(lines.len() == 5 && lines[2].starts_with("{\"time\":\"2026-"), "{text}");
+        let bytes = std::fs::read(&file).unwrap();
         let mut before = String::new();
-        for line in lines {
-            let object: serde_json::Value = serde_json::from_str(line).unwrap();
-            assert_eq!(object["previous"], before.as_str());
-            before = policy::hash(line.as_bytes()).to_string();
+        for (number, line) in bytes.split(|byte| *byte == b'\n').take(5).enumerate() {
+            if number != 2 {
+                let object: serde_json::Value = serde_json::from_slice(line).unwrap();
+                assert_eq!(object["previous"], before.as_str(), "{text}");
+            }
+            before = policy::hash(line).to_string();
         }
-        std::fs::remove_file(&file).unwrap();
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 }

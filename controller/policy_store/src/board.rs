@@ -1,12 +1,17 @@
-//! All policies that are known, and what the tick says flies.
+//! All policies that are known, by name, and where each stands.
+//!
+//! What the checks before the rig found belongs to a name. Where a policy stands on the rig belongs to its content, and is the
+//! tick's to say ([`crate::flying`]): all names of the same content stand there alike.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::Arc;
 
 use admission::{Admitted, Refusal, Stage, Standing, Tally};
-use handover::{Loss, PolicyEvent, PolicyTag, Snapshot, StageNow};
+use handover::{Loss, PolicyEvent, PolicyTag, Snapshot, StageNow, Succession, Told};
 
+use crate::desk::FALLBACK;
 use crate::entry::{Entry, EntryState, provenance};
+use crate::flying::{Asked, Flying};
 
 /// Policies whose bytes are kept for a swap; of more the oldest must be read again.
 const MOST_KEPT: usize = 64;
@@ -14,7 +19,7 @@ const MOST_KEPT: usize = 64;
 /// The board.
 #[derive(Default)]
 pub struct Board {
-    /// By name.
+    /// By name; their states are `checking`, `passed`, `refused` and `gone`.
     entries: BTreeMap<String, Entry>,
     /// Bytes of what has passed, by tag, in the order of passing.
     bytes: Vec<(PolicyTag, Arc<[u8]>)>,
@@ -22,18 +27,13 @@ pub struct Board {
     tallies: HashMap<PolicyTag, Vec<Tally>>,
     /// What has been active in this run.
     proven: HashSet<PolicyTag>,
-    snapshot: Snapshot,
-    /// Events heard from the tick.
-    heard: u32,
-    /// What is active by the tick's own word, and what was before it.
-    active: PolicyTag,
-    previous: Option<PolicyTag>,
+    flying: Flying,
+    /// Name by which a policy was asked for last: of several files with the same content.
+    called: HashMap<PolicyTag, String>,
     /// The policy that the fallback controls in place of, because it tracks worse on the model in force.
     set_aside: Option<PolicyTag>,
     /// What is wrong with directory or files.
     pub problem: Option<String>,
-    /// What is wrong with the audit file.
-    pub audit_problem: Option<String>,
 }
 
 /// What became of a policy, for audit and files.
@@ -50,19 +50,61 @@ pub struct Change {
 }
 
 impl Board {
-    /// All entries, by name.
-    pub fn entries(&self) -> impl Iterator<Item = &Entry> {
-        self.entries.values()
+    /// All policies by name, each with where it stands; the fallback where it has a part on the rig.
+    pub fn list(&self) -> Vec<Entry> {
+        let fallback = self.flying.state_of(PolicyTag::FALLBACK).map(|state| Entry {
+            state,
+            authority_percent: self.flying.authority_percent(PolicyTag::FALLBACK),
+            ..Entry::checking(FALLBACK)
+        });
+        let mut all: Vec<Entry> = self.entries.values().map(|entry| self.placed(entry)).chain(fallback).collect();
+        all.sort_by(|a, b| a.name.cmp(&b.name));
+        all
     }
 
-    /// The entry of a name.
-    pub fn entry(&self, name: &str) -> Option<&Entry> {
-        self.entries.get(name)
+    /// All names.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.entries.keys().map(String::as_str)
+    }
+
+    /// The entry of a name, with where it stands.
+    pub fn entry(&self, name: &str) -> Option<Entry> {
+        self.entries.get(name).map(|entry| self.placed(entry))
+    }
+
+    /// An entry with where it stands on the rig, where it has a part there.
+    fn placed(&self, entry: &Entry) -> Entry {
+        let may_fly = matches!(entry.state, EntryState::Passed | EntryState::Gone);
+        let tag = entry.tag().filter(|_| may_fly);
+        let Some((tag, state)) = tag.and_then(|tag| Some((tag, self.flying.state_of(tag)?))) else {
+            return entry.clone();
+        };
+        Entry { state, authority_percent: self.flying.authority_percent(tag), ..entry.clone() }
     }
 
     /// What flies, as of the newest tick.
     pub fn snapshot(&self) -> Snapshot {
-        self.snapshot
+        self.flying.snapshot()
+    }
+
+    /// State of a policy on the rig; nothing where it has no part there.
+    pub fn state_of(&self, tag: PolicyTag) -> Option<EntryState> {
+        self.flying.state_of(tag)
+    }
+
+    /// The succession as it will be once the orders that wait are carried out.
+    pub fn expected(&self) -> Succession {
+        self.flying.expected()
+    }
+
+    /// An order was given to the tick.
+    pub fn given(&mut self, number: u32, asked: Asked) {
+        self.flying.given(number, asked);
+    }
+
+    /// Answer to an order, once a tick has carried it out.
+    pub fn answer(&self, number: u32) -> Option<PolicyEvent> {
+        self.flying.answer(number)
     }
 
     /// The bytes of a policy that has passed.
@@ -70,69 +112,99 @@ impl Board {
         self.bytes.iter().find(|(of, _)| *of == tag).map(|(_, bytes)| Arc::clone(bytes))
     }
 
-    /// Whether a policy has been active since the daemon started.
+    /// Tells whether a policy has been active since the daemon started.
     pub fn is_proven(&self, tag: PolicyTag) -> bool {
         tag == PolicyTag::FALLBACK || self.proven.contains(&tag)
     }
 
-    /// Tag of what flies now, its flights of the trial around the model in force where these are known, and its bytes to fly it by; neither
+    /// Tag of the incumbent, its flights of the trial around the model in force where these are known, and its bytes to fly it by; neither
     /// for the fallback.
     pub fn incumbent_flights(&self) -> (PolicyTag, Option<Vec<Tally>>, Option<Arc<[u8]>>) {
-        let tag = self.snapshot.incumbent;
+        let tag = self.snapshot().incumbent;
         (tag, self.tallies.get(&tag).cloned(), self.bytes(tag))
     }
 
-    /// The name of what flies, `fallback` where none does.
-    pub fn active_name(&self) -> String {
-        self.name_of(self.snapshot.incumbent)
+    /// Name and SHA-256 of what has all of the command; `fallback` and nothing where no policy has.
+    pub fn in_command(&self) -> (String, String) {
+        let tag = self.snapshot().in_command();
+        (self.name_of(tag), self.sha256_of(tag))
     }
 
-    /// The name of a tag.
+    /// The name of a tag: the one by which it was asked for, where that still stands for it.
     pub fn name_of(&self, tag: PolicyTag) -> String {
         if tag == PolicyTag::FALLBACK {
-            return "fallback".to_owned();
+            return FALLBACK.to_owned();
         }
-        let named = self.entries.values().filter(|entry| entry.tag() == Some(tag));
-        // A file that was copied has two names; one that is not gone is the better one.
-        let named = named.min_by_key(|entry| entry.state == EntryState::Gone);
+        let called = self.called.get(&tag).and_then(|name| self.entries.get(name));
+        let named = called.filter(|entry| entry.tag() == Some(tag)).or_else(|| {
+            // One that is not gone is the better one.
+            self.of(tag).min_by_key(|entry| entry.state == EntryState::Gone)
+        });
         named.map_or_else(|| format!("{:016x}", tag.0), |entry| entry.name.clone())
     }
 
-    /// The name of what was active before what is.
-    pub fn previous_name(&self) -> Option<String> {
-        self.previous.map(|tag| self.name_of(tag))
+    /// A policy is asked for by a name.
+    pub fn call(&mut self, tag: PolicyTag, name: &str) {
+        if tag != PolicyTag::FALLBACK {
+            self.called.insert(tag, name.to_owned());
+        }
+    }
+
+    fn of(&self, tag: PolicyTag) -> impl Iterator<Item = &Entry> {
+        self.entries.values().filter(move |entry| entry.tag() == Some(tag))
+    }
+
+    fn sha256_of(&self, tag: PolicyTag) -> String {
+        self.of(tag).next().map(|entry| entry.sha256.clone()).unwrap_or_default()
     }
 
     /// The policy that flies from the start.
     pub fn begin(&mut self, mut entry: Entry, bytes: Option<Arc<[u8]>>) {
-        entry.state = EntryState::Active;
+        entry.state = EntryState::Passed;
         if let Some(tag) = entry.tag() {
             self.proven.insert(tag);
-            self.snapshot.incumbent = tag;
-            self.active = tag;
+            self.flying.begin(tag);
             self.keep(tag, bytes);
+            self.call(tag, &entry.name);
         }
         self.entries.insert(entry.name.clone(), entry);
     }
 
-    /// A file has appeared or changed. What flies under its name goes on flying under a name with its hash.
+    /// A file has appeared or changed. What the rig needs under its name is kept under a name with its hash.
     pub fn checking(&mut self, name: &str) {
         let before = self.entries.insert(name.to_owned(), Entry::checking(name));
-        let Some(mut before) = before else { return };
-        if !matches!(before.state, EntryState::Checking | EntryState::Refused | EntryState::Passed | EntryState::Gone) {
-            before.name = format!("{name}@{:.8}", before.sha256);
-            self.entries.insert(before.name.clone(), before);
+        if let Some(before) = before.filter(|before| self.is_only_one_of_what_flies(before)) {
+            let kept = format!("{name}@{:.8}", before.sha256);
+            self.entries.insert(kept.clone(), Entry { name: kept, state: EntryState::Gone, ..before });
         }
     }
 
-    /// A file is gone; what flies goes on flying.
+    /// A file is gone; what the rig needs is still known by its name.
     pub fn gone(&mut self, name: &str) {
-        let Some(entry) = self.entries.get_mut(name) else { return };
-        match entry.state {
-            EntryState::Checking | EntryState::Refused | EntryState::Passed | EntryState::Gone => {
-                self.entries.remove(name);
-            }
-            _ => {}
+        if let Some(mut entry) = self.entries.remove(name)
+            && self.is_only_one_of_what_flies(&entry)
+        {
+            entry.state = EntryState::Gone;
+            self.entries.insert(entry.name.clone(), entry);
+        }
+    }
+
+    /// Tells whether the rig has or will have what an entry stands for that was taken off the board, and no other stands for it.
+    fn is_only_one_of_what_flies(&self, entry: &Entry) -> bool {
+        let may_fly = matches!(entry.state, EntryState::Passed | EntryState::Gone);
+        may_fly && entry.tag().is_some_and(|tag| self.flying.needs(tag) && self.of(tag).next().is_none())
+    }
+
+    /// SHA-256 of the content that a name stood for when it passed.
+    pub fn passed_content(&self, name: &str) -> Option<&str> {
+        let entry = self.entries.get(name)?;
+        matches!(entry.state, EntryState::Passed | EntryState::Gone).then_some(entry.sha256.as_str())
+    }
+
+    /// The file of a name holds what it held when it passed.
+    pub fn is_there(&mut self, name: &str) {
+        if let Some(entry) = self.entries.get_mut(name).filter(|entry| entry.state == EntryState::Gone) {
+            entry.state = EntryState::Passed;
         }
     }
 
@@ -140,14 +212,13 @@ impl Board {
     pub fn passed(&mut self, name: &str, admitted: Admitted, bytes: Arc<[u8]>) -> Change {
         let sha256 = admitted.policy.hash().to_string();
         let tag = PolicyTag::of(&admitted.policy);
-        let state = if self.snapshot.incumbent == tag { EntryState::Active } else { EntryState::Passed };
         let entry = Entry {
-            state,
+            state: EntryState::Passed,
             sha256: sha256.clone(),
             figures: Some(admitted.figures),
             inference_us: Some(admitted.inference_us),
             provenance: provenance(&admitted.policy),
-            behind: self.entries.values().find(|entry| entry.tag() == Some(tag)).and_then(|entry| entry.behind),
+            behind: self.of(tag).next().and_then(|entry| entry.behind),
             ..Entry::checking(name)
         };
         self.entries.insert(name.to_owned(), entry);
@@ -180,7 +251,7 @@ impl Board {
 
     /// What is to be held against the fallback: what flies, or what was set aside for it.
     pub fn to_be_held(&self) -> Option<(PolicyTag, Arc<[u8]>)> {
-        let flies = Some(self.snapshot.incumbent).filter(|tag| *tag != PolicyTag::FALLBACK);
+        let flies = Some(self.snapshot().incumbent).filter(|tag| *tag != PolicyTag::FALLBACK);
         let tag = self.set_aside.or(flies)?;
         Some((tag, self.bytes(tag)?))
     }
@@ -188,11 +259,11 @@ impl Board {
     /// Why the fallback controls in place of a policy, one line.
     pub fn why_fallback(&self) -> Option<String> {
         let tag = self.set_aside?;
-        let standing = self.entries.values().find(|entry| entry.tag() == Some(tag))?.behind?;
+        let standing = self.of(tag).next()?.behind?;
         Some(format!("{} is behind the fallback on this model: {standing}", self.name_of(tag)))
     }
 
-    /// Whether a policy was set aside for the fallback.
+    /// Tells whether a policy was set aside for the fallback.
     pub fn is_set_aside(&self, tag: PolicyTag) -> bool {
         self.set_aside == Some(tag)
     }
@@ -201,7 +272,6 @@ impl Board {
     pub fn refused(&mut self, name: &str, refusal: Refusal) -> Change {
         let entry = self.entries.entry(name.to_owned()).or_insert_with(|| Entry::checking(name));
         entry.state = EntryState::Refused;
-        entry.authority_percent = None;
         if let Some(sha256) = &refusal.sha256 {
             entry.sha256.clone_from(sha256);
         }
@@ -210,91 +280,51 @@ impl Board {
         Change { name: name.to_owned(), sha256: entry.sha256.clone(), what: "refused", refusal: Some(refusal) }
     }
 
-    /// What the tick shows; what it showed before an event that is known already says nothing any more.
+    /// Takes in a snapshot of the tick.
     pub fn show(&mut self, snapshot: Snapshot) {
-        if (snapshot.told.wrapping_sub(self.heard) as i32) < 0 {
-            return;
-        }
-        self.snapshot = snapshot;
-        if let Some(candidate) = snapshot.candidate {
-            let percent = 100.0 * snapshot.authority;
-            let state = EntryState::of_stage(StageNow::of_code(snapshot.stage));
-            // A snapshot may be older than the event that ended the way.
-            let entries = self.entries.values_mut().filter(|e| e.tag() == Some(candidate));
-            for entry in entries.filter(|e| e.state.is_on_its_way()) {
-                entry.state = state;
-                entry.authority_percent = Some(percent);
-            }
-        }
+        self.flying.show(snapshot);
     }
 
     /// What happened in the tick.
-    pub fn happened(&mut self, event: PolicyEvent) -> Option<Change> {
-        self.heard = self.heard.wrapping_add(1);
-        // Until the tick shows what came of it, so that what is asked for now is judged by what is.
-        match event {
-            PolicyEvent::Taken(tag) => self.snapshot.candidate = Some(tag),
-            PolicyEvent::Active(tag) => (self.snapshot.incumbent, self.snapshot.candidate) = (tag, None),
-            PolicyEvent::Lost(..) => self.snapshot.candidate = None,
-            PolicyEvent::Refused(_) => self.snapshot.incumbent = PolicyTag::FALLBACK,
-            PolicyEvent::Passed(..) | PolicyEvent::NothingBefore => {}
-        }
-        match event {
-            PolicyEvent::Taken(tag) => self.changed(tag, EntryState::Shadow, "in shadow"),
-            PolicyEvent::Passed(tag, stage) => {
-                let stage = StageNow::of_code(stage);
-                let what = match stage {
-                    StageNow::Shadow => "in shadow",
-                    StageNow::Ramp(_) => "next level of the ramp",
-                    StageNow::Recheck => "in recheck",
-                    StageNow::Retrial => "in retrial: it erred more, and both are measured again",
-                    StageNow::Probation => "in probation",
-                };
-                self.changed(tag, EntryState::of_stage(stage), what)
-            }
+    pub fn happened(&mut self, told: &Told) -> Vec<Change> {
+        self.flying.happened(told);
+        match told.event {
+            PolicyEvent::Taken(tag) => self.changed(tag, what(StageNow::of_code(told.snapshot.stage))),
+            PolicyEvent::Passed(tag, stage) => self.changed(tag, what(StageNow::of_code(stage))),
             PolicyEvent::Active(tag) => {
-                for entry in self.entries.values_mut() {
-                    entry.state = match entry.state {
-                        EntryState::Active => EntryState::Previous,
-                        EntryState::Previous => EntryState::Passed,
-                        other => other,
-                    };
-                }
-                self.previous = Some(std::mem::replace(&mut self.active, tag));
                 self.proven.insert(tag);
-                self.changed(tag, EntryState::Active, "active")
+                self.changed(tag, "active")
             }
-            PolicyEvent::Lost(tag, _, Loss::Withdrawn) => {
-                let state = if self.is_proven(tag) { EntryState::Previous } else { EntryState::Passed };
-                self.changed(tag, state, "withdrawn")
-            }
+            PolicyEvent::Lost(tag, _, Loss::Withdrawn) => self.changed(tag, "withdrawn"),
             PolicyEvent::Lost(tag, stage, loss) => {
                 let stage = EntryState::of_stage(StageNow::of_code(stage)).stage();
                 self.lost(tag, stage, loss.reason())
             }
             PolicyEvent::Refused(tag) => {
-                self.active = PolicyTag::FALLBACK;
                 let reason = "answered something that is not finite; the fallback took over in that tick";
                 self.lost(tag, Stage::Probation, reason)
             }
-            PolicyEvent::NothingBefore => None,
+            PolicyEvent::NothingBefore => Vec::new(),
         }
     }
 
-    fn changed(&mut self, tag: PolicyTag, state: EntryState, what: &'static str) -> Option<Change> {
-        let entry = self.entries.values_mut().find(|entry| entry.tag() == Some(tag))?;
-        entry.state = state;
-        if matches!(state, EntryState::Active | EntryState::Passed | EntryState::Previous) {
-            entry.authority_percent = None;
-        }
-        Some(Change { name: entry.name.clone(), sha256: entry.sha256.clone(), what, refusal: None })
+    fn changed(&self, tag: PolicyTag, what: &'static str) -> Vec<Change> {
+        vec![Change { name: self.name_of(tag), sha256: self.sha256_of(tag), what, refusal: None }]
     }
 
-    fn lost(&mut self, tag: PolicyTag, stage: Stage, reason: &str) -> Option<Change> {
+    /// A policy must not fly any more, whatever it is called; the fallback may.
+    fn lost(&mut self, tag: PolicyTag, stage: Stage, reason: &str) -> Vec<Change> {
+        if tag == PolicyTag::FALLBACK {
+            return self.changed(tag, "lost its authority");
+        }
         self.proven.remove(&tag);
-        let entry = self.entries.values().find(|entry| entry.tag() == Some(tag))?;
-        let (name, sha256, figures) = (entry.name.clone(), entry.sha256.clone(), entry.figures);
-        Some(self.refused(&name, Refusal { stage, reason: reason.to_owned(), sha256: Some(sha256), figures }))
+        let may_fly = |entry: &&Entry| matches!(entry.state, EntryState::Passed | EntryState::Gone);
+        let known: Vec<Entry> = self.of(tag).filter(may_fly).cloned().collect();
+        let refuse = |entry: Entry| {
+            let Entry { name, sha256, figures, .. } = entry;
+            self.refused(&name, Refusal { stage, reason: reason.to_owned(), sha256: Some(sha256), figures })
+        };
+        known.into_iter().map(refuse).collect()
     }
 
     fn keep(&mut self, tag: PolicyTag, bytes: Option<Arc<[u8]>>) {
@@ -307,26 +337,16 @@ impl Board {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A tick shows what flies, and only then tells that something else does from now on; whoever asks in between is told the newer.
-    #[test]
-    fn what_was_shown_before_an_event_does_not_undo_it() {
-        let policy = PolicyTag(7);
-        let mut board = Board::default();
-        let shown = Snapshot { candidate: Some(policy), told: 1, ..Snapshot::default() };
-        board.happened(PolicyEvent::Taken(policy));
-        board.show(shown);
-        board.happened(PolicyEvent::Active(policy));
-        assert_eq!((board.snapshot().incumbent, board.snapshot().candidate), (policy, None));
-        board.show(shown);
-        assert_eq!((board.snapshot().incumbent, board.snapshot().candidate), (policy, None));
-        board.show(Snapshot { incumbent: policy, told: 2, stage_ticks: 9, ..Snapshot::default() });
-        assert_eq!((board.snapshot().incumbent, board.snapshot().stage_ticks), (policy, 9));
-        // Of events that found no room the tick has told more than was heard.
-        board.show(Snapshot { incumbent: PolicyTag::FALLBACK, told: 40, ..Snapshot::default() });
-        assert_eq!(board.snapshot().incumbent, PolicyTag::FALLBACK);
+/// Words for a candidate's way into a stage.
+fn what(stage: StageNow) -> &'static str {
+    match stage {
+        StageNow::Shadow => "in shadow",
+        StageNow::Ramp(_) => "next level of the ramp",
+        StageNow::Recheck => "in recheck",
+        StageNow::Retrial => "in retrial: it erred more, and both are measured again",
+        StageNow::Probation => "in probation",
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,48 +1,96 @@
-//! What operators ask of policies: list, swap, rollback. Called from the socket's threads.
+//! What operators ask of policies: list, swap, rollback.
+//!
+//! Nothing here touches a file, or takes a lock that is held while a file is waited for. [`PolicyDesk::swap`] and
+//! [`PolicyDesk::rollback`] wait for the tick's answer, for a bounded time: not for the thread that serves other operators.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::mpsc::Sender;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
-use handover::{Candidate, Haste, Permit, PolicyTag, Snapshot};
+use handover::{Candidate, Haste, Loss, Permit, PolicyEvent, PolicyTag, Snapshot, StoreEnd, WayBack};
 use model::rig::Rig;
 use policy::{Policy, PolicySignature};
 
-use crate::audit::Audit;
 use crate::board::Board;
+use crate::chronicle::Chronicle;
 use crate::entry::{Entry, EntryState};
-use crate::orders::Orders;
+use crate::following::{Follower, Reason};
+use crate::locked;
+use crate::orders::{KeepOrder, Order, Orders};
 
 /// The name that stands for no policy at all.
 pub const FALLBACK: &str = "fallback";
+
+/// Time in which a tick carries an order out where the rig is under control: twenty ticks.
+const ANSWER_TIME: Duration = Duration::from_millis(400);
+/// Between two looks whether it has.
+const LOOK: Duration = Duration::from_millis(2);
 
 /// A handle to the policies of a running daemon; cheap to clone.
 #[derive(Clone)]
 pub struct PolicyDesk {
     pub(crate) board: Arc<Mutex<Board>>,
-    pub(crate) audit: Arc<Mutex<Audit>>,
-    pub(crate) orders: Orders,
-    pub(crate) signatures: Arc<[PolicySignature]>,
+    follower: Arc<Mutex<Follower>>,
+    pub(crate) chronicle: Chronicle,
+    orders: Orders,
+    signatures: Arc<[PolicySignature]>,
     /// A model that was put in force and that nothing was tried on yet.
     pub(crate) new_model: Arc<Mutex<Option<Rig>>>,
 }
 
-/// A lock that a panic elsewhere does not take away.
-pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+/// Way of a policy that is to control.
+enum Way {
+    /// It is sent to the tick; nothing but the name for the fallback.
+    Send { haste: Haste, file: Option<(String, Arc<[u8]>)> },
+    /// It has all of the command, or is about to: there is nothing to do.
+    Already,
+}
+
+/// Outcome of sending a policy on.
+pub(crate) enum Sent {
+    /// The tick was given this order.
+    Order { number: u32, haste: Haste },
+    /// Nothing: it has all of the command, or is about to.
+    Already,
 }
 
 impl PolicyDesk {
-    /// All policies, by name, and what flies as of the newest tick.
-    pub fn list(&self) -> (Vec<Entry>, Snapshot) {
-        let board = locked(&self.board);
-        (board.entries().cloned().collect(), board.snapshot())
+    pub(crate) fn new(
+        board: Board,
+        end: StoreEnd,
+        chronicle: Chronicle,
+        reasons: Sender<Reason>,
+        keep: KeepOrder,
+        signatures: Arc<[PolicySignature]>,
+    ) -> Self {
+        let board = Arc::new(Mutex::new(board));
+        let follower = Follower::new(Arc::clone(&board), end.clone(), chronicle.clone(), reasons);
+        PolicyDesk {
+            board,
+            follower: Arc::new(Mutex::new(follower)),
+            chronicle,
+            orders: Orders::new(end, keep),
+            signatures,
+            new_model: Arc::default(),
+        }
     }
 
-    /// Name and SHA-256 of what flies; `fallback` and nothing where no policy does.
-    pub fn active(&self) -> (String, String) {
+    /// Takes in what the tick has said since.
+    pub(crate) fn follow(&self) {
+        locked(&self.follower).follow();
+    }
+
+    /// All policies, by name, and what flies as of the newest tick.
+    pub fn list(&self) -> (Vec<Entry>, Snapshot) {
+        self.follow();
         let board = locked(&self.board);
-        let tag = board.snapshot().incumbent;
-        let sha256 = board.entries().find(|entry| entry.tag() == Some(tag)).map(|entry| entry.sha256.clone());
-        (board.active_name(), sha256.unwrap_or_default())
+        (board.list(), board.snapshot())
+    }
+
+    /// Name and SHA-256 of what has all of the command; `fallback` and nothing where no policy has.
+    pub fn active(&self) -> (String, String) {
+        self.follow();
+        locked(&self.board).in_command()
     }
 
     /// Why the fallback controls in place of a policy, one line.
@@ -55,21 +103,43 @@ impl PolicyDesk {
         *locked(&self.new_model) = Some(model);
     }
 
-    /// What is wrong with the directory, if anything.
+    /// What is wrong with the directory or the audit file, if anything.
     pub fn problem(&self) -> Option<String> {
-        let board = locked(&self.board);
-        board.problem.clone().or_else(|| board.audit_problem.clone())
+        let problem = locked(&self.board).problem.clone();
+        let problems: Vec<String> = problem.into_iter().chain(self.chronicle.audit().problem()).collect();
+        (!problems.is_empty()).then(|| problems.join("; "))
     }
 
-    /// Sends a policy that has passed its stages on to the rig, or back to it, while the permit counts; `who` asked.
+    /// Sends a policy that has passed its stages on to the rig, or back to it, while the permit counts; `who` asked. What comes
+    /// of it in the tick is waited for, for a bounded time.
     ///
     /// # Errors
     /// Why not, one line.
     pub fn swap(&self, name: &str, who: &str, permit: &Permit) -> Result<String, String> {
-        let text = self.send(name, who, permit)?;
+        let sent = self.send(name, who, permit)?;
         // Whoever names what is to control has decided, whatever the trial on the model says.
         locked(&self.board).set_aside(None);
-        Ok(text)
+        let Sent::Order { number, haste } = sent else {
+            return Ok(format!("{name} takes over already, and is on probation for 10 s"));
+        };
+        Ok(match (self.answer(number), haste) {
+            (Some(PolicyEvent::Lost(other, _, Loss::Withdrawn)), _) => {
+                format!("{} is withdrawn; {name} controls on", locked(&self.board).name_of(other))
+            }
+            (Some(PolicyEvent::Active(_)), _) => format!("{name} controls on"),
+            (Some(_), Haste::Straight) => {
+                format!("{name} takes over within half a second, and is on probation for 10 s")
+            }
+            (Some(_), Haste::Proving) => {
+                format!("{name} is in shadow; it comes to full authority step by step (`controller policies`)")
+            }
+            (None, Haste::Straight) => {
+                format!("{name} takes over once the rig is under control, and is on probation for 10 s then")
+            }
+            (None, Haste::Proving) => format!(
+                "{name} begins in shadow once the rig is under control, and comes to full authority step by step (`controller policies`)"
+            ),
+        })
     }
 
     /// Answers that no policy has a name, with those that there are; `None` where one has it.
@@ -78,95 +148,137 @@ impl PolicyDesk {
         (name != FALLBACK && board.entry(name).is_none()).then(|| no_such(&board, name))
     }
 
-    /// Sends a policy or the fallback on to the rig.
-    pub(crate) fn send(&self, name: &str, who: &str, permit: &Permit) -> Result<String, String> {
-        let (sha256, haste, bytes) = self.ready(name)?;
-        let candidate = match &bytes {
+    /// Sends a policy or the fallback on to the rig; waits for no tick.
+    pub(crate) fn send(&self, name: &str, who: &str, permit: &Permit) -> Result<Sent, String> {
+        self.follow();
+        let ready = ready(&locked(&self.board), name)?;
+        let Way::Send { haste, file } = ready else { return Ok(Sent::Already) };
+        let candidate = match &file {
             None => Candidate::fallback(),
-            Some(bytes) => {
+            Some((_, bytes)) => {
                 // Read again rather than kept: the tick owns the one that flies.
                 let policy = Policy::from_bytes(name.to_owned(), bytes, &self.signatures);
                 Candidate::new(policy.map_err(|fault| format!("{name}: {fault}"))?)
             }
         };
-        permit.redeem().map_err(|late| format!("{name}: {late}"))?;
-        self.orders.send(candidate, haste, bytes.map(|bytes| (sha256.clone(), bytes)))?;
-        self.note(who, "swap", name, &sha256);
-        Ok(match haste {
-            Haste::Straight => format!("{name} takes over within half a second, and is on probation for 10 s"),
-            Haste::Proving => {
-                format!(
-                    "{name} is in shadow; once armed it comes to full authority step by step (`controller policies`)"
-                )
+        let (tag, sha256) = (candidate.tag, file.as_ref().map(|(sha256, _)| sha256.clone()).unwrap_or_default());
+        let number = self.orders.give(&self.board, |board| {
+            // Others may have asked for something while it was read.
+            match ready_again(board, name, tag)? {
+                Way::Already => Err(format!("{name} is on its way already")),
+                Way::Send { .. } => {
+                    permit.redeem().map_err(|late| format!("{name}: {late}"))?;
+                    board.call(tag, name);
+                    Ok(Order::to_try(candidate, haste, file))
+                }
             }
-        })
+        })?;
+        self.chronicle.audit().note(who, "swap", name, &sha256, "");
+        Ok(Sent::Order { number, haste })
     }
 
-    /// Goes back: from a candidate to what flies, or from what flies to what flew before; `who` asked.
+    /// Goes back, while the permit counts: from a candidate to what flies, or from what flies to what flew before; `who` asked. What
+    /// comes of it in the tick is waited for, for a bounded time, and is the answer.
     ///
     /// # Errors
     /// Why not, one line.
-    pub fn rollback(&self, who: &str) -> Result<String, String> {
-        let (candidate, previous) = {
-            let board = locked(&self.board);
-            (board.snapshot().candidate.map(|tag| board.name_of(tag)), board.previous_name())
+    pub fn rollback(&self, who: &str, permit: &Permit) -> Result<String, String> {
+        self.follow();
+        let mut way_back = WayBack::Nowhere;
+        let number = self.orders.give(&self.board, |board| {
+            way_back = board.expected().way_back();
+            if way_back == WayBack::Nowhere {
+                return Err(NOWHERE.to_owned());
+            }
+            permit.redeem().map_err(|late| late.to_string())?;
+            Ok(Order::to_go_back())
+        })?;
+        let answer = self.answer(number);
+        let name_of = |tag: PolicyTag| locked(&self.board).name_of(tag);
+        let (name, text, detail) = match (answer, way_back) {
+            (Some(PolicyEvent::Taken(tag)), _) => (name_of(tag), format!("back to {}", name_of(tag)), ""),
+            (Some(PolicyEvent::Lost(tag, ..)), _) => (name_of(tag), format!("{} is withdrawn", name_of(tag)), ""),
+            // The tick found nothing: what was on its way has come to its end meanwhile.
+            (Some(_), _) | (None, WayBack::Nowhere) => return Err(NOWHERE.to_owned()),
+            (None, WayBack::Returns(tag)) => {
+                (name_of(tag), format!("back to {} once the rig is under control", name_of(tag)), WAITS)
+            }
+            (None, WayBack::Withdraws(tag)) => {
+                (name_of(tag), format!("{} is withdrawn once the rig is under control", name_of(tag)), WAITS)
+            }
         };
-        let (name, text) = match (candidate, previous) {
-            (Some(name), _) => (name.clone(), format!("{name} is withdrawn")),
-            (None, Some(name)) => (name.clone(), format!("back to {name}")),
-            (None, None) => return Err("nothing flew before; swap to a policy or to fallback by name".to_owned()),
-        };
-        self.orders.roll_back()?;
         locked(&self.board).set_aside(None);
-        self.note(who, "rollback", &name, "");
+        self.chronicle.audit().note(who, "rollback", &name, "", detail);
         Ok(text)
     }
 
-    /// Whether a name may go to the tick, and what is needed for it.
-    fn ready(&self, name: &str) -> Result<(String, Haste, Option<Arc<[u8]>>), String> {
-        let board = locked(&self.board);
-        if name == FALLBACK {
-            return if board.snapshot().incumbent == PolicyTag::FALLBACK {
-                Err("the fallback controls already".to_owned())
-            } else {
-                Ok((String::new(), Haste::Straight, None))
-            };
-        }
-        let Some(entry) = board.entry(name) else {
-            return Err(no_such(&board, name));
-        };
-        let known = entry.tag().and_then(|tag| Some((tag, board.bytes(tag)?)));
-        match (entry.state, known) {
-            (EntryState::Active, _) => Err(format!("{name} controls already")),
-            (
-                EntryState::Shadow
-                | EntryState::Ramp
-                | EntryState::Recheck
-                | EntryState::Retrial
-                | EntryState::Probation,
-                _,
-            ) => Err(format!("{name} is on its way already ({})", entry.state.name())),
-            (EntryState::Checking, _) => Err(format!("{name} is still being checked; ask again in some seconds")),
-            (EntryState::Refused, _) => Err(match &entry.refusal {
-                Some(refusal) => format!("{name} was refused, {refusal}"),
-                None => format!("{name} was refused"),
-            }),
-            (EntryState::Passed | EntryState::Previous | EntryState::Gone, Some((tag, bytes))) => {
-                let haste = if board.is_proven(tag) { Haste::Straight } else { Haste::Proving };
-                Ok((entry.sha256.clone(), haste, Some(bytes)))
+    /// Waits for the tick's answer to an order; `None` where no tick has carried it out in time, as while the rig is not under control.
+    fn answer(&self, number: u32) -> Option<PolicyEvent> {
+        let until = Instant::now() + ANSWER_TIME;
+        loop {
+            let is_last = Instant::now() >= until;
+            self.follow();
+            let answer = locked(&self.board).answer(number);
+            if answer.is_some() || is_last {
+                return answer;
             }
-            (_, None) => Err(format!("{name} is no longer held; publish it again")),
+            std::thread::sleep(LOOK);
         }
     }
+}
 
-    fn note(&self, who: &str, what: &str, name: &str, sha256: &str) {
-        let noted = locked(&self.audit).note(who, what, name, sha256, "");
-        locked(&self.board).audit_problem = noted.err();
+/// Answered where there is nothing to go back to.
+const NOWHERE: &str = "nothing flew before; swap to a policy or to fallback by name";
+/// Noted of an order that no tick has carried out yet.
+const WAITS: &str = "waits until the rig is under control";
+
+/// Finds the way to the tick of a name, or why it has none.
+fn ready(board: &Board, name: &str) -> Result<Way, String> {
+    if name == FALLBACK {
+        return free(board, name, PolicyTag::FALLBACK, || Ok(Way::Send { haste: Haste::Straight, file: None }));
+    }
+    let Some(entry) = board.entry(name) else {
+        return Err(no_such(board, name));
+    };
+    match (entry.state, entry.tag()) {
+        (EntryState::Checking, _) => Err(format!("{name} is still being checked; ask again in some seconds")),
+        (EntryState::Refused, _) => Err(match &entry.refusal {
+            Some(refusal) => format!("{name} was refused, {refusal}"),
+            None => format!("{name} was refused"),
+        }),
+        (_, Some(tag)) => free(board, name, tag, || {
+            let Some(bytes) = board.bytes(tag) else {
+                return Err(format!("{name} is no longer held; publish it again"));
+            };
+            let haste = if board.is_proven(tag) { Haste::Straight } else { Haste::Proving };
+            Ok(Way::Send { haste, file: Some((entry.sha256.clone(), bytes)) })
+        }),
+        (_, None) => Err(format!("{name} is no longer held; publish it again")),
+    }
+}
+
+/// Finds it again ([`ready`]) after the file of `tag` was read.
+fn ready_again(board: &Board, name: &str, tag: PolicyTag) -> Result<Way, String> {
+    let now = if name == FALLBACK { Some(PolicyTag::FALLBACK) } else { board.entry(name).and_then(|e| e.tag()) };
+    if now == Some(tag) { ready(board, name) } else { Err(format!("{name} holds something else now; ask again")) }
+}
+
+/// Refuses what controls alone or is on its way already; what controls may be asked for while another one is on its way.
+fn free(board: &Board, name: &str, tag: PolicyTag, send: impl FnOnce() -> Result<Way, String>) -> Result<Way, String> {
+    let expected = board.expected();
+    match expected.candidate {
+        None if expected.incumbent == tag => Err(format!("{name} controls already")),
+        Some(candidate) if candidate == tag => match board.state_of(tag) {
+            Some(EntryState::Probation) => Ok(Way::Already),
+            Some(state) if state.is_on_its_way() => Err(format!("{name} is on its way already ({})", state.name())),
+            _ => Err(format!("{name} is on its way already (it waits until the rig is under control)")),
+        },
+        _ => send(),
     }
 }
 
 /// Says that no policy has a name, with those that there are.
 fn no_such(board: &Board, name: &str) -> String {
-    let known: Vec<&str> = board.entries().map(|e| e.name.as_str()).collect();
-    format!("no policy {name}; there are: {}", [known.as_slice(), &[FALLBACK]].concat().join(", "))
+    let known: Vec<&str> = board.names().chain([FALLBACK]).collect();
+    format!("no policy {name}; there are: {}", known.join(", "))
 }

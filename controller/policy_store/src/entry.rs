@@ -16,7 +16,7 @@ const LONGEST_VALUE: usize = 80;
 pub enum EntryState {
     /// Seen, and being taken through the stages.
     Checking,
-    /// Through all stages before the rig; waits for `swap`.
+    /// Through all stages before the rig, and with no part there: it waits for `swap`.
     Passed,
     /// Computed on live readings, not used.
     Shadow,
@@ -28,13 +28,13 @@ pub enum EntryState {
     Retrial,
     /// All of the command, with the way back open.
     Probation,
-    /// What flies.
+    /// What has come through all stages, and flies unless a candidate has all of the command.
     Active,
-    /// What flew before.
+    /// What was active before; `rollback` goes back to it.
     Previous,
     /// Must not fly.
     Refused,
-    /// Its file is no longer there.
+    /// Its file is no longer there or holds something else; it is kept for a swap.
     Gone,
 }
 

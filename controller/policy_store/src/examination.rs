@@ -11,7 +11,7 @@ use model::rig::Rig;
 use policy::Links;
 
 use crate::board::Board;
-use crate::desk::locked;
+use crate::locked;
 use crate::watch::{Look, Settled};
 
 /// Makes the examiner for a model, in the store's own thread: it flies the fallback through the trial, which takes a second
@@ -34,14 +34,25 @@ pub(crate) enum Job {
     Model(Box<Rig>),
 }
 
-/// An answer of the examining thread.
+/// Outcome of a file's examination.
 pub(crate) enum Outcome {
-    /// A file has been through the stages.
+    /// It has been through the stages.
     File { settled: Settled, outcome: Box<Result<(Admitted, Arc<[u8]>), Refusal>> },
-    /// A file was changed or taken away before or while it was examined: whatever was found is of another one.
+    /// It was changed or taken away before or while it was examined: whatever was found is of another one.
     Changed(Settled),
-    /// The policy that controls has been held against the fallback on the model of this name.
-    Standing { tag: PolicyTag, standing: Standing, model: String },
+}
+
+/// A policy that controls has been held against the fallback on the model of this name.
+pub(crate) struct StandsAgainst {
+    pub(crate) tag: PolicyTag,
+    pub(crate) standing: Standing,
+    pub(crate) model: String,
+}
+
+/// Ways of the examining thread's answers: those on files may wait for the folder's thread, those on what controls may not.
+pub(crate) struct Answers {
+    pub(crate) files: Sender<Outcome>,
+    pub(crate) standings: Sender<StandsAgainst>,
 }
 
 /// Examines what it is given until nobody gives or takes any more.
@@ -49,7 +60,7 @@ pub(crate) fn examine_all(
     examination: Examination,
     board: &Mutex<Board>,
     todo: &Receiver<Job>,
-    done: &Sender<Outcome>,
+    answers: &Answers,
     stop: &AtomicBool,
 ) {
     let Examination { mut model, examiner: make } = examination;
@@ -60,7 +71,7 @@ pub(crate) fn examine_all(
             return;
         }
     };
-    if !hold_against_fallback(&examiner, &model.name, board, done) {
+    if !hold_against_fallback(&examiner, &model.name, board, answers) {
         return;
     }
     let mut waiting = VecDeque::new();
@@ -71,7 +82,7 @@ pub(crate) fn examine_all(
         let told = match job {
             Job::File(settled) => {
                 if Look::at(&settled.path) != Some(settled.look) {
-                    done.send(Outcome::Changed(settled)).is_ok()
+                    answers.files.send(Outcome::Changed(settled)).is_ok()
                 } else {
                     let incumbent = flights_of_incumbent(&examiner, board);
                     let outcome = Box::new(examiner.examine_file(&settled.path, Links::Refuse, &incumbent));
@@ -81,14 +92,14 @@ pub(crate) fn examine_all(
                     }
                     let same = Look::at(&settled.path) == Some(settled.look);
                     let found = if same { Outcome::File { settled, outcome } } else { Outcome::Changed(settled) };
-                    done.send(found).is_ok()
+                    answers.files.send(found).is_ok()
                 }
             }
             Job::Model(new) => match make(&new) {
                 Ok(on_new) => {
                     (examiner, model) = (on_new, *new);
                     locked(board).forget_flights();
-                    hold_against_fallback(&examiner, &model.name, board, done)
+                    hold_against_fallback(&examiner, &model.name, board, answers)
                 }
                 Err(problem) => {
                     let why = format!("policies are still examined on model {}: {problem}", model.name);
@@ -128,10 +139,10 @@ fn flights_of_incumbent(examiner: &Examiner, board: &Mutex<Board>) -> Vec<Tally>
 }
 
 /// Flies what controls through the trial on the model in force; `false` where nobody takes the outcome any more.
-fn hold_against_fallback(examiner: &Examiner, model: &str, board: &Mutex<Board>, done: &Sender<Outcome>) -> bool {
+fn hold_against_fallback(examiner: &Examiner, model: &str, board: &Mutex<Board>, answers: &Answers) -> bool {
     let held = locked(board).to_be_held();
     let Some((tag, bytes)) = held else { return true };
     let Some((standing, tallies)) = examiner.stand(&bytes) else { return true };
     locked(board).flown(tag, tallies);
-    done.send(Outcome::Standing { tag, standing, model: model.to_owned() }).is_ok()
+    answers.standings.send(StandsAgainst { tag, standing, model: model.to_owned() }).is_ok()
 }

@@ -21,6 +21,10 @@ fn path(policy: &Path) -> PathBuf {
 /// If it cannot be written; the text names the file.
 pub fn leave(policy: &Path, refusal: &Refusal) -> Result<(), String> {
     let file = path(policy);
+    if atomic_file::is_no_file(&file) {
+        // A pipe would hold whoever writes into it.
+        return Err(format!("{}: it is not a regular file; remove it", file.display()));
+    }
     serde_json::to_vec_pretty(refusal)
         .map_err(|error| error.to_string())
         .and_then(|text| atomic_file::write(&file, &text).map_err(|error| error.to_string()))
@@ -30,4 +34,28 @@ pub fn leave(policy: &Path, refusal: &Refusal) -> Result<(), String> {
 /// Takes it away; nothing where there is none.
 pub fn take_away(policy: &Path) {
     let _ = std::fs::remove_file(path(policy));
+}
+
+#[cfg(test)]
+mod tests {
+    use admission::Stage;
+
+    use super::*;
+
+    #[test]
+    fn a_pipe_in_its_place_holds_nobody() {
+        let folder = std::env::temp_dir().join(format!("refusal-file-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&folder);
+        std::fs::create_dir(&folder).unwrap();
+        let (policy, refusal) = (
+            folder.join("bad.onnx"),
+            Refusal { stage: Stage::File, reason: "too large".to_owned(), sha256: None, figures: None },
+        );
+        assert!(std::process::Command::new("mkfifo").arg(path(&policy)).status().unwrap().success());
+        assert!(leave(&policy, &refusal).unwrap_err().contains("bad.onnx.refused.json: it is not a regular file"));
+        take_away(&policy);
+        leave(&policy, &refusal).unwrap();
+        assert!(std::fs::read_to_string(path(&policy)).unwrap().contains("too large"));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
 }

@@ -1,23 +1,63 @@
 //! Policies listed, swapped and taken back; another model.
+//!
+//! What gives the tick an order or reads a file is done on a thread of its own: the one that answers operators waits for nothing.
 
 use std::path::PathBuf;
-use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
+use flight::Noter;
 use handover::Permit;
+use proto::recording::EventLevel;
 
+use super::answers::one_line;
 use super::{Asked, AtWork, BUSY, Desk, LEFT, Step, What};
-use crate::operator::operator_protocol::WORK_TIME;
+use crate::machine::clock::now_ns;
+use crate::operator::operator_protocol::{EFFECT_TIME, WORK_TIME};
 use crate::operator::peer::Peer;
 use crate::policy_service::PolicyHandle;
 
 /// Answered where policies and models cannot be changed.
 pub(super) const NO_POLICIES: &str = "policies and models cannot be changed in this run";
 
-/// A policy that is being loaded, or a model that is being compared.
+/// Outcome of a change: a line that says what was done, or why it was not.
+type Outcome = Result<String, String>;
+
+/// Progress of the work for a change.
+enum Progress {
+    /// It is done on a thread of its own.
+    UnderWay,
+    /// It is done, and whoever asked is to be told.
+    Done(Outcome),
+    /// Whoever asked has left: what comes of it is only recorded, by the thread that does it.
+    Unattended,
+}
+
+/// A policy that is being loaded or taken back, or a model that is being compared.
 pub(super) struct Change {
-    from: Receiver<(Result<String, String>, AtWork)>,
+    progress: Arc<Mutex<Progress>>,
     what: String,
     permit: Permit,
+    /// Time that the work may take before the tick is given anything.
+    time: Duration,
+    /// Keeps others from being begun until this one is answered.
+    at_work: Option<AtWork>,
+}
+
+impl Change {
+    fn progress(&self) -> MutexGuard<'_, Progress> {
+        self.progress.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The outcome, once there is one; an error of its own where the thread has broken off.
+    fn outcome(&self) -> Option<Outcome> {
+        // Looked at first: a thread that has ended by then has left what came of it.
+        let is_alone = Arc::strong_count(&self.progress) == 1;
+        match std::mem::replace(&mut *self.progress(), Progress::UnderWay) {
+            Progress::Done(outcome) => Some(outcome),
+            _ => is_alone.then(|| Err("the work for it broke off; try again".to_owned())),
+        }
+    }
 }
 
 impl Desk {
@@ -40,22 +80,22 @@ impl Desk {
             reply.bad_input = true;
             return Step::Done(Box::new(reply));
         }
-        self.aside(format!("swap {name}"), asked, move |handle, who, permit| handle.policies.swap(&name, who, permit))
+        self.one_at_a_time(format!("swap {name}"), asked, move |handle, who, permit| {
+            handle.policies.swap(&name, who, permit)
+        })
     }
 
+    /// Goes back, also while something else is being loaded or checked: it needs nothing of that.
     pub(super) fn roll_back(&mut self, peer: Peer) -> Step {
-        match &self.options.policies {
-            Some(handle) => {
-                let outcome = handle.policies.rollback(&peer.to_string());
-                self.over_saying("rollback", peer, outcome)
-            }
-            None => self.over("rollback", peer, Err(NO_POLICIES.to_owned())),
-        }
+        let asked = Asked::now(peer, EFFECT_TIME);
+        self.aside("rollback".to_owned(), asked, EFFECT_TIME, None, |handle, who, permit| {
+            handle.policies.rollback(who, permit)
+        })
     }
 
     pub(super) fn begin_model(&mut self, file: PathBuf, asked: Asked) -> Step {
         let notes = self.options.notes.clone();
-        self.aside(format!("model {}", file.display()), asked, move |handle, _, permit| {
+        self.one_at_a_time(format!("model {}", file.display()), asked, move |handle, _, permit| {
             let changed = handle.models.change(&file, permit)?;
             changed.keep(&notes);
             handle.policies.model_changed(handle.models.rig());
@@ -65,55 +105,89 @@ impl Desk {
 
     pub(super) fn look_at_change(&mut self, change: Change, asked: Asked) -> Step {
         let late = asked.is_late();
-        match change.from.try_recv() {
-            Ok((outcome, at_work)) => {
+        match change.outcome() {
+            Some(outcome) => {
+                let Change { what, at_work, .. } = change;
                 drop(at_work);
-                self.over_saying(&change.what, asked.peer, outcome)
+                self.over_saying(&what, asked.peer, outcome)
             }
             // What has been handed to the tick is over within a bounded time, and that is what is answered.
-            Err(TryRecvError::Empty) if !late || !change.permit.withdraw() => asked.pending(What::Change(change)),
-            Err(TryRecvError::Empty) => {
-                let why = format!("it was not done within {} s, and is not done any more", WORK_TIME.as_secs());
+            None if !late || !change.permit.withdraw() => asked.pending(What::Change(change)),
+            None => {
+                let why = format!("it was not done within {} s, and is not done any more", change.time.as_secs_f64());
                 self.over(&change.what, asked.peer, Err(why))
-            }
-            Err(TryRecvError::Disconnected) => {
-                self.over(&change.what, asked.peer, Err("the work for it broke off; try again".to_owned()))
             }
         }
     }
 
-    /// The client that asked for a change has left: what the tick has not been given yet is withdrawn.
+    /// The client that asked for a change has left: what the tick has not been given yet is withdrawn; what it has is
+    /// recorded as what it comes to.
     pub(super) fn leave_change(&mut self, change: &Change, peer: Peer) {
-        let why =
-            if change.permit.withdraw() { LEFT } else { "the client went away before it was told what came of it" };
-        self.record(&change.what, peer, &Err(why.to_owned()));
+        let outcome = change.outcome();
+        let is_withdrawn = outcome.is_none() && change.permit.withdraw();
+        let settled = if is_withdrawn { Some(Err(LEFT.to_owned())) } else { outcome };
+        let settled = settled.or_else(|| match std::mem::replace(&mut *change.progress(), Progress::Unattended) {
+            Progress::Done(outcome) => Some(outcome),
+            Progress::UnderWay | Progress::Unattended => None,
+        });
+        if let Some(outcome) = settled {
+            self.record(&change.what, peer, &outcome.map(drop));
+        }
     }
 
-    /// Starts work on policies or models on a thread of its own: it takes up to some seconds, and disarming waits for nobody.
+    /// As [`Desk::aside`], for what takes up to some seconds of computing: nothing else of the kind is begun meanwhile.
+    fn one_at_a_time(
+        &mut self,
+        what: String,
+        asked: Asked,
+        work: impl FnOnce(PolicyHandle, &str, &Permit) -> Outcome + Send + 'static,
+    ) -> Step {
+        if self.options.policies.is_some() && self.is_working() {
+            return self.over(&what, asked.peer, Err(BUSY.to_owned()));
+        }
+        let at_work = Some(self.at_work());
+        self.aside(what, asked, WORK_TIME, at_work, work)
+    }
+
+    /// Starts work on policies or models on a thread of its own, which has so much time until it gives the tick anything:
+    /// disarming waits for nobody.
     fn aside(
         &mut self,
         what: String,
         asked: Asked,
-        work: impl FnOnce(PolicyHandle, &str, &Permit) -> Result<String, String> + Send + 'static,
+        time: Duration,
+        at_work: Option<AtWork>,
+        work: impl FnOnce(PolicyHandle, &str, &Permit) -> Outcome + Send + 'static,
     ) -> Step {
         let Some(handle) = self.options.policies.clone() else {
             return self.over(&what, asked.peer, Err(NO_POLICIES.to_owned()));
         };
-        if self.is_working() {
-            return self.over(&what, asked.peer, Err(BUSY.to_owned()));
-        }
-        let (answer, from) = channel();
-        let (peer, at_work) = (asked.peer, self.at_work());
-        let permit = Permit::lasting(WORK_TIME);
-        let held = permit.clone();
+        let progress = Arc::new(Mutex::new(Progress::UnderWay));
+        let permit = Permit::lasting(time);
+        let (peer, notes, done) = (asked.peer, self.options.notes.clone(), Arc::clone(&progress));
+        let (held, busy, asked_for) = (permit.clone(), at_work.clone(), what.clone());
         let started = std::thread::Builder::new().name("change".to_owned()).spawn(move || {
             let outcome = work(handle, &peer.to_string(), &held);
-            // Who asked may have gone.
-            let _ = answer.send((outcome, at_work));
+            let mut progress = done.lock().unwrap_or_else(PoisonError::into_inner);
+            match *progress {
+                Progress::Unattended => note_unattended(&notes, &asked_for, peer, &outcome),
+                _ => *progress = Progress::Done(outcome),
+            }
+            drop(busy);
         });
         if let Err(error) = started {
             return self.over(&what, asked.peer, Err(format!("no thread can be started for it: {error}")));
         }
-        asked.taking(WORK_TIME).pending(What::Change(Change { from, what, permit }))
+        asked.taking(time).pending(What::Change(Change { progress, what, permit, time, at_work }))
     }
+}
+
+/// Records what came of a change after whoever asked for it had left.
+fn note_unattended(notes: &Noter, what: &str, peer: Peer, outcome: &Outcome) {
+    let (level, how) = match outcome {
+        Ok(done) => (EventLevel::Info, format!("done: {done}")),
+        Err(why) => (EventLevel::Warning, format!("refused: {why}")),
+    };
+    let line = format!("{what} by {peer}, who had left before: {how}");
+    notes.note(now_ns(), level, "operator", one_line(&line));
 }
