@@ -1,7 +1,9 @@
 //! The daemon's configuration file.
 //!
 //! TOML; every key has a default but `link.address`, an unknown key is an error that names it. Paths are
-//! relative to the folder of the configuration file.
+//! relative to the folder of the configuration file. What values may be stands in `config/checks.rs`.
+
+mod checks;
 
 use std::path::{Path, PathBuf};
 
@@ -9,6 +11,8 @@ use law::{AfterEnd, RepetitionLearning};
 use proto::regular_file;
 use serde::{Deserialize, Serialize};
 use supervisor::Arming;
+
+use checks::{check, check_places, parse_problem};
 
 /// The largest configuration file that is read, in bytes.
 const MOST_BYTES: u64 = 1 << 20;
@@ -104,16 +108,6 @@ impl PolicyChoice {
     /// File of the policy that is to run; nothing says that it is there.
     pub fn active_file(&self) -> PathBuf {
         self.directory.join(format!("{}.onnx", self.active))
-    }
-
-    /// Keys with their values and what those may be.
-    fn ranges(&self) -> [(&'static str, f64, f64, f64); 2] {
-        [
-            // Half of the range is no noise on an answer any more.
-            ("policy.exploration_std", self.exploration_std, 0.0, 0.5),
-            // What a duty may move in a tick: more the slew limit takes off again.
-            ("policy.exploration_max_duty", self.exploration_max_duty, 0.0, 0.1),
-        ]
     }
 }
 
@@ -213,21 +207,6 @@ impl Default for Record {
             keep_days: 0,
             keep_gib: 0,
         }
-    }
-}
-
-impl Record {
-    /// Keys with their values and what those may be.
-    pub fn ranges(&self) -> [(&'static str, u64, u64, u64); 5] {
-        [
-            // Below 1 MiB a file is little more than its header; 64 GiB is no limit any more.
-            ("record.max_mib", self.max_mib, 1, 65_536),
-            ("record.max_minutes", self.max_minutes, 1, 10_080),
-            // An hour is 103 MB: with less than 16 MiB the disk is full within ten minutes.
-            ("record.min_free_mib", self.min_free_mib, 16, 1_048_576),
-            ("record.keep_days", self.keep_days, 0, 36_500),
-            ("record.keep_gib", self.keep_gib, 0, 1_048_576),
-        ]
     }
 }
 
@@ -365,6 +344,7 @@ impl Config {
         if model::rig::Rig::builtin_text(&config.rig.file).is_none() {
             config.rig.file = folder.join(&config.rig.file).to_string_lossy().into_owned();
         }
+        check_places(&config, file)?;
         Ok((config, text))
     }
 
@@ -376,10 +356,10 @@ impl Config {
         let config: Config = toml::from_str(text).map_err(|error| {
             let at = error.span().map_or(0, |span| span.start);
             let line = 1 + text.bytes().take(at).filter(|b| *b == b'\n').count();
-            let key = key_before(text, at).map_or_else(String::new, |key| format!("{key}: "));
-            ConfigError::Parse { file: file.to_owned(), line, problem: key + &error.message().replace('\n', "; ") }
+            let problem = parse_problem(text, at, error.message());
+            ConfigError::Parse { file: file.to_owned(), line, problem }
         })?;
-        config.check(file)?;
+        check(&config, file)?;
         Ok(config)
     }
 
@@ -388,63 +368,6 @@ impl Config {
         // Tables of plain values: there is nothing in it that TOML has no word for.
         toml::to_string(self).unwrap_or_default()
     }
-
-    fn check(&self, file: &Path) -> Result<(), ConfigError> {
-        let wrong = |key, problem: String| Err(ConfigError::Value { file: file.to_owned(), key, problem });
-        let address = &self.link.address;
-        if !address.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok()) {
-            return wrong(
-                "link.address",
-                format!("`{address}` is no address; write host:port, such as 192.168.1.20:50500"),
-            );
-        }
-        let Safety { max_pos_kpa, min_neg_kpa } = self.safety;
-        if !(10.0..=280.0).contains(&max_pos_kpa) {
-            return wrong(
-                "safety.max_pos_kpa",
-                format!("{max_pos_kpa} kPa is outside 10 … 280 kPa gauge; the cRIO trips at 300"),
-            );
-        }
-        if !(-100.0..=-10.0).contains(&min_neg_kpa) {
-            return wrong("safety.min_neg_kpa", format!("{min_neg_kpa} kPa is outside -100 … -10 kPa gauge"));
-        }
-        if !(1..=95).contains(&self.realtime.priority) {
-            return wrong("realtime.priority", format!("{} is outside 1 … 95", self.realtime.priority));
-        }
-        for (key, value, low, high) in self.record.ranges() {
-            if !(low..=high).contains(&value) {
-                return wrong(key, format!("{value} is outside {low} … {high}"));
-            }
-        }
-        for (key, value, low, high) in self.policy.ranges() {
-            if !(low..=high).contains(&value) {
-                return wrong(key, format!("{value} is outside {low:.1} … {high:.1}"));
-            }
-        }
-        if self.policy.require_signature && self.policy.public_key.is_empty() {
-            return wrong(
-                "policy.public_key",
-                "policy.require_signature needs it: the second line of minisign.pub".to_owned(),
-            );
-        }
-        let name = &self.policy.active;
-        if name.is_empty()
-            || !name.chars().all(|c| c.is_ascii_alphanumeric() || "._-".contains(c))
-            || name.starts_with('.')
-        {
-            return wrong(
-                "policy.active",
-                format!("`{name}` is no policy name; letters, digits, `.`, `_` and `-`, without .onnx"),
-            );
-        }
-        Ok(())
-    }
-}
-
-/// The key whose value stands at a place of the text; `None` where the place is the key's own.
-fn key_before(text: &str, at: usize) -> Option<&str> {
-    let begin = text.get(..at)?.rfind('\n').map_or(0, |end| end + 1);
-    text.get(begin..at)?.split_once('=').map(|(key, _)| key.trim())
 }
 
 #[cfg(test)]
@@ -491,6 +414,10 @@ mod tests {
             (&format!("{link}[record]\nkeep_days = -1\n"), vec!["line 4", "-1"]),
             (&format!("{link}[policy]\nfollow = \"all\"\n"), vec!["line 4", "all", "newest"]),
             (&format!("{link}[policy]\nrequire_signature = true\n"), vec!["policy.public_key", "minisign"]),
+            (
+                &format!("{link}[policy]\nrequire_signature = true\npublic_key = \"RWQabc\"\n"),
+                vec!["policy.public_key", "RWQabc", "no minisign public key"],
+            ),
         ] {
             let message = parse(text).expect_err(text);
             assert!(!message.contains('\n') && message.starts_with("c.toml"), "{message}");

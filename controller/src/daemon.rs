@@ -14,6 +14,7 @@ use proto::reference::Reference;
 use crate::config::{Config, DEFAULT_POLICY, FALLBACK};
 use crate::cycle::Cycle;
 use crate::operator::notice::sentence;
+use crate::operator::operator_protocol::ModelIdentity;
 use crate::operator::reference_limits::{self, Margin};
 use crate::operator::socket::{May, Running};
 use crate::policy_service::{self, PolicyHandle};
@@ -239,14 +240,9 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
     cycle.duty_source_mut().tracking_mut().repeat(config.reference.after_end(), config.reference.learning());
     remarks.extend(cycle.duty_source().tracking().out_of_reach().map(out_of_reach_text));
     let (policy_name, policy_sha256) = policy_id.clone().unwrap_or_else(|| (FALLBACK.to_owned(), String::new()));
-    let running = Running {
-        policy: policy_name,
-        policy_sha256,
-        model: rig.name.clone(),
-        reference: reference_name.clone(),
-        armed_by: None,
-        why_fallback: None,
-    };
+    let running =
+        Running { policy: policy_name, policy_sha256, reference: reference_name.clone(), ..Running::default() }
+            .on_model(ModelIdentity::of(&rig, &config.rig.file));
     let policies: Option<StartPolicies> = options.socket.then(|| {
         let (config, rig, end, models) = (
             config.clone(),

@@ -28,6 +28,7 @@ use crate::experiment::playback_report::PlaybackReport;
 use crate::experiment::preflight_simulation::{Forecast, ForecastError, preflight_simulation};
 use crate::experiment::pump_relay::PumpRelay;
 use crate::operator::notice::sentence_of_one_session;
+use crate::operator::operator_protocol::ModelIdentity;
 use crate::operator::socket::{May, Running};
 use crate::replay::run_file::attached;
 use crate::session::run_length::RunLength;
@@ -152,7 +153,8 @@ impl Experiment {
             remarks: Vec::new(),
             event_text: sentence_of_one_session,
             operator: Some(May::OnlyStop),
-            running: Running { model: self.rig.name.clone(), reference: name, ..Running::default() },
+            running: Running { reference: name, ..Running::default() }
+                .on_model(ModelIdentity::of(&self.rig, &config.rig.file)),
             followed: None,
             config_file: None,
             observer: Box::new(move |recorded| {

@@ -6,7 +6,8 @@
 //! its compiler or the machine decides otherwise than it did, and the first stage that differs says where to look.
 //!
 //! What ends a replay early: ticks that were not recorded, and inputs whose content the recording does not hold. What was
-//! compared until then counts, and the end is told.
+//! compared until then counts, and the end is told. So is a recording of which something could not be read: what follows the end of
+//! one that was cut short was not compared.
 
 pub(crate) mod recorded_orders;
 pub mod run_file;
@@ -51,12 +52,19 @@ pub struct Replayed {
     pub first: Option<Difference>,
     /// Why it ended before the recording did.
     pub ended: Option<String>,
+    /// What could not be read of the recordings, a line each.
+    pub notes: Vec<String>,
 }
 
 impl Replayed {
     /// Whether all of the recording was compared and nothing differs.
     pub fn is_clean(&self) -> bool {
-        self.differing == 0 && self.ended.is_none()
+        self.differing == 0 && self.ended.is_none() && self.notes.is_empty()
+    }
+
+    /// Why not all that was run was compared, one line: where it ended early, else what could not be read.
+    pub fn missing(&self) -> Option<&str> {
+        self.ended.as_deref().or(self.notes.first().map(String::as_str))
     }
 }
 
@@ -97,6 +105,17 @@ pub struct Replay {
     begun: Vec<((u32, u32, u64), String)>,
     /// The part of its run that the newest recording is.
     part: u32,
+    /// True where something could not be read of the run so far.
+    is_damaged: bool,
+}
+
+/// Where a tick stands to the one before it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Place {
+    /// In the same recording.
+    Within,
+    /// In the next.
+    Between,
 }
 
 /// Where references that were exchanged come from.
@@ -125,6 +144,7 @@ impl Replay {
             relay: PumpRelay::Fitted,
             begun: Vec::new(),
             part: 0,
+            is_damaged: false,
         }
     }
 
@@ -134,6 +154,7 @@ impl Replay {
     /// # Errors
     /// The recording lacks what a replay needs.
     pub fn run(&mut self, run: &RunFile) -> Result<(), ReplayError> {
+        self.replayed.notes.extend(run.content.notes.iter().cloned());
         for (index, tick) in run.content.ticks.iter().enumerate() {
             if self.replayed.ended.is_some() {
                 return Ok(());
@@ -145,6 +166,9 @@ impl Replay {
             let goes_on = continues || (self.cycle.is_some() && part(run) > 1);
             if first {
                 self.check_order(run, tick, goes_on.then_some(self.part))?;
+            }
+            if first {
+                self.is_damaged = !run.content.complete || (goes_on && self.is_damaged);
             }
             if first && !goes_on {
                 let (cycle, relay) = cycle(run)?;
@@ -161,9 +185,9 @@ impl Replay {
             }
             if first && !goes_on {
                 if !TickInput::of(tick.inputs).any(|input| input == TickInput::SessionOpened) {
-                    return Err(ReplayError::NoBeginning { file: run.path.display().to_string() });
+                    return Err(no_beginning(run));
                 }
-            } else if let Some(why) = self.lost_before(tick, run) {
+            } else if let Some(why) = self.lost_before(tick, if first { Place::Between } else { Place::Within }) {
                 self.replayed.ended = Some(why);
                 return Ok(());
             }
@@ -214,7 +238,7 @@ impl Replay {
 
     /// Why ticks before this one are not in the recording, if any are not. A number that is skipped is no proof: in
     /// lockstep a frame that never came leaves no tick.
-    fn lost_before(&self, tick: &TickRecord, run: &RunFile) -> Option<String> {
+    fn lost_before(&self, tick: &TickRecord, place: Place) -> Option<String> {
         let (session, number, dropped) = self.last?;
         let at = format!("before tick {} of session {:08X}", tick.tick, tick.session);
         if tick.records_dropped != dropped {
@@ -223,8 +247,12 @@ impl Replay {
                 tick.records_dropped.wrapping_sub(dropped)
             ));
         }
-        let skipped = session == tick.session && number.wrapping_add(1) != tick.tick;
-        (skipped && !run.content.complete).then(|| format!("the file is damaged {at}"))
+        // Within a file another session is nothing to wonder at; behind one that was cut short it is what was lost.
+        let skipped = match place {
+            Place::Within => session == tick.session && number.wrapping_add(1) != tick.tick,
+            Place::Between => session != tick.session || number.wrapping_add(1) != tick.tick,
+        };
+        (skipped && self.is_damaged).then(|| format!("the recording is damaged {at}"))
     }
 
     /// What was found.
@@ -333,10 +361,22 @@ fn part(run: &RunFile) -> u32 {
     run.content.metadata.get("part").and_then(|part| part.parse().ok()).unwrap_or(1)
 }
 
+/// The error of a recording that does not hold the beginning of its run.
+fn no_beginning(run: &RunFile) -> ReplayError {
+    match run.content.notes.first() {
+        // A first part has nothing before it that could be given.
+        Some(note) if part(run) == 1 => ReplayError::Damaged { note: note.clone() },
+        _ => ReplayError::NoBeginning { file: run.path.display().to_string() },
+    }
+}
+
 /// The cycle as it was when the recorded daemon began, and the relay of its model's pump.
 fn cycle(run: &RunFile) -> Result<(Cycle, PumpRelay), ReplayError> {
     let file = run.path.display().to_string();
-    let missing = |name| ReplayError::Missing { file: file.clone(), name };
+    let missing = |name| match run.content.notes.first() {
+        Some(note) => ReplayError::Damaged { note: note.clone() },
+        None => ReplayError::Missing { file: file.clone(), name },
+    };
     let inside = |name| run.attachment(name).ok_or_else(|| missing(name));
     let text = |name| Ok::<_, ReplayError>(String::from_utf8_lossy(inside(name)?).into_owned());
     let config = Config::parse(&text(attached::EFFECTIVE)?, std::path::Path::new(attached::EFFECTIVE))?;

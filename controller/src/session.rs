@@ -167,6 +167,7 @@ fn show_waiting<H: DutySource>(session: &mut Session<H>) {
         reference_kpa: None,
         // Without a session the cRIO vents by itself.
         duty: [1.0; 2],
+        reported_duty: None,
         experiment: None,
         exploration: None,
         ..session.status

@@ -262,6 +262,7 @@ fn requests(time: Duration) {
         followed: None,
         policies: None,
         experiments: None,
+        viewers: None,
         exploration: handover::ExplorationRules { seed: 0, std_share: 0.02, most_duty: 0.02 },
         stale: Duration::from_millis(250),
         reloads: inbox,

@@ -1,4 +1,4 @@
-//! What the daemon tells those who watch it live: its ticks and events over a local socket, one way.
+//! What the daemon tells those who watch it live: its ticks, events and state over a local socket, one way.
 //!
 //! A run of messages, each `u32 length (little-endian) · u8 kind · payload`, `length` counting kind and payload. Payloads
 //! are those of recordings, so that a viewer shows live what it shows later:
@@ -9,10 +9,15 @@
 //! | 2 | an event: a `foxglove.Log` |
 //! | 3 | about the run, once at the beginning: a JSON object of texts (program, policy, model, reference …) |
 //! | 4 | the policies and their stages, whenever they change: JSON |
+//! | 5 | the daemon's state ([`DaemonState`]), at the beginning, whenever it changes, and once a second: JSON |
+//!
+//! Ticks end with the link to the cRIO; the state goes on being told, with the age of the newest data.
 //!
 //! Kinds of a later version are passed over. Nothing is ever read from a viewer.
 
 use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
 
 use crate::recording::{
     Event, EventLevel, TickRecord, decode_log_message, decode_tick_message, encode_log_message, encode_tick_message,
@@ -37,6 +42,41 @@ pub enum Message {
     About(BTreeMap<String, String>),
     /// Policies and their stages, as JSON.
     Policies(String),
+    /// The daemon's state.
+    State(DaemonState),
+}
+
+/// The daemon's state as `controller status` answers it, with or without a session.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct DaemonState {
+    /// Code of the state.
+    pub state: u8,
+    /// Code of the condition behind a venting or the end of the last session; 0 for none.
+    pub fault: u16,
+    /// Code of the worst condition that waits for a person; 0 for none.
+    pub waits: u16,
+    /// The session; 0 without one.
+    pub session: u32,
+    /// Age of the newest data, in ms; absent before the first.
+    pub age_ms: Option<u64>,
+    /// Name of the policy that controls once armed, or `fallback`.
+    pub policy: String,
+    /// SHA-256 of its file; empty for the fallback.
+    pub policy_sha256: String,
+    /// Name of the model in force.
+    pub model: String,
+    /// SHA-256 of the model as the recording holds it.
+    pub model_sha256: String,
+    /// Name of the reference that is followed once armed.
+    pub reference: String,
+}
+
+impl DaemonState {
+    /// True where it says the same as another one, but for the age of the data.
+    pub fn says_the_same(&self, other: &DaemonState) -> bool {
+        DaemonState { age_ms: other.age_ms, ..self.clone() } == *other
+    }
 }
 
 /// Why bytes are no messages of ours.
@@ -78,6 +118,11 @@ pub fn put_about(about: &BTreeMap<String, String>, out: &mut Vec<u8>) {
 /// Appends the policies and their stages, JSON.
 pub fn put_policies(json: &str, out: &mut Vec<u8>) {
     put(4, out, |out| out.extend_from_slice(json.as_bytes()));
+}
+
+/// Appends the daemon's state.
+pub fn put_state(state: &DaemonState, out: &mut Vec<u8>) {
+    put(5, out, |out| out.extend(serde_json::to_vec(state).unwrap_or_default()));
 }
 
 fn put(kind: u8, out: &mut Vec<u8>, payload: impl FnOnce(&mut Vec<u8>)) {
@@ -142,6 +187,7 @@ fn decode(kind: u8, payload: &[u8]) -> Result<Option<Message>, StreamError> {
         2 => Message::Event(decode_log_message(payload).map_err(wrong)?),
         3 => Message::About(serde_json::from_slice(payload).map_err(|e| wrong(e.to_string()))?),
         4 => Message::Policies(String::from_utf8_lossy(payload).into_owned()),
+        5 => Message::State(serde_json::from_slice(payload).map_err(|e| wrong(e.to_string()))?),
         _ => return Ok(None),
     }))
 }
@@ -167,6 +213,9 @@ mod tests {
         put(77, &mut bytes, |out| out.extend_from_slice(b"of a later version"));
         put_tick(6_000_000_000, &tick, &mut bytes);
         put_policies("[1]", &mut bytes);
+        let state =
+            DaemonState { state: 6, fault: 7, age_ms: Some(10_900), model: "m".to_owned(), ..Default::default() };
+        put_state(&state, &mut bytes);
         let event = Event {
             unix_ns: 5_000_000_001,
             level: EventLevel::Error,
@@ -178,6 +227,7 @@ mod tests {
             Message::Event(event),
             Message::Tick { unix_ns: 6_000_000_000, tick: Box::new(tick) },
             Message::Policies("[1]".to_owned()),
+            Message::State(state),
         ];
         (bytes, messages)
     }
@@ -207,6 +257,13 @@ mod tests {
             reader.push(&bytes);
             while let Ok(Some(_)) = reader.next() {}
         }
+    }
+
+    #[test]
+    fn a_state_that_only_ages_says_the_same() {
+        let state = |age_ms, fault| DaemonState { age_ms, fault, ..DaemonState::default() };
+        assert!(state(None, 0).says_the_same(&state(Some(5_000), 0)));
+        assert!(!state(None, 0).says_the_same(&state(None, 7)));
     }
 
     #[test]

@@ -11,6 +11,7 @@ pub mod fault_table;
 pub mod hidden_plant;
 pub mod in_process;
 pub mod laboratory;
+pub mod live_viewer;
 pub mod lockstep;
 pub mod programme;
 pub mod raw_crio;

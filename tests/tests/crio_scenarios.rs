@@ -104,7 +104,9 @@ fn many_operators_at_once_end_disarmed_and_every_one_is_answered() {
     for thread in asking {
         let (question, ended) = thread.join().unwrap();
         assert!(matches!(ended.status, Some(0 | 1)), "{question}: {ended:?}");
-        assert!(question != "disarm" || ended.status == Some(0), "a disarm is never refused: {ended:?}");
+        // Somebody else may have armed it again before the cRIO reported the vents open.
+        let is_done = ended.status == Some(0) || ended.stderr.contains("armed again since");
+        assert!(question != "disarm" || is_done, "a disarm is never refused: {ended:?}");
         assert!(ended.status == Some(0) || !ended.stderr.trim().is_empty(), "{question}: {ended:?}");
     }
     let disarmed = scene.ask_while_stepping("disarm");

@@ -1,4 +1,5 @@
-//! A link that is cut vents the rig within three ticks, and a pressure beyond a limit in the same tick: a thousand times each.
+//! A link that is cut vents the rig within three ticks, and a pressure beyond a limit in the same tick: a hundred times each, a thousand in the
+//! thorough tier.
 //!
 //! In lockstep, without sockets: the daemon's cycle, the cRIO's rules and a rig.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -16,7 +17,9 @@ use tests::dice::Dice;
 use tests::lockstep::{Flight, Flown};
 
 /// Times that each is tried.
-const TIMES: u32 = 1_000;
+const TIMES: u32 = 100;
+/// And in the thorough tier.
+const MANY_TIMES: u32 = 1_000;
 /// Threads that share them.
 const THREADS: u32 = 2;
 
@@ -26,14 +29,14 @@ fn flight(seed: u64) -> Flight {
     Flight::new(&rig, cycle, seed)
 }
 
-/// Runs half of the tries on each of two threads.
-fn shared(work: impl Fn(&mut Flight, &mut Dice) + Sync) {
+/// Runs half of so many tries on each of two threads.
+fn shared(times: u32, work: impl Fn(&mut Flight, &mut Dice) + Sync) {
     std::thread::scope(|scope| {
         for thread in 0..THREADS {
             let work = &work;
             scope.spawn(move || {
                 let (mut flight, mut dice) = (flight(u64::from(thread) + 1), Dice::new(u64::from(thread) + 1));
-                for _ in 0..TIMES / THREADS {
+                for _ in 0..times / THREADS {
                     control(&mut flight, 3 + dice.roll(20));
                     work(&mut flight, &mut dice);
                 }
@@ -71,9 +74,8 @@ fn cut(flight: &mut Flight, cut: Cut) -> Flown {
     }
 }
 
-#[test]
-fn a_thousand_cuts_of_the_link_each_vent_within_three_ticks() {
-    shared(|flight, dice| {
+fn cuts_vent_within_three_ticks(times: u32) {
+    shared(times, |flight, dice| {
         let which = [Cut::Both, Cut::Frames, Cut::Commands][dice.roll(3) as usize];
         let mut vented = None;
         for tick in 1..=3 {
@@ -92,9 +94,8 @@ fn a_thousand_cuts_of_the_link_each_vent_within_three_ticks() {
     });
 }
 
-#[test]
-fn a_thousand_pressures_beyond_a_limit_each_vent_in_the_same_tick() {
-    shared(|flight, dice| {
+fn pressures_beyond_a_limit_vent_in_the_same_tick(times: u32) {
+    shared(times, |flight, dice| {
         let channel = dice.roll(2) as usize;
         let share = dice.share();
         let (reading, cause) = match channel {
@@ -122,4 +123,31 @@ fn a_thousand_pressures_beyond_a_limit_each_vent_in_the_same_tick() {
         assert!(flight.cycle.can_arm(), "{:?} {:?}", flight.cycle.state(), flight.cycle.memory().latched);
         flight.cycle.arm();
     });
+}
+
+#[test]
+fn cuts_of_the_link_each_vent_within_three_ticks() {
+    cuts_vent_within_three_ticks(TIMES);
+}
+
+#[test]
+fn pressures_beyond_a_limit_each_vent_in_the_same_tick() {
+    pressures_beyond_a_limit_vent_in_the_same_tick(TIMES);
+}
+
+/// Tests of the thorough tier (docs/testing.md).
+mod thorough {
+    use super::*;
+
+    #[test]
+    #[ignore = "thorough: docs/testing.md"]
+    fn a_thousand_cuts_of_the_link_each_vent_within_three_ticks() {
+        cuts_vent_within_three_ticks(MANY_TIMES);
+    }
+
+    #[test]
+    #[ignore = "thorough: docs/testing.md"]
+    fn a_thousand_pressures_beyond_a_limit_each_vent_in_the_same_tick() {
+        pressures_beyond_a_limit_vent_in_the_same_tick(MANY_TIMES);
+    }
 }

@@ -185,43 +185,6 @@ fn a_rig_that_is_much_slower_than_its_model_trips_nothing() {
     assert_eq!(fly_all(&rigs, MINUTE, &flights), Vec::<String>::new());
 }
 
-/// A rig that has rested long is stepped: the record of what the model leaves is of a rest, and says nothing of a step.
-#[test]
-fn a_step_behind_a_long_hold_trips_nothing() {
-    let bench = coarse("bench");
-    let count = std::env::var("RIGS").ok().and_then(|rigs| rigs.parse().ok()).unwrap_or(3);
-    let mut rigs: Vec<(Rig, Rig)> =
-        rigs_around(&bench, count, 11).unwrap().into_iter().map(|rig| (rig, nominal())).collect();
-    rigs.push((bench, nominal()));
-    let flights = |_: usize| vec![(By::Fallback, Course::RareSteps), (By::Policy, Course::RareMoves)];
-    assert_eq!(fly_all(&rigs, 6 * MINUTE, &flights), Vec::<String>::new());
-}
-
-/// Converters of other makers: without any noise, with less than a step of it, and with twenty times as much as the one at hand; in
-/// `NOISES_MV` others, parted by commas.
-#[test]
-fn quiet_and_noisy_converters_trip_nothing() {
-    let noises = std::env::var("NOISES_MV").unwrap_or_else(|_| "0,0.05,1,5".to_owned());
-    let noises: Vec<f64> = noises.split(',').map(|mv| mv.parse().expect("a noise in mV")).collect();
-    let of_course = |(name, course): (&str, Course)| {
-        let rig = coarse(name);
-        let mut found = Vec::new();
-        for (n, noise_mv) in noises.iter().enumerate() {
-            let cycle =
-                Cycle::new(&nominal(), None, reference(course, 2.0), Safety::default(), Arming::Automatic).unwrap();
-            let flight = Flight::new(&rig, cycle, 1).with_noise(&rig, 1e-3 * noise_mv, n as u64 + 1);
-            found.extend(trips_of(flight, &rig, &format!("with {noise_mv} mV on {course:?}"), 2 * MINUTE));
-        }
-        found
-    };
-    let found: Vec<String> = std::thread::scope(|scope| {
-        let courses = [("bench", Course::RareSteps), ("dual_pressure", Course::RareMoves)];
-        let started = courses.map(|course| scope.spawn(move || of_course(course)));
-        started.into_iter().flat_map(|flown| flown.join().unwrap()).collect()
-    });
-    assert_eq!(found, Vec::<String>::new());
-}
-
 /// Filling and the first half minute on rigs of which no part is as the model says: what a wrong gain looks like, and is none.
 #[test]
 fn rigs_whose_parts_are_all_others_fill_and_hold_without_a_trip() {
@@ -252,4 +215,48 @@ fn ten_hours_over_twenty_rigs_trip_nothing() {
     let found = fly_all(&rigs, minutes * MINUTE, &flights);
     println!("{} rigs, {minutes} min each: {} trips", rigs.len(), found.len());
     assert_eq!(found, Vec::<String>::new());
+}
+
+/// Tests of the thorough tier (docs/testing.md).
+mod thorough {
+    use super::*;
+
+    /// A rig that has rested long is stepped: the record of what the model leaves is of a rest, and says nothing of a step.
+    #[test]
+    #[ignore = "thorough: docs/testing.md"]
+    fn a_step_behind_a_long_hold_trips_nothing() {
+        let bench = coarse("bench");
+        let count = std::env::var("RIGS").ok().and_then(|rigs| rigs.parse().ok()).unwrap_or(3);
+        let mut rigs: Vec<(Rig, Rig)> =
+            rigs_around(&bench, count, 11).unwrap().into_iter().map(|rig| (rig, nominal())).collect();
+        rigs.push((bench, nominal()));
+        let flights = |_: usize| vec![(By::Fallback, Course::RareSteps), (By::Policy, Course::RareMoves)];
+        assert_eq!(fly_all(&rigs, 6 * MINUTE, &flights), Vec::<String>::new());
+    }
+
+    /// Converters of other makers: without any noise, with less than a step of it, and with twenty times as much as the one at hand; in
+    /// `NOISES_MV` others, parted by commas.
+    #[test]
+    #[ignore = "thorough: docs/testing.md"]
+    fn quiet_and_noisy_converters_trip_nothing() {
+        let noises = std::env::var("NOISES_MV").unwrap_or_else(|_| "0,0.05,1,5".to_owned());
+        let noises: Vec<f64> = noises.split(',').map(|mv| mv.parse().expect("a noise in mV")).collect();
+        let of_course = |(name, course): (&str, Course)| {
+            let rig = coarse(name);
+            let mut found = Vec::new();
+            for (n, noise_mv) in noises.iter().enumerate() {
+                let cycle =
+                    Cycle::new(&nominal(), None, reference(course, 2.0), Safety::default(), Arming::Automatic).unwrap();
+                let flight = Flight::new(&rig, cycle, 1).with_noise(&rig, 1e-3 * noise_mv, n as u64 + 1);
+                found.extend(trips_of(flight, &rig, &format!("with {noise_mv} mV on {course:?}"), 2 * MINUTE));
+            }
+            found
+        };
+        let found: Vec<String> = std::thread::scope(|scope| {
+            let courses = [("bench", Course::RareSteps), ("dual_pressure", Course::RareMoves)];
+            let started = courses.map(|course| scope.spawn(move || of_course(course)));
+            started.into_iter().flat_map(|flown| flown.join().unwrap()).collect()
+        });
+        assert_eq!(found, Vec::<String>::new());
+    }
 }

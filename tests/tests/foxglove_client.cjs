@@ -28,6 +28,12 @@ client.on("serverInfo", (info) => console.log("server", info.name, JSON.stringif
 client.on("status", (status) => console.log("status", status.level, status.message));
 client.on("advertise", (channels) => {
   for (const channel of channels) {
+    if (channel.encoding === "json") {
+      const { properties } = JSON.parse(channel.schema);
+      console.log("channel", channel.topic, channel.encoding, channel.schemaName, Object.keys(properties).length > 2);
+      decoders.set(client.subscribe(channel.id), { topic: channel.topic });
+      continue;
+    }
     const schema = FileDescriptorSet.decode(Buffer.from(channel.schema, "base64"));
     const root = protobuf.Root.fromDescriptor(schema);
     const type = root.lookupType(channel.schemaName);
@@ -39,6 +45,14 @@ client.on("advertise", (channels) => {
 });
 client.on("message", ({ subscriptionId, timestamp, data }) => {
   const { topic, type } = decoders.get(subscriptionId);
+  if (topic === "/state") {
+    const { up, state } = JSON.parse(new TextDecoder().decode(data));
+    if (!seen.state) {
+      console.log("state", up && typeof state === "string" ? "up" : state);
+    }
+    seen.state = state;
+    return;
+  }
   const message = type.decode(new Uint8Array(data.buffer, data.byteOffset, data.byteLength));
   if (topic !== "/tick") {
     return;

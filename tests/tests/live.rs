@@ -2,18 +2,14 @@
 //! elsewhere, the page in a browser; and a viewer that is killed, which the daemon never notices.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use std::io::{Read, Write};
-use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use proto::recording::read_mcap;
 use tests::laboratory::{Laboratory, Plan};
+use tests::live_viewer::{self, PATIENCE, get, sample, wait_for};
 use tests::{Running, Stream, alone, finish};
-
-/// Longest wait for a line or an answer on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(20);
 
 struct Scene {
     laboratory: Laboratory,
@@ -25,35 +21,9 @@ struct Scene {
 /// An emulated cRIO, the daemon armed on it, and a viewer's server.
 fn scene() -> Scene {
     let laboratory = Plan::new("control.auto_arm = true").in_real_time().start();
-    let live = Running::start(&mut laboratory.command(&["live", "--listen", "127.0.0.1:0"]));
-    let line = live.line(Stream::Out, "http://", PATIENCE);
-    let address = line.split("http://").nth(1).unwrap().split('/').next().unwrap().to_owned();
+    let (live, address) = live_viewer::start(&laboratory);
     laboratory.daemon.line(Stream::Err, "armed", PATIENCE);
     Scene { laboratory, live, address }
-}
-
-fn get(address: &str, host: &str, request: &str) -> String {
-    let mut socket = TcpStream::connect(address).unwrap();
-    socket.set_read_timeout(Some(PATIENCE)).unwrap();
-    socket.write_all(format!("{request} HTTP/1.1\r\nHost: {host}\r\n\r\n").as_bytes()).unwrap();
-    let mut answer = String::new();
-    socket.read_to_string(&mut answer).unwrap();
-    answer
-}
-
-/// A sample of the metrics by its name and labels.
-fn sample(address: &str, name: &str) -> Option<f64> {
-    let text = get(address, address, "GET /metrics");
-    let line = text.lines().find(|line| line.strip_prefix(name).is_some_and(|rest| rest.starts_with(' ')))?.to_owned();
-    line.rsplit_once(' ')?.1.parse().ok()
-}
-
-fn wait_for(what: &str, mut done: impl FnMut() -> bool) {
-    let until = Instant::now() + PATIENCE;
-    while !done() {
-        assert!(Instant::now() < until, "{what}");
-        std::thread::sleep(Duration::from_millis(100));
-    }
 }
 
 #[test]
@@ -65,7 +35,9 @@ fn a_run_is_watched_from_beside_and_a_killed_viewer_is_nothing_to_it() {
     let before = sample(&address, "controller_ticks_total").unwrap();
     wait_for("more ticks", || sample(&address, "controller_ticks_total").is_some_and(|ticks| ticks > before + 20.0));
     assert_eq!(sample(&address, "controller_up"), Some(1.0));
-    assert!(sample(&address, "controller_pressure_kpa{channel=\"positive\"}").unwrap().abs() < 200.0);
+    wait_for("a pressure that is not old", || {
+        sample(&address, "controller_pressure_kpa{channel=\"positive\"}").is_some_and(|kpa| kpa.abs() < 200.0)
+    });
     // Read-only, and for this machine's own names.
     assert!(get(&address, &address, "POST /metrics").contains("405"));
     assert!(get(&address, "evil.example", "GET /metrics").contains("403"));
@@ -121,6 +93,7 @@ fn a_foreign_client_of_foxgloves_protocol_sees_every_tick() {
             "op serverInfo",
             "channel /tick protobuf pneumatic.Tick protobuf True",
             "channel /event protobuf foxglove.Log protobuf True",
+            "channel /state json controller.State jsonschema True",
             "age_below_10_s True",
             "ticks 50",
         ],
@@ -145,6 +118,8 @@ fn foxgloves_own_client_decodes_what_comes_and_may_die_in_the_middle() {
             "server controller live []",
             "channel /tick protobuf pneumatic.Tick true",
             "channel /event protobuf foxglove.Log true",
+            "channel /state json controller.State true",
+            "state up",
             "status 1 advertise is not offered: this server is read-only",
             "forward true",
             "moves true",

@@ -34,7 +34,8 @@ async def foxglove(address):
         print("op", info["op"])
         advertised = json.loads(await socket.recv())
         for channel in advertised["channels"]:
-            schema = base64.b64decode(channel["schema"])
+            text = channel["schema"]
+            schema = json.dumps(json.loads(text)) if channel["schemaEncoding"] == "jsonschema" else base64.b64decode(text)
             print("channel", channel["topic"], channel["encoding"], channel["schemaName"], channel["schemaEncoding"], len(schema) > 100)
         ids = {channel["topic"]: channel["id"] for channel in advertised["channels"]}
         await socket.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 41, "channelId": ids["/tick"]}]}))

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use flight::CodeNames;
 use proto::recording::{Arrival, Event, TickRecord};
-use proto::stream::Message;
+use proto::stream::{DaemonState, Message};
 
 /// Ticks that are kept: a minute.
 pub(crate) const TICKS: usize = 3_000;
@@ -15,6 +15,11 @@ pub(crate) const EVENTS: usize = 200;
 /// Upper edges of the bins of the time of a tick (s); the last bin has none.
 pub(crate) const COMPUTE_EDGES_S: [f64; 12] =
     [0.000_1, 0.000_2, 0.000_5, 0.001, 0.002, 0.003, 0.005, 0.008, 0.014, 0.02, 0.05, 0.1];
+
+/// Age from which data no longer tells what is.
+const FRESH: Duration = Duration::from_secs(1);
+/// Time without word of its state after which a daemon counts as gone; it tells it once a second.
+const SILENT: Duration = Duration::from_secs(5);
 
 /// A tick with its number among all that came, and the wall clock.
 #[derive(Debug, Clone)]
@@ -50,17 +55,36 @@ pub(crate) struct Known {
     pub(crate) totals: Totals,
     /// Why the daemon's stream is not there; `None` while it is.
     pub(crate) trouble: Option<String>,
-    /// When the last message came.
-    pub(crate) heard: Option<Instant>,
+    /// The daemon's state, and when it was told; none since the stream was last connected.
+    state: Option<(DaemonState, Instant)>,
+    /// How old the newest data was, and when.
+    data: Option<(Duration, Instant)>,
     /// Counts changes of `about`, `policies` and `trouble`.
     pub(crate) edition: u64,
     next: u64,
 }
 
 impl Known {
-    /// The newest tick.
-    pub(crate) fn newest(&self) -> Option<&Seen<TickRecord>> {
-        self.ticks.back()
+    /// The daemon's state.
+    ///
+    /// # Errors
+    /// Why it is not known, in one line.
+    pub(crate) fn daemon(&self) -> Result<&DaemonState, String> {
+        match (&self.trouble, &self.state) {
+            (Some(trouble), _) => Err(trouble.clone()),
+            (None, None) => Err("the daemon has not told its state yet".to_owned()),
+            (None, Some((_, at))) if at.elapsed() > SILENT => {
+                Err(format!("the daemon has told nothing for {:.0} s", at.elapsed().as_secs_f64()))
+            }
+            (None, Some((state, _))) => Ok(state),
+        }
+    }
+
+    /// The newest tick, while it tells what is: a session is open, and the data is fresh.
+    pub(crate) fn current(&self) -> Option<&Seen<TickRecord>> {
+        let is_in_session = self.daemon().is_ok_and(|state| state.session != 0);
+        let is_fresh = self.age().is_some_and(|age| age <= FRESH);
+        self.ticks.back().filter(|_| is_in_session && is_fresh)
     }
 
     /// Number of the next tick or event.
@@ -68,13 +92,12 @@ impl Known {
         self.next
     }
 
-    /// Time since the last message; `None` before the first.
+    /// Age of the newest data; `None` before the first. Events and words of the state are no data.
     pub(crate) fn age(&self) -> Option<Duration> {
-        self.heard.map(|heard| heard.elapsed())
+        self.data.map(|(age, at)| age + at.elapsed())
     }
 
     fn take(&mut self, message: Message) {
-        self.heard = Some(Instant::now());
         let number = self.next;
         match message {
             Message::About(about) => {
@@ -94,8 +117,22 @@ impl Known {
             Message::Tick { unix_ns, tick } => {
                 self.next += 1;
                 self.count(&tick);
+                // A tick without a frame is the daemon's alone: the rig has said nothing.
+                if matches!(tick.arrival, Arrival::InTime | Arrival::Late) {
+                    self.data = Some((Duration::ZERO, Instant::now()));
+                }
                 self.ticks.push_back(Seen { number, unix_ns, what: *tick });
                 trim(&mut self.ticks, TICKS);
+            }
+            Message::State(state) => {
+                // Whoever waits for news looks again, also where there is neither tick nor event.
+                self.next += 1;
+                // A viewer that has just come knows the age of what it never saw; a tick that came late is as old as the daemon says.
+                if let Some(told) = state.age_ms.map(Duration::from_millis) {
+                    let age = self.age().map_or(told, |seen| seen.max(told));
+                    self.data = Some((age, Instant::now()));
+                }
+                self.state = Some((state, Instant::now()));
             }
         }
     }
@@ -154,9 +191,16 @@ impl Hub {
         if known.trouble != trouble {
             known.trouble = trouble;
             known.edition += 1;
+            // What the daemon before it was doing is no longer anybody's state.
+            known.state = None;
         }
         drop(known);
         self.news.notify_all();
+    }
+
+    /// The name of a fault's code; none for 0.
+    pub(crate) fn fault_name(&self, code: u16) -> &'static str {
+        if code == 0 { "" } else { (self.names.fault)(code) }
     }
 
     pub(crate) fn lock(&self) -> MutexGuard<'_, Known> {
@@ -208,6 +252,48 @@ mod tests {
         // 0.4 ms lies in the bin up to 0.5 ms, 30 ms in the one up to 50.
         assert_eq!((totals.compute[2], totals.compute[10]), (4_000, 1));
         assert!((totals.compute_sum_s - 1.63).abs() < 1e-9);
+    }
+
+    fn told(session: u32, age_ms: Option<u64>) -> Message {
+        Message::State(DaemonState { session, age_ms, ..DaemonState::default() })
+    }
+
+    #[test]
+    fn only_data_is_news_of_the_rig() {
+        let hub = hub();
+        assert!(hub.lock().daemon().unwrap_err().contains("not connected"));
+        hub.link(Ok(()));
+        hub.take(tick(0, 0, 1));
+        assert!(hub.lock().daemon().is_err() && hub.lock().current().is_none(), "its state is not known yet");
+        hub.take(told(1, Some(0)));
+        assert!(hub.lock().daemon().is_ok() && hub.lock().current().is_some());
+        // The session is over: the tick is history at once, and the age is the daemon's, whatever else it says.
+        hub.take(told(0, Some(10_900)));
+        let event = Event { unix_ns: 1, level: EventLevel::Info, part: "operator".to_owned(), message: "x".to_owned() };
+        hub.take(Message::Event(event));
+        hub.take(Message::Policies("[]".to_owned()));
+        let known = hub.lock();
+        assert!(known.current().is_none() && known.age().unwrap() >= Duration::from_millis(10_900));
+        drop(known);
+        hub.take(tick(1, 0, 1));
+        hub.take(told(1, Some(2_000)));
+        assert!(hub.lock().current().is_none(), "a tick that came late is as old as the daemon says");
+        hub.take(tick(2, 0, 1));
+        assert!(hub.lock().current().is_some());
+        hub.link(Err("the daemon ended".to_owned()));
+        hub.link(Ok(()));
+        assert!(hub.lock().daemon().is_err(), "the next daemon's state is its own");
+    }
+
+    #[test]
+    fn a_daemon_that_says_nothing_is_not_up() {
+        let hub = hub();
+        hub.link(Ok(()));
+        hub.take(told(1, None));
+        let mut known = hub.lock();
+        let Some((_, at)) = &mut known.state else { panic!("it was told") };
+        *at -= SILENT + Duration::from_secs(1);
+        assert!(known.daemon().unwrap_err().contains("nothing for"));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! ```text
 //!  daemon, off its tick          this process
 //!  controller.live.sock ──────►  source ──► hub ──┬─► GET /          a page that moves
-//!  (ticks, events, one way)                       ├─► GET /events    server-sent events behind it
+//!  (ticks, events, state, one way)                ├─► GET /events    server-sent events behind it
 //!                                                 ├─► GET /metrics   Prometheus
 //!                                                 └─► websocket      Foxglove, Lichtblick, PlotJuggler
 //! ```
@@ -13,6 +13,7 @@
 //! | [`source`] | the daemon's stream, connected again and again |
 //! | [`hub`] | what is known now, and who waits for more |
 //! | [`server`] | connections, one thread each, a bounded number |
+//! | `deadline` | a time within which something must be read or written |
 //! | `http` | the little of HTTP/1.1 that this needs |
 //! | `websocket` | RFC 6455: handshake and frames |
 //! | `foxglove` | the Foxglove websocket protocol |
@@ -22,6 +23,7 @@
 //! Read-only: nothing that a viewer sends reaches the daemon. Not encrypted and without passwords, hence loopback
 //! unless an address is given.
 
+mod deadline;
 mod foxglove;
 mod http;
 pub mod hub;

@@ -3,37 +3,68 @@
 use std::fmt::Write;
 
 use proto::recording::TickRecord;
+use proto::stream::DaemonState;
 
 use crate::hub::{COMPUTE_EDGES_S, Hub, Known};
 
-/// All metrics. Pressures and duties are those of the newest tick; counts begin with this viewer.
+/// All metrics. Pressures and duties are those of the newest tick, and left out where that no longer tells what is, as
+/// is the state of a daemon that says nothing; counts begin with this viewer.
 pub(crate) fn text(hub: &Hub) -> String {
     let known = hub.lock();
     let mut out = String::new();
+    let daemon = known.daemon();
     gauge(
         &mut out,
         "controller_up",
-        "Whether the daemon's stream is there.",
-        &[("", f64::from(u8::from(known.trouble.is_none())))],
+        "1 while the daemon tells its state, else 0.",
+        &[("", f64::from(u8::from(daemon.is_ok())))],
     );
     if let Some(age) = known.age() {
         gauge(
             &mut out,
             "controller_data_age_seconds",
-            "Time since the daemon last said anything.",
+            "Age of the newest frame of the cRIO that was answered.",
             &[("", age.as_secs_f64())],
         );
     }
-    if let Some(seen) = known.newest() {
-        newest(&mut out, &seen.what, hub);
+    if let Ok(state) = &daemon {
+        standing(&mut out, state, hub);
+        info(&mut out, state, &known);
     }
-    info(&mut out, &known);
+    if let Some(seen) = known.current() {
+        newest(&mut out, &seen.what);
+    }
     counters(&mut out, &known);
     compute(&mut out, &known);
     out
 }
 
-fn newest(out: &mut String, tick: &TickRecord, hub: &Hub) {
+/// The daemon's state, with or without a session.
+fn standing(out: &mut String, daemon: &DaemonState, hub: &Hub) {
+    let state = format!("{{state=\"{}\"}}", label((hub.names.state)(daemon.state)));
+    gauge(
+        out,
+        "controller_state",
+        "The daemon's state: its code, and its name as a label.",
+        &[(&state, f64::from(daemon.state))],
+    );
+    let fault = format!("{{fault=\"{}\"}}", label(hub.fault_name(daemon.fault)));
+    gauge(
+        out,
+        "controller_fault",
+        "Why the rig is vented or the last session ended: its code, 0 for nothing, and its name.",
+        &[(&fault, f64::from(daemon.fault))],
+    );
+    let waits = format!("{{fault=\"{}\"}}", label(hub.fault_name(daemon.waits)));
+    gauge(
+        out,
+        "controller_waits_for_acknowledge",
+        "The worst that waits for `controller acknowledge`: its code, 0 for nothing, and its name.",
+        &[(&waits, f64::from(daemon.waits))],
+    );
+}
+
+fn newest(out: &mut String, tick: &TickRecord) {
     let pair = |pos: f64, neg: f64| [("{channel=\"positive\"}", pos), ("{channel=\"negative\"}", neg)];
     gauge(out, "controller_pressure_kpa", "Measured pressure, kPa gauge.", &pair(tick.p_pos_kpa, tick.p_neg_kpa));
     gauge(out, "controller_reference_kpa", "Reference, kPa gauge.", &pair(tick.ref_pos_kpa, tick.ref_neg_kpa));
@@ -60,29 +91,20 @@ fn newest(out: &mut String, tick: &TickRecord, hub: &Hub) {
         &[("", f64::from(tick.experiment))],
     );
     gauge(out, "controller_tick", "Number of the newest tick in its session.", &[("", f64::from(tick.tick))]);
-    let state = format!("{{state=\"{}\"}}", label((hub.names.state)(tick.state)));
-    gauge(
-        out,
-        "controller_state",
-        "The daemon's state: its code, and its name as a label.",
-        &[(&state, f64::from(tick.state))],
-    );
-    let name = if tick.fault == 0 { "" } else { (hub.names.fault)(tick.fault) };
-    let fault = format!("{{fault=\"{}\"}}", label(name));
-    gauge(
-        out,
-        "controller_fault",
-        "The daemon's fault: its code, 0 for none, and its name.",
-        &[(&fault, f64::from(tick.fault))],
-    );
 }
 
-fn info(out: &mut String, known: &Known) {
-    let labels: Vec<String> =
-        [("program", "program"), ("policy", "policy_name"), ("sha256", "policy_sha256"), ("model", "model_rig")]
-            .into_iter()
-            .map(|(name, key)| format!("{name}=\"{}\"", label(known.about.get(key).map_or("", String::as_str))))
-            .collect();
+fn info(out: &mut String, daemon: &DaemonState, known: &Known) {
+    let program = known.about.get("program").map_or("", String::as_str);
+    let labels: Vec<String> = [
+        ("program", program),
+        ("policy", daemon.policy.as_str()),
+        ("sha256", daemon.policy_sha256.as_str()),
+        ("model", daemon.model.as_str()),
+        ("model_sha256", daemon.model_sha256.as_str()),
+    ]
+    .into_iter()
+    .map(|(name, text)| format!("{name}=\"{}\"", label(text)))
+    .collect();
     gauge(
         out,
         "controller_info",
@@ -141,27 +163,60 @@ fn label(text: &str) -> String {
 mod tests {
     use super::*;
     use flight::CodeNames;
+    use proto::recording::Arrival;
     use proto::stream::Message;
+
+    fn hub() -> Hub {
+        let name = |state: u8| if state == 6 { "connecting" } else { "run" };
+        let hub = Hub::new(CodeNames { state: name, fault: |_| "link lost" });
+        hub.link(Ok(()));
+        hub
+    }
+
+    fn running() -> DaemonState {
+        DaemonState {
+            state: 1,
+            session: 9,
+            age_ms: Some(0),
+            policy: "a \"quoted\\ name".to_owned(),
+            ..Default::default()
+        }
+    }
+
+    /// Ticks by the time that they took to compute.
+    fn tick(hub: &Hub, number: u32, compute_ns: u32) {
+        let arrival = Arrival::InTime;
+        let tick = TickRecord { tick: number, compute_ns, arrival, p_pos_kpa: 91.5, fault: 7, ..TickRecord::default() };
+        hub.take(Message::Tick { unix_ns: 1, tick: Box::new(tick) });
+    }
+
+    fn check(hub: &Hub, lines: &[&str], not: &[&str]) {
+        let text = text(hub);
+        for line in lines {
+            assert!(text.lines().any(|found| found == *line), "{line} is not in\n{text}");
+        }
+        for begin in not {
+            assert!(!text.lines().any(|found| found.starts_with(begin)), "{begin} is in\n{text}");
+        }
+    }
 
     #[test]
     fn every_line_is_a_comment_or_a_sample_and_the_histogram_adds_up() {
-        let hub = Hub::new(CodeNames { state: |_| "run", fault: |_| "link lost" });
-        hub.link(Ok(()));
-        hub.take(Message::About([("policy_name".to_owned(), "a \"quoted\\ name".to_owned())].into()));
+        let hub = hub();
+        hub.take(Message::State(running()));
         for (number, compute_ns) in [(0, 150_000), (1, 400_000), (2, 25_000_000)] {
-            let tick = TickRecord { tick: number, compute_ns, p_pos_kpa: 91.5, fault: 7, ..TickRecord::default() };
-            hub.take(Message::Tick { unix_ns: 1, tick: Box::new(tick) });
+            tick(&hub, number, compute_ns);
         }
-        let text = text(&hub);
-        for line in text.lines().filter(|line| !line.starts_with("# ")) {
+        for line in text(&hub).lines().filter(|line| !line.starts_with("# ")) {
             let (name, value) = line.rsplit_once(' ').unwrap();
             assert!(value.parse::<f64>().is_ok() && name.starts_with("controller_"), "{line}");
         }
-        for line in [
+        let lines = [
             "controller_up 1",
             "controller_pressure_kpa{channel=\"positive\"} 91.5",
             "controller_pressure_kpa{channel=\"negative\"} NaN",
-            "controller_fault{fault=\"link lost\"} 7",
+            "controller_state{state=\"run\"} 1",
+            "controller_fault{fault=\"\"} 0",
             "controller_faults_total 1",
             "controller_exploration_duty{channel=\"negative\"} 0",
             "controller_experiment_phase 0",
@@ -170,9 +225,30 @@ mod tests {
             "controller_tick_compute_seconds_bucket{le=\"0.05\"} 3",
             "controller_tick_compute_seconds_bucket{le=\"+Inf\"} 3",
             "controller_tick_compute_seconds_count 3",
-        ] {
-            assert!(text.lines().any(|found| found == line), "{line} is not in\n{text}");
-        }
-        assert!(text.contains("policy=\"a \\\"quoted\\\\ name\""));
+        ];
+        check(&hub, &lines, &[]);
+        assert!(text(&hub).contains("policy=\"a \\\"quoted\\\\ name\""));
+    }
+
+    #[test]
+    fn what_is_not_known_any_more_is_left_out_and_the_state_goes_on() {
+        let hub = hub();
+        hub.take(Message::State(running()));
+        tick(&hub, 0, 150_000);
+        let lost = DaemonState { state: 6, fault: 7, waits: 7, session: 0, age_ms: Some(3_000), ..running() };
+        hub.take(Message::State(lost));
+        let plant = ["controller_pressure_kpa", "controller_duty", "controller_reference_kpa", "controller_tick "];
+        let lines = [
+            "controller_up 1",
+            "controller_state{state=\"connecting\"} 6",
+            "controller_fault{fault=\"link lost\"} 7",
+            "controller_waits_for_acknowledge{fault=\"link lost\"} 7",
+        ];
+        check(&hub, &lines, &plant);
+        hub.link(Err("the daemon ended; waiting for it".to_owned()));
+        let gone = [&plant[..], &["controller_state", "controller_fault{", "controller_info"]].concat();
+        check(&hub, &["controller_up 0"], &gone);
+        let age = text(&hub).lines().find_map(|line| line.strip_prefix("controller_data_age_seconds ")?.parse().ok());
+        assert!(age.is_some_and(|age: f64| age >= 3.0), "{age:?}");
     }
 }

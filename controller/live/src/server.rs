@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
+use crate::deadline::Within;
 use crate::foxglove;
 use crate::http::{Request, begin_events, respond};
 use crate::hub::Hub;
@@ -13,9 +14,13 @@ use crate::metrics;
 use crate::state_json::{Cursor, news};
 use crate::websocket::{WebSocket, is_upgrade};
 
-/// Viewers at a time; one more is told so.
+/// Pages and websockets at a time, which stay; one more is told so.
 const MOST_VIEWERS: usize = 32;
-/// How long a request may take to come, and an answer to go.
+/// Requests under way at a time, beside those who stay: Prometheus and a new page always find a place soon.
+const MOST_REQUESTS: usize = 32;
+/// How long a websocket's client may say nothing, pings unanswered, before it is cut off.
+const CLIENT_SILENCE: Duration = Duration::from_secs(15);
+/// How long a whole request may take to come, and a whole answer or picture to go.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Between two pictures of a page: as fast as eyes follow numbers.
 const PICTURE: Duration = Duration::from_millis(100);
@@ -43,12 +48,49 @@ pub enum LiveError {
     },
 }
 
+/// A place among a bounded number, given back when it is dropped.
+struct Place(Arc<AtomicUsize>);
+
+impl Place {
+    /// A place, if fewer than `most` are taken.
+    fn take(taken: &Arc<AtomicUsize>, most: usize) -> Option<Self> {
+        let one_more = |count: usize| (count < most).then_some(count + 1);
+        let found = taken.fetch_update(Ordering::Relaxed, Ordering::Relaxed, one_more);
+        found.is_ok().then(|| Place(Arc::clone(taken)))
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
 /// A server that listens.
 pub struct Server {
     listener: TcpListener,
+    shared: Shared,
+}
+
+/// What all connections share.
+#[derive(Clone)]
+struct Shared {
     hub: Arc<Hub>,
-    /// Reached from this machine only.
-    loopback: bool,
+    /// Names under which it may be asked.
+    names: AskedUnder,
+    /// Pages and websockets.
+    viewers: Arc<AtomicUsize>,
+    /// How long a websocket's client may say nothing.
+    silence: Duration,
+}
+
+/// Names under which a server answers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum AskedUnder {
+    /// An address, or `localhost`: it is reached from this machine only.
+    ThisMachine,
+    /// Any.
+    AnyName,
 }
 
 impl Server {
@@ -63,7 +105,9 @@ impl Server {
         let listen = |source| LiveError::Listen { address: address.to_owned(), source };
         let listener = TcpListener::bind(at).map_err(listen)?;
         listener.set_nonblocking(true).map_err(listen)?;
-        Ok(Server { listener, hub, loopback: at.ip().is_loopback() })
+        let names = if at.ip().is_loopback() { AskedUnder::ThisMachine } else { AskedUnder::AnyName };
+        let shared = Shared { hub, names, viewers: Arc::default(), silence: CLIENT_SILENCE };
+        Ok(Server { listener, shared })
     }
 
     /// Where it listens.
@@ -76,96 +120,169 @@ impl Server {
 
     /// Whether it can be reached from this machine only.
     pub fn is_loopback(&self) -> bool {
-        self.loopback
+        self.shared.names == AskedUnder::ThisMachine
     }
 
     /// Serves viewers until told to stop.
     pub fn run(&self, stop: &Arc<AtomicBool>) {
-        let viewers = Arc::new(AtomicUsize::new(0));
+        let requests = Arc::new(AtomicUsize::new(0));
         while !stop.load(Ordering::Relaxed) {
             let Ok((stream, _)) = self.listener.accept() else {
                 std::thread::sleep(Duration::from_millis(10));
                 continue;
             };
-            if viewers.fetch_add(1, Ordering::Relaxed) >= MOST_VIEWERS {
-                viewers.fetch_sub(1, Ordering::Relaxed);
-                refuse(stream);
+            let Some(place) = Place::take(&requests, MOST_REQUESTS) else {
+                let _ = stream.set_nonblocking(false);
+                let _ = refuse(&stream);
                 continue;
-            }
-            let (hub, stop, own) = (Arc::clone(&self.hub), Arc::clone(stop), Arc::clone(&viewers));
-            let loopback = self.loopback;
-            let spawned = std::thread::Builder::new().name("viewer".to_owned()).spawn(move || {
+            };
+            let (shared, stop) = (self.shared.clone(), Arc::clone(stop));
+            // Where no thread can be had the connection is closed, and its place given back.
+            let _ = std::thread::Builder::new().name("viewer".to_owned()).spawn(move || {
                 // A viewer that goes away in the middle is its own trouble.
-                let _ = serve(stream, &hub, loopback, &stop);
-                own.fetch_sub(1, Ordering::Relaxed);
+                let _ = serve(stream, &shared, place, &stop);
             });
-            if spawned.is_err() {
-                viewers.fetch_sub(1, Ordering::Relaxed);
-            }
         }
     }
 }
 
-fn refuse(mut stream: TcpStream) {
-    let _ = stream.set_nonblocking(false);
-    let _ = stream.set_write_timeout(Some(PATIENCE));
-    let _ = respond(&mut stream, "503 Service Unavailable", "text/plain", b"too many viewers; close one\n");
+fn refuse(stream: &TcpStream) -> io::Result<()> {
+    answer(stream, "503 Service Unavailable", "text/plain", b"too many viewers; close one\n")
 }
 
-fn serve(mut stream: TcpStream, hub: &Arc<Hub>, loopback: bool, stop: &AtomicBool) -> io::Result<()> {
+fn answer(stream: &TcpStream, status: &str, media_type: &str, body: &[u8]) -> io::Result<()> {
+    respond(&mut Within::new(stream, PATIENCE), status, media_type, body)
+}
+
+fn serve(stream: TcpStream, shared: &Shared, request_place: Place, stop: &AtomicBool) -> io::Result<()> {
+    let Shared { hub, names, viewers, silence } = shared;
     stream.set_nonblocking(false)?;
     stream.set_nodelay(true)?;
-    stream.set_read_timeout(Some(PATIENCE))?;
-    stream.set_write_timeout(Some(PATIENCE))?;
-    let request = match Request::read(&mut stream) {
+    let request = match Request::read(&mut Within::new(&stream, PATIENCE)) {
         Ok(request) => request,
         Err(error) => {
-            return respond(&mut stream, "400 Bad Request", "text/plain", format!("{error}\n").as_bytes());
+            return answer(&stream, "400 Bad Request", "text/plain", format!("{error}\n").as_bytes());
         }
     };
-    if loopback && !request.names_this_machine() {
-        return respond(&mut stream, "403 Forbidden", "text/plain", b"ask by address or as localhost\n");
+    if *names == AskedUnder::ThisMachine && !request.names_this_machine() {
+        return answer(&stream, "403 Forbidden", "text/plain", b"ask by address or as localhost\n");
     }
     if is_upgrade(&request) {
-        return match request.header("sec-websocket-protocol").and_then(foxglove::choose) {
-            Some(protocol) => foxglove::serve(WebSocket::accept(stream, &request, Some(protocol))?, hub, stop),
-            None => respond(
-                &mut stream,
-                "400 Bad Request",
-                "text/plain",
-                b"speak foxglove.sdk.v1 or foxglove.websocket.v1\n",
-            ),
+        let offered = request.header("sec-websocket-protocol");
+        let Some(protocol) = offered.and_then(foxglove::choose) else {
+            let help = b"speak foxglove.sdk.v1 or foxglove.websocket.v1\n";
+            return answer(&stream, "400 Bad Request", "text/plain", help);
         };
+        let Some(_place) = Place::take(viewers, MOST_VIEWERS) else { return refuse(&stream) };
+        drop(request_place);
+        return foxglove::serve(WebSocket::accept(stream, &request, Some(protocol))?, hub, *silence, stop);
     }
     if request.method != "GET" {
-        return respond(&mut stream, "405 Method Not Allowed", "text/plain", b"read-only: GET\n");
+        return answer(&stream, "405 Method Not Allowed", "text/plain", b"read-only: GET\n");
     }
     const HTML: &str = "text/html; charset=utf-8";
     match request.path.as_str() {
-        "/" | "/index.html" => respond(&mut stream, "200 OK", HTML, include_bytes!("page.html")),
+        "/" | "/index.html" => answer(&stream, "200 OK", HTML, include_bytes!("page.html")),
         "/metrics" => {
             let text = metrics::text(hub);
-            respond(&mut stream, "200 OK", "text/plain; version=0.0.4; charset=utf-8", text.as_bytes())
+            answer(&stream, "200 OK", "text/plain; version=0.0.4; charset=utf-8", text.as_bytes())
         }
-        "/layout.json" => respond(&mut stream, "200 OK", "application/json", include_bytes!("layout.json")),
-        "/events" => events(stream, hub, stop),
-        _ => {
-            respond(&mut stream, "404 Not Found", "text/plain", b"/, /metrics, /events, /layout.json, or a websocket\n")
+        "/layout.json" => answer(&stream, "200 OK", "application/json", include_bytes!("layout.json")),
+        "/events" => {
+            let Some(_place) = Place::take(viewers, MOST_VIEWERS) else { return refuse(&stream) };
+            drop(request_place);
+            events(&stream, hub, stop)
         }
+        _ => answer(&stream, "404 Not Found", "text/plain", b"/, /metrics, /events, /layout.json, or a websocket\n"),
     }
 }
 
 /// Server-sent events until the page goes.
-fn events(mut stream: TcpStream, hub: &Arc<Hub>, stop: &AtomicBool) -> io::Result<()> {
-    begin_events(&mut stream)?;
+fn events(stream: &TcpStream, hub: &Arc<Hub>, stop: &AtomicBool) -> io::Result<()> {
+    begin_events(&mut Within::new(stream, PATIENCE))?;
     let mut cursor = Cursor::default();
     while !stop.load(Ordering::Relaxed) {
         let begun = Instant::now();
         let known = hub.wait(cursor.next, cursor.edition.unwrap_or(u64::MAX), SILENCE);
         let picture = news(hub, &known, &mut cursor);
         drop(known);
-        stream.write_all(format!("data: {picture}\n\n").as_bytes())?;
+        Within::new(stream, PATIENCE).write_all(format!("data: {picture}\n\n").as_bytes())?;
         std::thread::sleep(PICTURE.saturating_sub(begun.elapsed().min(PICTURE)).max(Duration::from_millis(20)));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use flight::CodeNames;
+    use std::io::Read;
+
+    /// A server that knows nothing, with this much patience for a silent client, until it is dropped.
+    struct Served {
+        address: SocketAddr,
+        stop: Arc<AtomicBool>,
+    }
+
+    impl Served {
+        fn new(silence: Duration) -> Self {
+            let hub = Hub::new(CodeNames { state: |_| "run", fault: |_| "link lost" });
+            let mut server = Server::bind("127.0.0.1:0", Arc::new(hub)).unwrap();
+            server.shared.silence = silence;
+            let (address, stop) = (server.local_addr().unwrap(), Arc::new(AtomicBool::new(false)));
+            let until = Arc::clone(&stop);
+            std::thread::spawn(move || server.run(&until));
+            Served { address, stop }
+        }
+
+        /// Sends a request and answers what came of it so far.
+        fn ask(&self, path: &str, headers: &str) -> (TcpStream, String) {
+            let mut stream = TcpStream::connect(self.address).unwrap();
+            let request = format!("GET {path} HTTP/1.1\r\nHost: localhost\r\n{headers}\r\n");
+            stream.write_all(request.as_bytes()).unwrap();
+            let mut first = [0; 16];
+            stream.read_exact(&mut first).unwrap();
+            (stream, String::from_utf8_lossy(&first).into_owned())
+        }
+
+        fn websocket(&self) -> (TcpStream, String) {
+            self.ask(
+                "/",
+                "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n\
+                 Sec-WebSocket-Protocol: foxglove.websocket.v1\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n",
+            )
+        }
+    }
+
+    impl Drop for Served {
+        fn drop(&mut self) {
+            self.stop.store(true, Ordering::Relaxed);
+        }
+    }
+
+    #[test]
+    fn those_who_stay_keep_no_place_from_those_who_come_and_go() {
+        let served = Served::new(Duration::from_secs(600));
+        let idle: Vec<(TcpStream, String)> = (0..MOST_VIEWERS).map(|_| served.websocket()).collect();
+        assert!(idle.iter().all(|(_, answer)| answer.starts_with("HTTP/1.1 101")));
+        for path in ["/metrics", "/", "/layout.json"] {
+            let (_, answer) = served.ask(path, "");
+            assert!(answer.starts_with("HTTP/1.1 200"), "{path}: {answer}");
+        }
+        for (_, answer) in [served.websocket(), served.ask("/events", "")] {
+            assert!(answer.starts_with("HTTP/1.1 503"), "{answer}");
+        }
+    }
+
+    #[test]
+    fn a_websocket_whose_client_answers_no_ping_is_cut_off() {
+        let served = Served::new(Duration::from_millis(200));
+        let (mut stream, answer) = served.websocket();
+        assert!(answer.starts_with("HTTP/1.1 101"), "{answer}");
+        stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        let mut rest = Vec::new();
+        stream.read_to_end(&mut rest).unwrap();
+        // A ping has no payload here.
+        assert!(rest.windows(2).any(|two| two == [0x89, 0]), "it was asked whether it is there");
+    }
 }

@@ -33,7 +33,9 @@ pub(crate) fn news(hub: &Hub, known: &Known, cursor: &mut Cursor) -> Value {
     let mut out = json!({
         "ticks": ticks,
         "events": events,
+        "daemon": daemon(hub, known),
         "age_s": known.age().map(|age| age.as_secs_f64()),
+        "current": known.current().is_some(),
         "totals": {
             "ticks": totals.ticks,
             "deadline_misses": totals.deadline_misses,
@@ -47,11 +49,29 @@ pub(crate) fn news(hub: &Hub, known: &Known, cursor: &mut Cursor) -> Value {
     if cursor.edition != Some(known.edition) {
         out["about"] = json!(known.about);
         out["policies"] = serde_json::from_str(&known.policies).unwrap_or(Value::Null);
-        out["link"] = json!(known.trouble);
         cursor.edition = Some(known.edition);
     }
     cursor.next = known.next();
     out
+}
+
+/// The daemon's state, or why it is not known.
+pub(crate) fn daemon(hub: &Hub, known: &Known) -> Value {
+    match known.daemon() {
+        Ok(state) => json!({
+            "up": true,
+            "state": (hub.names.state)(state.state),
+            "fault": hub.fault_name(state.fault),
+            "waits": hub.fault_name(state.waits),
+            "session": state.session,
+            "policy": state.policy,
+            "policy_sha256": state.policy_sha256,
+            "model": state.model,
+            "model_sha256": state.model_sha256,
+            "reference": state.reference,
+        }),
+        Err(why) => json!({"up": false, "state": "unknown", "fault": why}),
+    }
 }
 
 fn since<T>(queue: &VecDeque<Seen<T>>, next: u64) -> impl Iterator<Item = &Seen<T>> {
@@ -73,7 +93,7 @@ fn tick(hub: &Hub, seen: &Seen<TickRecord>) -> Value {
         "f": [five_pos, five_neg],
         "u": [t.u_pos, t.u_neg],
         "state": (hub.names.state)(t.state),
-        "fault": if t.fault == 0 { "" } else { (hub.names.fault)(t.fault) },
+        "fault": hub.fault_name(t.fault),
         "stage": t.policy_stage,
         "authority": t.authority,
         "swap": t.swap_id,
@@ -95,7 +115,7 @@ fn seconds(unix_ns: u64) -> f64 {
 mod tests {
     use super::*;
     use flight::CodeNames;
-    use proto::stream::Message;
+    use proto::stream::{DaemonState, Message};
 
     #[test]
     fn a_page_is_sent_everything_once() {
@@ -110,10 +130,26 @@ mod tests {
         let first = news(&hub, &hub.lock(), &mut cursor);
         assert_eq!(first["ticks"].as_array().unwrap().len(), 2);
         assert_eq!((&first["ticks"][0]["p"][0], &first["ticks"][0]["p"][1]), (&json!(90.0), &Value::Null));
-        assert!(first["link"].is_string() && first["about"].is_object());
+        assert!(first["daemon"]["up"] == false && first["current"] == false && first["about"].is_object());
         put(2);
         let second = news(&hub, &hub.lock(), &mut cursor);
         assert_eq!((&second["ticks"][0]["n"], second["ticks"].as_array().unwrap().len()), (&json!(2), 1));
         assert!(second.get("about").is_none());
+    }
+
+    /// No tick is needed for it, and none that is old stands for it.
+    #[test]
+    fn the_daemons_state_is_in_every_picture() {
+        let hub = Hub::new(CodeNames { state: |_| "connecting", fault: |_| "link lost" });
+        hub.link(Ok(()));
+        let lost = DaemonState { state: 6, fault: 7, age_ms: Some(10_900), ..DaemonState::default() };
+        hub.take(Message::State(lost));
+        let mut cursor = Cursor::default();
+        for _ in 0..2 {
+            let picture = news(&hub, &hub.lock(), &mut cursor);
+            let daemon = &picture["daemon"];
+            assert_eq!((&daemon["state"], &daemon["fault"]), (&json!("connecting"), &json!("link lost")));
+            assert!(picture["age_s"].as_f64().unwrap() >= 10.9 && picture["current"] == false, "{picture}");
+        }
     }
 }

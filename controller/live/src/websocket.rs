@@ -4,13 +4,14 @@ use std::io::{self, Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
+use crate::deadline::Within;
 use crate::http::Request;
 
 /// Longest message taken from a client (bytes): a subscription has about a hundred.
 const LONGEST: usize = 64 * 1024;
 /// What the key of the handshake is hashed with (RFC 6455, 1.3).
 const GUID: &str = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11";
-/// A frame that has begun must be whole within this.
+/// A frame that has begun must be whole within this, in either direction.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// What a client sent.
@@ -28,6 +29,10 @@ pub(crate) enum Received {
 pub(crate) struct WebSocket {
     stream: TcpStream,
     fragments: Vec<u8>,
+    /// When the client last sent anything.
+    heard: Instant,
+    /// When it was last asked whether it is there.
+    pinged: Instant,
 }
 
 /// Whether a request asks for a websocket.
@@ -49,7 +54,8 @@ impl WebSocket {
             "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: {accept}\r\n{protocol}\r\n"
         );
         stream.write_all(head.as_bytes())?;
-        Ok(WebSocket { stream, fragments: Vec::new() })
+        let now = Instant::now();
+        Ok(WebSocket { stream, fragments: Vec::new(), heard: now, pinged: now })
     }
 
     /// Sends a text.
@@ -83,7 +89,24 @@ impl WebSocket {
         }
         frame.extend_from_slice(payload);
         // In one write: a frame in two pieces can wait for an acknowledgement.
-        self.stream.write_all(&frame)
+        Within::new(&self.stream, PATIENCE).write_all(&frame)
+    }
+
+    /// Asks a client that has been silent for a while whether it is still there; every client answers that by itself.
+    ///
+    /// # Errors
+    /// It has been silent for so long, or the connection ends.
+    pub(crate) fn keep_alive(&mut self, silence: Duration) -> io::Result<()> {
+        let silent = self.heard.elapsed();
+        if silent > silence {
+            return Err(io::ErrorKind::TimedOut.into());
+        }
+        let between = silence / 4;
+        if silent > between && self.pinged.elapsed() > between {
+            self.pinged = Instant::now();
+            self.send(9, b"")?;
+        }
+        Ok(())
     }
 
     /// Takes what the client sent, waiting no longer than `most` for it to begin.
@@ -101,12 +124,8 @@ impl WebSocket {
             }
             Err(e) => return Err(e),
         }
-        self.stream.set_read_timeout(Some(PATIENCE))?;
-        let begun = Instant::now();
-        let payload = self.payload()?;
-        if begun.elapsed() > PATIENCE {
-            return Err(broken("a frame took too long"));
-        }
+        self.heard = Instant::now();
+        let payload = payload(&mut Within::new(&self.stream, PATIENCE))?;
         let (last, opcode) = (first[0] & 0x80 != 0, first[0] & 0x0f);
         match opcode {
             0..=2 => {
@@ -132,33 +151,34 @@ impl WebSocket {
             _ => Err(broken("an unknown kind of frame")),
         }
     }
+}
 
-    fn payload(&mut self) -> io::Result<Vec<u8>> {
-        let mut head = [0; 1];
-        self.stream.read_exact(&mut head)?;
-        if head[0] & 0x80 == 0 {
-            return Err(broken("a client's frame must be masked"));
-        }
-        let length = match head[0] & 0x7f {
-            126 => {
-                let mut more = [0; 2];
-                self.stream.read_exact(&mut more)?;
-                usize::from(u16::from_be_bytes(more))
-            }
-            127 => return Err(broken("a frame is too long")),
-            short => usize::from(short),
-        };
-        if length > LONGEST {
-            return Err(broken("a frame is too long"));
-        }
-        let (mut mask, mut payload) = ([0; 4], vec![0; length]);
-        self.stream.read_exact(&mut mask)?;
-        self.stream.read_exact(&mut payload)?;
-        for (byte, mask) in payload.iter_mut().zip(mask.iter().cycle()) {
-            *byte ^= mask;
-        }
-        Ok(payload)
+/// The rest of a frame whose first byte was read.
+fn payload(from: &mut impl Read) -> io::Result<Vec<u8>> {
+    let mut head = [0; 1];
+    from.read_exact(&mut head)?;
+    if head[0] & 0x80 == 0 {
+        return Err(broken("a client's frame must be masked"));
     }
+    let length = match head[0] & 0x7f {
+        126 => {
+            let mut more = [0; 2];
+            from.read_exact(&mut more)?;
+            usize::from(u16::from_be_bytes(more))
+        }
+        127 => return Err(broken("a frame is too long")),
+        short => usize::from(short),
+    };
+    if length > LONGEST {
+        return Err(broken("a frame is too long"));
+    }
+    let (mut mask, mut payload) = ([0; 4], vec![0; length]);
+    from.read_exact(&mut mask)?;
+    from.read_exact(&mut payload)?;
+    for (byte, mask) in payload.iter_mut().zip(mask.iter().cycle()) {
+        *byte ^= mask;
+    }
+    Ok(payload)
 }
 
 fn broken(what: &'static str) -> io::Error {

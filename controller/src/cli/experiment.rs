@@ -19,7 +19,7 @@ use serde_json::json;
 
 use super::console::{say, tell};
 use super::screen::Screen;
-use super::{Failure, experiment_within_run};
+use super::{Failure, experiment_within_run, is_configured_wrong};
 
 /// Plays the commands of a file once on the rig, open loop, and records what it does.
 ///
@@ -64,6 +64,7 @@ impl From<ExperimentError> for Failure {
             ExperimentError::SessionRecorder(SessionError::Link(link)) => {
                 Failure::work(format!("{link} (nothing was moved, nothing recorded)"))
             }
+            ExperimentError::SessionRecorder(ref session) if is_configured_wrong(session) => Failure::input(error),
             ExperimentError::SessionRecorder(_) => Failure::work(error),
             _ => Failure::input(error),
         }
@@ -156,7 +157,7 @@ impl ExperimentArgs {
         if let Some(why) = &played.aborted {
             let kept = if played.reached > 0 { "what was recorded is kept" } else { "no row was played; recorded" };
             return Err(Failure::work(format!(
-                "experiment aborted after {} of {} rows ({:.2} s): {why}; both vents are open; {kept}: {path}",
+                "experiment aborted after {} of {} rows ({:.2} s): {why}; both vents were commanded open; {kept}: {path}",
                 played.reached,
                 played.rows,
                 played.seconds()

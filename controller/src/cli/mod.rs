@@ -21,6 +21,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use controller::config::ConfigError;
 use controller::daemon::DaemonError;
 use controller::operator::socket::SocketError;
+use controller::policy_service::ServiceError;
 use controller::session::session_recorder::SessionError;
 
 /// First steps, below the list of commands.
@@ -76,7 +77,10 @@ enum Command {
     Status(talk::Target),
     /// Starts controlling the pressures.
     Arm(talk::Target),
-    /// Opens both vents.
+    /// Opens both vents, and says whether they are.
+    ///
+    /// Exit status: 0 the cRIO reports both open; 1 it does not, or the venting is in doubt, or there is no session, or somebody has
+    /// armed the rig again: the last line says which, and what is known of the pressures.
     Disarm(talk::Target),
     /// Lists the policies: state, provenance, figures, and why one was refused.
     Policies(talk::Target),
@@ -156,14 +160,25 @@ impl From<ConfigError> for Failure {
 fn is_configured_wrong(error: &SessionError) -> bool {
     use std::io::ErrorKind as Kind;
     let is_of_the_place = |source: &std::io::Error| {
-        matches!(source.kind(), Kind::NotFound | Kind::NotADirectory | Kind::AlreadyExists | Kind::PermissionDenied)
+        matches!(
+            source.kind(),
+            Kind::NotFound
+                | Kind::NotADirectory
+                | Kind::IsADirectory
+                | Kind::AlreadyExists
+                | Kind::PermissionDenied
+                | Kind::ReadOnlyFilesystem
+                | Kind::InvalidFilename
+                | Kind::InvalidInput
+        )
     };
     match error {
-        SessionError::Socket(SocketError::NotASocket { .. }) => true,
+        SessionError::Socket(SocketError::NotASocket { .. } | SocketError::LongPath { .. }) => true,
         SessionError::Socket(SocketError::Make { source, .. }) | SessionError::Directory { source, .. } => {
             is_of_the_place(source)
         }
         SessionError::Stream(error) => is_of_the_place(&error.source),
+        SessionError::Policies(ServiceError::Admission(_)) => true,
         _ => false,
     }
 }

@@ -9,7 +9,7 @@ use proto::reference::Reference;
 use serde_json::json;
 
 use super::Failure;
-use super::console::say;
+use super::console::{say, tell};
 
 /// Runs the control law again on the recorded inputs and compares every output bit for bit.
 ///
@@ -18,7 +18,7 @@ use super::console::say;
 /// the stage of the tick that differs first.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Exit status: 0 every bit the same, 1 a difference, or the recording ends before it was all compared, 2 it cannot be replayed.
+    after_help = "Exit status: 0 every bit the same, 1 a difference, or not all was compared (the recording ends early, was cut short or is damaged), 2 it cannot be replayed.
 
 Example:
   controller replay recordings/run-20261120-020405.mcap"
@@ -70,13 +70,19 @@ impl ReplayArgs {
                 "numbers": found.numbers,
                 "ticks_differing": found.differing,
                 "first_difference": first,
-                "ended_early": found.ended,
+                "ended_early": found.missing(),
+                "notes": found.notes,
             }));
         } else {
             say(format_args!(
                 "{} ticks replayed, {} numbers compared bit for bit, {} ticks differ",
                 found.ticks, found.numbers, found.differing
             ));
+        }
+        // The last line says the first that is wrong.
+        let last = if found.first.is_none() { found.missing() } else { None };
+        for note in found.notes.iter().filter(|note| Some(note.as_str()) != last) {
+            tell(format_args!("{note}"));
         }
         if let Some(first) = &found.first {
             return Err(Failure::work(format!(
@@ -88,7 +94,7 @@ impl ReplayArgs {
                 first.values
             )));
         }
-        match found.ended {
+        match found.missing() {
             Some(why) => Err(Failure::work(format!("not all was compared: {why}"))),
             None => Ok(()),
         }

@@ -38,7 +38,7 @@ pub(crate) struct RtTestArgs {
 impl RtTestArgs {
     pub(super) fn run(self) -> Result<(), Failure> {
         if !(self.seconds >= 1.0 && self.seconds <= 86_400.0) {
-            return Err(Failure::input(format!("--seconds {}: give a time from 1 to 86400", self.seconds)));
+            return Err(Failure::input(format!("--seconds {:?}: give a time from 1 to 86400", self.seconds)));
         }
         let settings = match &self.config {
             Some(file) => Config::read(file)?.realtime,

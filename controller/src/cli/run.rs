@@ -19,7 +19,7 @@ pub(super) fn run(file: &Path, seconds: Option<f64>) -> Result<(), Failure> {
     if let Some(s) = seconds
         && !(s.is_finite() && s > 0.0)
     {
-        return Err(Failure::input(format!("--seconds {s}: give a time above 0")));
+        return Err(Failure::input(format!("--seconds {s:?}: give a time above 0")));
     }
     let (config, config_text) = Config::read_with_text(file)?;
     let loaded = daemon::load(&config)?;

@@ -7,6 +7,7 @@ use controller::config::{Config, Control};
 use controller::cycle::duty_source::ExperimentPhase;
 use controller::operator::mailbox::Status;
 use controller::operator::notice::why_barred;
+use controller::operator::operator_protocol::{ModelIdentity, Venting};
 use controller::operator::socket::{Ask, Reply, Switch, ask};
 use controller::state::State;
 use proto::reference::{MOST_BYTES, Reference};
@@ -45,8 +46,13 @@ impl Target {
     }
 
     pub(super) fn disarm(&self) -> Result<(), Failure> {
-        self.ask(&Ask::Disarm {})?;
-        self.done("disarmed; both vents open")
+        let reply = self.ask(&Ask::Disarm {})?;
+        let text = reply.done.as_deref().unwrap_or("disarmed; `controller status` says what is known of the vents");
+        match reply.venting {
+            Some(Venting::Open) => self.done(text),
+            // The work was done, and what was wanted by it is not known to be so.
+            _ => Err(Failure::work(text)),
+        }
     }
 
     pub(super) fn acknowledge(&self) -> Result<(), Failure> {
@@ -144,6 +150,11 @@ fn print_status(reply: &Reply) {
     say(format_args!("state      {}", reply.state.as_str()));
     let running = &reply.running;
     say(format_args!("policy     {}   model {}   reference {}", running.policy, running.model, running.reference));
+    say(format_args!("model      {}", origin(&running.model_identity())));
+    if let Some(configured) = &running.configured_model {
+        let (name, origin) = (&configured.name, origin(configured));
+        say(format_args!("           the configuration names {name}, {origin}, which a restart takes"));
+    }
     if let Some(why) = &running.why_fallback {
         say(format_args!("fallback   {why}"));
     }
@@ -157,6 +168,12 @@ fn print_status(reply: &Reply) {
     if let Some(problem) = &reply.recording_problem {
         say(format_args!("recording  {problem}"));
     }
+}
+
+/// Where a model comes from, and which it is: names do not tell an edited file from another.
+fn origin(model: &ModelIdentity) -> String {
+    let from = model.file.as_ref().map_or("built in".to_owned(), |file| format!("from {file}"));
+    format!("sha256 {:.8}, {from}", model.sha256)
 }
 
 /// The newest tick; without a session it says how old it is.
@@ -195,6 +212,11 @@ fn print_tick(s: &Status, reply: &Reply) {
         let duty = s.duty.get(c).copied().unwrap_or(f64::NAN);
         let (pressure, reference) = (kpa(shown(s.pressures_kpa)), kpa(shown(s.reference_kpa)));
         say(format_args!("{name}   {pressure}   reference {reference}   duty {duty:.3}"));
+    }
+    if let Some([pos, neg]) = s.reported_duty.filter(|reported| s.state.is_vented() && *reported != s.duty) {
+        say(format_args!(
+            "reported   duties of {pos:.3}/{neg:.3} by the cRIO, where both vents are commanded open (1)"
+        ));
     }
     say(format_args!(
         "deadlines  {} missed, {} frames missed, slowest tick {:.2} ms",

@@ -5,7 +5,7 @@
 //! go to a second recorder with a thread of its own. It is opened by the desk before the tick is asked
 //! ([`ExperimentLog::expect`]) and closed by it once the experiment is over ([`ExperimentLog::close`]).
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::Duration;
 
 use flight::{Destination, RecordSink, Recorded, Recorder, RecorderOptions, RecordingSummary, Retention};
@@ -118,9 +118,15 @@ impl ExperimentLog {
         }
     }
 
-    /// Whether the first tick after the experiment has passed.
+    /// Whether the first tick after the experiment has passed. Never waits: while the recording holds the lock, which may be for
+    /// as long as a disk does not answer, it has not.
     pub fn has_ended(&self) -> bool {
-        self.lock().as_ref().is_none_or(|open| open.ended)
+        let ended = |open: &Option<Open>| open.as_ref().is_none_or(|open| open.ended);
+        match self.open.try_lock() {
+            Ok(open) => ended(&open),
+            Err(TryLockError::Poisoned(poisoned)) => ended(&poisoned.into_inner()),
+            Err(TryLockError::WouldBlock) => false,
+        }
     }
 
     /// Finishes the recording; `ending` is its last line. `None` where no experiment was expected. Takes as long as the

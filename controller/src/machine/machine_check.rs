@@ -1,7 +1,7 @@
 //! Whether this machine has what a configuration names: a place for the socket, a folder for recordings, a CPU.
 
 use std::ffi::CString;
-use std::os::unix::net::SocketAddr;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use rustix::fs::{Access, access};
@@ -9,19 +9,11 @@ use rustix::thread::{CpuSet, sched_getaffinity};
 
 use crate::config::{Config, Record};
 use crate::machine::realtime::make_realtime;
-use crate::operator::socket::{SocketError, check_free};
+use crate::operator::socket::{SocketError, check_sockets};
 
 /// What of a configuration this machine cannot give.
 #[derive(Debug, thiserror::Error)]
 pub enum MachineError {
-    /// The socket's path is of no use.
-    #[error("{}: control.socket is {bytes} bytes long, and a socket's path may have 107; choose a shorter one", .path.display())]
-    LongPath {
-        /// The path.
-        path: PathBuf,
-        /// Its length (bytes).
-        bytes: usize,
-    },
     /// The socket cannot be made.
     #[error(transparent)]
     Socket(#[from] SocketError),
@@ -69,9 +61,6 @@ pub fn check(config: &Config) -> Result<Vec<String>, MachineError> {
 }
 
 fn check_socket(path: &Path, remarks: &mut Vec<String>) -> Result<(), MachineError> {
-    if SocketAddr::from_pathname(path).is_err() {
-        return Err(MachineError::LongPath { path: path.to_owned(), bytes: path.as_os_str().len() });
-    }
     let folder = parent(path);
     let wrong = |problem: &str| {
         let problem = format!("{problem}; make it, or choose another path");
@@ -83,7 +72,7 @@ fn check_socket(path: &Path, remarks: &mut Vec<String>) -> Result<(), MachineErr
     if !writable(&folder) {
         return Err(wrong("this user may not write there"));
     }
-    match check_free(path) {
+    match check_sockets(path) {
         Ok(()) => Ok(()),
         Err(SocketError::InUse { path }) => {
             remarks.push(format!("a controller answers on {} already", path.display()));
@@ -96,11 +85,20 @@ fn check_socket(path: &Path, remarks: &mut Vec<String>) -> Result<(), MachineErr
 fn check_recordings(record: &Record, auto_arm: bool, remarks: &mut Vec<String>) -> Result<(), MachineError> {
     let folder = record.directory.clone();
     let wrong = |problem: String| MachineError::Folder { folder: folder.clone(), key: "record.directory", problem };
-    if folder.exists() && !folder.is_dir() {
-        return Err(wrong("it is no folder; choose another".to_owned()));
-    }
     // It is made when it is needed, below the first folder that is there.
-    let there = folder.ancestors().map(nearest).find(|place| place.is_dir()).unwrap_or_else(|| "/".into());
+    let mut there = PathBuf::from("/");
+    for place in folder.ancestors().map(nearest) {
+        if place.is_dir() {
+            there = place;
+            break;
+        }
+        match std::fs::symlink_metadata(&place) {
+            Ok(_) => return Err(wrong(format!("{} is no folder; choose another", place.display()))),
+            // Its own folder is looked at next.
+            Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {}
+            Err(error) => return Err(wrong(format!("it cannot be made: {error}; choose another"))),
+        }
+    }
     if !writable(&there) {
         return Err(wrong(format!(
             "this user may not write in {}; give the right to, or choose another",
@@ -170,6 +168,14 @@ mod tests {
         check(&sound).unwrap();
         assert!(!folder.join("not").exists(), "looking makes nothing");
         std::fs::write(folder.join("file"), "x").unwrap();
+        std::fs::write(folder.join("fifo.live.sock"), "x").unwrap();
+        std::os::unix::fs::symlink(folder.join("nothing"), folder.join("nowhere")).unwrap();
+        // The longest name that leaves room for both sockets in this folder ends five bytes before the limit.
+        let bytes = folder.as_os_str().len() + "/.sock".len();
+        let mut longest = config(&folder);
+        longest.control.socket = folder.join(format!("{}.sock", "x".repeat(102 - bytes)));
+        assert_eq!(longest.control.socket.as_os_str().len(), 102);
+        check(&longest).unwrap();
         let refused = |change: &dyn Fn(&mut Config)| {
             let mut config = config(&folder);
             change(&mut config);
@@ -179,7 +185,12 @@ mod tests {
             (refused(&|c| c.control.socket = folder.join("x".repeat(120))), "107"),
             (refused(&|c| c.control.socket = folder.join("none/s")), "no such folder"),
             (refused(&|c| c.control.socket = folder.join("file")), "no socket"),
+            (refused(&|c| c.control.socket = folder.join(format!("{}.sock", "x".repeat(103 - bytes)))), "107"),
+            (refused(&|c| c.control.socket = folder.join("fifo.sock")), "fifo.live.sock: this is no socket"),
             (refused(&|c| c.record.directory = folder.join("file")), "record.directory"),
+            (refused(&|c| c.record.directory = folder.join("file/below")), "is no folder"),
+            (refused(&|c| c.record.directory = folder.join("nowhere/below")), "nowhere is no folder"),
+            (refused(&|c| c.record.directory = folder.join("x".repeat(300))), "it cannot be made"),
             (refused(&|c| c.realtime.cpu = Some(1000)), "realtime.cpu = 1000"),
             (
                 refused(&|c| {

@@ -7,7 +7,7 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use crate::operator::operator_protocol::{SocketError, connect};
+use crate::operator::operator_protocol::{MOST_PATH_BYTES, SocketError, connect};
 
 /// Between two looks whether the file is still there.
 const LOOK: Duration = Duration::from_secs(1);
@@ -104,11 +104,25 @@ fn identity(path: &Path) -> Option<(u64, u64)> {
     std::fs::symlink_metadata(path).ok().filter(|about| about.file_type().is_socket()).map(|a| (a.dev(), a.ino()))
 }
 
+/// Refuses a place for the operators' socket where a daemon cannot have both its sockets, this one and the live viewers'
+/// beside it: a path that is too long, another daemon, something that is no socket. Changes nothing.
+///
+/// # Errors
+/// The first that cannot be used.
+pub fn check_sockets(control: &Path) -> Result<(), SocketError> {
+    let live = live::source::live_socket(control);
+    if [control, &live].iter().any(|path| path.as_os_str().len() > MOST_PATH_BYTES) {
+        return Err(SocketError::LongPath { path: control.to_owned(), live });
+    }
+    check_free(control)?;
+    check_free(&live)
+}
+
 /// Refuses a path that another daemon answers on, or that is no socket; changes nothing.
 ///
 /// # Errors
 /// If it cannot be used.
-pub fn check_free(path: &Path) -> Result<(), SocketError> {
+fn check_free(path: &Path) -> Result<(), SocketError> {
     let Ok(about) = std::fs::symlink_metadata(path) else { return Ok(()) };
     if !about.file_type().is_socket() {
         return Err(SocketError::NotASocket { path: path.to_owned() });

@@ -53,8 +53,11 @@ pub struct Status {
     pub pressures_kpa: Option<[f64; 2]>,
     /// References, kPa gauge; absent while nothing is followed.
     pub reference_kpa: Option<[f64; 2]>,
-    /// Duties.
+    /// Duties that were sent.
     pub duty: [f64; 2],
+    /// Duties that the cRIO reports; absent where no frame came, and without a session.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reported_duty: Option<[f64; 2]>,
     /// Deadlines missed since the start.
     pub deadline_misses: u64,
     /// Frames that did not come in time since the start.

@@ -309,7 +309,7 @@ pub fn sentence(event: &Event) -> String {
         1 => format!("session {:08X} opened", a as u32),
         2 if b > 0.0 => format!("armed by itself {at} (control.auto_arm)"),
         2 => format!("armed {at}"),
-        3 => format!("disarmed {at}; both vents open"),
+        3 => format!("disarmed {at}; both vents are commanded open"),
         4 => format!("sound again {at}; standing by with both vents open, ready to be armed"),
         5 => format!("frame {a:.0} did not come ({b:.1} ms late); following the plan for one tick"),
         6 => format!(
@@ -319,11 +319,11 @@ pub fn sentence(event: &Event) -> String {
         7 => format!("a frame came damaged and was dropped ({a:.0} in this session)"),
         31 => format!("the cRIO sent {}; it was dropped ({a:.0} in this session)", Misplaced::text([b, c])),
         8 | 21..=25 => policy_sentence(event),
-        9 => format!("the run is over {at}; vents open"),
+        9 => format!("the run is over {at}; both vents are commanded open"),
         20 => format!(
             "the safety filter acts {at}: duties {b:.3} and {c:.3} would have left the envelope and were bent toward vent"
         ),
-        10 => format!("the last row was played {at}; both vents open"),
+        10 => format!("the last row was played {at}; both vents are commanded open"),
         26 => {
             format!("an experiment of {b:.0} rows begins after tick {a:.0}; vents open until the pressures stand still")
         }

@@ -13,6 +13,8 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 use socket2::{Domain, SockAddr, Socket, Type};
 
+use model::rig::Rig;
+
 use crate::model_change::PATIENCE;
 use crate::operator::desk::ExperimentView;
 use crate::operator::mailbox::Status;
@@ -22,6 +24,8 @@ use crate::state::State;
 pub const REQUEST_TIME: Duration = Duration::from_millis(1000);
 /// Time that a request may take from the tick's next look to its effect.
 pub const EFFECT_TIME: Duration = Duration::from_millis(500);
+/// Time that the cRIO may take to report both vents open once they are commanded: some ticks, on a machine that is busy.
+pub const ECHO_TIME: Duration = Duration::from_millis(1000);
 /// Time that reading and checking a reference may take.
 pub const READ_TIME: Duration = Duration::from_millis(1500);
 /// Time that loading a policy, comparing a model or checking an experiment may take: half a minute was seen on two busy
@@ -35,6 +39,8 @@ const CLIENT_SLACK: Duration = Duration::from_millis(1500);
 const AGAIN: Duration = Duration::from_millis(10);
 /// Bytes that a request may have; a reference of an hour, row by row, is 5 MB.
 pub const MOST_REQUEST_BYTES: usize = 8 << 20;
+/// Bytes that a socket's path may have; the kernel's address holds one more, a zero.
+pub const MOST_PATH_BYTES: usize = 107;
 /// Bytes that an answer may have.
 const MOST_REPLY_BYTES: u64 = 1 << 20;
 
@@ -104,7 +110,8 @@ impl Ask {
     pub fn answer_time(&self) -> Duration {
         match self {
             Ask::Status {} | Ask::Policies {} | Ask::Rollback {} => EFFECT_TIME,
-            Ask::Arm {} | Ask::Disarm {} | Ask::Acknowledge {} | Ask::Explore { .. } => EFFECT_TIME,
+            Ask::Arm {} | Ask::Acknowledge {} | Ask::Explore { .. } => EFFECT_TIME,
+            Ask::Disarm {} => EFFECT_TIME + ECHO_TIME,
             Ask::Reference { .. } => READ_TIME + EFFECT_TIME,
             Ask::Swap { .. } | Ask::Model { .. } | Ask::Experiment { .. } => WORK_TIME + HAND_OVER_TIME,
         }
@@ -139,6 +146,9 @@ pub struct Reply {
     /// What was done, one line, where it is not plain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub done: Option<String>,
+    /// What is known of the vents, after a disarming.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub venting: Option<Venting>,
     /// All policies, where they were asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub policies: Option<Vec<policy_store::Entry>>,
@@ -156,6 +166,46 @@ pub struct Reply {
     pub recording_problem: Option<String>,
 }
 
+/// What is known of the vents after a disarming.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Venting {
+    /// Both are commanded open, and the cRIO reports them open.
+    Open,
+    /// Both are commanded open, and the cRIO does not report it, or the rig does not vent.
+    InDoubt,
+    /// There is no session: nothing can be commanded, and nothing is reported.
+    Unknown,
+    /// The rig was disarmed, and somebody has armed it again since.
+    ArmedAgain,
+}
+
+/// A model by its name, where it comes from, and what it is.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct ModelIdentity {
+    /// The name that it has of itself.
+    pub name: String,
+    /// Its file; absent for a built-in one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+    /// SHA-256 of the model as recordings hold it, comments left out.
+    #[serde(default)]
+    pub sha256: String,
+}
+
+impl ModelIdentity {
+    /// The identity of a rig that was read by the name of a built-in one or from a file.
+    ///
+    /// # Real-time
+    /// Not in the tick: it writes the rig out and hashes it.
+    pub fn of(rig: &Rig, name_or_file: &str) -> Self {
+        let file = Rig::builtin_text(name_or_file).is_none().then(|| name_or_file.to_owned());
+        // A rig that was read can be written.
+        let sha256 = policy::hash(rig.to_toml().unwrap_or_default().as_bytes()).to_string();
+        ModelIdentity { name: rig.name.clone(), file, sha256 }
+    }
+}
+
 /// What the daemon runs with, by name.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Running {
@@ -166,6 +216,15 @@ pub struct Running {
     pub policy_sha256: String,
     /// The model behind the predictions.
     pub model: String,
+    /// Its file; absent for a built-in one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model_file: Option<String>,
+    /// SHA-256 of the model as recordings hold it, comments left out.
+    #[serde(default)]
+    pub model_sha256: String,
+    /// The rig that the configuration names, where another model is in force.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub configured_model: Option<ModelIdentity>,
     /// The reference that is followed once armed.
     pub reference: String,
     /// Why the fallback controls in place of a policy, one line.
@@ -174,6 +233,20 @@ pub struct Running {
     /// Who armed the rig, while it is armed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub armed_by: Option<String>,
+}
+
+impl Running {
+    /// The same, with this model in force.
+    #[must_use]
+    pub fn on_model(self, model: ModelIdentity) -> Self {
+        Running { model: model.name, model_file: model.file, model_sha256: model.sha256, ..self }
+    }
+
+    /// The model in force.
+    pub fn model_identity(&self) -> ModelIdentity {
+        let (name, file, sha256) = (self.model.clone(), self.model_file.clone(), self.model_sha256.clone());
+        ModelIdentity { name, file, sha256 }
+    }
 }
 
 /// Why the socket cannot be used.
@@ -190,6 +263,17 @@ pub enum SocketError {
     NotASocket {
         /// What is in the way.
         path: PathBuf,
+    },
+    /// Its path, or that of the live viewers' socket beside it, has no room in a socket's address.
+    #[error(
+        "{}: too long for a socket, {} bytes, and {} for the one for live viewers beside it ({}); each may have {MOST_PATH_BYTES}: choose a shorter control.socket",
+        .path.display(), .path.as_os_str().len(), .live.as_os_str().len(), .live.file_name().unwrap_or_default().display()
+    )]
+    LongPath {
+        /// The operators' socket.
+        path: PathBuf,
+        /// The live viewers'.
+        live: PathBuf,
     },
     /// It cannot be made.
     #[error("{}: the operator's socket cannot be made: {source}; set control.socket to a place that can be written", .path.display())]

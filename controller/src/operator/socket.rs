@@ -20,7 +20,7 @@ use crate::operator::desk::{Desk, DeskOptions, Pending, Step};
 use crate::operator::operator_protocol::{MOST_REQUEST_BYTES, REQUEST_TIME};
 use crate::operator::peer::Peer;
 
-pub use crate::operator::bound_socket::check_free;
+pub use crate::operator::bound_socket::check_sockets;
 pub use crate::operator::desk::May;
 pub use crate::operator::operator_protocol::{Ask, Reply, Running, SocketError, Switch, ask, is_there};
 
@@ -103,6 +103,7 @@ impl Server {
         }
         self.desk.take_reloads();
         self.desk.look_after_experiments();
+        self.desk.tell_viewers();
         // A new client is read at once: what it has sent already counts before it could lose its place.
         for _ in 0..MOST_CLIENTS {
             if !self.has_room() {

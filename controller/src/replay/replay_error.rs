@@ -18,6 +18,12 @@ pub enum ReplayError {
         /// The file inside.
         name: &'static str,
     },
+    /// What a replay begins with could not be read.
+    #[error("{note}; a run is replayed from its beginning, and that is lost here")]
+    Damaged {
+        /// What is damaged, with the recording's name.
+        note: String,
+    },
     /// What reached the tick was not recorded.
     #[error(
         "{file}: the recording does not begin with a session's first tick; give the recording before it first, in the order of time"

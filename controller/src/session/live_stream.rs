@@ -1,7 +1,7 @@
-//! The stream that live viewers read: the daemon's ticks and events over a Unix socket, one way, off the tick.
+//! The stream that live viewers read: the daemon's ticks, events and state over a Unix socket, one way, off the tick.
 //!
-//! The recorder's thread hands every tick and event over as it writes it ([`Tap`]); a thread of its own carries them to
-//! the viewers. Nobody waits for anybody: where the queue is full its oldest entries go, a viewer that does not read is
+//! The recorder's thread hands every tick and event over as it writes it ([`Tap`]), the operators' desk the state as it would
+//! answer it; a thread of its own carries them to the viewers. Nobody waits for anybody: where the queue is full its oldest entries go, a viewer that does not read is
 //! cut off, and nothing that a viewer sends is ever read. Without a viewer nothing is encoded.
 
 use std::collections::BTreeMap;
@@ -12,11 +12,11 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use crossbeam::queue::ArrayQueue;
 use flight::Recorded;
-use proto::stream;
+use proto::stream::{self, DaemonState};
 
 use crate::machine::clock::now_ns;
 
@@ -28,6 +28,9 @@ const MOST_VIEWERS: usize = 4;
 const MOST_BACKLOG: usize = 1 << 20;
 /// Between two looks of the thread: half a tick.
 const LOOK: Duration = Duration::from_millis(10);
+
+/// How often the state is told although it has not changed.
+const STATE_EVERY: Duration = Duration::from_secs(1);
 
 /// Why the stream's socket cannot be made.
 #[derive(Debug, thiserror::Error)]
@@ -48,6 +51,20 @@ struct Shared {
     /// Policies and their stages, JSON; the newest counts.
     policies: Mutex<String>,
     policies_edition: AtomicUsize,
+    /// The daemon's state as it was last told, and when.
+    state: Mutex<Option<(DaemonState, Instant)>>,
+    state_edition: AtomicUsize,
+}
+
+impl Shared {
+    /// The state as a message, aged until now; nothing before it was first told.
+    fn put_state(&self, out: &mut Vec<u8>) {
+        let told = self.state.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let Some((state, at)) = told else { return };
+        let since_ms = u64::try_from(at.elapsed().as_millis()).unwrap_or(u64::MAX);
+        let age_ms = state.age_ms.map(|age_ms| age_ms.saturating_add(since_ms));
+        stream::put_state(&DaemonState { age_ms, ..state }, out);
+    }
 }
 
 /// The recorder's end: sees what passes and hands it on.
@@ -81,6 +98,16 @@ impl Tap {
     pub fn policies(&self, json: String) {
         *self.shared.policies.lock().unwrap_or_else(PoisonError::into_inner) = json;
         self.shared.policies_edition.fetch_add(1, Ordering::Release);
+    }
+
+    /// Tells viewers the daemon's state, where it is another one or has not been told for a second.
+    pub fn state(&self, state: DaemonState) {
+        let mut told = self.shared.state.lock().unwrap_or_else(PoisonError::into_inner);
+        if told.as_ref().is_some_and(|(last, at)| last.says_the_same(&state) && at.elapsed() < STATE_EVERY) {
+            return;
+        }
+        *told = Some((state, Instant::now()));
+        self.shared.state_edition.fetch_add(1, Ordering::Release);
     }
 
     fn unix_ns(&self, monotonic_ns: u64) -> u64 {
@@ -135,6 +162,8 @@ pub fn serve(
         about,
         policies: Mutex::new(String::new()),
         policies_edition: AtomicUsize::new(0),
+        state: Mutex::new(None),
+        state_edition: AtomicUsize::new(0),
     });
     let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO);
     let epoch_ns = since_1970.as_nanos() as i128 - i128::from(now_ns());
@@ -179,7 +208,7 @@ impl Viewer {
 
 fn carry(listener: &UnixListener, shared: &Shared, stop: &AtomicBool) {
     let mut viewers: Vec<Viewer> = Vec::new();
-    let mut edition = 0;
+    let (mut edition, mut state_edition) = (0, 0);
     let mut ending = false;
     loop {
         // One more round after the end, for the last events.
@@ -191,6 +220,7 @@ fn carry(listener: &UnixListener, shared: &Shared, stop: &AtomicBool) {
             if !policies.is_empty() {
                 stream::put_policies(&policies, &mut first);
             }
+            shared.put_state(&mut first);
             if viewers.len() < MOST_VIEWERS {
                 viewers.extend(Viewer::new(socket, first));
             }
@@ -201,6 +231,11 @@ fn carry(listener: &UnixListener, shared: &Shared, stop: &AtomicBool) {
             edition = newest;
             let policies = shared.policies.lock().unwrap_or_else(PoisonError::into_inner).clone();
             stream::put_policies(&policies, &mut news);
+        }
+        let newest = shared.state_edition.load(Ordering::Acquire);
+        if newest != state_edition {
+            state_edition = newest;
+            shared.put_state(&mut news);
         }
         while let Some(message) = shared.queue.pop() {
             news.extend_from_slice(&message);
@@ -270,6 +305,36 @@ mod tests {
         assert_eq!(ticks, (0..100).collect::<Vec<_>>());
         assert!(matches!(&messages[101], Message::Event(event) if event.message == "over"));
         assert!(!folder.join("c.live.sock").exists());
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    /// Whoever comes while no tick does is told at once, and how old the newest data has become by then.
+    #[test]
+    fn the_state_is_told_to_whoever_comes_and_whenever_it_changes() {
+        let folder = folder("state");
+        let stop = Arc::new(AtomicBool::new(false));
+        let (tap, stream) = serve(&folder.join("c.sock"), BTreeMap::new(), Arc::clone(&stop)).unwrap();
+        let lost = DaemonState { state: 6, fault: 7, age_ms: Some(2_000), ..DaemonState::default() };
+        tap.state(lost.clone());
+        let mut viewer = UnixStream::connect(folder.join("c.live.sock")).unwrap();
+        wait_for(1, &tap);
+        // The same once more within a second is no news, another state is.
+        tap.state(DaemonState { age_ms: Some(2_100), ..lost.clone() });
+        tap.state(DaemonState { state: 0, fault: 0, ..lost });
+        stop.store(true, Ordering::Relaxed);
+        let (mut bytes, mut reader) = (Vec::new(), StreamReader::default());
+        viewer.read_to_end(&mut bytes).unwrap();
+        reader.push(&bytes);
+        let mut told = Vec::new();
+        while let Some(message) = reader.next().unwrap() {
+            if let Message::State(state) = message {
+                assert!(state.age_ms >= Some(2_000), "{state:?}");
+                told.push((state.state, state.fault));
+            }
+        }
+        stream.join();
+        told.dedup();
+        assert_eq!(told, [(6, 7), (0, 0)]);
         std::fs::remove_dir_all(folder).unwrap();
     }
 

@@ -385,6 +385,7 @@ fn show<H: DutySource>(
         pressures_kpa: shown([record.p_pos_kpa, record.p_neg_kpa]),
         reference_kpa: shown([record.ref_pos_kpa, record.ref_neg_kpa]).filter(|_| follows),
         duty: [record.u_pos, record.u_neg],
+        reported_duty: shown([f64::from(record.echo_pos), f64::from(record.echo_neg)]),
         deadline_misses: counts.deadline_misses,
         frames_missed: counts.frames_missed,
         slowest_ms: counts.slowest_ns as f64 * 1e-6,

@@ -37,7 +37,7 @@ use crate::operator::console::notice;
 use crate::operator::desk::DeskOptions;
 use crate::operator::mailbox::{Status, mailbox};
 use crate::operator::operator_protocol::Running;
-use crate::operator::socket::{May, SocketError, check_free, serve};
+use crate::operator::socket::{May, SocketError, check_sockets, serve};
 use crate::policy_service::{PolicyHandle, ServiceError};
 use crate::reload::{ReloadError, Reloaded, needs_restart, read_aside};
 use crate::replay::run_file::attached;
@@ -166,7 +166,7 @@ pub fn fly_recorded<H: DutySource + 'static>(
     let signals = Signals::install(&stop)?;
     // Before anything is made: a second daemon leaves nothing behind.
     if logbook.operator.is_some() {
-        check_free(&config.control.socket)?;
+        check_sockets(&config.control.socket)?;
     }
     let SessionRecorder {
         file,
@@ -195,7 +195,7 @@ pub fn fly_recorded<H: DutySource + 'static>(
         let destination = destination(config, EXPERIMENT_STEM);
         ExperimentLog::new(LogSettings { destination, log_time: info.log_time, config: config_file })
     });
-    let viewers = tap.clone();
+    let (viewers, state_viewers) = (tap.clone(), tap.clone());
     let mut observer = observer;
     let elsewhere = experiments.clone();
     let observer = move |recorded: Recorded<'_>| {
@@ -245,6 +245,7 @@ pub fn fly_recorded<H: DutySource + 'static>(
         followed: logbook.followed,
         policies: policies.clone(),
         experiments: experiments.clone(),
+        viewers: state_viewers.clone(),
         exploration: ExplorationRules {
             seed: 0,
             std_share: config.policy.exploration_std,

@@ -7,7 +7,7 @@ use proto::recording::{EventLevel, rfc3339};
 use super::{Desk, Step};
 use crate::machine::clock::now_ns;
 use crate::operator::mailbox::Status;
-use crate::operator::operator_protocol::Reply;
+use crate::operator::operator_protocol::{Ask, Reply};
 use crate::operator::peer::Peer;
 use crate::state::State;
 
@@ -60,6 +60,11 @@ impl Desk {
         came.map(|(_, at_ns)| Duration::from_nanos(now_ns().saturating_sub(at_ns)))
     }
 
+    /// The same in ms, as it is told.
+    pub(super) fn age_ms(&self) -> Option<u64> {
+        self.age().map(|age| u64::try_from(age.as_millis()).unwrap_or(u64::MAX))
+    }
+
     /// The newest status, if it still tells what is.
     pub(super) fn live_status(&self) -> Option<Status> {
         let fresh = self.age().is_some_and(|age| age <= self.options.stale);
@@ -78,23 +83,21 @@ impl Desk {
 
     pub(super) fn reply(&mut self, outcome: Result<(), String>) -> Reply {
         let live = self.live_status();
-        let runs = live.is_some_and(|s| s.state.is_controlling());
-        let mut running = self.options.running.clone();
-        running.armed_by = running.armed_by.filter(|_| runs);
-        if let Some(handle) = &self.options.policies {
-            (running.policy, running.policy_sha256) = handle.policies.active();
-            running.model = handle.models.name();
-            running.why_fallback = handle.policies.why_fallback();
-        }
+        let running = self.running();
+        // What would be refused whatever the tick says.
+        let may_arm = !self.comes_between(&Ask::Arm {});
         Reply {
             ok: outcome.is_ok(),
             error: outcome.err().map(|why| one_line(&why)),
             state: live.map_or(State::Connect, |s| s.state),
             // Without a session the last readings are history: nothing is followed, nothing can be armed.
-            status: live.or(self.newest.map(|(s, _)| Status { can_arm: false, reference_kpa: None, ..s })),
-            age_ms: self.age().map(|age| u64::try_from(age.as_millis()).unwrap_or(u64::MAX)),
+            status: live
+                .map(|s| Status { can_arm: s.can_arm && may_arm && s.experiment.is_none(), ..s })
+                .or(self.newest.map(|(s, _)| Status { can_arm: false, reference_kpa: None, reported_duty: None, ..s })),
+            age_ms: self.age_ms(),
             running,
             done: None,
+            venting: None,
             policies: None,
             policies_problem: None,
             experiment: self.experiments.as_ref().and_then(|e| e.view(live.and_then(|s| s.experiment))),

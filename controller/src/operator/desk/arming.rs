@@ -1,4 +1,4 @@
-//! Arm, disarm, and acknowledge what waits for a person.
+//! Arm, and acknowledge what waits for a person.
 
 use super::{Asked, Desk, Step, WITHDRAWN, What};
 use crate::operator::mailbox::{Fate, Request, Ticket};
@@ -72,34 +72,6 @@ impl Desk {
         if outcome.is_ok() {
             self.armed_by(peer);
         }
-    }
-
-    pub(super) fn begin_disarming(&mut self, asked: Asked) -> Step {
-        self.options.mailbox.disarm();
-        asked.pending(What::Disarm)
-    }
-
-    pub(super) fn look_at_disarming(&mut self, asked: Asked) -> Step {
-        let Some(outcome) = self.disarming(asked) else { return asked.pending(What::Disarm) };
-        if outcome.is_ok() {
-            self.options.running.armed_by = None;
-        }
-        self.over("disarm", asked.peer, outcome)
-    }
-
-    /// Whether disarming is over, and how; `None` while it may still go either way.
-    fn disarming(&self, asked: Asked) -> Option<Result<(), String>> {
-        let late = asked.is_late();
-        let seen = !self.options.mailbox.disarm_waits();
-        let vents = self.newest.is_some_and(|(s, at_ns)| !s.state.is_controlling() && at_ns > asked.at_ns);
-        if seen && vents {
-            return Some(Ok(()));
-        }
-        // Without a session nothing is sent, the cRIO has vented by its time to live, and the disarming stands.
-        if self.live_status().is_none() {
-            return Some(Ok(()));
-        }
-        late.then(|| Err("it still runs; the disarming stands for the next tick".to_owned()))
     }
 
     pub(super) fn begin_acknowledging(&mut self, asked: Asked) -> Step {

@@ -15,22 +15,36 @@ use crate::state::State;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Switching {
     pub(super) ticket: Ticket,
-    switch: Switch,
+    wanted: Wanted,
+}
+
+/// What is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Wanted {
+    /// Noise of this seed.
+    On { seed: u32 },
+    /// None.
+    Off,
 }
 
 impl Switching {
     pub(super) fn name(self) -> &'static str {
-        match self.switch {
-            Switch::On => "explore on",
-            Switch::Off => "explore off",
+        match self.wanted {
+            Wanted::On { .. } => "explore on",
+            Wanted::Off => "explore off",
         }
     }
 }
 
 impl Desk {
     pub(super) fn begin_exploring(&mut self, switch: Switch, seed: Option<u32>, asked: Asked) -> Step {
-        match self.start_exploring(switch, seed) {
-            Ok(ticket) => asked.pending(What::Explore(Switching { ticket, switch })),
+        let wanted = match switch {
+            // The clock's lowest bits: which ones they are is in the event and in every answer.
+            Switch::On => Wanted::On { seed: seed.unwrap_or(now_ns() as u32) },
+            Switch::Off => Wanted::Off,
+        };
+        match self.start_exploring(wanted) {
+            Ok(ticket) => asked.pending(What::Explore(Switching { ticket, wanted })),
             Err(why) => self.over("explore", asked.peer, Err(why)),
         }
     }
@@ -42,24 +56,27 @@ impl Desk {
         }
     }
 
-    fn start_exploring(&self, switch: Switch, seed: Option<u32>) -> Result<Ticket, String> {
-        if switch == Switch::On {
+    fn start_exploring(&self, wanted: Wanted) -> Result<Ticket, String> {
+        if wanted != Wanted::Off {
             let Some(handle) = &self.options.policies else { return Err(NO_POLICIES.to_owned()) };
             why_not(self.live_status().as_ref(), handle).map_or(Ok(()), Err)?;
             if let Some(problem) = self.options.health.why_not_arm() {
                 return Err(format!("it would not be recorded: {problem}"));
             }
         }
-        let rules = rules(switch, seed, self.options.exploration);
+        let rules = match wanted {
+            Wanted::On { seed } => Some(ExplorationRules { seed, ..self.options.exploration }),
+            Wanted::Off => None,
+        };
         self.ask_tick(Request::Explore(rules))
     }
 
     /// Whether switching exploration is over, and how; `None` while it may still go either way.
-    fn exploring(&self, Switching { ticket, switch }: Switching, asked: Asked) -> Option<Result<String, String>> {
+    fn exploring(&self, Switching { ticket, wanted }: Switching, asked: Asked) -> Option<Result<String, String>> {
         let late = asked.is_late();
         let fate = self.options.mailbox.fate(ticket);
         let shown = self.newest.filter(|(_, at_ns)| *at_ns > asked.at_ns);
-        let outcome = shown.and_then(|(status, _)| outcome(switch, &status));
+        let outcome = shown.and_then(|(status, _)| outcome(wanted, &status));
         match (fate, outcome) {
             (Fate::Taken, Some(outcome)) => Some(outcome),
             (Fate::Waiting | Fate::Taken, _) if !late => None,
@@ -91,21 +108,13 @@ fn why_not(status: Option<&Status>, policies: &PolicyHandle) -> Option<String> {
     })
 }
 
-/// What the tick is asked for.
-fn rules(switch: Switch, seed: Option<u32>, configured: ExplorationRules) -> Option<ExplorationRules> {
-    match switch {
-        // The clock's lowest bits: which ones they are is in the event and in every answer.
-        Switch::On => Some(ExplorationRules { seed: seed.unwrap_or(now_ns() as u32), ..configured }),
-        Switch::Off => None,
-    }
-}
-
-/// What came of it, once the tick has taken it and shown the tick after: what is told, or why not.
-fn outcome(switch: Switch, status: &Status) -> Option<Result<String, String>> {
-    match (switch, &status.exploration) {
-        (Switch::Off, None) => Some(Ok("exploration is off".to_owned())),
-        (Switch::On, Some(shown)) => Some(Ok(told(shown))),
-        (Switch::On, None) | (Switch::Off, Some(_)) => None,
+/// What came of it, once the tick has taken it and shown the tick after: what is told, or why not. What was shown before it was taken
+/// tells of the noise before.
+fn outcome(wanted: Wanted, status: &Status) -> Option<Result<String, String>> {
+    match (wanted, &status.exploration) {
+        (Wanted::Off, None) => Some(Ok("exploration is off".to_owned())),
+        (Wanted::On { seed }, Some(shown)) if shown.seed == seed => Some(Ok(told(shown))),
+        (Wanted::On { .. }, _) | (Wanted::Off, Some(_)) => None,
     }
 }
 
@@ -119,4 +128,27 @@ fn told(shown: &ExplorationShown) -> String {
         "exploring: noise of {:.4}/{:.4} of duty (standard deviation, {origin}), at most {:.4}/{:.4}, seed {seed}; it ends with any fault, disarming, and another policy or model",
         std_duty[0], std_duty[1], most_duty[0], most_duty[1]
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_answer_names_the_seed_that_was_asked_for_and_waits_for_it() {
+        let shown = |seed| {
+            let shown = ExplorationShown {
+                seed,
+                std_duty: [0.01; 2],
+                std_from: StdOrigin::Configuration,
+                most_duty: [0.02; 2],
+            };
+            Status { exploration: Some(shown), ..Status::default() }
+        };
+        let on = Wanted::On { seed: 6 };
+        assert_eq!(outcome(on, &shown(5)), None, "the noise before is still on");
+        assert!(outcome(on, &shown(6)).is_some_and(|told| told.is_ok_and(|line| line.contains("seed 6;"))));
+        assert_eq!((outcome(on, &Status::default()), outcome(Wanted::Off, &shown(5))), (None, None));
+        assert!(outcome(Wanted::Off, &Status::default()).is_some());
+    }
 }

@@ -6,7 +6,9 @@
 //!
 //! | module | subject |
 //! | --- | --- |
-//! | `arming` | arm, disarm, acknowledge |
+//! | `arming` | arm, acknowledge |
+//! | `disarming` | disarm, and what is known of the vents then |
+//! | `in_force` | state, policy, model and reference as they are told, to live viewers too |
 //! | `references` | another reference: by an operator, by a configuration that was read again |
 //! | `policies` | policies listed, swapped, taken back; another model |
 //! | `exploration` | noise on the active policy's answers |
@@ -29,17 +31,22 @@ use crate::operator::operator_protocol::{Ask, EFFECT_TIME, Reply, Running};
 use crate::operator::peer::Peer;
 use crate::policy_service::PolicyHandle;
 use crate::reload::Reloaded;
+use crate::session::live_stream::Tap;
+use disarming::Disarming;
 use experiment_desk::ExperimentDesk;
 use experiments::{Beginning, Checking};
 use exploration::Switching;
+use in_force::ShownModel;
 use policies::Change;
 use references::{Following, Reading};
 
 mod answers;
 mod arming;
+mod disarming;
 mod experiment_desk;
 mod experiments;
 mod exploration;
+mod in_force;
 mod policies;
 mod references;
 
@@ -76,6 +83,8 @@ pub struct DeskOptions {
     pub policies: Option<PolicyHandle>,
     /// Where experiments are recorded, where they can be played within the run.
     pub experiments: Option<ExperimentLog>,
+    /// Live viewers, where there may be some.
+    pub viewers: Option<Tap>,
     /// How exploration is configured; the seed is each one's own.
     pub exploration: ExplorationRules,
     /// Age from which a status no longer tells what is: there is no session.
@@ -89,6 +98,9 @@ pub struct Desk {
     options: DeskOptions,
     experiments: Option<ExperimentDesk>,
     newest: Option<(Status, u64)>,
+    shown_model: ShownModel,
+    /// When live viewers were last told the state.
+    viewers_told: Option<Instant>,
     /// A reference is being read; at most one at a time.
     reading: bool,
     /// Held by the thread that loads a policy, compares a model or checks an experiment, for as long as it lives.
@@ -143,7 +155,7 @@ impl Asked {
 enum What {
     Arm(Ticket),
     Acknowledge(Ticket),
-    Disarm,
+    Disarm(Disarming),
     Reading(Reading),
     Following(Following),
     Change(Change),
@@ -164,7 +176,17 @@ impl Desk {
     /// A desk for a daemon.
     pub fn new(options: DeskOptions) -> Self {
         let experiments = options.experiments.clone().map(ExperimentDesk::new);
-        Desk { options, experiments, newest: None, reading: false, working: Weak::new() }
+        let rig = options.policies.as_ref().map(|handle| handle.models.rig());
+        let shown_model = ShownModel::new(rig, &options.running);
+        Desk {
+            options,
+            experiments,
+            newest: None,
+            shown_model,
+            viewers_told: None,
+            reading: false,
+            working: Weak::new(),
+        }
     }
 
     /// Tells the person at the daemon something about the socket.
@@ -189,7 +211,11 @@ impl Desk {
             Ask::Disarm {} => self.begin_disarming(asked),
             Ask::Swap { name } => self.begin_swap(name, asked),
             Ask::Rollback {} => self.roll_back(peer),
-            Ask::Model { file } => self.begin_model(file, asked),
+            Ask::Model { file } => {
+                let step = self.begin_model(file.clone(), asked);
+                self.model_asked(&file, &step);
+                step
+            }
             Ask::Explore { switch, seed } => self.begin_exploring(switch, seed, asked),
             Ask::Experiment { file, csv } => self.begin_experiment(&file, csv, asked),
             Ask::Reference { file, csv } => self.begin_reference(file, csv, asked),
@@ -203,7 +229,7 @@ impl Desk {
         match what {
             What::Arm(ticket) => self.look_at_arming(ticket, asked),
             What::Acknowledge(ticket) => self.look_at_acknowledging(ticket, asked),
-            What::Disarm => self.look_at_disarming(asked),
+            What::Disarm(disarming) => self.look_at_disarming(disarming, asked),
             What::Reading(reading) => self.look_at_reading(reading, asked),
             What::Following(following) => self.look_at_following(following, asked),
             What::Change(change) => self.look_at_change(change, asked),
@@ -222,7 +248,7 @@ impl Desk {
                 let outcome = self.withdrawn(ticket);
                 self.record("acknowledge", peer, &outcome);
             }
-            What::Disarm => self.record("disarm", peer, &Ok(())),
+            What::Disarm(_) => self.record("disarm", peer, &Ok(())),
             What::Reading(_) => {
                 self.reading = false;
                 self.record("reference", peer, &Err(LEFT.to_owned()));

@@ -1,0 +1,92 @@
+//! Recordings that are not whole: what is lost of them is said by whoever replays them, and is no success.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use proto::recording::{LogTime, RecordingInfo, RecordingWriter, read_mcap};
+use serde_json::Value;
+use tests::{Folder, RunStatus, finish, program};
+
+/// Ticks of the first chunk, and of those that follow.
+const FIRST: usize = 100;
+
+/// A run of some seconds in chunks: the recording's bytes.
+fn recorded(folder: &Folder) -> Vec<u8> {
+    let mut command = Command::new(program("controller"));
+    command.args(["demo", "--fast", "--seconds", "6", "--policy", "fallback", "--out"]).arg(folder.join("out"));
+    let ended = finish(&mut command);
+    let content = read_mcap(&folder.join("out/flight.mcap")).unwrap_or_else(|e| panic!("{e}: {ended:?}"));
+    let mut info = RecordingInfo::new("test", 0);
+    info.extra = content.metadata.clone();
+    info.log_time = LogTime::Tick;
+    let file = folder.join("chunks.mcap");
+    let mut writer = RecordingWriter::create(&file, &info, &content.attachments).unwrap();
+    for (index, tick) in content.ticks.iter().enumerate() {
+        if index > 0 && index % FIRST == 0 {
+            writer.flush().unwrap();
+        }
+        writer.write(tick).unwrap();
+    }
+    writer.finish().unwrap();
+    std::fs::read(file).unwrap()
+}
+
+fn replay(file: &Path) -> RunStatus {
+    finish(Command::new(program("controller")).args(["replay", "--json"]).arg(file))
+}
+
+fn found(ended: &RunStatus) -> Value {
+    serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"))
+}
+
+/// Where the bodies of chunks lie in the file.
+fn chunks(bytes: &[u8]) -> Vec<std::ops::Range<usize>> {
+    const MAGIC: usize = 8;
+    const CHUNK: u8 = 6;
+    let (mut found, mut at) = (Vec::new(), MAGIC);
+    while let Some(length) = bytes.get(at + 1..at + 9) {
+        let body = at + 9..at + 9 + u64::from_le_bytes(length.try_into().unwrap()) as usize;
+        if bytes[at] == CHUNK {
+            found.push(body.clone());
+        }
+        at = body.end;
+    }
+    found
+}
+
+#[test]
+fn a_recording_that_is_cut_or_damaged_is_not_replayed_as_if_it_were_whole() {
+    let folder = Folder::new();
+    let whole = recorded(&folder);
+    let write = |name: &str, bytes: &[u8]| -> PathBuf { folder.write(name, bytes) };
+    let sound = replay(&write("sound.mcap", &whole));
+    assert_eq!((sound.status, &found(&sound)["ended_early"]), (Some(0), &Value::Null), "{sound:?}");
+
+    let chunks = chunks(&whole);
+    assert!(chunks.len() >= 3, "{chunks:?}");
+    // Cut in the last chunk but one.
+    let cut = replay(&write("cut.mcap", &whole[..chunks[chunks.len() - 2].end - 100]));
+    let told = found(&cut);
+    assert_eq!((cut.status, &told["ticks_differing"]), (Some(1), &0.into()), "{cut:?}");
+    assert!(told["ended_early"].as_str().unwrap().contains("cut short"), "{told}");
+    assert!(cut.stderr.contains("not all was compared") && cut.stderr.contains("cut.mcap: cut short"), "{cut:?}");
+    assert!(told["ticks"].as_u64().unwrap() < found(&sound)["ticks"].as_u64().unwrap(), "{told}");
+
+    let damaged = |name: &str, chunk: usize| {
+        let mut bytes = whole.clone();
+        let middle = (chunks[chunk].start + chunks[chunk].end) / 2;
+        bytes[middle] ^= 0xff;
+        replay(&write(name, &bytes))
+    };
+    // Behind it nothing can be compared: what the law remembers is lost.
+    let within = damaged("within.mcap", 1);
+    assert_eq!((within.status, &found(&within)["ticks_differing"]), (Some(1), &0.into()), "{within:?}");
+    assert_eq!(found(&within)["ticks"].as_u64(), Some(FIRST as u64));
+    assert!(within.stderr.contains("damaged") && within.stderr.contains("are lost"), "{within:?}");
+    // Without its beginning none can be replayed, and no other recording would help.
+    let first = damaged("first.mcap", 0);
+    assert_eq!(first.status, Some(2), "{first:?}");
+    assert!(first.stderr.contains("first.mcap: a chunk is damaged") && first.stderr.contains("beginning"), "{first:?}");
+    assert!(!first.stderr.contains("give the recording before it"), "{first:?}");
+}
