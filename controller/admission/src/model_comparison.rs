@@ -4,7 +4,9 @@
 //! ahead under the duties that were then really sent; the errors are compared: over all of the run, and second by second. The few
 //! seconds in which a rig fills or an experiment jumps hold most of what any model errs, so they alone do not decide which model
 //! foresees the run: where many more seconds speak for a model than against it, it may err more over all, unless that is far off.
-//! Seconds in which a rig rests say nothing: there both models err by the readings' noise.
+//!
+//! Only seconds in which a pressure moves count for it. While it rests, a model that says that nothing changes foresees it best,
+//! however wrong it is: on a hold a sensor's lag of a second that the rig does not have would be taken, and the true rig refused.
 
 use model::observation::{AHEAD, CHANNELS, Pair};
 use model::predict::Predictor;
@@ -24,6 +26,13 @@ const MOST_RATIO_IF_SPOKEN_FOR: f64 = 2.0;
 const MANY_MORE: usize = 3;
 /// Errors below which all is one, in kPa.
 const FLOOR_KPA: Pair = [0.02, 0.01];
+/// Seconds in which a pressure must have moved for a comparison to count for it. Chosen.
+const LEAST_MOVING_S: usize = 8;
+/// By how much the means of fifths of a second must differ for a second to count as one of movement, in kPa: ten times
+/// what the converter's noise makes of such means (0.02 and 0.002).
+const MOVES_KPA: Pair = [0.2, 0.05];
+/// Ticks of such a mean.
+const MEAN_TICKS: usize = 10;
 
 /// A tick of a run: what was measured and what was sent.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,6 +52,8 @@ pub struct Sample {
 pub struct ModelFigures {
     /// Ticks that were compared.
     pub ticks: usize,
+    /// Seconds in which each pressure moved; all other figures are of these.
+    pub moving_s: [usize; CHANNELS],
     /// Of the model in force, one tick ahead and five.
     pub before_kpa: [Pair; 2],
     /// Of the new one.
@@ -54,6 +65,22 @@ pub struct ModelFigures {
 }
 
 impl ModelFigures {
+    /// Whether a pressure moved for long enough to say anything of the models.
+    fn has_moved(&self, channel: usize) -> bool {
+        self.moving_s[channel] >= LEAST_MOVING_S
+    }
+
+    /// Why models cannot be told apart on this run, one line; `None` where one of the pressures moved for long enough.
+    pub fn rested(&self) -> Option<String> {
+        (!(0..CHANNELS).any(|c| self.has_moved(c))).then(|| {
+            format!(
+                "its pressures hardly moved in the last {:.0} s, and at rest models cannot be told apart: follow a reference that moves for {} s more",
+                self.ticks as f64 * 0.02,
+                LEAST_MOVING_S - self.moving_s.iter().copied().max().unwrap_or(0)
+            )
+        })
+    }
+
     /// Why the new model must not replace the old one, one line; `None` if it may.
     pub fn refusal(&self) -> Option<String> {
         let worse = |c: usize| {
@@ -61,15 +88,15 @@ impl ModelFigures {
             let (before, after) = (of(self.before_kpa), of(self.after_kpa));
             let is_spoken_for = self.better_s[c] > MANY_MORE * self.worse_s[c];
             let most = if is_spoken_for { MOST_RATIO_IF_SPOKEN_FOR } else { MOST_RATIO };
-            let speaks_against = self.worse_s[c] as f64 * PART_TICKS as f64 > 0.5 * self.ticks as f64;
+            let speaks_against = 2 * self.worse_s[c] > self.moving_s[c];
             // A model in force that came to no number stands in nobody's way.
-            !after.is_finite() || after > most * before || speaks_against
+            self.has_moved(c) && (!after.is_finite() || after > most * before || speaks_against)
         };
         let c = (0..CHANNELS).find(|&c| worse(c))?;
         Some(format!(
-            "foresees the last {:.0} s worse than the model in force: five ticks ahead {:.3} kPa instead of {:.3} in the {} pressure; \
-             less in {} seconds, more in {}",
-            self.ticks as f64 * 0.02,
+            "foresees the run worse than the model in force: in the {} s in which it moved, five ticks ahead, it errs by {:.3} kPa, \
+             that one by {:.3}, in the {} pressure; less in {} seconds, more in {}",
+            self.moving_s[c],
             self.after_kpa[1][c],
             self.before_kpa[1][c],
             if c == 0 { "positive" } else { "negative" },
@@ -87,6 +114,7 @@ pub fn compare(old: &Rig, new: &Rig, run: &[Sample]) -> Result<Option<ModelFigur
     let (before, after) = (Errors::of(old, run)?, Errors::of(new, run)?);
     Ok((before.ticks >= LEAST_TICKS).then(|| ModelFigures {
         ticks: before.ticks,
+        moving_s: before.moving_s(),
         before_kpa: before.rms_kpa(),
         after_kpa: after.rms_kpa(),
         better_s: before.parts_above(&after),
@@ -119,52 +147,96 @@ pub fn warmed(rig: &Rig, run: &[Sample]) -> Result<Predictor, RigError> {
 struct Errors {
     /// Ticks that count.
     ticks: usize,
-    /// Sums over all of them, one tick ahead and five.
+    /// Each second of them.
+    parts: Vec<Part>,
+}
+
+/// A second of a run.
+#[derive(Debug, Clone, Copy, Default)]
+struct Part {
+    ticks: usize,
+    /// Sums of squares, one tick ahead and five.
     sums: [Pair; 2],
-    /// Sums over each second, five ticks ahead.
-    parts: Vec<Pair>,
+    /// Sum of the readings since the last mean was taken.
+    reading_sum: Pair,
+    /// Least and largest mean of readings, once there is one.
+    means: Option<[Pair; 2]>,
+}
+
+impl Part {
+    fn add(&mut self, measured_kpa: Pair, squares: [Pair; 2]) {
+        self.ticks += 1;
+        for (sum, square) in self.sums.iter_mut().flatten().zip(squares.iter().flatten()) {
+            *sum += square;
+        }
+        for (sum, reading) in self.reading_sum.iter_mut().zip(measured_kpa) {
+            *sum += reading;
+        }
+        if self.ticks.is_multiple_of(MEAN_TICKS) {
+            let mean = self.reading_sum.map(|sum| sum / MEAN_TICKS as f64);
+            self.reading_sum = [0.0; CHANNELS];
+            let [least, most] = self.means.unwrap_or([mean; 2]);
+            self.means =
+                Some([std::array::from_fn(|c| least[c].min(mean[c])), std::array::from_fn(|c| most[c].max(mean[c]))]);
+        }
+    }
+
+    fn moves(&self, channel: usize) -> bool {
+        self.means.is_some_and(|[least, most]| most[channel] - least[channel] > MOVES_KPA[channel])
+    }
 }
 
 impl Errors {
     fn of(rig: &Rig, run: &[Sample]) -> Result<Self, RigError> {
         let mut predictor = Predictor::new(rig)?;
-        let mut errors = Errors { ticks: 0, sums: [[0.0; CHANNELS]; 2], parts: Vec::new() };
+        let mut errors = Errors { ticks: 0, parts: Vec::new() };
         for stretch in stretches(run) {
             let mut at = 0;
             run_along(&mut predictor, stretch, |predicted, ahead| {
                 at += 1;
                 if at > SETTLING_TICKS && ahead.len() >= AHEAD {
-                    errors.add([0, AHEAD - 1].map(|place| {
+                    let squares = [0, AHEAD - 1].map(|place| {
                         std::array::from_fn(|c| (predicted[place][c] - ahead[place].measured_kpa[c]).powi(2))
-                    }));
+                    });
+                    errors.add(ahead[0].measured_kpa, squares);
                 }
             });
         }
         Ok(errors)
     }
 
-    fn add(&mut self, squares: [Pair; 2]) {
+    fn add(&mut self, measured_kpa: Pair, squares: [Pair; 2]) {
         if self.ticks.is_multiple_of(PART_TICKS) {
-            self.parts.push([0.0; CHANNELS]);
+            self.parts.push(Part::default());
         }
         self.ticks += 1;
-        for (sum, square) in self.sums.iter_mut().flatten().zip(squares.iter().flatten()) {
-            *sum += square;
-        }
-        for (sum, square) in self.parts.last_mut().into_iter().flatten().zip(squares[1]) {
-            *sum += square;
+        if let Some(part) = self.parts.last_mut() {
+            part.add(measured_kpa, squares);
         }
     }
 
+    fn moving_s(&self) -> [usize; CHANNELS] {
+        std::array::from_fn(|c| self.parts.iter().filter(|part| part.moves(c)).count())
+    }
+
+    /// Over the seconds in which each pressure moved.
     fn rms_kpa(&self) -> [Pair; 2] {
-        self.sums.map(|sum| sum.map(|s| (s / self.ticks.max(1) as f64).sqrt()))
+        [0, 1].map(|place| {
+            std::array::from_fn(|c| {
+                let moving = self.parts.iter().filter(|part| part.moves(c));
+                let (sum, ticks) =
+                    moving.fold((0.0, 0), |(sum, ticks), part| (sum + part.sums[place][c], ticks + part.ticks));
+                (sum / ticks.max(1) as f64).sqrt()
+            })
+        })
     }
 
-    /// Seconds in which this model errs clearly more than another.
+    /// Seconds of movement in which this model errs clearly more than another.
     fn parts_above(&self, other: &Errors) -> [usize; CHANNELS] {
         std::array::from_fn(|c| {
-            let kpa = |part: &Pair| (part[c] / PART_TICKS as f64).sqrt().hypot(FLOOR_KPA[c]);
-            self.parts.iter().zip(&other.parts).filter(|(this, that)| kpa(this) > MOST_RATIO * kpa(that)).count()
+            let kpa = |part: &Part| (part.sums[1][c] / part.ticks.max(1) as f64).sqrt().hypot(FLOOR_KPA[c]);
+            let pairs = self.parts.iter().zip(&other.parts).filter(|(this, _)| this.moves(c));
+            pairs.filter(|(this, that)| kpa(this) > MOST_RATIO * kpa(that)).count()
         })
     }
 }
@@ -235,6 +307,7 @@ mod tests {
     fn a_second_of_filling_does_not_speak_for_a_minute() {
         let figures = |all: f64, better: usize, worse: usize| ModelFigures {
             ticks: 3000,
+            moving_s: [60; CHANNELS],
             before_kpa: [[0.2, 0.2], [0.58, 0.58]],
             after_kpa: [[0.2, 0.2], [0.58 * all, 0.58 * all]],
             better_s: [better; 2],
@@ -249,6 +322,33 @@ mod tests {
         assert!(figures(f64::NAN, 40, 3).refusal().is_some());
         let before_is_none = ModelFigures { before_kpa: [[f64::NAN; CHANNELS]; 2], ..figures(1.0, 0, 0) };
         assert!(before_is_none.refusal().is_none(), "whatever foresees at all is better");
+    }
+
+    /// On a hold a model that says that nothing changes foresees best; it is not taken for the rig.
+    #[test]
+    fn a_hold_says_nothing() {
+        let (bench, nominal) = (Rig::builtin("bench").unwrap(), Rig::builtin("dual_pressure").unwrap());
+        let lag = "\n[[mechanisms]]\nid = \"sensor_lag\"\ncomponent = \"sensor_pos\"\ntime_constant_ms = 1000.0\n";
+        let late = Rig::from_toml(&(nominal.to_toml().unwrap() + lag)).unwrap();
+        let mut plant = DualPressureRig::new(&bench).unwrap();
+        plant.start_from([90.0, -72.0], [0.88, 0.86]);
+        let held: Vec<Sample> = (0..3000)
+            .map(|tick| {
+                let sample = Sample { tick, measured_kpa: plant.readings_kpa(), duty: [0.88, 0.86], pump_on: true };
+                plant.tick([0.88, 0.86], true);
+                sample
+            })
+            .skip(1500)
+            .collect();
+        for (old, new) in [(&nominal, &late), (&late, &bench), (&nominal, &bench)] {
+            let figures = compare(old, new, &held).unwrap().unwrap();
+            assert!(figures.refusal().is_none() && figures.rested().is_some(), "{figures:?}");
+        }
+        // While it moves the rig itself is taken for the late one, and not the other way round.
+        let moving = run(1200);
+        assert!(compare(&late, &bench, &moving).unwrap().unwrap().refusal().is_none());
+        let late = compare(&bench, &late, &moving).unwrap().unwrap();
+        assert!(late.refusal().is_some() && late.rested().is_none(), "{late:?}");
     }
 
     #[test]
