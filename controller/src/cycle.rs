@@ -205,7 +205,8 @@ impl<H: DutySource> Cycle<H> {
     /// # Real-time
     /// Runs in the tick; five ticks of the model.
     pub fn predict(&mut self, record: &mut TickRecord) {
-        self.duty_source.exchange_model(&mut self.filter, &mut self.monitor, record);
+        let state = self.state();
+        self.duty_source.exchange_model(state, &mut self.filter, &mut self.monitor, record);
         if self.state().is_controlling() && self.duty_source.predict(self.measured, record) == Prediction::Diverged {
             self.report(Condition::ModelDiverged, 0.0);
         }

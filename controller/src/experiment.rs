@@ -28,7 +28,7 @@ use crate::experiment::playback_report::PlaybackReport;
 use crate::experiment::preflight_simulation::{Forecast, ForecastError, preflight_simulation};
 use crate::experiment::pump_relay::PumpRelay;
 use crate::operator::notice::sentence_of_one_session;
-use crate::operator::operator_protocol::ModelIdentity;
+use crate::operator::running::ModelIdentity;
 use crate::operator::socket::{May, Running};
 use crate::replay::run_file::attached;
 use crate::session::run_length::RunLength;

@@ -5,8 +5,8 @@
 //! same box, to be dropped here. The command goes on without a bump: what differs decays within half a second.
 
 use std::collections::VecDeque;
-use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -25,6 +25,7 @@ use safety_filter::{Envelope, SafetyFilter, SlewLimit};
 
 use crate::cycle::sensing::Sensing;
 use crate::session::session_recorder::attachment;
+use crate::state::State;
 
 /// Samples that the tick keeps for a comparison: 160 s.
 const SAMPLES: usize = 8192;
@@ -34,10 +35,12 @@ const COMPARED: usize = 3000;
 const FOLLOWED: usize = 500;
 /// Samples that a replay keeps: a change may have looked at those of 20 min before, where ticks did not wait for it.
 const REPLAYED: usize = 1 << 16;
-/// Ticks without one that is flown after which the rig counts as not under control: a second, for in HOLD none is kept.
-const STANDING_BY: u32 = 50;
 /// How long the tick may take to put a model in.
 pub const PATIENCE: Duration = Duration::from_secs(2);
+/// Time in which a model that a tick has taken comes back from it: five ticks.
+const IN_TICK: Duration = Duration::from_millis(100);
+/// Between two looks whether it has.
+const LOOK: Duration = Duration::from_millis(5);
 
 /// All that is made of a model.
 pub struct ModelChange {
@@ -51,11 +54,36 @@ pub struct ModelChange {
     pub monitor: MonitorModels,
     /// What flights of references will teach on this model, where that is learned: nothing yet.
     pub repetitions: Option<Box<Repetitions>>,
+    compared: Compared,
+}
+
+/// A model's standing before it is put in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Compared {
+    /// It foresees the run well enough, was in force before, or was put in in the run that is replayed.
+    Yes,
+    /// Nothing tells yet: it may only come in while the rig is not under control.
+    No,
+}
+
+/// A change on its way back from the tick.
+enum Returned {
+    /// It holds what was in force.
+    Exchanged(Box<ModelChange>),
+    /// It was not put in: the rig is under control, and the model was not compared.
+    Refused(Box<ModelChange>),
+}
+
+/// Outcome of handing a model to the tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum HandOver {
+    PutIn,
+    Refused,
 }
 
 impl ModelChange {
     /// All that is made of `rig`, having run along with the newest samples.
-    fn new(rig: &Rig, run: &[Sample], learning: RepetitionLearning) -> Result<Self, RigError> {
+    fn new(rig: &Rig, run: &[Sample], learning: RepetitionLearning, compared: Compared) -> Result<Self, RigError> {
         let map = Arc::new(SteadyMap::new(rig)?);
         let learns = learning == RepetitionLearning::On;
         Ok(ModelChange {
@@ -65,6 +93,7 @@ impl ModelChange {
             // The tick puts the limits of the filter in force into it.
             filter: SafetyFilter::new(rig, Envelope::DEFAULT, SlewLimit::DEFAULT)?,
             monitor: monitor_models(rig, run)?,
+            compared,
         })
     }
 }
@@ -87,10 +116,8 @@ pub struct ModelTickEnd {
 
 struct Shared {
     next: ArrayQueue<Box<ModelChange>>,
-    retired: ArrayQueue<Box<ModelChange>>,
+    retired: ArrayQueue<Returned>,
     samples: ArrayQueue<Numbered>,
-    /// Ticks since the newest that was flown.
-    since_flown: AtomicU32,
     /// Whether a change brings what learns from flights.
     learns: AtomicBool,
 }
@@ -98,10 +125,6 @@ struct Shared {
 impl Shared {
     fn learning(&self) -> RepetitionLearning {
         if self.learns.load(Ordering::Relaxed) { RepetitionLearning::On } else { RepetitionLearning::Off }
-    }
-
-    fn is_flown(&self) -> bool {
-        self.since_flown.load(Ordering::Relaxed) < STANDING_BY
     }
 }
 
@@ -122,6 +145,8 @@ pub struct ModelInForce {
 /// The model in force, and the one before it, to which an operator may always go back.
 struct Models {
     rig: Rig,
+    /// The name that it was asked for by; `None` for the one that the daemon began with.
+    file: Option<PathBuf>,
     before: Option<Rig>,
 }
 
@@ -141,22 +166,28 @@ pub fn ends(rig: &Rig) -> (ModelTickEnd, ModelDesk) {
         next: ArrayQueue::new(1),
         retired: ArrayQueue::new(4),
         samples: ArrayQueue::new(SAMPLES),
-        since_flown: AtomicU32::new(STANDING_BY),
         learns: AtomicBool::new(false),
     });
-    let models = Arc::new(Mutex::new(Models { rig: rig.clone(), before: None }));
+    let models = Arc::new(Mutex::new(Models { rig: rig.clone(), file: None, before: None }));
     (ModelTickEnd { shared: Arc::clone(&shared), kept: 0 }, ModelDesk { shared, models, samples: Arc::default() })
 }
 
 impl ModelTickEnd {
-    /// The next model, if there is one and what is in force finds room on its way back; asked for in every tick.
+    /// The next model, if there is one and what is in force finds room on its way back; asked for in every tick. One that
+    /// was not compared goes straight back while the rig is under control: only the tick knows whether it is by then.
     ///
     /// # Real-time
     /// Runs in the tick.
-    pub fn take(&self) -> Option<Box<ModelChange>> {
-        let ticks = self.shared.since_flown.load(Ordering::Relaxed);
-        self.shared.since_flown.store(ticks.saturating_add(1), Ordering::Relaxed);
-        if self.shared.retired.is_full() { None } else { self.shared.next.pop() }
+    pub fn take(&self, state: State) -> Option<Box<ModelChange>> {
+        if self.shared.retired.is_full() {
+            return None;
+        }
+        let change = self.shared.next.pop()?;
+        if change.compared == Compared::No && state.is_controlling() {
+            self.give_back(Returned::Refused(change));
+            return None;
+        }
+        Some(change)
     }
 
     /// Hands back what was in force.
@@ -164,8 +195,12 @@ impl ModelTickEnd {
     /// # Real-time
     /// Runs in the tick; `take` has seen to it that there is room.
     pub fn retire(&self, change: Box<ModelChange>) {
-        if let Err(change) = self.shared.retired.push(change) {
-            std::mem::forget(change);
+        self.give_back(Returned::Exchanged(change));
+    }
+
+    fn give_back(&self, returned: Returned) {
+        if let Err(returned) = self.shared.retired.push(returned) {
+            std::mem::forget(returned);
         }
     }
 
@@ -180,7 +215,6 @@ impl ModelTickEnd {
     /// Runs in the tick.
     pub fn keep(&mut self, sample: Sample) {
         self.kept += 1;
-        self.shared.since_flown.store(0, Ordering::Relaxed);
         self.shared.samples.force_push((self.kept, sample));
     }
 }
@@ -196,12 +230,19 @@ impl ModelDesk {
         self.models().rig.clone()
     }
 
+    /// The model in force, and the file or built-in name that it was put in by, where that happened while it ran.
+    pub fn in_force(&self) -> (Rig, Option<PathBuf>) {
+        let models = self.models();
+        (models.rig.clone(), models.file.clone())
+    }
+
     fn models(&self) -> MutexGuard<'_, Models> {
         self.models.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Reads a rig file, checks it, compares it, and has the tick put it in while the permit counts. One that foresees worse is refused,
-    /// and while the rig is under control also one that cannot be compared yet, unless it was in force before. Takes seconds; not for the tick nor for the thread that answers other operators.
+    /// Reads a rig file, checks it, compares it, and has the tick put it in while the permit counts. One that foresees
+    /// worse is refused, and while the rig is under control also one that cannot be compared yet, unless it was in force
+    /// before. Takes seconds; not for the tick nor for the thread that answers other operators.
     ///
     /// # Errors
     /// Why not, one line; nothing has changed then.
@@ -229,14 +270,19 @@ impl ModelDesk {
         if let Some(reason) = figures.as_ref().and_then(|f| f.refusal()).filter(|_| !is_back) {
             return Err(format!("{name}: {reason}"));
         }
-        let change = ModelChange::new(&rig, &run, self.shared.learning()).map_err(unfit)?;
-        if figures.is_none() && !is_back && self.shared.is_flown() {
-            return Err(format!("{name}: {}", too_little(&run)));
-        }
+        let unsettled = match &figures {
+            None => Some(too_little(&run)),
+            Some(figures) => figures.rested(),
+        };
+        let compared = if unsettled.is_none() || is_back { Compared::Yes } else { Compared::No };
+        let change = ModelChange::new(&rig, &run, self.shared.learning(), compared).map_err(unfit)?;
         permit.redeem().map_err(|late| format!("{name}: {late}"))?;
-        self.hand_over(change)?;
+        if self.hand_over(change)? == HandOver::Refused {
+            // Under control one that is far off would vent the rig.
+            return Err(format!("{name}: {}, or put it in while disarmed", unsettled.unwrap_or_default()));
+        }
         let new = rig.name.clone();
-        *self.models() = Models { rig, before: Some(old) };
+        *self.models() = Models { rig, file: Some(file.to_owned()), before: Some(old) };
         let again = if is_back { " again" } else { "" };
         let line = told(&new, again, figures.as_ref());
         Ok(ModelInForce { line, toml, followed })
@@ -261,30 +307,46 @@ impl ModelDesk {
     /// The rig cannot be flown.
     pub fn repeat(&self, rig: &Rig, followed: u64) -> Result<(), RigError> {
         let samples = self.samples.lock().unwrap_or_else(PoisonError::into_inner);
-        let change = ModelChange::new(rig, &newest(&samples, followed), self.shared.learning())?;
+        let change = ModelChange::new(rig, &newest(&samples, followed), self.shared.learning(), Compared::Yes)?;
         while self.shared.retired.pop().is_some() {}
         // There is room: each that was put in before was taken in the tick that it was put in for.
         let _ = self.shared.next.push(Box::new(change));
         Ok(())
     }
 
-    /// Waits until the tick has put it in; takes it back if it does not.
-    fn hand_over(&self, change: ModelChange) -> Result<(), String> {
+    /// Waits until the tick has put it in or refused it; takes it back if it does neither.
+    fn hand_over(&self, change: ModelChange) -> Result<HandOver, String> {
         while self.shared.retired.pop().is_some() {}
         if self.shared.next.push(Box::new(change)).is_err() {
             return Err("another model is on its way; try again".to_owned());
         }
-        let until = Instant::now() + PATIENCE;
-        while Instant::now() < until {
-            if self.shared.retired.pop().is_some() {
-                return Ok(());
-            }
-            std::thread::sleep(Duration::from_millis(5));
+        if let Some(outcome) = self.returned_within(PATIENCE) {
+            return Ok(outcome);
         }
         match self.shared.next.pop() {
             Some(_) => Err("no tick took it; is the cRIO there?".to_owned()),
             // Taken in the last moment.
-            None => Ok(()),
+            None => Ok(self.returned_within(IN_TICK).unwrap_or(HandOver::PutIn)),
+        }
+    }
+
+    /// What the tick made of the model that it was handed, once it comes back.
+    fn returned_within(&self, time: Duration) -> Option<HandOver> {
+        let until = Instant::now() + time;
+        loop {
+            let is_last = Instant::now() >= until;
+            match self.shared.retired.pop() {
+                Some(Returned::Exchanged(change)) => {
+                    drop(change);
+                    return Some(HandOver::PutIn);
+                }
+                Some(Returned::Refused(change)) => {
+                    drop(change);
+                    return Some(HandOver::Refused);
+                }
+                None if is_last => return None,
+                None => std::thread::sleep(LOOK),
+            }
         }
     }
 }
@@ -294,6 +356,11 @@ fn told(model: &str, again: &str, figures: Option<&ModelFigures>) -> String {
     let Some(f) = figures else {
         return format!("model {model} is in force{again}; too little was run to compare it with the one before");
     };
+    if f.rested().is_some() {
+        return format!(
+            "model {model} is in force{again}; the pressures moved too little to compare it with the one before"
+        );
+    }
     let ([pos, neg], [before_pos, before_neg]) = (f.after_kpa[1], f.before_kpa[1]);
     format!(
         "model {model} is in force{again}; five ticks ahead it errs by {pos:.3}/{neg:.3} kPa on the last {:.0} s, the one before by {before_pos:.3}/{before_neg:.3}; it errs less in {}/{} seconds, more in {}/{}",
@@ -305,10 +372,10 @@ fn told(model: &str, again: &str, figures: Option<&ModelFigures>) -> String {
     )
 }
 
-/// Refusal of a model that cannot be compared, under control: one that is far off would vent the rig.
+/// Why a model cannot be compared on a run that is too short, and what to do.
 fn too_little(run: &[Sample]) -> String {
     format!(
-        "too little was run to compare it with the model in force; keep the rig armed for {} s more, or put it in while disarmed",
+        "too little was run to compare it with the model in force: keep the rig armed for {} s more",
         seconds_lacking(run)
     )
 }
@@ -329,51 +396,4 @@ fn monitor_models(rig: &Rig, run: &[Sample]) -> Result<MonitorModels, RigError> 
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Four times the volumes: what it foresees would vent the rig within moments.
-    fn far_off() -> std::path::PathBuf {
-        let mut rig = Rig::builtin("dual_pressure").unwrap();
-        rig.volumes.values_mut().for_each(|volume| volume.volume_l *= 4.0);
-        let file = std::env::temp_dir().join(format!("far-off-{}.toml", std::process::id()));
-        std::fs::write(&file, rig.to_toml().unwrap()).unwrap();
-        file
-    }
-
-    fn flown(tick: u32) -> Sample {
-        Sample { tick, measured_kpa: [90.0, -70.0], duty: [0.88, 0.87], pump_on: true }
-    }
-
-    #[test]
-    fn what_cannot_be_compared_yet_is_put_in_only_while_disarmed() {
-        let nominal = Rig::builtin("dual_pressure").unwrap();
-        let file = far_off();
-        let (mut tick, desk) = ends(&nominal);
-        for number in 0..200 {
-            assert!(tick.take().is_none());
-            tick.keep(flown(number));
-        }
-        // Of 500 ticks that count there are 170.
-        let refused = desk.change(&file, &Permit::unlimited()).unwrap_err();
-        assert!(refused.contains("armed for 7 s more, or put it in while disarmed"), "{refused}");
-        assert!(tick.take().is_none() && desk.rig() == nominal, "nothing has changed");
-
-        // The rig stands by: ticks come, and none is flown.
-        (0..STANDING_BY).for_each(|_| assert!(tick.take().is_none()));
-        let changing = {
-            let (desk, file) = (desk.clone(), file.clone());
-            std::thread::spawn(move || desk.change(&file, &Permit::unlimited()))
-        };
-        while !changing.is_finished() {
-            if let Some(change) = tick.take() {
-                tick.retire(change);
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
-        let line = changing.join().unwrap().unwrap().line;
-        assert!(line.contains("is in force; too little was run to compare it"), "{line}");
-        assert_ne!(desk.rig(), nominal);
-        std::fs::remove_file(file).unwrap();
-    }
-}
+mod tests;

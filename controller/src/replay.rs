@@ -6,35 +6,32 @@
 //! its compiler or the machine decides otherwise than it did, and the first stage that differs says where to look.
 //!
 //! What ends a replay early: ticks that were not recorded, and inputs whose content the recording does not hold. What was
-//! compared until then counts, and the end is told. So is a recording of which something could not be read: what follows the end of
-//! one that was cut short was not compared.
+//! compared until then counts, and the end is told. So is a recording of which something could not be read: what follows the
+//! end of one that was cut short was not compared.
 
 pub(crate) mod recorded_orders;
 pub mod run_file;
 
+mod beginning;
 mod comparison;
 mod replay_error;
 
 use std::collections::VecDeque;
 
 use handover::Noise;
-use model::rig::Rig;
-use policy::{Policy, PolicyError};
-use proto::emulator::rig_and_crio;
 use proto::recording::{TickInput, TickRecord};
 use proto::reference::Reference;
 use proto::wire::{Frame, Sense};
 use supervisor::Condition;
 
-use crate::config::Config;
 use crate::cycle::Cycle;
-use crate::daemon::contracts;
 use crate::experiment::command_sequence::CommandSequence;
 use crate::experiment::open_loop_playback::OpenLoopPlayback;
 use crate::experiment::pump_relay::PumpRelay;
 use crate::replay::recorded_orders::RecordedOrders;
 use crate::replay::run_file::{RunFile, attached};
 
+use beginning::{cycle, no_beginning, part};
 use comparison::compare;
 pub use comparison::{Difference, Stage};
 pub use replay_error::ReplayError;
@@ -62,7 +59,7 @@ impl Replayed {
         self.differing == 0 && self.ended.is_none() && self.notes.is_empty()
     }
 
-    /// Why not all that was run was compared, one line: where it ended early, else what could not be read.
+    /// The reason why not all that was run was compared, one line: where it ended early, else what could not be read.
     pub fn missing(&self) -> Option<&str> {
         self.ended.as_deref().or(self.notes.first().map(String::as_str))
     }
@@ -109,7 +106,7 @@ pub struct Replay {
     is_damaged: bool,
 }
 
-/// Where a tick stands to the one before it.
+/// Place of a tick behind the one before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Place {
     /// In the same recording.
@@ -118,7 +115,7 @@ enum Place {
     Between,
 }
 
-/// Where references that were exchanged come from.
+/// Source of references that were exchanged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Given {
     /// Files beside the recording.
@@ -354,52 +351,6 @@ impl Replay {
         }
         replayed.ticks += 1;
     }
-}
-
-/// Which of several recordings of a run this is, from 1.
-fn part(run: &RunFile) -> u32 {
-    run.content.metadata.get("part").and_then(|part| part.parse().ok()).unwrap_or(1)
-}
-
-/// The error of a recording that does not hold the beginning of its run.
-fn no_beginning(run: &RunFile) -> ReplayError {
-    match run.content.notes.first() {
-        // A first part has nothing before it that could be given.
-        Some(note) if part(run) == 1 => ReplayError::Damaged { note: note.clone() },
-        _ => ReplayError::NoBeginning { file: run.path.display().to_string() },
-    }
-}
-
-/// The cycle as it was when the recorded daemon began, and the relay of its model's pump.
-fn cycle(run: &RunFile) -> Result<(Cycle, PumpRelay), ReplayError> {
-    let file = run.path.display().to_string();
-    let missing = |name| match run.content.notes.first() {
-        Some(note) => ReplayError::Damaged { note: note.clone() },
-        None => ReplayError::Missing { file: file.clone(), name },
-    };
-    let inside = |name| run.attachment(name).ok_or_else(|| missing(name));
-    let text = |name| Ok::<_, ReplayError>(String::from_utf8_lossy(inside(name)?).into_owned());
-    let config = Config::parse(&text(attached::EFFECTIVE)?, std::path::Path::new(attached::EFFECTIVE))?;
-    let model = |source| ReplayError::Model { file: file.clone(), name: attached::MODEL, source };
-    let rig = Rig::from_toml(&text(attached::MODEL)?).map_err(model)?;
-    let reference = Reference::parse(attached::REFERENCE, inside(attached::REFERENCE)?)?;
-    let policy = match run.content.metadata.get("policy_sha256") {
-        None => None,
-        Some(expected) => {
-            let name = run.content.metadata.get("policy_name").cloned().unwrap_or_default();
-            let refused = |fault| PolicyError { file: attached::POLICY.into(), fault };
-            let policy = Policy::from_bytes(name, inside(attached::POLICY)?, &contracts()).map_err(refused)?;
-            let found = policy.hash().to_string();
-            if found != *expected {
-                return Err(ReplayError::OtherPolicy { file: file.clone(), found, expected: expected.clone() });
-            }
-            Some(policy)
-        }
-    };
-    let (_, crio) = rig_and_crio(&rig).map_err(model)?;
-    let mut cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.arming()).map_err(model)?;
-    cycle.duty_source_mut().tracking_mut().repeat(config.reference.after_end(), config.reference.learning());
-    Ok((cycle, PumpRelay::of(&crio)))
 }
 
 /// The frame that came, where a sound one did.

@@ -18,9 +18,9 @@ use crate::websocket::{WebSocket, is_upgrade};
 const MOST_VIEWERS: usize = 32;
 /// Requests under way at a time, beside those who stay: Prometheus and a new page always find a place soon.
 const MOST_REQUESTS: usize = 32;
-/// How long a websocket's client may say nothing, pings unanswered, before it is cut off.
+/// Time for which a websocket's client may say nothing, pings unanswered, before it is cut off.
 const CLIENT_SILENCE: Duration = Duration::from_secs(15);
-/// How long a whole request may take to come, and a whole answer or picture to go.
+/// Time that a whole request may take to come, and a whole answer or picture to go.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Between two pictures of a page: as fast as eyes follow numbers.
 const PICTURE: Duration = Duration::from_millis(100);
@@ -72,7 +72,7 @@ pub struct Server {
     shared: Shared,
 }
 
-/// What all connections share.
+/// State that all connections share.
 #[derive(Clone)]
 struct Shared {
     hub: Arc<Hub>,
@@ -80,7 +80,7 @@ struct Shared {
     names: AskedUnder,
     /// Pages and websockets.
     viewers: Arc<AtomicUsize>,
-    /// How long a websocket's client may say nothing.
+    /// Time for which a websocket's client may say nothing.
     silence: Duration,
 }
 

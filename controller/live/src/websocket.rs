@@ -46,14 +46,14 @@ impl WebSocket {
     ///
     /// # Errors
     /// The connection ends.
-    pub(crate) fn accept(mut stream: TcpStream, request: &Request, protocol: Option<&str>) -> io::Result<Self> {
+    pub(crate) fn accept(stream: TcpStream, request: &Request, protocol: Option<&str>) -> io::Result<Self> {
         let key = request.header("sec-websocket-key").unwrap_or_default();
         let accept = base64(&sha1(format!("{key}{GUID}").as_bytes()));
         let protocol = protocol.map_or(String::new(), |name| format!("Sec-WebSocket-Protocol: {name}\r\n"));
         let head = format!(
             "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: {accept}\r\n{protocol}\r\n"
         );
-        stream.write_all(head.as_bytes())?;
+        Within::new(&stream, PATIENCE).write_all(head.as_bytes())?;
         let now = Instant::now();
         Ok(WebSocket { stream, fragments: Vec::new(), heard: now, pinged: now })
     }

@@ -26,6 +26,8 @@ const MOST_WAITING: usize = 1_000;
 const SLOW: Duration = Duration::from_secs(1);
 /// Time from a note that could not be written to the next try.
 const RETRY: Duration = Duration::from_secs(1);
+/// Between two looks whether all is written.
+const LOOK: Duration = Duration::from_millis(5);
 /// Between two looks of the thread while nothing is to be written; it is woken by each note.
 const IDLE: Duration = Duration::from_secs(3600);
 
@@ -106,6 +108,18 @@ impl Audit {
         self.handle.shared.put(Note { at: SystemTime::now(), who, what, policy, sha256, detail });
     }
 
+    /// Waits until all that was noted is written, or cannot be, for so long at most: before the end of a daemon.
+    pub fn settle(&self, most: Duration) {
+        let until = Instant::now() + most;
+        let queue = &self.handle.shared.queue;
+        locked(queue).tell_lost();
+        self.handle.shared.news.notify_all();
+        let is_over = |queue: &Queue| queue.waiting.is_empty() || queue.problem.is_some();
+        while !is_over(&locked(queue)) && Instant::now() < until {
+            std::thread::sleep(LOOK);
+        }
+    }
+
     /// Problem of the file, one line: it cannot be written, or the disk does not answer.
     pub fn problem(&self) -> Option<String> {
         let Shared { file, queue, .. } = &*self.handle.shared;
@@ -131,6 +145,23 @@ impl Drop for Handle {
     }
 }
 
+impl Queue {
+    /// Notes that some found no room, behind those that did.
+    fn tell_lost(&mut self) {
+        let lost = std::mem::take(&mut self.lost);
+        if lost > 0 {
+            self.waiting.push_back(Note {
+                at: SystemTime::now(),
+                who: "daemon".to_owned(),
+                what: "lines lost".to_owned(),
+                policy: String::new(),
+                sha256: String::new(),
+                detail: format!("{lost} lines found no room while this file could not be written"),
+            });
+        }
+    }
+}
+
 impl Shared {
     fn put(&self, note: Note) {
         let mut queue = locked(&self.queue);
@@ -138,18 +169,7 @@ impl Shared {
             queue.lost += 1;
             return;
         }
-        let lost = std::mem::take(&mut queue.lost);
-        if lost > 0 {
-            let gap = Note {
-                who: "daemon".to_owned(),
-                what: "lines lost".to_owned(),
-                policy: String::new(),
-                sha256: String::new(),
-                detail: format!("{lost} lines found no room while this file could not be written"),
-                ..note.clone()
-            };
-            queue.waiting.push_back(gap);
-        }
+        queue.tell_lost();
         queue.waiting.push_back(note);
         drop(queue);
         self.news.notify_all();
@@ -260,123 +280,4 @@ fn last_line(file: &mut File) -> io::Result<(Option<Vec<u8>>, Ending)> {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::sync::mpsc::channel;
-
-    use super::*;
-
-    /// Generous: how long a line may take on a machine that does other things as well.
-    const SOON: Duration = Duration::from_secs(60);
-
-    fn until(mut done: impl FnMut() -> bool) {
-        let end = Instant::now() + SOON;
-        while !done() {
-            assert!(Instant::now() < end, "not in time");
-            std::thread::sleep(Duration::from_millis(5));
-        }
-    }
-
-    fn waiting(audit: &Audit) -> usize {
-        locked(&audit.handle.shared.queue).waiting.len()
-    }
-
-    fn folder(name: &str) -> PathBuf {
-        let folder = std::env::temp_dir().join(format!("audit-{name}-{}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&folder);
-        std::fs::create_dir(&folder).unwrap();
-        folder
-    }
-
-    /// All lines, each of which must name the one before it.
-    fn chained(file: &Path) -> Vec<String> {
-        let text = std::fs::read_to_string(file).unwrap();
-        let (mut before, mut who) = (String::new(), Vec::new());
-        for line in text.lines() {
-            if let Ok(object) = serde_json::from_str::<serde_json::Value>(line) {
-                assert_eq!(object["previous"], before.as_str(), "{text}");
-                who.push(object["who"].as_str().unwrap().to_owned());
-            }
-            before = policy::hash(line.as_bytes()).to_string();
-        }
-        who
-    }
-
-    #[test]
-    fn what_could_not_be_written_is_told_and_written_once_that_goes() {
-        let folder = folder("owed");
-        let file = folder.join("none/audit.jsonl");
-        let audit = Audit::start(file.clone()).unwrap();
-        audit.note("alice", "swap", "a", "ff", "");
-        audit.note("bob", "swap", "b", "ee", "");
-        until(|| audit.problem().is_some_and(|problem| problem.contains("audit.jsonl") && problem.contains("2 lines")));
-        std::fs::create_dir(folder.join("none")).unwrap();
-        until(|| waiting(&audit) == 0 && audit.problem().is_none());
-        audit.note("carol", "rollback", "a", "ff", "");
-        until(|| waiting(&audit) == 0);
-        assert_eq!(chained(&file), ["alice", "bob", "carol"]);
-        std::fs::remove_dir_all(&folder).unwrap();
-    }
-
-    /// A pipe that nobody reads in place of the file, from the start.
-    #[test]
-    fn what_is_no_file_is_refused_at_once() {
-        let folder = folder("pipe");
-        let file = folder.join("audit.jsonl");
-        assert!(std::process::Command::new("mkfifo").arg(&file).status().unwrap().success());
-        let audit = Audit::start(file.clone()).unwrap();
-        audit.note("alice", "swap", "a", "ff", "");
-        until(|| audit.problem().is_some_and(|problem| problem.contains("not a regular file; move it away")));
-        std::fs::remove_file(&file).unwrap();
-        until(|| waiting(&audit) == 0);
-        assert_eq!(chained(&file), ["alice"]);
-        std::fs::remove_dir_all(&folder).unwrap();
-    }
-
-    #[test]
-    fn a_disk_that_does_not_answer_holds_nobody_and_is_told() {
-        let (answer, disk) = channel::<()>();
-        let audit = Audit::start_writing("audit.jsonl".into(), move |_| {
-            disk.recv().map_err(|_| io::Error::other("the disk is gone"))
-        })
-        .unwrap();
-        // Were one of these to wait for the disk, the test would not end.
-        (0..MOST_WAITING + 7).for_each(|k| audit.note("alice", "swap", &k.to_string(), "ff", ""));
-        until(|| audit.problem().is_some_and(|problem| problem.contains("does not answer")));
-        assert!(audit.problem().unwrap().contains("7 more are lost"), "{:?}", audit.problem());
-        (0..2).for_each(|_| answer.send(()).unwrap());
-        until(|| waiting(&audit) == MOST_WAITING - 2);
-        audit.note("bob", "swap", "b", "ee", "");
-        let tail: Vec<String> =
-            locked(&audit.handle.shared.queue).waiting.iter().rev().take(2).map(|note| note.detail.clone()).collect();
-        assert!(tail[1].starts_with("7 lines found no room"), "{tail:?}");
-    }
-
-    #[test]
-    fn each_line_names_the_one_before_it_also_after_a_restart_and_behind_an_unfinished_one() {
-        let folder = folder("chain");
-        let file = folder.join("audit.jsonl");
-        let note = |who: &str, detail: &str| {
-            let audit = Audit::start(file.clone()).unwrap();
-            audit.note(who, "swap", "a", "ff", detail);
-            until(|| waiting(&audit) == 0);
-        };
-        note("alice (uid 1000, pid 1)", "");
-        note("bob", "\"quoted\"\nand broken");
-        OpenOptions::new().append(true).open(&file).unwrap().write_all(b"{\"time\":\"2026-\xff").unwrap();
-        note("carol", "");
-        note("dave", "");
-        let text = String::from_utf8_lossy(&std::fs::read(&file).unwrap()).into_owned();
-        let lines: Vec<&str> = text.lines().collect();
-        assert!(lines.len() == 5 && lines[2].starts_with("{\"time\":\"2026-"), "{text}");
-        let bytes = std::fs::read(&file).unwrap();
-        let mut before = String::new();
-        for (number, line) in bytes.split(|byte| *byte == b'\n').take(5).enumerate() {
-            if number != 2 {
-                let object: serde_json::Value = serde_json::from_slice(line).unwrap();
-                assert_eq!(object["previous"], before.as_str(), "{text}");
-            }
-            before = policy::hash(line).to_string();
-        }
-        std::fs::remove_dir_all(&folder).unwrap();
-    }
-}
+mod tests;

@@ -1,4 +1,4 @@
-//! What operators ask of policies: list, swap, rollback.
+//! Requests of operators for policies: list, swap, rollback.
 //!
 //! Nothing here touches a file, or takes a lock that is held while a file is waited for. [`PolicyDesk::swap`] and
 //! [`PolicyDesk::rollback`] wait for the tick's answer, for a bounded time: not for the thread that serves other operators.
@@ -98,12 +98,18 @@ impl PolicyDesk {
         locked(&self.board).why_fallback()
     }
 
-    /// Another model is in force: policies are examined on it from now on, and what controls is held against the fallback there.
+    /// Another model is in force: policies are examined on it from now on, and what controls is held against the fallback
+    /// there.
     pub fn model_changed(&self, model: Rig) {
         *locked(&self.new_model) = Some(model);
     }
 
-    /// What is wrong with the directory or the audit file, if anything.
+    /// Waits until the audit file says all that was done, or cannot, for so long at most: before the end of a daemon.
+    pub fn settle(&self, most: Duration) {
+        self.chronicle.audit().settle(most);
+    }
+
+    /// Problem of the directory or the audit file, if there is one.
     pub fn problem(&self) -> Option<String> {
         let problem = locked(&self.board).problem.clone();
         let problems: Vec<String> = problem.into_iter().chain(self.chronicle.audit().problem()).collect();
@@ -177,8 +183,8 @@ impl PolicyDesk {
         Ok(Sent::Order { number, haste })
     }
 
-    /// Goes back, while the permit counts: from a candidate to what flies, or from what flies to what flew before; `who` asked. What
-    /// comes of it in the tick is waited for, for a bounded time, and is the answer.
+    /// Goes back, while the permit counts: from a candidate to what flies, or from what flies to what flew before; `who`
+    /// asked. What comes of it in the tick is waited for, for a bounded time, and is the answer.
     ///
     /// # Errors
     /// Why not, one line.
@@ -212,7 +218,8 @@ impl PolicyDesk {
         Ok(text)
     }
 
-    /// Waits for the tick's answer to an order; `None` where no tick has carried it out in time, as while the rig is not under control.
+    /// Waits for the tick's answer to an order; `None` where no tick has carried it out in time, as while the rig is not under
+    /// control.
     fn answer(&self, number: u32) -> Option<PolicyEvent> {
         let until = Instant::now() + ANSWER_TIME;
         loop {

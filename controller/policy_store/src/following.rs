@@ -16,7 +16,7 @@ use crate::examination::{Job, StandsAgainst};
 use crate::locked;
 use crate::store::WhenBehind;
 
-/// How often the tick's events are looked at where nobody asks.
+/// Time between two looks at the tick's events where nobody asks.
 pub(crate) const ROUND: Duration = Duration::from_millis(100);
 /// Who asks where a policy is behind the fallback.
 const STANDING: &str = "policy.when_behind";
@@ -29,7 +29,7 @@ pub(crate) type Reason = (String, Refusal);
 /// Takes in what the tick says; also called by those who ask, so that they are answered by what is.
 pub(crate) struct Follower {
     board: Arc<Mutex<Board>>,
-    /// Where the tick says what has happened.
+    /// The end at which the tick says what has happened.
     end: StoreEnd,
     chronicle: Chronicle,
     reasons: Sender<Reason>,

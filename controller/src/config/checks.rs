@@ -1,4 +1,4 @@
-//! What the values of a configuration may be, and what is said of those that are something else.
+//! Bounds of the values of a configuration, and words for those that are something else.
 
 use std::path::{Path, PathBuf};
 
@@ -180,7 +180,7 @@ fn plain(value: f64) -> String {
     if value.fract() == 0.0 && value.abs() < 1e7 { format!("{value}") } else { format!("{value:?}") }
 }
 
-/// What a person is told of a value that TOML or its key does not take: the key where it stands, and its range where it is a number.
+/// Words for a value that TOML or its key does not take: the key where it stands, and its range where it is a number.
 pub(super) fn parse_problem(text: &str, at: usize, message: &str) -> String {
     let message = message.replace('\n', "; ");
     let Some(key) = key_before(text, at) else { return message };

@@ -138,8 +138,14 @@ pub trait DutySource: Send {
 
     /// Puts in another model where one waits, those of the safety filter and of the monitor with it; before anything is
     /// decided in a tick.
-    fn exchange_model(&mut self, filter: &mut SafetyFilter, monitor: &mut Monitor, record: &mut TickRecord) {
-        let _ = (filter, monitor, record);
+    fn exchange_model(
+        &mut self,
+        state: State,
+        filter: &mut SafetyFilter,
+        monitor: &mut Monitor,
+        record: &mut TickRecord,
+    ) {
+        let _ = (state, filter, monitor, record);
     }
 
     /// Looks at a sound frame, armed or not.

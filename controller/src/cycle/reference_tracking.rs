@@ -14,7 +14,7 @@ use policy::Policy;
 use proto::recording::{LawParts, TickInput, TickRecord};
 use proto::reference::Reference;
 use safety_filter::SafetyFilter;
-use supervisor::{Condition, ControlledBy};
+use supervisor::{Condition, ControlledBy, State};
 
 use crate::cycle::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, Prediction, SensorSample, VENT};
 use crate::model_change::{self, ModelDesk, ModelTickEnd};
@@ -164,8 +164,14 @@ impl ReferenceTracking {
 impl DutySource for ReferenceTracking {
     const ONE_SESSION: bool = false;
 
-    fn exchange_model(&mut self, filter: &mut SafetyFilter, monitor: &mut Monitor, record: &mut TickRecord) {
-        let Some(mut change) = self.models.take() else { return };
+    fn exchange_model(
+        &mut self,
+        state: State,
+        filter: &mut SafetyFilter,
+        monitor: &mut Monitor,
+        record: &mut TickRecord,
+    ) {
+        let Some(mut change) = self.models.take(state) else { return };
         TickInput::Model.append(&mut record.inputs);
         std::mem::swap(&mut self.predictor, &mut change.predictor);
         self.control.exchange_map(&change.map);

@@ -85,8 +85,14 @@ impl RunningSource {
 impl DutySource for RunningSource {
     const ONE_SESSION: bool = false;
 
-    fn exchange_model(&mut self, filter: &mut SafetyFilter, monitor: &mut Monitor, record: &mut TickRecord) {
-        self.tracking.exchange_model(filter, monitor, record);
+    fn exchange_model(
+        &mut self,
+        state: State,
+        filter: &mut SafetyFilter,
+        monitor: &mut Monitor,
+        record: &mut TickRecord,
+    ) {
+        self.tracking.exchange_model(state, filter, monitor, record);
     }
 
     fn on_sample(&mut self, seen: &SensorSample) -> ModeRequest {

@@ -5,6 +5,7 @@
 //! | [`socket`] | many clients at once |
 //! | `bound_socket` | the socket as a file |
 //! | [`operator_protocol`] | what is said over it |
+//! | [`running`] | names of what the daemon runs with |
 //! | [`peer`] | who asks |
 //! | [`mailbox`] | between the tick and everybody else |
 //! | [`desk`] | requests examined and carried out |
@@ -22,4 +23,5 @@ pub mod notice;
 pub mod operator_protocol;
 pub mod peer;
 pub mod reference_limits;
+pub mod running;
 pub mod socket;

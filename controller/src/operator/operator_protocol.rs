@@ -1,7 +1,7 @@
 //! What is said over the operator's Unix socket: one JSON object per line, asked and answered.
 //!
-//! `{"ask":"status"}`, `{"ask":"arm"}`, `{"ask":"disarm"}`, `{"ask":"acknowledge"}`, `{"ask":"reference","file":"/abs/path.csv"}`,
-//! `{"ask":"explore","switch":"on"}`, `{"ask":"experiment","file":"/abs/path.csv","csv":"…"}`; the answer is
+//! `{"ask":"status"}`, `{"ask":"arm"}`, `{"ask":"disarm"}`, `{"ask":"acknowledge"}`,
+//! `{"ask":"reference","file":"/abs/path.csv"}`, `{"ask":"explore","switch":"on"}`, `{"ask":"experiment","file":"/abs/path.csv","csv":"…"}`; the answer is
 //! `{"ok":true, …}` or `{"ok":false,"error":"one line"}`. A request has to be there whole within [`REQUEST_TIME`] of the
 //! connection. The connection belongs to it: who closes it before the answer withdraws the request.
 
@@ -13,11 +13,10 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 use socket2::{Domain, SockAddr, Socket, Type};
 
-use model::rig::Rig;
-
 use crate::model_change::PATIENCE;
 use crate::operator::desk::ExperimentView;
 use crate::operator::mailbox::Status;
+use crate::operator::running::Running;
 use crate::state::State;
 
 /// Time that a whole request may take to come.
@@ -146,7 +145,7 @@ pub struct Reply {
     /// What was done, one line, where it is not plain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub done: Option<String>,
-    /// What is known of the vents, after a disarming.
+    /// State of the vents as far as it is known, after a disarming.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub venting: Option<Venting>,
     /// All policies, where they were asked for.
@@ -166,7 +165,7 @@ pub struct Reply {
     pub recording_problem: Option<String>,
 }
 
-/// What is known of the vents after a disarming.
+/// State of the vents after a disarming, as far as it is known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Venting {
@@ -178,75 +177,6 @@ pub enum Venting {
     Unknown,
     /// The rig was disarmed, and somebody has armed it again since.
     ArmedAgain,
-}
-
-/// A model by its name, where it comes from, and what it is.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct ModelIdentity {
-    /// The name that it has of itself.
-    pub name: String,
-    /// Its file; absent for a built-in one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub file: Option<String>,
-    /// SHA-256 of the model as recordings hold it, comments left out.
-    #[serde(default)]
-    pub sha256: String,
-}
-
-impl ModelIdentity {
-    /// The identity of a rig that was read by the name of a built-in one or from a file.
-    ///
-    /// # Real-time
-    /// Not in the tick: it writes the rig out and hashes it.
-    pub fn of(rig: &Rig, name_or_file: &str) -> Self {
-        let file = Rig::builtin_text(name_or_file).is_none().then(|| name_or_file.to_owned());
-        // A rig that was read can be written.
-        let sha256 = policy::hash(rig.to_toml().unwrap_or_default().as_bytes()).to_string();
-        ModelIdentity { name: rig.name.clone(), file, sha256 }
-    }
-}
-
-/// What the daemon runs with, by name.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct Running {
-    /// Policy, or `fallback`.
-    pub policy: String,
-    /// SHA-256 of the policy's file; empty for the fallback.
-    #[serde(default)]
-    pub policy_sha256: String,
-    /// The model behind the predictions.
-    pub model: String,
-    /// Its file; absent for a built-in one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub model_file: Option<String>,
-    /// SHA-256 of the model as recordings hold it, comments left out.
-    #[serde(default)]
-    pub model_sha256: String,
-    /// The rig that the configuration names, where another model is in force.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub configured_model: Option<ModelIdentity>,
-    /// The reference that is followed once armed.
-    pub reference: String,
-    /// Why the fallback controls in place of a policy, one line.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub why_fallback: Option<String>,
-    /// Who armed the rig, while it is armed.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub armed_by: Option<String>,
-}
-
-impl Running {
-    /// The same, with this model in force.
-    #[must_use]
-    pub fn on_model(self, model: ModelIdentity) -> Self {
-        Running { model: model.name, model_file: model.file, model_sha256: model.sha256, ..self }
-    }
-
-    /// The model in force.
-    pub fn model_identity(&self) -> ModelIdentity {
-        let (name, file, sha256) = (self.model.clone(), self.model_file.clone(), self.model_sha256.clone());
-        ModelIdentity { name, file, sha256 }
-    }
 }
 
 /// Why the socket cannot be used.

@@ -22,7 +22,8 @@ use crate::operator::peer::Peer;
 
 pub use crate::operator::bound_socket::check_sockets;
 pub use crate::operator::desk::May;
-pub use crate::operator::operator_protocol::{Ask, Reply, Running, SocketError, Switch, ask, is_there};
+pub use crate::operator::operator_protocol::{Ask, Reply, SocketError, Switch, ask, is_there};
+pub use crate::operator::running::Running;
 
 /// Time in which a client keeps its place whatever comes: long enough to connect and then send a request.
 const FRESH: Duration = Duration::from_millis(50);

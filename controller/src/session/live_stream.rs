@@ -1,8 +1,9 @@
 //! The stream that live viewers read: the daemon's ticks, events and state over a Unix socket, one way, off the tick.
 //!
 //! The recorder's thread hands every tick and event over as it writes it ([`Tap`]), the operators' desk the state as it would
-//! answer it; a thread of its own carries them to the viewers. Nobody waits for anybody: where the queue is full its oldest entries go, a viewer that does not read is
-//! cut off, and nothing that a viewer sends is ever read. Without a viewer nothing is encoded.
+//! answer it; a thread of its own carries them to the viewers. Nobody waits for anybody: where the queue is full its oldest
+//! entries go, a viewer that does not read is cut off, and nothing that a viewer sends is ever read. Without a viewer nothing
+//! is encoded.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};

@@ -36,7 +36,7 @@ use crate::machine::systemd::Notifier;
 use crate::operator::console::notice;
 use crate::operator::desk::DeskOptions;
 use crate::operator::mailbox::{Status, mailbox};
-use crate::operator::operator_protocol::Running;
+use crate::operator::running::Running;
 use crate::operator::socket::{May, SocketError, check_sockets, serve};
 use crate::policy_service::{PolicyHandle, ServiceError};
 use crate::reload::{ReloadError, Reloaded, needs_restart, read_aside};
@@ -52,6 +52,8 @@ const LOOK: Duration = Duration::from_millis(20);
 /// How long the tick's thread may take to end: it looks at its orders ten times a second, but a name that is being
 /// resolved or a cRIO that is being connected to holds it longer.
 const TICK_END: Duration = Duration::from_secs(3);
+/// Time that the file which says who did what may take at the end to be written: a disk that answers needs some ms.
+const AUDITED_WITHIN: Duration = Duration::from_secs(1);
 /// Age from which a status no longer tells what is, in real time: twelve ticks.
 const STALE: Duration = Duration::from_millis(250);
 /// And in lockstep, where the cRIO may be a slow simulation.
@@ -281,6 +283,10 @@ pub fn fly_recorded<H: DutySource + 'static>(
     stop.store(true, Ordering::Relaxed);
     if let Some(served) = served {
         served.join();
+    }
+    if let Some(handle) = &policies {
+        // Nobody asks any more: what was answered as done stands in the file.
+        handle.policies.settle(AUDITED_WITHIN);
     }
     if let Some(guard) = guard {
         // It sleeps for 30 ms at most between two looks at the stop flag.

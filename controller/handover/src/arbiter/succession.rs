@@ -103,8 +103,9 @@ impl Arbiter {
         let tag = taken.tag;
         self.end.retire(taken);
         if self.before.kept() == Some(PolicyTag::FALLBACK) {
-            // It has just come back.
-            self.before = Before::Nothing;
+            // It has just come back; its box must not be freed here.
+            let before = std::mem::replace(&mut self.before, Before::Nothing);
+            self.retire(before.into_policy());
         }
         self.swaps = self.swaps.wrapping_add(1);
         self.remainder = Remainder::FROM_SENT;
@@ -195,5 +196,30 @@ impl Arbiter {
             incumbent_rms_kpa: self.record.rms_kpa(),
             ..Snapshot::default()
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use model::rig::Rig;
+    use model::steady::SteadyMap;
+
+    use super::*;
+    use crate::channel::channel;
+
+    /// After `swap fallback` and a swap back, what comes before the incumbent is a box of the fallback's.
+    #[test]
+    fn a_refusal_frees_neither_the_policy_nor_the_fallback_before_it() {
+        let map = Arc::new(SteadyMap::new(&Rig::builtin("dual_pressure").unwrap()).unwrap());
+        let (end, store) = channel();
+        let mut policy = Candidate::fallback();
+        policy.tag = PolicyTag(7);
+        let mut arbiter = Arbiter::new(map, Some(policy), end);
+        arbiter.before = Before::Kept(Some(Candidate::fallback()));
+        assert_eq!(arbiter.incumbent_refused(), Some(PolicyEvent::Refused(PolicyTag(7))));
+        assert!(matches!(arbiter.before, Before::Nothing));
+        assert_eq!(store.sweep(), 2, "both come back through the queue");
     }
 }

@@ -2,6 +2,7 @@
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use flight::Noter;
 use proto::recording::{EventLevel, rfc3339};
 
 use super::{Desk, Step};
@@ -37,11 +38,8 @@ impl Desk {
     }
 
     pub(super) fn record(&self, what: &str, peer: Peer, outcome: &Result<(), String>) {
-        let (level, how) = match outcome {
-            Ok(()) => (EventLevel::Info, "done".to_owned()),
-            Err(why) => (EventLevel::Warning, format!("refused: {why}")),
-        };
-        self.options.notes.note(now_ns(), level, "operator", one_line(&format!("{what} by {peer}: {how}")));
+        let outcome = outcome.as_ref().map(|()| None).map_err(String::as_str);
+        note_outcome(&self.options.notes, &format!("{what} by {peer}"), outcome);
     }
 
     pub(super) fn done(&mut self, outcome: Result<(), String>) -> Step {
@@ -110,6 +108,21 @@ impl Desk {
     pub(super) fn armed_by(&mut self, peer: Peer) {
         self.options.running.armed_by = Some(stamp(peer));
     }
+}
+
+/// Records what came of a request, with what was done where that is not plain.
+pub(super) fn note_outcome(notes: &Noter, request: &str, outcome: Result<Option<&str>, &str>) {
+    let (level, how) = match outcome {
+        Ok(None) => (EventLevel::Info, "done".to_owned()),
+        Ok(Some(done)) => (EventLevel::Info, format!("done: {done}")),
+        Err(why) => (EventLevel::Warning, format!("refused: {why}")),
+    };
+    note_line(notes, level, &format!("{request}: {how}"));
+}
+
+/// Records a line of the operators' desk.
+pub(super) fn note_line(notes: &Noter, level: EventLevel, line: &str) {
+    notes.note(now_ns(), level, "operator", one_line(line));
 }
 
 /// Most characters of a line that is told; what clients send is quoted in it.

@@ -3,6 +3,9 @@
 //! A disarming is carried out by the next tick; that the vents are open is only known once the cRIO reports it, some ticks
 //! later. So the answer waits for that report, for a fault of the venting, or for the end of its time.
 
+use proto::recording::EventLevel;
+
+use super::answers::note_line;
 use super::{Asked, Desk, Step, What};
 use crate::cycle::duty_source::VENT;
 use crate::machine::clock::now_ns;
@@ -14,7 +17,7 @@ use crate::state::State;
 /// Reported duty from which on a vent counts as open, as for the check of the venting.
 const OPEN_DUTY: f64 = 0.99;
 
-/// How far a disarming is.
+/// Progress of a disarming.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Disarming {
     /// No tick has taken it yet.
@@ -80,15 +83,14 @@ impl Desk {
             None => "no session with the cRIO yet".to_owned(),
         };
         let text = told(venting, &status, &no_session, self.options.running.armed_by.as_deref());
-        let what = match venting {
-            Venting::Open => "disarm".to_owned(),
-            _ => format!("disarm ({text})"),
-        };
-        let mut step = self.over_saying(&what, peer, Ok(text));
-        if let Step::Done(reply) = &mut step {
-            reply.venting = Some(venting);
+        match venting {
+            Venting::Open => self.record("disarm", peer, &Ok(())),
+            // It was carried out, and what was wanted by it is not known to be so.
+            _ => note_line(&self.options.notes, EventLevel::Warning, &format!("disarm by {peer}: {text}")),
         }
-        step
+        let mut reply = self.reply(Ok(()));
+        (reply.done, reply.venting) = (Some(text), Some(venting));
+        Step::Done(Box::new(reply))
     }
 }
 

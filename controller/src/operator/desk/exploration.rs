@@ -18,7 +18,7 @@ pub(super) struct Switching {
     wanted: Wanted,
 }
 
-/// What is asked for.
+/// The switch that an operator asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Wanted {
     /// Noise of this seed.
@@ -108,8 +108,8 @@ fn why_not(status: Option<&Status>, policies: &PolicyHandle) -> Option<String> {
     })
 }
 
-/// What came of it, once the tick has taken it and shown the tick after: what is told, or why not. What was shown before it was taken
-/// tells of the noise before.
+/// The outcome, once the tick has taken it and shown the tick after: what is told, or why not. What was shown before it was
+/// taken tells of the noise before.
 fn outcome(wanted: Wanted, status: &Status) -> Option<Result<String, String>> {
     match (wanted, &status.exploration) {
         (Wanted::Off, None) => Some(Ok("exploration is off".to_owned())),

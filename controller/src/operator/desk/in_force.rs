@@ -1,14 +1,14 @@
-//! What is in force, as operators and live viewers are told: state, policy, model, reference.
+//! State, policy, model and reference in force, as operators and live viewers are told.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use model::rig::Rig;
 use proto::stream::DaemonState;
 
+use super::Desk;
 use super::answers::one_line;
-use super::{Desk, Step};
-use crate::operator::operator_protocol::{ModelIdentity, Running};
+use crate::operator::running::{ModelIdentity, Running};
 use crate::state::{Condition, State};
 
 /// Between two looks for what live viewers are told.
@@ -17,49 +17,39 @@ const LOOK: Duration = Duration::from_millis(50);
 /// The model in force, hashed once for each.
 #[derive(Debug)]
 pub(super) struct ShownModel {
-    /// What is hashed; `None` where models cannot be changed.
-    rig: Option<Rig>,
+    /// The rig that is hashed, and the file that it was put in by; `None` where models cannot be changed.
+    hashed: Option<(Rig, Option<PathBuf>)>,
     identity: ModelIdentity,
-    /// The file that the change under way was asked for with; at most one is under way.
-    asked: Option<PathBuf>,
 }
 
 impl ShownModel {
     /// The model that the daemon began with.
     pub(super) fn new(rig: Option<Rig>, running: &Running) -> Self {
-        ShownModel { rig, identity: running.model_identity(), asked: None }
+        ShownModel { hashed: rig.map(|rig| (rig, None)), identity: running.model_identity() }
     }
 
     /// The identity of the model that is in force now.
-    fn of(&mut self, rig: Rig) -> &ModelIdentity {
-        if self.rig.as_ref() != Some(&rig) {
-            let file = self.asked.take().unwrap_or_default();
-            self.identity = ModelIdentity::of(&rig, &one_line(&file.display().to_string()));
-            self.rig = Some(rig);
+    fn of(&mut self, in_force: (Rig, Option<PathBuf>)) -> &ModelIdentity {
+        if self.hashed.as_ref() != Some(&in_force) {
+            let (rig, file) = &in_force;
+            let file = file.clone().unwrap_or_default();
+            self.identity = ModelIdentity::of(rig, &one_line(&file.display().to_string()));
+            self.hashed = Some(in_force);
         }
         &self.identity
     }
 }
 
 impl Desk {
-    /// Notes that a change of the model is under way, if the request for it was taken up.
-    pub(super) fn model_asked(&mut self, file: &Path, step: &Step) {
-        if matches!(step, Step::Pending(_)) {
-            // The one before it is over by then.
-            self.model_in_force();
-            self.shown_model.asked = Some(file.to_owned());
-        }
-    }
-
     /// The identity of the model in force.
     fn model_in_force(&mut self) -> ModelIdentity {
         match &self.options.policies {
-            Some(handle) => self.shown_model.of(handle.models.rig()).clone(),
+            Some(handle) => self.shown_model.of(handle.models.in_force()).clone(),
             None => self.shown_model.identity.clone(),
         }
     }
 
-    /// What the daemon runs with now.
+    /// Names of all that the daemon runs with now.
     pub(super) fn running(&mut self) -> Running {
         let is_controlled = self.live_status().is_some_and(|status| status.state.is_controlling());
         let configured = self.options.running.model_identity();
@@ -114,14 +104,15 @@ mod tests {
         let rig = Rig::builtin("dual_pressure").unwrap();
         let running = Running::default().on_model(ModelIdentity::of(&rig, "dual_pressure"));
         let mut shown = ShownModel::new(Some(rig.clone()), &running);
-        let before = shown.of(rig.clone()).clone();
+        let before = shown.of((rig.clone(), None)).clone();
         assert_eq!((before.name.as_str(), &before.file, before.sha256.len()), ("dual_pressure", &None, 64));
         let mut edited = rig.clone();
         edited.integrator.step_ms = 0.25;
-        shown.asked = Some("/etc/m.toml".into());
-        assert_eq!(shown.of(rig), &before, "nothing has come into force yet");
-        let after = shown.of(edited).clone();
+        assert_eq!(shown.of((rig.clone(), None)), &before, "nothing has come into force yet");
+        let after = shown.of((edited, Some("/etc/m.toml".into()))).clone();
         assert_eq!((after.name.as_str(), after.file.as_deref()), ("dual_pressure", Some("/etc/m.toml")));
         assert_ne!(after.sha256, before.sha256);
+        let moved = shown.of((rig, Some("/etc/n.toml".into()))).clone();
+        assert_eq!((moved.sha256, moved.file.as_deref()), (before.sha256, Some("/etc/n.toml")));
     }
 }

@@ -27,8 +27,9 @@ use crate::config::{ReferenceChoice, Safety};
 use crate::experiment::experiment_log::ExperimentLog;
 use crate::machine::clock::now_ns;
 use crate::operator::mailbox::{OperatorMailbox, Request, Status, Ticket};
-use crate::operator::operator_protocol::{Ask, EFFECT_TIME, Reply, Running};
+use crate::operator::operator_protocol::{Ask, EFFECT_TIME, Reply};
 use crate::operator::peer::Peer;
+use crate::operator::running::Running;
 use crate::policy_service::PolicyHandle;
 use crate::reload::Reloaded;
 use crate::session::live_stream::Tap;
@@ -37,7 +38,7 @@ use experiment_desk::ExperimentDesk;
 use experiments::{Beginning, Checking};
 use exploration::Switching;
 use in_force::ShownModel;
-use policies::Change;
+use policies::{Change, Rollbacks};
 use references::{Following, Reading};
 
 mod answers;
@@ -105,6 +106,7 @@ pub struct Desk {
     reading: bool,
     /// Held by the thread that loads a policy, compares a model or checks an experiment, for as long as it lives.
     working: Weak<()>,
+    rollbacks: Rollbacks,
 }
 
 /// Held by a thread that works on a policy, a model or an experiment; at most one at a time.
@@ -186,6 +188,7 @@ impl Desk {
             viewers_told: None,
             reading: false,
             working: Weak::new(),
+            rollbacks: Rollbacks::default(),
         }
     }
 
@@ -211,11 +214,7 @@ impl Desk {
             Ask::Disarm {} => self.begin_disarming(asked),
             Ask::Swap { name } => self.begin_swap(name, asked),
             Ask::Rollback {} => self.roll_back(peer),
-            Ask::Model { file } => {
-                let step = self.begin_model(file.clone(), asked);
-                self.model_asked(&file, &step);
-                step
-            }
+            Ask::Model { file } => self.begin_model(file, asked),
             Ask::Explore { switch, seed } => self.begin_exploring(switch, seed, asked),
             Ask::Experiment { file, csv } => self.begin_experiment(&file, csv, asked),
             Ask::Reference { file, csv } => self.begin_reference(file, csv, asked),

@@ -1,24 +1,32 @@
 //! Policies listed, swapped and taken back; another model.
 //!
-//! What gives the tick an order or reads a file is done on a thread of its own: the one that answers operators waits for nothing.
+//! What gives the tick an order or reads a file is done on a thread of its own: the one that answers operators waits for
+//! nothing.
 
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Duration;
 
 use flight::Noter;
 use handover::Permit;
-use proto::recording::EventLevel;
 
-use super::answers::one_line;
+use super::answers::note_outcome;
 use super::{Asked, AtWork, BUSY, Desk, LEFT, Step, What};
-use crate::machine::clock::now_ns;
 use crate::operator::operator_protocol::{EFFECT_TIME, WORK_TIME};
 use crate::operator::peer::Peer;
 use crate::policy_service::PolicyHandle;
 
 /// Answered where policies and models cannot be changed.
 pub(super) const NO_POLICIES: &str = "policies and models cannot be changed in this run";
+
+/// Rollbacks that may wait for a tick at a time: each has a thread.
+const MOST_ROLLBACKS: usize = 8;
+/// Answered to one more.
+const ROLLBACKS_WAIT: &str = "too many rollbacks wait for a tick already; try again";
+/// Stack of a thread that takes a policy back: it reads no file and computes nothing, and all memory is locked.
+const ROLLBACK_STACK_BYTES: usize = 256 << 10;
+/// Stack of a thread that loads a policy or compares a model.
+const WORK_STACK_BYTES: usize = 2 << 20;
 
 /// Outcome of a change: a line that says what was done, or why it was not.
 type Outcome = Result<String, String>;
@@ -41,7 +49,31 @@ pub(super) struct Change {
     /// Time that the work may take before the tick is given anything.
     time: Duration,
     /// Keeps others from being begun until this one is answered.
-    at_work: Option<AtWork>,
+    at_work: AtWork,
+}
+
+/// Bounds of the work for a change.
+struct Work {
+    /// Time until it gives the tick anything.
+    time: Duration,
+    stack_bytes: usize,
+    at_work: AtWork,
+}
+
+/// Rollbacks whose threads live, or that are not answered yet.
+#[derive(Debug, Default)]
+pub(super) struct Rollbacks(Vec<Weak<()>>);
+
+impl Rollbacks {
+    /// What one more holds; `None` where there are too many.
+    fn place(&mut self) -> Option<AtWork> {
+        self.0.retain(|rollback| rollback.strong_count() > 0);
+        (self.0.len() < MOST_ROLLBACKS).then(|| {
+            let at_work = AtWork::default();
+            self.0.push(Arc::downgrade(&at_work));
+            at_work
+        })
+    }
 }
 
 impl Change {
@@ -87,8 +119,12 @@ impl Desk {
 
     /// Goes back, also while something else is being loaded or checked: it needs nothing of that.
     pub(super) fn roll_back(&mut self, peer: Peer) -> Step {
-        let asked = Asked::now(peer, EFFECT_TIME);
-        self.aside("rollback".to_owned(), asked, EFFECT_TIME, None, |handle, who, permit| {
+        let what = "rollback".to_owned();
+        let Some(at_work) = self.rollbacks.place() else {
+            return self.over(&what, peer, Err(ROLLBACKS_WAIT.to_owned()));
+        };
+        let work = Work { time: EFFECT_TIME, stack_bytes: ROLLBACK_STACK_BYTES, at_work };
+        self.aside(what, Asked::now(peer, EFFECT_TIME), work, |handle, who, permit| {
             handle.policies.rollback(who, permit)
         })
     }
@@ -145,8 +181,8 @@ impl Desk {
         if self.options.policies.is_some() && self.is_working() {
             return self.over(&what, asked.peer, Err(BUSY.to_owned()));
         }
-        let at_work = Some(self.at_work());
-        self.aside(what, asked, WORK_TIME, at_work, work)
+        let bounds = Work { time: WORK_TIME, stack_bytes: WORK_STACK_BYTES, at_work: self.at_work() };
+        self.aside(what, asked, bounds, work)
     }
 
     /// Starts work on policies or models on a thread of its own, which has so much time until it gives the tick anything:
@@ -155,8 +191,7 @@ impl Desk {
         &mut self,
         what: String,
         asked: Asked,
-        time: Duration,
-        at_work: Option<AtWork>,
+        Work { time, stack_bytes, at_work }: Work,
         work: impl FnOnce(PolicyHandle, &str, &Permit) -> Outcome + Send + 'static,
     ) -> Step {
         let Some(handle) = self.options.policies.clone() else {
@@ -165,8 +200,9 @@ impl Desk {
         let progress = Arc::new(Mutex::new(Progress::UnderWay));
         let permit = Permit::lasting(time);
         let (peer, notes, done) = (asked.peer, self.options.notes.clone(), Arc::clone(&progress));
-        let (held, busy, asked_for) = (permit.clone(), at_work.clone(), what.clone());
-        let started = std::thread::Builder::new().name("change".to_owned()).spawn(move || {
+        let (held, busy, asked_for) = (permit.clone(), Arc::clone(&at_work), what.clone());
+        let thread = std::thread::Builder::new().name("change".to_owned()).stack_size(stack_bytes);
+        let started = thread.spawn(move || {
             let outcome = work(handle, &peer.to_string(), &held);
             let mut progress = done.lock().unwrap_or_else(PoisonError::into_inner);
             match *progress {
@@ -184,10 +220,23 @@ impl Desk {
 
 /// Records what came of a change after whoever asked for it had left.
 fn note_unattended(notes: &Noter, what: &str, peer: Peer, outcome: &Outcome) {
-    let (level, how) = match outcome {
-        Ok(done) => (EventLevel::Info, format!("done: {done}")),
-        Err(why) => (EventLevel::Warning, format!("refused: {why}")),
-    };
-    let line = format!("{what} by {peer}, who had left before: {how}");
-    notes.note(now_ns(), level, "operator", one_line(&line));
+    let request = format!("{what} by {peer}, who had left before");
+    note_outcome(notes, &request, outcome.as_ref().map(|done| Some(done.as_str())).map_err(String::as_str));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rollbacks_have_so_many_places_and_give_them_back() {
+        let mut rollbacks = Rollbacks::default();
+        let mut held: Vec<AtWork> = std::iter::from_fn(|| rollbacks.place()).collect();
+        assert_eq!(held.len(), MOST_ROLLBACKS);
+        // The thread's part outlives the answer.
+        let thread = held.pop().map(|at_work| Arc::clone(&at_work));
+        assert!(rollbacks.place().is_none());
+        drop(thread);
+        assert!(rollbacks.place().is_some());
+    }
 }

@@ -1,0 +1,65 @@
+//! Tests of the change of models: refused and put in by what the rig does.
+
+use super::*;
+
+/// Four times the volumes: what it foresees would vent the rig within moments.
+fn far_off() -> std::path::PathBuf {
+    let mut rig = Rig::builtin("dual_pressure").unwrap();
+    rig.volumes.values_mut().for_each(|volume| volume.volume_l *= 4.0);
+    let file = std::env::temp_dir().join(format!("far-off-{}.toml", std::process::id()));
+    std::fs::write(&file, rig.to_toml().unwrap()).unwrap();
+    file
+}
+
+fn flown(tick: u32) -> Sample {
+    Sample { tick, measured_kpa: [90.0, -70.0], duty: [0.88, 0.87], pump_on: true }
+}
+
+/// Changes the model while ticks come in a state.
+fn change(tick: &ModelTickEnd, desk: &ModelDesk, file: &Path, state: State) -> Result<String, String> {
+    let changing = {
+        let (desk, file) = (desk.clone(), file.to_owned());
+        std::thread::spawn(move || desk.change(&file, &Permit::unlimited()))
+    };
+    while !changing.is_finished() {
+        if let Some(change) = tick.take(state) {
+            tick.retire(change);
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    changing.join().unwrap().map(|changed| changed.line)
+}
+
+#[test]
+fn what_cannot_be_compared_yet_is_put_in_only_while_disarmed() {
+    let nominal = Rig::builtin("dual_pressure").unwrap();
+    let file = far_off();
+    let (mut tick, desk) = ends(&nominal);
+    (0..200).for_each(|number| tick.keep(flown(number)));
+    // In HOLD, too, although no tick is kept there. Of 500 ticks that count there are 170.
+    for state in [State::Run, State::Hold] {
+        let refused = change(&tick, &desk, &file, state).unwrap_err();
+        assert!(refused.contains("armed for 7 s more, or put it in while disarmed"), "{refused}");
+        assert_eq!(desk.in_force(), (nominal.clone(), None), "nothing has changed");
+    }
+    let line = change(&tick, &desk, &file, State::Standby).unwrap();
+    assert!(line.contains("is in force; too little was run to compare it"), "{line}");
+    assert!(desk.in_force().0 != nominal && desk.in_force().1.as_ref() == Some(&file));
+    std::fs::remove_file(file).unwrap();
+}
+
+#[test]
+fn at_rest_models_are_not_compared() {
+    let nominal = Rig::builtin("dual_pressure").unwrap();
+    let mut edited = nominal.clone();
+    edited.integrator.step_ms = 0.25;
+    let file = std::env::temp_dir().join(format!("at-rest-{}.toml", std::process::id()));
+    std::fs::write(&file, edited.to_toml().unwrap()).unwrap();
+    let (mut tick, desk) = ends(&nominal);
+    (0..700).for_each(|number| tick.keep(flown(number)));
+    let refused = change(&tick, &desk, &file, State::Run).unwrap_err();
+    assert!(refused.contains("hardly moved") && refused.ends_with("or put it in while disarmed"), "{refused}");
+    let line = change(&tick, &desk, &file, State::Standby).unwrap();
+    assert!(line.contains("moved too little to compare it"), "{line}");
+    std::fs::remove_file(file).unwrap();
+}
