@@ -88,3 +88,16 @@ fn rows_of_one_time_are_put_together() {
     assert_eq!((of.rows(), of.measured()), (SAMPLES, None));
     assert!((of.column("u_pos").unwrap()[6] - duty(6)).abs() < 1e-9);
 }
+
+/// Whole seconds over fifty samples each: none of them is lost in another one, and the stamps are what is refused.
+#[test]
+fn samples_of_one_coarse_time_do_not_become_one() {
+    let coarse: Vec<(f64, String)> = (0..SAMPLES)
+        .flat_map(|k| {
+            let (stamp_s, p) = ((k / 50) as f64, pressure(0.02 * k as f64));
+            [(stamp_s, format!(",,{p:.5},{:.5}", 20.0 - p)), (stamp_s, format!("{:.2},0.8,,", duty(k)))]
+        })
+        .collect();
+    let said = read(&coarse).unwrap_err().to_string();
+    assert!(said.contains("the times are rounded"), "{said}");
+}

@@ -135,7 +135,7 @@ fn terms_of<'m>(
     })
 }
 
-/// Whether a file lacks a column, or has one of a relay without anything in any row.
+/// Says whether a file lacks a column, or has one of a relay without anything in any row.
 fn is_nowhere(sheet: &Sheet<'_>, name: &str, kind: Kind) -> Result<bool, CsvError> {
     let is_blank = |at: usize| kind == Kind::Switch && slower::blank(sheet, at).iter().all(|blank| *blank);
     Ok(sheet.find(name)?.is_none_or(is_blank))

@@ -11,6 +11,7 @@ mod counter_wrap;
 mod forward;
 mod milliseconds;
 mod month_names;
+mod seconds;
 pub(crate) mod time_notes;
 pub(crate) mod timestamps;
 mod unlikely_times;
@@ -20,18 +21,14 @@ use std::borrow::Cow;
 use model::rig::{RecordingMap, Term};
 
 use self::bursts::{Bursts, bursts};
-use self::clock_set::clock_set;
+use self::clock_set::{ClockSet, clock_set};
 use self::forward::forward;
-use self::unlikely_times::{DAY_S, MOST_STEP_S, plausible};
+use self::seconds::{EPOCH_S, Said, said, seconds, unit_behind};
+use self::unlikely_times::plausible;
 use crate::recording::columns::Naming;
-use crate::recording::columns::units::Unit;
 use crate::recording::csv::{CsvError, TIME_COLUMN, rows_alone, toml_text};
 use crate::recording::logger_file::sheet::{Sheet, field};
 use crate::recording::recording_error::RecordingError;
-use crate::recording::rows::resample::median_step;
-
-/// Epochs in seconds lie between these (2001 and 2286), which no recording's own seconds reach.
-const EPOCH_S: [f64; 2] = [1e9, 1e10];
 
 /// Names that columns of times go by, in the order in which they are preferred, and the s per number that the name says.
 const NAMES: [(&str, Option<f64>); 26] = [
@@ -65,8 +62,8 @@ const NAMES: [(&str, Option<f64>); 26] = [
 /// What joins the name of a time to its unit: `elapsed_ms`, `time-min`.
 const UNIT_MARKS: [char; 3] = ['_', '-', ' '];
 
-/// Days since 1900, as spreadsheets count them, of 1954 to 2118, and days since year 0, as MATLAB does, of 1971 to 2108.
-const SERIAL_DAYS: [[f64; 2]; 2] = [[20_000.0, 80_000.0], [720_000.0, 770_000.0]];
+/// Length of a break that stands for a hole in which the clock was set (s): longer than any that is bridged.
+const BREAK_S: f64 = 60.0;
 
 /// Times and where they come from.
 #[derive(Debug)]
@@ -79,7 +76,7 @@ pub(super) struct Times {
     pub(super) taken: Vec<String>,
 }
 
-/// What the times of rows are times of.
+/// The kind of rows that times stand in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Stamps<'r> {
     /// Rows that are samples of all channels.
@@ -102,17 +99,6 @@ impl Stamps<'_> {
     fn bursts(self, time_s: &[f64]) -> Option<Bursts> {
         bursts(time_s).filter(|_| self == Stamps::OfRows)
     }
-}
-
-/// Where the seconds of a column come from.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Said {
-    /// The map, the file or the name says the unit: s per number.
-    Unit(f64),
-    /// The map names the column, which is in s then.
-    Column,
-    /// Nobody.
-    Nothing,
 }
 
 /// The times of a sheet's rows, or those of rows at the distance that the map says where the file's tell rows not apart.
@@ -172,8 +158,8 @@ fn mapped(sheet: &Sheet<'_>, map: &RecordingMap, naming: Naming) -> Result<Optio
     Ok(places.into_iter().collect::<Option<Vec<_>>>().filter(|_| asked))
 }
 
-/// Times as the file has them, or at the map's distance where it says one and they are none, stand still, go back, come in bursts, or
-/// leave a hole in which the clock was set.
+/// Times as the file has them, or at the map's distance where it says one and they are none, stand still, go back or come in bursts.
+/// Where the map says one, a hole in which the clock was set becomes a break.
 fn or_every(
     sheet: &Sheet<'_>,
     map: &RecordingMap,
@@ -183,14 +169,22 @@ fn or_every(
     let Some(period_ms) = map.period_ms else { return times };
     match times {
         Ok(times)
-            if times.time_s.windows(2).all(|pair| pair[1] > pair[0])
-                && stamps.bursts(&times.time_s).is_none()
-                && clock_set(&times.time_s).is_none() =>
+            if times.time_s.windows(2).all(|pair| pair[1] > pair[0]) && stamps.bursts(&times.time_s).is_none() =>
         {
-            Ok(times)
+            Ok(with_break(times))
         }
         _ => Ok(every(sheet, 1e-3 * period_ms)),
     }
+}
+
+/// Times with a short break in the place of a hole in which the clock was set. Nobody knows how long it was, and two runs look the same: the
+/// rows before and behind it are never one run.
+fn with_break(mut times: Times) -> Times {
+    if let Some(ClockSet { row, gap_s, .. }) = clock_set(&times.time_s) {
+        times.time_s.iter_mut().skip(row).for_each(|time| *time -= gap_s - BREAK_S);
+        times.taken.push(format!("a break of {BREAK_S} s where the clock was set"));
+    }
+    times
 }
 
 /// The error of rows whose times are those of the writing.
@@ -390,109 +384,4 @@ fn from_zero(mut time_s: Vec<f64>) -> Vec<f64> {
         }
         _ => time_s,
     }
-}
-
-fn said(sheet: &Sheet<'_>, at: usize, term: Option<&Term>) -> Result<Said, RecordingError> {
-    let Some(column) = sheet.columns.get(at) else { return Ok(Said::Nothing) };
-    if let Some(text) = term.and_then(|term| term.unit.as_ref()) {
-        return match Unit::parse(text) {
-            Some(Unit::Time(s)) => Ok(Said::Unit(s)),
-            _ => Err(RecordingError::Unit {
-                file: sheet.file.clone(),
-                column: column.title.clone(),
-                problem: format!(
-                    "`unit = \"{text}\"` in [recording] time is no unit of time; use s, ms, us, ns, min or h"
-                ),
-            }),
-        };
-    }
-    if term.is_some_and(|term| !term.is_plain()) {
-        return Ok(Said::Unit(1.0));
-    }
-    if let Some(Unit::Time(s)) = column.unit.as_ref().and_then(|unit| Unit::parse(unit)) {
-        return Ok(Said::Unit(s));
-    }
-    let nobody = if term.is_some() { Said::Column } else { Said::Nothing };
-    Ok(by_name(&column.name).map_or(nobody, Said::Unit))
-}
-
-/// s per number of a time that says so in its name.
-fn by_name(name: &str) -> Option<f64> {
-    let known = NAMES.iter().find(|(known, _)| name.eq_ignore_ascii_case(known)).and_then(|(_, s)| *s);
-    // `time_s` is what a column is called that somebody meant to bring to seconds.
-    known.or_else(|| unit_behind(name).filter(|s| *s != 1.0))
-}
-
-/// s per number by the unit behind a name.
-pub(super) fn unit_behind(name: &str) -> Option<f64> {
-    match Unit::parse(name.rsplit_once(UNIT_MARKS)?.1) {
-        Some(Unit::Time(s)) => Some(s),
-        _ => None,
-    }
-}
-
-/// The seconds of one column, and a word where they were not seconds already.
-fn seconds(sheet: &Sheet<'_>, at: usize, said: Said) -> Result<(Vec<f64>, Option<String>), RecordingError> {
-    let title = sheet.columns.get(at).map_or("", |column| column.title.as_str());
-    let mut numbers = sheet.times(at).map_err(no_time)?;
-    if sheet.is_timestamped(at) {
-        return Ok((numbers, Some(format!("{title} as date and time"))));
-    }
-    let wrapped = crate::recording::times::counter_wrap::unwrapped(&mut numbers);
-    let (factor, word) = match said {
-        Said::Unit(s) => (s, (s != 1.0).then(|| format!("{title} in {}", unit_word(s)))),
-        Said::Column | Said::Nothing => {
-            if is_in_days(&numbers) {
-                (DAY_S, Some(format!("{title} in days, as spreadsheets and MATLAB count them")))
-            } else {
-                let factor = epoch_unit(numbers.first().copied().unwrap_or(0.0));
-                (factor, (factor != 1.0).then(|| format!("{title} since 1970 in {}", unit_word(factor))))
-            }
-        }
-    };
-    // Differences of times since 1970 keep more digits before they are scaled than after.
-    let first = numbers.first().copied().unwrap_or(0.0);
-    if first.abs() * factor > EPOCH_S[0] {
-        numbers.iter_mut().for_each(|x| *x = (*x - first) * factor);
-    } else {
-        numbers.iter_mut().for_each(|x| *x *= factor);
-    }
-    let wrapped = wrapped.map(|(bits, times)| {
-        let times = if times == 1 { "once".to_owned() } else { format!("{times} times") };
-        format!("{title} as a counter of {bits} bits that began anew {times}")
-    });
-    let words: Vec<String> = word.into_iter().chain(wrapped).collect();
-    Ok((numbers, (!words.is_empty()).then(|| words.join(", "))))
-}
-
-/// A unit of time as one writes it, of so many s.
-fn unit_word(s: f64) -> String {
-    let known = [("ns", 1e-9), ("us", 1e-6), ("ms", 1e-3), ("min", 60.0), ("h", 3600.0), ("days", DAY_S)];
-    known
-        .into_iter()
-        .find(|(_, of)| (s / of - 1.0).abs() < 1e-9)
-        .map_or_else(|| format!("{s} s"), |(unit, _)| unit.to_owned())
-}
-
-/// The error of a cell of times that is no number.
-fn no_time(error: CsvError) -> CsvError {
-    match error {
-        CsvError::NotANumber { file, line, position, column, cell } if !cell.is_empty() => {
-            CsvError::NotATime { file, line, position, column, cell }
-        }
-        error => error,
-    }
-}
-
-/// Whether numbers are days of a calendar: as large as its days, and so close that seconds would be no logger's.
-fn is_in_days(numbers: &[f64]) -> bool {
-    let first = numbers.first().copied().unwrap_or(0.0);
-    let of_calendar = SERIAL_DAYS.iter().any(|[from, to]| (*from..*to).contains(&first));
-    of_calendar && median_step(numbers).is_some_and(|step| step > 0.0 && step * DAY_S <= MOST_STEP_S)
-}
-
-/// s per number of an epoch; 1 where a number is none.
-fn epoch_unit(first: f64) -> f64 {
-    let [from, to] = EPOCH_S;
-    [1.0, 1e-3, 1e-6, 1e-9].into_iter().find(|factor| (from..to).contains(&(first * factor))).unwrap_or(1.0)
 }

@@ -53,13 +53,17 @@ impl Adaptation {
         self.journal.keep(&self.out)
     }
 
-    /// Has a policy that has passed take over, and waits until it does.
+    /// Has a policy that has passed take over, and waits until it does for good: with the command it is on probation at
+    /// first, and may lose it again.
     pub(crate) fn swap(&mut self, name: &str, console: &mut dyn Console) -> Result<(), AdaptError> {
         self.in_control(console)?;
         self.daemon.tell(&["swap", name], console)?;
         let most = Duration::from_secs(self.journal.settings.verdict_seconds);
         let began = Instant::now();
-        while self.in_control(console)?.policy != name {
+        let controls = |this: &Self, console: &mut dyn Console| -> Result<bool, AdaptError> {
+            Ok(this.in_control(console)?.policy == name && this.daemon.policy(name, console)?.0 == "active")
+        };
+        while !controls(self, console)? {
             self.keep_moving(console)?;
             if began.elapsed() > most {
                 let what = format!("{name} does not control");
@@ -144,9 +148,11 @@ impl Adaptation {
         let path = file(&name);
         let bytes = std::fs::read(policy).map_err(|error| AdaptError::file(policy, error))?;
         crate::make_folder(self.folders.policies.clone())?;
+        let incumbent = self.in_control(console)?.policy;
         console.command(&format!("cp {} {} (aside, then renamed)", policy.display(), path.display()));
         atomic_file::write(&path, &bytes)?;
         self.journal.published = Some(name.clone());
+        self.journal.incumbent = Some(incumbent);
         self.journal.keep(&self.out)?;
         let most = Duration::from_secs(self.journal.settings.verdict_seconds);
         let (began, mut is_asked) = (Instant::now(), false);
@@ -173,7 +179,7 @@ impl Adaptation {
             }
             self.keep_moving(console)?;
             if began.elapsed() > most {
-                self.daemon.tell(&["rollback"], console)?;
+                self.swap_to_incumbent(console)?;
                 let why = format!("undecided after {} s", most.as_secs());
                 break Verdict { state: "refused".to_owned(), why };
             }

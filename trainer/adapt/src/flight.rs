@@ -63,7 +63,7 @@ impl Adaptation {
     ) -> Result<Flight, AdaptError> {
         let there = match self.journal.flight(against) {
             Some(flown) if flown.squares.is_empty() => {
-                vec![flown.tracking.both_kpa().powi(2); (flown.tracking.ticks as f64 / TICKS_PER_S) as usize]
+                vec![Some(flown.tracking.both_kpa().powi(2)); (flown.tracking.ticks as f64 / TICKS_PER_S) as usize]
             }
             Some(flown) => flown.squares.clone(),
             None => Vec::new(),
@@ -71,7 +71,7 @@ impl Adaptation {
         self.fly(what, &there, console)
     }
 
-    fn fly(&mut self, what: &str, there: &[f64], console: &mut dyn Console) -> Result<Flight, AdaptError> {
+    fn fly(&mut self, what: &str, there: &[Option<f64>], console: &mut dyn Console) -> Result<Flight, AdaptError> {
         if let Some(flown) = self.journal.flight(what) {
             return Ok(Flight::of(flown));
         }
@@ -131,7 +131,7 @@ impl Adaptation {
         session: u32,
         flight: Range<u32>,
         ticks: &mut FlightTicks,
-        there: &[f64],
+        there: &[Option<f64>],
         console: &mut dyn Console,
     ) -> Result<u32, AdaptError> {
         let (mut last, mut moved) = (0, Instant::now());

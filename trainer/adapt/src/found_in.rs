@@ -1,4 +1,4 @@
-//! What stands in the way of a new adaptation: its folder is taken, another one was left unfinished, or it is another
+//! Obstacles to a new adaptation: its folder is taken, another one was left unfinished, or it is another
 //! rig.
 
 use std::path::Path;
@@ -7,7 +7,7 @@ use crate::AdaptError;
 use crate::journal::Journal;
 use crate::put_back::BACK_AND_FORTH;
 
-/// That a folder can be given to a new adaptation: it is not there, or empty.
+/// Checks that a folder can be given to a new adaptation: it is not there, or empty.
 ///
 /// # Errors
 /// It holds an adaptation or anything else, or cannot be read.
@@ -23,7 +23,7 @@ pub fn nothing(out: &Path) -> Result<(), AdaptError> {
     }
 }
 
-/// That a folder holds no adaptation.
+/// Checks that a folder holds no adaptation.
 pub(crate) fn no_adaptation(out: &Path) -> Result<(), AdaptError> {
     match Journal::is_in(out) {
         false => Ok(()),
@@ -31,7 +31,7 @@ pub(crate) fn no_adaptation(out: &Path) -> Result<(), AdaptError> {
     }
 }
 
-/// That the reference that is followed is no other adaptation's, which was killed: it would be taken for the
+/// Checks that the reference that is followed is no other adaptation's, which was killed: it would be taken for the
 /// operator's.
 pub(crate) fn no_other_run(reference: &Path) -> Result<(), AdaptError> {
     let folder = reference.parent().unwrap_or(Path::new(""));
@@ -46,7 +46,7 @@ pub(crate) fn no_other_run(reference: &Path) -> Result<(), AdaptError> {
     Err(AdaptError::file(reference, problem))
 }
 
-/// That a configuration means the rig of the daemon that answers on its socket, as that daemon records its own.
+/// Checks that a configuration means the rig of the daemon that answers on its socket, as that daemon records its own.
 pub(crate) fn same_rig(config: &Path, recorded: &[u8]) -> Result<(), AdaptError> {
     let address = |text: &str| {
         let table: toml::Table = toml::from_str(text).ok()?;

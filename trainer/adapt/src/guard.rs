@@ -1,6 +1,6 @@
 //! A flight on what is new is ended where it tracks worse than what was there.
 //!
-//! What is promised is a window: in no 60 s the error of both channels together may be more than a twentieth above that
+//! The promise is about a window: in no 60 s the error of both channels together may be more than a twentieth above that
 //! of the flight of what was there along the same part of the reference. Two looks end a flight before the window is
 //! over. Where the squares so far are more than the whole window may have, nothing that follows can make up for it.
 //! Where the excess so far is more than the window's, what controlled before would leave the window too bad even if it
@@ -25,8 +25,8 @@ const CLEARLY: f64 = 3.0;
 const TICKS_PER_S: usize = 50;
 
 /// Mean squares of the error of both channels together, in kPa², for each whole second of a flight that began at tick
-/// `start`, behind the way to where the reference begins.
-pub(crate) fn squares_by_second(ticks: &[TickRecord], start: u32) -> Vec<f64> {
+/// `start`, behind the way to where the reference begins; nothing of a second in which the rig was not controlled.
+pub(crate) fn squares_by_second(ticks: &[TickRecord], start: u32) -> Vec<Option<f64>> {
     let mut sums: Vec<(f64, u32)> = Vec::new();
     let mut ticks_of_last = 0;
     for tick in ticks {
@@ -45,7 +45,7 @@ pub(crate) fn squares_by_second(ticks: &[TickRecord], start: u32) -> Vec<f64> {
     if ticks_of_last < TICKS_PER_S {
         sums.pop();
     }
-    sums.into_iter().map(|(sum, count)| sum / f64::from(count.max(1))).collect()
+    sums.into_iter().map(|(sum, count)| (count > 0).then(|| sum / f64::from(count))).collect()
 }
 
 /// Root mean squares of a flight and of what was there, in a window in which the flight is worse by more than is
@@ -56,23 +56,27 @@ pub(crate) struct WorseWindow {
     pub(crate) there_kpa: f64,
 }
 
-/// The first window in which a flight, as far as it has come, tracks worse than what was there; both second by second.
-pub(crate) fn worse_window(flown: &[f64], there: &[f64]) -> Option<WorseWindow> {
+/// The first window in which a flight, as far as it has come, tracks worse than what was there; both second by second. Seconds that one of
+/// them lacks count in neither.
+pub(crate) fn worse_window(flown: &[Option<f64>], there: &[Option<f64>]) -> Option<WorseWindow> {
     let window = WINDOW_S.min(there.len());
     there.windows(window.max(1)).zip(0..).find_map(|(there, from)| {
-        let so_far: &[f64] = flown.get(from..)?;
+        let so_far = flown.get(from..)?;
         let so_far = so_far.get(..window).unwrap_or(so_far);
-        if so_far.len() < LEAST_S.min(window) {
+        let both: Vec<(f64, f64)> = so_far.iter().zip(there).filter_map(|(flown, there)| flown.zip(*there)).collect();
+        if both.len() < LEAST_S.min(window) {
             return None;
         }
-        let allowed = there.iter().sum::<f64>() * WORSE * WORSE;
-        let spent: f64 = so_far.iter().sum();
-        let excess = so_far.iter().zip(there).map(|(flown, there)| flown - there);
-        let (sum, squares) = excess.fold((0.0, 0.0), |(sum, squares), d| (sum + d, squares + d * d));
-        let is_clear = sum > allowed - there.iter().sum::<f64>() && sum > CLEARLY * squares.sqrt();
-        let rms = |squares: &[f64]| (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
-        (spent > allowed || is_clear)
-            .then(|| WorseWindow { flown_kpa: rms(so_far), there_kpa: rms(there.get(..so_far.len()).unwrap_or(there)) })
+        let [spent, beside] = [|(flown, _): &(f64, f64)| *flown, |(_, there): &(f64, f64)| *there]
+            .map(|of: fn(&(f64, f64)) -> f64| both.iter().map(of).sum::<f64>());
+        let to_come: f64 = there.iter().skip(so_far.len()).flatten().sum();
+        let whole = beside + to_come;
+        let allowed = whole * WORSE * WORSE;
+        let squares: f64 = both.iter().map(|(flown, there)| (flown - there).powi(2)).sum();
+        let excess = spent - beside;
+        let is_clear = excess > allowed - whole && excess > CLEARLY * squares.sqrt();
+        let rms = |sum: f64| (sum / both.len().max(1) as f64).sqrt();
+        (spent > allowed || is_clear).then(|| WorseWindow { flown_kpa: rms(spent), there_kpa: rms(beside) })
     })
 }
 
@@ -82,7 +86,7 @@ mod tests {
 
     /// Seconds after which a flight of this square error is ended beside one of 1 kPa².
     fn ended_after(square: f64, seconds: usize) -> Option<usize> {
-        let (flown, there) = (vec![square; seconds], vec![1.0; seconds]);
+        let (flown, there) = (vec![Some(square); seconds], vec![Some(1.0); seconds]);
         (0..=seconds).find(|n| worse_window(&flown[..*n], &there).is_some())
     }
 
@@ -100,11 +104,11 @@ mod tests {
 
     #[test]
     fn a_window_far_into_a_long_flight_is_seen_and_a_bad_second_is_not() {
-        let there = vec![1.0; 200];
+        let there = vec![Some(1.0); 200];
         let mut flown = there.clone();
-        flown[100] = 5.0;
+        flown[100] = Some(5.0);
         assert_eq!(worse_window(&flown, &there), None, "a single second");
-        flown[100..160].fill(1.3);
+        flown[100..160].fill(Some(1.3));
         assert!(worse_window(&flown, &there).is_some());
         assert_eq!(worse_window(&flown[..100], &there), None);
     }
@@ -112,8 +116,8 @@ mod tests {
     /// Squares of noise alone, from the golden ratio's fractional parts: two flights of one controller.
     #[test]
     fn noise_ends_no_flight() {
-        let noise = |phase: f64| -> Vec<f64> {
-            (0..55).map(|n| 1.0 + 0.4 * ((f64::from(n) * 0.618_033_988_749 + phase).fract() - 0.5)).collect()
+        let noise = |phase: f64| -> Vec<Option<f64>> {
+            (0..55).map(|n| Some(1.0 + 0.4 * ((f64::from(n) * 0.618_033_988_749 + phase).fract() - 0.5))).collect()
         };
         for n in 0..20 {
             let (flown, there) = (noise(f64::from(n) * 0.05), noise(0.0));
@@ -135,6 +139,23 @@ mod tests {
             .collect();
         let squares = squares_by_second(&ticks, 1000);
         assert_eq!(squares.len(), 2, "the last half second does not count");
-        assert!(squares.iter().all(|square| (square - 0.25).abs() < 1e-12), "{squares:?}");
+        assert!(squares.iter().flatten().all(|square| (square - 0.25).abs() < 1e-12), "{squares:?}");
+        // A second without control has no error.
+        let vented = |tick: &TickRecord| TickRecord { state: if tick.tick < 1300 { 2 } else { RUN }, ..*tick };
+        let squares = squares_by_second(&ticks.iter().map(vented).collect::<Vec<_>>(), 1000);
+        assert!(squares.len() == 2 && squares[0].is_none() && squares[1].is_some(), "{squares:?}");
+    }
+
+    /// Seconds without control are neither a credit to a flight nor an error of nothing in what was there.
+    #[test]
+    fn seconds_without_control_count_in_neither_flight() {
+        let seconds = |square: f64| vec![Some(square); 55];
+        let gap = |mut seconds: Vec<Option<f64>>| {
+            seconds[20..40].fill(None);
+            seconds
+        };
+        assert_eq!(worse_window(&seconds(1.0), &gap(seconds(1.0))), None);
+        assert_eq!(worse_window(&gap(seconds(1.0)), &seconds(1.0)), None);
+        assert!(worse_window(&gap(seconds(1.3)), &seconds(1.0)).is_some());
     }
 }

@@ -46,10 +46,10 @@ pub struct Flown {
     /// Seconds after which it was ended because it tracked worse than what was there; nothing where it was not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended_after_s: Option<f64>,
-    /// Mean squares of the error of both channels together, second by second, in kPa²: what later flights are held
-    /// against.
+    /// Mean squares of the error of both channels together, second by second, in kPa², nothing of a second without
+    /// control: what later flights are held against.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub squares: Vec<f64>,
+    pub squares: Vec<Option<f64>>,
 }
 
 /// What the daemon made of the policy.
@@ -85,6 +85,9 @@ pub struct Journal {
     pub trained: Option<PathBuf>,
     /// Name under which it was published.
     pub published: Option<String>,
+    /// Name of what controlled when it was published.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub incumbent: Option<String>,
     /// What the daemon made of it.
     pub verdict: Option<Verdict>,
     /// Runs along the reference: before, with the model, with the policy.
@@ -123,6 +126,7 @@ impl Journal {
             optimum_kpa: None,
             trained: None,
             published: None,
+            incumbent: None,
             verdict: None,
             flown: Vec::new(),
             kept: None,
@@ -174,6 +178,7 @@ impl Journal {
     pub fn forget_changes(&mut self) {
         self.model_line = None;
         self.published = None;
+        self.incumbent = None;
         self.verdict = None;
         self.flown.retain(|flown| flown.what == BEFORE);
     }

@@ -1,4 +1,4 @@
-//! What an adaptation changed in the daemon is put back: model and policy where it fails, the operator's reference at
+//! Putting back what an adaptation changed in the daemon: model and policy where it fails, the operator's reference at
 //! every end.
 
 use std::path::{Path, PathBuf};
@@ -92,7 +92,7 @@ impl Adaptation {
         for arguments in back {
             let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
             let why = match self.daemon.try_to(&arguments, &mut console) {
-                Ok(said) if said.status == Some(0) => continue,
+                Ok(said) if said.status == Some(0) || said.last_line().contains(CONTROLS_ALREADY) => continue,
                 Ok(said) => said.last_line(),
                 Err(error) => error.to_string(),
             };
@@ -117,11 +117,22 @@ impl Adaptation {
         if !is_candidate {
             return true;
         }
-        let taken = self.daemon.tell(&["rollback"], console);
+        let taken = self.swap_to_incumbent(console);
         if let Err(error) = &taken {
             console.say(&format!("not put back: {error}"));
         }
         taken.is_ok()
+    }
+
+    /// Has what controlled when the policy was published control on, or again. It is asked for by name: a rollback would go further back
+    /// where the daemon has refused the policy meanwhile.
+    pub(crate) fn swap_to_incumbent(&self, console: &mut dyn Console) -> Result<(), AdaptError> {
+        let before = || self.journal.before.as_ref().map(|before| before.policy.clone());
+        let incumbent = self.journal.incumbent.clone().or_else(before).unwrap_or_else(|| FALLBACK.to_owned());
+        match self.daemon.tell(&["swap", &incumbent], console) {
+            Err(AdaptError::Failed { said, .. }) if said.contains(CONTROLS_ALREADY) => Ok(()),
+            said => said.map(drop),
+        }
     }
 
     /// Puts all back where a step failed, and forgets what was changed, so that going on begins with it again.
@@ -169,13 +180,16 @@ impl Adaptation {
     }
 }
 
+/// Words with which the daemon refuses a swap to what controls.
+const CONTROLS_ALREADY: &str = "controls already";
+
 /// States of a policy that is tried on the rig.
 const ON_THE_RIG: [&str; 5] = ["shadow", "ramp", "recheck", "retrial", "probation"];
 
 /// Name of the reference that goes back and forth.
 pub(crate) const BACK_AND_FORTH: &str = "back-and-forth.csv";
 
-/// Whether something has been said.
+/// State of a thing that is to be said once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Told {
     NotYet,

@@ -97,7 +97,8 @@ pub(crate) struct FlightTicks {
     folder: PathBuf,
     session: u32,
     ticks: Range<u32>,
-    open: Option<McapFollower>,
+    /// The recording that is followed, with its path.
+    open: Option<(PathBuf, McapFollower)>,
     taken: Vec<TickRecord>,
 }
 
@@ -112,21 +113,41 @@ impl FlightTicks {
     /// # Errors
     /// A recording that cannot be read.
     pub(crate) fn so_far(&mut self) -> Result<&[TickRecord], AdaptError> {
-        if self.open.as_ref().is_none_or(|open| open.end() == FollowEnd::Finished) {
-            let newest = newest_first(&self.folder, Holding::Runs)?.into_iter().next();
-            self.open = newest.map(|(_, path)| McapFollower::open(&path)).transpose()?;
-        }
-        let Some(open) = &mut self.open else { return Ok(&self.taken) };
-        loop {
-            for tick in open.read_on()? {
-                let is_new = self.taken.last().is_none_or(|last| tick.tick > last.tick);
-                // A recording that was finished is read anew until the next one is there.
-                if tick.session == self.session && self.ticks.contains(&tick.tick) && is_new {
-                    self.taken.push(tick);
+        let before = self.taken.len();
+        self.read_on()?;
+        // Nothing more comes of one that is finished, or was cut off and is not gone on with.
+        if self.taken.len() == before {
+            let newest = newest_first(&self.folder, Holding::Runs)?.into_iter().next().map(|(_, path)| path);
+            let is_another = |path: &PathBuf| self.open.as_ref().is_none_or(|(open, _)| open != path);
+            if let Some(path) = newest.filter(is_another) {
+                let next = McapFollower::open(&path)?;
+                if let Some((_, mut left)) = self.open.replace((path, next)) {
+                    self.take(left.give_up()?);
                 }
+                self.read_on()?;
             }
-            if open.end() != FollowEnd::More {
-                return Ok(&self.taken);
+        }
+        Ok(&self.taken)
+    }
+
+    /// Reads on in the open recording as far as it is written.
+    fn read_on(&mut self) -> Result<(), AdaptError> {
+        while let Some((_, open)) = &mut self.open {
+            let (ticks, end) = (open.read_on()?, open.end());
+            self.take(ticks);
+            if end != FollowEnd::More {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes the ticks of the flight that are new: a recording that was renamed at its end is read again.
+    fn take(&mut self, ticks: Vec<TickRecord>) {
+        for tick in ticks {
+            let is_new = self.taken.last().is_none_or(|last| tick.tick > last.tick);
+            if tick.session == self.session && self.ticks.contains(&tick.tick) && is_new {
+                self.taken.push(tick);
             }
         }
     }
@@ -219,7 +240,7 @@ pub fn write_csv(folder: &Path, stretches: &[Vec<TickRecord>]) -> Result<Vec<Pat
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proto::recording::{RecordingInfo, RecordingWriter};
+    use proto::recording::{RecordingInfo, RecordingWriter, unfinished_path};
 
     #[test]
     fn stretches_are_parted_where_the_rig_was_not_controlled() {
@@ -242,6 +263,32 @@ mod tests {
         assert!(stretches(&folder, 6, 900, 8.0).unwrap().is_empty(), "another session");
         assert_eq!(between(&folder, 5, 995..2000).unwrap().len(), 5);
         assert_eq!(newest(&folder.join("nowhere")).unwrap(), None);
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    /// A recording that was cut off by a crash is left for the one that goes on.
+    #[test]
+    fn a_flight_is_followed_from_a_recording_that_was_cut_off_into_the_next() {
+        let folder = std::env::temp_dir().join(format!("adapt-followed-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let begin = |name: &str, ticks: Range<u32>, changed_s: u64| {
+            let path = folder.join(name);
+            let mut writer = RecordingWriter::create(&path, &RecordingInfo::new("test", 0), &[]).unwrap();
+            for tick in ticks {
+                writer.write(&TickRecord { session: 5, tick, state: RUN, ..TickRecord::default() }).unwrap();
+            }
+            writer.flush().unwrap();
+            let changed = SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(changed_s);
+            std::fs::File::options().append(true).open(unfinished_path(&path)).unwrap().set_modified(changed).unwrap();
+            writer
+        };
+        let mut flight = FlightTicks::new(&folder, 5, 50..250);
+        let cut = begin("run-1.mcap", 0..100, 1000);
+        assert_eq!(flight.so_far().unwrap().len(), 50);
+        assert_eq!(flight.so_far().unwrap().len(), 50, "nothing is taken twice");
+        let next = begin("run-2.mcap", 100..300, 2000);
+        assert_eq!(flight.so_far().unwrap().len(), 200);
+        drop((cut, next));
         std::fs::remove_dir_all(folder).unwrap();
     }
 }

@@ -179,7 +179,7 @@ impl Adaptation {
                 Some(after) if after.over(&best) <= WORSE => (kept, best) = (WITH_POLICY, after),
                 _ => {
                     console.say("it tracks worse than without; what controlled before it goes on");
-                    self.daemon.tell(&["rollback"], console)?;
+                    self.swap_to_incumbent(console)?;
                     self.wait_until_policy_is_not(&self.journal.published.clone().unwrap_or_default(), console)?;
                 }
             }

@@ -31,8 +31,38 @@ impl Since {
         Since { at, unix_s }
     }
 
-    fn counts(&self, tick: &TickRecord) -> bool {
+    fn is_behind(&self, tick: &TickRecord) -> bool {
         tick.session != self.at.0 || tick.tick >= self.at.1
+    }
+}
+
+/// The worst pressures of one recording.
+#[derive(Debug, Default)]
+struct OfRecording {
+    /// Those that count, by channel.
+    worst: [Option<Worst>; 2],
+    /// Whether the session in which the sitting began has come.
+    session: Session,
+}
+
+/// The session in which a sitting began, in a recording that is read.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+enum Session {
+    #[default]
+    NotYet,
+    Begun,
+}
+
+impl OfRecording {
+    /// Counts a tick. Sessions before that in which the sitting began are not of it, and one that the recording has without that session
+    /// came later.
+    fn add(&mut self, since: &Since, tick: &TickRecord) {
+        if tick.session == since.at.0 && self.session == Session::NotYet {
+            *self = OfRecording { session: Session::Begun, ..OfRecording::default() };
+        }
+        if since.is_behind(tick) {
+            add_worse(&mut self.worst, of_tick(tick));
+        }
     }
 }
 
@@ -51,37 +81,44 @@ pub struct Worst {
 /// # Errors
 /// A recording that cannot be read.
 pub fn since(folder: &Path, since: &Since) -> Result<Option<[Worst; 2]>, AdaptError> {
-    let mut worst: Option<[Worst; 2]> = None;
+    let mut worst = [None, None];
     let began = UNIX_EPOCH + Duration::from_secs(since.unix_s);
     for (changed, path) in recorded::newest_first(folder, Holding::Everything)? {
         // What was written last before the sitting began holds no tick of it.
         if changed + CLOCKS_DIFFER < began {
             break;
         }
-        recorded::each_tick(&path, |tick| {
-            if since.counts(tick) {
-                worst = worse_of(worst.take(), of_tick(tick));
-            }
-        })?;
+        let mut here = OfRecording::default();
+        recorded::each_tick(&path, |tick| here.add(since, tick))?;
+        add_worse(&mut worst, here.worst);
     }
-    Ok(worst)
+    let [pos, neg] = worst;
+    Ok(pos.zip(neg).map(|(pos, neg)| [pos, neg]))
 }
 
 /// The worse of two pairs, channel by channel.
 pub fn worse_of(one: Option<[Worst; 2]>, other: Option<[Worst; 2]>) -> Option<[Worst; 2]> {
-    match (one, other) {
-        (Some([pos, neg]), Some([other_pos, other_neg])) => Some([
-            if other_pos.kpa > pos.kpa { other_pos } else { pos },
-            if other_neg.kpa < neg.kpa { other_neg } else { neg },
-        ]),
-        (one, other) => one.or(other),
+    let channels = |both: Option<[Worst; 2]>| both.map_or([None, None], |both| both.map(Some));
+    let mut worst = channels(one);
+    add_worse(&mut worst, channels(other));
+    let [pos, neg] = worst;
+    pos.zip(neg).map(|(pos, neg)| [pos, neg])
+}
+
+/// Puts the worse of each channel in the place of what is there.
+fn add_worse(worst: &mut [Option<Worst>; 2], others: [Option<Worst>; 2]) {
+    for ((worst, other), sign) in worst.iter_mut().zip(others).zip([1.0, -1.0]) {
+        let is_worse = |other: &Worst| worst.as_ref().is_none_or(|worst| sign * other.kpa > sign * worst.kpa);
+        if let Some(other) = other.filter(is_worse) {
+            *worst = Some(other);
+        }
     }
 }
 
-fn of_tick(tick: &TickRecord) -> Option<[Worst; 2]> {
-    let readings = [tick.p_pos_kpa, tick.p_neg_kpa];
+/// The readings of a tick; nothing of a sensor that has none.
+fn of_tick(tick: &TickRecord) -> [Option<Worst>; 2] {
     let in_control = by(tick);
-    readings.iter().all(|kpa| kpa.is_finite()).then(|| readings.map(|kpa| Worst { kpa, by: in_control.to_owned() }))
+    [tick.p_pos_kpa, tick.p_neg_kpa].map(|kpa| kpa.is_finite().then(|| Worst { kpa, by: in_control.to_owned() }))
 }
 
 fn by(tick: &TickRecord) -> &'static str {
@@ -123,13 +160,18 @@ mod tests {
         };
         // Worse still, but before the beginning.
         let early = TickRecord { p_pos_kpa: 200.0, p_neg_kpa: -99.0, ..tick(10) };
+        let earlier = TickRecord { session: 4, tick: 90, ..early };
         let by_policy = TickRecord { p_neg_kpa: -78.0, observation_hash: 1, authority: 1.0, ..tick(60) };
-        record(&folder.join("run-1.mcap"), [early, tick(50), by_policy]);
+        record(&folder.join("run-1.mcap"), [earlier, early, tick(50), by_policy]);
         let played = TickRecord { p_pos_kpa: 117.9, experiment: 2, ..tick(70) };
-        record(&folder.join("experiment-1.mcap"), [played, TickRecord { p_pos_kpa: f64::NAN, ..tick(71) }]);
+        // A sensor that broke says nothing, and nothing against the other.
+        let broken = TickRecord { p_pos_kpa: f64::NAN, p_neg_kpa: -79.5, ..tick(71) };
+        record(&folder.join("experiment-1.mcap"), [played, broken]);
+        let later = TickRecord { session: 6, p_pos_kpa: 118.5, state: 0, ..tick(3) };
+        record(&folder.join("run-2.mcap"), [later]);
         let worst = since(&folder, &Since { at: (5, 40), unix_s: 0 }).unwrap().unwrap();
-        assert_eq!(worst[0], Worst { kpa: 117.9, by: "experiment".to_owned() });
-        assert_eq!(worst[1], Worst { kpa: -78.0, by: "policy".to_owned() });
+        assert_eq!(worst[0], Worst { kpa: 118.5, by: "nobody".to_owned() });
+        assert_eq!(worst[1], Worst { kpa: -79.5, by: "fallback".to_owned() });
         // Whatever was written long before the sitting began is not even looked at.
         let later = Since { at: (6, 0), unix_s: Since::now((6, 0)).unix_s + 3600 };
         assert_eq!(since(&folder, &later).unwrap(), None);

@@ -57,7 +57,7 @@ impl FinetuneRun {
         let named = self.published_path();
         let path = write_new(&named, &bytes)?;
         if path != named {
-            callback.say(&format!("{}: is another policy, which stays; published beside it", named.display()));
+            callback.say(&format!("{} is another policy, which stays; published beside it", named.display()));
         }
         self.position.published += 1;
         self.position.published_at = self.position.steps;

@@ -58,6 +58,35 @@ range_kpa_gauge = [0.0, 1000.0]
 range_v = [0.0, 10.0]
 "#;
 
+/// A regulator that a tank follows closely: with the valve wide open its pressure is the supply's.
+const REGULATED: &str = r#"
+[volumes.tank]
+volume_l = 2.0
+temperature_k = 293.15
+[sources.main]
+kind = "pressure"
+pressure_kpa_gauge = 700.0
+temperature_k = 293.15
+[valves.fill]
+from = "main"
+to = "tank"
+command = "fill"
+input_area_mm2 = 30.0
+pressure_area_mm2_per_n = 1.0
+spring_area_mm2 = 6.0
+nozzle_diameter_mm = 3.0
+[lines.leak]
+kind = "orifice"
+from = "tank"
+to = "atmosphere"
+area_mm2 = 3.0
+[sensors.gauge]
+volume = "tank"
+column = "p_tank"
+range_kpa_gauge = [0.0, 1000.0]
+range_v = [0.0, 10.0]
+"#;
+
 const THREE: &str = r#"
 [volumes.a]
 volume_l = 0.5
@@ -290,6 +319,17 @@ fn an_atmosphere_too_much_or_too_little_is_told_at_high_pressures() {
     // The open tank reads below vacuum's reach of its sensor; from the first rows on that are within it.
     lowered.columns.iter_mut().for_each(|(_, numbers)| drop(numbers.drain(..200)));
     lowered.is_told(Trouble::WrongUnit, &["gauge already", "from = \"P\", scale = 1.0 }"]);
+}
+
+/// A supply of 700 kPa where the rig file says 600, recorded from pressurised on: the reading is the rig's and an atmosphere above what its
+/// file says.
+#[test]
+fn a_supply_that_is_off_by_an_atmosphere_is_no_absolute_pressure() {
+    let mut case = Case::of("regulated", REGULATED, [&["fill"], &["p_tank"]], [0.5, 0.8], 0.3);
+    case.columns.iter_mut().for_each(|(_, numbers)| drop(numbers.drain(..400)));
+    let stated = format!("name = \"regulated\"{HEAD}{}", REGULATED.replace("= 700.0", "= 600.0"));
+    case.rig = Rig::from_toml(&stated).unwrap();
+    case.is_sound();
 }
 
 /// All sensors of a rig, or its only one, stand for more than half of the recording: what scatters before is no help, and no

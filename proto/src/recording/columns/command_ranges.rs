@@ -24,7 +24,7 @@ const OUTSIDE: f64 = 0.01;
 /// … from this share on its ends are told as they were measured, so that the key that is told leaves nothing outside 0 … 1.
 const MEASURED: f64 = 5e-4;
 
-/// What a range is written in.
+/// The unit that a range is written in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Written {
     Milliamperes,
@@ -148,7 +148,7 @@ fn likely(ends: [f64; 2], written: Option<Written>) -> Vec<&'static Range> {
     near.into_iter().chain(from_nought).chain(far).take(TOLD).collect()
 }
 
-/// What a command outside 0 … 1 is scaled by, and the key that says so: for the ranges that its numbers may be written over, and for their
+/// Says by what a command outside 0 … 1 is scaled, and the key that says so: for the ranges that its numbers may be written over, and for their
 /// own ends where they are of none of these.
 pub(crate) fn hint(name: &str, from: &str, numbers: &[f64]) -> String {
     let [least, most] = ends(numbers);
@@ -231,7 +231,7 @@ fn told(name: &str, from: &str, [least, most]: [f64; 2], ranges: &[Range]) -> St
     all
 }
 
-/// What a relay's column is scaled by where it has two numbers, and what to do where it has more.
+/// Says by what a relay's column is scaled where it has two numbers, and what to do where it has more.
 pub(crate) fn of_relay(name: &str, from: &str, numbers: &[f64]) -> String {
     let [least, most] = ends(numbers);
     let is_one_of_two = |x: &f64| *x == least || *x == most;

@@ -1,10 +1,12 @@
-//! Topics in one table, each in rows of its own: what a plotting program or a bag of messages writes when every topic has its own stamps.
+//! Topics in one table, each in rows of its own: what a plotting program or a bag of messages writes when every topic has its own
+//! stamps.
 //!
 //! The distance of such rows is that of nothing. Readings count at the times of the sensor that is read least often, where the other
 //! sensors were read within a step of it (straight lines between their own readings); commands act from their own rows on, between readings
 //! as well. Topics that share their stamps in rows of their own become one row each.
 
 use std::borrow::Cow;
+use std::ops::Range;
 
 use super::resample::{Kind, median_step};
 use super::slower::{self, blank};
@@ -30,24 +32,29 @@ pub(crate) fn joined<'a>(sheet: &Sheet<'a>, of_time: &[usize]) -> Option<Sheet<'
         let same = |at: &usize| text(*at).is_some_and(|texts| texts.get(row) == texts.get(row - 1));
         !of_time.is_empty() && of_time.iter().all(same)
     };
-    let adds = |row: usize| {
-        let cells = columns.iter().map(|texts| {
-            let cell = |row: usize| texts.get(row).map_or("", AsRef::as_ref).trim();
-            (cell(row - 1), cell(row))
-        });
+    // One sample holds one reading of each topic: a second one is another sample, whatever row it stands in.
+    let adds = |sample: Range<usize>, row: usize| {
         let (mut before, mut here) = (false, false);
-        for (one, other) in cells {
-            match (says_nothing(one), says_nothing(other)) {
-                (false, true) => before = true,
-                (true, false) => here = true,
-                (false, false) if one != other => return false,
+        for texts in &columns {
+            let cell = |row: usize| texts.get(row).map_or("", AsRef::as_ref).trim();
+            let other = cell(row);
+            match sample.clone().map(cell).find(|one| !says_nothing(one)) {
+                Some(_) if says_nothing(other) => before = true,
+                Some(one) if one != other => return false,
+                None if !says_nothing(other) => here = true,
                 _ => {}
             }
         }
         before && here
     };
-    // The first of two is what the second adds to; a third of one time adds to the second, and so to both.
-    let added: Vec<bool> = (0..sheet.rows()).map(|row| row > 0 && is_at_once(row) && adds(row)).collect();
+    let mut added = vec![false; sheet.rows()];
+    let mut first = 0;
+    for (row, added) in added.iter_mut().enumerate().skip(1) {
+        *added = is_at_once(row) && adds(first..row, row);
+        if !*added {
+            first = row;
+        }
+    }
     // A few are rows whose times are rounded, and whose blank cells fit by chance.
     if added.iter().filter(|added| **added).count() < LEAST_READINGS {
         return None;

@@ -1,8 +1,8 @@
 //! Loggers with one row per command and a sensor that is read less often, or the other way round: the cells between are blank.
 //!
-//! A cell now and then without a number is a reading that is missing, or makes its row a lost one ([`super::lost_rows`]). Where a third of a sensor's cells or more
-//! are blank it is a slower channel: the rows that have readings count as readings, what lies between them is on straight lines. A command
-//! that is written less often is in force until the next one.
+//! A cell now and then without a number is a reading that is missing, or makes its row a lost one ([`super::lost_rows`]). Where a third
+//! of a sensor's cells or more are blank it is a slower channel: the rows that have readings count as readings, what lies between them is
+//! on straight lines. A command that is written less often is in force until the next one.
 
 use std::ops::Range;
 

@@ -41,7 +41,7 @@ pub(crate) fn of_times(
         let line = sheet.lines.get(row).copied().unwrap_or(0);
         format!(
             "{file}: line {line}: {title} goes on by {} in one step, longer than all other rows together ({rest_s:.1} s): if the clock was set \
-             there, say how far apart rows were read in the rig file: [recording] period_ms = {:?}",
+             there, [recording] period_ms = {:?} in the rig file makes it a short break",
             in_words(gap_s),
             figures(1e3 * step_s, 4)
         )

@@ -1,5 +1,7 @@
 //! What things are called in plain words: mechanisms, components, keys, numbers.
 
+pub(crate) use fit::identify::three_digits as three;
+
 use crate::report::findings::Findings;
 use crate::search::candidate::Candidate;
 
@@ -76,26 +78,6 @@ pub(crate) fn short(findings: &Findings<'_, '_>, candidate: &Candidate) -> Strin
     let called = called(findings, candidate);
     let shape = if candidate.form.is_empty() { String::new() } else { format!(" ({})", candidate.form) };
     format!("{}: {}{shape}", called.trim_start_matches("The "), candidate.id.replace('_', " "))
-}
-
-/// A number with three significant digits.
-pub(crate) fn three(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return format!("{value}");
-    }
-    let magnitude = value.abs().log10().floor() as i32;
-    if !(-3..6).contains(&magnitude) {
-        return format!("{:.2}·10{}", value / 10f64.powi(magnitude), raised(magnitude));
-    }
-    let digits = usize::try_from((2 - magnitude).max(0)).unwrap_or(0);
-    format!("{value:.digits$}")
-}
-
-/// An exponent in raised digits.
-fn raised(exponent: i32) -> String {
-    const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
-    let raise = |c: char| c.to_digit(10).and_then(|d| DIGITS.get(d as usize).copied()).unwrap_or('⁻');
-    exponent.to_string().chars().map(raise).collect()
 }
 
 /// A key of the rig file without its unit and underscores.

@@ -17,7 +17,7 @@ const MOST_TOLD: usize = 3;
 const MOST_PARTS: usize = 4;
 /// The most parameters that are named beside the first of a combination that is open.
 const MOST_OPEN: usize = 5;
-/// How many times the standard error of a whole combination that of its told parts may be.
+/// The ratio that the standard error of the told parts of a combination may have to that of the whole.
 const NEARLY: f64 = 1.5;
 /// Share of their weight at which priors are left where it is asked what recordings say alone: twenty times as wide.
 const NEXT_TO_NO_PRIOR: f64 = 1.0 / 400.0;
@@ -26,7 +26,7 @@ const MOST_SCALED: usize = 6;
 /// Share of the information of single parameters by which errors of slopes (a thousandth) pass for information on their combination, and
 /// as much again for chance.
 const OF_SLOPES: f64 = 1e-5;
-/// How far an exponent may be from a whole number that it is told as.
+/// The distance from a whole number up to which an exponent is told as one.
 const WHOLE: f64 = 0.05;
 
 /// Information on a combination, as multiples of the prior's, below which it is not determined: `1/√(1 + information) = HARDLY`.
@@ -38,7 +38,7 @@ fn path(estimates: &[Estimate], index: usize) -> &str {
     estimates.get(index).map_or("?", |e| e.parameter.path.as_str())
 }
 
-/// What the recordings do not determine, one sentence a line; empty if they determine everything.
+/// Says what the recordings do not determine, one sentence a line; empty if they determine everything.
 pub fn undetermined(fitted: &Fitted) -> Vec<String> {
     match &fitted.information {
         Some(information) => open(&fitted.estimates, information),
@@ -92,7 +92,7 @@ fn parts(direction: &Direction, enough: impl Fn(&[f64]) -> bool) -> Vec<(usize, 
     parts
 }
 
-/// How a parameter changes where a rig is scaled: volumes, flows, and areas with the factor, resistances against it, anything else not.
+/// The exponent with which a parameter changes where a rig is scaled: volumes, flows, and areas with the factor, resistances against it, anything else not.
 fn exponent_of_scale(estimate: &Estimate) -> f64 {
     const WITH: [&str; 10] = [
         "volume_l",
@@ -156,7 +156,7 @@ fn in_words(estimates: &[Estimate], scaling: &[f64]) -> String {
     )
 }
 
-/// What the recordings determine, one sentence a line: how many combinations of the parameters, which by themselves, and the best
+/// Says what the recordings determine, one sentence a line: how many combinations of the parameters, which by themselves, and the best
 /// combinations with how well they are known.
 pub fn determined(fitted: &Fitted) -> Vec<String> {
     fitted.information.as_ref().map_or_else(Vec::new, |information| known(&fitted.estimates, information))
@@ -220,7 +220,9 @@ fn one_known(
         }
         let known = share(estimate, information.cautious_sd_of(&weights));
         let (name, others) = (path(estimates, first), moves(parts.get(1..)?, largest, |i| path(estimates, i)));
-        return Some(format!("what raising {name} while {others} does is known to {known} of {name}"));
+        return Some(format!(
+            "{name} is known only together with others (raising it while {others}), to {known} of it"
+        ));
     }
     let mut factors = Vec::new();
     for (index, component) in &parts {

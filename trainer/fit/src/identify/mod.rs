@@ -21,4 +21,4 @@ pub use combinations::{determined, undetermined};
 pub use driven_pump::DrivenPump;
 pub use run::{Accuracy, Identified, IdentifySettings, Step, no_worse_than, run};
 pub use weak_form::ValveRegression;
-pub use words::{figures, noise_in_words, not_good, runaway_in_words, table, verdict};
+pub use words::{figures, noise_in_words, not_good, runaway_in_words, table, three_digits, verdict};

@@ -24,12 +24,13 @@ pub struct IdentifySettings {
 
 /// Ratio of two errors on some tens of seconds that are equal but for chance, where both are little more than the noise.
 const CHANCE: f64 = 1.05;
-/// Multiples of the noise from which on no chance makes an error larger.
+/// Multiples of the noise that chance multiplies at most: the rest of an error is the rig's, and the same in both.
 const BEYOND_CHANCE: f64 = 2.0;
 
 /// The most that a rig may be off by on validation data, in kPa, to be no worse than one that is off by `before_kpa`.
 pub fn no_worse_than(before_kpa: f64, noise_kpa: f64) -> f64 {
-    if before_kpa > BEYOND_CHANCE * noise_kpa { before_kpa } else { CHANCE * before_kpa }
+    let chance_kpa = before_kpa.min(BEYOND_CHANCE * noise_kpa);
+    (before_kpa.powi(2) + (CHANCE.powi(2) - 1.0) * chance_kpa.powi(2)).sqrt()
 }
 
 /// What is being done, for a progress line.
@@ -230,5 +231,8 @@ mod tests {
         assert!(7.3225 > no_worse_than(7.3167, 1e-6));
         assert!(0.0505 < no_worse_than(0.05, 0.05));
         assert!(0.06 > no_worse_than(0.05, 0.05));
+        // Just above twice the noise as just below.
+        let [below, above] = [0.0999, 0.1001].map(|kpa| no_worse_than(kpa, 0.05) / kpa);
+        assert!(above > 1.04 && (below - above).abs() < 1e-3, "{below} {above}");
     }
 }

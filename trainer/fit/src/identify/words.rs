@@ -89,11 +89,23 @@ pub fn runaway_in_words(estimate: &Estimate, runaway: &Runaway) -> String {
 }
 
 /// A number with three significant digits.
-fn three_digits(value: f64) -> String {
-    let magnitude = if value == 0.0 { 0.0 } else { value.abs().log10().floor() };
-    let digits = (2.0 - magnitude).clamp(0.0, 9.0) as usize;
-    let step = 10_f64.powf(magnitude - 2.0);
-    if digits == 0 { format!("{:.0}", (value / step).round() * step) } else { format!("{value:.digits$}") }
+pub fn three_digits(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return format!("{value}");
+    }
+    let magnitude = value.abs().log10().floor() as i32;
+    if !(-3..6).contains(&magnitude) {
+        return format!("{:.2}·10{}", value / 10f64.powi(magnitude), raised(magnitude));
+    }
+    let digits = usize::try_from((2 - magnitude).max(0)).unwrap_or(0);
+    format!("{value:.digits$}")
+}
+
+/// An exponent in raised digits.
+fn raised(exponent: i32) -> String {
+    const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    let raise = |c: char| c.to_digit(10).and_then(|d| DIGITS.get(d as usize).copied()).unwrap_or('⁻');
+    exponent.to_string().chars().map(raise).collect()
 }
 
 /// By how much a parameter moved: in per cent, or in its unit where it may be zero.
@@ -286,7 +298,7 @@ mod tests {
         let estimate = Estimate { value: 1.35e6, sd: 2e5, shift, undetermined: 0.47, parameter };
         let open = Runaway { end: End::High, beyond: 1.07e6, held_by: HeldBy::Statement };
         let said = runaway_in_words(&estimate, &open);
-        assert!(said.contains("is above 1070000 kPa s/L: the recordings hold no upper limit"), "{said}");
+        assert!(said.contains("is above 1.07·10⁶ kPa s/L: the recordings hold no upper limit"), "{said}");
         let said = runaway_in_words(&estimate, &Runaway { held_by: HeldBy::Range, ..open });
         assert!(said.contains("the upper end of what it can be"), "{said}");
         let said = far_in_words(&estimate);

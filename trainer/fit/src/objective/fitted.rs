@@ -27,7 +27,7 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// Of a coordinate and its standard error.
+    /// The estimate for a coordinate and its standard error.
     fn of(parameter: &Parameter, z: f64, sd: f64) -> Self {
         let [low, high] = [parameter.value(z - sd), parameter.value(z + sd)];
         Estimate {
@@ -51,18 +51,18 @@ impl Estimate {
 pub struct Runaway {
     /// The side.
     pub end: End,
-    /// What it is beyond, in its unit.
+    /// The value that it is beyond, in its unit.
     pub beyond: f64,
-    /// What holds the fit where it is.
+    /// The reason for which the fit stays where it is.
     pub held_by: HeldBy,
 }
 
-/// What holds a parameter that recordings would move on.
+/// The reason for which a parameter stays that recordings would move on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum HeldBy {
     /// An end of what such a number can be.
     Range,
-    /// What was stated: the recordings say less and less the further it goes.
+    /// The statement in the rig file: the recordings say less and less the further it goes.
     Statement,
 }
 
@@ -73,7 +73,8 @@ pub const FAR: f64 = 3.0;
 const NOWHERE: f64 = 0.5;
 
 impl Runaway {
-    /// Of an estimate on which the recordings have so much information, the other parameters as they are; `None` of one that has a value.
+    /// The runaway in an estimate on which the recordings have so much information, the other parameters as they are; `None` of one
+    /// that has a value.
     pub fn of(estimate: &Estimate, information: f64) -> Option<Runaway> {
         let Estimate { parameter, value, shift, .. } = estimate;
         if let Some(end) = parameter.end_at(*value) {
@@ -124,7 +125,7 @@ pub struct Fitted {
 }
 
 impl Fitted {
-    /// Whether one of its estimates tells a side alone.
+    /// Says of one of its estimates on which side it is, where it tells a side alone.
     pub fn runaway(&self, index: usize) -> Option<Runaway> {
         let alone = self.information.as_ref().and_then(|of| of.data().get((index, index)).copied());
         Runaway::of(self.estimates.get(index)?, alone.unwrap_or(f64::INFINITY))

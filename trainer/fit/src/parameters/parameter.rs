@@ -40,11 +40,11 @@ pub struct Parameter {
     pub knowledge: Knowledge,
     /// Lowest and highest value, in the parameter's unit.
     pub bounds: [f64; 2],
-    /// Where between its bounds a search looks first.
+    /// The part between its bounds in which a search looks first.
     pub range: SearchRange,
 }
 
-/// Where a search looks for a parameter.
+/// The range in which a search looks for a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SearchRange {
     /// Between its bounds, which say what such a number can be.
@@ -156,7 +156,7 @@ impl Parameter {
         [low.max(-reach), high.min(reach)]
     }
 
-    /// Whether a search that began at one coordinate ended at another because its range ended there, and may go on.
+    /// Says whether a search that began at one coordinate ended at another because its range ended there, and may go on.
     pub fn was_cut_off(&self, began: f64, ended: f64) -> bool {
         let at = |[low, high]: [f64; 2]| ended <= low + ROUNDING || ended >= high - ROUNDING;
         at(self.search_bounds(began)) && !at(self.coordinate_bounds())

@@ -110,7 +110,7 @@ impl ParameterSet {
         self.parameters.iter().zip(point).map(|(p, z)| p.search_bounds(*z)).collect()
     }
 
-    /// Whether a search between two points ended where a range did that may grow.
+    /// Says whether a search between two points ended where a range did that may grow.
     pub fn was_cut_off(&self, began: &[f64], ended: &[f64]) -> bool {
         self.parameters.iter().zip(began.iter().zip(ended)).any(|(p, (began, ended))| p.was_cut_off(*began, *ended))
     }

@@ -18,7 +18,7 @@ use crate::data::Records;
 const LEAST_OFF: f64 = 0.05;
 /// … and at most, where the fault is mended.
 const FOLLOWS: f64 = 0.25;
-/// How far off it is then, as a share of how far it is as the recording stands …
+/// Share of what it is off as the recording stands that it is then off at most …
 const MUCH_BETTER: f64 = 1.0 / 3.0;
 /// … and where only an atmosphere is taken away or added, which a rig that is off by a tenth of a high pressure comes near to as well.
 const SHIFTED_BETTER: f64 = 0.15;
@@ -35,6 +35,9 @@ const MOST_RECORDINGS: usize = 4;
 const ATMOSPHERE: f64 = 0.3;
 /// … and below the lowest that a rig does at which no reading is.
 const BELOW: f64 = 0.1;
+/// Share of an atmosphere above the air outside to which a rig goes down at least for an atmosphere too much to be told for certain: at
+/// high pressures a supply that is off by an atmosphere looks the same.
+const NEAR_AIR: f64 = 0.3;
 
 /// A command that may be exchanged or inverted.
 struct Command<'a> {
@@ -55,7 +58,7 @@ pub(super) fn check(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) {
     told.for_each(|record| findings.extend(found(rig, records, record, &commands)));
 }
 
-/// What is wrong with one recording that the rig does not follow; nothing where nothing explains it.
+/// Finds what is wrong with one recording that the rig does not follow; nothing where nothing explains it.
 fn found(rig: &Rig, records: &Records, record: usize, commands: &[Command<'_>]) -> Vec<Finding> {
     let channels = records.sensors().len();
     let trials = trials(rig, records, record, commands);
@@ -71,7 +74,13 @@ fn found(rig: &Rig, records: &Records, record: usize, commands: &[Command<'_>]) 
         .collect();
     explaining.sort_by(|a, b| a.0.total_cmp(&b.0));
     let Some((off, best)) = explaining.first() else { return Vec::new() };
-    let of = Told { rig, records, record, commands };
+    let mended = trials.iter().zip(&outcomes).find(|(taken, _)| taken == best).map(|(_, outcome)| outcome);
+    let severity = if mended.is_some_and(|mended| is_off_the_air(rig, best, mended)) {
+        Severity::Doubtful
+    } else {
+        Severity::Unusable
+    };
+    let of = Told { rig, records, record, commands, severity };
     let mut findings = of.findings(best);
     let rival = explaining.get(1).filter(|(other, _)| *other < (1.0 + RIVAL) * off);
     if let (Some((_, rival)), Some(last)) = (rival, findings.last_mut()) {
@@ -81,7 +90,7 @@ fn found(rig: &Rig, records: &Records, record: usize, commands: &[Command<'_>]) 
     findings
 }
 
-/// Whether a recording is as one would have it with a fault mended, and far from it as it stands.
+/// Says whether a recording is as one would have it with a fault mended, and far from it as it stands.
 fn explains(rig: &Rig, taken: &Taken, as_it_stands: &Outcome, mended: &Outcome, channels: usize) -> bool {
     let of = taken.channels(channels);
     let share = if matches!(taken, Taken::SensorsShifted(..)) { SHIFTED_BETTER } else { MUCH_BETTER };
@@ -89,7 +98,7 @@ fn explains(rig: &Rig, taken: &Taken, as_it_stands: &Outcome, mended: &Outcome, 
     before > LEAST_OFF && after < FOLLOWS && after < share * before && !is_below_all(rig, taken, as_it_stands, mended)
 }
 
-/// Whether readings, less an atmosphere, would be where nothing in the rig draws them: a chamber that reads nothing at first
+/// Says whether readings, less an atmosphere, would be where nothing in the rig draws them: a chamber that reads nothing at first
 /// was open to the air.
 fn is_below_all(rig: &Rig, taken: &Taken, as_it_stands: &Outcome, mended: &Outcome) -> bool {
     let Taken::SensorsShifted(channels, _) = taken else { return false };
@@ -99,6 +108,15 @@ fn is_below_all(rig: &Rig, taken: &Taken, as_it_stands: &Outcome, mended: &Outco
         let lowest = of(as_it_stands).zip(of(mended));
         lowest.is_some_and(|([_, simulated], [read, _])| read < simulated.min(0.0) - margin)
     })
+}
+
+/// Says whether nothing tells readings that are an atmosphere too high from a supply that is: the rig, as it is with the fault mended, never
+/// comes near the air outside.
+fn is_off_the_air(rig: &Rig, taken: &Taken, mended: &Outcome) -> bool {
+    let Taken::SensorsShifted(channels, kpa) = taken else { return false };
+    let near_kpa = NEAR_AIR * rig.atmosphere.pressure_kpa_abs;
+    let is_far = |channel: &usize| mended.lowest_kpa.get(*channel).is_none_or(|[_, simulated]| *simulated > near_kpa);
+    *kpa < 0.0 && channels.iter().all(is_far)
 }
 
 /// All ways to take a recording that are tried, as it stands first.
@@ -147,7 +165,7 @@ fn shifts(rig: &Rig, records: &Records, record: usize, channels: &[usize]) -> Ve
     all
 }
 
-/// What a channel reads at zero (kPa), where its file or map takes an atmosphere away.
+/// The reading of a channel at zero (kPa), where its file or map takes an atmosphere away.
 fn zero_kpa(rig: &Rig, records: &Records, record: usize, channel: usize) -> Option<f64> {
     let column = records.sensors().get(channel)?;
     let said = records.records().get(record)?.file_unit(column).map(|unit| unit.zero);
@@ -182,10 +200,11 @@ struct Told<'a> {
     records: &'a Records,
     record: usize,
     commands: &'a [Command<'a>],
+    severity: Severity,
 }
 
 impl Told<'_> {
-    /// What is wrong where this explains the recording.
+    /// Says what is wrong where this explains the recording.
     fn findings(&self, taken: &Taken) -> Vec<Finding> {
         let command = |input: &usize| self.commands.iter().find(|command| command.input == *input);
         match taken {
@@ -253,7 +272,7 @@ impl Told<'_> {
         Some(Finding {
             source: self.source(),
             column: column.clone(),
-            severity: Severity::Unusable,
+            severity: self.severity,
             trouble: if kpa < 0.0 { Trouble::Absolute } else { Trouble::WrongUnit },
             text: format!("{words}: that is what the rig would do, and as it stands it is not: {key}"),
         })

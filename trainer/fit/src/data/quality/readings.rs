@@ -19,7 +19,7 @@ const DISTINCT: usize = 4;
 /// Samples further apart than this, in s, are not asked for wild ones.
 pub(in crate::data) const WILD_SAMPLING_S: f64 = 0.05;
 
-/// What later checks need to know of readings.
+/// Facts on readings that later checks need.
 #[derive(Debug, Default)]
 pub(super) struct Seen {
     /// Places of wild readings in the recordings' layout.
