@@ -270,16 +270,12 @@ impl ModelDesk {
         if let Some(reason) = figures.as_ref().and_then(|f| f.refusal()).filter(|_| !is_back) {
             return Err(format!("{name}: {reason}"));
         }
-        let unsettled = match &figures {
-            None => Some(too_little(&run)),
-            Some(figures) => figures.rested(),
-        };
-        let compared = if unsettled.is_none() || is_back { Compared::Yes } else { Compared::No };
+        let compared = if figures.is_some() || is_back { Compared::Yes } else { Compared::No };
         let change = ModelChange::new(&rig, &run, self.shared.learning(), compared).map_err(unfit)?;
         permit.redeem().map_err(|late| format!("{name}: {late}"))?;
         if self.hand_over(change)? == HandOver::Refused {
             // Under control one that is far off would vent the rig.
-            return Err(format!("{name}: {}, or put it in while disarmed", unsettled.unwrap_or_default()));
+            return Err(format!("{name}: {}, or put it in while disarmed", too_little(&run)));
         }
         let new = rig.name.clone();
         *self.models() = Models { rig, file: Some(file.to_owned()), before: Some(old) };
@@ -356,9 +352,9 @@ fn told(model: &str, again: &str, figures: Option<&ModelFigures>) -> String {
     let Some(f) = figures else {
         return format!("model {model} is in force{again}; too little was run to compare it with the one before");
     };
-    if f.rested().is_some() {
+    if f.rested() {
         return format!(
-            "model {model} is in force{again}; the pressures moved too little to compare it with the one before"
+            "model {model} is in force{again}; the pressures hardly moved, so that only a model that is far off would have shown"
         );
     }
     let ([pos, neg], [before_pos, before_neg]) = (f.after_kpa[1], f.before_kpa[1]);

@@ -115,7 +115,12 @@ fn the_model_before_may_always_be_had_back_and_no_other_that_foresees_worse() {
     let mut scene = Scene::under_control("bench");
     scene.control(900);
     let mut other = Rig::builtin("dual_pressure").unwrap();
-    other.volumes.values_mut().for_each(|volume| volume.volume_l *= 2.0);
+    // On a hold only what is far off is refused.
+    other.valves.values_mut().for_each(|valve| {
+        valve.input_area_mm2 *= 10.0;
+        valve.pressure_area_mm2_per_n *= 10.0;
+        valve.spring_area_mm2 *= 10.0;
+    });
     let other = scene.folder.write("other.toml", other.to_toml().unwrap());
     assert_eq!(scene.ask_at_length(&["model", "bench"]).status, Some(0));
     scene.control(900);

@@ -48,8 +48,9 @@ fn what_cannot_be_compared_yet_is_put_in_only_while_disarmed() {
     std::fs::remove_file(file).unwrap();
 }
 
+/// On a hold another model may be put in, and the answer says how little that tells.
 #[test]
-fn at_rest_models_are_not_compared() {
+fn at_rest_only_what_is_far_off_is_refused() {
     let nominal = Rig::builtin("dual_pressure").unwrap();
     let mut edited = nominal.clone();
     edited.integrator.step_ms = 0.25;
@@ -57,9 +58,7 @@ fn at_rest_models_are_not_compared() {
     std::fs::write(&file, edited.to_toml().unwrap()).unwrap();
     let (mut tick, desk) = ends(&nominal);
     (0..700).for_each(|number| tick.keep(flown(number)));
-    let refused = change(&tick, &desk, &file, State::Run).unwrap_err();
-    assert!(refused.contains("hardly moved") && refused.ends_with("or put it in while disarmed"), "{refused}");
-    let line = change(&tick, &desk, &file, State::Standby).unwrap();
-    assert!(line.contains("moved too little to compare it"), "{line}");
+    let line = change(&tick, &desk, &file, State::Run).unwrap();
+    assert!(line.contains("hardly moved"), "{line}");
     std::fs::remove_file(file).unwrap();
 }
