@@ -244,7 +244,7 @@ fn times_of_spreadsheets_and_rounded_times_are_what_they_are() {
     assert_whole(&read(coarse, &with("period_ms = 20.0")).unwrap(), "period_ms");
     let again = table(&format!("{HEADER}\n"), |k| seconds(k % 55), ",", ".", "");
     let said = refused(again, &paper());
-    assert!(said.contains("line 57") && said.contains("make two files of it"), "{said}");
+    assert!(said.contains("line 57") && said.contains("make a file of each"), "{said}");
 }
 
 #[test]

@@ -40,7 +40,7 @@ fn found(ended: &RunStatus) -> Value {
     serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"))
 }
 
-/// Where the bodies of chunks lie in the file.
+/// Where the bodies of chunks lie in the file; the first has the channels, the second the first ticks.
 fn chunks(bytes: &[u8]) -> Vec<std::ops::Range<usize>> {
     const MAGIC: usize = 8;
     const CHUNK: u8 = 6;
@@ -80,12 +80,12 @@ fn a_recording_that_is_cut_or_damaged_is_not_replayed_as_if_it_were_whole() {
         replay(&write(name, &bytes))
     };
     // Behind it nothing can be compared: what the law remembers is lost.
-    let within = damaged("within.mcap", 1);
+    let within = damaged("within.mcap", 2);
     assert_eq!((within.status, &found(&within)["ticks_differing"]), (Some(1), &0.into()), "{within:?}");
     assert_eq!(found(&within)["ticks"].as_u64(), Some(FIRST as u64));
     assert!(within.stderr.contains("damaged") && within.stderr.contains("are lost"), "{within:?}");
     // Without its beginning none can be replayed, and no other recording would help.
-    let first = damaged("first.mcap", 0);
+    let first = damaged("first.mcap", 1);
     assert_eq!(first.status, Some(2), "{first:?}");
     assert!(first.stderr.contains("first.mcap: a chunk is damaged") && first.stderr.contains("beginning"), "{first:?}");
     assert!(!first.stderr.contains("give the recording before it"), "{first:?}");

@@ -76,12 +76,12 @@ fn torn_short_and_clipped_ones_as_well() {
         check(&folder, name, &csv(&clipped), &["p_pos_kpa: clipped: ", "readings (", "Keep the pressure within"]);
     }
     // The same trouble in several files is told once.
-    let paths: Vec<String> = ["a", "b", "c"]
+    let paths: Vec<String> = [("a", 0.0), ("b", 0.1), ("c", 0.2)]
         .iter()
-        .map(|name| {
+        .map(|(name, off)| {
             folder.with(
                 &format!("{name}.csv"),
-                csv(&good.iter().map(|r| [r[0], r[1], r[2], 90.0, r[4]]).collect::<Vec<_>>()),
+                csv(&good.iter().map(|r| [r[0], r[1], r[2], 90.0, r[4] - off]).collect::<Vec<_>>()),
             )
         })
         .collect();

@@ -2,7 +2,7 @@
 //! chambers behind one pump, a small box.
 #![allow(clippy::unwrap_used, clippy::panic)] // a test that cannot set up its case must fail
 
-use fit::data::quality::{Quality, Severity, Trouble};
+use fit::data::quality::{Finding, Quality, Severity, Trouble};
 use fit::data::{Records, noise};
 use fit::simulate::{Arcs, Fidelity, Simulator};
 use model::rig::Rig;
@@ -311,7 +311,10 @@ fn a_rig_that_is_off_its_file_is_left_alone() {
 #[test]
 fn an_atmosphere_too_much_or_too_little_is_told_at_high_pressures() {
     let tank = Case::tank();
-    tank.with(&["p_tank"], |p| p + 101.3).is_told(Trouble::Absolute, &["absolute", "offset = -101.3"]);
+    // A supply may be off by as much, so that it is told and not refused.
+    let found = tank.with(&["p_tank"], |p| p + 101.3).quality().findings;
+    let says = |f: &Finding| f.trouble == Trouble::Absolute && f.text.contains("offset = -101.3");
+    assert!(found.iter().any(says), "{found:?}");
     let mut lowered = tank.with(&["p_tank"], |p| p - 101.3);
     let text = lowered.rig.to_toml().unwrap();
     let map = "\n[recording]\ncolumns.p_tank = { from = \"P\", offset = -101.3 }\n";
@@ -375,7 +378,8 @@ fn pressures_that_swing_a_little_under_commands_that_stand_are_told() {
 #[test]
 fn a_plateau_that_a_command_calls_for_is_no_limit() {
     let rig = Rig::from_toml(&format!("name = \"box\"{HEAD}{BOX}")).unwrap();
-    let level = |row: usize| 0.8 + 0.005 * ((row * 7919 % 13) as f64 / 6.0 - 1.0);
+    // No two readings are alike, as where a reading has more digits than noise.
+    let level = |row: usize| 0.8 + 0.005 * (1.7 * row as f64).sin();
     // Up at full speed over 20 rows, 60 at the plateau, back down; the rig as given would go on to 1.2 or 1.6 kPa.
     let pressure = |row: usize| match row % 150 {
         k @ 0..20 => level(row) * k as f64 / 20.0,

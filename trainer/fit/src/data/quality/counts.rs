@@ -17,8 +17,8 @@ const FULL_VOLTS: [f64; 5] = [5.0, 10.0, 3.3, 4.096, 2.5];
 /// Least number of different readings, and the least that the largest of them is, for whole numbers to be no chance.
 const LEAST_DIFFERENT: usize = 20;
 const LEAST_LARGEST: f64 = 100.0;
-/// Converters of a size that are asked: the smallest that gives a count, and the next.
-const NEAREST: usize = 2;
+/// Converters of a size that are asked: the smallest that gives a count, and the next two.
+const NEAREST: usize = 3;
 /// How far off the rig is at most where it follows counts, as a share of what pressures move through …
 const FOLLOWS: f64 = 0.25;
 /// … how much less than with any unit, where these are no units …
