@@ -225,7 +225,7 @@ fn the_foxglove_layout_names_fields_that_are_there() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
     let layout = std::fs::read_to_string(folder.join("../docs/foxglove-layout.json")).unwrap();
     let layout: serde_json::Value = serde_json::from_str(&layout).unwrap();
-    let schema = std::fs::read_to_string(folder.join("src/recording/schema.rs")).unwrap();
+    let schema = std::fs::read_to_string(folder.join("src/recording/mcap_file/schema.rs")).unwrap();
     let panels = layout["configById"].as_object().unwrap();
     let paths = panels.values().filter_map(|panel| panel["paths"].as_array()).flatten();
     let mut count = 0;

@@ -8,6 +8,7 @@
 
 use std::ops::Range;
 
+use fit::FitError;
 use fit::data::Records;
 use model::plant::FreeRunStart;
 use model::rig::{Pump, Rig};
@@ -102,7 +103,7 @@ pub(crate) fn reach_kpa(bench: &Bench<'_>, explanation: &Explanation) -> Result<
 /// nothing by [`REACH_KPA`] where the rig works is not what is missing.
 ///
 /// # Errors
-/// The rig cannot be simulated without it.
+/// The rig cannot be simulated without it for another reason than that its numbers leave, where it is infinite.
 pub(crate) fn reaches_kpa(bench: &Bench<'_>, explanation: &Explanation) -> Result<Vec<f64>, DiagnoseError> {
     let records = bench.records.records();
     let whole = |record: &usize| records.iter().filter(|r| r.source == records[*record].source).count() == 1;
@@ -111,7 +112,12 @@ pub(crate) fn reaches_kpa(bench: &Bench<'_>, explanation: &Explanation) -> Resul
     let reach = |term: usize| {
         let mut rig = explanation.fitted.rig.clone();
         rig.mechanisms.remove(given + term);
-        let without = bench.free_run(&rig)?;
+        let without = match bench.free_run(&rig) {
+            Ok(without) => without,
+            // With all else as it was fitted beside the term, the rig is no rig without it.
+            Err(DiagnoseError::Fit(FitError::NotFinite { .. })) => return Ok(f64::INFINITY),
+            Err(other) => return Err(other),
+        };
         let moved = |record: &usize| bench.most_moved_kpa(&explanation.trace, &without, *record..*record + 1);
         let mut moved: Vec<f64> = ordinary.iter().map(moved).collect();
         moved.sort_by(f64::total_cmp);
