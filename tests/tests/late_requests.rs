@@ -64,8 +64,16 @@ fn a_model_whose_asker_has_left_never_comes_into_force_and_bars_others_until_its
     assert!(reply["error"].as_str().unwrap().contains("no policy nobody"), "{reply}");
     assert_eq!(reply["running"]["model"], "dual_pressure", "put in force after its asker had left: {reply}");
 
-    // One that is waited for comes into force.
-    let reply = answer(send(&laboratory, &bench));
+    // One that is waited for comes into force. Frames that a busy machine missed break the run, and it is asked again as it says.
+    let until = Instant::now() + SOON;
+    let reply = loop {
+        let reply = answer(send(&laboratory, &bench));
+        let is_too_short = reply["error"].as_str().is_some_and(|error| error.contains("keep the rig armed for"));
+        if !is_too_short || Instant::now() > until {
+            break reply;
+        }
+        std::thread::sleep(Duration::from_secs(1));
+    };
     assert_eq!((&reply["ok"], &reply["running"]["model"]), (&true.into(), &"bench".into()), "{reply}");
     laboratory.close().check_replay();
 }
