@@ -5,7 +5,7 @@
 //! same box, to be dropped here. The command goes on without a bump: what differs decays within half a second.
 
 use std::collections::VecDeque;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -24,6 +24,7 @@ use proto::recording::{TickOrder, attached};
 use safety_filter::{Envelope, SafetyFilter, SlewLimit};
 
 use crate::cycle::sensing::Sensing;
+use crate::operator::running::ModelIdentity;
 use crate::session::session_recorder::attachment;
 use crate::state::State;
 
@@ -145,8 +146,8 @@ pub struct ModelInForce {
 /// The model in force, and the one before it, to which an operator may always go back.
 struct Models {
     rig: Rig,
-    /// The name that it was asked for by; `None` for the one that the daemon began with.
-    file: Option<PathBuf>,
+    /// The identity under which it was put in; `None` for the one that the daemon began with.
+    identity: Option<ModelIdentity>,
     before: Option<Rig>,
 }
 
@@ -168,7 +169,7 @@ pub fn ends(rig: &Rig) -> (ModelTickEnd, ModelDesk) {
         samples: ArrayQueue::new(SAMPLES),
         learns: AtomicBool::new(false),
     });
-    let models = Arc::new(Mutex::new(Models { rig: rig.clone(), file: None, before: None }));
+    let models = Arc::new(Mutex::new(Models { rig: rig.clone(), identity: None, before: None }));
     (ModelTickEnd { shared: Arc::clone(&shared), kept: 0 }, ModelDesk { shared, models, samples: Arc::default() })
 }
 
@@ -220,20 +221,14 @@ impl ModelTickEnd {
 }
 
 impl ModelDesk {
-    /// The name of the model in force.
-    pub fn name(&self) -> String {
-        self.models().rig.name.clone()
-    }
-
     /// The model in force.
     pub fn rig(&self) -> Rig {
         self.models().rig.clone()
     }
 
-    /// The model in force, and the file or built-in name that it was put in by, where that happened while it ran.
-    pub fn in_force(&self) -> (Rig, Option<PathBuf>) {
-        let models = self.models();
-        (models.rig.clone(), models.file.clone())
+    /// The identity of the model in force, where it was put in while the daemon ran.
+    pub fn put_in(&self) -> Option<ModelIdentity> {
+        self.models().identity.clone()
     }
 
     fn models(&self) -> MutexGuard<'_, Models> {
@@ -278,7 +273,8 @@ impl ModelDesk {
             return Err(format!("{name}: {}, or put it in while disarmed", too_little(&run)));
         }
         let new = rig.name.clone();
-        *self.models() = Models { rig, file: Some(file.to_owned()), before: Some(old) };
+        let identity = Some(ModelIdentity::of(&rig, &file.to_string_lossy()));
+        *self.models() = Models { rig, identity, before: Some(old) };
         let again = if is_back { " again" } else { "" };
         let line = told(&new, again, figures.as_ref());
         Ok(ModelInForce { line, toml, followed })
@@ -326,7 +322,7 @@ impl ModelDesk {
         }
     }
 
-    /// What the tick made of the model that it was handed, once it comes back.
+    /// Outcome of the model that was handed to the tick, once it comes back.
     fn returned_within(&self, time: Duration) -> Option<HandOver> {
         let until = Instant::now() + time;
         loop {

@@ -49,16 +49,11 @@ pub struct Replayed {
     pub first: Option<Difference>,
     /// Why it ended before the recording did.
     pub ended: Option<String>,
-    /// What could not be read of the recordings, a line each.
+    /// Notes on what could not be read of the recordings, a line each.
     pub notes: Vec<String>,
 }
 
 impl Replayed {
-    /// Whether all of the recording was compared and nothing differs.
-    pub fn is_clean(&self) -> bool {
-        self.differing == 0 && self.ended.is_none() && self.notes.is_empty()
-    }
-
     /// The reason why not all that was run was compared, one line: where it ended early, else what could not be read.
     pub fn missing(&self) -> Option<&str> {
         self.ended.as_deref().or(self.notes.first().map(String::as_str))

@@ -20,14 +20,17 @@ use rustix::fs::OFlags;
 /// that is larger.
 pub fn read(path: &Path, most_bytes: u64) -> io::Result<Vec<u8>> {
     check(&std::fs::metadata(path)?, most_bytes)?;
-    // Without waiting: between the look and the open a FIFO may have taken the file's place.
-    let flags = OFlags::NONBLOCK.union(OFlags::NOCTTY).bits().cast_signed();
-    let file = OpenOptions::new().read(true).custom_flags(flags).open(path)?;
+    let file = without_waiting(OpenOptions::new().read(true)).open(path)?;
     let about = file.metadata()?;
     check(&about, most_bytes)?;
     let mut bytes = Vec::with_capacity(usize::try_from(about.len()).unwrap_or(0));
     file.take(most_bytes.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most_bytes { Err(too_large(most_bytes)) } else { Ok(bytes) }
+}
+
+/// Has a file opened without waiting: between a look at it and the open a FIFO may have taken its place.
+pub fn without_waiting(options: &mut OpenOptions) -> &mut OpenOptions {
+    options.custom_flags(OFlags::NONBLOCK.union(OFlags::NOCTTY).bits().cast_signed())
 }
 
 /// Reads a regular file of at most `most_bytes` as UTF-8 text.

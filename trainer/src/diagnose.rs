@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::Args;
-use clap::builder::{PathBufValueParser, TypedValueParser};
 use diagnose::{Diagnosis, Request, check_out_dir, work_out};
 use fit::data::quality::seconds_are_no_count;
 use proto::diagnosis::RigKind;
@@ -15,6 +14,10 @@ use crate::failure::{Failure, tell};
 use crate::interruptible::Interruptible;
 use crate::stdout;
 use crate::work_shown::WorkShown;
+
+/// Refusal of the sign for standard output, which holds no folder.
+const NO_FOLDER: &str =
+    "the answer is several files, which standard output cannot hold; name a folder (./- for one that is called so)";
 
 /// Finds the physics that a rig's model leaves out: locates it, names it, models it, and shows the fit improve.
 ///
@@ -33,7 +36,7 @@ pub(crate) struct DiagnoseArgs {
     #[arg(value_name = "RECORDING", required = true)]
     recordings: Vec<PathBuf>,
     /// Folder for the results; made if it is not there
-    #[arg(long, value_name = "DIR", value_parser = PathBufValueParser::new().try_map(a_folder))]
+    #[arg(long, value_name = "DIR", value_parser = stdout::no_sign(NO_FOLDER))]
     out: PathBuf,
     /// Shorter search, for a first look: fewer candidates are followed to the end; mostly the same answer
     #[arg(long)]
@@ -41,16 +44,6 @@ pub(crate) struct DiagnoseArgs {
     /// Print diagnosis.json instead of a summary
     #[arg(long)]
     json: bool,
-}
-
-/// A name that is no sign for standard output, which holds no folder.
-fn a_folder(path: PathBuf) -> Result<PathBuf, &'static str> {
-    if path.as_os_str() == "-" {
-        return Err(
-            "the answer is several files, which standard output cannot hold; name a folder (./- for one that is called so)",
-        );
-    }
-    Ok(path)
 }
 
 pub(crate) fn run(args: &DiagnoseArgs) -> Result<(), Failure> {

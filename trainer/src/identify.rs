@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
-use clap::builder::{PathBufValueParser, TypedValueParser};
 use fit::data::quality::seconds_are_no_count;
 use fit::data::{Role, each_once};
 use fit::identify::{
@@ -24,6 +23,9 @@ use crate::failure::{Failure, tell};
 use crate::interruptible::Interruptible;
 use crate::stdout;
 use crate::work_shown::WorkShown;
+
+/// Refusal of the sign for standard output, which holds the table.
+const NO_FILE: &str = "standard output holds the table; name a file for the rig (./- for one that is called so)";
 
 /// Fits a rig's parameters to recordings and writes the rig with the fitted ones.
 ///
@@ -46,7 +48,7 @@ pub(crate) struct IdentifyArgs {
     #[arg(value_name = "RECORDING", required = true)]
     recordings: Vec<PathBuf>,
     /// Rig file to write: the same rig with the fitted parameters
-    #[arg(long, value_name = "RIG", value_parser = PathBufValueParser::new().try_map(a_file))]
+    #[arg(long, value_name = "RIG", value_parser = stdout::no_sign(NO_FILE))]
     out: PathBuf,
     /// Cores to use (all by default)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
@@ -54,14 +56,6 @@ pub(crate) struct IdentifyArgs {
     /// Print the results as one JSON object instead of a table and words
     #[arg(long)]
     json: bool,
-}
-
-/// A name that is no sign for standard output, which holds what is said.
-fn a_file(path: PathBuf) -> Result<PathBuf, &'static str> {
-    if path.as_os_str() == "-" {
-        return Err("standard output holds the table; name a file for the rig (./- for one that is called so)");
-    }
-    Ok(path)
 }
 
 pub(crate) fn run(args: &IdentifyArgs) -> Result<(), Failure> {

@@ -4,10 +4,17 @@
 //! between words; tables and commands to paste stay lines.
 
 use std::io::{self, Write};
+use std::path::PathBuf;
 
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use proto::terminal_lines;
 
 use crate::failure::Failure;
+
+/// Reads a path that must not be the sign for standard output; `why` says why not.
+pub(crate) fn no_sign(why: &'static str) -> impl TypedValueParser<Value = PathBuf> {
+    PathBufValueParser::new().try_map(move |path| if path.as_os_str() == "-" { Err(why) } else { Ok(path) })
+}
 
 /// Writes sentences and tables, with a line end, and flushes them.
 ///

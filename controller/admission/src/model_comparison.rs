@@ -32,11 +32,11 @@ const LEAST_MOVING_S: usize = 8;
 /// By how much the means of fifths of a second must differ for a second to count as one of movement, in kPa: ten times
 /// what the converter's noise makes of such means (0.02 and 0.002).
 const MOVES_KPA: Pair = [0.2, 0.05];
+/// Ticks of such a mean.
+const MEAN_TICKS: usize = 10;
 /// Errors five ticks ahead that are far off at rest, in kPa: three times what `dual_pressure` errs by on `bench`, where backlash and
 /// delay are unknown to it; valves of ten times their area err by tens.
 const FAR_OFF_KPA: f64 = 3.0;
-/// Ticks of such a mean.
-const MEAN_TICKS: usize = 10;
 
 /// A tick of a run: what was measured and what was sent.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,12 +69,12 @@ pub struct ModelFigures {
 }
 
 impl ModelFigures {
-    /// Whether a pressure moved for long enough to say anything of the models.
+    /// Tells whether a pressure moved for long enough to say anything of the models.
     fn has_moved(&self, channel: usize) -> bool {
         self.moving_s[channel] >= LEAST_MOVING_S
     }
 
-    /// Whether neither pressure moved for long enough, so that models are only told apart if they are far off.
+    /// Tells whether neither pressure moved for long enough, so that models are only told apart if they are far off.
     pub fn rested(&self) -> bool {
         (0..CHANNELS).all(|c| !self.has_moved(c))
     }
@@ -87,18 +87,19 @@ impl ModelFigures {
             let is_spoken_for = self.better_s[c] > MANY_MORE * self.worse_s[c];
             let most = if is_spoken_for { MOST_RATIO_IF_SPOKEN_FOR } else { MOST_RATIO };
             let speaks_against = 2 * self.worse_s[c] > self.moving_s[c];
+            let is_too_far = if self.has_moved(c) {
+                after > most * before || speaks_against
+            } else {
+                after > FAR_OFF_KPA && after > most * before
+            };
             // A model in force that came to no number stands in nobody's way.
-            !after.is_finite()
-                || match self.has_moved(c) {
-                    true => after > most * before || speaks_against,
-                    false => after > FAR_OFF_KPA && after > most * before,
-                }
+            !after.is_finite() || is_too_far
         };
         let c = (0..CHANNELS).find(|&c| worse(c))?;
-        let [at_rest, of_movement] = ["at rest", "of movement"];
-        let (seconds, when) = match self.has_moved(c) {
-            true => (self.moving_s[c], of_movement),
-            false => ((self.ticks as f64 * 0.02) as usize, at_rest),
+        let (seconds, when) = if self.has_moved(c) {
+            (self.moving_s[c], "of movement")
+        } else {
+            ((self.ticks as f64 * 0.02) as usize, "at rest")
         };
         let side = ["positive", "negative"][c];
         Some(format!(
@@ -224,9 +225,10 @@ impl Errors {
 
     /// Over the seconds in which each pressure moved; over all, where it moved for too few.
     fn rms_kpa(&self) -> [Pair; 2] {
+        let moving_s = self.moving_s();
         [0, 1].map(|place| {
             std::array::from_fn(|c| {
-                let rested = self.moving_s()[c] < LEAST_MOVING_S;
+                let rested = moving_s[c] < LEAST_MOVING_S;
                 let moving = self.parts.iter().filter(|part| rested || part.moves(c));
                 let (sum, ticks) =
                     moving.fold((0.0, 0), |(sum, ticks), part| (sum + part.sums[place][c], ticks + part.ticks));

@@ -26,6 +26,11 @@ pub(crate) struct Seat {
     pub(crate) taken: Option<Box<Candidate>>,
 }
 
+/// Tag of a policy; the fallback's where there is none.
+pub(crate) fn tag_of(candidate: Option<&Candidate>) -> PolicyTag {
+    candidate.map_or(PolicyTag::FALLBACK, |candidate| candidate.tag)
+}
+
 /// A seat's answer.
 pub(crate) struct Answer {
     pub(crate) decision: ControlOutput,
@@ -37,7 +42,7 @@ pub(crate) struct Answer {
 
 impl Seat {
     pub(crate) fn tag(&self) -> PolicyTag {
-        self.taken.as_ref().map_or(PolicyTag::FALLBACK, |taken| taken.tag)
+        tag_of(self.taken.as_deref())
     }
 
     /// Tells whether its command is the fallback's, with a correction or without.

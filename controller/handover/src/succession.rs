@@ -42,7 +42,7 @@ impl Succession {
         }
     }
 
-    /// The same once it was gone back.
+    /// The succession once it was gone back.
     #[must_use]
     pub fn gone_back(self) -> Self {
         match self.way_back() {
@@ -52,7 +52,7 @@ impl Succession {
         }
     }
 
-    /// The same once a policy was tried: what controls already goes on alone.
+    /// The succession once a policy was tried: what controls already goes on alone.
     #[must_use]
     pub fn tried(self, tag: PolicyTag) -> Self {
         Succession { candidate: Some(tag).filter(|tag| *tag != self.incumbent), ..self }

@@ -206,7 +206,7 @@ mod thorough {
     use super::*;
 
     /// What is as good as the incumbent, because it is the incumbent with its weights off by up to 3 %, comes through, whatever the reference.
-    /// `FLIGHTS=10 cargo test --release --workspace --test in_flight as_good -- --nocapture` for more.
+    /// `FLIGHTS=10 cargo test --release --workspace --test in_flight -- --ignored as_good --nocapture` for more.
     #[test]
     #[ignore = "thorough: docs/testing.md"]
     fn as_good_a_policy_comes_through_on_references_of_several_kinds() {

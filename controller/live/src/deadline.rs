@@ -16,7 +16,7 @@ impl<'a> Within<'a> {
         Within { stream, until: Instant::now() + time }
     }
 
-    /// What is left of the time.
+    /// Rest of the time.
     fn left(&self) -> io::Result<Duration> {
         let left = self.until.saturating_duration_since(Instant::now());
         if left.is_zero() { Err(io::ErrorKind::TimedOut.into()) } else { Ok(left) }

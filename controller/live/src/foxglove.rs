@@ -10,9 +10,9 @@
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime};
 
-use proto::recording::{encode_log_message, encode_tick_message, message_schemas};
+use proto::recording::{encode_log_message, encode_tick_message, message_schemas, unix_ns};
 use serde_json::{Value, json};
 
 use crate::hub::Hub;
@@ -72,7 +72,9 @@ pub(crate) fn serve(mut socket: WebSocket, hub: &Arc<Hub>, silence: Duration, st
             }
             Received::Nothing => {}
         }
-        for (channel, unix_ns, message) in news(hub, &mut next).into_iter().chain(state.news(hub)) {
+        let is_asked = subscriptions.iter().any(|subscription| subscription.channel == STATE_CHANNEL);
+        let state_news = is_asked.then(|| state.news(hub)).flatten();
+        for (channel, unix_ns, message) in news(hub, &mut next).into_iter().chain(state_news) {
             for subscription in subscriptions.iter().filter(|subscription| subscription.channel == channel) {
                 let mut frame = Vec::with_capacity(13 + message.len());
                 frame.push(1);
@@ -148,8 +150,7 @@ impl ToldState {
         let mut message = now.clone();
         message["age_s"] = json!(age.map(|age| age.as_secs_f64()));
         self.last = Some((now, Instant::now()));
-        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        Some((STATE_CHANNEL, since_1970.as_nanos() as u64, message.to_string().into_bytes()))
+        Some((STATE_CHANNEL, unix_ns(SystemTime::now()), message.to_string().into_bytes()))
     }
 }
 

@@ -57,7 +57,7 @@ pub(crate) struct Known {
     pub(crate) trouble: Option<String>,
     /// The daemon's state, and when it was told; none since the stream was last connected.
     state: Option<(DaemonState, Instant)>,
-    /// How old the newest data was, and when.
+    /// Age of the newest data, and when it was that.
     data: Option<(Duration, Instant)>,
     /// Counts changes of `about`, `policies` and `trouble`.
     pub(crate) edition: u64,

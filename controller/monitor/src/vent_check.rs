@@ -9,6 +9,8 @@ use supervisor::{Condition, ConditionSet};
 pub const FRAMES_TO_FALL: u32 = 25;
 /// Frames after the vent command from which on the echo must report open vents (study of the daemon, §3.4).
 pub const FRAMES_TO_ECHO: u32 = 3;
+/// Echoed duty from which on a vent counts as open.
+pub const OPEN_DUTY: f32 = 0.99;
 /// Distance from rest below which there is nothing to see fall, in kPa: sensor bias and the balance of a pump that runs on.
 const NEAR_REST_KPA: f64 = 10.0;
 /// Share of the distance to rest that must be gone: a vent empties a chamber in a few tenths of a second, so this is what is
@@ -104,7 +106,7 @@ impl VentCheck {
         let Some(venting) = &mut self.venting else { return };
         venting.frames = venting.frames.saturating_add(1);
         // A command takes a tick to come back; NaN is not open.
-        let open = echo.iter().all(|duty| *duty >= 0.99);
+        let open = echo.iter().all(|duty| *duty >= OPEN_DUTY);
         venting.disagreeing = if open { 0 } else { venting.disagreeing.saturating_add(1) };
         if venting.disagreeing > FRAMES_TO_ECHO {
             found.insert(Condition::VentNotEchoed, echo.iter().map(|d| f64::from(*d)).fold(1.0, f64::min));

@@ -13,7 +13,7 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use proto::recording::rfc3339;
-use rustix::fs::OFlags;
+use proto::regular_file;
 use serde_json::json;
 
 use crate::locked;
@@ -252,8 +252,9 @@ fn open(path: &Path) -> io::Result<File> {
     if let Ok(about) = std::fs::metadata(path) {
         check(about)?;
     }
-    let flags = OFlags::NONBLOCK.union(OFlags::NOCTTY).bits().cast_signed();
-    let file = OpenOptions::new().read(true).append(true).create(true).mode(0o640).custom_flags(flags).open(path)?;
+    let mut options = OpenOptions::new();
+    options.read(true).append(true).create(true).mode(0o640);
+    let file = regular_file::without_waiting(&mut options).open(path)?;
     check(file.metadata()?)?;
     Ok(file)
 }

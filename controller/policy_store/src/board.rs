@@ -1,6 +1,6 @@
 //! All policies that are known, by name, and where each stands.
 //!
-//! What the checks before the rig found belongs to a name. Where a policy stands on the rig belongs to its content, and is the
+//! Findings of the checks before the rig belong to a name. Where a policy stands on the rig belongs to its content, and is the
 //! tick's to say ([`crate::flying`]): all names of the same content stand there alike.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
@@ -74,8 +74,7 @@ impl Board {
 
     /// An entry with where it stands on the rig, where it has a part there.
     fn placed(&self, entry: &Entry) -> Entry {
-        let may_fly = matches!(entry.state, EntryState::Passed | EntryState::Gone);
-        let tag = entry.tag().filter(|_| may_fly);
+        let tag = entry.tag().filter(|_| entry.state.has_passed());
         let Some((tag, state)) = tag.and_then(|tag| Some((tag, self.flying.state_of(tag)?))) else {
             return entry.clone();
         };
@@ -191,14 +190,13 @@ impl Board {
 
     /// Tells whether the rig has or will have what an entry stands for that was taken off the board, and no other stands for it.
     fn is_only_one_of_what_flies(&self, entry: &Entry) -> bool {
-        let may_fly = matches!(entry.state, EntryState::Passed | EntryState::Gone);
-        may_fly && entry.tag().is_some_and(|tag| self.flying.needs(tag) && self.of(tag).next().is_none())
+        entry.state.has_passed()
+            && entry.tag().is_some_and(|tag| self.flying.needs(tag) && self.of(tag).next().is_none())
     }
 
     /// SHA-256 of the content that a name stood for when it passed.
     pub fn passed_content(&self, name: &str) -> Option<&str> {
-        let entry = self.entries.get(name)?;
-        matches!(entry.state, EntryState::Passed | EntryState::Gone).then_some(entry.sha256.as_str())
+        self.entries.get(name).filter(|entry| entry.state.has_passed()).map(|entry| entry.sha256.as_str())
     }
 
     /// The file of a name holds what it held when it passed.
@@ -318,8 +316,7 @@ impl Board {
             return self.changed(tag, "lost its authority");
         }
         self.proven.remove(&tag);
-        let may_fly = |entry: &&Entry| matches!(entry.state, EntryState::Passed | EntryState::Gone);
-        let known: Vec<Entry> = self.of(tag).filter(may_fly).cloned().collect();
+        let known: Vec<Entry> = self.of(tag).filter(|entry| entry.state.has_passed()).cloned().collect();
         let refuse = |entry: Entry| {
             let Entry { name, sha256, figures, .. } = entry;
             self.refused(&name, Refusal { stage, reason: reason.to_owned(), sha256: Some(sha256), figures })

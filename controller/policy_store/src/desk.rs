@@ -80,11 +80,16 @@ impl PolicyDesk {
         locked(&self.follower).follow();
     }
 
-    /// All policies, by name, and what flies as of the newest tick.
-    pub fn list(&self) -> (Vec<Entry>, Snapshot) {
+    /// All policies, by name.
+    pub fn list(&self) -> Vec<Entry> {
         self.follow();
-        let board = locked(&self.board);
-        (board.list(), board.snapshot())
+        locked(&self.board).list()
+    }
+
+    /// State of the loop, as of the newest tick.
+    pub fn snapshot(&self) -> Snapshot {
+        self.follow();
+        locked(&self.board).snapshot()
     }
 
     /// Name and SHA-256 of what has all of the command; `fallback` and nothing where no policy has.

@@ -28,9 +28,9 @@ pub enum EntryState {
     Retrial,
     /// All of the command, with the way back open.
     Probation,
-    /// What has come through all stages, and flies unless a candidate has all of the command.
+    /// Through all stages; it flies unless a candidate has all of the command.
     Active,
-    /// What was active before; `rollback` goes back to it.
+    /// Active before; `rollback` goes back to it.
     Previous,
     /// Must not fly.
     Refused,
@@ -39,6 +39,11 @@ pub enum EntryState {
 }
 
 impl EntryState {
+    /// Tells whether it is through all stages before the rig, its file there or not.
+    pub(crate) fn has_passed(self) -> bool {
+        matches!(self, EntryState::Passed | EntryState::Gone)
+    }
+
     /// The state of a candidate at a stage.
     pub fn of_stage(stage: StageNow) -> Self {
         match stage {

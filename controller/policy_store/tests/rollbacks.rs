@@ -104,7 +104,7 @@ impl Loop {
     }
 
     fn state(&self, name: &str) -> Option<EntryState> {
-        let (entries, _) = self.desk.list();
+        let entries = self.desk.list();
         entries.into_iter().find(|entry| entry.name == name).map(|entry| entry.state)
     }
 

@@ -118,7 +118,7 @@ impl ExperimentLog {
         }
     }
 
-    /// Whether the first tick after the experiment has passed. Never waits: while the recording holds the lock, which may be for
+    /// Tells whether the first tick after the experiment has passed. Never waits: while the recording holds the lock, which may be for
     /// as long as a disk does not answer, it has not.
     pub fn has_ended(&self) -> bool {
         let ended = |open: &Option<Open>| open.as_ref().is_none_or(|open| open.ended);

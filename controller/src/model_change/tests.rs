@@ -40,11 +40,13 @@ fn what_cannot_be_compared_yet_is_put_in_only_while_disarmed() {
     for state in [State::Run, State::Hold] {
         let refused = change(&tick, &desk, &file, state).unwrap_err();
         assert!(refused.contains("armed for 7 s more, or put it in while disarmed"), "{refused}");
-        assert_eq!(desk.in_force(), (nominal.clone(), None), "nothing has changed");
+        assert_eq!((desk.rig(), desk.put_in()), (nominal.clone(), None), "nothing has changed");
     }
     let line = change(&tick, &desk, &file, State::Standby).unwrap();
     assert!(line.contains("is in force; too little was run to compare it"), "{line}");
-    assert!(desk.in_force().0 != nominal && desk.in_force().1.as_ref() == Some(&file));
+    let put_in = desk.put_in().unwrap();
+    assert!(desk.rig() != nominal && put_in.file.as_deref() == file.to_str());
+    assert_eq!(put_in, ModelIdentity::of(&desk.rig(), &file.to_string_lossy()));
     std::fs::remove_file(file).unwrap();
 }
 

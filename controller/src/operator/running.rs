@@ -50,7 +50,7 @@ pub struct Running {
     pub configured_model: Option<ModelIdentity>,
     /// The reference that is followed once armed.
     pub reference: String,
-    /// Why the fallback controls in place of a policy, one line.
+    /// The reason why the fallback controls in place of a policy, one line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub why_fallback: Option<String>,
     /// Who armed the rig, while it is armed.
@@ -59,7 +59,7 @@ pub struct Running {
 }
 
 impl Running {
-    /// The same, with this model in force.
+    /// These names with this model in force.
     #[must_use]
     pub fn on_model(self, model: ModelIdentity) -> Self {
         Running { model: model.name, model_file: model.file, model_sha256: model.sha256, ..self }
@@ -69,5 +69,26 @@ impl Running {
     pub fn model_identity(&self) -> ModelIdentity {
         let (name, file, sha256) = (self.model.clone(), self.model_file.clone(), self.model_sha256.clone());
         ModelIdentity { name, file, sha256 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_model_is_hashed_and_named_by_its_file_where_it_has_one() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let before = ModelIdentity::of(&rig, "dual_pressure");
+        assert_eq!((before.name.as_str(), &before.file, before.sha256.len()), ("dual_pressure", &None, 64));
+        let running = Running::default().on_model(before.clone());
+        assert_eq!(running.model_identity(), before, "nothing has come into force yet");
+        let mut edited = rig.clone();
+        edited.integrator.step_ms = 0.25;
+        let after = ModelIdentity::of(&edited, "/etc/m.toml");
+        assert_eq!((after.name.as_str(), after.file.as_deref()), ("dual_pressure", Some("/etc/m.toml")));
+        assert_ne!(after.sha256, before.sha256);
+        let moved = ModelIdentity::of(&rig, "/etc/n.toml");
+        assert_eq!((moved.sha256, moved.file.as_deref()), (before.sha256, Some("/etc/n.toml")));
     }
 }

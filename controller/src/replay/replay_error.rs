@@ -18,10 +18,10 @@ pub enum ReplayError {
         /// The file inside.
         name: &'static str,
     },
-    /// What a replay begins with could not be read.
+    /// The beginning of a replay could not be read.
     #[error("{note}; a run is replayed from its beginning, and that is lost here")]
     Damaged {
-        /// What is damaged, with the recording's name.
+        /// The damage, with the recording's name.
         note: String,
     },
     /// What reached the tick was not recorded.

@@ -46,7 +46,7 @@ pub use mcap_file::tick::{
 };
 pub use mcap_file::tick_order::TickOrder;
 pub use mcap_file::tick_table::tick_table;
-pub use mcap_file::wall_clock::rfc3339;
+pub use mcap_file::wall_clock::{rfc3339, unix_ns};
 pub use mcap_file::writer::{Event, EventLevel, RecordingWriter, VERDICT, WriteMcapError, unfinished_path};
 pub use packed::unpacked;
 pub use recording_error::RecordingError;

@@ -212,7 +212,7 @@ impl Adaptation {
         if self.in_control(console)?.policy == policy { Ok(()) } else { self.swap(policy, console) }
     }
 
-    /// Whether the policy that controlled before passes the daemon's trial on the model that was found: without a
+    /// Says whether the policy that controlled before passes the daemon's trial on the model that was found: without a
     /// minute of the rig.
     fn is_sound_on_the_model(&mut self, console: &mut dyn Console) -> Result<bool, AdaptError> {
         let policy = self.before_folder().join("policy.onnx");

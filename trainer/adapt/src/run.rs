@@ -67,7 +67,7 @@ pub struct Adaptation {
     pub(crate) rig: Box<dyn Pausable>,
     /// Tick at which the reference that was begun last is over.
     pub(crate) moves_until: u32,
-    /// Whether it has been said that the daemon follows references of this run meanwhile.
+    /// Says whether it has been told that the daemon follows references of this run meanwhile.
     pub(crate) reference_told: Told,
 }
 

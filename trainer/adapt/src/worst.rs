@@ -41,7 +41,7 @@ impl Since {
 struct OfRecording {
     /// Those that count, by channel.
     worst: [Option<Worst>; 2],
-    /// Whether the session in which the sitting began has come.
+    /// Says whether the session in which the sitting began has come.
     session: Session,
 }
 

@@ -11,7 +11,7 @@ use fit::cores::side_by_side;
 use fit::data::{Noise, Records, Role, Split, Stretch, noise};
 use fit::least_squares::Loss;
 use fit::objective::{FitSettings, Fitted, Shooting, blocks_of, by_state, by_time, fit_from};
-use fit::parameters::{Parameter, ParameterSet, Scatter, Transform, nominal};
+use fit::parameters::{Parameter, ParameterSet, Scatter, nominal};
 use fit::simulate::{Arcs, Fidelity, Simulator, refined_starts};
 use model::rig::Rig;
 
@@ -79,19 +79,6 @@ impl Effort {
 const PASSES_IN_SHORT: usize = 4;
 const REST_IN_SHORT: f64 = 3.0;
 
-/// Factor from its stated value within which a parameter is searched here.
-const NEAR_STATED: f64 = 5.0;
-
-/// A parameter that stays near what is stated: further away it takes up what is missing, as a line's resistance of a fortieth
-/// takes up a valve's dead zone. One that ends at this range is told as such; `identify` looks further.
-fn near_what_is_stated(parameter: Parameter) -> Parameter {
-    if parameter.transform != Transform::Log {
-        return parameter;
-    }
-    let ([low, high], mean) = (parameter.bounds, parameter.mean);
-    parameter.within(low.max(mean / NEAR_STATED), high.min(mean * NEAR_STATED))
-}
-
 impl<'r> Bench<'r> {
     /// Lays out recordings; `usable` is 1 at readings that may be trusted, 0 elsewhere.
     pub fn new(rig: &'r Rig, records: &'r Records, usable: &[f64], fidelity: Fidelity) -> Self {
@@ -104,7 +91,8 @@ impl<'r> Bench<'r> {
             simulator,
             fast: simulator.at(searching(fidelity)),
             close: simulator.at(if fidelity == Fidelity::Smooth { fidelity } else { Fidelity::Detailed }),
-            nominal: nominal(rig, Scatter::default()).into_iter().map(near_what_is_stated).collect(),
+            // Further away a parameter takes up what is missing, as a line's resistance of a fortieth takes up a valve's dead zone.
+            nominal: nominal(rig, Scatter::default()).into_iter().map(Parameter::near_its_mean).collect(),
             fit_weights: split.weights(records.layout(), Role::Fit).iter().zip(usable).map(|(w, u)| w * u).collect(),
             counted: usable.to_vec(),
             much_kpa: much_kpa(records, usable, &noise),

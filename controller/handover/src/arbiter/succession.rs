@@ -10,7 +10,7 @@ use crate::channel::{Candidate, Command, Haste, Occasion, PolicyEvent, PolicyTag
 use crate::loss::Loss;
 use crate::record::Record;
 use crate::remainder::Remainder;
-use crate::seat::{Seat, layout_of};
+use crate::seat::{Seat, layout_of, tag_of};
 use crate::stages::Stages;
 
 /// Predecessor of the incumbent.
@@ -27,7 +27,7 @@ impl Before {
     /// The tag of what is kept.
     fn kept(&self) -> Option<PolicyTag> {
         match self {
-            Before::Kept(taken) => Some(taken.as_ref().map_or(PolicyTag::FALLBACK, |taken| taken.tag)),
+            Before::Kept(taken) => Some(tag_of(taken.as_deref())),
             Before::Nothing | Before::OnItsWay => None,
         }
     }
@@ -122,7 +122,7 @@ impl Arbiter {
     /// to either, but for the fallback.
     fn take_away(&mut self, loss: Loss) -> Option<PolicyEvent> {
         let (Seat { taken, law: _ }, stages) = self.candidate.take()?;
-        let tag = taken.as_ref().map_or(PolicyTag::FALLBACK, |taken| taken.tag);
+        let tag = tag_of(taken.as_deref());
         let is_blameless = loss == Loss::Withdrawn || tag == PolicyTag::FALLBACK;
         self.before = match std::mem::replace(&mut self.before, Before::Nothing) {
             Before::OnItsWay if is_blameless => Before::Kept(taken),

@@ -52,13 +52,13 @@ impl Desk {
         }
     }
 
-    /// How old the newest data is; `None` where none has come yet.
+    /// Age of the newest data; `None` where none has come yet.
     fn age(&self) -> Option<Duration> {
         let came = self.newest.filter(|(_, at_ns)| *at_ns > 0);
         came.map(|(_, at_ns)| Duration::from_nanos(now_ns().saturating_sub(at_ns)))
     }
 
-    /// The same in ms, as it is told.
+    /// Age of the newest data in ms, as it is told.
     pub(super) fn age_ms(&self) -> Option<u64> {
         self.age().map(|age| u64::try_from(age.as_millis()).unwrap_or(u64::MAX))
     }
@@ -70,11 +70,13 @@ impl Desk {
     }
 
     pub(super) fn no_session(&self) -> String {
+        if self.live_status().is_some() { "the cRIO answers".to_owned() } else { self.last_data() }
+    }
+
+    /// Words for a rig without a session: the age of the newest data.
+    pub(super) fn last_data(&self) -> String {
         match self.age() {
-            Some(age) if age > self.options.stale => {
-                format!("no session with the cRIO, last data {:.1} s ago", age.as_secs_f64())
-            }
-            Some(_) => "the cRIO answers".to_owned(),
+            Some(age) => format!("no session with the cRIO, last data {:.1} s ago", age.as_secs_f64()),
             None => "no session with the cRIO yet".to_owned(),
         }
     }

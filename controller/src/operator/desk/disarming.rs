@@ -6,6 +6,8 @@
 use proto::recording::EventLevel;
 
 use super::answers::note_line;
+use monitor::vent_check::OPEN_DUTY;
+
 use super::{Asked, Desk, Step, What};
 use crate::cycle::duty_source::VENT;
 use crate::machine::clock::now_ns;
@@ -13,9 +15,6 @@ use crate::operator::mailbox::Status;
 use crate::operator::operator_protocol::{ECHO_TIME, EFFECT_TIME, Venting};
 use crate::operator::peer::Peer;
 use crate::state::State;
-
-/// Reported duty from which on a vent counts as open, as for the check of the venting.
-const OPEN_DUTY: f64 = 0.99;
 
 /// Progress of a disarming.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -78,10 +77,7 @@ impl Desk {
         if venting != Venting::ArmedAgain {
             self.options.running.armed_by = None;
         }
-        let no_session = match self.age_ms() {
-            Some(age_ms) => format!("no session with the cRIO, last data {:.1} s ago", age_ms as f64 / 1000.0),
-            None => "no session with the cRIO yet".to_owned(),
-        };
+        let no_session = self.last_data();
         let text = told(venting, &status, &no_session, self.options.running.armed_by.as_deref());
         match venting {
             Venting::Open => self.record("disarm", peer, &Ok(())),
@@ -94,7 +90,7 @@ impl Desk {
     }
 }
 
-/// What a tick after the disarming says of the vents; `None` while it says nothing yet.
+/// Finding on the vents of a tick after the disarming; `None` while it says nothing yet.
 fn venting(disarming: Disarming, status: &Status) -> Option<Venting> {
     match status.state {
         State::Fault => Some(Venting::InDoubt),
@@ -104,10 +100,11 @@ fn venting(disarming: Disarming, status: &Status) -> Option<Venting> {
 }
 
 fn reports_open(status: &Status) -> bool {
-    status.duty == VENT && status.reported_duty.is_some_and(|duty| duty.iter().all(|duty| *duty >= OPEN_DUTY))
+    status.duty == VENT
+        && status.reported_duty.is_some_and(|duty| duty.iter().all(|duty| *duty >= f64::from(OPEN_DUTY)))
 }
 
-/// What a person is told of the vents, in one line: what is commanded, what is reported, the pressures, and what follows.
+/// Answer to a person about the vents, in one line: what is commanded, what is reported, the pressures, and what follows.
 fn told(venting: Venting, status: &Status, no_session: &str, armed_by: Option<&str>) -> String {
     let pressures = match status.pressures_kpa {
         Some([pos, neg]) => format!("{pos:.2}/{neg:.2} kPa now"),

@@ -101,8 +101,7 @@ fn why_not(status: Option<&Status>, policies: &PolicyHandle) -> Option<String> {
     if policies.policies.active().0 == FALLBACK {
         return Some("the fallback controls, which has no distribution to explore; swap to a policy first".to_owned());
     }
-    let (_, snapshot) = policies.policies.list();
-    let on_its_way = snapshot.candidate.is_some();
+    let on_its_way = policies.policies.snapshot().candidate.is_some();
     on_its_way.then(|| {
         "a policy is on its way, and is held against what the active one does by itself; wait for its end (`controller policies`)".to_owned()
     })

@@ -37,7 +37,6 @@ use disarming::Disarming;
 use experiment_desk::ExperimentDesk;
 use experiments::{Beginning, Checking};
 use exploration::Switching;
-use in_force::ShownModel;
 use policies::{Change, Rollbacks};
 use references::{Following, Reading};
 
@@ -99,7 +98,6 @@ pub struct Desk {
     options: DeskOptions,
     experiments: Option<ExperimentDesk>,
     newest: Option<(Status, u64)>,
-    shown_model: ShownModel,
     /// When live viewers were last told the state.
     viewers_told: Option<Instant>,
     /// A reference is being read; at most one at a time.
@@ -178,13 +176,10 @@ impl Desk {
     /// A desk for a daemon.
     pub fn new(options: DeskOptions) -> Self {
         let experiments = options.experiments.clone().map(ExperimentDesk::new);
-        let rig = options.policies.as_ref().map(|handle| handle.models.rig());
-        let shown_model = ShownModel::new(rig, &options.running);
         Desk {
             options,
             experiments,
             newest: None,
-            shown_model,
             viewers_told: None,
             reading: false,
             working: Weak::new(),

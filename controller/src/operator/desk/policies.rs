@@ -1,6 +1,6 @@
 //! Policies listed, swapped and taken back; another model.
 //!
-//! What gives the tick an order or reads a file is done on a thread of its own: the one that answers operators waits for
+//! Work that gives the tick an order or reads a file is done on a thread of its own: the one that answers operators waits for
 //! nothing.
 
 use std::path::PathBuf;
@@ -65,7 +65,7 @@ struct Work {
 pub(super) struct Rollbacks(Vec<Weak<()>>);
 
 impl Rollbacks {
-    /// What one more holds; `None` where there are too many.
+    /// A place for one more; `None` where there are too many.
     fn place(&mut self) -> Option<AtWork> {
         self.0.retain(|rollback| rollback.strong_count() > 0);
         (self.0.len() < MOST_ROLLBACKS).then(|| {
@@ -95,7 +95,7 @@ impl Change {
 impl Desk {
     pub(super) fn list_policies(&mut self) -> Step {
         let Some(handle) = &self.options.policies else { return self.done(Err(NO_POLICIES.to_owned())) };
-        let (entries, _) = handle.policies.list();
+        let entries = handle.policies.list();
         let problem = handle.policies.problem();
         let mut reply = self.reply(Ok(()));
         reply.policies = Some(entries);

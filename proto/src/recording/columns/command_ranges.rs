@@ -88,7 +88,7 @@ impl Range {
         self.open - self.shut
     }
 
-    /// Whether all numbers lie in it.
+    /// Tells whether all numbers lie in it.
     fn holds(&self, [least, most]: [f64; 2]) -> bool {
         let outside = OUTSIDE * self.span();
         least >= self.shut - outside && most <= self.open + outside

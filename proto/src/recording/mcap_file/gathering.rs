@@ -1,4 +1,4 @@
-//! What a recording holds, gathered record by record.
+//! The content of a recording, gathered record by record.
 
 use std::collections::HashMap;
 

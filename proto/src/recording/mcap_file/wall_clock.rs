@@ -15,7 +15,7 @@ pub fn rfc3339(time: SystemTime) -> String {
 }
 
 /// Nanoseconds since 1970; stays at the ends of `u64` outside 1970 … 2554.
-pub(crate) fn unix_ns(time: SystemTime) -> u64 {
+pub fn unix_ns(time: SystemTime) -> u64 {
     let since = time.duration_since(UNIX_EPOCH).unwrap_or_default();
     u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)
 }

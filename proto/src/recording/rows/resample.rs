@@ -106,7 +106,7 @@ impl<'t> Resampling<'t> {
         of
     }
 
-    /// The same rows, for commands that were written at times of their own.
+    /// These rows, for commands that were written at times of their own.
     pub(crate) fn commanded(self, commands_s: &'t [f64]) -> Self {
         Resampling { commands_s: Some(commands_s), ..self }
     }

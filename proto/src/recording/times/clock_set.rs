@@ -11,7 +11,7 @@ const LEAST_S: f64 = 3600.0;
 pub(crate) struct ClockSet {
     /// Row behind it.
     pub(crate) row: usize,
-    /// Its length (s).
+    /// Length of the step (s).
     pub(crate) gap_s: f64,
     /// All other steps together (s).
     pub(crate) rest_s: f64,

@@ -106,12 +106,14 @@ pub fn menu(rig: &Rig, inputs: &[Input], usage: &Usage) -> Vec<Programme> {
     let of_role = |wanted: Role| (0..roles.len()).filter(|i| roles[*i] == wanted).collect();
     let bench = Levers { inputs, usage, valves: of_role(Role::Valve), relays: of_role(Role::Relay), roles: &roles };
     let drives: Vec<usize> = of_role(Role::Drive);
-    if bench.valves.is_empty() {
-        return drives.iter().flat_map(|drive| bench.with_one_drive(*drive)).collect();
+    let mut all = Vec::new();
+    if !bench.valves.is_empty() {
+        if !bench.relays.is_empty() {
+            all.extend(bench.with_the_pump_off());
+        }
+        all.extend(bench.valves.iter().flat_map(|valve| bench.with_one_valve(*valve)));
+        all.extend(bench.with_all_valves());
     }
-    let mut all = if bench.relays.is_empty() { Vec::new() } else { bench.with_the_pump_off() };
-    all.extend(bench.valves.iter().flat_map(|valve| bench.with_one_valve(*valve)));
-    all.extend(bench.with_all_valves());
     all.extend(drives.iter().flat_map(|drive| bench.with_one_drive(*drive)));
     all
 }
@@ -273,15 +275,18 @@ impl<'a> Levers<'a> {
     }
 }
 
-/// Whether a rig's pump can be stopped and its valves shut.
+/// Says whether a rig's pump can be stopped and its valves shut.
 pub fn can_be_shut_in(rig: &Rig, inputs: &[Input]) -> bool {
-    let has = |wanted: Role| inputs.iter().any(|input| role(rig, &input.column) == wanted);
-    has(Role::Relay) && has(Role::Valve)
+    has(rig, inputs, Role::Relay) && has(rig, inputs, Role::Valve)
 }
 
-/// Whether a pump of the rig follows a command.
+/// Says whether a pump of the rig follows a command.
 pub(super) fn has_a_drive(rig: &Rig, inputs: &[Input]) -> bool {
-    inputs.iter().any(|input| role(rig, &input.column) == Role::Drive)
+    has(rig, inputs, Role::Drive)
+}
+
+fn has(rig: &Rig, inputs: &[Input], wanted: Role) -> bool {
+    inputs.iter().any(|input| role(rig, &input.column) == wanted)
 }
 
 fn role(rig: &Rig, column: &str) -> Role {

@@ -5,7 +5,7 @@
 //! to see.
 
 use fit::identify::runaway_in_words;
-use fit::objective::{Estimate, FAR, Fitted, HeldBy};
+use fit::objective::{Estimate, FAR, Fitted, HeldBy, Runaway};
 use proto::diagnosis::DoubtfulParameter;
 
 use crate::report::wording::three;
@@ -30,26 +30,26 @@ pub(crate) fn doubtful(estimates: &[Estimate]) -> Vec<DoubtfulParameter> {
     all
 }
 
-/// The rig's own parameters among the estimates of a fit that have a value: those of mechanisms have no stated one.
+/// The rig's own parameters among the estimates of a fit, each with the side that it tells alone, if it does: those of
+/// mechanisms have no stated value.
+fn own_parameters(fitted: &Fitted) -> impl Iterator<Item = (&Estimate, Option<Runaway>)> {
+    let all = fitted.estimates.iter().enumerate().filter(|(_, e)| !e.parameter.path.starts_with("mechanisms."));
+    all.map(|(index, e)| (e, fitted.runaway(index)))
+}
+
+/// The rig's own parameters among the estimates of a fit that have a value.
 pub(crate) fn own(fitted: &Fitted) -> Vec<Estimate> {
-    let all = fitted.estimates.iter().enumerate();
-    all.filter(|(index, e)| is_own(e) && fitted.runaway(*index).is_none()).map(|(_, e)| e.clone()).collect()
+    own_parameters(fitted).filter(|(_, runaway)| runaway.is_none()).map(|(e, _)| e.clone()).collect()
 }
 
 /// The rig's own parameters of which only a side is known, in words.
 pub(crate) fn sides_alone(fitted: &Fitted) -> Vec<String> {
-    let all = fitted.estimates.iter().enumerate().filter(|(_, e)| is_own(e));
-    all.filter_map(|(index, e)| Some(runaway_in_words(e, &fitted.runaway(index)?))).collect()
+    own_parameters(fitted).filter_map(|(e, runaway)| Some(runaway_in_words(e, &runaway?))).collect()
 }
 
-/// Whether one of the rig's own parameters ends where its range does: the rig that was fitted is a part of the truth at most.
+/// Says whether one of the rig's own parameters ends where its range does: the rig that was fitted is a part of the truth at most.
 pub(crate) fn ends_with_its_range(fitted: &Fitted) -> bool {
-    let held = |index: usize| fitted.runaway(index).is_some_and(|runaway| runaway.held_by == HeldBy::Range);
-    fitted.estimates.iter().enumerate().any(|(index, e)| is_own(e) && held(index))
-}
-
-fn is_own(estimate: &Estimate) -> bool {
-    !estimate.parameter.path.starts_with("mechanisms.")
+    own_parameters(fitted).any(|(_, runaway)| runaway.is_some_and(|of| of.held_by == HeldBy::Range))
 }
 
 /// One of them in words: `volumes.chamber.volume_l is 0.167 L, 3.3 times the stated 0.05 L (24 times what such parts scatter by)`.

@@ -1,4 +1,4 @@
-//! How the pump turned, told by its ripple, and pumps that were switched.
+//! The turning of the pump, told by its ripple, and pumps that were switched.
 
 pub(crate) mod answer;
 pub(crate) mod crank;

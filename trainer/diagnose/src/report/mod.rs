@@ -1,4 +1,4 @@
-//! What was found: figures before and after, sentences, where it lives, what remains, and the files of the answer.
+//! The findings: figures before and after, sentences, where it lives, what remains, and the files of the answer.
 
 pub mod figures;
 pub(crate) mod files;

@@ -1,5 +1,6 @@
 //! What was found, as sentences and as entries of `diagnosis.json`.
 
+use fit::data::rms_kpa;
 use proto::diagnosis::{FoundEvidence, FoundMechanism, FoundParameter, RigKind, Verdict};
 use std::collections::BTreeMap;
 
@@ -89,8 +90,7 @@ const NOISE_ALONE: f64 = 2.0;
 
 /// Noise of the readings over all channels, root mean square, in kPa.
 pub(crate) fn noise_kpa(bench: &Bench<'_>) -> f64 {
-    let squares = bench.noise.iter().map(|n| n.sigma_kpa.powi(2)).sum::<f64>();
-    (squares / bench.noise.len().max(1) as f64).sqrt()
+    rms_kpa(&bench.noise)
 }
 
 /// Noise in kPa below which two decimals do not show it.

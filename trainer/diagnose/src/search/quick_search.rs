@@ -106,7 +106,6 @@ impl Footing {
         for start in starts {
             // A flapper that is new to the rig lies where its first seconds fit best.
             let Ok(rig) = set.rig_at(start) else { continue };
-            settings.bounds = set.search_bounds(start);
             let arcs = with_flappers(&bench.fast, &rig, &self.arcs);
             let mut problem = Chord { simulator: bench.fast, set, footing: self, arcs };
             if let Ok(outcome) = minimise(&mut problem, start, &settings)

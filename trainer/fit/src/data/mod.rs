@@ -21,7 +21,7 @@ mod ripple;
 mod split;
 
 pub use layout::Layout;
-pub use noise::{Noise, noise};
+pub use noise::{Noise, noise, rms_kpa};
 pub use record::{Earlier, Record, Records};
 pub use repeated::each_once;
 pub use ripple::{Line, folded_hz, lines};

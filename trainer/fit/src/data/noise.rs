@@ -304,3 +304,9 @@ fn without_parabola(values: &[f64]) -> Vec<f64> {
     }
     residual
 }
+
+/// Noise over all channels, root mean square, in kPa.
+pub fn rms_kpa(noise: &[Noise]) -> f64 {
+    let squares: f64 = noise.iter().map(|n| n.sigma_kpa.powi(2)).sum();
+    (squares / noise.len().max(1) as f64).sqrt()
+}

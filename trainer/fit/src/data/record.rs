@@ -211,7 +211,7 @@ impl Records {
         self
     }
 
-    /// The same recordings, each as if its file began with its first row: nothing is known of what went before.
+    /// These recordings, each as if its file began with its first row: nothing is known of what went before.
     #[must_use]
     pub fn begun_anew(mut self) -> Self {
         for record in &mut self.records {

@@ -30,9 +30,7 @@ const OF_SLOPES: f64 = 1e-5;
 const WHOLE: f64 = 0.05;
 
 /// Information on a combination, as multiples of the prior's, below which it is not determined: `1/√(1 + information) = HARDLY`.
-fn least_information() -> f64 {
-    HARDLY.powi(-2) - 1.0
-}
+const LEAST_INFORMATION: f64 = 1.0 / (HARDLY * HARDLY) - 1.0;
 
 fn path(estimates: &[Estimate], index: usize) -> &str {
     estimates.get(index).map_or("?", |e| e.parameter.path.as_str())
@@ -57,8 +55,8 @@ fn open(estimates: &[Estimate], information: &Information) -> Vec<String> {
         }
         None => information.directions(),
     };
-    for direction in directions.iter().take_while(|direction| direction.information < least_information()) {
-        let parts = parts(direction, |kept| information.along(kept) < least_information());
+    for direction in directions.iter().take_while(|direction| direction.information < LEAST_INFORMATION) {
+        let parts = parts(direction, |kept| information.along(kept) < LEAST_INFORMATION);
         match parts.as_slice() {
             [(one, _)] => said.push(format!("{} hardly shows", name(*one))),
             [(first, sign), rest @ ..] => {
@@ -131,7 +129,7 @@ fn open_scaling(estimates: &[Estimate], information: &Information) -> Option<Vec
         .map(|(i, part)| part * part * information.data().get((i, i)).copied().unwrap_or(0.0));
     let length = scaling.iter().map(|part| part * part).sum::<f64>().max(f64::MIN_POSITIVE);
     let errors = OF_SLOPES * by_parts.sum::<f64>() / length;
-    let is_open = information.along(&scaling) < least_information().max(errors);
+    let is_open = information.along(&scaling) < LEAST_INFORMATION.max(errors);
     (several && of(".volume_l") && is_open).then_some(scaling)
 }
 
@@ -163,8 +161,9 @@ pub fn determined(fitted: &Fitted) -> Vec<String> {
 }
 
 fn known(estimates: &[Estimate], information: &Information) -> Vec<String> {
-    let known = |direction: &&Direction| direction.information > least_information();
-    let count = information.directions().iter().filter(known).count();
+    let known = |direction: &&Direction| direction.information > LEAST_INFORMATION;
+    let all = information.directions();
+    let count = all.iter().filter(known).count();
     let alone = by_themselves(estimates, information);
     let names: Vec<&str> = alone.iter().map(|index| path(estimates, *index)).collect();
     let mut said = vec![format!(
@@ -174,7 +173,7 @@ fn known(estimates: &[Estimate], information: &Information) -> Vec<String> {
     )];
     let mut directions = match open_scaling(estimates, information) {
         Some(scaling) => information.directions_beside(&scaling),
-        None => information.directions(),
+        None => all,
     };
     directions.retain(|direction| known(&direction));
     let told = directions.iter().rev().filter_map(|direction| one_known(estimates, information, direction, &alone));

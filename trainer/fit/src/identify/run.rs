@@ -6,7 +6,7 @@ use proto::recording::Recording;
 use super::check_valves::{PaperFit, paper_fit};
 use crate::FitError;
 use crate::data::quality::Quality;
-use crate::data::{Line, Noise, Records, Role, Split, lines, noise};
+use crate::data::{Line, Noise, Records, Role, Split, lines, noise, rms_kpa};
 use crate::objective::{FitSettings, Fitted, blocks_of, fit};
 use crate::parameters::{ParameterSet, Scatter, nominal};
 use crate::simulate::{ChannelError, Fidelity, Horizon, Simulator, errors, traces_at};
@@ -101,8 +101,7 @@ impl Identified {
     /// Whether the identified rig is worse on validation data than the rig as it came, by more than chance.
     pub fn is_worse(&self) -> bool {
         let [before_kpa, after_kpa] = self.before_and_after_kpa();
-        let squares: f64 = self.noise.iter().map(|n| n.sigma_kpa.powi(2)).sum();
-        after_kpa > no_worse_than(before_kpa, (squares / self.noise.len().max(1) as f64).sqrt())
+        after_kpa > no_worse_than(before_kpa, rms_kpa(&self.noise))
     }
 
     /// How far the identified rig's free run is from the true pressures, by channel in kPa: what the error exceeds the

@@ -103,6 +103,17 @@ impl Parameter {
         self
     }
 
+    /// The parameter bounded to where a search looks first.
+    #[must_use]
+    pub fn near_its_mean(mut self) -> Self {
+        if self.range == SearchRange::Growing {
+            let [low, high] = self.bounds;
+            self.bounds = [low.max(self.mean / FIRST_FACTOR), high.min(self.mean * FIRST_FACTOR)];
+            self.range = SearchRange::Whole;
+        }
+        self
+    }
+
     /// What one unit of the coordinate is, in the parameter's unit or as a share.
     pub fn scale(&self) -> f64 {
         match self.knowledge {
@@ -147,7 +158,7 @@ impl Parameter {
     /// The bounds, as coordinates, of a search that has come to `coordinate`: they grow with the way that it has gone.
     pub fn search_bounds(&self, coordinate: f64) -> [f64; 2] {
         let [low, high] = self.coordinate_bounds();
-        if self.range == SearchRange::Whole || self.transform != Transform::Log {
+        if self.range == SearchRange::Whole {
             return [low, high];
         }
         let first = FIRST_FACTOR.ln() / self.scale();

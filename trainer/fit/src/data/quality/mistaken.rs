@@ -65,25 +65,20 @@ fn found(rig: &Rig, records: &Records, record: usize, commands: &[Command<'_>]) 
     let outcomes = tried(rig, records, record, &trials).unwrap_or_default();
     let Some(as_it_stands) = outcomes.first() else { return Vec::new() };
     let everywhere: Vec<usize> = (0..channels).collect();
-    let mut explaining: Vec<(f64, &Taken)> = trials
+    let mut explaining: Vec<(f64, &Taken, &Outcome)> = trials
         .iter()
         .zip(&outcomes)
         .skip(1)
         .filter(|(taken, outcome)| explains(rig, taken, as_it_stands, outcome, channels))
-        .map(|(taken, outcome)| (outcome.off(&everywhere), taken))
+        .map(|(taken, outcome)| (outcome.off(&everywhere), taken, outcome))
         .collect();
     explaining.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let Some((off, best)) = explaining.first() else { return Vec::new() };
-    let mended = trials.iter().zip(&outcomes).find(|(taken, _)| taken == best).map(|(_, outcome)| outcome);
-    let severity = if mended.is_some_and(|mended| is_off_the_air(rig, best, mended)) {
-        Severity::Doubtful
-    } else {
-        Severity::Unusable
-    };
+    let Some((off, best, mended)) = explaining.first() else { return Vec::new() };
+    let severity = if is_off_the_air(rig, best, mended) { Severity::Doubtful } else { Severity::Unusable };
     let of = Told { rig, records, record, commands, severity };
     let mut findings = of.findings(best);
-    let rival = explaining.get(1).filter(|(other, _)| *other < (1.0 + RIVAL) * off);
-    if let (Some((_, rival)), Some(last)) = (rival, findings.last_mut()) {
+    let rival = explaining.get(1).filter(|(other, ..)| *other < (1.0 + RIVAL) * off);
+    if let (Some((_, rival, _)), Some(last)) = (rival, findings.last_mut()) {
         let others: Vec<String> = of.findings(rival).iter().map(ToString::to_string).collect();
         last.text += &format!("; or, which cannot be told from it here, {}", others.join("; "));
     }

@@ -8,7 +8,7 @@ use model::rig::{Rig, Sensor};
 use proto::recording::{FileUnit, Recording};
 
 use super::against_model::Agreed;
-use super::counts::{Counts, largest, look_like_counts};
+use super::counts::{Counts, largest, look_like_counts, samples};
 use super::meaning::{AS_WRITTEN, Meaning, lost_sign, said_otherwise};
 use super::mend::{exchanged_keys, pressure_key};
 use super::{Finding, Severity, Trouble};
@@ -55,8 +55,7 @@ pub(super) fn check(rig: &Rig, records: &Records, agreed: &[Agreed], findings: &
             .iter()
             .enumerate()
             .map(|(channel, column)| {
-                let values = records.channel_kpa(record, channel).iter().enumerate();
-                let values = values.filter(|(row, _)| r.is_read(channel, *row)).map(|(_, value)| *value).collect();
+                let values = samples(records, record, channel).collect();
                 Channel { column, values, file_unit: r.file_unit(column) }
             })
             .collect();
@@ -197,8 +196,11 @@ fn meant(rig: &Rig, channel: &Judged<'_>, channels: &[Judged<'_>]) -> Option<Mea
 /// Whole numbers that no unit brings inside: the counts of a converter, of whatever scale.
 fn counts(of_counts: Counts<'_>, channel: &Judged<'_>) -> Option<(Trouble, String)> {
     let readings = || channel.values.iter().copied();
-    let text = of_counts.alone(channel.column, largest(readings())).filter(|_| look_like_counts(readings()))?;
-    Some((Trouble::WrongUnit, text))
+    // Looked at first: converters are told by many free runs.
+    if !look_like_counts(readings()) {
+        return None;
+    }
+    Some((Trouble::WrongUnit, of_counts.alone(channel.column, largest(readings()))?))
 }
 
 /// What is wrong where the rig would go as far as the readings do.
