@@ -19,10 +19,10 @@
 //! ([`SteadyMap::settled_kpa`]).
 //!
 //! In it are mechanisms that change the flows of a rig that has settled: of the pump, leaks, another critical ratio,
-//! curved forces, a full opening and whatever is in series with a valve; and another volume or a compliant one. Gas that
+//! curved forces, a full opening and whatever is in series with a valve; a supply that sags; and another volume or a
+//! compliant one. Gas that
 //! warms is in [`SteadyMap::warm_duty_for`], whose temperatures the caller moves along. Left out is what else the past
-//! decides (stiction; heat of a coil; muscles), what one valve does to the other's supply, and tabled flows that are over a
-//! valve's duty. Play, lag and delay of the valves are beside it ([`SteadyMap::valve_paths`]). Pressures are the chambers';
+//! decides (stiction; heat of a coil; muscles), and tabled flows that are over a valve's duty. Play, lag and delay of the valves are beside it ([`SteadyMap::valve_paths`]). Pressures are the chambers';
 //! [`SteadyMap::chamber_kpa`] undoes what a sensor's gain and bias make of them.
 
 use nalgebra::{Matrix2, Vector2};
@@ -35,9 +35,11 @@ use crate::rig::{ATMOSPHERE, Rig, RigError, Valve};
 use crate::valve_path::ValvePath;
 
 mod pump_map;
+mod supply;
 mod warm_gas;
 
 use pump_map::{NEGATIVE_KPA, POSITIVE_KPA, PumpMap};
+use supply::Supply;
 use warm_gas::{Wanted, WarmChamber};
 
 /// Net mass flow into both chambers by pressures, and the valves' inverse.
@@ -49,6 +51,7 @@ pub struct SteadyMap {
     atmosphere_pa: f64,
     warm: [Option<WarmChamber>; CHANNELS],
     paths: [ValvePath; CHANNELS],
+    supply: Supply,
     /// Gain (a bare number) and bias (kPa) of each sensor.
     sensors: [(f64, f64); CHANNELS],
 }
@@ -155,6 +158,7 @@ impl SteadyMap {
             atmosphere_pa: rig.atmosphere.pressure_kpa_abs * 1e3,
             warm,
             paths,
+            supply: Supply::of(rig),
             sensors: DualPressurePorts::READING.map(|column| calibration(rig, column)),
         })
     }
@@ -191,18 +195,18 @@ impl SteadyMap {
     /// # Real-time
     /// May run in the tick.
     pub fn warm_duty_for(&self, pressures_kpa: Pair, rates_kpa_per_s: Pair, gas_k: Pair) -> Pair {
-        let cold = self.duty_for(pressures_kpa, rates_kpa_per_s);
         if self.warm.iter().all(Option::is_none) {
-            return cold;
+            return self.duty_for(pressures_kpa, rates_kpa_per_s);
         }
+        let cold = self.acting_duty_for(pressures_kpa, rates_kpa_per_s);
         let flows = self.moving_flows(pressures_kpa, rates_kpa_per_s);
-        std::array::from_fn(|c| {
+        self.supply.sent(std::array::from_fn(|c| {
             let Some(warm) = &self.warm[c] else { return cold[c] };
             let wanted = self.wanted(c, pressures_kpa, rates_kpa_per_s, flows);
             let inflow = warm.valve_inflow(&self.chambers[c], &wanted, gas_k[c]);
             let inflow = if inflow < 0.0 { inflow / warm.thinning(gas_k[c]) } else { inflow };
             self.valves[c].duty(inflow, wanted.pressure_pa, self.atmosphere_pa)
-        })
+        }))
     }
 
     /// Rate of both pressures in kPa/s at pressures (kPa gauge), duties and gas temperatures in K, which count where the
@@ -216,7 +220,7 @@ impl SteadyMap {
 
     /// Rates in kPa/s; without temperatures all gas has that of its walls.
     fn rates(&self, pressures_kpa: Pair, duty: Pair, gas_k: Option<Pair>) -> Pair {
-        let flows = self.flows(pressures_kpa);
+        let (flows, duty) = (self.flows(pressures_kpa), self.supply.acting(duty));
         let (mut still, mut per_flow) = ([0.0; CHANNELS], [0.0; CHANNELS]);
         for c in 0..CHANNELS {
             let chamber = self.atmosphere_pa + pressures_kpa[c] * 1e3;
@@ -306,6 +310,11 @@ impl SteadyMap {
     /// # Real-time
     /// May run in the tick.
     pub fn duty_for(&self, pressures_kpa: Pair, rates_kpa_per_s: Pair) -> Pair {
+        self.supply.sent(self.acting_duty_for(pressures_kpa, rates_kpa_per_s))
+    }
+
+    /// The duties that must act at the valves for these rates, whatever the supply makes of those that are sent.
+    fn acting_duty_for(&self, pressures_kpa: Pair, rates_kpa_per_s: Pair) -> Pair {
         let flows = self.moving_flows(pressures_kpa, rates_kpa_per_s);
         std::array::from_fn(|c| {
             let chamber = self.atmosphere_pa + pressures_kpa[c] * 1e3;
@@ -314,8 +323,8 @@ impl SteadyMap {
         })
     }
 
-    /// By how much each pressure's rate changes with its own valve's duty, in kPa/s per duty; negative for the
-    /// positive channel (opening vents it), positive for the negative one.
+    /// By how much each pressure's rate changes with the duty that acts at its own valve, in kPa/s per duty; negative for
+    /// the positive channel (opening vents it), positive for the negative one.
     ///
     /// # Real-time
     /// May run in the tick.

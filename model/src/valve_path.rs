@@ -1,6 +1,6 @@
 //! What a rig file says lies between a duty that is sent and the flapper that it moves.
 
-use crate::mechanism::{Lags, Mechanism};
+use crate::mechanism::{Lags, Mechanism, PLAYS};
 use crate::rig::Rig;
 
 /// Delay, lags and play of one valve, as its rig file states them; all zero where it states none.
@@ -12,8 +12,10 @@ pub struct ValvePath {
     pub coil_lag_s: f64,
     /// Lag behind play in s (`valve_lag` of the armature).
     pub armature_lag_s: f64,
-    /// Half width of play in duty (`valve_hysteresis`).
+    /// Half width of play in duty (`valve_hysteresis`): the mean, where there are several side by side.
     pub half_width_duty: f64,
+    /// Half widths of the plays side by side, in duty, where they scatter.
+    pub scattered_duty: Option<[f64; PLAYS]>,
     /// Whether the file says anything of the valve's timing; where it does not, nothing is known.
     pub is_timed: bool,
 }
@@ -36,7 +38,15 @@ impl ValvePath {
                     }
                     path.is_timed = true;
                 }
-                Mechanism::ValveHysteresis(m) => path.half_width_duty = m.half_width_duty,
+                Mechanism::ValveHysteresis(m) => {
+                    let half_widths = m.half_widths_duty();
+                    let is_scattered = m.spread_duty > 0.0;
+                    path.scattered_duty = is_scattered.then_some(half_widths);
+                    path.half_width_duty = match is_scattered {
+                        true => half_widths.iter().sum::<f64>() / PLAYS as f64,
+                        false => m.half_width_duty,
+                    };
+                }
                 _ => {}
             }
         }
@@ -59,8 +69,31 @@ mod tests {
         assert_eq!((bench.delay_s, bench.coil_lag_s, bench.half_width_duty), (0.02, 0.05, 0.03));
         assert!((bench.late_s() - 0.07).abs() < 1e-12 && bench.is_timed);
         assert_eq!(ValvePath::of(&Rig::builtin("dual_pressure").unwrap(), "valve_pos"), ValvePath::default());
+        assert_eq!(bench.scattered_duty, None);
         let mut off = Rig::builtin("bench").unwrap();
         off.mechanisms.iter_mut().for_each(|m| m.enabled = false);
         assert_eq!(ValvePath::of(&off, "valve_neg"), ValvePath::default());
+    }
+
+    /// None of the plays is narrower than nothing, so the mean of a wide scatter is more than what the file states.
+    #[test]
+    fn plays_side_by_side_are_told_with_their_mean() {
+        let path = |spread_duty: f64| {
+            let mut rig = Rig::builtin("bench").unwrap();
+            for attached in &mut rig.mechanisms {
+                if let Mechanism::ValveHysteresis(m) = &mut attached.mechanism {
+                    m.spread_duty = spread_duty;
+                }
+            }
+            ValvePath::of(&rig, "valve_pos")
+        };
+        let close = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-12, "{found} for {expected}");
+        let narrow = path(0.02);
+        let expected = [0.014, 0.022, 0.03, 0.038, 0.046];
+        narrow.scattered_duty.unwrap().into_iter().zip(expected).for_each(|(found, expected)| close(found, expected));
+        close(narrow.half_width_duty, 0.03);
+        let wide = path(0.05);
+        assert_eq!(wide.scattered_duty.unwrap()[0], 0.0);
+        close(wide.half_width_duty, (0.0 + 0.01 + 0.03 + 0.05 + 0.07) / 5.0);
     }
 }

@@ -12,6 +12,9 @@
 //! On a rig without play `w` stays near zero; where the rig file states a width, learning starts from it. Reversals are
 //! taken from the plan, which has no noise, with a dead band so that rounding of the plan is none.
 //!
+//! Where the rig file states plays of several widths side by side, a reversal does not cross them at once: how far the
+//! duty has to be beside the plan then follows from how far the plan has come back ([`crate::plays`]).
+//!
 //! Between the duty and the flapper's play lies the coil's lag. Where the rig file states it, it is undone, so that the
 //! flapper crosses its play in few ticks instead of several time constants:
 //!
@@ -23,6 +26,7 @@ use model::observation::MOST_CHANGE_DUTY;
 use model::valve_path::ValvePath;
 
 use crate::TICK_S;
+use crate::plays::Plays;
 
 /// How far a plan must come back from its last extreme to count as a reversal, in duty.
 const REVERSAL_DUTY: f64 = 0.0015;
@@ -40,6 +44,8 @@ const MOST_STEP_DUTY: f64 = 0.8 * MOST_CHANGE_DUTY;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Direction {
     extreme: Option<f64>,
+    /// Which way the plan went last: −1, 1, or 0 where that is not known.
+    heading: f64,
     way: f64,
     blended: f64,
     drive: f64,
@@ -49,6 +55,8 @@ pub struct Direction {
     keeps: f64,
     /// The most that the drive may change in a tick, in half widths of play.
     most_step: f64,
+    /// The plays, where they scatter, and the mean of their half widths in duty.
+    scattered: Option<(Plays, f64)>,
 }
 
 impl Default for Direction {
@@ -56,12 +64,14 @@ impl Default for Direction {
     fn default() -> Self {
         Direction {
             extreme: None,
+            heading: 0.0,
             way: 0.0,
             blended: 0.0,
             drive: 0.0,
             share: TICK_S / BLEND_S,
             keeps: 0.0,
             most_step: f64::INFINITY,
+            scattered: None,
         }
     }
 }
@@ -72,12 +82,17 @@ impl Direction {
         let keeps = if path.coil_lag_s > 0.0 { (-TICK_S / path.coil_lag_s).exp() } else { 0.0 };
         // Without play it is infinite, and there is nothing to cross.
         let most_step = MOST_STEP_DUTY / path.half_width_duty;
-        Direction { share: 1.0 - (-TICK_S / KNOWN_BLEND_S).exp(), keeps, most_step, ..Direction::default() }
+        let scattered = path.scattered_duty.map(|half_widths| (Plays::new(half_widths), path.half_width_duty));
+        Direction { share: 1.0 - (-TICK_S / KNOWN_BLEND_S).exp(), keeps, most_step, scattered, ..Direction::default() }
     }
 
     /// Goes on for another valve path.
     pub fn take_path(&mut self, other: &Direction) {
         (self.share, self.keeps, self.most_step) = (other.share, other.keeps, other.most_step);
+        self.scattered = other.scattered;
+        if let Some((plays, _)) = &mut self.scattered {
+            plays.restart();
+        }
     }
 
     /// Goes on in the same direction for a plan that another model makes: where that begins is no reversal.
@@ -108,6 +123,10 @@ impl Direction {
         self.blended += moved;
         self.drive += moved;
         self.way = self.blended;
+        self.heading = if self.way.abs() >= 1.0 { self.way.signum() } else { 0.0 };
+        if let (Some((plays, half_width)), Some(planned)) = (&mut self.scattered, self.extreme) {
+            plays.pull(planned + *half_width * self.way);
+        }
         moved
     }
 
@@ -118,18 +137,26 @@ impl Direction {
     pub fn follow(&mut self, planned: f64) -> f64 {
         let extreme = *self.extreme.get_or_insert(planned);
         let moved = planned - extreme;
-        // Within the play it is not engaged either way: going on is a way to be taken as well.
-        if moved * self.way > 0.0 && self.way.abs() >= 1.0 {
+        // Where nothing is engaged either way, going on is a way to be taken as well.
+        if moved * self.heading > 0.0 || moved.abs() > REVERSAL_DUTY {
             self.extreme = Some(planned);
-        } else if moved.abs() > REVERSAL_DUTY {
-            self.way = moved.signum();
-            self.extreme = Some(planned);
+            self.heading = moved.signum();
+            self.way = self.way_to(planned);
         }
         let wanted = self.blended + (self.way - self.blended) * self.share;
         let undone = (wanted - self.keeps * self.blended) / (1.0 - self.keeps);
         self.drive = undone.clamp(self.drive - self.most_step, self.drive + self.most_step);
         self.blended = self.keeps * self.blended + (1.0 - self.keeps) * self.drive;
         self.blended
+    }
+}
+
+impl Direction {
+    /// Where in the play the flapper lies once the plan has come this far, in half widths.
+    fn way_to(&mut self, planned: f64) -> f64 {
+        let Some((plays, half_width)) = &mut self.scattered else { return self.heading };
+        let duty = plays.undone(planned, planned + *half_width * self.way);
+        ((duty - planned) / *half_width).clamp(-1.0, 1.0)
     }
 }
 

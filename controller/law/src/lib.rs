@@ -12,6 +12,7 @@
 //! | [`soft_start`] | from where the rig is to where the reference is, without saturating |
 //! | [`foresight`] | feed-forward: the reference, as much ahead as each valve is late |
 //! | [`direction`] | which way a planned duty moves, for play in a valve |
+//! | `plays` | plays of several widths side by side, undone |
 //!
 //! A law is told the [`ControlInput`] of a tick and answers with a [`ControlOutput`]; once limits have made the duty
 //! that is really sent, it is told that too, so that what saturates does not wind up. Daemon, trainer and
@@ -22,6 +23,7 @@ pub mod direction;
 pub mod fallback;
 pub mod foresight;
 pub mod integral;
+mod plays;
 pub mod policy_law;
 pub mod repetition;
 pub mod repetitions;

@@ -198,6 +198,7 @@ fn a_told_fallback_tracks_better() {
     let [lag, play] =
         [valves("valve_lag", "time_constant_ms = 80.0"), valves("valve_hysteresis", "half_width_duty = 0.03")];
     let [delay, short] = [valves("command_delay", "delay_ms = 60.0"), valves("command_delay", "delay_ms = 40.0")];
+    let scattered = valves("valve_hysteresis", "half_width_duty = 0.03\nspread_duty = 0.025");
     let warm = [("chamber_thermal", "positive", "wall_conductance_w_per_k = 0.8")];
     let rigs = [
         ("lag 80 ms, play 0.03, warm gas", [lag.as_slice(), &play, &warm].concat()),
@@ -205,6 +206,7 @@ fn a_told_fallback_tracks_better() {
         ("delay 40 ms", short.to_vec()),
         ("lag 80 ms", lag.to_vec()),
         ("play 0.03", play.to_vec()),
+        ("plays of 0.01 to 0.05 side by side", scattered.to_vec()),
     ];
     let nominal = Arc::new(SteadyMap::new(&Rig::builtin("dual_pressure").unwrap()).unwrap());
     // Of the emulated converter on both sensors, in kPa RMS: no controller can take it off the readings.

@@ -79,7 +79,7 @@ pub use supply_sag::SupplySag;
 pub(crate) use valve_force_curve::Bend;
 pub use valve_force_curve::ValveForceCurve;
 pub(crate) use valve_hysteresis::Play;
-pub use valve_hysteresis::ValveHysteresis;
+pub use valve_hysteresis::{PLAYS, ValveHysteresis};
 pub(crate) use valve_lag::Lag;
 pub use valve_lag::{Lags, ValveLag};
 pub(crate) use valve_stiction::Stick;

@@ -64,13 +64,18 @@ impl Physics for ValveHysteresis {
 }
 
 impl ValveHysteresis {
+    /// Half widths of the plays side by side, in duty; all alike where they do not scatter.
+    pub fn half_widths_duty(&self) -> [f64; PLAYS] {
+        self.operator().half_widths()
+    }
+
     pub(crate) fn operator(&self) -> Play<f64> {
         Play { half_width: self.half_width_duty, spread: self.spread_duty, is_spread: self.spread_duty > 0.0 }
     }
 }
 
 /// Plays side by side where their widths scatter.
-const PLAYS: usize = 5;
+pub const PLAYS: usize = 5;
 /// The one of stated width, and the only one where they do not scatter.
 const MIDDLE: usize = PLAYS / 2;
 

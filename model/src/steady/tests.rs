@@ -128,6 +128,27 @@ fn cylinders_follow_moving_pressures() {
     assert!(with < 0.35 * without, "{with} with, {without} without");
 }
 
+/// Duties to send exceed those that act by what the supply loses of them.
+#[test]
+fn duties_for_a_sagging_supply_are_those_of_the_simulation() {
+    let sag = "[[mechanisms]]\nid = \"supply_sag\"\ncomponent = \"rig\"\nloss_per_duty = 0.06\n";
+    let rig = Rig::from_toml(&format!("{}\n{sag}", crate::rig::DUAL_PRESSURE)).unwrap();
+    let [sagging, firm] = [&rig, &Rig::builtin("dual_pressure").unwrap()].map(|rig| SteadyMap::new(rig).unwrap());
+    let p = [90.0, -72.0];
+    let (sent, acting) = (sagging.duty_for(p, [0.0; CHANNELS]), firm.duty_for(p, [0.0; CHANNELS]));
+    let left = 1.0 - 0.06 * (sent[0] + sent[1]);
+    for c in 0..CHANNELS {
+        assert!((sent[c] * left - acting[c]).abs() < 1e-9, "{sent:?} for {acting:?}");
+    }
+    // The simulation, which has the mechanism in its own way, stays where it is held.
+    let mut plant = crate::predict::DualPressureRig::new(&rig).unwrap();
+    plant.start_from(p, sent);
+    (0..500).for_each(|_| plant.tick(sent, true));
+    let held = plant.readings_kpa();
+    // As far as an averaged map and a ripple are apart (`settled_pressures_agree_with_the_simulation`).
+    assert!((held[0] - p[0]).abs() < 1.0 && (held[1] - p[1]).abs() < 0.5, "{held:?}");
+}
+
 #[test]
 fn duty_for_inverts_rate() {
     let map = SteadyMap::new(&Rig::builtin("dual_pressure").unwrap()).unwrap();
