@@ -95,7 +95,7 @@ mod tests {
     #[test]
     fn the_flapper_is_where_it_is_wanted() {
         for half_widths in [SCATTERED, [0.01, 0.02, 0.03, 0.04, 0.05], [0.03; PLAYS]] {
-            let (mut inverse, mut duty, mut plant) = (Plays::new(half_widths), 0.5, [0.5; PLAYS]);
+            let (mut inverse, mut duty, mut plant) = (Plays::new(half_widths), 0.5, [0.5_f64; PLAYS]);
             for tick in 0..2_000 {
                 let time = 0.02 * f64::from(tick);
                 let wanted = 0.5 + 0.08 * (0.7 * time).sin() + 0.03 * (3.1 * time).sin();
