@@ -10,6 +10,7 @@
 //! error here but a condition: [`monitor`] and the limits find conditions, [`supervisor::next`] makes a state and an action
 //! of them, and this is where the action is done. What is steered for while all is sound is its [`DutySource`].
 
+pub mod arming_attempt;
 pub mod duty_source;
 pub mod reference_tracking;
 pub mod running_source;
@@ -188,9 +189,16 @@ impl<H: DutySource> Cycle<H> {
 
     /// The duty source sees the frame and may ask for a mode.
     fn ask_duty_source(&mut self, pump_running: bool, tell: NoticeSink<'_>) {
-        let seen = SensorSample { tick: self.tick, measured: self.measured, pump_running, state: self.state() };
+        let seen = SensorSample {
+            tick: self.tick,
+            measured: self.measured,
+            pump_running,
+            state: self.state(),
+            bars_arming: self.bars_arming(),
+        };
         match self.duty_source.on_sample(&seen) {
             ModeRequest::None => {}
+            ModeRequest::Play => self.ask(Request::Play),
             ModeRequest::Arm => self.ask(Request::Arm),
             ModeRequest::Disarm(notice) => {
                 self.ask(Request::Disarm);

@@ -11,6 +11,9 @@ pub mod playback_report;
 pub mod preflight_simulation;
 pub mod pump_relay;
 pub mod settling;
+pub mod stopped;
+
+mod folder_watch;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -23,10 +26,11 @@ use proto::recording::PERIOD_S;
 use crate::config::{Config, Safety};
 use crate::cycle::Cycle;
 use crate::experiment::command_sequence::{CommandSequence, CommandSequenceError};
-use crate::experiment::open_loop_playback::{OpenLoopPlayback, Stopped};
+use crate::experiment::open_loop_playback::OpenLoopPlayback;
 use crate::experiment::playback_report::PlaybackReport;
 use crate::experiment::preflight_simulation::{Forecast, ForecastError, preflight_simulation};
 use crate::experiment::pump_relay::PumpRelay;
+use crate::experiment::stopped::Stopped;
 use crate::operator::notice::sentence_of_one_session;
 use crate::operator::running::ModelIdentity;
 use crate::operator::socket::{May, Running};

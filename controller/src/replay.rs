@@ -254,7 +254,7 @@ impl Replay {
 
     fn tick(&mut self, recorded: &TickRecord) {
         let Some(cycle) = &mut self.cycle else { return };
-        for input in TickInput::of(recorded.inputs) {
+        for (at, input) in TickInput::of(recorded.inputs).enumerate() {
             let known = match input {
                 TickInput::Arm => {
                     cycle.arm();
@@ -266,9 +266,6 @@ impl Replay {
                 }
                 TickInput::Acknowledge => {
                     cycle.acknowledge();
-                    if cycle.state() == supervisor::State::Connect {
-                        cycle.waiting(&mut |_| {});
-                    }
                     Ok(())
                 }
                 TickInput::LinkLost => {
@@ -306,6 +303,10 @@ impl Replay {
                 TickInput::Explore => Ok(()),
                 TickInput::Other => Err("something reached the tick that this program cannot replay"),
             };
+            if is_between_sessions(recorded.inputs, at) {
+                // Where no frame comes it counts at once: the session that is opened next would forget it.
+                cycle.waiting(&mut |_| {});
+            }
             if let Err(problem) = known {
                 let at = format!("{problem} (session {:08X}, tick {})", recorded.session, recorded.tick);
                 self.replayed.ended = Some(at);
@@ -348,10 +349,40 @@ impl Replay {
     }
 }
 
+/// Tells whether an input of a tick, by its place among them, came while there was no session. Of what ends a session only a lost
+/// link is an input; a session whose cRIO tripped ends behind a tick, and the next one begins with the inputs.
+fn is_between_sessions(inputs: u32, at: usize) -> bool {
+    let is_edge = |input: &TickInput| matches!(input, TickInput::LinkLost | TickInput::SessionOpened);
+    let is_edge_itself = TickInput::of(inputs).nth(at).is_some_and(|input| is_edge(&input));
+    !is_edge_itself && TickInput::of(inputs).skip(at + 1).find(is_edge) == Some(TickInput::SessionOpened)
+}
+
 /// The frame that came, where a sound one did.
 fn sense_of(recorded: &TickRecord) -> Option<Sense> {
     match Frame::decode(recorded.sense_present.then_some(&recorded.sense)?) {
         Ok(Frame::Sense(sense)) => Some(sense),
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_asked_for_without_a_session_is_told_from_the_rest() {
+        use TickInput::{Acknowledge, Arm, Disarm, LinkLost, SessionOpened};
+        let between = |all: &[TickInput]| {
+            let mut inputs = 0;
+            all.iter().for_each(|input| input.append(&mut inputs));
+            (0..all.len()).map(|at| is_between_sessions(inputs, at)).collect::<Vec<bool>>()
+        };
+        assert_eq!(between(&[Arm]), [false]);
+        // A trip ends a session behind its tick; a lost link is told.
+        assert_eq!(between(&[Acknowledge, SessionOpened, Arm]), [true, false, false]);
+        assert_eq!(between(&[Disarm, LinkLost, Disarm, SessionOpened]), [false, false, true, false]);
+        // Two sessions in which no tick came.
+        let twice = [LinkLost, Acknowledge, SessionOpened, Arm, LinkLost, Disarm, SessionOpened];
+        assert_eq!(between(&twice), [false, true, false, false, false, true, false]);
     }
 }

@@ -142,9 +142,13 @@ fn tell_once<H>(session: &mut Session<H>, told: &mut (String, u64), text: String
 fn wait<H: DutySource>(session: &mut Session<H>, ms: u64) {
     let until = now_ns() + ms * 1_000_000;
     loop {
-        serve_requests(session);
-        let Session { cycle, sink, .. } = session;
-        cycle.waiting(&mut |notice| tell(sink, notice));
+        // One at a time: a recording says what was asked for between two sessions and in which order, not what came at once.
+        while let Some(request) = session.mailbox.request() {
+            serve_request(session, request);
+            still_waiting(session);
+        }
+        hand_back(session);
+        still_waiting(session);
         show_waiting(session);
         session.pulse.beat();
         if now_ns() >= until || is_over(session) {
@@ -152,6 +156,11 @@ fn wait<H: DutySource>(session: &mut Session<H>, ms: u64) {
         }
         std::thread::sleep(Duration::from_millis(LOOK_MS));
     }
+}
+
+fn still_waiting<H: DutySource>(session: &mut Session<H>) {
+    let Session { cycle, sink, .. } = session;
+    cycle.waiting(&mut |notice| tell(sink, notice));
 }
 
 /// The newest numbers with the state that they no longer have.
@@ -181,37 +190,46 @@ fn show_waiting<H: DutySource>(session: &mut Session<H>) {
 /// Runs in the tick.
 pub(crate) fn serve_requests<H: DutySource>(session: &mut Session<H>) {
     while let Some(request) = session.mailbox.request() {
-        match request {
-            Request::Arm => {
-                session.cycle.arm();
-                TickInput::Arm.append(&mut session.inputs);
-            }
-            Request::Disarm => {
-                session.cycle.disarm();
-                TickInput::Disarm.append(&mut session.inputs);
-            }
-            Request::Acknowledge => {
-                session.cycle.acknowledge();
-                TickInput::Acknowledge.append(&mut session.inputs);
-            }
-            Request::Reference(reference) => {
-                let old = session.cycle.exchange_reference(reference);
-                session.mailbox.retire(Spent::Reference(old));
-                TickInput::Reference.append(&mut session.inputs);
-            }
-            Request::Explore(rules) => {
-                session.cycle.explore(rules);
-                TickInput::Explore.append(&mut session.inputs);
-            }
-            Request::Experiment(playback) => {
-                let Session { cycle, sink, .. } = session;
-                match cycle.begin_experiment(playback, &mut |notice| tell(sink, notice)) {
-                    Ok(()) => TickInput::Experiment.append(&mut session.inputs),
-                    Err(playback) => session.mailbox.retire(Spent::Experiment(playback)),
-                }
+        serve_request(session, request);
+    }
+    hand_back(session);
+}
+
+fn serve_request<H: DutySource>(session: &mut Session<H>, request: Request) {
+    match request {
+        Request::Arm => {
+            session.cycle.arm();
+            TickInput::Arm.append(&mut session.inputs);
+        }
+        Request::Disarm => {
+            session.cycle.disarm();
+            TickInput::Disarm.append(&mut session.inputs);
+        }
+        Request::Acknowledge => {
+            session.cycle.acknowledge();
+            TickInput::Acknowledge.append(&mut session.inputs);
+        }
+        Request::Reference(reference) => {
+            let old = session.cycle.exchange_reference(reference);
+            session.mailbox.retire(Spent::Reference(old));
+            TickInput::Reference.append(&mut session.inputs);
+        }
+        Request::Explore(rules) => {
+            session.cycle.explore(rules);
+            TickInput::Explore.append(&mut session.inputs);
+        }
+        Request::Experiment(playback) => {
+            let Session { cycle, sink, .. } = session;
+            match cycle.begin_experiment(playback, &mut |notice| tell(sink, notice)) {
+                Ok(()) => TickInput::Experiment.append(&mut session.inputs),
+                Err(playback) => session.mailbox.retire(Spent::Experiment(playback)),
             }
         }
     }
+}
+
+/// Gives back an experiment that is over.
+fn hand_back<H: DutySource>(session: &mut Session<H>) {
     if let Some(playback) = session.cycle.take_finished_experiment() {
         session.mailbox.hand_back(playback);
     }

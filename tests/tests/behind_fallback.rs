@@ -23,13 +23,18 @@ const OLDER: &str = "docs/runs/correction-caps-512k-seed-2/policy.onnx";
 /// A daemon with a policy that was trained on poorer models ([`OLDER`]) on the emulated rig `bench`, armed by itself; further
 /// lines of its configuration.
 fn laboratory(model: &str, lines: &str) -> Laboratory {
+    // A hold, so that what a duty does in a tick is the hand-over's doing and not the reference's.
+    laboratory_on("0,85,-72\n", model, lines)
+}
+
+/// The same on other rows of a reference.
+fn laboratory_on(reference: &str, model: &str, lines: &str) -> Laboratory {
     let plan = Plan::new(&format!(
         "control.auto_arm = true\nrig.file = \"{model}\"\npolicy.directory = \"policies\"\npolicy.active = \"older\"\n{lines}"
     ));
     std::fs::create_dir(plan.folder.join("policies")).unwrap();
     std::fs::copy(root().join(OLDER), plan.folder.join("policies/older.onnx")).unwrap();
-    // A hold, so that what a duty does in a tick is the hand-over's doing and not the reference's.
-    plan.folder.write("reference.csv", "time_s,ref_pos_kpa,ref_neg_kpa\n0,85,-72\n");
+    plan.folder.write("reference.csv", &format!("time_s,ref_pos_kpa,ref_neg_kpa\n{reference}"));
     plan.start()
 }
 
@@ -96,8 +101,8 @@ fn after_another_model_the_fallback_takes_over_and_an_operator_may_have_it_other
     assert!(printed.contains("behind the fallback on this model: "), "{printed}");
     assert!(laboratory.ask(&["status"]).stdout.contains("fallback   older is behind"));
 
-    // An operator who names it has it, here after the fallback's probation.
-    wait_for(&laboratory, "behind its probation", |_| state(&laboratory, "older") == "previous");
+    // An operator who names it has it.
+    wait_for(&laboratory, "set aside", |_| state(&laboratory, "older") == "previous");
     assert_eq!(laboratory.ask(&["swap", "older"]).status, Some(0));
     wait_for(&laboratory, "active again", |_| state(&laboratory, "older") == "active");
     let status = wait_for(&laboratory, "the policy again", |status| status["running"]["policy"] == "older");
@@ -124,6 +129,21 @@ fn at_the_start_it_is_found_out_while_the_policy_controls() {
     let ticks = laboratory.close().ticks();
     assert!(ticks.iter().any(|tick| tick.observation_hash != 0 && tick.state == 1), "the policy controlled meanwhile");
     assert!(steepest(&ticks) < CALM_DUTY, "no bump: {}", steepest(&ticks));
+}
+
+/// Steps of 13 kPa every two seconds take the fallback's own duties far: that is no reason to give the rig back to what is behind it.
+#[test]
+fn the_fallback_keeps_the_rig_whatever_the_reference_asks_of_it() {
+    let rows = "0,85,-70\n1.98,85,-70\n2,98,-70\n3.98,98,-70\n4,85,-70\n";
+    let laboratory = laboratory_on(rows, "bench", "reference.repeat = true");
+    wait_for(&laboratory, "the fallback", |status| status["running"]["policy"] == "fallback");
+    let tick = || laboratory.status()["status"]["tick"].as_u64().unwrap_or(0);
+    // Twice as long as it took at most until the fallback was sent away again.
+    let enough = tick() + 1_000;
+    wait_for(&laboratory, "controlled for a while", |status| status["status"]["tick"].as_u64().unwrap_or(0) > enough);
+    assert_eq!(laboratory.status()["running"]["policy"], "fallback");
+    assert_eq!(state(&laboratory, "older"), "previous");
+    laboratory.close().check_replay();
 }
 
 #[test]

@@ -166,6 +166,30 @@ fn a_lost_link_aborts_it_and_what_was_recorded_is_kept() {
     closed.check_replay();
 }
 
+/// A file that is lost is followed by another, which has the rows from there on and is the one that is named.
+#[test]
+fn a_recording_that_goes_on_in_another_file_is_named_by_it() {
+    let laboratory = laboratory("");
+    laboratory.stand_by();
+    let _client = Running::start(&mut experiment(&laboratory, &programme(6000)));
+    laboratory.wait_for("playing", |status| status["experiment"]["phase"] == "playing");
+    std::fs::remove_file(&laboratory.recordings("experiment-")[0]).unwrap();
+    let status = laboratory.wait_for("concluded", |status| status["experiment"]["outcome"].is_object());
+    let outcome = &status["experiment"]["outcome"];
+    let problem = outcome["recording_problem"].as_str().unwrap_or_default();
+    assert!(outcome["aborted"].is_null() && problem.contains("removed"), "{outcome}");
+    let left = laboratory.recordings("experiment-");
+    let [file] = left.as_slice() else { panic!("{left:?}") };
+    assert_eq!(outcome["recording"], file.to_str().unwrap(), "{outcome}");
+    let content = read_mcap(file).unwrap();
+    assert!(content.complete);
+    assert_eq!(outcome["ticks_recorded"], content.ticks.len(), "{outcome}");
+    let last = content.ticks.iter().rfind(|tick| tick.experiment == 2 && tick.mode == RUN).unwrap();
+    let row = programme(6000)[5999];
+    assert_eq!((last.u_pos, last.u_neg), (row.0, row.1), "up to the last row");
+    laboratory.close();
+}
+
 #[test]
 fn a_daemon_that_is_told_to_end_ends_it_and_finishes_both_recordings() {
     let laboratory = laboratory("");

@@ -56,6 +56,31 @@ fn a_lost_link_and_a_lost_daemon_are_what_viewers_are_told() {
     assert_eq!(picture(&address)["daemon"]["up"], false);
 }
 
+/// Whoever watches by Prometheus or the page alone learns that a run goes on unrecorded, and that it no longer does.
+#[test]
+fn a_run_that_is_not_recorded_is_what_viewers_are_told() {
+    const RECORDING: &str = "controller_recording";
+    let laboratory = Plan::new("policy.active = \"fallback\"").start();
+    laboratory.arm();
+    let (_live, address) = start(&laboratory);
+    wait_for("a run that is recorded", || sample(&address, RECORDING) == Some(1.0));
+    assert_eq!(picture(&address)["daemon"]["recording_problem"], "");
+    // From now on no disk has room enough.
+    let text = std::fs::read_to_string(&laboratory.config).unwrap();
+    let without_room = text.replace("record.min_free_mib = 16", "record.min_free_mib = 1048576");
+    assert_ne!(without_room, text);
+    std::fs::write(&laboratory.config, without_room).unwrap();
+    laboratory.daemon.signal("HUP");
+    wait_for("a run that is not recorded", || sample(&address, RECORDING) == Some(0.0));
+    let told = picture(&address)["daemon"]["recording_problem"].as_str().unwrap_or_default().to_owned();
+    assert!(told.contains("MiB free"), "{told}");
+    // There is room again.
+    std::fs::write(&laboratory.config, text).unwrap();
+    laboratory.daemon.signal("HUP");
+    wait_for("a run that is recorded again", || sample(&address, RECORDING) == Some(1.0));
+    laboratory.close();
+}
+
 /// Whoever begins to watch while there is no tick is told the state, and the age of data that it never saw.
 #[test]
 fn a_viewer_that_comes_too_late_for_the_ticks_is_told_how_old_the_data_is() {

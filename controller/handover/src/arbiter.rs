@@ -242,14 +242,22 @@ impl Arbiter {
         self.on_new_model = true;
     }
 
-    /// The rig was vented by a fault, or disarmed: a candidate with authority has lost it, whoever was to blame.
+    /// The rig was vented by a fault, or disarmed: a candidate with authority has lost it, whoever was to blame. The fallback
+    /// has all of it from now on: what it was to replace must not control again because of a venting.
     ///
     /// # Real-time
     /// Runs in the tick.
     pub fn vented(&mut self) {
         self.stop_exploring();
-        if self.candidate.as_ref().is_some_and(|(_, stages)| stages.authority() > 0.0) {
-            self.lose(Loss::Vented);
+        match &self.candidate {
+            Some((_, stages)) if stages.authority() == 0.0 => {}
+            Some((seat, _)) if seat.tag() == PolicyTag::FALLBACK => {
+                self.promote();
+            }
+            Some(_) => {
+                self.lose(Loss::Vented);
+            }
+            None => {}
         }
     }
 

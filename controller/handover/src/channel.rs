@@ -46,7 +46,8 @@ impl PolicyTag {
 pub enum Haste {
     /// Shadow, ramp, probation.
     Proving,
-    /// Straight into probation, over half a second: it has been active before.
+    /// Straight into probation, over half a second: it has been active before. The fallback is active with that, and never on
+    /// probation.
     Straight,
 }
 

@@ -169,6 +169,68 @@ fn a_bad_policy_in_full_authority_is_taken_back_in_the_same_tick() {
     }
 }
 
+/// A reference that goes up and down by 13 kPa at once, each level held for so long.
+fn steps(held_s: u32) -> Reference {
+    let rows = (0..60 / held_s).map(|k| {
+        let (begins_s, kpa) = (f64::from(k * held_s), if k % 2 == 0 { 85.0 } else { 98.0 });
+        format!("{begins_s:.2},{kpa},-70\n{:.2},{kpa},-70\n", begins_s + f64::from(held_s) - 0.02)
+    });
+    let csv = std::iter::once("time_s,ref_pos_kpa,ref_neg_kpa\n".to_owned()).chain(rows).collect::<String>();
+    Reference::parse("made here", csv.as_bytes()).unwrap()
+}
+
+fn losses(run: &Loop) -> Vec<PolicyEvent> {
+    run.events.iter().map(|(_, event)| *event).filter(|event| matches!(event, PolicyEvent::Lost(..))).collect()
+}
+
+/// Steps that take anybody's duties far, on a model of which the law asks the most: whoever asked for the fallback, an operator or
+/// the comparison with it, it stays.
+#[test]
+fn the_fallback_takes_over_and_stays_whatever_the_reference_asks_of_it() {
+    for held_s in [1, 2, 5] {
+        let mut run = Loop::knowing("bench", Some(policy(&shipped())), steps(held_s), 5);
+        run.ticks(600);
+        assert!(run.store.ask(Command::Try(Candidate::fallback(), Haste::Straight)).is_ok());
+        assert!(run.until(30, |run| run.arbiter.active() == PolicyTag::FALLBACK), "every {held_s} s: {:?}", run.events);
+        run.ticks(3000);
+        assert_eq!((run.arbiter.active(), losses(&run)), (PolicyTag::FALLBACK, Vec::new()), "every {held_s} s");
+    }
+}
+
+/// A venting in the half second of its way.
+#[test]
+fn the_fallback_stays_also_where_the_rig_is_vented_before_it_has_all_of_the_command() {
+    let mut run = Loop::new(Some(policy(&shipped())), Reference::constant(85.0, -71.0), 6);
+    run.ticks(300);
+    assert!(run.store.ask(Command::Try(Candidate::fallback(), Haste::Straight)).is_ok());
+    run.ticks(5);
+    let authority = run.snapshot().authority;
+    assert!(authority > 0.0 && authority < 1.0, "{authority}");
+    run.arbiter.vented();
+    assert_eq!(run.arbiter.active(), PolicyTag::FALLBACK);
+}
+
+/// Straight into all of the command under steps: what is good keeps it, what goes to and fro loses it.
+#[test]
+fn steps_of_the_reference_are_not_held_against_a_policy_and_hide_no_hunting() {
+    for held_s in [1, 2, 5] {
+        let mut run = Loop::knowing("bench", None, steps(held_s), 7);
+        run.ticks(600);
+        let candidate = Candidate::new(policy(&shipped()));
+        let tag = candidate.tag;
+        assert!(run.store.ask(Command::Try(candidate, Haste::Straight)).is_ok());
+        assert!(run.until(600, |run| run.arbiter.active() == tag), "every {held_s} s: {:?}", run.events);
+    }
+    for (name, bytes) in bad_networks().into_iter().filter(|(name, _)| name.contains("bang")) {
+        let mut run = Loop::new(None, steps(10), 8);
+        run.ticks(600);
+        assert!(run.store.ask(Command::Try(Candidate::new(policy(&bytes)), Haste::Straight)).is_ok());
+        let lost = run.until(2000, |run| !losses(run).is_empty());
+        println!("{name}: {:?}", run.events.last());
+        assert!(lost && run.arbiter.active() == PolicyTag::FALLBACK, "{name}: {:?}", run.events);
+    }
+}
+
 /// An operator takes a candidate back; a second candidate replaces the first; everything that went comes back by the queue.
 #[test]
 fn candidates_can_be_withdrawn_and_replaced_and_nothing_is_freed_in_the_tick() {

@@ -127,6 +127,7 @@ fn state_schema() -> Value {
             "model": text,
             "model_sha256": text,
             "reference": text,
+            "recording_problem": text,
         },
     })
 }

@@ -8,6 +8,8 @@ use flight::CodeNames;
 use proto::recording::{Arrival, Event, TickRecord};
 use proto::stream::{DaemonState, Message};
 
+use crate::source::RECORDING_PROBLEM;
+
 /// Ticks that are kept: a minute.
 pub(crate) const TICKS: usize = 3_000;
 /// Events that are kept.
@@ -78,6 +80,12 @@ impl Known {
             }
             (None, Some((state, _))) => Ok(state),
         }
+    }
+
+    /// What keeps the daemon from recording, empty where nothing does; `None` where that is not known.
+    pub(crate) fn recording_problem(&self) -> Option<&str> {
+        self.daemon().ok()?;
+        self.about.get(RECORDING_PROBLEM).map(String::as_str)
     }
 
     /// The newest tick, while it tells what is: a session is open, and the data is fresh.

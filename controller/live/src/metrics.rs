@@ -29,6 +29,7 @@ pub(crate) fn text(hub: &Hub) -> String {
     }
     if let Ok(state) = &daemon {
         standing(&mut out, state, hub);
+        recording(&mut out, &known);
         info(&mut out, state, &known);
     }
     if let Some(seen) = known.current() {
@@ -62,6 +63,18 @@ fn standing(out: &mut String, daemon: &DaemonState, hub: &Hub) {
         "The worst that waits for `controller acknowledge`: its code, 0 for nothing, and its name.",
         &[(&waits, f64::from(daemon.waits))],
     );
+}
+
+/// Left out where the daemon does not say.
+fn recording(out: &mut String, known: &Known) {
+    if let Some(problem) = known.recording_problem() {
+        gauge(
+            out,
+            "controller_recording",
+            "1 while what happens can be recorded, 0 while something keeps it from being recorded.",
+            &[("", f64::from(u8::from(problem.is_empty())))],
+        );
+    }
 }
 
 fn newest(out: &mut String, tick: &TickRecord) {
@@ -162,6 +175,7 @@ fn label(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::source::RECORDING_PROBLEM;
     use flight::CodeNames;
     use proto::recording::Arrival;
     use proto::stream::Message;
@@ -228,6 +242,19 @@ mod tests {
         ];
         check(&hub, &lines, &[]);
         assert!(text(&hub).contains("policy=\"a \\\"quoted\\\\ name\""));
+    }
+
+    #[test]
+    fn whether_anything_is_recorded_is_told_while_the_daemon_says_so() {
+        let hub = hub();
+        hub.take(Message::State(running()));
+        check(&hub, &[], &["controller_recording"]);
+        for (problem, line) in [("", "controller_recording 1"), ("only 3 MiB free", "controller_recording 0")] {
+            hub.take(Message::About([(RECORDING_PROBLEM.to_owned(), problem.to_owned())].into()));
+            check(&hub, &[line], &[]);
+        }
+        hub.link(Err("the daemon ended; waiting for it".to_owned()));
+        check(&hub, &["controller_up 0"], &["controller_recording"]);
     }
 
     #[test]

@@ -63,6 +63,9 @@ fn read(mut stream: UnixStream, hub: &Hub, stop: &AtomicBool) -> String {
     "stopped".to_owned()
 }
 
+/// Key, among the facts of a run, of what keeps the daemon from recording; empty while nothing does.
+pub const RECORDING_PROBLEM: &str = "recording_problem";
+
 /// Where the daemon's stream is: beside its operator socket, `controller.sock` and `controller.live.sock`.
 pub fn live_socket(control_socket: &Path) -> PathBuf {
     control_socket.with_extension("live.sock")

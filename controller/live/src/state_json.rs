@@ -69,6 +69,7 @@ pub(crate) fn daemon(hub: &Hub, known: &Known) -> Value {
             "model": state.model,
             "model_sha256": state.model_sha256,
             "reference": state.reference,
+            "recording_problem": known.recording_problem(),
         }),
         Err(why) => json!({"up": false, "state": "unknown", "fault": why}),
     }

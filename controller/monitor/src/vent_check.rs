@@ -1,4 +1,6 @@
-//! Whether venting is what it should be: reported by the cRIO, and the pressure falls.
+//! Whether venting is what it should be: reported by the cRIO, and the pressure falls, and goes on falling until the chamber is
+//! near rest. That it has begun to fall proves little: gas that a pump has heated loses a fifth of its pressure by cooling in a
+//! chamber that is shut.
 
 use model::observation::{CHANNELS, Pair};
 use supervisor::{Condition, ConditionSet};
@@ -16,6 +18,15 @@ const NEAR_REST_KPA: f64 = 10.0;
 /// Share of the distance to rest that must be gone: a vent empties a chamber in a few tenths of a second, so this is what is
 /// left of it with an exhaust that is ten times too narrow (derived).
 const LEAST_FALL: f64 = 0.05;
+/// Windows in a row that take off less than [`LEAST_FALL`] of what the window before had left, so that one that a wrong reading
+/// has spoilt is no fault (a single reading that is 40 kPa off moves a mean of 25 by 1.6 kPa).
+const WINDOWS_STANDING: u32 = 2;
+/// Share of what there was when the vents were commanded open that a chamber may keep, where that is less than
+/// [`UNDER_PRESSURE_KPA`]: a chamber that was hardly filled and stays shut keeps more (chosen).
+const MAY_KEEP: f64 = 0.5;
+/// Distance from rest that is never too much, in kPa: a vent valve whose spring shuts it at low pressure keeps 10.4 kPa on a rig
+/// drawn with a sagging supply, and a sensor has a bias.
+const SPRING_KEEPS_KPA: f64 = 15.0;
 /// Rise above the highest pressure soon after the vent command that no vented chamber makes, in kPa (chosen).
 const RISE_KPA: f64 = 5.0;
 /// Frames, at the least, in which a reading may still rise: the valve's delay and lag, and what a late sensor has yet to show.
@@ -39,6 +50,53 @@ pub struct VentModel {
 impl VentModel {
     /// A rig that is vented within half a second and comes to rest at the atmosphere.
     pub const QUICK: VentModel = VentModel { rest_kpa: [0.0; CHANNELS], half_ticks: [0; CHANNELS] };
+
+    /// How much further from the atmosphere a channel reads than at rest, in kPa.
+    fn distance_kpa(&self, channel: usize, reading_kpa: f64) -> f64 {
+        reading_kpa.abs() - self.rest_kpa[channel].abs()
+    }
+}
+
+/// Tells a chamber that empties from one that stands: means of windows, each held against the one before.
+///
+/// Through an open vent the share of what is left that a window takes off does not shrink toward rest by much: choked flow takes
+/// off a growing share, a line with laminar loss four fifths at rest of what it takes off at 90 kPa. So what the first window must
+/// show, every further one must, and a chamber that is ten times as slow as the model, be it large or its exhaust narrow, does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Emptying {
+    /// Distance from rest up to which a chamber may stand, in kPa.
+    may_stand_kpa: f64,
+    sum_kpa: f64,
+    frames: u32,
+    /// Mean distance from rest in the window before.
+    before_kpa: Option<f64>,
+    /// Windows in a row that took off too little.
+    standing: u32,
+}
+
+impl Emptying {
+    fn new(may_stand_kpa: f64) -> Self {
+        Emptying { may_stand_kpa, sum_kpa: 0.0, frames: 0, before_kpa: None, standing: 0 }
+    }
+
+    /// An emptying from this distance from rest on.
+    fn from(distance_kpa: f64) -> Self {
+        Emptying::new((MAY_KEEP * distance_kpa).clamp(SPRING_KEEPS_KPA, UNDER_PRESSURE_KPA))
+    }
+
+    /// Takes a distance from rest, in windows of so many frames, and answers whether the chamber stands under pressure.
+    fn stands(&mut self, distance_kpa: f64, window: u32) -> bool {
+        self.sum_kpa += distance_kpa;
+        self.frames += 1;
+        if self.frames >= window {
+            let mean = self.sum_kpa / f64::from(self.frames);
+            let too_little = self.before_kpa.is_some_and(|before| mean > before * (1.0 - LEAST_FALL));
+            self.standing = if too_little && mean > self.may_stand_kpa { self.standing + 1 } else { 0 };
+            (self.sum_kpa, self.frames, self.before_kpa) = (0.0, 0, Some(mean));
+        }
+        // Once it has emptied there is nothing left to wait a window for.
+        self.standing >= WINDOWS_STANDING && distance_kpa > self.may_stand_kpa
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,13 +105,14 @@ struct Venting {
     frames: u32,
     disagreeing: u32,
     fallen: [bool; CHANNELS],
+    emptying: [Emptying; CHANNELS],
     /// Frames in a row in which each has risen.
     risen: [u32; CHANNELS],
 }
 
 impl Venting {
-    fn from(from_kpa: Pair, fallen: [bool; CHANNELS]) -> Self {
-        Venting { from_kpa, frames: 0, disagreeing: 0, fallen, risen: [0; CHANNELS] }
+    fn from(from_kpa: Pair, fallen: [bool; CHANNELS], emptying: [Emptying; CHANNELS]) -> Self {
+        Venting { from_kpa, frames: 0, disagreeing: 0, fallen, emptying, risen: [0; CHANNELS] }
     }
 }
 
@@ -77,7 +136,8 @@ impl VentCheck {
 
     /// The vents are commanded open from now on, at these pressures.
     pub fn begin(&mut self, measured_kpa: Pair) {
-        self.venting = Some(Venting::from(measured_kpa, [false; CHANNELS]));
+        let emptying = |c: usize| Emptying::from(self.model.distance_kpa(c, measured_kpa[c]));
+        self.venting = Some(Venting::from(measured_kpa, [false; CHANNELS], std::array::from_fn(emptying)));
     }
 
     /// The vents are commanded open by a session that has just begun, and nobody knows since when: what it finds under pressure
@@ -88,8 +148,9 @@ impl VentCheck {
     pub fn begin_as_found(&mut self, readings_kpa: [Option<f64>; CHANNELS]) {
         if let (None, [Some(positive), Some(negative)]) = (&self.venting, readings_kpa) {
             let found = [positive, negative];
-            let at_rest = |c: usize| found[c].abs() - self.model.rest_kpa[c].abs() < UNDER_PRESSURE_KPA;
-            self.venting = Some(Venting::from(found, std::array::from_fn(at_rest)));
+            let at_rest = |c: usize| self.model.distance_kpa(c, found[c]) < UNDER_PRESSURE_KPA;
+            let emptying = [Emptying::new(UNDER_PRESSURE_KPA); CHANNELS];
+            self.venting = Some(Venting::from(found, std::array::from_fn(at_rest), emptying));
         }
     }
 
@@ -114,7 +175,7 @@ impl VentCheck {
         #[allow(clippy::needless_range_loop)] // several arrays of channels side by side
         for c in 0..CHANNELS {
             let Some(now) = readings_kpa[c] else { continue };
-            let distance = |kpa: f64| kpa.abs() - self.model.rest_kpa[c].abs();
+            let distance = |kpa: f64| self.model.distance_kpa(c, kpa);
             let half = self.model.half_ticks[c];
             let may_rise = venting.frames <= FRAMES_TO_RISE.max(half);
             if may_rise && distance(now) > distance(venting.from_kpa[c]) {
@@ -122,14 +183,16 @@ impl VentCheck {
             }
             let (from, left) = (distance(venting.from_kpa[c]), distance(now));
             venting.fallen[c] |= left <= NEAR_REST_KPA || left <= from * (1.0 - LEAST_FALL);
-            let late = venting.frames >= FRAMES_TO_FALL.max(half) && !venting.fallen[c];
+            let window = FRAMES_TO_FALL.max(half);
+            let late = venting.frames >= window && !venting.fallen[c];
+            let stands = venting.emptying[c].stands(left, window);
             let rising = !may_rise && left > from.max(0.0) + RISE_KPA && left > NEAR_REST_KPA;
             venting.risen[c] = if rising { venting.risen[c] + 1 } else { 0 };
             // Once it has fallen, what counts is the lowest it has reached.
             if venting.fallen[c] && left < from {
                 venting.from_kpa[c] = now;
             }
-            if late || venting.risen[c] >= FRAMES_RISEN {
+            if late || stands || venting.risen[c] >= FRAMES_RISEN {
                 found.insert(Condition::VentIneffective, now);
             }
         }
@@ -144,9 +207,17 @@ mod tests {
 
     /// Frames until something is found, over a course of both pressures.
     fn found(echo: [f32; 2], course: impl Fn(u32) -> Pair) -> Option<(u32, Condition)> {
-        let mut check = VentCheck::new(VentModel::QUICK);
+        first_found(VentCheck::new(VentModel::QUICK), echo, 500, course)
+    }
+
+    fn first_found(
+        mut check: VentCheck,
+        echo: [f32; 2],
+        frames: u32,
+        course: impl Fn(u32) -> Pair,
+    ) -> Option<(u32, Condition)> {
         check.begin(course(0));
-        (0..500).find_map(|k| {
+        (0..frames).find_map(|k| {
             let mut set = ConditionSet::EMPTY;
             check.judge(echo, course(k).map(Some), &mut set);
             set.iter().next().map(|condition| (k, condition))
@@ -167,6 +238,75 @@ mod tests {
         // It falls and comes back: somebody else opens a supply.
         let back = found(OPEN, |k| if k < 40 { empties(25.0)(k) } else { [60.0, -1.0] });
         assert_eq!(back.map(|(_, c)| c), Some(Condition::VentIneffective));
+    }
+
+    /// What gas keeps that has cooled from `from` to four fifths of it, in a chamber that is shut.
+    fn cooled(from: f64, k: u32) -> f64 {
+        from * (0.8 + 0.2 * (-f64::from(k) / 40.0).exp())
+    }
+
+    #[test]
+    fn gas_that_cools_in_a_chamber_that_is_shut_is_not_vented() {
+        let empties = |k: u32, from: f64| from * (-f64::from(k) / 25.0).exp();
+        for (name, course) in [
+            ("positive", Box::new(|k| [cooled(82.0, k), empties(k, -70.0)]) as Box<dyn Fn(u32) -> Pair>),
+            ("negative", Box::new(|k| [empties(k, 82.0), cooled(-70.0, k)])),
+            ("hardly filled", Box::new(|k| [cooled(24.0, k), empties(k, -20.0)])),
+            ("let go for a moment, then shut", Box::new(|k| [empties(k.min(12), 82.0), empties(k, -70.0)])),
+        ] {
+            // Fallen far enough within the first window, and still nothing is vented: 5 s are plenty for whoever stands beside it.
+            assert!(course(FRAMES_TO_FALL).iter().zip(course(0)).all(|(now, from)| now.abs() <= 0.95 * from.abs()));
+            let found = found(OPEN, &course);
+            assert!(found.is_some_and(|(k, c)| k < 250 && c == Condition::VentIneffective), "{name}: {found:?}");
+        }
+        let found = found_as_found(|k| [cooled(82.0, k), 0.0]);
+        assert!(
+            found.is_some_and(|(_, c)| c == Condition::VentIneffective),
+            "found by a session that begins: {found:?}"
+        );
+    }
+
+    #[test]
+    fn a_chamber_that_empties_slowly_or_keeps_little_is_vented() {
+        // Laminar flow: p' = -k p (p + 2 p0), with 300 frames as its time constant near rest, where it is slowest.
+        let mut slow = vec![90.0];
+        for _ in 0..500 {
+            let p: f64 = slow[slow.len() - 1];
+            slow.push(p - p * (p + 202.65) / (202.65 * 300.0));
+        }
+        assert_eq!(
+            found(OPEN, |k| [slow[k as usize], -slow[k as usize]]),
+            None,
+            "a line with laminar loss, ten times too narrow"
+        );
+        // As large as its model says, and ten times as slow as that.
+        let model = VentModel { half_ticks: [100; CHANNELS], ..VentModel::QUICK };
+        let large = |k: u32| [90.0 * 0.5_f64.powf(f64::from(k) / 1000.0), -0.1];
+        assert_eq!(first_found(VentCheck::new(model), OPEN, 3000, large), None, "a large chamber");
+        // A spring that shuts the valve at low pressure, and the bias of a sensor.
+        for from in [80.0, 10.0] {
+            assert_eq!(
+                found(OPEN, |k| [10.4 + from * (-f64::from(k) / 25.0).exp(), 4.0]),
+                None,
+                "from {from} kPa more"
+            );
+        }
+    }
+
+    #[test]
+    fn a_window_that_noise_has_spoilt_is_no_fault() {
+        let mut word = 1u32;
+        let mut noise = move || {
+            word = word.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(word >> 16) / 65_536.0 - 0.5
+        };
+        let noisy: Vec<f64> = (0..501).map(|k| 90.0 * (-f64::from(k) / 250.0).exp() + 3.0 * noise()).collect();
+        assert_eq!(found(OPEN, |k| [noisy[k as usize], -0.1]), None, "3 kPa of noise on a slow vent");
+        // So slow that a single window with a wrong reading takes off too little: it must not count alone.
+        for wrong in 1..250 {
+            let spiked = |k: u32| 90.0 * (-f64::from(k) / 400.0).exp() + if k == wrong { 40.0 } else { 0.0 };
+            assert_eq!(found(OPEN, |k| [spiked(k), -0.1]), None, "frame {wrong} reads 40 kPa too much");
+        }
     }
 
     /// Frames until something is found of a rig that a session finds vented.

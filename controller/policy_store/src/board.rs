@@ -287,6 +287,7 @@ impl Board {
     pub fn happened(&mut self, told: &Told) -> Vec<Change> {
         self.flying.happened(told);
         match told.event {
+            PolicyEvent::Taken(PolicyTag::FALLBACK) => self.changed(PolicyTag::FALLBACK, "takes over"),
             PolicyEvent::Taken(tag) => self.changed(tag, what(StageNow::of_code(told.snapshot.stage))),
             PolicyEvent::Passed(tag, stage) => self.changed(tag, what(StageNow::of_code(stage))),
             PolicyEvent::Active(tag) => {

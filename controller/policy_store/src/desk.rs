@@ -130,23 +130,21 @@ impl PolicyDesk {
         let sent = self.send(name, who, permit)?;
         // Whoever names what is to control has decided, whatever the trial on the model says.
         locked(&self.board).set_aside(None);
+        // The fallback is the last resort: nothing is held against it.
+        let probation = if name == FALLBACK { "" } else { ", and is on probation for 10 s" };
         let Sent::Order { number, haste } = sent else {
-            return Ok(format!("{name} takes over already, and is on probation for 10 s"));
+            return Ok(format!("{name} takes over already{probation}"));
         };
         Ok(match (self.answer(number), haste) {
             (Some(PolicyEvent::Lost(other, _, Loss::Withdrawn)), _) => {
                 format!("{} is withdrawn; {name} controls on", locked(&self.board).name_of(other))
             }
             (Some(PolicyEvent::Active(_)), _) => format!("{name} controls on"),
-            (Some(_), Haste::Straight) => {
-                format!("{name} takes over within half a second, and is on probation for 10 s")
-            }
+            (Some(_), Haste::Straight) => format!("{name} takes over within half a second{probation}"),
             (Some(_), Haste::Proving) => {
                 format!("{name} is in shadow; it comes to full authority step by step (`controller policies`)")
             }
-            (None, Haste::Straight) => {
-                format!("{name} takes over once the rig is under control, and is on probation for 10 s then")
-            }
+            (None, Haste::Straight) => format!("{name} takes over once the rig is under control{probation}"),
             (None, Haste::Proving) => format!(
                 "{name} begins in shadow once the rig is under control, and comes to full authority step by step (`controller policies`)"
             ),

@@ -57,6 +57,8 @@ pub struct SensorSample {
     pub pump_running: bool,
     /// The state, with this frame taken in.
     pub state: State,
+    /// Condition that keeps the rig from being armed, in standby.
+    pub bars_arming: Option<Condition>,
 }
 
 /// What a duty source wants of the watch.
@@ -64,7 +66,9 @@ pub struct SensorSample {
 pub enum ModeRequest {
     /// Nothing.
     None,
-    /// To be armed, at the next frame if it is sound.
+    /// To be armed for the rows of an experiment, at the next frame if it is sound; whatever stops them leaves arming to a person.
+    Play,
+    /// To be armed for the reference, at the next frame if it is sound.
     Arm,
     /// To be disarmed at once, both vents open; the notice says why.
     Disarm(Notice),

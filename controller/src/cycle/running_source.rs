@@ -18,6 +18,7 @@ use proto::reference::Reference;
 use safety_filter::SafetyFilter;
 use supervisor::{Condition, ControlledBy, State};
 
+use crate::cycle::arming_attempt::ArmingAttempt;
 use crate::cycle::duty_source::{
     ActuatorCommand, Afterwards, DutySource, ExperimentPhase, ExperimentProgress, ModeRequest, NoticeSink, Prediction,
     SensorSample, Steering,
@@ -26,7 +27,7 @@ use crate::cycle::reference_tracking::ReferenceTracking;
 use crate::experiment::open_loop_playback::OpenLoopPlayback;
 
 /// Sound frames within which the rig must be armed again after an experiment: 10 s (chosen; the supervisor asks for half a
-/// second of them). What keeps it from that is a person's to look at.
+/// second of them). What keeps it from that is a person's to look at, and what bars it for half a second ends it at once.
 const MOST_TICKS_TO_ARM: u32 = 500;
 
 /// A reference, and an experiment while one is played.
@@ -38,6 +39,8 @@ pub struct RunningSource {
     afterwards: Afterwards,
     /// Frames left to be armed again in, once it is over.
     to_arm: u32,
+    /// What has barred that so far.
+    attempt: ArmingAttempt,
 }
 
 impl RunningSource {
@@ -51,6 +54,7 @@ impl RunningSource {
             playback: None,
             afterwards: Afterwards::StandingBy,
             to_arm: 0,
+            attempt: ArmingAttempt::new(),
         })
     }
 
@@ -78,7 +82,19 @@ impl RunningSource {
         let complete = self.playback.as_ref().is_some_and(|playback| playback.is_complete());
         if complete && self.afterwards == Afterwards::Armed {
             self.to_arm = MOST_TICKS_TO_ARM;
+            self.attempt = ArmingAttempt::new();
         }
+    }
+
+    /// What is wanted after an experiment that began under control, frame by frame until the rig is armed again.
+    fn to_be_armed_again(&mut self, seen: &SensorSample) -> ModeRequest {
+        self.to_arm -= 1;
+        if self.attempt.given_up(seen.bars_arming).is_some() {
+            self.to_arm = 0;
+            return ModeRequest::None;
+        }
+        // From anything else a person has to arm.
+        if seen.state == State::Standby { ModeRequest::Arm } else { ModeRequest::None }
     }
 }
 
@@ -105,9 +121,7 @@ impl DutySource for RunningSource {
         }
         self.tracking.on_sample(seen);
         if self.to_arm > 0 && !seen.state.is_controlling() {
-            self.to_arm -= 1;
-            // From anything else a person has to arm.
-            return if seen.state == State::Standby { ModeRequest::Arm } else { ModeRequest::None };
+            return self.to_be_armed_again(seen);
         }
         ModeRequest::None
     }

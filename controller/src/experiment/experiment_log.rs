@@ -5,13 +5,15 @@
 //! go to a second recorder with a thread of its own. It is opened by the desk before the tick is asked
 //! ([`ExperimentLog::expect`]) and closed by it once the experiment is over ([`ExperimentLog::close`]).
 
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::Duration;
 
-use flight::{Destination, RecordSink, Recorded, Recorder, RecorderOptions, RecordingSummary, Retention};
-use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo, TickRecord, VERDICT};
+use flight::{Destination, RecordError, RecordSink, Recorded, Recorder, RecorderOptions, Retention};
+use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo, TickRecord, VERDICT, read_mcap};
 
 use crate::experiment::Experiment;
+use crate::experiment::folder_watch::FolderWatch;
 use crate::experiment::playback_report::PlaybackReport;
 use crate::machine::clock::now_ns;
 use crate::operator::notice::sentence;
@@ -48,10 +50,30 @@ pub struct ExperimentLog {
 /// What an experiment left.
 #[derive(Debug)]
 pub struct Kept {
-    /// Its recording, or why there is none, one line.
-    pub recording: Result<RecordingSummary, String>,
+    /// Its recording.
+    pub recording: KeptRecording,
     /// What the cRIO reported.
     pub report: PlaybackReport,
+}
+
+/// The recording of an experiment, whole or not.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct KeptRecording {
+    /// The last finished file; `None` where there is none.
+    pub path: Option<PathBuf>,
+    /// What it lacks, or why there is none, one line; `None`: nothing was lost.
+    pub problem: Option<String>,
+    /// Ticks in the file.
+    pub ticks: u64,
+    /// Ticks that could not be kept.
+    pub ticks_dropped: u64,
+}
+
+impl KeptRecording {
+    /// No recording at all.
+    pub fn none(why: String) -> Self {
+        KeptRecording { problem: Some(why), ..KeptRecording::default() }
+    }
 }
 
 #[derive(Debug)]
@@ -59,8 +81,17 @@ struct Open {
     info: RecordingInfo,
     attachments: Vec<Attachment>,
     report: PlaybackReport,
-    recording: Option<Result<(Recorder, RecordSink), String>>,
+    recording: Option<Result<Recording, String>>,
     ended: bool,
+}
+
+/// A recorder at work.
+#[derive(Debug)]
+struct Recording {
+    recorder: Recorder,
+    sink: RecordSink,
+    /// Where its files come.
+    folder: FolderWatch,
 }
 
 impl ExperimentLog {
@@ -109,7 +140,7 @@ impl ExperimentLog {
             Recorded::Tick(tick) if tick.experiment != 0 => open.tick(tick, &self.settings),
             Recorded::Tick(_) => open.ended = open.recording.is_some(),
             Recorded::Event { at_ns, level, part, message } => {
-                if let Some(Ok((recorder, _))) = &open.recording {
+                if let Some(Ok(Recording { recorder, .. })) = &open.recording {
                     let part =
                         ["tick", "operator", "link"].into_iter().find(|known| *known == part).unwrap_or("daemon");
                     recorder.note(at_ns, level, part, message);
@@ -135,11 +166,11 @@ impl ExperimentLog {
         let _closing = self.closing.lock().unwrap_or_else(PoisonError::into_inner);
         let open = self.lock().take()?;
         let recording = match open.recording {
-            None => Err("no tick of it was recorded".to_owned()),
-            Some(Err(why)) => Err(why),
-            Some(Ok((recorder, _sink))) => {
-                recorder.note(now_ns(), ending.0, VERDICT, ending.1);
-                recorder.finish().map_err(|error| error.to_string())
+            None => KeptRecording::none("no tick of it was recorded".to_owned()),
+            Some(Err(why)) => KeptRecording::none(why),
+            Some(Ok(recording)) => {
+                recording.recorder.note(now_ns(), ending.0, VERDICT, ending.1);
+                recording.finish()
             }
         };
         Some(Kept { recording, report: open.report })
@@ -156,12 +187,44 @@ impl Open {
         let (info, attachments) = (&self.info, &self.attachments);
         let recording = self.recording.get_or_insert_with(|| {
             let options = RecorderOptions::new(sentence);
-            Recorder::start_in(settings.destination.clone(), info, attachments, options).map_err(|e| e.to_string())
+            let folder = FolderWatch::start(&settings.destination.directory, settings.destination.stem);
+            let started = Recorder::start_in(settings.destination.clone(), info, attachments, options);
+            started.map(|(recorder, sink)| Recording { recorder, sink, folder }).map_err(|error| error.to_string())
         });
-        let Ok((_, sink)) = recording else { return };
+        let Ok(Recording { sink, .. }) = recording else { return };
         while settings.log_time == LogTime::Tick && sink.room() == 0 {
             std::thread::sleep(LOOK);
         }
         sink.push(tick);
+    }
+}
+
+impl Recording {
+    /// Finishes the files. An error of the recorder is the first since its start, and outlives the disk that was full: the file that
+    /// followed may hold every row, so it is looked for.
+    fn finish(self) -> KeptRecording {
+        let Recording { recorder, sink: _sink, folder } = self;
+        let health = recorder.health();
+        match recorder.finish() {
+            Ok(summary) => KeptRecording {
+                path: Some(summary.path),
+                problem: None,
+                ticks: summary.ticks,
+                ticks_dropped: summary.ticks_dropped,
+            },
+            // Whoever asks a disk that does not answer waits as well, and so would the end of the run.
+            Err(error @ RecordError::Hangs { .. }) => KeptRecording::none(error.to_string()),
+            Err(error) => {
+                folder.remove_empty();
+                let path = folder.finished().pop();
+                let in_it = path.as_deref().and_then(|path| read_mcap(path).ok()).map_or(0, |file| file.ticks.len());
+                KeptRecording {
+                    path,
+                    problem: Some(error.to_string()),
+                    ticks: in_it as u64,
+                    ticks_dropped: health.ticks_dropped() + health.ticks_lost(),
+                }
+            }
+        }
     }
 }

@@ -3,7 +3,7 @@
 //! ```text
 //!   SETTLE ── both pressures stand still, pump off, vents open ──▶ PLAY: row k at tick n + k ──▶ REST ──▶ over
 //!      │                                                            │ fault, disarmed           ▲
-//!      └── no rest within 60 s; the pump cannot be stopped ─────────┴───────────────────────────┘
+//!      └── no rest within 60 s; not armed then; a pump that runs on ┴───────────────────────────┘
 //! ```
 //!
 //! The row is chosen by the cRIO's tick and nothing else, so a frame that is missing costs a reading, never the
@@ -13,6 +13,7 @@ use model::observation::Pair;
 use proto::recording::{EventLevel, TickRecord};
 use supervisor::Condition;
 
+use crate::cycle::arming_attempt::ArmingAttempt;
 use crate::cycle::duty_source::{
     ActuatorCommand, DutySource, ExperimentPhase, ExperimentProgress, ModeRequest, NoticeSink, Prediction,
     SensorSample, Steering,
@@ -20,10 +21,11 @@ use crate::cycle::duty_source::{
 use crate::experiment::command_sequence::Row;
 use crate::experiment::pump_relay::PumpRelay;
 use crate::experiment::settling::SettlingDetector;
-use crate::operator::notice::{Notice, fault_text};
+use crate::experiment::stopped::Stopped;
+use crate::operator::notice::Notice;
 
 /// How long the pressures may take to stand still before the first row, in ticks: 60 s.
-const LONGEST_SETTLE: u32 = 3_000;
+pub(super) const LONGEST_SETTLE: u32 = 3_000;
 /// How long they may take after the last, in ticks: 20 s.
 const LONGEST_REST: u32 = 1_000;
 /// Frames in a row with a running pump, although it was asked to stop, that prove it cannot be: half a second.
@@ -31,44 +33,6 @@ const PUMP_STOPS: u32 = 25;
 /// How far from the atmosphere rest may read, in kPa gauge, with the pump off: a sensor's bias, and what a vent valve keeps whose spring
 /// shuts it at low pressure (10.4 kPa on a rig drawn with a sagging supply). A vent that is shut keeps 60 and more.
 const REST_KPA: f64 = 20.0;
-
-/// Why a sequence was not played to its end.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Stopped {
-    /// The watch vented the rig.
-    Vented {
-        /// Why.
-        cause: Condition,
-        /// The number behind it: volts, kPa, ms, trip bits.
-        value: f64,
-    },
-    /// The operator disarmed.
-    Disarmed,
-    /// The pump runs although it was asked to stop.
-    PumpRuns,
-    /// The pressures did not come to rest.
-    Restless {
-        /// What was read last, kPa gauge.
-        measured: Pair,
-    },
-}
-
-impl std::fmt::Display for Stopped {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Stopped::Vented { cause, value } => f.write_str(&fault_text(cause.code(), *value)),
-            Stopped::Disarmed => f.write_str("disarmed by the operator"),
-            Stopped::PumpRuns => f.write_str(
-                "the cRIO reports its pump running although it is asked to stop: it has no pump relay, and the model has",
-            ),
-            Stopped::Restless { measured: [pos, neg] } => write!(
-                f,
-                "no rest within {:.0} s with both vents open: {pos:.1}/{neg:.1} kPa; are the vents free, the sensors sound?",
-                f64::from(LONGEST_SETTLE) / 50.0
-            ),
-        }
-    }
-}
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Phase {
@@ -86,6 +50,8 @@ pub struct OpenLoopPlayback {
     relay: PumpRelay,
     phase: Phase,
     calm: SettlingDetector,
+    /// What has barred arming at rest so far.
+    attempt: ArmingAttempt,
     /// Sound frames in this phase.
     waited: u32,
     pump_runs: u32,
@@ -102,6 +68,7 @@ impl OpenLoopPlayback {
             relay,
             phase: Phase::Settle,
             calm: SettlingDetector::new(),
+            attempt: ArmingAttempt::new(),
             waited: 0,
             pump_runs: 0,
             reached: 0,
@@ -174,7 +141,10 @@ impl OpenLoopPlayback {
         if self.relay == PumpRelay::Fitted && self.pump_runs > PUMP_STOPS {
             self.stop(Stopped::PumpRuns);
         } else if self.at_rest(seen.measured) {
-            return ModeRequest::Arm;
+            match self.attempt.given_up(seen.bars_arming) {
+                None if self.waited <= LONGEST_SETTLE => return ModeRequest::Play,
+                bars_arming => self.stop(Stopped::NotArmed { bars_arming }),
+            }
         } else if self.waited > LONGEST_SETTLE {
             self.stop(Stopped::Restless { measured: seen.measured });
         }
@@ -276,13 +246,46 @@ mod tests {
     const SHUT: Row = Row { duty: [0.25, 0.5], pump_on: true };
 
     fn seen(tick: u32, measured: Pair, state: State) -> SensorSample {
-        SensorSample { tick, measured, pump_running: false, state }
+        SensorSample { tick, measured, pump_running: false, state, bars_arming: None }
     }
 
-    /// Frames until the duty source asks to be armed.
+    /// Frames until it asks to be armed.
     fn settles(playing: &mut OpenLoopPlayback, pressure: impl Fn(u32) -> f64) -> Option<u32> {
         (0..2 * LONGEST_SETTLE)
-            .find(|tick| playing.on_sample(&seen(*tick, [pressure(*tick), 0.0], State::Standby)) == ModeRequest::Arm)
+            .find(|tick| playing.on_sample(&seen(*tick, [pressure(*tick), 0.0], State::Standby)) == ModeRequest::Play)
+    }
+
+    #[test]
+    fn what_is_barred_at_rest_ends_it_whether_the_bar_goes_later_or_not() {
+        let barred = |tick| SensorSample {
+            bars_arming: Some(Condition::NotRecorded),
+            ..seen(tick, [0.0; CHANNELS], State::Standby)
+        };
+        let mut playing = OpenLoopPlayback::new([SHUT].into(), PumpRelay::Fitted);
+        let usual = settles(&mut OpenLoopPlayback::new([SHUT].into(), PumpRelay::Fitted), |_| 0.0).unwrap();
+        // Half a second from rest on, as long as an order to arm counts.
+        let ended = (0..LONGEST_SETTLE).find(|tick| {
+            playing.on_sample(&barred(*tick));
+            playing.why_stopped().is_some()
+        });
+        assert_eq!(ended, Some(usual + 25));
+        assert_eq!(playing.why_stopped(), Some(Stopped::NotArmed { bars_arming: Some(Condition::NotRecorded) }));
+        assert!(playing.verdict().is_some_and(|(_, text)| text.contains("nothing would be recorded")));
+        assert_eq!(settles(&mut playing, |_| 0.0), None, "the bar is gone, and nobody asks any more");
+        assert!(playing.is_over() && playing.reached() == 0);
+        // A bar that goes before the rig is at rest, or within the half second, costs nothing.
+        let mut playing = OpenLoopPlayback::new([SHUT].into(), PumpRelay::Fitted);
+        (0..usual + 20).for_each(|tick| _ = playing.on_sample(&barred(tick)));
+        assert_eq!(settles(&mut playing, |_| 0.0), Some(0));
+    }
+
+    #[test]
+    fn a_rig_at_rest_that_is_never_armed_ends_it_too() {
+        let mut playing = OpenLoopPlayback::new([SHUT].into(), PumpRelay::Fitted);
+        for tick in 0..=LONGEST_SETTLE {
+            playing.on_sample(&seen(tick, [0.0; CHANNELS], State::Vent));
+        }
+        assert_eq!(playing.why_stopped(), Some(Stopped::NotArmed { bars_arming: None }));
     }
 
     #[test]

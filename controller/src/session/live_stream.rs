@@ -11,12 +11,13 @@ use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use crossbeam::queue::ArrayQueue;
-use flight::Recorded;
+use flight::{Recorded, RecorderHealth};
+use live::source::RECORDING_PROBLEM;
 use proto::stream::{self, DaemonState};
 
 use crate::machine::clock::now_ns;
@@ -30,6 +31,8 @@ const MOST_BACKLOG: usize = 1 << 20;
 /// Between two looks of the thread: half a tick.
 const LOOK: Duration = Duration::from_millis(10);
 
+/// Between two looks at whether anything is recorded.
+const RECORDING_EVERY: Duration = Duration::from_millis(200);
 /// How often the state is told although it has not changed.
 const STATE_EVERY: Duration = Duration::from_secs(1);
 
@@ -49,6 +52,8 @@ struct Shared {
     queue: ArrayQueue<Vec<u8>>,
     viewers: AtomicUsize,
     about: BTreeMap<String, String>,
+    /// The recorder's health, once there is a recorder.
+    health: OnceLock<RecorderHealth>,
     /// Policies and their stages, JSON; the newest counts.
     policies: Mutex<String>,
     policies_edition: AtomicUsize,
@@ -93,6 +98,12 @@ impl Tap {
             }
         }
         self.shared.queue.force_push(message);
+    }
+
+    /// Tells viewers from now on what keeps the daemon from recording, among the facts of the run.
+    pub fn watch_recorder(&self, health: RecorderHealth) {
+        // There is one recorder in the life of a stream.
+        let _ = self.shared.health.set(health);
     }
 
     /// Tells viewers which policies there are and how far each has come, as JSON.
@@ -161,6 +172,7 @@ pub fn serve(
         queue: ArrayQueue::new(QUEUE),
         viewers: AtomicUsize::new(0),
         about,
+        health: OnceLock::new(),
         policies: Mutex::new(String::new()),
         policies_edition: AtomicUsize::new(0),
         state: Mutex::new(None),
@@ -210,13 +222,25 @@ impl Viewer {
 fn carry(listener: &UnixListener, shared: &Shared, stop: &AtomicBool) {
     let mut viewers: Vec<Viewer> = Vec::new();
     let (mut edition, mut state_edition) = (0, 0);
+    let (mut about, mut recording_looked) = (shared.about.clone(), None::<Instant>);
     let mut ending = false;
     loop {
         // One more round after the end, for the last events.
         let last = std::mem::replace(&mut ending, stop.load(Ordering::Relaxed));
+        let mut news = Vec::new();
+        if let Some(health) = shared.health.get()
+            && recording_looked.is_none_or(|at| at.elapsed() >= RECORDING_EVERY)
+        {
+            recording_looked = Some(Instant::now());
+            let problem = health.why_not_arm().unwrap_or_default();
+            if about.get(RECORDING_PROBLEM) != Some(&problem) {
+                about.insert(RECORDING_PROBLEM.to_owned(), problem);
+                stream::put_about(&about, &mut news);
+            }
+        }
         while let Ok((socket, _)) = listener.accept() {
             let mut first = Vec::new();
-            stream::put_about(&shared.about, &mut first);
+            stream::put_about(&about, &mut first);
             let policies = shared.policies.lock().unwrap_or_else(PoisonError::into_inner).clone();
             if !policies.is_empty() {
                 stream::put_policies(&policies, &mut first);
@@ -226,7 +250,6 @@ fn carry(listener: &UnixListener, shared: &Shared, stop: &AtomicBool) {
                 viewers.extend(Viewer::new(socket, first));
             }
         }
-        let mut news = Vec::new();
         let newest = shared.policies_edition.load(Ordering::Acquire);
         if newest != edition {
             edition = newest;

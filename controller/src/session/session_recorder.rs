@@ -218,6 +218,9 @@ pub fn fly_recorded<H: DutySource + 'static>(
             Recorder::start_in(destination, &info, &attachments, options)?
         }
     };
+    if let Some(tap) = &state_viewers {
+        tap.watch_recorder(recorder.health());
+    }
     let memory = lock_memory();
     for remark in remarks {
         recorder.note(now_ns(), EventLevel::Warning, "start", remark);

@@ -10,6 +10,8 @@
 //!                       acknowledged  └──venting not confirmed──▶ FAULT ──acknowledged, confirmed──▶ VENT
 //! ```
 //!
+//! *arm* is asked for by a person, by an experiment for its rows, or acted on by `auto_arm`.
+//!
 //! STOP is entered from every state and left from none. The whole table, drawn, stands in `docs/safety.md`.
 
 use crate::condition::{Condition, Latch, Severity};
@@ -42,9 +44,11 @@ pub enum Tick {
     Waiting,
 }
 
-/// What a person asks for.
+/// What is asked for: by a person, or by what is steered for on a person's behalf.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Request {
+    /// Play the rows of an experiment: arms for these only, and whatever stops them leaves arming to a person.
+    Play,
     /// Control the pressures.
     Arm,
     /// What was wrong has been looked at.
@@ -71,7 +75,7 @@ pub struct Inputs<'a> {
     pub tick: Tick,
     /// What is wrong now.
     pub conditions: &'a ConditionSet,
-    /// What a person asks for.
+    /// What is asked for.
     pub request: Option<Request>,
     /// Whether a person is needed to arm.
     pub arming: Arming,
@@ -96,7 +100,8 @@ pub struct Memory {
     pub returns: u8,
     /// Ticks since the first of them.
     pub return_period_ticks: u32,
-    /// Whether `auto_arm` may act: not after a latched condition or a disarm, until a person arms.
+    /// Whether `auto_arm` may act: not after a latched condition, a disarm or the rows of an experiment, until it is armed by a
+    /// person or, after an experiment that began under control, for the reference again.
     pub may_arm_itself: bool,
 }
 
@@ -404,15 +409,15 @@ fn sound(memory: &mut Memory, inputs: &Inputs<'_>) -> Transition {
 }
 
 fn arm(memory: &mut Memory, inputs: &Inputs<'_>) -> Transition {
-    let by_hand = inputs.request == Some(Request::Arm);
+    let asked = matches!(inputs.request, Some(Request::Arm | Request::Play));
     let by_itself = inputs.arming == Arming::Automatic && memory.may_arm_itself && inputs.request.is_none();
-    if inputs.tick != Tick::Frame || !(by_hand || by_itself) || !memory.can_arm(inputs.conditions) {
+    if inputs.tick != Tick::Frame || !(asked || by_itself) || !memory.can_arm(inputs.conditions) {
         return Transition::None;
     }
     memory.state = State::Run;
     (memory.cause, memory.reverted, memory.good_ticks) = (None, None, 0);
-    memory.may_arm_itself = true;
-    Transition::Armed(if by_hand { Arming::Manual } else { Arming::Automatic })
+    memory.may_arm_itself = inputs.request != Some(Request::Play);
+    Transition::Armed(if asked { Arming::Manual } else { Arming::Automatic })
 }
 
 /// RUN, HOLD and REVERT among each other.

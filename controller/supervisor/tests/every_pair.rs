@@ -11,8 +11,14 @@ use supervisor::{
 };
 
 const TICKS: [Tick; 5] = [Tick::Frame, Tick::Missing, Tick::SessionOpened, Tick::LinkGone, Tick::Waiting];
-const REQUESTS: [Option<Request>; 5] =
-    [None, Some(Request::Arm), Some(Request::Acknowledge), Some(Request::Disarm), Some(Request::Stop)];
+const REQUESTS: [Option<Request>; 6] = [
+    None,
+    Some(Request::Play),
+    Some(Request::Arm),
+    Some(Request::Acknowledge),
+    Some(Request::Disarm),
+    Some(Request::Stop),
+];
 const ARMINGS: [Arming; 2] = [Arming::Manual, Arming::Automatic];
 
 fn set(conditions: &[Condition]) -> ConditionSet {
@@ -121,11 +127,16 @@ fn check(before: &Memory, inputs: &Inputs<'_>) -> Memory {
         assert!(!after.state.is_controlling() && action.actuation == Actuation::Vent, "{}", context());
     }
     if after.state.is_controlling() && !before.state.is_controlling() {
-        let asked = inputs.request == Some(Request::Arm);
+        let asked = matches!(inputs.request, Some(Request::Arm | Request::Play));
         let by_itself = inputs.arming == Arming::Automatic && before.may_arm_itself && inputs.request.is_none();
         assert!(before.state == State::Standby && inputs.tick == Tick::Frame && (asked || by_itself), "{}", context());
         assert!(before.latched.is_empty() && after.latched.is_empty(), "{}", context());
         assert!(!inputs.conditions.iter().any(|c| c.severity() == Severity::BarsArming), "{}", context());
+    }
+    // Leave to arm by itself is given by arming for the reference alone.
+    if after.may_arm_itself && !before.may_arm_itself {
+        let armed = matches!(action.transition, Transition::Armed(Arming::Manual));
+        assert!(armed && inputs.request == Some(Request::Arm), "{}", context());
     }
     for condition in before.latched.iter() {
         let kept = after.latched.contains(condition);
@@ -145,6 +156,20 @@ fn check(before: &Memory, inputs: &Inputs<'_>) -> Memory {
     after
 }
 
+/// One step from this memory by every tick, request and arming, with nothing and with each condition.
+fn in_every_way(before: &Memory) {
+    for tick in TICKS {
+        for request in REQUESTS {
+            for arming in ARMINGS {
+                check(before, &Inputs { tick, conditions: &ConditionSet::EMPTY, request, arming });
+                for condition in Condition::ALL {
+                    check(before, &Inputs { tick, conditions: &set(&[*condition]), request, arming });
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn what_must_never_happen_does_not_in_any_single_step() {
     for state in State::ALL {
@@ -152,21 +177,12 @@ fn what_must_never_happen_does_not_in_any_single_step() {
             [None, Some(Condition::OverPressure), Some(Condition::CrioTripped), Some(Condition::VentIneffective)]
         {
             for sound_frames in [0, FRAMES_TO_ARM] {
-                let mut before = Memory { sound_frames, ..ripe(state) };
-                if let Some(condition) = latched {
-                    before.latched.insert(condition, 1.0);
-                    before.may_arm_itself = false;
-                }
-                for tick in TICKS {
-                    for request in REQUESTS {
-                        for arming in ARMINGS {
-                            check(&before, &Inputs { tick, conditions: &ConditionSet::EMPTY, request, arming });
-                            for condition in Condition::ALL {
-                                let conditions = set(&[*condition]);
-                                check(&before, &Inputs { tick, conditions: &conditions, request, arming });
-                            }
-                        }
+                for may_arm_itself in [false, latched.is_none()] {
+                    let mut before = Memory { sound_frames, may_arm_itself, ..ripe(state) };
+                    if let Some(condition) = latched {
+                        before.latched.insert(condition, 1.0);
                     }
+                    in_every_way(&before);
                 }
             }
         }
@@ -197,7 +213,7 @@ fn what_must_never_happen_does_not_over_a_million_random_ticks() {
         while dice(40) == 0 {
             conditions.insert(Condition::ALL[dice(Condition::ALL.len())], 1.0);
         }
-        let request = if dice(30) == 0 { REQUESTS[dice(4)] } else { None };
+        let request = if dice(30) == 0 { REQUESTS[dice(5)] } else { None };
         let inputs = Inputs { tick, conditions: &conditions, request, arming: ARMINGS[dice(2)] };
         let before = memory.state;
         memory = check(&memory, &inputs);
@@ -265,6 +281,27 @@ fn auto_arm_acts_again_after_link_causes_only() {
         }
         assert_eq!(memory.state, State::Standby, "acknowledged, and still a person arms: {condition:?}");
         assert!(automatic(&memory, &ConditionSet::EMPTY, Some(Request::Arm)).0.state == State::Run, "{condition:?}");
+    }
+}
+
+#[test]
+fn an_experiment_that_a_lost_link_breaks_off_is_not_followed_by_auto_arm() {
+    let go_on = |memory: &Memory, tick, conditions: &ConditionSet, request| {
+        next(memory, &Inputs { tick, conditions, request, arming: Arming::Automatic }).0
+    };
+    for (asked, armed_again) in [(Request::Play, false), (Request::Arm, true)] {
+        // From control an experiment begins by a disarming, in standby it finds the daemon disarmed or not yet armed.
+        let disarmed = go_on(&ripe(State::Run), Tick::Frame, &ConditionSet::EMPTY, Some(Request::Disarm));
+        for begun in [disarmed, ripe(State::Standby)] {
+            let mut memory = go_on(&begun, Tick::Frame, &ConditionSet::EMPTY, Some(asked));
+            assert_eq!(memory.state, State::Run, "{asked:?}");
+            memory = go_on(&memory, Tick::LinkGone, &set(&[Condition::LinkLost]), None);
+            memory = go_on(&memory, Tick::SessionOpened, &ConditionSet::EMPTY, None);
+            for _ in 0..10 * FRAMES_TO_ARM {
+                memory = go_on(&memory, Tick::Frame, &ConditionSet::EMPTY, None);
+            }
+            assert_eq!(memory.state.is_controlling(), armed_again, "{asked:?}");
+        }
     }
 }
 

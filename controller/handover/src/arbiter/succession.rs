@@ -85,6 +85,7 @@ impl Arbiter {
         let law = self.incumbent.law.for_layout(layout_of(taken.as_deref()));
         let seat = Seat { law, taken };
         let tag = seat.tag();
+        let stages = if tag == PolicyTag::FALLBACK { Stages::last_resort() } else { stages };
         self.candidate = Some((seat, stages));
         self.answered(PolicyEvent::Taken(tag))
     }

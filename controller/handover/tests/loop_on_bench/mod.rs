@@ -1,4 +1,4 @@
-//! The loop of the daemon on `bench` with averaged pumps, the model knowing `dual_pressure`: arbiter and safety filter.
+//! The loop of the daemon on `bench` with averaged pumps, knowing `dual_pressure` unless told otherwise: arbiter and safety filter.
 // Each test file compiles this module for itself and uses part of it.
 #![allow(dead_code, unreachable_pub, missing_docs, clippy::unwrap_used)]
 
@@ -47,17 +47,22 @@ pub fn policy(bytes: &[u8]) -> Policy {
 
 impl Loop {
     pub fn new(active: Option<Policy>, reference: Reference, seed: u64) -> Self {
+        Loop::knowing("dual_pressure", active, reference, seed)
+    }
+
+    /// The same around another model.
+    pub fn knowing(model: &str, active: Option<Policy>, reference: Reference, seed: u64) -> Self {
         let rig = |name: &str| Rig::builtin(name).unwrap();
         let averaged = |name: &str| DualPressureRig::<Four>::averaged_side_by_side(&[rig(name)], 10.0).unwrap();
-        let map = Arc::new(SteadyMap::new(&rig("dual_pressure")).unwrap());
+        let map = Arc::new(SteadyMap::new(&rig(model)).unwrap());
         let (end, store) = channel();
         let scales = [PSE540A_R06, PSE541A_R06];
         Loop {
             plant: averaged("bench"),
-            predictor: Predictor::with(averaged("dual_pressure")),
+            predictor: Predictor::with(averaged(model)),
             arbiter: Arbiter::new(map, active.map(Candidate::new), end),
             store,
-            filter: SafetyFilter::new(&rig("dual_pressure"), ENVELOPE, SlewLimit::DEFAULT).unwrap(),
+            filter: SafetyFilter::new(&rig(model), ENVELOPE, SlewLimit::DEFAULT).unwrap(),
             sensors: Sensors::new(scales, Sensors::ADC_NOISE_V_RMS, seed),
             scales,
             reference,

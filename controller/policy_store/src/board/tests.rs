@@ -67,7 +67,7 @@ fn what_the_rig_needs_is_in_a_row_whatever_becomes_of_its_file() {
     assert_eq!(board.entry(kept).unwrap().state, Gone, "it may still be asked for");
 }
 
-/// In its ten seconds of probation the fallback has the command, and what it took over from may have it back.
+/// In the tick in which the fallback has come to all of the command it is named, before it counts as active.
 #[test]
 fn what_has_all_of_the_command_is_named() {
     use EntryState::{Active, Previous, Probation};

@@ -1,7 +1,7 @@
 //! Arm, and acknowledge what waits for a person.
 
 use super::{Asked, Desk, Step, WITHDRAWN, What};
-use crate::operator::mailbox::{Fate, Request, Ticket};
+use crate::operator::mailbox::{Fate, Request, Status, Ticket};
 use crate::operator::notice::why_barred;
 use crate::operator::peer::Peer;
 
@@ -49,7 +49,14 @@ impl Desk {
     fn arming(&mut self, ticket: Ticket, asked: Asked) -> Option<Result<(), String>> {
         let late = asked.is_late();
         let fate = self.options.mailbox.fate(ticket);
-        let runs = self.newest.is_some_and(|(s, at_ns)| s.state.is_controlling() && at_ns > asked.at_ns);
+        let since = self.newest.filter(|(_, at_ns)| *at_ns > asked.at_ns).map(|(status, _)| status);
+        let runs = since.is_some_and(|status| status.state.is_controlling());
+        let vented = since.filter(|status| status.state.is_vented());
+        if let (Fate::Taken, Some(status)) = (fate, vented) {
+            // The order is spent, and whoever is told that the rig does not run must not find it armed by itself.
+            self.options.mailbox.disarm();
+            return Some(Err(vented_at_once(&status)));
+        }
         match fate {
             Fate::Taken if runs => Some(Ok(())),
             Fate::Withdrawn => Some(Err(WITHDRAWN.to_owned())),
@@ -60,7 +67,9 @@ impl Desk {
             Fate::Waiting | Fate::Taken => {
                 // The tick has taken it and the rig does not run: it must not begin to later on.
                 self.options.mailbox.disarm();
-                Some(Err("it did not start in time, so it was disarmed; `controller status` tells why".to_owned()))
+                let no_session = self.live_status().is_none_or(|status| status.session == 0);
+                let why = if no_session { self.last_data() } else { "`controller status` tells why".to_owned() };
+                Some(Err(format!("it did not start in time, so it was disarmed; {why}")))
             }
         }
     }
@@ -111,6 +120,42 @@ impl Desk {
             Fate::Waiting if !late => None,
             Fate::Waiting if !self.options.mailbox.withdraw(ticket) => Some(Ok(())),
             Fate::Waiting | Fate::Withdrawn => Some(Err("no tick took it in time; try again".to_owned())),
+        }
+    }
+}
+
+/// Answer to an order to arm that was carried out in a tick, or just before one, that vented the rig.
+fn vented_at_once(status: &Status) -> String {
+    let cause = status.fault.map_or("the log says why", |condition| condition.name());
+    let next = match status.latched {
+        Some(condition) => {
+            format!("`{}` waits for `controller acknowledge`; look at it first, then arm", condition.name())
+        }
+        None => "arm again once that is over".to_owned(),
+    };
+    format!("the rig was vented as soon as it was armed ({cause}), and is disarmed; {next}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::state::{Condition, State};
+
+    #[test]
+    fn an_arming_that_was_vented_at_once_names_the_cause_and_what_is_to_do() {
+        let vented = Status { state: State::Vent, fault: Some(Condition::FramesMissing), ..Status::default() };
+        let latched = Status {
+            fault: Some(Condition::PumpOff),
+            latched: Some(Condition::CrioTripped),
+            state: State::Fault,
+            ..Status::default()
+        };
+        for (status, words) in [
+            (vented, [Condition::FramesMissing.name(), "arm again"]),
+            (latched, [Condition::PumpOff.name(), "`cRIO tripped` waits for `controller acknowledge`"]),
+        ] {
+            let line = vented_at_once(&status);
+            assert!(!line.contains('\n') && words.iter().all(|word| line.contains(word)), "{line}");
         }
     }
 }

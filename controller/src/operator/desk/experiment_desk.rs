@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::answers::one_line;
 use crate::cycle::duty_source::{ExperimentPhase, ExperimentProgress};
-use crate::experiment::experiment_log::{ExperimentLog, Kept};
+use crate::experiment::experiment_log::{ExperimentLog, Kept, KeptRecording};
 use crate::experiment::open_loop_playback::OpenLoopPlayback;
 use crate::experiment::playback_report::PlaybackReport;
 use crate::experiment::{Experiment, why_aborted};
@@ -58,10 +58,10 @@ pub struct ExperimentOutcome {
     /// Why it did not come to its end, in a few words; absent: it did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub aborted: Option<String>,
-    /// Its recording.
+    /// Its recording: the last finished file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording: Option<PathBuf>,
-    /// What is wrong with the recording.
+    /// What is wrong with the recording, or why there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recording_problem: Option<String>,
     /// Ticks in it, the rest before and after the rows included.
@@ -195,20 +195,30 @@ fn level(outcome: &ExperimentOutcome) -> EventLevel {
 fn told(outcome: &ExperimentOutcome) -> String {
     let how = outcome.aborted.as_ref().map_or("played to its end".to_owned(), |why| format!("aborted: {why}"));
     match (&outcome.recording, &outcome.recording_problem) {
-        (Some(path), _) => format!("{how}; recorded in {}", path.display()),
+        (Some(path), None) => format!("{how}; recorded in {}", path.display()),
+        (Some(path), Some(problem)) => {
+            let (path, ticks) = (path.display(), outcome.ticks_recorded);
+            format!("{how}; recorded in {path} with {ticks} ticks, and not all of it: {problem}")
+        }
         (None, Some(problem)) => format!("{how}; not recorded apart: {problem}"),
         (None, None) => how,
     }
 }
 
 fn outcome(kept: Option<Kept>, aborted: Option<String>) -> ExperimentOutcome {
-    let lost = || (Err("its recording was not begun".to_owned()), PlaybackReport::default());
-    let (recording, played) = kept.map_or_else(lost, |kept| (kept.recording, kept.report));
-    let (recording, recording_problem, ticks_recorded, ticks_dropped) = match recording {
-        Ok(summary) => (Some(summary.path), None, summary.ticks, summary.ticks_dropped),
-        Err(problem) => (None, Some(problem), 0, 0),
+    let lost = || {
+        let recording = KeptRecording::none("its recording was not begun".to_owned());
+        Kept { recording, report: PlaybackReport::default() }
     };
-    ExperimentOutcome { aborted, recording, recording_problem, ticks_recorded, ticks_dropped, played }
+    let Kept { recording, report } = kept.unwrap_or_else(lost);
+    ExperimentOutcome {
+        aborted,
+        recording: recording.path,
+        recording_problem: recording.problem,
+        ticks_recorded: recording.ticks,
+        ticks_dropped: recording.ticks_dropped,
+        played: report,
+    }
 }
 
 /// Finishes the recording on a thread of its own, or here where there is none to be had.
