@@ -21,6 +21,7 @@ use crate::recording::logger_file::sheet::Sheet;
 use crate::recording::logger_file::{file_kind, logger_text, long_format, serial_monitor, text_encoding};
 use crate::recording::mcap_file::from_ticks::Broken;
 use crate::recording::recording_error::RecordingError;
+use crate::recording::rows::own_rows::OwnRows;
 use crate::recording::rows::repeated::Sensors;
 use crate::recording::rows::resample::{Kind, Resampling};
 use crate::recording::rows::slower::{self, Slower};
@@ -138,6 +139,13 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     let sheet = numbered.as_ref().unwrap_or(sheet);
     let (mut missing, read) = lost_rows::readings(sheet, &mut time_s, &mut columns);
     let sheet = read.as_ref().unwrap_or(sheet);
+    let repeated = repeated::fresh(&readings(&columns)).filter(|_| Resampling::new(&time_s).is_as_it_was());
+    let own = match repeated {
+        None => OwnRows::put(sheet, &mut time_s, &mut columns, &mut missing),
+        Some(_) => Ok(None),
+    };
+    let (own, kept) = own.map_err(|at| never_together(sheet, &columns, at))?.unzip();
+    let sheet = kept.as_ref().unwrap_or(sheet);
     let slower = Slower::of(&readings(&columns)).map_err(|at| never_together(sheet, &columns, at))?;
     let (time_s, columns) = match &slower {
         Some(slower) => {
@@ -150,9 +158,15 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     if let Some(slower) = &slower {
         let read = slower.read.get(slower.span.clone()).unwrap_or_default();
         resampling.only(read, Sensors::Slower(slower.rows_a_reading()));
-    } else if let Some((fresh, repeats)) = repeated::fresh(&readings(&columns)).filter(|_| resampling.is_as_it_was()) {
+    } else if let Some(own) = &own {
+        resampling.only(&own.any(), Sensors::Own(own.rows_a_reading));
+    } else if let Some((fresh, repeats)) = repeated {
         resampling.only(&fresh, Sensors::Repeated(repeats));
     }
+    let of_own = own.as_ref().map_or_else(Vec::new, |own| own.missing_of(&resampling));
+    missing.columns.retain(|(name, _)| of_own.iter().all(|(own, _)| own != name));
+    let now_and_then = missing.columns.iter().map(|(name, of)| (name.clone(), resampling.missing_of(of)));
+    let lacking = of_own.into_iter().chain(now_and_then).collect();
     let rows = |(column, kind): &(Column, Kind)| Column {
         name: column.name.clone(),
         data: rows_of(&resampling, &column.data, *kind),
@@ -167,7 +181,7 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     let rows = Rows {
         columns: made,
         measured: resampling.measured.clone(),
-        missing: missing.columns.iter().map(|(name, of)| (name.clone(), resampling.missing_of(of))).collect(),
+        missing: lacking,
         sampling_s: resampling.sampling_s(),
         header_line: sheet.header_line,
         time_s: resampling.rows.clone(),
@@ -178,6 +192,7 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     notes.extend(sheet.notes.iter().cloned());
     notes.extend(blank_columns);
     notes.extend(missing.notes);
+    notes.extend(own.into_iter().flat_map(|own| own.notes));
     notes.extend(resampling.notes(&sheet.file));
     let recording = Recording::from_rows(&sheet.file, rows)?.with_notes(notes).with_file_units(file_units);
     Ok(if may_count_rows { recording.that_may_count_rows() } else { recording })

@@ -135,6 +135,21 @@ fn hold(texts: &mut [Cow<'_, str>], is_blank: &[bool]) {
 pub(crate) fn readings(time_s: &[f64], columns: &mut [(Column, Kind)]) -> Result<Vec<usize>, usize> {
     let sensors = columns.iter().filter(|(_, kind)| *kind == Kind::Reading);
     let read: Vec<Vec<usize>> = sensors.filter_map(|(column, _)| column.numbers()).map(rows_with_a_number).collect();
+    let kept = near_all(time_s, &read)?;
+    for (column, _) in columns.iter_mut().filter(|(_, kind)| *kind == Kind::Reading) {
+        if let ColumnData::Numbers(numbers) = &mut column.data {
+            slower::fill(time_s, numbers);
+            *numbers = rows_alone(numbers, &kept);
+        }
+    }
+    Ok(kept)
+}
+
+/// Rows of the sensor that is read least often at which all others were read within a usual step of it; `read` are the rows of each.
+///
+/// # Errors
+/// The place among the sensors of that one, where these are less than half of its rows.
+pub(crate) fn near_all(time_s: &[f64], read: &[Vec<usize>]) -> Result<Vec<usize>, usize> {
     let Some((slowest, base)) = read.iter().enumerate().min_by_key(|(_, rows)| rows.len()) else {
         return Ok(Vec::new());
     };
@@ -148,12 +163,6 @@ pub(crate) fn readings(time_s: &[f64], columns: &mut [(Column, Kind)]) -> Result
     let kept: Vec<usize> = base.iter().copied().filter(|row| read.iter().all(|rows| is_near(rows, at(*row)))).collect();
     if 2 * kept.len() < base.len() {
         return Err(slowest);
-    }
-    for (column, _) in columns.iter_mut().filter(|(_, kind)| *kind == Kind::Reading) {
-        if let ColumnData::Numbers(numbers) = &mut column.data {
-            slower::fill(time_s, numbers);
-            *numbers = rows_alone(numbers, &kept);
-        }
     }
     Ok(kept)
 }

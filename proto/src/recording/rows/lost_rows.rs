@@ -128,10 +128,19 @@ pub(crate) fn missing(
     if kept.is_empty() || left_out == 0 {
         return (of, (0..time_s.len()).collect());
     }
-    let rows = if left_out == 1 { "1 row".to_owned() } else { format!("{left_out} rows") };
-    of.notes.push(format!("{file}: {rows} left out before the first reading of every sensor, where no run can begin"));
+    of.notes.extend(left_out_before_readings(file, left_out));
     of.columns.iter_mut().for_each(|(_, missing)| *missing = rows_alone(missing, &kept));
     (of, kept)
+}
+
+/// The remark on rows that are left out before a run's readings begin; `None` where there are none.
+pub(crate) fn left_out_before_readings(file: &str, rows: usize) -> Option<String> {
+    let rows = match rows {
+        0 => return None,
+        1 => "1 row".to_owned(),
+        _ => format!("{rows} rows"),
+    };
+    Some(format!("{file}: {rows} left out before the first reading of every sensor, where no run can begin"))
 }
 
 /// The sheet without the rows that are lost for want of a number in a column, and the rows that it keeps; `None` where none is, or all.

@@ -1,12 +1,17 @@
 //! Loggers that are quicker than their sensors: each reading stands there several times.
 //!
 //! A sensor that is read every 100 ms and logged every 20 ms repeats each number five times. Only the first of them is a sample. Such
-//! runs of equal numbers are all of one length; those of a calm chamber and a coarse converter are of every length.
+//! runs of equal numbers are all of one length, or of several such lengths where a reading came out as the one before; those of a calm
+//! chamber and a coarse converter are of every length. A ramp through the steps of a coarse converter has runs of one length as well, but
+//! goes on by one step of it at a time.
 
 /// Runs that must be there to tell.
 const LEAST_RUNS: usize = 40;
-/// Share of the runs that must have the usual length.
+/// Share of the runs that must have the usual length, or a multiple of it.
 const ALIKE: f64 = 0.8;
+/// Steps of the converter from which on a change is none of a slow ramp, and the share of the changes that must be such ones.
+const JUMP_STEPS: f64 = 1.5;
+const JUMPS: f64 = 0.25;
 
 /// How samples and sensors' readings go together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,6 +22,8 @@ pub(crate) enum Sensors {
     Repeated(usize),
     /// One of so many samples has a reading, the others have none.
     Slower(usize),
+    /// Each sensor has samples of its own; the one that is read least often in one of so many.
+    Own(usize),
 }
 
 impl Sensors {
@@ -24,7 +31,7 @@ impl Sensors {
     pub(crate) fn samples(self) -> usize {
         match self {
             Sensors::EachSample => 1,
-            Sensors::Repeated(samples) | Sensors::Slower(samples) => samples,
+            Sensors::Repeated(samples) | Sensors::Slower(samples) | Sensors::Own(samples) => samples,
         }
     }
 }
@@ -33,35 +40,64 @@ impl Sensors {
 pub(crate) fn fresh(readings: &[&[f64]]) -> Option<(Vec<bool>, usize)> {
     let (first, others) = readings.split_first()?;
     let usual = usual_run(first)?;
-    let mut fresh = begins(first);
+    let mut fresh = begins(first, usual);
     for other in others {
         if usual_run(other)? != usual {
             return None;
         }
         // Two sensors of one converter change together; now and then one of them reads the same again.
-        fresh.iter_mut().zip(begins(other)).for_each(|(fresh, new)| *fresh |= new);
+        fresh.iter_mut().zip(begins(other, usual)).for_each(|(fresh, new)| *fresh |= new);
     }
     let count = fresh.iter().filter(|fresh| **fresh).count();
     // Sensors that change at different times are each told by some rows; of those together nearly all would be new.
     (count * usual <= fresh.len() * 5 / 4).then_some((fresh, usual))
 }
 
-/// Whether a sample is another number than the one before.
-fn begins(values: &[f64]) -> Vec<bool> {
-    let new = values.windows(2).map(|w| w[0] != w[1]);
-    std::iter::once(true).chain(new).take(values.len()).collect()
+/// Which samples of one sensor are new and how many stand for one; `None` where its readings are not repeated.
+pub(crate) fn held(values: &[f64]) -> Option<(Vec<bool>, usize)> {
+    let usual = usual_run(values)?;
+    let mut fresh = begins(values, usual);
+    // A run that began before the file is an older reading than its first row.
+    if values.chunk_by(|a, b| a == b).next().is_some_and(|run| run.len() < usual)
+        && let Some(first) = fresh.first_mut()
+    {
+        *first = false;
+    }
+    Some((fresh, usual))
 }
 
-/// The length that nearly all runs of equal numbers have, if it is more than 1.
+/// Whether a sample is the first of a reading that stands for `usual` of them: a run of several times as many holds several readings.
+fn begins(values: &[f64], usual: usize) -> Vec<bool> {
+    let of = |run: &[f64]| {
+        let readings = ((run.len() as f64 / usual as f64).round() as usize).max(1);
+        let begins = move |at: usize| at.is_multiple_of(usual) && at / usual < readings;
+        (0..run.len()).map(begins).collect::<Vec<bool>>()
+    };
+    values.chunk_by(|a, b| a == b).flat_map(of).collect()
+}
+
+/// The length that nearly all runs of equal numbers have, or a multiple of it, if it is more than 1.
 fn usual_run(values: &[f64]) -> Option<usize> {
     let mut lengths: Vec<usize> = values.chunk_by(|a, b| a == b).map(<[f64]>::len).collect();
     if lengths.len() < LEAST_RUNS {
         return None;
     }
-    let middle = lengths.len() / 2;
-    let usual = *lengths.select_nth_unstable(middle).1;
-    let alike = lengths.iter().filter(|length| **length == usual).count();
-    (usual > 1 && alike as f64 >= ALIKE * lengths.len() as f64).then_some(usual)
+    // Multiples are longer, and the few that are shorter were cut off.
+    let quarter = lengths.len() / 4;
+    let usual = *lengths.select_nth_unstable(quarter).1;
+    if usual < 2 {
+        return None;
+    }
+    let alike = lengths.iter().filter(|length| length.is_multiple_of(usual)).count();
+    (alike as f64 >= ALIKE * lengths.len() as f64 && jumps(values)).then_some(usual)
+}
+
+/// Tells whether readings often change by more than the least change among them, as those of a ramp through coarse steps never do.
+fn jumps(values: &[f64]) -> bool {
+    let changes: Vec<f64> = values.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|change| *change > 0.0).collect();
+    let least = changes.iter().copied().fold(f64::INFINITY, f64::min);
+    let jumps = changes.iter().filter(|change| **change > JUMP_STEPS * least).count();
+    jumps as f64 >= JUMPS * changes.len() as f64
 }
 
 #[cfg(test)]
@@ -84,5 +120,24 @@ mod tests {
         assert_eq!(fresh(&[&coarse]), None);
         let shifted: Vec<f64> = (0..500).map(|k| noise((k + 2) / 5)).collect();
         assert_eq!(fresh(&[&held, &shifted]), None, "two converters out of step");
+    }
+
+    /// What repeats for other reasons than a slow sensor is every row's reading: rest, steps of a converter, a ramp through them, a ripple.
+    #[test]
+    fn one_sensor_is_held_or_at_rest() {
+        let noise = |k: usize| ((k * 7919 % 1000) as f64 / 1000.0 * 37.0).sin();
+        // A reading that comes out as the one before is another one: every third is here.
+        let slow: Vec<f64> = (0..700).map(|k| noise((k + 3) / 7 - usize::from((k + 3) / 7 % 3 == 2))).collect();
+        let (new, usual) = held(&slow).unwrap();
+        assert_eq!(usual, 7);
+        assert!((0..700).all(|k| new[k] == (k % 7 == 4)), "{new:?}");
+        let coarse = |of: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..2000).map(|k| of(k as f64).round() * 0.5).collect() };
+        let ramp = coarse(&|k| (k + 0.5) / 6.0);
+        let triangle = coarse(&|k| 20.0 * (((k + 0.5) / 240.0 % 1.0) - 0.5).abs());
+        let ripple = coarse(&|k| if k % 8.0 < 4.0 { 3.0 } else { 4.0 });
+        let resting = coarse(&|k| if k < 300.0 { 0.3 * k } else { 90.0 + 0.6 * noise(k as usize) });
+        for (what, values) in [("ramp", ramp), ("triangle", triangle), ("ripple", ripple), ("resting", resting)] {
+            assert_eq!(held(&values), None, "{what}");
+        }
     }
 }

@@ -28,6 +28,8 @@ const GAP_STEPS: f64 = 2.5;
 const BRIDGED_S: f64 = 0.1;
 /// Samples further apart than this many rows leave rows between them that nobody measured.
 const SPARSE_ROWS: f64 = 1.5;
+/// The same in s.
+pub(crate) const SPARSE_S: f64 = SPARSE_ROWS * PERIOD_S;
 /// A row between two neighbouring samples closer than this many rows was measured.
 const NEIGHBOURS_ROWS: f64 = 1.75;
 /// Samples closer than this share of a row are averaged.
@@ -114,24 +116,28 @@ impl<'t> Resampling<'t> {
     /// Usual distance of samples (s), that of rows where they are closer.
     pub(crate) fn sampling_s(&self) -> f64 {
         let step_s = self.step_s * self.sensors.samples() as f64;
-        if step_s > SPARSE_ROWS * PERIOD_S { step_s } else { PERIOD_S }
+        if step_s > SPARSE_S { step_s } else { PERIOD_S }
     }
 
-    /// Takes only those samples for readings that are `fresh`: rows that are such a sample, or are the nearest to one.
+    /// Takes only those samples for readings that are `fresh`.
     pub(crate) fn only(&mut self, fresh: &[bool], sensors: Sensors) {
         self.sensors = sensors;
+        let taken = self.taken_at(fresh);
+        self.measured.iter_mut().zip(taken).for_each(|(measured, taken)| *measured &= taken);
+    }
+
+    /// By row, whether it is a sample that is `fresh`, or the nearest to one.
+    pub(crate) fn taken_at(&self, fresh: &[bool]) -> Vec<bool> {
         if let Some(is_sample) = &self.is_sample {
-            for (measured, sample) in self.measured.iter_mut().zip(is_sample) {
-                *measured &= sample.and_then(|sample| fresh.get(sample)).copied().unwrap_or(false);
-            }
-            return;
+            let of = |sample: &Option<usize>| sample.and_then(|sample| fresh.get(sample)).copied().unwrap_or(false);
+            return is_sample.iter().map(of).collect();
         }
         let mut is_near = vec![false; self.rows.len()];
         for (time, _) in self.time_s.iter().zip(fresh).filter(|(_, fresh)| **fresh) {
             let row = self.rows.partition_point(|row| *row < time - 0.5 * PERIOD_S);
             is_near.get_mut(row).into_iter().for_each(|near| *near = true);
         }
-        self.measured.iter_mut().zip(is_near).for_each(|(measured, near)| *measured &= near);
+        is_near
     }
 
     /// Whether samples are rows as they are, but for lost ones.
@@ -177,7 +183,7 @@ impl<'t> Resampling<'t> {
         let slack = if on_grid { 0.5 } else { 1e-6 };
         let count = ((last - begin) / PERIOD_S + slack).floor().max(0.0) as usize + 1;
         let from = self.rows.len();
-        let sparse = self.step_s > SPARSE_ROWS * PERIOD_S;
+        let sparse = self.step_s > SPARSE_S;
         let mut after = 0;
         for k in 0..count {
             let t = begin + PERIOD_S * k as f64;
@@ -305,7 +311,7 @@ impl<'t> Resampling<'t> {
             if jitter_ms > 0.02e3 * self.step_s {
                 note.push_str(&format!(" (steps scatter by {jitter_ms:.1} ms)"));
             }
-            if self.step_s > SPARSE_ROWS * PERIOD_S {
+            if self.step_s > SPARSE_S {
                 note.push_str(&format!(
                     "; what lies between samples was not measured, so nothing faster than {:.0} ms can be told",
                     1e3 * self.step_s
@@ -315,7 +321,8 @@ impl<'t> Resampling<'t> {
         }
         let apart_ms = 1e3 * self.step_s * self.sensors.samples() as f64;
         match self.sensors {
-            Sensors::EachSample => {}
+            // Which sensor was read how often is told with their names.
+            Sensors::EachSample | Sensors::Own(_) => {}
             Sensors::Repeated(times) => notes.push(format!(
                 "{file}: every reading stands there {times} times, so the sensors were read every {apart_ms:.0} ms; only the first of each is \
                  taken for a reading, and nothing faster can be told"

@@ -48,7 +48,7 @@ impl Layout {
         self.starts.last().copied().unwrap_or(0)
     }
 
-    /// Whether there are no numbers.
+    /// Tells whether there are no numbers.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

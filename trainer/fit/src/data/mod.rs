@@ -10,6 +10,7 @@
 //! | `repeated` | recordings that are given more than once |
 //! | `ripple` | narrow lines: the pump's ripple, folded down by sampling |
 //! | `split` | which rows are fitted, which choose between models, which are kept back |
+//! | `steps` | rows in which a command steps, and those near to one |
 
 mod bridged;
 mod layout;
@@ -19,6 +20,7 @@ mod record;
 mod repeated;
 mod ripple;
 mod split;
+mod steps;
 
 pub use layout::Layout;
 pub use noise::{Noise, noise, rms_kpa};

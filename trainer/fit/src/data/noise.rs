@@ -1,4 +1,4 @@
-//! What the readings scatter by when nothing happens, told from samples alone.
+//! Scatter of the readings when nothing happens, told from samples alone.
 //!
 //! White noise shows in differences of neighbouring rows, which a plant with a time constant of a second hardly
 //! passes; noise of the fourth difference `Δ⁴y` is `√70` times that of a reading, a parabola's is nil. Quantisation is
@@ -16,6 +16,7 @@ use proto::recording::PERIOD_S;
 
 use super::quality::readings::WILD_SAMPLING_S;
 use super::quality::wild::wild;
+use super::steps::near_steps;
 use super::{Record, Records};
 
 /// The noise of one channel.
@@ -66,7 +67,7 @@ fn wild_places(records: &Records) -> Vec<bool> {
         let rows: Vec<usize> = (0..r.time_s.len()).filter(|row| r.is_read(channel, *row)).collect();
         let all = records.channel_kpa(record, channel);
         let values: Vec<f64> = rows.iter().filter_map(|row| all.get(*row)).copied().collect();
-        for at in wild(&values, scatter(&values), None).0 {
+        for at in wild(&values, scatter(&values), None, &near_steps(r, &rows)).0 {
             if let Some(place) = rows.get(at).and_then(|row| places.get_mut(range.start + row)) {
                 *place = true;
             }
@@ -203,8 +204,8 @@ fn white_of_sparse(records: &Records, channel: usize) -> f64 {
 /// Distance in rows, from a whole number of them, from which on samples stand between rows.
 const OFF_ROWS: f64 = 0.02;
 
-/// Whether samples stand between rows: a row then has a share of two samples, and its neighbour of one of them, so that only every
-/// second one is independent.
+/// Tells whether samples stand between rows: a row then has a share of two samples, and its neighbour of one of them, so that only
+/// every second one is independent.
 fn is_off_rows(sampling_s: f64) -> bool {
     let rows = sampling_s / PERIOD_S;
     (rows - rows.round()).abs() > OFF_ROWS
@@ -244,6 +245,11 @@ fn quantisation(records: &Records, channel: usize) -> f64 {
         let rows = records.channel_kpa(record, channel).iter().enumerate();
         values.extend(rows.filter(|(row, _)| r.is_read(channel, *row)).map(|(_, value)| *value));
     }
+    converter_step(values)
+}
+
+/// The step that (nearly) all of some readings lie on (kPa); 0 where none shows.
+pub(super) fn converter_step(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let gaps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > 1e-9).collect();
     // Readings written with few digits scatter around the true grid by their rounding.

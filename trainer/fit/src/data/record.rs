@@ -22,7 +22,7 @@ pub struct Record {
     pub begun_s: f64,
     /// Commands by input of the rig, then by row.
     pub inputs: Vec<Vec<f64>>,
-    /// Those of the rows before the first, where it is a later part of a recording.
+    /// Commands of the rows before the first, where it is a later part of a recording.
     pub before: Earlier,
     /// Runs of rows without a gap; in order, never empty, together all rows.
     pub segments: Vec<Range<usize>>,
@@ -56,12 +56,12 @@ pub struct Records {
 pub struct Earlier {
     /// All commands of the recording that it is a part of, by input: shared by its parts.
     whole: Arc<Vec<Vec<f64>>>,
-    /// How many rows of these are before the part.
+    /// Number of rows of these that are before the part.
     rows: usize,
 }
 
 impl Earlier {
-    /// How many rows there are.
+    /// Number of rows.
     pub fn rows(&self) -> usize {
         self.rows
     }
@@ -71,14 +71,14 @@ impl Earlier {
         self.whole.get(input)?.get(..self.rows)?.get(row).copied()
     }
 
-    /// The same and `rows` more.
+    /// These rows and `rows` more.
     fn and(self, rows: usize) -> Self {
         Earlier { rows: self.rows + rows, ..self }
     }
 }
 
 impl Record {
-    /// What goes before its first row, as a part of the recording that it is a part of itself.
+    /// Commands before its first row, those of the recording that it is a part of itself.
     fn earlier(&self) -> Earlier {
         if self.before.whole.is_empty() {
             Earlier { whole: Arc::new(self.inputs.clone()), rows: 0 }
@@ -92,17 +92,17 @@ impl Record {
         self.file_units.iter().find(|unit| unit.column == column)
     }
 
-    /// Whether a sample was taken at a row.
+    /// Tells whether a sample was taken at a row.
     pub fn is_measured(&self, row: usize) -> bool {
         self.measured.get(row).copied().unwrap_or(true)
     }
 
-    /// Whether a channel was read at a row, and its reading was not left out.
+    /// Tells whether a channel was read at a row, and its reading was not left out.
     pub fn is_read(&self, channel: usize, row: usize) -> bool {
         self.is_measured(row) && !self.is_missing(channel, row)
     }
 
-    /// Whether a channel's reading is missing or left out at a row.
+    /// Tells whether a channel's reading is missing or left out at a row.
     pub fn is_missing(&self, channel: usize, row: usize) -> bool {
         self.missing.get(channel).and_then(|missing| missing.get(row)).copied().unwrap_or(false)
     }
@@ -124,7 +124,7 @@ impl Record {
         }
     }
 
-    /// Whether samples are further apart than rows.
+    /// Tells whether samples are further apart than rows.
     pub fn is_sparse(&self) -> bool {
         self.sampling_s > 1.5 * PERIOD_S
     }
@@ -187,7 +187,7 @@ impl Records {
         Ok(Records { inputs: plant.inputs().to_vec(), sensors, records, layout, readings_kpa })
     }
 
-    /// The same recordings with other readings: a simulated experiment.
+    /// These recordings with other readings: a simulated experiment.
     ///
     /// # Errors
     /// Another number of readings than there are places for.
@@ -202,7 +202,7 @@ impl Records {
         Ok(Records { readings_kpa, ..self.clone() })
     }
 
-    /// The same recordings with cranks that stood at `crank_rev` (revolutions, by recording).
+    /// These recordings with cranks that stood at `crank_rev` (revolutions, by recording).
     #[must_use]
     pub fn with_cranks(mut self, crank_rev: &[f64]) -> Self {
         for (record, rev) in self.records.iter_mut().zip(crank_rev) {
@@ -318,7 +318,7 @@ impl Records {
         &self.records
     }
 
-    /// How [`Records::readings_kpa`] and every trace are laid out.
+    /// Layout of [`Records::readings_kpa`] and of every trace.
     pub fn layout(&self) -> &Layout {
         &self.layout
     }
@@ -339,7 +339,7 @@ impl Records {
         self.records.get(record)?.inputs.get(index).map(Vec::as_slice)
     }
 
-    /// Whether the rig's pumps are switched on in one recording, row by row: a list a pump that has a relay.
+    /// States of the rig's pumps in one recording, row by row, true where switched on: a list for each pump that has a relay.
     pub fn relays(&self, rig: &Rig, record: usize) -> Vec<Vec<bool>> {
         let relay = |pump: &Pump| match pump {
             Pump::Piston(pump) => pump.relay.clone(),
@@ -392,7 +392,7 @@ impl Records {
     }
 }
 
-/// Whether a relay's command switches its pump on, as plants take it.
+/// Tells whether a relay's command switches its pump on, as plants take it.
 pub(super) fn is_on(relay: f64) -> bool {
     relay >= 0.5
 }

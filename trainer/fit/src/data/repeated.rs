@@ -25,7 +25,7 @@ pub fn each_once(recordings: Vec<Recording>) -> (Vec<Recording>, Vec<String>) {
     (kept, notes)
 }
 
-/// Whether two recordings have the same rows: times from the first, and the numbers of every column that both have.
+/// Tells whether two recordings have the same rows: times from the first, and the numbers of every column that both have.
 fn is_same(one: &Recording, other: &Recording) -> bool {
     if one.rows() != other.rows() {
         return false;

@@ -17,7 +17,7 @@ use std::ops::Range;
 
 use super::{Layout, Records};
 
-/// What a stretch of rows is for.
+/// Purpose of a stretch of rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// Parameters are fitted to it.
@@ -33,9 +33,9 @@ pub enum Role {
 pub struct Stretch {
     /// Index of the recording.
     pub record: usize,
-    /// Its rows.
+    /// Rows of the stretch.
     pub rows: Range<usize>,
-    /// What they are for.
+    /// Purpose of the rows.
     pub role: Role,
 }
 
@@ -103,7 +103,7 @@ impl Split {
         &self.stretches
     }
 
-    /// Those of one role.
+    /// Stretches of one role.
     pub fn of_role(&self, role: Role) -> impl Iterator<Item = &Stretch> {
         self.stretches.iter().filter(move |stretch| stretch.role == role)
     }

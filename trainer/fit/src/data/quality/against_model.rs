@@ -29,7 +29,7 @@ use crate::simulate::{Arc, Arcs, Fidelity, Simulator};
 const ROWS: usize = 750;
 const COMPARED: usize = 250;
 const MOST_ROWS: usize = 3000;
-/// How far a rig may be from its file: all channels taken together, in share and in kPa …
+/// Distance that a rig may have from its file: all channels taken together, in share and in kPa …
 const NEAR: [f64; 2] = [0.35, 5.0];
 /// … and a single channel that would mean something else than the others.
 const NEARER: [f64; 2] = [0.2, 3.0];
@@ -40,7 +40,7 @@ const WHOLE_REACH_KPA: f64 = 50.0;
 const WHOLE_RANGE_KPA: f64 = 500.0;
 /// Share of what a rig began with that it may remember, for its readings to tell.
 const REMEMBERED: f64 = 0.1;
-/// How far an absolute pressure may be from its file, in share and in kPa …
+/// Distance that an absolute pressure may have from its file, in share and in kPa …
 const OFF_BY_AIR: [f64; 2] = [0.5, 8.0];
 /// … and a gauge one, in atmospheres, that is taken for one.
 const FAR_FROM_AIR: f64 = 0.5;
@@ -160,7 +160,7 @@ type Check<'c> = &'c dyn Fn(&mut Vec<Finding>);
 /// A recording's channels that tell something.
 struct Recorded<'a> {
     source: String,
-    /// Its place among the recordings.
+    /// Place among the recordings.
     record: usize,
     telling: Vec<Standing<'a>>,
     /// Channels that look like the counts of a converter.
@@ -189,7 +189,7 @@ fn begun_elsewhere(records: &Records, arcs: &Arcs, trace: &[f64]) -> Arcs {
 struct Medians {
     recorded: f64,
     simulated: f64,
-    /// Whether it stands there wherever it began.
+    /// True where it stands there wherever it began.
     forgets: bool,
 }
 

@@ -19,14 +19,14 @@ const LEAST_DIFFERENT: usize = 20;
 const LEAST_LARGEST: f64 = 100.0;
 /// Converters of a size that are asked: the smallest that gives a count, and the next two.
 const NEAREST: usize = 3;
-/// How far off the rig is at most where it follows counts, as a share of what pressures move through …
+/// The most that the rig is off where it follows counts, as a share of what pressures move through …
 const FOLLOWS: f64 = 0.25;
 /// … how much less than with any unit, where these are no units …
 const ALONE: f64 = 0.5;
 /// … and than with a converter that was asked before, for another to be taken.
 const CLEARLY: f64 = 0.9;
 
-/// Whether readings are whole numbers, many different ones and large, as counts are.
+/// Tells whether readings are whole numbers, many different ones and large, as counts are.
 pub(super) fn look_like_counts(readings: impl Iterator<Item = f64>) -> bool {
     let mut different = std::collections::HashSet::new();
     let mut largest = 0.0_f64;
@@ -52,7 +52,7 @@ pub(super) struct Counts<'a> {
     pub(super) run: Option<(&'a Records, usize)>,
 }
 
-/// How sure it is that numbers are counts.
+/// Certainty that numbers are counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Sure {
     /// The rig does what they say, and not what any unit says.
@@ -122,7 +122,7 @@ impl Counts<'_> {
     }
 }
 
-/// Whether the samples of a channel look like the counts of a converter.
+/// Tells whether the samples of a channel look like the counts of a converter.
 pub(super) fn is_counted(records: &Records, record: usize, channel: usize) -> bool {
     look_like_counts(samples(records, record, channel))
 }

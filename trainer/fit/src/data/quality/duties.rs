@@ -21,7 +21,7 @@ const SURE: f64 = 8.0;
 struct Actuator<'r> {
     command: &'r str,
     channel: usize,
-    /// Of the effect of opening or driving it.
+    /// Sign of the effect of opening or driving it.
     sign: f64,
     is: Is,
 }
@@ -33,6 +33,8 @@ pub(super) enum Is {
     Valve,
     /// It is driven.
     Pump,
+    /// It is switched.
+    Relay,
 }
 
 /// Tells by which chamber answers first whether two duties are exchanged or one is inverted.
@@ -90,9 +92,10 @@ pub(super) fn duties(rig: &Rig, records: &Records, findings: &mut Vec<Finding>) 
 
 /// The complaint about a command that is turned round, in one recording or (without a `source`) in all.
 pub(super) fn inverted(rig: &Rig, source: &str, command: &str, is: Is) -> Finding {
-    let [what, full] = match is {
-        Is::Valve => ["opening the valve", "open"],
-        Is::Pump => ["driving the pump", "full speed"],
+    let [what, whose, full] = match is {
+        Is::Valve => ["opening the valve", "duty", "open"],
+        Is::Pump => ["driving the pump", "duty", "full speed"],
+        Is::Relay => ["switching the pump on", "relay", "on"],
     };
     Finding {
         source: source.to_owned(),
@@ -100,7 +103,7 @@ pub(super) fn inverted(rig: &Rig, source: &str, command: &str, is: Is) -> Findin
         severity: Severity::Unusable,
         trouble: Trouble::InvertedDuty,
         text: format!(
-            "{what} moves the pressure the wrong way: the duty seems to be inverted (1 is {full}): {}",
+            "{what} moves the pressure the wrong way: the {whose} seems to be inverted (1 is {full}): {}",
             inverted_key(rig, command)
         ),
     }

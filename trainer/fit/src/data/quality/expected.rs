@@ -1,4 +1,4 @@
-//! What the rig would read under the recorded commands, for checks that ask it of all rows. Run when it is first asked for: most
+//! Readings that the rig would have under the recorded commands, for checks that ask for all rows. Run when first asked for: most
 //! recordings give no cause.
 
 use std::cell::OnceCell;
@@ -20,7 +20,7 @@ impl<'a> Expected<'a> {
         Expected { rig, records, trace: OnceCell::new() }
     }
 
-    /// Those of a channel by row, in gauge kPa; `None` of a rig that cannot be run, which is for others to say.
+    /// Readings of a channel by row, in gauge kPa; `None` of a rig that cannot be run, which is for others to say.
     pub(super) fn channel_kpa(&self, record: usize, channel: usize) -> Option<&[f64]> {
         let run = || {
             let simulator = Simulator::new(self.records, Fidelity::Coarse);

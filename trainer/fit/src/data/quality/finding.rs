@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// How bad a finding is.
+/// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
     /// Results have to be read with it in mind.
@@ -11,7 +11,7 @@ pub enum Severity {
     Unusable,
 }
 
-/// What kind of trouble it is.
+/// Kind of trouble.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Trouble {
     /// Too few rows to tell anything.
@@ -57,11 +57,11 @@ pub struct Finding {
     pub source: String,
     /// The column; empty where none is meant.
     pub column: String,
-    /// How bad it is.
+    /// Severity of the trouble.
     pub severity: Severity,
-    /// What kind of trouble.
+    /// Kind of trouble.
     pub trouble: Trouble,
-    /// What is wrong and what to do about it.
+    /// Words on what is wrong and what to do about it.
     pub text: String,
 }
 

@@ -18,6 +18,7 @@ use super::readings::severity_of;
 use super::{Finding, Trouble};
 use crate::data::Records;
 use crate::data::noise::span;
+use crate::wording::percent;
 
 /// Shortest run of equal readings that is asked for, in s.
 const LONG_S: f64 = 10.0;
@@ -46,7 +47,7 @@ pub(super) fn check(records: &Records, record: usize, channel: usize, usable: &m
     findings.extend(left_out(records, (record, channel), frozen, meanwhile, usable));
 }
 
-/// Masks the rows of runs meanwhile which a command moves and the rig as given would move the pressure, and tells them; `smooth` are
+/// Masks the rows of runs during which a command moves and the rig as given would move the pressure, and tells them; `smooth` are
 /// recordings and channels without noise to tell them by. A rig that is somewhat off its file moves all the same.
 pub(super) fn check_by_model(
     records: &Records,
@@ -66,10 +67,8 @@ pub(super) fn check_by_model(
         let Some(would) = expected.channel_kpa(record, channel) else { continue };
         let least_kpa = (WOULD_MOVE * span(Some(would))).max(WOULD_STEP * step(readings));
         let is_left = |run: &Range<usize>| {
-            let within = run.start + (BEFORE_S / PERIOD_S) as usize..run.end;
-            let goes = |x: &[f64]| x.get(within.clone()).map_or(0.0, |part| span(Some(part)));
-            let is_driven = r.inputs.iter().any(|u| span(Some(u)) > 0.0 && goes(u) > MOVES * span(Some(u)));
-            is_driven && goes(would) > least_kpa
+            let rows = later(run);
+            r.inputs.iter().any(|input| moves(input, &rows)) && way(would, &rows) > least_kpa
         };
         let frozen = long.into_iter().filter(is_left).collect();
         let usable = usable.get_mut(records.layout().channel(record, channel)).unwrap_or_default();
@@ -93,16 +92,17 @@ fn left_out(
     for run in frozen {
         usable.get_mut(run).unwrap_or_default().fill(0.0);
     }
-    let percent = 100.0 * rows as f64 / r.time_s.len().max(1) as f64;
+    let share = rows as f64 / r.time_s.len().max(1) as f64;
     Some(Finding {
         source: r.source.clone(),
         column: column.clone(),
-        severity: severity_of(percent),
+        severity: severity_of(share),
         trouble: Trouble::Stuck,
         text: format!(
-            "stuck: the same reading for up to {:.1} s ({percent:.1} % of the recording) while {meanwhile}; left out. Look for a dead \
+            "stuck: the same reading for up to {:.1} s ({} of the recording) while {meanwhile}; left out. Look for a dead \
              sensor or a logger that holds the last value",
             longest as f64 * PERIOD_S,
+            percent(share, 1),
         ),
     })
 }
@@ -118,14 +118,29 @@ fn runs(readings: &[f64]) -> impl Iterator<Item = Range<usize>> {
     })
 }
 
-/// Whether every command and some other channel move during a run.
+/// Tells whether every command and some other channel move during a run.
 fn stands_alone(run: &Range<usize>, inputs: &[&[f64]], others: &[&[f64]]) -> bool {
-    let within = run.start + (BEFORE_S / PERIOD_S) as usize..run.end;
-    let moves = |x: &&[f64]| x.get(within.clone()).is_some_and(|part| span(Some(part)) > MOVES * span(Some(x)));
+    let rows = later(run);
+    let moves = |numbers: &&[f64]| moves(numbers, &rows);
     !inputs.is_empty() && inputs.iter().all(moves) && others.iter().any(moves)
 }
 
-/// Whether neighbouring readings are a small step apart.
+/// The rows of a run but for its beginning ([`BEFORE_S`]).
+fn later(run: &Range<usize>) -> Range<usize> {
+    run.start + (BEFORE_S / PERIOD_S) as usize..run.end
+}
+
+/// Tells whether numbers go over a good part of their whole way ([`MOVES`]) within some rows.
+fn moves(numbers: &[f64], rows: &Range<usize>) -> bool {
+    way(numbers, rows) > MOVES * span(Some(numbers))
+}
+
+/// Way that numbers go over within some rows; none where there are no such rows.
+fn way(numbers: &[f64], rows: &Range<usize>) -> f64 {
+    numbers.get(rows.clone()).map_or(0.0, |part| span(Some(part)))
+}
+
+/// Tells whether neighbouring readings are a small step apart.
 fn is_fine(readings: &[f64]) -> bool {
     span(Some(readings)) > FINE * step(readings)
 }
@@ -138,7 +153,7 @@ fn step(readings: &[f64]) -> f64 {
     sorted.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min)
 }
 
-/// Whether a command is more than a switch.
+/// Tells whether a command is more than a switch.
 fn is_graded(input: &[f64]) -> bool {
     span(Some(input)) > 0.0 && input.iter().any(|x| *x != 0.0 && *x != 1.0)
 }

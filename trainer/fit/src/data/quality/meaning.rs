@@ -1,4 +1,4 @@
-//! What a column of pressures may hold instead of gauge kPa.
+//! Meanings that a column of pressures may have instead of gauge kPa.
 //!
 //! Each meaning says what gauge pressure a number would then be; the meaning under which the numbers come closest to
 //! what the rig would do is the one told. Units closer to each other than rigs are to their files (bar and atm) share a
@@ -26,7 +26,7 @@ const UNITS: [(f64, &str); 8] = [
 
 /// A channel as recorded, and as the rig would stand.
 pub(super) struct Standing<'a> {
-    /// Its place among the channels.
+    /// Place among the channels.
     pub(super) channel: usize,
     /// Median of what was recorded.
     pub(super) recorded: f64,
@@ -47,7 +47,7 @@ pub(super) struct Standing<'a> {
 pub(super) enum Output {
     /// Volts over the sensor's `range_v`.
     Volts,
-    /// The same in millivolts.
+    /// Millivolts over the sensor's `range_v`.
     Millivolts,
     /// A current loop, 4 … 20 mA over the sensor's range (IEC 60381-1).
     Loop,
@@ -75,7 +75,7 @@ impl Output {
     }
 }
 
-/// What the numbers of a column are.
+/// Meaning of the numbers of a column.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Meaning {
     /// Gauge kPa, as it was read.
@@ -84,9 +84,9 @@ pub(super) enum Meaning {
     Gauge(f64, &'static str),
     /// Absolute pressure, so many to 1 kPa.
     Absolute(f64, &'static str),
-    /// What the sensor puts out.
+    /// Output of the sensor.
     Output(Output),
-    /// What a converter makes of it: the largest count, and the volts that give it; without those, counts over the sensor's range.
+    /// Counts that a converter makes of it: the largest one, and the volts that give it; without those, counts over the sensor's range.
     Counts {
         /// The largest count.
         full: f64,
@@ -158,7 +158,7 @@ impl Meaning {
         line.map(|[scale, offset]| scale * written + offset)
     }
 
-    /// Whether it is the unit that a column was read by.
+    /// Tells whether it is the unit that a column was read by.
     pub(super) fn is_as_read(self, sensor: Option<&Sensor>, file_unit: Option<&FileUnit>, atmosphere_kpa: f64) -> bool {
         let of = |meaning: Meaning| meaning.line(sensor, file_unit, atmosphere_kpa);
         let [share, kpa] = ONE_LINE;
@@ -167,13 +167,13 @@ impl Meaning {
         })
     }
 
-    /// How far this meaning puts a channel from the simulation, in units of `share` of it and `kpa` (at scale 1); above 1 it does
-    /// not fit.
+    /// Distance at which this meaning puts a channel from the simulation, in units of `share` of it and `kpa` (at scale 1); above 1
+    /// it does not fit.
     pub(super) fn misfit(self, standing: &Standing<'_>, atmosphere_kpa: f64, margins: [f64; 2]) -> f64 {
         self.misfit_at(standing, [standing.recorded, standing.simulated], atmosphere_kpa, margins)
     }
 
-    /// The same of the worst of all places that the channel stood at.
+    /// Misfit at the worst of all places that the channel stood at.
     pub(super) fn misfit_anywhere(self, standing: &Standing<'_>, atmosphere_kpa: f64, margins: [f64; 2]) -> f64 {
         let places = standing.ends.iter().copied().chain([[standing.recorded, standing.simulated]]);
         places.map(|place| self.misfit_at(standing, place, atmosphere_kpa, margins)).fold(0.0, f64::max)
@@ -191,7 +191,7 @@ impl Meaning {
         meant.map_or(f64::INFINITY, |p| (p - simulated).abs() / allowed)
     }
 
-    /// What is wrong with a column, and the mend.
+    /// Words on what is wrong with a column, and the mend.
     pub(super) fn text(self, rig: &Rig, column: &str, standing: &Standing<'_>) -> String {
         let Standing { recorded, simulated, sensor, file_unit, .. } = standing;
         let atmosphere_kpa = rig.atmosphere.pressure_kpa_abs;
@@ -272,7 +272,7 @@ pub(super) fn said_otherwise(said: &FileUnit, meaning: Meaning) -> String {
     format!("{}, and the numbers seem to be {seems}", said.says())
 }
 
-/// What is wrong with the sign of a pressure that is expected to be above or below the atmosphere.
+/// Words on what is wrong with the sign of a pressure that is expected to be above or below the atmosphere.
 pub(super) fn lost_sign(expected_kpa: f64) -> &'static str {
     if expected_kpa < 0.0 {
         "the sign seems to be lost; below the atmosphere is negative"

@@ -85,7 +85,7 @@ pub(super) fn exchanged_keys(rig: &Rig, one: &str, other: &str) -> String {
     }
 }
 
-/// What a column is made from; `None` where that is a sum.
+/// The only term that a column is made from; `None` where that is a sum.
 fn only_term(rig: &Rig, column: &str) -> Option<Term> {
     let map = rig.recording.as_ref();
     match map.and_then(|map| map.columns.get(column)) {

@@ -13,6 +13,7 @@ use super::mend::{exchanged_keys, pressure_key, shifted_key};
 use super::trials::{Outcome, Taken, tried};
 use super::{Finding, Severity, Trouble};
 use crate::data::Records;
+use crate::data::record::is_on;
 
 /// Share of what pressures move through by which a rig that follows a recording is off at least, to ask why …
 const LEAST_OFF: f64 = 0.05;
@@ -39,7 +40,7 @@ const BELOW: f64 = 0.1;
 /// high pressures a supply that is off by an atmosphere looks the same.
 const NEAR_AIR: f64 = 0.3;
 
-/// A command that may be exchanged or inverted.
+/// A command that may be exchanged or inverted, or a relay that may be inverted.
 struct Command<'a> {
     input: usize,
     column: &'a str,
@@ -119,7 +120,10 @@ fn trials(rig: &Rig, records: &Records, record: usize, commands: &[Command<'_>])
     let numbers = |command: &Command<'_>| records.input(record, command.column).unwrap_or_default();
     let moves = |command: &&Command<'_>| deviation(numbers(command).iter().copied()) > MOVES;
     let is_share = |command: &&Command<'_>| numbers(command).iter().all(|u| (0.0..=1.0).contains(u));
-    let turning: Vec<usize> = commands.iter().filter(moves).filter(is_share).map(|command| command.input).collect();
+    // A relay that is off throughout says as much as one that switches.
+    let is_off = |command: &&Command<'_>| command.is == Is::Relay && numbers(command).iter().all(|u| !is_on(*u));
+    let may_turn = |command: &&Command<'_>| moves(command) || is_off(command);
+    let turning: Vec<usize> = commands.iter().filter(may_turn).filter(is_share).map(|command| command.input).collect();
     let mut all = vec![Taken::AsItStands];
     let pairs = |of: &[usize]| -> Vec<[usize; 2]> {
         of.iter().enumerate().flat_map(|(k, one)| of.iter().skip(k + 1).map(|other| [*one, *other])).collect()
@@ -135,7 +139,9 @@ fn trials(rig: &Rig, records: &Records, record: usize, commands: &[Command<'_>])
         all.push(Taken::CommandsInverted(turning));
     }
     let moving = commands.iter().filter(moves).map(|command| command.input).collect::<Vec<_>>();
-    let inputs: Vec<usize> = commands.iter().map(|command| command.input).collect();
+    // Nobody takes a relay for a duty.
+    let duties = commands.iter().filter(|command| command.is != Is::Relay);
+    let inputs: Vec<usize> = duties.map(|command| command.input).collect();
     let with_one_that_moves = pairs(&inputs).into_iter().filter(|pair| pair.iter().any(|input| moving.contains(input)));
     all.extend(with_one_that_moves.map(Taken::CommandsExchanged));
     let channels: Vec<usize> = (0..records.sensors().len()).collect();
@@ -171,12 +177,12 @@ fn zero_kpa(rig: &Rig, records: &Records, record: usize, channel: usize) -> Opti
     ((zero + atmosphere_kpa).abs() < ATMOSPHERE * atmosphere_kpa).then_some(zero)
 }
 
-/// Duties of valves and pumps of a rig.
+/// Duties of valves and pumps of a rig, and relays of its pumps.
 fn commands<'r>(rig: &'r Rig, records: &Records) -> Vec<Command<'r>> {
     let valves = rig.valves.values().map(|valve| (valve.command.as_str(), Is::Valve));
     let pumps = rig.pumps.values().filter_map(|pump| match pump {
         Pump::Flow(pump) => pump.command.as_deref().map(|command| (command, Is::Pump)),
-        Pump::Piston(_) => None,
+        Pump::Piston(pump) => pump.relay.as_deref().map(|relay| (relay, Is::Relay)),
     });
     let mut commands: Vec<Command<'r>> = Vec::new();
     for (column, is) in valves.chain(pumps) {

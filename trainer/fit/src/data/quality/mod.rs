@@ -1,4 +1,4 @@
-//! What is wrong with recordings, in plain words.
+//! Troubles of recordings, in plain words.
 //!
 //! | file | subject |
 //! | --- | --- |
@@ -14,6 +14,7 @@
 //! | `mistaken` | exchanged columns, commands turned round, an atmosphere too much, told by what the rig would do without them |
 //! | `trials` | free runs for that, with columns taken for something else |
 //! | `ranges` | readings outside what their sensor can tell |
+//! | `relay` | pressures that rise while the relays say that every pump is off |
 //! | `stood` | a pump that stood while the commands say that it ran |
 //! | `expected` | what the rig would read, for those that ask it of all rows |
 //! | `unmoved` | pressures that move in a rig that nothing moves |
@@ -40,6 +41,7 @@ mod mistaken;
 mod plateau;
 mod ranges;
 pub(super) mod readings;
+mod relay;
 mod shape;
 mod stood;
 mod trials;
@@ -56,7 +58,7 @@ use wild::MOST_TOGETHER;
 use super::{Noise, Record, Records};
 use crate::FitError;
 
-/// What the checks found, and which readings may be used.
+/// Findings of the checks, and which readings may be used.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
     /// Findings, worst first.
@@ -88,14 +90,15 @@ impl Quality {
             excitation::check(rig, records, noise, &mut findings);
         }
         unmoved::check(rig, records, noise, &mut findings);
+        relay::check(rig, records, noise, &mut findings);
         let sound = |findings: &[Finding]| findings.iter().all(|f| f.severity != Severity::Unusable);
         let expected = expected::Expected::new(rig, records);
         // A sensor at the open air may read the end of its range.
         if findings.iter().all(|f| f.severity != Severity::Unusable || f.trouble == Trouble::Clipped) {
             stood::check(rig, records, noise, &expected, &mut findings);
         }
-        // Where the pump stood nothing is in another unit.
-        if findings.iter().all(|f| f.trouble != Trouble::PumpStood) {
+        // Where the pump stood, or ran unseen, nothing is in another unit.
+        if findings.iter().all(|f| !matches!(f.trouble, Trouble::PumpStood | Trouble::InvertedDuty)) {
             let before = findings.len();
             frozen::check_by_model(records, &smooth, &expected, &mut usable, &mut findings);
             // What stands for most of a recording stands where some unit puts it by chance.
@@ -149,8 +152,8 @@ impl Quality {
         records.records().iter().enumerate().map(first).collect()
     }
 
-    /// What makes the recordings unusable, all of it in one line; `None` if they can be used. What is wrong with several
-    /// recordings in the same way is told of the first, with the number of the others.
+    /// Reasons that make the recordings unusable, all in one line; `None` if they can be used. What is wrong with
+    /// several recordings in the same way is told of the first, with the number of the others.
     pub fn refusal(&self) -> Option<String> {
         let mut told: Vec<(&Finding, usize)> = Vec::new();
         for finding in self.findings.iter().filter(|f| f.severity == Severity::Unusable) {
@@ -175,7 +178,7 @@ impl Quality {
         self.findings.iter().filter(|f| f.severity == Severity::Doubtful)
     }
 
-    /// Whether something of this kind was found.
+    /// Tells whether something of this kind was found.
     pub fn has(&self, trouble: Trouble) -> bool {
         self.findings.iter().any(|f| f.trouble == trouble)
     }

@@ -13,7 +13,9 @@ use super::expected::Expected;
 use super::readings::range_of;
 use super::{Finding, Severity, Trouble, median};
 use crate::data::noise::span;
+use crate::data::steps::command_steps;
 use crate::data::{Noise, Records};
+use crate::wording::percent;
 use model::rig::Rig;
 
 /// Rows of one run at the limit: 0.5 s.
@@ -27,8 +29,7 @@ const LEVEL: f64 = 1.0;
 /// Rows before a run, and deviations by which a pressure comes up over them that runs into a limit.
 const APPROACH_ROWS: usize = 10;
 const APPROACH: f64 = 12.0;
-/// Share of its whole way that a command steps by, and rows from there within which a run that comes to its level is its doing.
-const STEP: f64 = 0.1;
+/// Rows from a command's step within which a run that comes to its level is its doing.
 const COMMANDED_ROWS: usize = 3;
 /// Deviations and share of all that a channel moves through by which the rig must go beyond a limit, and vary meanwhile.
 const BEYOND: f64 = 10.0;
@@ -74,9 +75,9 @@ pub(super) fn check(
                 severity: if share > MOST { Severity::Unusable } else { Severity::Doubtful },
                 trouble: Trouble::Clipped,
                 text: format!(
-                    "clipped: {rows} readings ({:.1} %) stand at {at_kpa:.2} kPa within their noise, {whose}, where the rig would go beyond; \
+                    "clipped: {rows} readings ({}) stand at {at_kpa:.2} kPa within their noise, {whose}, where the rig would go beyond; \
                      they are left out. Keep the pressure below it, or mend the amplifier",
-                    100.0 * share
+                    percent(share, 1)
                 ),
             });
         }
@@ -118,7 +119,7 @@ impl Channel<'_> {
             return None;
         }
         // A chamber whose command steps stops at once, too: a run that comes to its level in such a row is the command's doing.
-        let steps = self.steps();
+        let steps = self.records.records().get(self.record).map_or_else(Vec::new, command_steps);
         let is_commanded = |run: &Range<usize>| {
             let reached = run.clone().find(|row| y.get(*row).is_some_and(|y| *y >= level)).unwrap_or(run.start);
             let around = run.start.saturating_sub(COMMANDED_ROWS)..=reached + COMMANDED_ROWS;
@@ -151,17 +152,6 @@ impl Channel<'_> {
         let part = |share: f64| would.get((share * would.len() as f64) as usize).copied();
         let goes_beyond = part(0.5)? > level + margin && part(0.95)? - part(0.05)? > margin;
         goes_beyond.then_some((runs, sign * level))
-    }
-
-    /// Rows in which a command steps.
-    fn steps(&self) -> Vec<usize> {
-        let inputs = self.records.records().get(self.record).map_or(&[][..], |r| &r.inputs);
-        let of = |input: &Vec<f64>| {
-            let least = STEP * span(Some(input));
-            let stepped = |(row, pair): (usize, &[f64])| ((pair[1] - pair[0]).abs() > least).then_some(row + 1);
-            input.windows(2).enumerate().filter_map(stepped).collect::<Vec<usize>>()
-        };
-        inputs.iter().flat_map(of).collect()
     }
 
     /// Runs of readings above a level within the recording's stretches.

@@ -63,7 +63,7 @@ pub(super) fn check(rig: &Rig, records: &Records, agreed: &[Agreed], findings: &
     }
 }
 
-/// What was read under one column.
+/// Readings under one column.
 struct Channel<'a> {
     column: &'a str,
     values: Vec<f64>,
@@ -71,7 +71,7 @@ struct Channel<'a> {
     file_unit: Option<&'a FileUnit>,
 }
 
-/// The same with what the rig file says of its sensor.
+/// Readings under one column with what the rig file says of their sensor.
 struct Judged<'a> {
     column: &'a str,
     values: &'a [f64],
@@ -81,16 +81,16 @@ struct Judged<'a> {
     file_unit: Option<&'a FileUnit>,
 }
 
-/// How far beyond a sensor's range readings still count as within.
+/// Margin beyond a sensor's range in which readings still count as within.
 #[derive(Clone, Copy)]
 enum Margin {
     None,
     Wide,
 }
 
-/// What readings would be under a meaning.
+/// Readings as they would be under a meaning.
 struct Under {
-    /// Whether they would move through next to nothing of the sensor's range.
+    /// True where they would move through next to nothing of the sensor's range.
     stands_still: bool,
     /// The least of them, from the open air (kPa).
     from_air: f64,
@@ -203,7 +203,7 @@ fn counts(of_counts: Counts<'_>, channel: &Judged<'_>) -> Option<(Trouble, Strin
     Some((Trouble::WrongUnit, of_counts.alone(channel.column, largest(readings()))?))
 }
 
-/// What is wrong where the rig would go as far as the readings do.
+/// Words on what is wrong where the rig would go as far as the readings do.
 fn beyond(rig: &Rig, column: &str) -> String {
     let name = rig.sensors.iter().find(|(_, sensor)| sensor.column == column).map_or("", |(name, _)| name.as_str());
     format!("the rig would go there, too; state the range that the sensor has, [sensors.{name}] range_kpa_gauge")

@@ -4,14 +4,26 @@
 //! reading that repeats itself to the last digit for a second is not a calm plant but a dead or saturated sensor.
 //! Recordings without noise (simulated ones) are therefore not tested for stuck readings.
 
+use std::ops::Range;
+
 use model::rig::Rig;
 
 use super::{Finding, Severity, Trouble, frozen, wild};
+use crate::data::noise::converter_step;
+use crate::data::steps::near_steps;
 use crate::data::{Noise, Records};
+use crate::wording::percent;
 
 /// A run of this many equal readings is stuck: 0.5 s. With noise of half a step two neighbours are equal with
 /// probability 0.7 at most, 25 with 1e-4, and most noise is larger.
 const STUCK_ROWS: usize = 25;
+/// Noise, as a share of a converter's step (its rounding included), below which that does not hold: half a step and its rounding,
+/// `√(1/4 + 1/12)`. A chamber at rest then has one reading for long …
+const COARSE: f64 = 0.577;
+/// … and leaves it (or, at the end of a recording, comes to it) by a step of the converter or as fast as it goes on; a logger that held
+/// a value jumps by all that the pressure did meanwhile.
+const PLATEAU_STEPS: f64 = 1.5;
+const GOING: f64 = 2.0;
 /// One reading of so many on the channel's own extreme is a limit.
 const HEAP: usize = 50;
 /// A channel with fewer distinct readings than this is flat.
@@ -48,7 +60,9 @@ pub(super) fn check(
             let add = |severity, trouble, text| {
                 findings.push(Finding { source: r.source.clone(), column: column.clone(), severity, trouble, text });
             };
-            let of = Channel { values: &values, sigma, range: range_of(rig, column), sampling_s: r.sampling_s };
+            let near_step = near_steps(r, &rows);
+            let (range, sampling_s) = (range_of(rig, column), r.sampling_s);
+            let of = Channel { values: &values, sigma, range, sampling_s, near_step: &near_step };
             let (smooth, wild) = of.check(&mut mask, add);
             let begin = records.layout().channel(record, channel).start;
             seen.wild.extend(wild.iter().filter_map(|at| Some(begin + rows.get(*at)?)));
@@ -72,9 +86,11 @@ struct Channel<'a> {
     values: &'a [f64],
     /// Noise in kPa.
     sigma: f64,
-    /// What the sensor can tell, in gauge kPa.
+    /// Range that the sensor can tell, in gauge kPa.
     range: Option<[f64; 2]>,
     sampling_s: f64,
+    /// By sample, whether a command steps next to it.
+    near_step: &'a [bool],
 }
 
 impl Channel<'_> {
@@ -94,7 +110,7 @@ impl Channel<'_> {
         }
         // Between samples further apart a plant may well go somewhere and come back.
         let (rows, worst) = if self.sampling_s < WILD_SAMPLING_S {
-            wild::wild(self.values, self.sigma, self.range)
+            wild::wild(self.values, self.sigma, self.range, self.near_step)
         } else {
             (Vec::new(), 0.0)
         };
@@ -106,7 +122,7 @@ impl Channel<'_> {
         let scatters = scatters(&values);
         if scatters {
             let mut kept = vec![1.0; values.len()];
-            stuck(&values, &mut kept, self.range, self.sampling_s, &mut add);
+            self.stuck(&values, &mut kept, &mut add);
             left.iter().zip(kept).for_each(|(row, kept)| mask[*row] = kept);
         }
         rows.iter().for_each(|row| mask[*row] = 0.0);
@@ -117,9 +133,77 @@ impl Channel<'_> {
         }
         (moves && !scatters, rows)
     }
+
+    /// Masks runs of equal readings among `values`, which are those that are not wild, and tells clipped ones (at the channel's own
+    /// extreme) from stuck ones.
+    fn stuck(&self, values: &[f64], mask: &mut [f64], add: &mut impl FnMut(Severity, Trouble, String)) {
+        let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+        // The extreme of noise is read once or twice; where a share of all readings stands on it, it is a limit, also where
+        // noise lets single readings off it.
+        let heaped =
+            |limit: f64| values.iter().filter(|v| **v == limit).count() > (values.len() / HEAP).max(STUCK_ROWS);
+        let heaps = [low, high].map(|limit| (limit, heaped(limit)));
+        let step_kpa = converter_step(values.to_vec());
+        let apart = |one: usize, other: usize| Some((values.get(one)? - values.get(other)?).abs());
+        let is_plateau = |run: Range<usize>| {
+            let (last, after) = (run.end - 1, run.end);
+            // A command may set it going at once.
+            let leaves = apart(last, after).map(|kpa| kpa - GOING * apart(after, after + 1).unwrap_or(0.0));
+            let comes = || run.start.checked_sub(1).and_then(|before| apart(before, run.start));
+            let jump_kpa = leaves.or_else(comes).unwrap_or(f64::INFINITY);
+            self.sigma < COARSE * step_kpa && jump_kpa < PLATEAU_STEPS * step_kpa
+        };
+        let (mut clipped, mut frozen, mut longest, mut at_limit) = (0, 0, 0, 0.0);
+        let mut start = 0;
+        for row in 1..=values.len() {
+            if row < values.len() && values.get(row) == values.get(start) {
+                continue;
+            }
+            let run = row - start;
+            let value = values.get(start).copied().unwrap_or(0.0);
+            if run >= STUCK_ROWS && !is_plateau(start..row) || heaps.contains(&(value, true)) {
+                if value == low || value == high {
+                    clipped += run;
+                    at_limit = value;
+                } else {
+                    frozen += run;
+                    longest = longest.max(run);
+                }
+                mask.get_mut(start..row).unwrap_or_default().fill(0.0);
+            }
+            start = row;
+        }
+        let share = |rows: usize| rows as f64 / values.len() as f64;
+        let severity = |rows: usize| severity_of(share(rows));
+        if clipped > 0 {
+            let end = self.range.is_some_and(|[l, h]| (at_limit - l).abs().min((at_limit - h).abs()) < 0.02 * (h - l));
+            let whose = if end { "the end of the sensor's range" } else { "a limit (sensor, amplifier or converter)" };
+            add(
+                severity(clipped),
+                Trouble::Clipped,
+                format!(
+                    "clipped: {clipped} readings ({}) stand at {at_limit:.2} kPa, {whose}; they are left out. Keep \
+                     the pressure within the sensor's range",
+                    percent(share(clipped), 1)
+                ),
+            );
+        }
+        if frozen > 0 {
+            add(
+                severity(frozen),
+                Trouble::Stuck,
+                format!(
+                    "stuck: {frozen} readings ({}) repeat the one before, for up to {:.1} s; they are left out. Look \
+                     for a logger that holds the last value",
+                    percent(share(frozen), 1),
+                    longest as f64 * self.sampling_s
+                ),
+            );
+        }
+    }
 }
 
-/// How many different readings there are.
+/// Number of different readings.
 fn distinct(values: &[f64]) -> usize {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -127,9 +211,9 @@ fn distinct(values: &[f64]) -> usize {
     sorted.len()
 }
 
-/// Whether readings scatter by noise: most differ from the one before; where long runs of equal ones hide that, most of
-/// the others do and keep turning round. (Independent noise turns at two steps of three; a simulated plant without noise,
-/// which rests in runs of equal readings too, hardly ever.)
+/// Tells whether readings scatter by noise: most differ from the one before; where long runs of equal ones hide that, most of the
+/// others do and keep turning round. (Independent noise turns at two steps of three; a simulated plant without noise, which rests
+/// in runs of equal readings too, hardly ever.)
 fn scatters(values: &[f64]) -> bool {
     let changes = values.windows(2).filter(|w| w[0] != w[1]).count();
     if changes * 2 > values.len() {
@@ -151,69 +235,47 @@ pub(super) fn range_of(rig: &Rig, column: &str) -> Option<[f64; 2]> {
     Some([a.min(b), a.max(b)])
 }
 
-/// Masks runs of equal readings and tells clipped ones (at the channel's own extreme) from stuck ones.
-fn stuck(
-    values: &[f64],
-    mask: &mut [f64],
-    range: Option<[f64; 2]>,
-    sampling_s: f64,
-    add: &mut impl FnMut(Severity, Trouble, String),
-) {
-    let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-    // The extreme of noise is read once or twice; where a share of all readings stands on it, it is a limit, also where
-    // noise lets single readings off it.
-    let heaped = |limit: f64| values.iter().filter(|v| **v == limit).count() > (values.len() / HEAP).max(STUCK_ROWS);
-    let heaps = [low, high].map(|limit| (limit, heaped(limit)));
-    let (mut clipped, mut frozen, mut longest, mut at_limit) = (0, 0, 0, 0.0);
-    let mut start = 0;
-    for row in 1..=values.len() {
-        if row < values.len() && values.get(row) == values.get(start) {
-            continue;
-        }
-        let run = row - start;
-        let value = values.get(start).copied().unwrap_or(0.0);
-        if run >= STUCK_ROWS || heaps.contains(&(value, true)) {
-            if value == low || value == high {
-                clipped += run;
-                at_limit = value;
-            } else {
-                frozen += run;
-                longest = longest.max(run);
-            }
-            mask.get_mut(start..row).unwrap_or_default().fill(0.0);
-        }
-        start = row;
-    }
-    let share = |rows: usize| 100.0 * rows as f64 / values.len() as f64;
-    let severity = |rows: usize| severity_of(share(rows));
-    if clipped > 0 {
-        let end = range.is_some_and(|[l, h]| (at_limit - l).abs().min((at_limit - h).abs()) < 0.02 * (h - l));
-        let whose = if end { "the end of the sensor's range" } else { "a limit (sensor, amplifier or converter)" };
-        add(
-            severity(clipped),
-            Trouble::Clipped,
-            format!(
-                "clipped: {clipped} readings ({:.1} %) stand at {at_limit:.2} kPa, {whose}; they are left out. Keep \
-                 the pressure within the sensor's range",
-                share(clipped)
-            ),
-        );
-    }
-    if frozen > 0 {
-        add(
-            severity(frozen),
-            Trouble::Stuck,
-            format!(
-                "stuck: {frozen} readings ({:.1} %) repeat the one before, for up to {:.1} s; they are left out. Look \
-                 for a logger that holds the last value",
-                share(frozen),
-                longest as f64 * sampling_s
-            ),
-        );
-    }
+/// Severity of leaving out this share of a channel's readings.
+pub(super) fn severity_of(share: f64) -> Severity {
+    if share > 0.2 { Severity::Unusable } else { Severity::Doubtful }
 }
 
-/// How bad it is that this share of a channel's readings, in per cent, is left out.
-pub(super) fn severity_of(percent: f64) -> Severity {
-    if percent > 20.0 { Severity::Unusable } else { Severity::Doubtful }
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Readings of a chamber that fills, rests, fills again and is emptied, with steps of `step_kpa`; the first of those `held` stands in
+    /// all of them.
+    fn readings(step_kpa: f64, held: Range<usize>) -> Vec<f64> {
+        let noise = |k: usize| 0.02 * ((k * 7919 % 1000) as f64 / 1000.0 * 37.0).sin();
+        let kpa = |k: usize| match k % 500 {
+            j @ 0..200 => 0.31 * j as f64,
+            j @ 200..290 => 62.0 + 0.2 * (1.0 - (-0.03 * (j - 200) as f64).exp()),
+            // At once, as behind a step of a command.
+            j @ 290..350 => 62.9 + 0.7 * (j - 290) as f64,
+            j => 104.2 - 0.69 * (j - 350) as f64,
+        };
+        let at = |k: usize| if held.contains(&k) { held.start } else { k };
+        (0..2000).map(|k| ((kpa(at(k)) + noise(at(k))) / step_kpa).round() * step_kpa).collect()
+    }
+
+    fn told(step_kpa: f64, held: Range<usize>) -> Vec<Trouble> {
+        let values = readings(step_kpa, held);
+        // Noise of 0.014 kPa and the rounding's.
+        let sigma = (0.014_f64.powi(2) + step_kpa.powi(2) / 12.0).sqrt();
+        let of = Channel { values: &values, sigma, range: Some([-100.0, 300.0]), sampling_s: 0.02, near_step: &[] };
+        let mut troubles = Vec::new();
+        of.check(&mut vec![1.0; values.len()], |_, trouble, _| troubles.push(trouble));
+        troubles
+    }
+
+    /// A coarse converter gives one reading of a chamber at rest; a logger that holds one jumps from it, coarse or not.
+    #[test]
+    fn rest_between_coarse_steps_is_not_stuck() {
+        for step_kpa in [0.25, 0.125] {
+            assert!(!told(step_kpa, 0..0).contains(&Trouble::Stuck), "{step_kpa}");
+            assert!(told(step_kpa, 100..160).contains(&Trouble::Stuck), "{step_kpa}");
+        }
+        assert!(told(0.01, 100..160).contains(&Trouble::Stuck));
+    }
 }

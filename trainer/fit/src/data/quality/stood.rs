@@ -17,7 +17,7 @@ const AT_REST_KPA: f64 = 0.5;
 const AT_REST_SHARE: f64 = 0.01;
 /// … and in deviations of the noise.
 const NOISES: f64 = 5.0;
-/// How many times as much a running pump must make of it.
+/// Factor by which a running pump must make more of it.
 const RUNS: f64 = 10.0;
 
 /// Adds a finding for each recording in which the pump stood unseen.
@@ -83,7 +83,7 @@ fn margin(rig: &Rig, noise: &[Noise], channel: usize, column: &str) -> f64 {
     AT_REST_KPA.min(AT_REST_SHARE * range_kpa).max(of_noise)
 }
 
-/// How a recording says that a pump stood.
+/// Advice on how a recording says that a pump stood.
 fn mend(name: &str, pump: &Pump) -> String {
     match pump {
         Pump::Piston(piston) => match &piston.relay {

@@ -3,7 +3,8 @@
 //! A reading is wild that its neighbours on both sides contradict, or that no sensor of its range can give: a logger's
 //! -9999, the end of a converter. Those at the ends of a run have neighbours on one side only, and two or three in a row bear each other
 //! out: they must be much farther from the sound ones than the reading usually moves from row to row, so that neither a pump that
-//! starts nor a line that rings is taken for a loose contact.
+//! starts nor a line that rings is taken for a loose contact. So must one next to a step of a command: where a pump is switched off a
+//! pressure turns round within a row.
 
 use std::ops::Range;
 
@@ -29,9 +30,16 @@ const LATE_PART: usize = 5;
 /// Readings behind those of a sensor without power that show that it scatters.
 const LATE_REST: usize = 50;
 
-/// The places of wild readings among those of one channel, and how far the worst is from the sound ones around it (kPa).
-pub(in crate::data) fn wild(values: &[f64], sigma: f64, range: Option<[f64; 2]>) -> (Vec<usize>, f64) {
+/// The places of wild readings among those of one channel, and how far the worst is from the sound ones around it (kPa); `near_step` says
+/// by reading whether a command steps next to it.
+pub(in crate::data) fn wild(
+    values: &[f64],
+    sigma: f64,
+    range: Option<[f64; 2]>,
+    near_step: &[bool],
+) -> (Vec<usize>, f64) {
     let mut is_wild = outside(values, range);
+    let mut turning = Vec::new();
     let limit = WILD_KPA.min(WILD_SHARE * span(values)).max(WILD * sigma);
     for (row, window) in values.windows(5).enumerate() {
         let off = (window[2] - median(window)).abs();
@@ -40,11 +48,16 @@ pub(in crate::data) fn wild(values: &[f64], sigma: f64, range: Option<[f64; 2]>)
         let (low, high) = others.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
         if off > limit && off > high - low {
             is_wild[row + 2] = true;
+            if near_step.get(row + 2) == Some(&true) {
+                turning.push((row + 2, off));
+            }
         }
     }
     // Steps to and from those that are known already say nothing of how the reading usually moves.
     let sound: Vec<f64> = values.iter().zip(&is_wild).filter(|(_, wild)| !**wild).map(|(v, _)| *v).collect();
     let far = limit.max(STEPS * usual_step(&sound));
+    let is_outside = outside(values, range);
+    turning.iter().filter(|(row, off)| *off <= far && !is_outside[*row]).for_each(|(row, _)| is_wild[*row] = false);
     for together in 2..=MOST_TOGETHER {
         for from in 2..(values.len() + 1).saturating_sub(together + 2) {
             let around = [from - 2, from - 1, from + together, from + together + 1];
@@ -99,7 +112,7 @@ fn changes(values: &[f64]) -> usize {
     values.windows(2).filter(|w| w[0] != w[1]).count()
 }
 
-/// Whether a sensor gives this without power: nothing, or what stands at or beyond an end of its range.
+/// Tells whether a sensor gives this without power: nothing, or what stands at or beyond an end of its range.
 fn is_without_power(first: f64, values: &[f64], range: Option<[f64; 2]>) -> bool {
     let near = NOTHING * range.map_or_else(|| span(values), |[low, high]| high - low);
     let at_an_end = range.is_some_and(|[low, high]| first <= low + near || first >= high - near);
@@ -114,7 +127,7 @@ fn off_the_sound(values: &[f64], sound: &[usize], row: usize) -> f64 {
     if around.is_empty() { 0.0 } else { (values[row] - median(&around)).abs() }
 }
 
-/// Whether readings are all this far from those around them, which agree with each other.
+/// Tells whether readings are all this far from those around them, which agree with each other.
 fn stand_off(values: &[f64], rows: Range<usize>, around: &[usize], far_kpa: f64) -> bool {
     let sound: Vec<f64> = around.iter().filter_map(|row| values.get(*row)).copied().collect();
     let (low, high) = sound.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
@@ -158,7 +171,7 @@ fn outside(values: &[f64], range: Option<[f64; 2]>) -> Vec<bool> {
     if few { is_outside } else { vec![false; values.len()] }
 }
 
-/// What nine of ten readings lie within, in kPa: single wild ones do not widen it.
+/// Range that nine of ten readings lie within, in kPa: single wild ones do not widen it.
 fn span(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -178,19 +191,19 @@ mod tests {
     #[test]
     fn what_no_neighbour_bears_out_is_wild_wherever_it_stands() {
         let range = Some([-100.0, 300.0]);
-        assert_eq!(wild(&filling(), 0.05, range).0, Vec::<usize>::new(), "a pump that starts is no wild reading");
+        assert_eq!(wild(&filling(), 0.05, range, &[]).0, Vec::<usize>::new(), "a pump that starts is no wild reading");
         for at in [0, 1, 2, 77, 197, 198, 199] {
             for reading in [1e6, 260.0, -99.0] {
                 let mut values = filling();
                 values[at] = reading;
-                assert_eq!(wild(&values, 0.05, range).0, [at], "{reading} at {at}");
+                assert_eq!(wild(&values, 0.05, range, &[]).0, [at], "{reading} at {at}");
             }
         }
         // Three rows of a logger's "no value" have each other for neighbours; so have two zeros, which a sensor may well read.
         let mut values = filling();
         values[50..53].fill(-9999.0);
         values[120..122].fill(0.0);
-        assert_eq!(wild(&values, 0.05, range).0, [50, 51, 52, 120, 121]);
+        assert_eq!(wild(&values, 0.05, range, &[]).0, [50, 51, 52, 120, 121]);
     }
 
     #[test]
@@ -207,7 +220,23 @@ mod tests {
                 .collect()
         };
         for (what, values) in [("from rest", from_rest), ("ringing", rings(6.0)), ("ringing hard", rings(10.0))] {
-            assert_eq!(wild(&values, 0.05, Some([-100.0, 300.0])).0, Vec::<usize>::new(), "{what}");
+            assert_eq!(wild(&values, 0.05, Some([-100.0, 300.0]), &[]).0, Vec::<usize>::new(), "{what}");
+        }
+    }
+
+    /// A pump that is switched off turns a pressure round within a row; what no pressure does in a row is wild there as well.
+    #[test]
+    fn a_reading_next_to_a_step_may_turn_round() {
+        // Ripple that stands at one phase of the pump's turn ends in a single reading of the mean above it.
+        let mut values: Vec<f64> = (0..200).map(|k| 80.0 + 0.1 * f64::from(k)).collect();
+        values.extend((0..90).map(|k| 102.2 - 1.1 * f64::from(k)));
+        let range = Some([-100.0, 300.0]);
+        let at_peak: Vec<bool> = (0..290).map(|row| (199..=205).contains(&row)).collect();
+        assert_eq!(wild(&values, 0.05, range, &[]).0, [200], "without its command it is a spike");
+        assert_eq!(wild(&values, 0.05, range, &at_peak).0, Vec::<usize>::new());
+        for reading in [230.0, 150.0, -9999.0] {
+            values[201] = reading;
+            assert!(wild(&values, 0.05, range, &at_peak).0.contains(&201), "{reading}");
         }
     }
 
@@ -218,7 +247,7 @@ mod tests {
             let mut values = filling();
             let sound = values[rows.start];
             values[rows.clone()].fill(260.0);
-            let (found, worst) = wild(&values, 0.05, Some([-100.0, 300.0]));
+            let (found, worst) = wild(&values, 0.05, Some([-100.0, 300.0]), &[]);
             assert_eq!(found, rows.clone().collect::<Vec<_>>());
             assert!((worst - (260.0 - sound)).abs() < 40.0 && worst > 150.0, "{rows:?}: {worst}");
         }
@@ -231,16 +260,16 @@ mod tests {
         for rows in [1, 2, 3, 4, 30, 80] {
             let mut values: Vec<f64> = (0..400).map(scattering).collect();
             values[..rows].fill(0.0);
-            assert_eq!(wild(&values, 0.05, Some([-100.0, 300.0])).0, (0..rows).collect::<Vec<_>>());
+            assert_eq!(wild(&values, 0.05, Some([-100.0, 300.0]), &[]).0, (0..rows).collect::<Vec<_>>());
         }
         // At an end of its range, but nowhere within it: that is a sensor that stands still.
         for (level, is_wild) in [(-100.0, true), (300.0, true), (60.0, false), (-40.0, false)] {
             let mut values: Vec<f64> = (0..400).map(scattering).collect();
             values[..150].fill(level);
-            assert_eq!(!wild(&values, 0.05, Some([-100.0, 300.0])).0.is_empty(), is_wild, "{level}");
+            assert_eq!(!wild(&values, 0.05, Some([-100.0, 300.0]), &[]).0.is_empty(), is_wild, "{level}");
         }
         let mut at_rest = vec![0.0; 30];
         at_rest.extend(filling());
-        assert_eq!(wild(&at_rest, 0.05, Some([-100.0, 300.0])).0, Vec::<usize>::new());
+        assert_eq!(wild(&at_rest, 0.05, Some([-100.0, 300.0]), &[]).0, Vec::<usize>::new());
     }
 }

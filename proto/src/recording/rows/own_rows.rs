@@ -1,0 +1,159 @@
+//! Sensors that are each read in rows of their own: at rates of their own, with blank cells or the last number between, beside commands in
+//! every row.
+//!
+//! A reading counts in the row in which it was read, and for its own sensor alone. Between them lie straight lines that are no evidence,
+//! none of them across a gap: a run begins where every sensor has been read. The distance of readings that nothing faster can be told
+//! from is that of the sensor that is read least often. Where all sensors are read in the same rows these are samples of the whole
+//! ([`super::slower`], [`super::repeated::fresh`]).
+
+use std::ops::Range;
+
+use super::asynchronous::near_all;
+use super::lost_rows::{Missing, left_out_before_readings};
+use super::repeated;
+use super::resample::{self, Kind, Resampling, median_step};
+use super::slower::{self, Slower};
+use crate::recording::csv::{Column, ColumnData, rows_alone};
+use crate::recording::logger_file::sheet::Sheet;
+
+/// Rows in which each of several sensors was read.
+#[derive(Debug)]
+pub(crate) struct OwnRows {
+    /// By sensor its column, and by row whether it was read.
+    read: Vec<(String, Vec<bool>)>,
+    /// Rows for each reading of the sensor that is read least often.
+    pub(crate) rows_a_reading: usize,
+    /// Remarks on it.
+    pub(crate) notes: Vec<String>,
+}
+
+/// How one sensor is read.
+struct Sensor<'c> {
+    column: &'c str,
+    read: Vec<bool>,
+    /// Rows for each of its readings, and whether its numbers are repeated in them.
+    rows_a_reading: usize,
+    is_held: bool,
+}
+
+impl<'c> Sensor<'c> {
+    /// The sensor whose column this is, where samples are `step_s` apart.
+    fn of(column: &'c str, numbers: &[f64], step_s: f64) -> Self {
+        let is_slow = |rows: usize| rows as f64 * step_s > resample::SPARSE_S;
+        if let Some((read, rows_a_reading)) = repeated::held(numbers).filter(|(_, rows)| is_slow(*rows)) {
+            return Sensor { column, read, rows_a_reading, is_held: true };
+        }
+        let read: Vec<bool> = numbers.iter().map(|x| !x.is_nan()).collect();
+        let count = read.iter().filter(|read| **read).count();
+        let rows_a_reading = (numbers.len() as f64 / count.max(1) as f64).round().max(1.0) as usize;
+        Sensor { column, read, rows_a_reading, is_held: false }
+    }
+
+    fn rows(&self) -> Vec<usize> {
+        (0..self.read.len()).filter(|row| self.is_read(*row)).collect()
+    }
+
+    fn is_read(&self, row: usize) -> bool {
+        self.read.get(row).copied().unwrap_or(false)
+    }
+
+    /// Words on how often it was read; `None` where that is in every row.
+    fn told(&self, step_s: f64) -> Option<String> {
+        let rows = self.rows_a_reading;
+        let how = match (rows, self.is_held) {
+            (0 | 1, _) => return None,
+            (_, true) => format!("each reading stands there {rows} times"),
+            (_, false) => format!("a number in one row of {rows}"),
+        };
+        Some(format!("{} was read every {:.0} ms ({how})", self.column, 1e3 * step_s * rows as f64))
+    }
+}
+
+impl OwnRows {
+    /// Brings sheet, times and columns to rows in which each sensor has readings of its own, and marks the others in `missing`; the sheet
+    /// where rows are left out. `None` where all sensors are read in the same rows, or in every row.
+    ///
+    /// # Errors
+    /// The place among the sensors of one that was hardly ever read when the others were.
+    pub(crate) fn put<'a>(
+        sheet: &Sheet<'a>,
+        time_s: &mut Vec<f64>,
+        columns: &mut [(Column, Kind)],
+        missing: &mut Missing,
+    ) -> Result<Option<(Self, Sheet<'a>)>, usize> {
+        let step_s = median_step(time_s).unwrap_or(0.0);
+        let numbers = columns.iter().filter(|(_, kind)| *kind == Kind::Reading);
+        let numbers: Vec<(&str, &[f64])> = numbers.filter_map(|(c, _)| Some((c.name.as_str(), c.numbers()?))).collect();
+        let sensors: Vec<Sensor<'_>> = numbers.iter().map(|(name, of)| Sensor::of(name, of, step_s)).collect();
+        let together = Slower::of(&numbers.iter().map(|(_, of)| *of).collect::<Vec<_>>()).is_ok();
+        if together && sensors.iter().all(|sensor| !sensor.is_held) {
+            return Ok(None);
+        }
+        near_all(time_s, &sensors.iter().map(Sensor::rows).collect::<Vec<_>>())?;
+        let slowest = sensors.iter().enumerate().max_by_key(|(_, sensor)| sensor.rows_a_reading);
+        let (at_slowest, rows_a_reading) = slowest.map_or((0, 1), |(at, sensor)| (at, sensor.rows_a_reading));
+        // A run in which a sensor was never read begins nowhere.
+        let begin = |run: &Range<usize>| {
+            let first = |sensor: &Sensor<'_>| run.clone().find(|row| sensor.is_read(*row)).unwrap_or(run.end);
+            sensors.iter().map(first).max().unwrap_or(run.start)
+        };
+        let kept: Vec<usize> = resample::runs_of(time_s).into_iter().flat_map(|run| begin(&run)..run.end).collect();
+        if kept.is_empty() {
+            return Err(at_slowest);
+        }
+        let told: Vec<String> = sensors.iter().filter_map(|sensor| sensor.told(step_s)).collect();
+        let mut notes = vec![format!(
+            "{}: {}; only the row of each reading counts as one of its sensor, straight lines lie between, and nothing faster than {:.0} ms can \
+             be told",
+            sheet.file,
+            told.join(", "),
+            1e3 * step_s * rows_a_reading as f64
+        )];
+        notes.extend(left_out_before_readings(&sheet.file, time_s.len() - kept.len()));
+        let mut read: Vec<(String, Vec<bool>)> =
+            sensors.into_iter().map(|sensor| (sensor.column.to_owned(), sensor.read)).collect();
+        for (column, _) in columns.iter_mut() {
+            // Before rows go: the first line may begin in one of them.
+            if let Some((_, read)) = read.iter().find(|(name, _)| *name == column.name) {
+                fill(time_s, column, read);
+            }
+            column.data = column.data.rows_alone(&kept);
+        }
+        *time_s = rows_alone(time_s, &kept);
+        let marks = missing.columns.iter_mut().chain(&mut read);
+        marks.for_each(|(_, of)| *of = rows_alone(of, &kept));
+        for (name, read) in &mut read {
+            let lost = missing.columns.iter().find(|(column, _)| column == name);
+            let lost = lost.map_or(&[][..], |(_, lost)| lost.as_slice());
+            read.iter_mut().zip(lost).for_each(|(read, lost)| *read &= !lost);
+        }
+        Ok(Some((OwnRows { read, rows_a_reading, notes }, sheet.rows_alone(&kept))))
+    }
+
+    /// By row, whether any sensor was read.
+    pub(crate) fn any(&self) -> Vec<bool> {
+        let rows = self.read.first().map_or(0, |(_, read)| read.len());
+        (0..rows).map(|row| self.read.iter().any(|(_, read)| read.get(row) == Some(&true))).collect()
+    }
+
+    /// By sensor that was not read in every row its column, and by row of a resampling whether it has no reading there.
+    pub(crate) fn missing_of(&self, resampling: &Resampling<'_>) -> Vec<(String, Vec<bool>)> {
+        let lacks = |read: &Vec<bool>| resampling.taken_at(read).into_iter().map(|taken| !taken).collect();
+        self.read
+            .iter()
+            .filter(|(_, read)| read.contains(&false))
+            .map(|(name, read)| (name.clone(), lacks(read)))
+            .collect()
+    }
+}
+
+/// Puts straight lines between the readings of a sensor, in each run its own.
+fn fill(time_s: &[f64], column: &mut Column, read: &[bool]) {
+    let ColumnData::Numbers(numbers) = &mut column.data else { return };
+    numbers.iter_mut().zip(read).filter(|(_, read)| !**read).for_each(|(x, _)| *x = f64::NAN);
+    for run in resample::runs_of(time_s) {
+        if let (Some(times), Some(numbers)) = (time_s.get(run.clone()), numbers.get_mut(run)) {
+            slower::fill(times, numbers);
+        }
+    }
+}
