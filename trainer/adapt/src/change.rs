@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
+use model::observation::TICKS_PER_S;
 use proto::atomic_file;
 use proto::reference::Reference;
 
@@ -10,7 +11,6 @@ use crate::AdaptError;
 use crate::daemon::{FALLBACK, LOOK};
 use crate::journal::{Before, Verdict};
 use crate::programs::Console;
-use crate::rig_time::TICKS_PER_S;
 use crate::run::Adaptation;
 
 impl Adaptation {
@@ -43,7 +43,7 @@ impl Adaptation {
         if self.journal.model_line.is_some() {
             return Ok(());
         }
-        let rig = self.journal.found.clone().unwrap_or_default().join("rig.toml");
+        let rig = self.found_rig();
         let asked = self.moment(console)?;
         let said = self.daemon.tell(&["model", &rig.to_string_lossy()], console)?;
         self.examined_since(&asked, console)?;
@@ -102,16 +102,15 @@ impl Adaptation {
         if let Some(trained) = &self.journal.trained {
             return Ok(trained.clone());
         }
-        let (run, policy) = (self.out.join("run"), self.out.join("adapted.onnx"));
+        let (run, policy) = (self.training_folder(), self.trained_policy());
         let text = |path: &Path| path.to_string_lossy().into_owned();
         let arguments = if run.join("checkpoint.bin").exists() {
             vec!["improve".to_owned(), "--resume".to_owned(), text(&run)]
         } else {
             let settings = &self.journal.settings;
-            let rig = self.journal.found.clone().unwrap_or_default().join("rig.toml");
             let mut arguments: Vec<String> = ["improve", "--config", "adaptation", "--rig"].map(str::to_owned).into();
-            arguments.push(text(&rig));
-            let from = self.before_folder().join("policy.onnx");
+            arguments.push(text(&self.found_rig()));
+            let from = self.policy_before();
             if before.policy != FALLBACK && from.exists() {
                 arguments.extend(["--from".to_owned(), text(&from)]);
             }

@@ -1,4 +1,4 @@
-//! What the running daemon is asked, through `controller`: as its operator would.
+//! Questions and orders to the running daemon through `controller`, as its operator would give them.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -19,7 +19,7 @@ const ARMED_AGAIN: Duration = Duration::from_secs(20);
 /// Time in which a person sees to a rig that was vented, and arms it.
 const PERSON_ARMS: Duration = Duration::from_secs(600);
 
-/// What the daemon says where no tick took what it was asked, as on a computer that stalls …
+/// Words of the daemon where no tick took what it was asked, as on a computer that stalls …
 const NO_TICK: &str = "no tick took it";
 /// … and how often it is asked again.
 const MORE_TRIES: usize = 2;
@@ -27,7 +27,7 @@ const MORE_TRIES: usize = 2;
 /// Beginning of the conditions that another model may explain: a reading and the model are apart.
 const MODEL: &str = "model";
 
-/// What a vented rig means to a step.
+/// Meaning of a vented rig to a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Vented {
     /// The step cannot be done.
@@ -41,14 +41,14 @@ pub enum Vented {
 pub struct Daemon {
     /// The two programs.
     pub programs: Programs,
-    /// Its configuration.
+    /// The daemon's configuration.
     pub config: PathBuf,
 }
 
-/// What it is doing.
+/// State of a running daemon, and what it uses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DaemonStatus {
-    /// Its state's name.
+    /// The state's name.
     pub state: String,
     /// The condition that keeps it from controlling until a person acknowledges; empty where there is none.
     pub waits_for: String,
@@ -81,12 +81,12 @@ impl DaemonStatus {
         }
     }
 
-    /// Whether the rig is being controlled.
+    /// Tells whether the rig is being controlled.
     pub fn is_running(&self) -> bool {
         ["run", "hold", "revert"].contains(&self.state.as_str())
     }
 
-    /// That the rig is not being controlled, and what keeps it from that.
+    /// The error that the rig is not being controlled, with what keeps it from that.
     pub fn not_running(self) -> AdaptError {
         AdaptError::NotRunning { state: self.state, waits_for: self.waits_for }
     }
@@ -131,7 +131,7 @@ impl Daemon {
         }
     }
 
-    /// What it is doing.
+    /// State now.
     ///
     /// # Errors
     /// Nobody answers.
@@ -139,7 +139,7 @@ impl Daemon {
         Ok(DaemonStatus::of(&self.ask("status", console)?))
     }
 
-    /// What a daemon that controls is doing. A session that was lost may be opened and armed anew by the daemon itself. A condition
+    /// State of a daemon that controls. A session that was lost may be opened and armed anew by the daemon itself. A condition
     /// that waits for a person ends the wait at once, or is told and waited for where a model may explain it, as `vented` has it.
     ///
     /// # Errors

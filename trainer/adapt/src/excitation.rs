@@ -11,11 +11,12 @@ use model::steady::SteadyMap;
 use proto::recording::csv::{self, Column, ColumnData};
 use proto::reference::Reference;
 
+use crate::rig_time::TICK_S;
+
 /// Length of the programme and of each of its three parts, in s.
 pub const SECONDS: f64 = 60.0;
 const PART_S: f64 = SECONDS / 3.0;
-const TICK_S: f64 = 0.02;
-/// How far beyond the reference's pressures the duties may take each chamber by itself, by the model, in kPa (chosen: a third of
+/// Distance beyond the reference's pressures that the duties may take each chamber by itself, by the model, in kPa (chosen: a third of
 /// what the paper's reference spans).
 const BEYOND_KPA: Pair = [10.0, 3.0];
 /// The least that a valve is moved over, in duty: where a reference hardly moves, its valves would hardly be moved.
@@ -27,7 +28,7 @@ const SWITCHING_S: [f64; 2] = [0.06, 0.4];
 const SWITCHED_SHARE: f64 = 0.4;
 /// Periods of the triangles, of each channel, in s: they never come together again within the part.
 const TRIANGLES_S: Pair = [4.7, 3.1];
-/// How often a reference is looked at, in s.
+/// Time between two looks at a reference, in s.
 const LOOK_S: f64 = 0.1;
 /// The golden ratio's fractional part, and the square root of two's for the other channel.
 const STEP: Pair = [0.618_033_988_749_894_9, 0.414_213_562_373_095_1];
@@ -37,7 +38,7 @@ const STEP: Pair = [0.618_033_988_749_894_9, 0.414_213_562_373_095_1];
 pub struct Spans(pub [[f64; 2]; CHANNELS]);
 
 impl Spans {
-    /// Those at which the model holds the pressures of a reference, and some more.
+    /// Spans in which the model holds the pressures of a reference, and some more.
     ///
     /// # Errors
     /// A rig that the controller cannot drive.
@@ -61,7 +62,7 @@ impl Spans {
         })))
     }
 
-    /// The same around their middles, narrower by a factor.
+    /// Spans around the same middles, narrower by a factor.
     #[must_use]
     pub fn narrowed(self, share: f64) -> Self {
         Spans(self.0.map(|[low, high]| {

@@ -1,19 +1,23 @@
 //! Runs along the reference: each begun anew, watched, ended early where it is worse than what was there, and put in
-//! figures.
+//! figures. What a step gets of one are its figures where it is sound: flown to its end, and not worse than what it was held
+//! against.
 
 use std::ops::Range;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use model::observation::TICKS_PER_S;
+
 use crate::AdaptError;
 use crate::daemon::{FALLBACK, LOOK};
 use crate::guard::{WorseWindow, squares_by_second, worse_window};
-use crate::journal::{BEFORE, Before, Flown};
+use crate::journal::{BEFORE, Before, Flown, TickSpan};
+use crate::judging::{late_squares, told};
 use crate::programs::Console;
 use crate::recorded::{self, FlightTicks};
-use crate::rig_time::TICKS_PER_S;
 use crate::run::{Adaptation, FALLBACK_ON_MODEL, WITH_MODEL};
 use crate::tracking::Tracking;
+use crate::yardstick::Yardstick;
 
 /// Time in which a tick must follow another, in lockstep on a busy machine as well.
 const STILL: Duration = Duration::from_secs(20);
@@ -22,26 +26,10 @@ const FLUSHED: Duration = Duration::from_secs(10);
 /// Shortest run along a reference that is shorter, in s: diagnosis takes 20 s and more that it can begin in.
 const SHORTEST_S: f64 = 30.0;
 
-/// A run along the reference, as it ended.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Flight {
-    /// To its end, and not worse than what it was held against.
-    Sound(Tracking),
-    /// It tracked worse than what it was held against, and was ended where that was clear.
-    Worse,
-}
-
-impl Flight {
-    fn of(flown: &Flown) -> Self {
-        if flown.ended_after_s.is_some() { Flight::Worse } else { Flight::Sound(flown.tracking) }
-    }
-
-    pub(crate) fn sound(self) -> Option<Tracking> {
-        match self {
-            Flight::Sound(tracking) => Some(tracking),
-            Flight::Worse => None,
-        }
-    }
+/// Squares of what was there, second by second, and the yardstick of both.
+struct HeldAgainst<'a> {
+    there: &'a [Option<f64>],
+    yardstick: &'a Yardstick,
 }
 
 impl Adaptation {
@@ -60,53 +48,57 @@ impl Adaptation {
         what: &str,
         against: &str,
         console: &mut dyn Console,
-    ) -> Result<Flight, AdaptError> {
-        let there = match self.journal.flight(against) {
-            Some(flown) if flown.squares.is_empty() => {
-                vec![Some(flown.tracking.both_kpa().powi(2)); (flown.tracking.ticks as f64 / TICKS_PER_S) as usize]
-            }
-            Some(flown) => flown.squares.clone(),
-            None => Vec::new(),
-        };
+    ) -> Result<Option<Tracking>, AdaptError> {
+        let there = self.journal.flight(against).map(Flown::judged_squares).unwrap_or_default();
         self.fly(what, &there, console)
     }
 
-    fn fly(&mut self, what: &str, there: &[Option<f64>], console: &mut dyn Console) -> Result<Flight, AdaptError> {
+    fn fly(
+        &mut self,
+        what: &str,
+        there: &[Option<f64>],
+        console: &mut dyn Console,
+    ) -> Result<Option<Tracking>, AdaptError> {
         if let Some(flown) = self.journal.flight(what) {
-            return Ok(Flight::of(flown));
+            return Ok(flown.sound());
         }
         self.in_control(console)?;
-        let file = self.before_folder().join("reference.csv");
+        let yardstick = self.yardstick()?;
+        let file = self.recorded_reference();
         let (session, start) = self.begin_reference(&file, console)?;
         let end = start.wrapping_add((self.fly_s()? * TICKS_PER_S) as u32);
         self.moves_until = end;
         let mut ticks = FlightTicks::new(&self.folders.recordings, session, start..end);
-        let until = self.watch(session, start..end, &mut ticks, there, console)?;
+        let against = HeldAgainst { there, yardstick: &yardstick };
+        let until = self.watch(session, start..end, &mut ticks, &against, console)?;
         let missing = "the recording of a run";
         let ticks = self.wait_for(missing, FLUSHED, console, |this, _| {
             let ticks = recorded::between(&this.folders.recordings, session, start..until)?;
             Ok(ticks.last().is_some_and(|last| last.tick.wrapping_add(1) >= until).then_some(ticks))
         })?;
         let vented = || AdaptError::NotRunning { state: "vented on the way".into(), waits_for: String::new() };
-        let tracking = Tracking::of(&ticks).ok_or_else(vented)?;
-        let squares = squares_by_second(&ticks, start);
-        let worse = worse_window(&squares, there);
-        let flown_s = f64::from(until.wrapping_sub(start)) / TICKS_PER_S;
-        let [pos, neg] = tracking.rmse_kpa;
-        console.say(&format!("{what}: {pos:.3}/{neg:.3} kPa"));
-        if let Some(WorseWindow { flown_kpa, there_kpa }) = worse {
+        let mut flown = Flown {
+            what: what.to_owned(),
+            tracking: Tracking::of(&ticks, &yardstick).ok_or_else(vented)?,
+            rig_minutes: self.rig_minutes(console)?,
+            recorded: Some(TickSpan { session, start, until }),
+            ended_after_s: None,
+            squares: squares_by_second(&ticks, start, &Yardstick::default()),
+            late_squares: late_squares(&ticks, start, &yardstick),
+        };
+        console.say(&format!("{what}: {}", told(&flown.tracking)));
+        if let Some(WorseWindow { flown_kpa, there_kpa }) = worse_window(&flown.judged_squares(), there) {
+            let flown_s = f64::from(until.wrapping_sub(start)) / TICKS_PER_S;
             let when = if until == end { "at its end" } else { "and is ended" };
             console.say(&format!(
                 "{what}: after {flown_s:.0} s it errs by {flown_kpa:.3} kPa where what was there errs by {there_kpa:.3} (both channels together): it tracks worse, {when}"
             ));
+            flown.ended_after_s = Some(flown_s);
         }
-        let rig_minutes = self.rig_minutes(console)?;
-        let ended_after_s = worse.map(|_| flown_s);
-        let flown = Flown { what: what.to_owned(), tracking, rig_minutes, ended_after_s, squares };
-        let flight = Flight::of(&flown);
+        let sound = flown.sound();
         self.journal.flown.push(flown);
         self.journal.keep(&self.out)?;
-        Ok(flight)
+        Ok(sound)
     }
 
     pub(crate) fn fly_s(&self) -> Result<f64, AdaptError> {
@@ -124,14 +116,13 @@ impl Adaptation {
         Ok(status.at)
     }
 
-    /// Waits for the end of a flight; the tick behind its last, which is earlier where it tracks worse than what was
-    /// `there`.
+    /// Waits for the end of a flight; the tick behind its last, which is earlier where it tracks worse than what was there.
     fn watch(
         &self,
         session: u32,
         flight: Range<u32>,
         ticks: &mut FlightTicks,
-        there: &[Option<f64>],
+        HeldAgainst { there, yardstick }: &HeldAgainst<'_>,
         console: &mut dyn Console,
     ) -> Result<u32, AdaptError> {
         let (mut last, mut moved) = (0, Instant::now());
@@ -148,7 +139,7 @@ impl Adaptation {
                 let recorded = so_far.iter().take_while(|tick| tick.tick < status.at.1).count();
                 let so_far = so_far.get(..recorded).unwrap_or_default();
                 if let Some(last) = so_far.last()
-                    && worse_window(&squares_by_second(so_far, flight.start), there).is_some()
+                    && worse_window(&squares_by_second(so_far, flight.start, yardstick), there).is_some()
                 {
                     return Ok(last.tick.wrapping_add(1));
                 }
@@ -177,15 +168,14 @@ impl Adaptation {
         console: &mut dyn Console,
     ) -> Result<Option<(&'static str, Tracking)>, AdaptError> {
         if before.policy == FALLBACK {
-            let flight = self.fly_against(WITH_MODEL, BEFORE, console)?;
-            return Ok(flight.sound().map(|tracking| (WITH_MODEL, tracking)));
+            return Ok(self.fly_against(WITH_MODEL, BEFORE, console)?.map(|tracking| (WITH_MODEL, tracking)));
         }
         // The policy first: it controls already, and is nearer to what was there than the fallback.
-        let policy = match self.journal.flight(WITH_MODEL).map(Flight::of) {
-            Some(flight) => flight.sound(),
+        let policy = match self.journal.flight(WITH_MODEL).map(Flown::sound) {
+            Some(sound) => sound,
             None if self.is_sound_on_the_model(console)? => {
                 self.let_control(&before.policy, console)?;
-                self.fly_against(WITH_MODEL, BEFORE, console)?.sound()
+                self.fly_against(WITH_MODEL, BEFORE, console)?
             }
             None => None,
         };
@@ -193,7 +183,7 @@ impl Adaptation {
             self.let_control(FALLBACK, console)?;
         }
         let against = if policy.is_some() { WITH_MODEL } else { BEFORE };
-        let fallback = self.fly_against(FALLBACK_ON_MODEL, against, console)?.sound();
+        let fallback = self.fly_against(FALLBACK_ON_MODEL, against, console)?;
         match (policy, fallback) {
             (Some(policy), fallback) if fallback.is_none_or(|fallback| policy.over(&fallback) <= 1.0) => {
                 self.let_control(&before.policy, console)?;
@@ -215,11 +205,11 @@ impl Adaptation {
     /// Says whether the policy that controlled before passes the daemon's trial on the model that was found: without a
     /// minute of the rig.
     fn is_sound_on_the_model(&mut self, console: &mut dyn Console) -> Result<bool, AdaptError> {
-        let policy = self.before_folder().join("policy.onnx");
+        let policy = self.policy_before();
         if !policy.exists() {
             return Ok(false);
         }
-        let rig = self.journal.found.clone().unwrap_or_default().join("rig.toml");
+        let rig = self.found_rig();
         let arguments = ["check-policy".as_ref(), policy.as_os_str(), "--rig".as_ref(), rig.as_os_str()];
         let said = self.computed(|this, console| this.daemon.programs.controller(arguments).run(console), console)?;
         if said.status != Some(0) {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::AdaptError;
 use crate::journal::Journal;
-use crate::put_back::BACK_AND_FORTH;
+use crate::paths::BACK_AND_FORTH;
 
 /// Checks that a folder can be given to a new adaptation: it is not there, or empty.
 ///

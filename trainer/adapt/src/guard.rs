@@ -1,4 +1,4 @@
-//! A flight on what is new is ended where it tracks worse than what was there.
+//! The end of a flight on what is new where it tracks worse than what was there.
 //!
 //! The promise is about a window: in no 60 s the error of both channels together may be more than a twentieth above that
 //! of the flight of what was there along the same part of the reference. Two looks end a flight before the window is
@@ -7,10 +7,12 @@
 //! went on at once; as noise adds up to an excess as well, that must also be three times as much as sums of such
 //! differences vary by chance.
 
+use model::observation::TICKS_PER_S;
 use proto::recording::TickRecord;
 
 use crate::recorded::RUN;
 use crate::tracking::SKIPPED;
+use crate::yardstick::Yardstick;
 
 /// A run this much worse than another is worse (both channels together; chosen: flights of one controller differ by
 /// half of it).
@@ -22,27 +24,28 @@ const LEAST_S: usize = 5;
 /// Standard deviations of a sum of differences that chance is not believed to reach (chosen: once in some hundred
 /// flights).
 const CLEARLY: f64 = 3.0;
-const TICKS_PER_S: usize = 50;
+/// Ticks of a second.
+const SECOND: usize = TICKS_PER_S as usize;
 
 /// Mean squares of the error of both channels together, in kPa², for each whole second of a flight that began at tick
 /// `start`, behind the way to where the reference begins; nothing of a second in which the rig was not controlled.
-pub(crate) fn squares_by_second(ticks: &[TickRecord], start: u32) -> Vec<Option<f64>> {
+pub(crate) fn squares_by_second(ticks: &[TickRecord], start: u32, yardstick: &Yardstick) -> Vec<Option<f64>> {
     let mut sums: Vec<(f64, u32)> = Vec::new();
     let mut ticks_of_last = 0;
-    for tick in ticks {
+    for (tick, [pos, neg]) in ticks.iter().zip(yardstick.errors_kpa(ticks)) {
         let Some(behind) = (tick.tick.wrapping_sub(start) as usize).checked_sub(SKIPPED) else { continue };
-        let second = behind / TICKS_PER_S;
+        let second = behind / SECOND;
         if second >= sums.len() {
             sums.resize(second + 1, (0.0, 0));
         }
-        ticks_of_last = behind % TICKS_PER_S + 1;
-        let square = (tick.p_pos_kpa - tick.ref_pos_kpa).powi(2) + (tick.p_neg_kpa - tick.ref_neg_kpa).powi(2);
+        ticks_of_last = behind % SECOND + 1;
+        let square = pos.powi(2) + neg.powi(2);
         if let Some((sum, count)) = sums.get_mut(second).filter(|_| tick.state == RUN && square.is_finite()) {
             *sum += square;
             *count += 1;
         }
     }
-    if ticks_of_last < TICKS_PER_S {
+    if ticks_of_last < SECOND {
         sums.pop();
     }
     sums.into_iter().map(|(sum, count)| (count > 0).then(|| sum / f64::from(count))).collect()
@@ -137,12 +140,13 @@ mod tests {
             })
             .map(|tick| TickRecord { ref_pos_kpa: 0.0, ref_neg_kpa: 0.0, ..tick })
             .collect();
-        let squares = squares_by_second(&ticks, 1000);
+        let squares = squares_by_second(&ticks, 1000, &Yardstick::default());
         assert_eq!(squares.len(), 2, "the last half second does not count");
         assert!(squares.iter().flatten().all(|square| (square - 0.25).abs() < 1e-12), "{squares:?}");
         // A second without control has no error.
         let vented = |tick: &TickRecord| TickRecord { state: if tick.tick < 1300 { 2 } else { RUN }, ..*tick };
-        let squares = squares_by_second(&ticks.iter().map(vented).collect::<Vec<_>>(), 1000);
+        let vented: Vec<TickRecord> = ticks.iter().map(vented).collect();
+        let squares = squares_by_second(&vented, 1000, &Yardstick::default());
         assert!(squares.len() == 2 && squares[0].is_none() && squares[1].is_some(), "{squares:?}");
     }
 

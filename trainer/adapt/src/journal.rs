@@ -1,8 +1,10 @@
-//! What an adaptation has done: kept after every step, so that it goes on where it was.
+//! Record of an adaptation, kept after every step, so that it goes on where it was.
 
 use std::path::{Path, PathBuf};
 
+use model::observation::TICKS_PER_S;
 use proto::atomic_file;
+use proto::diagnosis::Diagnosis;
 use serde::{Deserialize, Serialize};
 
 use crate::AdaptError;
@@ -17,7 +19,7 @@ const FILE: &str = "journal.json";
 /// Name of the run along the reference before anything was changed.
 pub(crate) const BEFORE: &str = "before";
 
-/// What was there before anything was changed.
+/// State of the daemon before anything was changed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Before {
     /// Policy that controlled, or `fallback`.
@@ -36,13 +38,16 @@ pub struct Before {
 /// A run along the reference.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Flown {
-    /// What controlled, in words.
+    /// Name of the run: what controlled, in words.
     pub what: String,
     /// Figures.
     pub tracking: Tracking,
     /// Minutes of the rig from the beginning until it was over.
     #[serde(default)]
     pub rig_minutes: f64,
+    /// Place of its ticks in the daemon's recordings; nothing in the journal of an older program.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recorded: Option<TickSpan>,
     /// Seconds after which it was ended because it tracked worse than what was there; nothing where it was not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended_after_s: Option<f64>,
@@ -50,9 +55,51 @@ pub struct Flown {
     /// control: what later flights are held against.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub squares: Vec<Option<f64>>,
+    /// Mean squares by the found rig's late sensors ([`crate::yardstick`]); empty where no sensor is late, and before a model
+    /// was found.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub late_squares: Vec<Option<f64>>,
 }
 
-/// What the daemon made of the policy.
+impl Flown {
+    /// Figures of a run that was not worse than what was there.
+    pub fn sound(&self) -> Option<Tracking> {
+        self.ended_after_s.is_none().then_some(self.tracking)
+    }
+
+    /// Mean squares that a later run is held against.
+    pub(crate) fn judged_squares(&self) -> Vec<Option<f64>> {
+        let squares = if self.tracking.late_rmse_kpa.is_some() { &self.late_squares } else { &self.squares };
+        match squares.is_empty() {
+            false => squares.clone(),
+            // An older program kept none.
+            true => vec![Some(self.tracking.both_kpa().powi(2)); (self.tracking.ticks as f64 / TICKS_PER_S) as usize],
+        }
+    }
+}
+
+/// Diagnosis in a folder that `trainer diagnose` has written.
+///
+/// # Errors
+/// Its file cannot be read.
+pub(crate) fn diagnosis_in(found: &Path) -> Result<Diagnosis, AdaptError> {
+    let path = found.join("diagnosis.json");
+    let text = std::fs::read_to_string(&path).map_err(|error| AdaptError::file(&path, error))?;
+    Diagnosis::from_json(&text).map_err(|error| AdaptError::file(&path, error))
+}
+
+/// Ticks of a session, from one up to another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TickSpan {
+    /// The session.
+    pub session: u32,
+    /// The first tick.
+    pub start: u32,
+    /// The tick behind the last.
+    pub until: u32,
+}
+
+/// Verdict of the daemon on the policy.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Verdict {
     /// The policy's state when it was decided: `active`, `refused`, or `not published`.
@@ -61,12 +108,12 @@ pub struct Verdict {
     pub why: String,
 }
 
-/// What has been done.
+/// Record of all that has been done.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Journal {
     /// The run.
     pub settings: AdaptSettings,
-    /// What was there.
+    /// State of the daemon before.
     pub before: Option<Before>,
     /// Recordings that diagnosis reads.
     pub recordings: Vec<PathBuf>,
@@ -88,13 +135,13 @@ pub struct Journal {
     /// Name of what controlled when it was published.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub incumbent: Option<String>,
-    /// What the daemon made of it.
+    /// The daemon's verdict on it.
     pub verdict: Option<Verdict>,
     /// Runs along the reference: before, with the model, with the policy.
     pub flown: Vec<Flown>,
-    /// What controls at the end, in words.
+    /// Name of the run whose controller is kept at the end.
     pub kept: Option<String>,
-    /// Where the sitting under way began; a sitting that was killed leaves it behind for the next one to count from.
+    /// Beginning of the sitting under way; a sitting that was killed leaves it behind for the next one to count from.
     #[serde(default)]
     pub since: Option<Since>,
     /// The worst pressures of all sittings that are over: highest positive, lowest negative.
@@ -102,7 +149,7 @@ pub struct Journal {
     pub worst: Option<[Worst; 2]>,
     /// Ticks of the rig that were used.
     pub ticks: u64,
-    /// Those of them that passed while this machine computed, or in lockstep beyond what real time has.
+    /// Ticks among them that passed while this machine computed, or in lockstep beyond what real time has.
     #[serde(default)]
     pub unused_ticks: u64,
     /// Seconds that this machine computed meanwhile.
@@ -154,7 +201,7 @@ impl Journal {
         serde_json::from_str(&text).map_err(|error| AdaptError::file(&path, error))
     }
 
-    /// Whether a folder has one.
+    /// Tells whether a folder has one.
     pub fn is_in(out: &Path) -> bool {
         out.join(FILE).exists()
     }
@@ -181,6 +228,11 @@ impl Journal {
         self.incumbent = None;
         self.verdict = None;
         self.flown.retain(|flown| flown.what == BEFORE);
+        // The next model that is found may have other sensors.
+        for flown in &mut self.flown {
+            flown.tracking.late_rmse_kpa = None;
+            flown.late_squares.clear();
+        }
     }
 
     /// Figures of the run of a name, once it was made.
@@ -191,5 +243,59 @@ impl Journal {
     /// The run of a name, once it was made.
     pub fn flight(&self, what: &str) -> Option<&Flown> {
         self.flown.iter().find(|flown| flown.what == what)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A journal as programs wrote it before they knew of late sensors.
+    const OLDER: &str = r#"{
+        "settings": {"config": "c.toml", "fly_seconds": 20.0, "diagnose_seconds": 60.0, "search": "quick", "experiments": "ask",
+            "train_rounds": 1, "train_seconds": 60, "verdict_seconds": 30, "seed": 1},
+        "before": {"policy": "fallback", "model": "dual_pressure", "interventions": 3, "at": [9, 100]},
+        "recordings": [], "experiments": [], "experiment_allowed": null, "found": null, "model_line": "taken", "trained": null,
+        "published": null, "verdict": null, "kept": null, "ticks": 0, "interventions": null,
+        "flown": [
+            {"what": "before", "squares": [0.3, null, 0.4], "tracking":
+                {"rmse_kpa": [0.5, 0.3], "noise_kpa": [0.06, 0.01], "ticks": 150, "extremes_kpa": [86.0, -73.0]}},
+            {"what": "with the model", "tracking":
+                {"rmse_kpa": [0.4, 0.3], "noise_kpa": [0.06, 0.01], "ticks": 150, "extremes_kpa": [86.0, -73.0]}}
+        ]}"#;
+
+    #[test]
+    fn an_older_journal_is_read_and_its_runs_are_judged_as_they_were() {
+        let folder = std::env::temp_dir().join(format!("adapt-journal-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join(FILE), OLDER).unwrap();
+        let journal = Journal::read(&folder).unwrap();
+        let [before, after] = &journal.flown[..] else { panic!("{journal:?}") };
+        assert_eq!((before.tracking.judged_kpa(), before.recorded), ([0.5, 0.3], None));
+        assert_eq!(before.judged_squares(), [Some(0.3), None, Some(0.4)]);
+        // Without squares each second has those of the whole run.
+        let squares = after.judged_squares();
+        assert!(squares.len() == 3 && squares.iter().flatten().all(|s| (s - 0.25).abs() < 1e-12), "{squares:?}");
+        journal.keep(&folder).unwrap();
+        assert_eq!(Journal::read(&folder).unwrap(), journal);
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn figures_by_late_sensors_decide_until_their_model_is_forgotten() {
+        let mut journal: Journal = serde_json::from_str(OLDER).unwrap();
+        let before = &mut journal.flown[0];
+        before.tracking.late_rmse_kpa = Some([0.03, 0.04]);
+        before.late_squares = vec![Some(0.0025); 3];
+        before.recorded = Some(TickSpan { session: 9, start: 100, until: 500 });
+        assert_eq!((before.tracking.both_kpa(), before.judged_squares()), (0.05, vec![Some(0.0025); 3]));
+        let text = serde_json::to_string(&journal).unwrap();
+        assert_eq!(serde_json::from_str::<Journal>(&text).unwrap(), journal);
+        journal.forget_changes();
+        let [before] = &journal.flown[..] else { panic!("{journal:?}") };
+        assert_eq!(
+            (before.tracking.judged_kpa(), before.judged_squares()),
+            ([0.5, 0.3], vec![Some(0.3), None, Some(0.4)])
+        );
     }
 }

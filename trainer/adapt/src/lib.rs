@@ -8,9 +8,12 @@
 //! | [`recorded`] | ticks of its recordings |
 //! | [`excitation`] | an experiment that moves the valves as tracking does not |
 //! | [`tracking`] | how well a run tracked |
+//! | [`yardstick`] | readings less reference, or less what late sensors show of it |
 //! | [`journal`] | what has been done, to go on from |
+//! | `paths` | where it all lies |
 //! | [`run`] | the steps |
 //! | `flight` | runs along the reference |
+//! | `judging` | the yardstick that all of them are judged by |
 //! | `guard` | when a run is worse than what was there |
 //! | `change` | those that ask the daemon for something, and wait |
 //! | `put_back` | what was changed is put back: the operator's reference at every end |
@@ -32,8 +35,10 @@ mod flight;
 pub mod found_in;
 mod guard;
 pub mod journal;
+mod judging;
 mod optimum;
 pub mod outcome;
+mod paths;
 pub mod programs;
 mod put_back;
 pub mod recorded;
@@ -43,6 +48,7 @@ pub mod run;
 pub mod settings;
 pub mod tracking;
 pub mod worst;
+pub mod yardstick;
 
 pub use outcome::Outcome;
 pub use programs::Console;
@@ -62,7 +68,7 @@ pub enum AdaptError {
     File {
         /// The file.
         file: String,
-        /// What is wrong and the mend.
+        /// The problem and the mend.
         problem: String,
     },
     /// A file cannot be written.
@@ -78,7 +84,7 @@ pub enum AdaptError {
     Start {
         /// The command.
         command: String,
-        /// What the system said.
+        /// The system's own words.
         source: std::io::Error,
     },
     /// A command failed.
@@ -86,7 +92,7 @@ pub enum AdaptError {
     Failed {
         /// The command.
         command: String,
-        /// Its last line.
+        /// The last line that it said.
         said: String,
     },
     /// The rig is not being controlled.
@@ -94,15 +100,15 @@ pub enum AdaptError {
     NotRunning {
         /// The daemon's state.
         state: String,
-        /// What a person must acknowledge first; empty where nothing.
+        /// Condition that a person must acknowledge first; empty where there is none.
         waits_for: String,
     },
     /// Something takes longer than it may.
     #[error("{what} after {seconds} s")]
     TooLong {
-        /// What has not come.
+        /// Event that has not come.
         what: String,
-        /// How long was waited.
+        /// Time that was waited, in s.
         seconds: u64,
     },
     /// A step failed, and the daemon would not take back what had been changed.
@@ -113,7 +119,7 @@ pub enum AdaptError {
     ReferenceLeft {
         /// The command that does it.
         command: String,
-        /// What went wrong.
+        /// Reason for it.
         why: String,
     },
     /// The user stopped it.
@@ -133,7 +139,7 @@ fn not_running(state: &str, waits_for: &str) -> String {
     if waits_for.is_empty() { format!("state {state}") } else { format!("state {state}: {waits_for}") }
 }
 
-/// What makes it control.
+/// Mend that makes it control.
 fn mend(waits_for: &str) -> &'static str {
     if waits_for.is_empty() {
         "`controller arm`"

@@ -1,4 +1,8 @@
-//! What any controller must leave on the model that was found: the yardstick, and whether there is anything to learn.
+//! The least that any controller must leave on the model that was found, and whether there is anything to learn.
+//!
+//! The optimum has its readings on the reference, also where sensors are late ([`crate::yardstick`]): it knows the whole
+//! reference and rig, and moves the chambers ahead of it. Chambers that are on the reference themselves are no harder to have,
+//! as they need not move ahead, so it is held against either figure.
 
 use std::path::Path;
 
@@ -16,7 +20,7 @@ use crate::tracking::Tracking;
 /// by the daemon if it is behind by as much.
 const NEAR: f64 = 1.1;
 
-/// Of a run's summary: how long it was, and after which of its rounds it kept the policy.
+/// Part of a run's summary: how long it was, and after which of its rounds it kept the policy.
 #[derive(Deserialize)]
 struct RunSummary {
     rounds: u64,
@@ -30,7 +34,7 @@ struct Kept {
 }
 
 impl Adaptation {
-    /// Whether a controller could track better than the best so far by more than it is worth; the optimum on the model is told.
+    /// Tells whether a controller could track better than the best so far by more than it is worth; the optimum on the model is told.
     pub(crate) fn leaves_something(&mut self, best: &Tracking, console: &mut dyn Console) -> Result<bool, AdaptError> {
         if self.journal.trained.is_some() {
             return Ok(true);
@@ -51,11 +55,11 @@ impl Adaptation {
         Ok(true)
     }
 
-    /// Whether training has made a better policy than the one that it began from: a run keeps its best by flights on rigs around the
+    /// Tells whether training has made a better policy than the one that it began from: a run keeps its best by flights on rigs around the
     /// model, and that may be the first. Then there is nothing to publish, which would cost minutes of the rig.
     pub(crate) fn has_learned(&mut self, console: &mut dyn Console) -> Result<bool, AdaptError> {
         // A run that was stopped early has no summary; whether its policy is better the daemon finds out.
-        let path = self.out.join("run").join("summary.json");
+        let path = self.training_folder().join("summary.json");
         let Ok(text) = std::fs::read_to_string(&path) else { return Ok(true) };
         let run: RunSummary = serde_json::from_str(&text).map_err(|error| AdaptError::file(&path, error))?;
         let RunSummary { rounds, kept: Kept { round: 0, score_kpa } } = run else { return Ok(true) };
@@ -70,9 +74,9 @@ impl Adaptation {
 
     fn work_out_optimum(&mut self, console: &mut dyn Console) -> Result<[f64; 2], AdaptError> {
         let text = |path: &Path| path.to_string_lossy().into_owned();
-        let rig = text(&self.journal.found.clone().unwrap_or_default().join("rig.toml"));
-        let out = self.out.join("optimum");
-        let reference = text(&self.before_folder().join("reference.csv"));
+        let rig = text(&self.found_rig());
+        let out = self.optimum_folder();
+        let reference = text(&self.recorded_reference());
         let mut arguments = ["evaluate", "comparison", "--rig"].map(str::to_owned).to_vec();
         arguments.extend([rig.clone(), "--model".to_owned(), rig, "--reference".to_owned(), reference]);
         arguments.extend(["--seconds".to_owned(), format!("{:.0}", self.fly_s()?)]);

@@ -1,36 +1,39 @@
-//! What came of an adaptation: text for a terminal, `adapt.json`, and a page.
+//! Outcome of an adaptation: text for a terminal, `adapt.json`, and a page.
 
 use std::path::Path;
 
 use proto::atomic_file;
-use proto::diagnosis::Diagnosis;
 use report::{Color, KeyFigure, Panel, Plot, Report, Scatter, Table};
 use serde::Serialize;
 
 use crate::AdaptError;
-use crate::journal::{BEFORE, Flown, Journal};
+use crate::journal::{BEFORE, Flown, Journal, diagnosis_in};
 use crate::tracking::Tracking;
+use crate::yardstick::JUDGED_BEHIND_LATE_SENSORS;
 
-/// What came of it.
+/// Outcome of an adaptation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Outcome {
-    /// Whether the rig tracks better than before.
+    /// Verdict: the rig tracks better than before.
     pub is_better: bool,
-    /// What controls now.
+    /// Name of the run whose controller controls now.
     pub kept: String,
     /// The diagnosis in one sentence.
     pub missing: String,
-    /// What was learned: a sentence for each mechanism, with its numbers.
+    /// Findings: a sentence for each mechanism, with its numbers.
     pub learned: Vec<String>,
     /// Runs along the reference, in their order.
     pub flown: Vec<Flown>,
     /// Before and as it is kept.
     pub tracking: [Option<Tracking>; 2],
-    /// What any controller must leave on the model that was found, noise included, in kPa; nothing where it was not asked.
+    /// Sentence on which of a run's two figures decides, and why; nothing where readings less reference are all there is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub judged_by: Option<String>,
+    /// Least that any controller must leave on the model that was found, noise included, in kPa; nothing where it was not asked.
     pub optimum_kpa: Option<[f64; 2]>,
     /// The daemon's line on the model.
     pub model: Option<String>,
-    /// What the daemon made of the policy.
+    /// The daemon's verdict on the policy.
     pub policy: Option<String>,
     /// Experiments that were played.
     pub experiments: usize,
@@ -41,11 +44,11 @@ pub struct Outcome {
     /// Highest positive and lowest negative pressure from the first tick to the last, experiments included, in kPa
     /// gauge; nothing where no recording tells.
     pub extremes_kpa: Option<[f64; 2]>,
-    /// Who was in control there: `experiment`, `policy`, `fallback` or `nobody`.
+    /// Name of who was in control there: `experiment`, `policy`, `fallback` or `nobody`.
     pub extremes_by: Option<[String; 2]>,
     /// Commands that the safety filter changed meanwhile; nothing where the daemon does not say.
     pub interventions: Option<u64>,
-    /// What had been concealed, in a rehearsal.
+    /// Mechanisms that had been concealed, in a rehearsal.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub concealed: Option<Vec<String>>,
     /// The command that made this.
@@ -60,14 +63,7 @@ impl Outcome {
     pub fn of(journal: &Journal, out: &Path) -> Result<Self, AdaptError> {
         let kept = journal.kept.clone().unwrap_or_else(|| BEFORE.to_owned());
         let (before, after) = (journal.flown(BEFORE), journal.flown(&kept));
-        let diagnosis = match &journal.found {
-            Some(found) => {
-                let path = found.join("diagnosis.json");
-                let text = std::fs::read_to_string(&path).map_err(|error| AdaptError::file(&path, error))?;
-                Some(Diagnosis::from_json(&text).map_err(|error| AdaptError::file(&path, error))?)
-            }
-            None => None,
-        };
+        let diagnosis = journal.found.as_deref().map(diagnosis_in).transpose()?;
         let learned = diagnosis.iter().flat_map(|d| &d.mechanisms).map(|m| {
             let numbers: Vec<String> =
                 m.parameters.iter().map(|(name, p)| format!("{name} {:.3} {}", p.value, p.unit)).collect();
@@ -82,8 +78,11 @@ impl Outcome {
             kept,
             missing: diagnosis.as_ref().map_or_else(String::new, |d| d.summary.clone()),
             learned: learned.collect(),
-            flown: journal.flown.iter().map(|flown| Flown { squares: Vec::new(), ..flown.clone() }).collect(),
+            flown: journal.flown.iter().map(in_figures).collect(),
             tracking: [before, after],
+            judged_by: before
+                .is_some_and(|before| before.late_rmse_kpa.is_some())
+                .then(|| JUDGED_BEHIND_LATE_SENSORS.to_owned()),
             optimum_kpa: journal.optimum_kpa,
             model: journal.model_line.clone(),
             policy,
@@ -121,12 +120,14 @@ impl Outcome {
         if let Some(policy) = &self.policy {
             text += &format!("policy:  {policy}\n");
         }
-        text += &format!("\n{:<24} {:>14} {:>14}\n", "RMSE after 5 s", "positive kPa", "negative kPa");
+        text += &format!("\n{:<24} {:>14} {:>14}", "RMSE after 5 s", "positive kPa", "negative kPa");
+        text += if self.judged_by.is_some() { "  late positive  late negative\n" } else { "\n" };
         for Flown { what, tracking, ended_after_s, .. } in &self.flown {
             let [pos, neg] = tracking.rmse_kpa;
+            let late = tracking.late_rmse_kpa.map(|[pos, neg]| format!(" {pos:>14.3} {neg:>14.3}")).unwrap_or_default();
             let ended =
                 ended_after_s.map_or_else(String::new, |s| format!("   worse than what was there after {s:.0} s"));
-            text += &format!("{what:<24} {pos:>14.3} {neg:>14.3}{ended}\n");
+            text += &format!("{what:<24} {pos:>14.3} {neg:>14.3}{late}{ended}\n");
         }
         if !self.flown.is_empty() {
             // A loop that swings passes for noise; the calmest run says most of it.
@@ -136,6 +137,9 @@ impl Outcome {
         }
         if let Some([pos, neg]) = self.optimum_kpa {
             text += &format!("{:<24} {pos:>14.3} {neg:>14.3}\n", "optimum on this model");
+        }
+        if let Some(judged_by) = &self.judged_by {
+            text += &format!("the late figures decide: {judged_by}\n");
         }
         text += &format!(
             "\nkept: {}; {:.1} min of the rig and {:.1} min of computing, {} experiments; worst pressures: {}; commands bent by the safety filter: {}\n",
@@ -162,12 +166,14 @@ impl Outcome {
     /// The page.
     fn page(&self) -> String {
         let pair = |tracking: &Option<Tracking>| {
-            tracking.map_or_else(|| "–".to_owned(), |t| format!("{:.3} / {:.3} kPa", t.rmse_kpa[0], t.rmse_kpa[1]))
+            let judged = tracking.as_ref().map(Tracking::judged_kpa);
+            judged.map_or_else(|| "–".to_owned(), |[pos, neg]| format!("{pos:.3} / {neg:.3} kPa"))
         };
+        let note = if self.judged_by.is_some() { "positive / negative, late" } else { "positive / negative" };
         let [before, after] = &self.tracking;
         let mut page = Report::new("Adaptation to a rig").subtitle(&format!("kept: {}", self.kept)).summary([
-            KeyFigure::new("RMSE before", &pair(before)).note("positive / negative"),
-            KeyFigure::new("RMSE as kept", &pair(after)).note("positive / negative"),
+            KeyFigure::new("RMSE before", &pair(before)).note(note),
+            KeyFigure::new("RMSE as kept", &pair(after)).note(note),
             KeyFigure::new("Rig time", &format!("{:.1} min", self.rig_minutes))
                 .note(&format!("and {:.1} min of computing", self.computing_minutes)),
             KeyFigure::new("Worst pressures", &self.extremes()).note("experiments included"),
@@ -176,18 +182,22 @@ impl Outcome {
         if let Some(concealed) = &self.concealed {
             page = page.heading("What had been concealed").list(concealed.clone());
         }
-        let mut table = Table::new(["run", "positive kPa", "negative kPa", "noise positive", "noise negative"]);
+        let columns = ["run", "positive kPa", "negative kPa", "noise positive", "noise negative"];
+        let late_columns = self.judged_by.iter().flat_map(|_| ["late positive", "late negative"]);
+        let mut table = Table::new(columns.into_iter().chain(late_columns.clone()));
         for Flown { what, tracking: t, .. } in &self.flown {
             let numbers = [t.rmse_kpa[0], t.rmse_kpa[1], t.noise_kpa[0], t.noise_kpa[1]];
-            table.push(std::iter::once(what.clone()).chain(numbers.map(|n| format!("{n:.3}"))));
+            let late = t.late_rmse_kpa.into_iter().flatten();
+            table.push(std::iter::once(what.clone()).chain(numbers.into_iter().chain(late).map(|n| format!("{n:.3}"))));
         }
         if let Some([pos, neg]) = self.optimum_kpa {
             let dash = || "–".to_owned();
             let what = "optimum on the model that was found".to_owned();
-            table.push([what, format!("{pos:.3}"), format!("{neg:.3}"), dash(), dash()]);
+            let row = [what, format!("{pos:.3}"), format!("{neg:.3}"), dash(), dash()];
+            table.push(row.into_iter().chain(late_columns.map(|_| dash())));
         }
         let x: Vec<f64> = (0..self.flown.len()).map(|n| n as f64).collect();
-        let y = |c: usize| self.flown.iter().map(|flown| flown.tracking.rmse_kpa[c]).collect::<Vec<f64>>();
+        let y = |c: usize| self.flown.iter().map(|flown| flown.tracking.judged_kpa()[c]).collect::<Vec<f64>>();
         let plot = Plot::new("Tracking error, run by run", "run")
             .x_names(self.flown.iter().map(|flown| flown.what.clone()))
             .panel(
@@ -197,10 +207,75 @@ impl Outcome {
                     .scatter(Scatter::new("negative", &x, &y(1)).color(Color::Vermilion)),
             );
         page = page.heading("Tracking").plot(plot).table(table);
+        if let Some(judged_by) = &self.judged_by {
+            page = page.text(&format!("The late figures decide, here and in the plot: {judged_by}."));
+        }
         let lines = [
             self.model.clone().map(|line| format!("model: {line}")),
             self.policy.clone().map(|line| format!("policy: {line}")),
         ];
         page.heading("What the daemon said").list(lines.into_iter().flatten()).to_html()
+    }
+}
+
+/// A run's figures, without what later runs are held against.
+fn in_figures(flown: &Flown) -> Flown {
+    Flown { squares: Vec::new(), late_squares: Vec::new(), recorded: None, ..flown.clone() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::journal::TickSpan;
+    use crate::settings::AdaptSettings;
+
+    /// What comes of two runs with these figures by late sensors: the second trails the reference by more than the first.
+    fn outcome(late_kpa: [Option<[f64; 2]>; 2]) -> Outcome {
+        let flown = |what: &str, rmse_kpa, late_rmse_kpa| Flown {
+            what: what.to_owned(),
+            tracking: Tracking { rmse_kpa, late_rmse_kpa, noise_kpa: [0.06, 0.006], ticks: 2500 },
+            rig_minutes: 1.0,
+            recorded: Some(TickSpan { session: 5, start: 100, until: 3100 }),
+            ended_after_s: None,
+            squares: vec![Some(0.1); 55],
+            late_squares: vec![Some(0.1); 55],
+        };
+        let mut journal = Journal::new(AdaptSettings::new("c.toml".into()));
+        let [before, after] = late_kpa;
+        journal.flown = vec![flown(BEFORE, [0.25, 0.125], before), flown("with the model", [0.5, 0.375], after)];
+        journal.kept = Some("with the model".to_owned());
+        journal.optimum_kpa = Some([0.06, 0.01]);
+        Outcome::of(&journal, Path::new("out")).unwrap()
+    }
+
+    #[test]
+    fn both_figures_of_late_sensors_are_told_and_which_of_them_decides() {
+        let late = outcome([Some([0.625, 0.4375]), Some([0.0625, 0.03125])]);
+        assert!(late.is_better, "by readings less reference it would be worse");
+        let (text, page) = (late.text(), late.page());
+        let row = text.lines().find(|line| line.starts_with("with the model")).unwrap();
+        let numbers: Vec<&str> = row.split_whitespace().skip(3).collect();
+        assert_eq!(numbers, ["0.500", "0.375", "0.062", "0.031"], "{text}");
+        assert!(text.contains(&format!("the late figures decide: {JUDGED_BEHIND_LATE_SENSORS}\n")), "{text}");
+        assert!(
+            page.contains(JUDGED_BEHIND_LATE_SENSORS) && page.contains("0.500") && page.contains("0.438"),
+            "{page}"
+        );
+        let json = serde_json::to_value(&late).unwrap();
+        assert_eq!(json["judged_by"], JUDGED_BEHIND_LATE_SENSORS);
+        assert_eq!(json["flown"][1]["tracking"]["late_rmse_kpa"], serde_json::json!([0.0625, 0.03125]));
+        assert_eq!(json["tracking"][1]["rmse_kpa"], serde_json::json!([0.5, 0.375]));
+    }
+
+    #[test]
+    fn where_no_sensor_is_late_nothing_is_said_of_one() {
+        let as_read = outcome([None, None]);
+        assert!(!as_read.is_better && as_read.judged_by.is_none());
+        let json = serde_json::to_string(&as_read).unwrap();
+        for told in [as_read.text(), as_read.page(), json] {
+            for word in ["late positive", "late_rmse", "late_squares", "judged_by", "recorded\""] {
+                assert!(!told.contains(word), "{word}: {told}");
+            }
+        }
     }
 }

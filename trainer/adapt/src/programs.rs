@@ -26,7 +26,7 @@ pub trait Console {
     fn say(&mut self, text: &str);
     /// Still at it: what, for how long, and how long it may take.
     fn waiting(&mut self, what: &str, elapsed: Duration, most: Option<Duration>);
-    /// Whether to stop.
+    /// Tells whether to stop.
     fn stop(&self) -> bool;
     /// Asks the operator; without a terminal the answer is no.
     fn ask(&mut self, question: &str) -> bool;
@@ -41,7 +41,7 @@ pub struct Programs {
     pub trainer: PathBuf,
 }
 
-/// What a command said and how it ended.
+/// Output of a command, and how it ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Said {
     /// Exit status; nothing where a signal ended it.
@@ -89,7 +89,7 @@ impl<'a> Step<'a> {
         Step { program, name, arguments, most: None }
     }
 
-    /// The same, ended after so long.
+    /// Ends the command after so long.
     #[must_use]
     pub fn at_most(mut self, most: Duration) -> Self {
         self.most = Some(most);
@@ -175,7 +175,7 @@ pub(crate) fn signal(child: &Child, signal: Signal) {
     }
 }
 
-/// What a pipe brings, collected beside.
+/// Bytes that a pipe brings, collected beside.
 struct Collected {
     text: Arc<Mutex<Vec<u8>>>,
     thread: Option<JoinHandle<()>>,

@@ -17,16 +17,6 @@ use crate::{recorded, worst};
 const FLUSHED: Duration = Duration::from_secs(3);
 
 impl Adaptation {
-    /// The operator's reference as it was recorded.
-    fn recorded_reference(&self) -> PathBuf {
-        self.before_folder().join("reference.csv")
-    }
-
-    /// The file of the reference that goes back and forth.
-    pub(crate) fn back_and_forth_file(&self) -> PathBuf {
-        self.out.join(BACK_AND_FORTH)
-    }
-
     /// The file that has the operator's reference: his own, unless it is gone or has changed since, then that of the
     /// recording.
     fn operators_reference(&self) -> PathBuf {
@@ -80,8 +70,7 @@ impl Adaptation {
         let policy = self.daemon.status(&mut console).map(|status| status.policy).ok();
         let mut back = Vec::new();
         if self.journal.model_line.is_some() {
-            let model = self.before_folder().join("model.toml");
-            back.push(vec!["model".to_owned(), model.to_string_lossy().into_owned()]);
+            back.push(vec!["model".to_owned(), self.model_before().to_string_lossy().into_owned()]);
         }
         if let Some(policy) = policy.filter(|policy| is_changed && *policy != before.policy) {
             // The policy that was trained on the model goes before it; the fallback follows the model at once, while a
@@ -185,9 +174,6 @@ const CONTROLS_ALREADY: &str = "controls already";
 
 /// States of a policy that is tried on the rig.
 const ON_THE_RIG: [&str; 5] = ["shadow", "ramp", "recheck", "retrial", "probation"];
-
-/// Name of the reference that goes back and forth.
-pub(crate) const BACK_AND_FORTH: &str = "back-and-forth.csv";
 
 /// State of a thing that is to be said once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -8,6 +8,7 @@ use proto::atomic_file;
 use proto::recording::{FollowEnd, McapFollower, TickRecord, attached};
 
 use crate::AdaptError;
+use crate::rig_time::TICK_S;
 
 /// The state's code of a rig that is being controlled.
 pub(crate) const RUN: u8 = 1;
@@ -15,9 +16,8 @@ pub(crate) const RUN: u8 = 1;
 const LOOKED_THROUGH: usize = 4;
 /// Stretches shorter than this say nothing of a rig, in ticks.
 const SHORTEST: usize = 250;
-const TICK_S: f64 = 0.02;
 
-/// What stands inside the newest recording.
+/// Files inside the newest recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Inside {
     /// The model in force.
@@ -30,12 +30,12 @@ pub struct Inside {
     pub policy: Option<Vec<u8>>,
 }
 
-/// Which recordings are meant.
+/// Kind of recordings that are meant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Holding {
-    /// Those of runs, in which the rig is controlled.
+    /// Recordings of runs, in which the rig is controlled.
     Runs,
-    /// Those of experiments as well.
+    /// Recordings of experiments as well.
     Everything,
 }
 
@@ -103,7 +103,7 @@ pub(crate) struct FlightTicks {
 }
 
 impl FlightTicks {
-    /// Those of a session from one number up to another.
+    /// Ticks of a session from one number up to another.
     pub(crate) fn new(folder: &Path, session: u32, ticks: Range<u32>) -> Self {
         FlightTicks { folder: folder.to_owned(), session, ticks, open: None, taken: Vec::new() }
     }
@@ -153,7 +153,7 @@ impl FlightTicks {
     }
 }
 
-/// What stands inside the newest recording; nothing where there is none yet.
+/// Files inside the newest recording; nothing where there is none yet.
 ///
 /// # Errors
 /// A recording that cannot be read.

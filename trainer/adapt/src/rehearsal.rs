@@ -22,7 +22,7 @@ use crate::programs::{Console, Programs, signal};
 use crate::run::Pausable;
 use crate::{AdaptError, make_folder};
 
-/// How far parameters are drawn, in percent.
+/// Spread of parameters, in percent.
 const PARAMETERS_PERCENT: f64 = 3.0;
 /// Mechanisms that a concealed rig has at least and at most.
 const MECHANISMS: std::ops::RangeInclusive<usize> = 2..=4;
@@ -85,7 +85,7 @@ pub fn draw_rig(seed: u64) -> Result<Rig, AdaptError> {
     Err(told(&"no draw has two to four mechanisms"))
 }
 
-/// What a rig conceals, a line each.
+/// Lines on what a rig conceals, one a mechanism.
 pub fn concealed(rig: &Rig) -> Vec<String> {
     use model::rig::Numbers as _;
     let line = |m: &model::rig::MechanismInstance| {
@@ -178,7 +178,7 @@ impl Rehearsal {
         }
     }
 
-    /// What lets both stand still and go on.
+    /// Handle that lets both stand still and go on.
     pub fn pausable(&self) -> Box<dyn Pausable> {
         let id = |child: &Option<Child>| child.as_ref().map(Child::id);
         Box::new(Paused { ids: [id(&self.daemon), id(&self.rig)] })

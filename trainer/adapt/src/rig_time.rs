@@ -1,4 +1,4 @@
-//! How much of the rig's time an adaptation takes: its ticks, less those that pass while this machine computes.
+//! Time of the rig that an adaptation takes: its ticks, less those that pass while this machine computes.
 //!
 //! While a diagnosis or a training computes, nothing of the rig is used: it stands still in a rehearsal, and goes on as it was
 //! otherwise. While the daemon examines a model or a policy it goes on as well; in real time that is fifty ticks a second, in
@@ -6,16 +6,18 @@
 
 use std::time::{Duration, Instant};
 
+use model::observation::TICKS_PER_S;
+
 use crate::AdaptError;
 use crate::programs::Console;
 use crate::run::Adaptation;
 
-/// Ticks in a second of the rig.
-pub(crate) const TICKS_PER_S: f64 = 50.0;
+/// Length of a tick, in s.
+pub(crate) const TICK_S: f64 = 1.0 / TICKS_PER_S;
 /// Ticks in a minute of the rig.
 pub(crate) const TICKS_PER_MIN: f64 = 60.0 * TICKS_PER_S;
 
-/// What the daemon's ticks wait for.
+/// Pacing of the daemon's ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pacing {
     /// The clock: fifty a second.

@@ -10,7 +10,7 @@ use proto::reference::Reference;
 use crate::daemon::{Daemon, DaemonStatus, Vented};
 use crate::excitation::{self, Spans};
 use crate::guard::WORSE;
-use crate::journal::{BEFORE, Before, Journal};
+use crate::journal::{BEFORE, Before, Journal, diagnosis_in};
 use crate::outcome::Outcome;
 use crate::programs::{Console, Programs};
 use crate::put_back::{Told, Unstoppable};
@@ -26,22 +26,22 @@ const STEPS: usize = 7;
 const MOST_EXPERIMENTS: usize = 2;
 /// Shares of the valves' range that an experiment is tried with, where the daemon foresees that more would leave the limits.
 const NARROWER: [f64; 3] = [1.0, 0.6, 0.35];
-/// What controls, in words: what controlled before, on the model that was found.
+/// Name of the run of what controlled before, on the model that was found.
 pub(crate) const WITH_MODEL: &str = "with the model";
-/// The fallback on that model, where a policy controlled before.
+/// Name of the run of the fallback on that model, where a policy controlled before.
 pub(crate) const FALLBACK_ON_MODEL: &str = "fallback on the model";
-/// The policy that was trained on it.
+/// Name of the run of the policy that was trained on it.
 pub(crate) const WITH_POLICY: &str = "with the policy";
 /// Multiples of the noise that a model may leave before another experiment is worth a minute of the rig. Chosen: what is found to its
 /// end leaves one or two.
 const MOST_LEFT: f64 = 3.0;
 
-/// Whether a model leaves much more than noise on rows that nothing was fitted to: several effects that one experiment does not part.
+/// Tells whether a model leaves much more than noise on rows that nothing was fitted to: several effects that one experiment does not part.
 fn leaves_much(diagnosis: &Diagnosis) -> bool {
     diagnosis.unexplained.iter().any(|left| left.times_noise > MOST_LEFT)
 }
 
-/// What can stand still while this machine computes: the rig of a rehearsal.
+/// A rig that may stand still while this machine computes, as that of a rehearsal does.
 pub trait Pausable {
     /// Stands still.
     fn pause(&mut self);
@@ -139,7 +139,7 @@ impl Adaptation {
         }
         console.step(1, STEPS, "what is there, and how well it tracks");
         let before = self.look(console)?;
-        let tracked = self.fly_before(console)?;
+        self.fly_before(console)?;
         console.step(2, STEPS, "what the model leaves out");
         loop {
             let diagnosis = self.diagnose(console)?;
@@ -159,23 +159,24 @@ impl Adaptation {
             }
         }
         console.step(4, STEPS, "what tracks best on this model");
+        self.judge_before_again(console)?;
         let Some((mut kept, mut best)) = self.fly_on_the_model(&before, console)? else {
             console.say("on this model nothing tracks as well as what was there, so no policy is trained on it");
             return self.keep_before(WITH_MODEL, console);
         };
         console.step(5, STEPS, "a policy trained on the model");
         if !self.leaves_something(&best, console)? {
-            return self.keep_better(&tracked, &best, kept, console);
+            return self.keep_better(&best, kept, console);
         }
         let policy = self.train(&before, console)?;
         if !self.has_learned(console)? {
-            return self.keep_better(&tracked, &best, kept, console);
+            return self.keep_better(&best, kept, console);
         }
         console.step(6, STEPS, "the daemon's verdict on the policy");
         let verdict = self.publish(&policy, console)?;
         console.step(7, STEPS, "what came of it");
         if verdict.state == "active" {
-            match self.fly_against(WITH_POLICY, kept, console)?.sound() {
+            match self.fly_against(WITH_POLICY, kept, console)? {
                 Some(after) if after.over(&best) <= WORSE => (kept, best) = (WITH_POLICY, after),
                 _ => {
                     console.say("it tracks worse than without; what controlled before it goes on");
@@ -186,18 +187,12 @@ impl Adaptation {
         } else {
             console.say(&format!("the daemon refused it ({}); the model stays", verdict.why));
         }
-        self.keep_better(&tracked, &best, kept, console)
+        self.keep_better(&best, kept, console)
     }
 
     /// Keeps what tracks best, unless what was there before tracks better.
-    fn keep_better(
-        &mut self,
-        tracked: &Tracking,
-        best: &Tracking,
-        kept: &str,
-        console: &mut dyn Console,
-    ) -> Result<(), AdaptError> {
-        if best.over(tracked) > WORSE {
+    fn keep_better(&mut self, best: &Tracking, kept: &str, console: &mut dyn Console) -> Result<(), AdaptError> {
+        if self.journal.flown(BEFORE).is_some_and(|before| best.over(&before) > WORSE) {
             console.say("nothing of it tracks as well as what was there");
             return self.keep_before(kept, console);
         }
@@ -213,8 +208,8 @@ impl Adaptation {
         self.keep_what(if is_put_back { BEFORE } else { otherwise }, console)
     }
 
-    /// What controls on which model, and what stands in the newest recording. Nothing is made before the rig is
-    /// controlled.
+    /// Notes what controls on which model, and keeps what stands in the newest recording. Nothing is made before the rig
+    /// is controlled.
     fn look(&mut self, console: &mut dyn Console) -> Result<Before, AdaptError> {
         let is_found = self.journal.before.is_some() && self.journal.found.is_some();
         let status = if is_found { self.daemon.status(console)? } else { self.in_control(console)? };
@@ -230,13 +225,13 @@ impl Adaptation {
         }
         make_folder(self.out.clone())?;
         self.journal.keep(&self.out)?;
-        let folder = make_folder(self.before_folder())?;
-        atomic_file::write(&folder.join("model.toml"), &inside.model)?;
-        atomic_file::write(&folder.join("reference.csv"), &inside.reference)?;
+        make_folder(self.before_folder())?;
+        atomic_file::write(&self.model_before(), &inside.model)?;
+        atomic_file::write(&self.recorded_reference(), &inside.reference)?;
         let published = self.folders.policies.join(format!("{}.onnx", status.policy));
         let policy = std::fs::read(&published).ok().or(inside.policy);
         if let Some(policy) = policy.filter(|_| status.policy != crate::daemon::FALLBACK) {
-            atomic_file::write(&folder.join("policy.onnx"), &policy)?;
+            atomic_file::write(&self.policy_before(), &policy)?;
         }
         console.say(&format!("{} controls on the model {}", status.policy, status.model));
         let DaemonStatus { policy, model, reference, interventions, at, .. } = status;
@@ -246,7 +241,7 @@ impl Adaptation {
         Ok(before)
     }
 
-    /// What stands in the newest recording, which an armed daemon begins within a second.
+    /// Files in the newest recording, which an armed daemon begins within a second.
     fn inside(&self, console: &mut dyn Console) -> Result<Inside, AdaptError> {
         let what = "no recording in the daemon's folder";
         self.wait_for(what, Duration::from_secs(10), console, |this, _| recorded::newest(&this.folders.recordings))
@@ -259,12 +254,8 @@ impl Adaptation {
         self.daemon.in_control(if is_explained { Vented::WaitsForPerson } else { Vented::Fails }, console)
     }
 
-    pub(crate) fn before_folder(&self) -> PathBuf {
-        self.out.join("before")
-    }
-
     pub(crate) fn reference(&self) -> Result<Reference, AdaptError> {
-        let path = self.before_folder().join("reference.csv");
+        let path = self.recorded_reference();
         Reference::read(&path).map_err(|error| AdaptError::file(&path, error))
     }
 
@@ -274,21 +265,19 @@ impl Adaptation {
             let status = self.daemon.status(console)?;
             let most_s = self.journal.settings.diagnose_seconds;
             let stretches = recorded::stretches(&self.folders.recordings, status.at.0, status.at.1, most_s)?;
-            let folder = make_folder(self.out.join("recordings"))?;
+            let folder = make_folder(self.recordings_folder())?;
             self.journal.recordings = recorded::write_csv(&folder, &stretches)?;
             self.journal.keep(&self.out)?;
         }
         loop {
             let round = self.journal.experiments.len() + 1;
-            let found = self.out.join(if round == 1 { "found".to_owned() } else { format!("found-{round}") });
+            let found = self.found_folder(round);
             if self.journal.found.as_ref() != Some(&found) {
                 self.diagnose_into(&found, console)?;
                 self.journal.found = Some(found.clone());
                 self.journal.keep(&self.out)?;
             }
-            let path = found.join("diagnosis.json");
-            let text = std::fs::read_to_string(&path).map_err(|error| AdaptError::file(&path, error))?;
-            let diagnosis = Diagnosis::from_json(&text).map_err(|error| AdaptError::file(&path, error))?;
+            let diagnosis = diagnosis_in(&found)?;
             console.say(&format!("{}: {}", diagnosis.verdict.as_str(), diagnosis.summary));
             let planned = diagnosis.next_experiment.as_ref().map(|name| found.join(name));
             let goes_on = match planned {
@@ -313,7 +302,7 @@ impl Adaptation {
         if number >= MOST_EXPERIMENTS || !self.may_experiment(console)? {
             return Ok(false);
         }
-        let path = self.before_folder().join("model.toml");
+        let path = self.model_before();
         let model = proto::rig_file::load(&path.to_string_lossy()).map_err(|error| AdaptError::file(&path, error))?;
         let spans = Spans::of(&model, &self.reference()?).map_err(|error| AdaptError::file(&path, error))?;
         for share in NARROWER {
@@ -325,7 +314,7 @@ impl Adaptation {
                 }
                 in_control => in_control?,
             };
-            let csv = self.out.join(format!("excitation-{}.csv", number + 1));
+            let csv = self.excitation_file(number + 1);
             atomic_file::write(&csv, excitation::programme(&spans.narrowed(share), number).as_bytes())?;
             if self.experiment(&csv, console)? {
                 return Ok(true);
@@ -359,14 +348,14 @@ impl Adaptation {
         if self.journal.settings.search == Search::Quick {
             arguments.push("--quick".to_owned());
         }
-        arguments.extend(["--rig".to_owned(), text(&self.before_folder().join("model.toml"))]);
+        arguments.extend(["--rig".to_owned(), text(&self.model_before())]);
         arguments.extend(self.journal.recordings.iter().chain(&self.journal.experiments).map(|path| text(path)));
         arguments.extend(["--out".to_owned(), text(found)]);
         self.computed(|this, console| this.daemon.programs.trainer(&arguments).done(console), console)?;
         Ok(())
     }
 
-    /// Whether the rig may be driven by an experiment: as the command line says, or as the operator answers, once.
+    /// Tells whether the rig may be driven by an experiment: as the command line says, or as the operator answers, once.
     fn may_experiment(&mut self, console: &mut dyn Console) -> Result<bool, AdaptError> {
         if let Some(allowed) = self.journal.experiment_allowed {
             return Ok(allowed);

@@ -7,17 +7,17 @@ use serde::{Deserialize, Serialize};
 use crate::AdaptError;
 use crate::rig_time::Pacing;
 
-/// Whether the rig may be driven by a designed experiment.
+/// Permission to drive the rig by a designed experiment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Experiments {
-    /// Where diagnosis needs one.
+    /// Given where diagnosis needs one.
     Allowed,
     /// The operator is asked, once.
     Ask,
 }
 
-/// How thoroughly diagnosis searches.
+/// Thoroughness of the diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Search {
@@ -27,11 +27,11 @@ pub enum Search {
     Whole,
 }
 
-/// When a policy is trained.
+/// Condition on which a policy is trained.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Training {
-    /// Where more is left than any controller must leave.
+    /// More is left than any controller must leave.
     #[default]
     WhereItGains,
     /// In any case.
@@ -48,25 +48,25 @@ pub struct AdaptSettings {
     pub fly_seconds: f64,
     /// The most of what was recorded that diagnosis reads, in s of the rig.
     pub diagnose_seconds: f64,
-    /// How thoroughly it searches.
+    /// Thoroughness of the diagnosis.
     pub search: Search,
-    /// Whether the rig may be driven by an experiment.
+    /// Permission to drive the rig by an experiment.
     pub experiments: Experiments,
-    /// When a policy is trained.
+    /// Condition on which a policy is trained.
     #[serde(default)]
     pub training: Training,
     /// Rounds of training at most (`trainer improve --rounds`).
     pub train_rounds: u64,
     /// Seconds of training at most, on the wall.
     pub train_seconds: u64,
-    /// How long the daemon's verdict on a policy is waited for, in s on the wall.
+    /// Time that the daemon's verdict on a policy is waited for, in s on the wall.
     pub verdict_seconds: u64,
     /// Seed of the training.
     pub seed: u64,
 }
 
 impl AdaptSettings {
-    /// What is taken where the command line says nothing.
+    /// Defaults, taken where the command line says nothing.
     pub fn new(config: PathBuf) -> Self {
         AdaptSettings {
             config,
@@ -83,14 +83,14 @@ impl AdaptSettings {
     }
 }
 
-/// What of a daemon's configuration an adaptation needs: its folders, and how its ticks pass.
+/// Part of a daemon's configuration that an adaptation needs: its folders, and how its ticks pass.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DaemonFolders {
-    /// Where it records.
+    /// Folder of its recordings.
     pub recordings: PathBuf,
-    /// Where policies are published.
+    /// Folder in which policies are published.
     pub policies: PathBuf,
-    /// What its ticks wait for.
+    /// Pacing of its ticks.
     pub pacing: Pacing,
 }
 

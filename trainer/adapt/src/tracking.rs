@@ -1,9 +1,10 @@
-//! How well a run tracked, with the readings' noise beside it.
+//! Figures of how well a run tracked, with the readings' noise beside them.
 
 use proto::recording::TickRecord;
 use serde::{Deserialize, Serialize};
 
 use crate::recorded::RUN;
+use crate::yardstick::Yardstick;
 
 /// Ticks at the start of a run that do not count: the way to where the reference begins.
 pub(crate) const SKIPPED: usize = 250;
@@ -13,45 +14,47 @@ pub(crate) const SKIPPED: usize = 250;
 pub struct Tracking {
     /// Root mean square of reading less reference, positive and negative, in kPa.
     pub rmse_kpa: [f64; 2],
+    /// Root mean square of reading less what the found rig's late sensors would read with the chambers on the reference, in kPa; nothing
+    /// where no sensor is late, and before a model was found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub late_rmse_kpa: Option<[f64; 2]>,
     /// Standard deviation of the readings' noise, from their second differences, in kPa: no controller takes it off.
     pub noise_kpa: [f64; 2],
     /// Ticks that count.
     pub ticks: usize,
-    /// Highest positive and lowest negative pressure, in kPa gauge.
-    pub extremes_kpa: [f64; 2],
 }
 
 impl Tracking {
     /// Figures of the ticks of a run; nothing where too few count.
-    pub fn of(ticks: &[TickRecord]) -> Option<Self> {
+    pub fn of(ticks: &[TickRecord], yardstick: &Yardstick) -> Option<Self> {
         let all: Vec<[f64; 2]> = ticks.iter().map(|t| [t.p_pos_kpa, t.p_neg_kpa]).collect();
-        let counted: Vec<&TickRecord> = ticks.iter().skip(SKIPPED).filter(|tick| tick.state == RUN).collect();
-        let errors: Vec<[f64; 2]> = counted
-            .iter()
-            .map(|t| [t.p_pos_kpa - t.ref_pos_kpa, t.p_neg_kpa - t.ref_neg_kpa])
-            .filter(|error| error.iter().all(|e| e.is_finite()))
-            .collect();
+        let counted = |yardstick: &Yardstick| -> Vec<[f64; 2]> {
+            let errors = yardstick.errors_kpa(ticks).into_iter().zip(ticks).skip(SKIPPED);
+            let is_counted =
+                |(error, tick): &([f64; 2], &TickRecord)| tick.state == RUN && error.iter().all(|e| e.is_finite());
+            errors.filter(is_counted).map(|(error, _)| error).collect()
+        };
+        let errors = counted(&Yardstick::default());
         if errors.len() < SKIPPED {
             return None;
         }
-        let rms = |values: &dyn Fn(usize) -> Vec<f64>| -> [f64; 2] {
-            std::array::from_fn(|c| {
-                let values = values(c);
-                (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt()
-            })
-        };
+        let rms_of = |errors: &[[f64; 2]]| [0, 1].map(|c| rms(errors.iter().map(|error| error[c])));
         // The second difference of white noise has six times its variance; a pressure's own is far below.
-        let second = |c: usize| -> Vec<f64> {
-            let differences = all.windows(3).skip(SKIPPED).map(|w| w[0][c] - 2.0 * w[1][c] + w[2][c]);
-            differences.filter(|d| d.is_finite()).collect()
+        let second = |c: usize| {
+            let differences = all.windows(3).skip(SKIPPED).map(move |w| w[0][c] - 2.0 * w[1][c] + w[2][c]);
+            differences.filter(|d| d.is_finite())
         };
-        let finite = |c: usize| all.iter().map(move |p| p[c]).filter(|p| p.is_finite());
         Some(Tracking {
-            rmse_kpa: rms(&|c| errors.iter().map(|e| e[c]).collect()),
-            noise_kpa: rms(&second).map(|rms| rms / 6f64.sqrt()),
+            rmse_kpa: rms_of(&errors),
+            late_rmse_kpa: yardstick.has_late_sensors().then(|| rms_of(&counted(yardstick))),
+            noise_kpa: [0, 1].map(|c| rms(second(c)) / 6f64.sqrt()),
             ticks: errors.len(),
-            extremes_kpa: [finite(0).fold(f64::MIN, f64::max), finite(1).fold(f64::MAX, f64::min)],
         })
+    }
+
+    /// Figures by which runs are compared: with late sensors where the found rig has any.
+    pub fn judged_kpa(&self) -> [f64; 2] {
+        self.late_rmse_kpa.unwrap_or(self.rmse_kpa)
     }
 
     /// Error of both channels together (root mean square) as a multiple of another run's: as the daemon weighs a policy against the
@@ -60,11 +63,17 @@ impl Tracking {
         self.both_kpa() / other.both_kpa().max(1e-6)
     }
 
-    /// Root mean square of both channels together, in kPa.
+    /// Root mean square of both channels together by which runs are compared, in kPa.
     pub fn both_kpa(&self) -> f64 {
-        let [pos, neg] = self.rmse_kpa;
+        let [pos, neg] = self.judged_kpa();
         pos.hypot(neg)
     }
+}
+
+/// Root mean square; 0 of no values.
+fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    let (count, sum) = values.fold((0_usize, 0.0), |(count, sum), value| (count + 1, sum + value * value));
+    (sum / count.max(1) as f64).sqrt()
 }
 
 #[cfg(test)]
@@ -90,13 +99,13 @@ mod tests {
                 }
             })
             .collect();
-        let tracking = Tracking::of(&ticks).unwrap();
+        let of = |ticks: &[TickRecord]| Tracking::of(ticks, &Yardstick::default());
+        let tracking = of(&ticks).unwrap();
         assert!((tracking.rmse_kpa[0] - (0.25f64 + 0.01).sqrt()).abs() < 1e-3, "{tracking:?}");
         assert_eq!(tracking.rmse_kpa[1], 0.0);
         // Second differences of this pattern are ±0.2: 0.2/√6.
         assert!((tracking.noise_kpa[0] - 0.2 / 6f64.sqrt()).abs() < 1e-9, "{tracking:?}");
-        assert_eq!(tracking.extremes_kpa[1], -70.0);
-        assert_eq!(Tracking::of(&ticks[..400]), None);
+        assert_eq!(of(&ticks[..400]), None);
         let twice = Tracking { rmse_kpa: tracking.rmse_kpa.map(|rmse_kpa| 2.0 * rmse_kpa), ..tracking };
         assert!((tracking.over(&twice) - 0.5).abs() < 1e-12);
     }

@@ -39,7 +39,7 @@ impl Since {
 /// The worst pressures of one recording.
 #[derive(Debug, Default)]
 struct OfRecording {
-    /// Those that count, by channel.
+    /// Pressures that count, by channel.
     worst: [Option<Worst>; 2],
     /// Says whether the session in which the sitting began has come.
     session: Session,
@@ -71,7 +71,7 @@ impl OfRecording {
 pub struct Worst {
     /// The pressure, in kPa gauge.
     pub kpa: f64,
-    /// Who was in control in that tick: `experiment`, `policy`, `fallback`, or `nobody`.
+    /// Name of who was in control in that tick: `experiment`, `policy`, `fallback`, or `nobody`.
     pub by: String,
 }
 
