@@ -16,7 +16,7 @@ use fit::simulate::{Arcs, Fidelity, Simulator, refined_starts};
 use model::rig::Rig;
 
 use crate::error::DiagnoseError;
-use crate::judge::large_error::much_kpa;
+use crate::judge::large_error::{a_name_may_leave_kpa, much_kpa};
 use crate::search::candidate::Candidate;
 
 pub use errors::Allowed;
@@ -40,9 +40,9 @@ pub struct Bench<'r> {
     pub noise: Vec<Noise>,
     /// The nominal parameters, with priors.
     pub nominal: Vec<Parameter>,
-    /// Whether fits are those of a short search: they come to rest sooner.
+    /// True where fits are those of a short search: they come to rest sooner.
     pub short: bool,
-    /// Whether a ripple was taken out that turned about once in a recording ([`Bench::beside_slow_ripple`]).
+    /// True where a ripple was taken out that turned about once in a recording ([`Bench::beside_slow_ripple`]).
     pub slow_ripple: bool,
     fit_weights: Vec<f64>,
     counted: Vec<f64>,
@@ -52,10 +52,10 @@ pub struct Bench<'r> {
 /// The loss of all fits.
 pub const LOSS: Loss = Loss::Student { freedom: 5.0 };
 
-/// How far a fit moves an onset, in s: a row or two more than the steps in which onsets are looked for.
+/// Furthest that a fit moves an onset, in s: a row or two more than the steps in which onsets are looked for.
 const ONSET_REACH_S: f64 = 0.1;
 
-/// How thorough a fit is.
+/// Thoroughness of a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effort {
     /// Free runs until they converge.
@@ -103,28 +103,48 @@ impl<'r> Bench<'r> {
         }
     }
 
-    /// The same with fits of a short search, or of a whole one.
+    /// This bench with fits of a short search, or of a whole one.
     #[must_use]
     pub fn shortened(self, short: bool) -> Self {
         Bench { short, ..self }
     }
 
-    /// The same with readings that a ripple was taken out of which turned about once in a recording, or with others: what it was
+    /// This bench with readings that a ripple was taken out of which turned about once in a recording, or with others: what it was
     /// predicted wrong by is left, as slow as a drift.
     #[must_use]
     pub fn beside_slow_ripple(self, slow_ripple: bool) -> Self {
         Bench { slow_ripple, ..self }
     }
 
-    /// The same with other recordings of the rig, `usable` as in [`Bench::new`].
+    /// This bench with readings that were rounded to these steps by channel, in kPa, before something was taken out of them: the
+    /// steps show no more, and the rounding's own noise is in the readings as before.
+    #[must_use]
+    pub(crate) fn rounded_to(mut self, steps_kpa: &[f64]) -> Self {
+        for (noise, step_kpa) in self.noise.iter_mut().zip(steps_kpa) {
+            noise.step_kpa = noise.step_kpa.max(*step_kpa);
+            noise.sigma_kpa = noise.sigma_kpa.max(step_kpa / 12.0_f64.sqrt());
+        }
+        self.much_kpa = much_kpa(self.records, &self.counted, &self.noise);
+        self
+    }
+
+    /// Steps by channel that readings were rounded to, in kPa; 0 where none shows.
+    pub(crate) fn steps_kpa(&self) -> Vec<f64> {
+        self.noise.iter().map(|noise| noise.step_kpa).collect()
+    }
+
+    /// A bench over other recordings of the rig, `usable` as in [`Bench::new`].
     pub fn over<'p>(&self, records: &'p Records, usable: &[f64], fidelity: Fidelity) -> Bench<'p>
     where
         'r: 'p,
     {
-        Bench::new(self.rig, records, usable, fidelity).shortened(self.short).beside_slow_ripple(self.slow_ripple)
+        Bench::new(self.rig, records, usable, fidelity)
+            .shortened(self.short)
+            .beside_slow_ripple(self.slow_ripple)
+            .rounded_to(&self.steps_kpa())
     }
 
-    /// The same with readings that lack the pump's strokes, on what searches run on.
+    /// A bench over readings that lack the pump's strokes, at the fidelity that searches run at.
     pub fn reduced<'p>(&self, records: &'p Records) -> Bench<'p>
     where
         'r: 'p,
@@ -180,9 +200,16 @@ impl<'r> Bench<'r> {
         &self.counted
     }
 
-    /// Whether errors beyond the noise by channel, in kPa, are more than a model may leave that lacks nothing ([`crate::judge::large_error`]).
+    /// Tells whether errors beyond the noise by channel, in kPa, are more than a model may leave that lacks nothing
+    /// ([`crate::judge::large_error`]).
     pub(crate) fn is_much(&self, excess_kpa: &[f64]) -> bool {
         excess_kpa.iter().zip(&self.much_kpa).any(|(kpa, much)| kpa > much)
+    }
+
+    /// Tells whether errors beyond the noise by channel, in kPa, are more than what is named may leave, unless it explains most
+    /// ([`crate::judge::large_error`]).
+    pub(crate) fn is_more_than_a_name_may_leave(&self, excess_kpa: &[f64]) -> bool {
+        excess_kpa.iter().zip(&self.noise).any(|(kpa, noise)| *kpa > a_name_may_leave_kpa(noise))
     }
 
     /// The rig with terms attached, each at its first start.
@@ -302,10 +329,36 @@ impl<'r> Bench<'r> {
     }
 }
 
-/// What searches run on where the recordings are simulated at a fidelity.
+/// Fidelity that searches run at where the recordings are simulated at `fidelity`.
 pub fn searching(fidelity: Fidelity) -> Fidelity {
     if fidelity == Fidelity::Smooth { fidelity } else { Fidelity::Averaged }
 }
 
 /// Rows of a block: 10 s, several time constants of the slowest chamber.
 const BLOCK_ROWS: usize = 500;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::made::{made_after, moved};
+
+    /// Readings in steps of 0.5 kPa of a rig that is as stated: less the pump's strokes they lie on no steps, and are as coarse.
+    #[test]
+    fn readings_less_strokes_are_as_coarse_as_they_came() {
+        const STEP_KPA: f64 = 0.5;
+        let (rig, _) = moved(&[]);
+        let records = Records::new(&rig, &made_after(0, 1500, &rig, 1, 4)).unwrap();
+        let usable = vec![1.0; records.layout().len()];
+        let exact = Bench::new(&rig, &records, &usable, Fidelity::Detailed).free_run(&rig).unwrap();
+        let rounded = exact.iter().map(|kpa| (kpa / STEP_KPA).round() * STEP_KPA).collect();
+        let records = records.with_readings(rounded).unwrap();
+        let bench = Bench::new(&rig, &records, &usable, Fidelity::Detailed);
+        let less = bench.without_strokes(&rig).unwrap();
+        let reduced = bench.reduced(&less);
+        for sigma_kpa in reduced.sigma_kpa() {
+            assert!(sigma_kpa >= STEP_KPA / 12.0_f64.sqrt(), "{sigma_kpa}");
+        }
+        // What is no larger than the noise is never much: the limit has not shrunk with readings that lie on no steps any more.
+        assert!(!reduced.is_much(&[0.99 * STEP_KPA / 12.0_f64.sqrt(); 2]));
+    }
+}

@@ -1,4 +1,4 @@
-//! What can go wrong in a diagnosis.
+//! Errors of a diagnosis.
 
 use fit::FitError;
 use model::rig::RigError;
@@ -34,7 +34,7 @@ pub enum DiagnoseError {
         rig: String,
         /// The column.
         channel: String,
-        /// What it does.
+        /// Words on what the column does.
         moves: String,
     },
     /// A result cannot be put into its format.
@@ -42,7 +42,7 @@ pub enum DiagnoseError {
     Format {
         /// The file.
         file: String,
-        /// What is wrong.
+        /// The problem, in words.
         problem: String,
     },
 }

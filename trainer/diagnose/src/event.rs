@@ -17,6 +17,7 @@
 //! times, and what then remains of the error tells which change is likest.
 
 pub(crate) mod changes;
+pub mod other_rig;
 
 use std::ops::Range;
 
@@ -62,7 +63,7 @@ pub struct Event {
     pub rows: usize,
     /// Root mean square error inside and outside, in kPa.
     pub rmse_kpa: [f64; 2],
-    /// What changed, if one number's change explains it.
+    /// The number that changed, if one number's change explains the event.
     pub change: Option<Change>,
 }
 
@@ -73,13 +74,13 @@ pub struct Change {
     pub path: String,
     /// The component it belongs to.
     pub component: String,
-    /// Its value outside.
+    /// Value of the number outside the event.
     pub before: f64,
-    /// Its value inside.
+    /// Value of the number inside the event.
     pub during: f64,
     /// Share of the squared error that goes with it.
     pub share: f64,
-    /// The same of the best change of any other component.
+    /// Share of the squared error that goes with the best change of any other component.
     pub next_share: f64,
 }
 
@@ -89,19 +90,26 @@ fn rows_of(records: &Records, source: &str) -> Vec<(usize, usize)> {
     of.flat_map(|(record, r)| (0..r.time_s.len()).map(move |row| (record, row))).collect()
 }
 
-/// The span in which a free run errs as nowhere else; `trace` is of the recordings' layout.
-pub fn find(bench: &Bench<'_>, trace: &[f64]) -> Option<Event> {
+/// Names of the files that recordings are of, each once, however many pieces it was cut into.
+fn sources(records: &Records) -> Vec<&str> {
     let mut sources: Vec<&str> = Vec::new();
-    for r in bench.records.records() {
+    for r in records.records() {
         if !sources.contains(&r.source.as_str()) {
             sources.push(&r.source);
         }
     }
-    let found = sources.into_iter().filter_map(|source| find_in(bench, trace, source));
+    sources
+}
+
+/// The span in which a free run errs as nowhere else; `trace` is of the recordings' layout. In files that the rig explains
+/// (`explained`) nothing happened: what errs there is what was found elsewhere.
+pub fn find(bench: &Bench<'_>, trace: &[f64], explained: &[&str]) -> Option<Event> {
+    let asked = sources(bench.records).into_iter().filter(|source| !explained.contains(source));
+    let found = asked.filter_map(|source| find_in(bench, trace, source));
     found.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, event)| event)
 }
 
-/// The same in one file, with what it gains.
+/// Finds the span in one file, with what it gains.
 fn find_in(bench: &Bench<'_>, trace: &[f64], source: &str) -> Option<(f64, Event)> {
     let layout = bench.records.layout();
     let sigma = bench.sigma_kpa();
@@ -198,7 +206,7 @@ fn means(energy: &[f64], span: &Range<usize>) -> [f64; 2] {
     [inside / span.len().max(1) as f64, (all - inside) / (energy.len() - span.len()).max(1) as f64]
 }
 
-/// Whether what every input does inside (but for its furthest twentieth) lies within what it does outside.
+/// Tells whether what every input does inside (but for its furthest twentieth) lies within what it does outside.
 pub(crate) fn asked_outside(inputs: &[Vec<f64>], rows: &Range<usize>) -> bool {
     inputs.iter().all(|input| {
         let outside = || input.iter().enumerate().filter(|(row, _)| !rows.contains(row)).map(|(_, v)| *v);
@@ -211,8 +219,8 @@ pub(crate) fn asked_outside(inputs: &[Vec<f64>], rows: &Range<usize>) -> bool {
     })
 }
 
-/// Whether no input moves further at once inside, over half a second, than it does outside: what answers slowly is worst after the
-/// largest of all steps, and nothing happened to it.
+/// Tells whether no input moves further at once inside, over half a second, than it does outside: what answers slowly is worst
+/// after the largest of all steps, and nothing happened to it.
 fn moved_outside(inputs: &[Vec<f64>], rows: &Range<usize>) -> bool {
     inputs.iter().all(|input| {
         let moves = |of: &dyn Fn(usize) -> bool| {

@@ -5,8 +5,11 @@
 //! a reason to ask for an experiment, never to name it.
 
 pub mod added_uncertainty;
+pub(crate) mod curved_sensor;
 pub mod evidence;
+pub(crate) mod extrapolated;
 pub(crate) mod implausible_parameters;
+pub(crate) mod kind_of_rig;
 pub(crate) mod large_error;
 pub(crate) mod range_ends;
 pub(crate) mod rejected_names;
@@ -21,7 +24,6 @@ use proto::diagnosis::Verdict;
 use crate::bench::{Bench, Effort, Explanation};
 use crate::error::DiagnoseError;
 use crate::judge::evidence::evidence;
-use crate::judge::large_error::UNKNOWN_KPA;
 use crate::pump::switched::{REACH_KPA, reaches_kpa, stands_somewhere};
 use crate::search::candidate::{Candidate, DRIFT, is_leak};
 use crate::search::place::volumes_at;
@@ -67,13 +69,13 @@ pub struct Judgement {
 }
 
 impl Judgement {
-    /// Whether every term that was found has its name, be it beside parameters that something else may stand behind.
+    /// Tells whether every term that was found has its name, be it beside parameters that something else may stand behind.
     pub fn is_of_names(&self) -> bool {
         let of_moved = |group: &Vec<String>| group.iter().any(|name| name == MOVED);
         self.verdict == Verdict::MissingPhysics || !self.named.is_empty() && self.groups.iter().all(of_moved)
     }
 
-    /// The same without a name: what was to be named did not hold.
+    /// The judgement without a name: what was to be named did not hold.
     #[must_use]
     pub fn of_no_name(self) -> Self {
         let [given, nominal, _] = self.excess_kpa;
@@ -127,7 +129,7 @@ pub fn judge(
     }
 }
 
-/// The same with nothing found: what was to be named is not worth it.
+/// Judges with nothing found: what was to be named is not worth it.
 ///
 /// # Errors
 /// A fit failed.
@@ -151,8 +153,7 @@ fn something_named(
     tell: &mut dyn FnMut(&str, f64),
 ) -> Result<Judgement, DiagnoseError> {
     let best = &found.best;
-    let left = excess_kpa[2].iter().copied().fold(0.0, f64::max);
-    if left > UNKNOWN_KPA && !explains_most(&excess_kpa[1], &excess_kpa[2]) {
+    if bench.is_more_than_a_name_may_leave(&excess_kpa[2]) && !explains_most(&excess_kpa[1], &excess_kpa[2]) {
         return Ok(Judgement::unnamed(Verdict::UnknownMechanism, excess_kpa));
     }
     let small = small_leaks(bench, candidates, best)?;
@@ -168,11 +169,7 @@ fn something_named(
         if !contest.rivals.is_empty() {
             let mut group: Vec<String> = vec![candidates[contest.term].name()];
             // Two shapes of one mechanism there are one answer.
-            for name in contest.rivals.iter().map(|k| candidates[*k].name()) {
-                if !group.contains(&name) {
-                    group.push(name);
-                }
-            }
+            contest.rivals.iter().for_each(|k| tell_once(&mut group, candidates[*k].name()));
             groups.push(group);
         }
         rivals.extend(of_it);
@@ -205,14 +202,14 @@ fn something_named(
     Ok(Judgement { verdict, named, contested, rivals, groups, excess_kpa })
 }
 
-/// Adds a group of rivals that is not there yet: two shapes of a mechanism have one name.
-pub(crate) fn tell_once(groups: &mut Vec<Vec<String>>, group: Vec<String>) {
-    if !groups.contains(&group) {
-        groups.push(group);
+/// Adds a name, or a group of rivals, that is not there yet: two shapes of a mechanism have one name.
+pub(crate) fn tell_once<T: PartialEq>(told: &mut Vec<T>, new: T) {
+    if !told.contains(&new) {
+        told.push(new);
     }
 }
 
-/// What may stand in place of a term of what was found: which candidates, and the explanations with them.
+/// Rivals of a term of what was found: the candidates that may stand in its place, and the explanations with them.
 fn contest(
     bench: &Bench<'_>,
     candidates: &[Candidate],
@@ -269,7 +266,7 @@ fn contest(
     Ok((Contest { term, rivals: tied, gain, validation_gain }, rivals))
 }
 
-/// How many candidates beyond those that came close are asked where likelihoods are no measure.
+/// Number of candidates, beyond those that came close, that are asked where likelihoods are no measure.
 const NEXT_BEST: usize = 4;
 
 /// The candidates that came next in the rounds in which `term` was ranked.
@@ -336,8 +333,8 @@ fn lost_without(
     Ok((score(&best.trace).gain_over(&score(&trace)).0, share(&trace)))
 }
 
-/// Whether the recordings cannot tell `rival` from `best`. Where several times the noise is left, a difference is no larger than its scatter
-/// from block to block says, however large it is as a likelihood.
+/// Tells whether the recordings cannot tell `rival` from `best`. Where several times the noise is left, a difference is no larger
+/// than its scatter from block to block says, however large it is as a likelihood.
 fn is_rival(bench: &Bench<'_>, best: &Explanation, rival: &Explanation) -> bool {
     let e = evidence(bench, best, rival);
     let both = e.fitted + e.chosen;
@@ -373,7 +370,7 @@ fn close_to(found: &Found, term: usize) -> Vec<usize> {
     close
 }
 
-/// Whether errors beyond the noise fall far enough, channels together, for what made them fall to be named.
+/// Tells whether errors beyond the noise fall far enough, channels together, for what made them fall to be named.
 pub(crate) fn explains_most(before_kpa: &[f64], after_kpa: &[f64]) -> bool {
     let squares = |excess: &[f64]| excess.iter().map(|kpa| kpa * kpa).sum::<f64>();
     squares(after_kpa) <= (1.0 - EXPLAINED) * squares(before_kpa)
@@ -384,7 +381,8 @@ pub fn excess(bench: &Bench<'_>, trace: &[f64]) -> Vec<f64> {
     beyond_noise(bench, trace, false)
 }
 
-/// What an explanation leaves, as [`excess`]; where a flapper jumps in it, in the middle one of all stretches of 2 s.
+/// Error beyond the noise that an explanation leaves, as in [`excess`]; where a flapper jumps in it, in the middle one of all
+/// stretches of 2 s.
 pub(crate) fn left(bench: &Bench<'_>, explanation: &Explanation) -> Vec<f64> {
     beyond_noise(bench, &explanation.trace, explanation.jumps)
 }

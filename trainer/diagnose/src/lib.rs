@@ -11,7 +11,7 @@
 //! | where the mismatch lives; missing flows reconstructed | [`locate`] |
 //! | how the pump turned, when it was switched | [`pump`] |
 //! | whether an explanation is better by more than chance; a verdict and its rivals; names that do not hold; what would not show | [`judge`] |
-//! | a time span in which the rig was another one; a change that stays | [`event`] |
+//! | a time span, or whole recordings, in which the rig was another one; a change that stays | [`event`] |
 //! | a term without a name | [`unknown`] |
 //! | the experiment that tells rivals apart | [`experiment`] |
 //! | before and after, in words, where; what is still unexplained; what to do next; `diagnosis.json`, `report.html` | [`report`], [`proto::diagnosis`] |

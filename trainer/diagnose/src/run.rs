@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use fit::cores::side_by_side;
-use fit::identify::no_worse_than;
 use model::rig::Rig;
 use proto::diagnosis::{Diagnosis, RigKind, Verdict};
 use proto::recording::{Recording, short_name};
@@ -11,10 +10,14 @@ use proto::recording::{Recording, short_name};
 use crate::bench::{Bench, Explanation};
 use crate::error::DiagnoseError;
 use crate::event::changes::{self, changes};
+use crate::event::other_rig::{OtherRig, explained_throughout};
 use crate::event::{self, Event};
 use crate::experiment::{can_be_shut_in, plan};
 use crate::judge::added_uncertainty::variance_beyond_noise;
+use crate::judge::curved_sensor;
+use crate::judge::extrapolated::extrapolated;
 use crate::judge::implausible_parameters::{self, doubtful, ends_with_its_range, own, sides_alone};
+use crate::judge::kind_of_rig::kind_of_rig;
 use crate::judge::rejected_names::{are_leaks_too_small, objection};
 use crate::judge::step_uncertainty::variance_of_steps;
 use crate::judge::undetectable;
@@ -27,21 +30,20 @@ use crate::recordings::checked::{Recorded, without};
 use crate::report::figures::{Figures, figures};
 use crate::report::files::{Outcome, under_its_own_name};
 use crate::report::findings::Findings;
-use crate::report::summary::noise_kpa;
 use crate::report::unexplained::unexplained;
+use crate::search::SearchSettings;
 use crate::search::candidate::{Candidate, candidates, names_of, no_faster_than};
 use crate::search::quick_search::settled;
-use crate::search::{Found, SearchSettings};
-use crate::unknown::{self, Formula, UnknownTerm, fit_unknown};
+use crate::unknown::{self, Formula, fit_unknown};
 
-/// What is asked for.
+/// Request for a diagnosis.
 #[derive(Debug, Clone)]
 pub struct Request {
     /// The rig as it is known.
     pub rig: Rig,
-    /// What was written behind `--rig`: a name or a path, for commands that are proposed.
+    /// Argument of `--rig`: a name or a path, for commands that are proposed.
     pub rig_argument: String,
-    /// What was recorded on it.
+    /// Recordings of the rig.
     pub recordings: Vec<Recording>,
     /// Where the results go.
     pub out_dir: PathBuf,
@@ -68,6 +70,12 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Dia
 pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Result<Outcome, DiagnoseError> {
     progress("reading", 0.0);
     let Recorded { records, usable, switched, mut notes } = Recorded::of(&request.rig, &request.recordings)?;
+    progress("asking each recording whether it is of the rig as given", 0.0);
+    let other_rig = OtherRig::find(&request.rig, &records, &usable)?;
+    let (records, usable) = match &other_rig {
+        Some(other) => other.left_out(&records, &usable),
+        None => (records, usable),
+    };
     let mut asked = asked(request, switched);
     progress("fitting the rig's own parameters", 0.0);
     let (turning, mut answer) = answered(&mut asked, records, &usable, progress)?;
@@ -75,7 +83,7 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
     let rig = &turning.rig;
     let whole = turning.bench(&usable, request.quick);
 
-    let (mut formula, mut event) = something_else(&whole, &answer);
+    let (mut formula, mut event) = something_else(&whole, &answer, &request.rig)?;
     // What known physics leaves unexplained may be something that happened; then the rest is asked by itself.
     let rest = event.as_ref().map(|event| without(event, rig, &turning.records, &usable));
     let rest = rest.as_ref().map(|(records, usable)| whole.over(records, usable, whole.simulator.fidelity()));
@@ -171,6 +179,8 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
         let untold = unname(&searched, &candidates, &found.best, turning.heard.is_some(), &mut judgement);
         notes.extend(may_be_nothing(&candidates, &untold));
     }
+    let extrapolated = extrapolated(bench, &candidates, &found.best, &judgement.named);
+    notes.extend(curved_sensor::in_words(bench, &candidates, &judgement.named));
     if let Some(event) = &mut event {
         event.change = event::what_changed(&whole, &found.best.fitted.rig, event)?;
     }
@@ -179,7 +189,7 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
     let by = unknown.as_ref().map_or(&found.best, |term| &term.explanation);
     let rig = match kind {
         RigKind::AsGiven => request.rig.clone(),
-        _ => under_its_own_name(turning.as_begun(&by.fitted.rig), kind, &sources(request)),
+        _ => under_its_own_name(turning.as_begun(&by.fitted.rig), kind, &sources(request, other_rig.as_ref())),
     };
     let (doubtful, sides_alone) = match kind {
         RigKind::AsGiven => (Vec::new(), Vec::new()),
@@ -189,7 +199,9 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
     notes.extend(doubtful.iter().map(implausible_parameters::in_words));
     notes.extend(sides_alone.iter().cloned());
     let changes = if bench.is_much(&extended.beyond_noise_kpa(&bench.sigma_kpa())) {
-        changes(bench, &extended.trace)
+        let explained: Vec<&str> =
+            [&given, &fitted].iter().flat_map(|figures| explained_throughout(bench, &figures.trace)).collect();
+        changes(bench, &extended.trace, &explained)
     } else {
         Vec::new()
     };
@@ -211,6 +223,8 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
         plan,
         heard: turning.heard.as_ref(),
         event,
+        other_rig,
+        extrapolated,
         changes,
         doubtful,
         sides_alone,
@@ -224,54 +238,17 @@ pub fn work_out(request: &Request, progress: &mut dyn FnMut(&str, f64)) -> Resul
 const JUDGED_IN_THE_MIDDLE: &str = "where a valve sticks, one jump that comes late throws the open-loop simulation off until the next: what \
                                     is left was judged by the middle one of all stretches of 2 s";
 
-/// Which rig is written. What is worse on validation data than the rig as it was given is no answer: it loses its name, and the given
-/// rig stays.
-fn kind_of_rig(
-    bench: &Bench<'_>,
-    found: &Found,
-    unknown: Option<&UnknownTerm>,
-    [given, extended]: [&Figures; 2],
-    judgement: &mut Judgement,
-    notes: &mut Vec<String>,
-) -> RigKind {
-    if judgement.verdict == Verdict::Adequate {
-        return RigKind::AsGiven;
-    }
-    let [before_kpa, after_kpa] = [given, extended].map(Figures::total_rmse_kpa);
-    // What has no name has nothing but its figures to speak for it.
-    let most_kpa = if unknown.is_some() { before_kpa } else { no_worse_than(before_kpa, noise_kpa(bench)) };
-    if after_kpa <= most_kpa {
-        let extends = unknown.is_some() || !found.best.terms.is_empty();
-        return if extends { RigKind::Extended } else { RigKind::Fitted };
-    }
-    let what = if found.best.terms.is_empty() && unknown.is_none() {
-        "the rig with its parameters fitted"
-    } else {
-        "what was found"
-    };
-    notes.push(format!(
-        "{what} is off by {after_kpa:.3} kPa on validation data where the rig as it was given is off by {before_kpa:.3} kPa: worse \
-         than before, so the rig as given is kept"
-    ));
-    if judgement.verdict != Verdict::Undecided {
-        let much = bench.is_much(&given.beyond_noise_kpa(&bench.sigma_kpa()));
-        let unnamed = judgement.clone().of_no_name();
-        let verdict = if much { Verdict::UnknownMechanism } else { Verdict::Adequate };
-        *judgement = Judgement { verdict, ..unnamed };
-    }
-    RigKind::AsGiven
-}
-
-/// Names of the recordings' files.
-fn sources(request: &Request) -> Vec<String> {
+/// Names of the recordings' files that are not of another rig.
+fn sources(request: &Request, other_rig: Option<&OtherRig>) -> Vec<String> {
     let all = || request.recordings.iter().map(Recording::source);
-    all().map(|source| short_name(source, all())).collect()
+    let is_other = |source: &str| other_rig.is_some_and(|other| other.is_other(source));
+    all().filter(|source| !is_other(source)).map(|source| short_name(source, all())).collect()
 }
 
 /// Distance of samples, in s, from which on they are further apart than rows (20 ms and half).
 const SPARSE_S: f64 = 0.03;
 
-/// What a search over the recordings of a request is asked; `switched`, whether a pump was.
+/// Question that a search over the recordings of a request is asked; `switched` says whether a pump was switched in them.
 fn asked(request: &Request, switched: bool) -> Asked<'_> {
     let sampling_s = request.recordings.iter().map(Recording::sampling_s).fold(0.0, f64::max);
     let all = candidates(&request.rig);
@@ -283,20 +260,28 @@ fn asked(request: &Request, switched: bool) -> Asked<'_> {
     }
 }
 
-/// What may be there beside known physics, or instead of it: a formula for a reading, or something that happened. The second is looked
-/// for also where something was named and leaves much: what is named holds for all recordings.
-fn something_else(whole: &Bench<'_>, answer: &Answer) -> (Option<Formula>, Option<Event>) {
+/// Causes that may be there beside known physics, or instead of it: a formula for a reading, or something that happened. The second
+/// is looked for also where something was named and leaves much: what is named holds for all recordings.
+fn something_else(
+    whole: &Bench<'_>,
+    answer: &Answer,
+    given: &Rig,
+) -> Result<(Option<Formula>, Option<Event>), DiagnoseError> {
     let left = whole.is_much(&answer.judgement.excess_kpa[2]);
     let searched = whole.reduced(&answer.reduced);
     let formula = (answer.judgement.verdict == Verdict::UnknownMechanism)
         .then(|| unknown::formula(&searched, &answer.found.nominal))
         .flatten();
     let asked = left && !formula.as_ref().is_some_and(|formula| formula.suffices);
-    let event = if asked { event::find(&searched, &answer.found.best.trace) } else { None };
-    (formula, event)
+    if !asked {
+        return Ok((formula, None));
+    }
+    let explained = explained_throughout(&searched, &searched.free_run(given)?);
+    let event = event::find(&searched, &answer.found.best.trace, &explained);
+    Ok((formula, event))
 }
 
-/// What to say of terms that are in the rig and have no name.
+/// Note on terms that are in the rig and have no name.
 fn beside_what_is_named(candidates: &[Candidate], judgement: &Judgement, best: &Explanation) -> Option<String> {
     let contested = |term: &&usize| judgement.contested.iter().all(|contest| contest.term != **term);
     let beside: Vec<usize> = best.terms.iter().filter(contested).copied().collect();
@@ -308,7 +293,7 @@ fn beside_what_is_named(candidates: &[Candidate], judgement: &Judgement, best: &
     })
 }
 
-/// What to say of terms that lost their name since their number may as well be nothing.
+/// Note on terms that lost their name since their number may as well be nothing.
 fn may_be_nothing(candidates: &[Candidate], untold: &[usize]) -> Option<String> {
     (!untold.is_empty()).then(|| {
         format!(
@@ -319,7 +304,7 @@ fn may_be_nothing(candidates: &[Candidate], untold: &[usize]) -> Option<String> 
     })
 }
 
-/// What to say of a term without a name that makes rows worse that nothing was fitted to.
+/// Note on a term without a name that makes rows worse that nothing was fitted to.
 fn does_not_hold(depends_on: &str, [fitted, with_it]: [&Figures; 2]) -> String {
     format!(
         "{depends_on} was tried and does not hold on validation data ({:.2} kPa instead of {:.2}): it is not in the rig file",

@@ -50,25 +50,26 @@ pub use terms::{is_open, open_beside, position_of, starts, values_of, with, with
 use twin::{Likes, twinned};
 use worth::{earns_its_place, least_gain, leaves_room};
 
-/// How to search.
+/// Settings of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchSettings {
     /// The most terms.
     pub most_terms: usize,
-    /// How many of the best candidates of a round are fitted to the end.
+    /// Number of the best candidates of a round that are fitted to the end.
     pub polished: usize,
-    /// How many candidates that the screen puts first are fitted at all.
+    /// Number of candidates, those that the screen puts first, that are fitted at all.
     pub glanced: usize,
-    /// How many pairs that it puts first are.
+    /// Number of pairs, those that it puts first, that are fitted.
     pub paired: usize,
-    /// Whether candidates are also tried from the priors' means.
+    /// True where candidates are also tried from the priors' means.
     pub from_prior: bool,
-    /// Whether it is looked as well where much time seldom brings an answer to light: fits from the priors' means once nothing passes,
-    /// mechanisms by themselves from the build sheet, a grid of bands for what moves in steps and is behind beside what was found,
-    /// one term further than a pair, pairs in exchange for what was found on both sides that are far behind, or again after each term,
-    /// what comes near the bar by a noise that is less than it was taken for. What else a short search leaves out is told where it is.
+    /// True where the search looks as well where much time seldom brings an answer to light: fits from the priors' means once
+    /// nothing passes, mechanisms by themselves from the build sheet, a grid of bands for what moves in steps and is behind beside
+    /// what was found, one term further than a pair, pairs in exchange for what was found on both sides that are far behind, or
+    /// again after each term, what comes near the bar by a noise that is less than it was taken for. What else a short search
+    /// leaves out is told where it is.
     pub thorough: bool,
-    /// What a term must show.
+    /// Bar that a term must pass.
     pub bar: Bar,
 }
 
@@ -84,7 +85,7 @@ impl SearchSettings {
         SearchSettings { thorough: false, ..Self::whole(switched) }
     }
 
-    /// How closely the screen looks where flappers lay.
+    /// Closeness with which the screen looks for where flappers lay.
     fn look(&self) -> Look {
         if self.thorough { Look::Evenly } else { Look::Roughly }
     }
@@ -95,18 +96,18 @@ impl SearchSettings {
     }
 }
 
-/// What a round of additions looked like.
+/// A round of additions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Round {
     /// Terms before the round.
     pub base: Vec<usize>,
     /// Candidates after a glance, best first.
     pub ranked: Vec<Ranked>,
-    /// What was added in the best after fits to the end, ascending.
+    /// Terms that the best one after fits to the end adds, ascending.
     pub best: Vec<usize>,
-    /// Its evidence against the base.
+    /// Evidence for the best one against the base.
     pub evidence: Option<Evidence>,
-    /// Whether it was taken.
+    /// True where the best one was taken.
     pub taken: bool,
 }
 
@@ -123,19 +124,19 @@ impl Round {
 pub struct Ranked {
     /// Which.
     pub candidate: usize,
-    /// What it gained in log-likelihood and prior.
+    /// Gain in log-likelihood and prior.
     pub gain: f64,
     /// Values of its parameters there.
     pub values: Vec<f64>,
 }
 
-/// What a search found.
+/// Result of a search.
 pub struct Found {
     /// The rig with its parameters fitted and nothing added.
     pub nominal: Explanation,
     /// The best explanation.
     pub best: Explanation,
-    /// Those of its terms that it has since the same is there on the other side, with the same number.
+    /// Terms of it that are there since the same is on the other side, with the same number.
     pub by_likeness: Vec<usize>,
     /// The strongest candidate that was not taken, on top of the best explanation.
     pub next: Option<Explanation>,
@@ -298,7 +299,7 @@ fn tried_beside(best: &Explanation, tried: &mut Vec<Explanation>, polished: &[Ex
     tried.extract_if(.., one_more).collect()
 }
 
-/// How many times as much of the squared error something else must set right for what moves in steps to wait.
+/// Factor by which something else must set right more of the squared error for what moves in steps to wait.
 const MORE_THAN_STEPS: f64 = 2.0;
 
 /// Puts something else before what moves in steps, where that is the first of `polished`: what has a moment for every stretch fits a
@@ -329,7 +330,7 @@ pub fn cost(bench: &Bench<'_>, explanation: &Explanation) -> f64 {
     explanation.fitted.comparable_cost(bench.records, bench.fit_weights())
 }
 
-/// Whether an explanation leaves more than a name may of what the `nominal` rig misses.
+/// Tells whether an explanation leaves more than a name may of what the `nominal` rig misses.
 fn is_unexplained(bench: &Bench<'_>, nominal: &Explanation, explanation: &Explanation) -> bool {
     let left = left(bench, explanation);
     bench.is_much(&left) && !explains_most(&excess(bench, &nominal.trace), &left)
@@ -338,7 +339,7 @@ fn is_unexplained(bench: &Bench<'_>, nominal: &Explanation, explanation: &Explan
 /// Standard deviations of its prior beyond which a parameter has given way to something that it is not.
 const FAR_OFF: f64 = 6.0;
 
-/// Whether one of the rig's own parameters has.
+/// Tells whether one of the rig's own parameters has given way to something that it is not.
 pub(crate) fn has_given_way(bench: &Bench<'_>, explanation: &Explanation) -> bool {
     explanation.fitted.point.iter().take(bench.nominal.len()).any(|z| z.abs() > FAR_OFF)
 }

@@ -43,7 +43,7 @@ struct Design {
 pub struct UnknownTerm {
     /// The explanation with the term in it.
     pub explanation: Explanation,
-    /// What it depends on, in words.
+    /// Words for what it depends on.
     pub depends_on: String,
     /// The channel whose reading it is about; `None` for a flow.
     pub reading: Option<usize>,
@@ -54,7 +54,7 @@ pub struct UnknownTerm {
 pub struct Formula {
     pub(crate) term: UnknownTerm,
     gain: f64,
-    /// Whether it takes more away than it leaves.
+    /// True where it takes more away than it leaves.
     pub suffices: bool,
 }
 

@@ -17,7 +17,7 @@ pub fn all_cores() -> usize {
     std::thread::available_parallelism().map_or(1, NonZero::get)
 }
 
-/// Whether nobody works on some core at this moment.
+/// Tells whether nobody works on some core at this moment.
 pub(crate) fn any_is_free() -> bool {
     FREE.load(Ordering::Relaxed) > 0
 }
@@ -65,7 +65,7 @@ pub(crate) fn share_out(count: usize, most: usize, work: impl Fn(usize) + Sync, 
     FREE.fetch_sub(1, Ordering::Relaxed);
 }
 
-/// What comes of each of some items, in their order, worked out on the free cores.
+/// Results of work on each of some items, in their order, worked out on the free cores.
 ///
 /// `begun` is told, on the caller's thread, the share of the items (0 … 1) that have been begun.
 pub fn side_by_side_telling<T: Sync, R: Send + Sync>(
@@ -83,7 +83,7 @@ pub fn side_by_side_telling<T: Sync, R: Send + Sync>(
     slots.into_iter().filter_map(OnceLock::into_inner).collect()
 }
 
-/// What comes of each of some items, in their order, worked out on the free cores.
+/// Results of work on each of some items, in their order, worked out on the free cores.
 pub fn side_by_side<T: Sync, R: Send + Sync>(items: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
     side_by_side_telling(items, work, &mut |_| ())
 }

@@ -1,4 +1,4 @@
-//! What can go wrong in a fit.
+//! Errors of a fit.
 
 use model::rig::RigError;
 use proto::recording::RecordingError;
@@ -34,15 +34,15 @@ pub enum FitError {
     Parameter {
         /// Path of the parameter.
         path: String,
-        /// What is wrong.
+        /// The problem, in words.
         problem: String,
     },
     /// A system of equations without a solution.
     #[error("{what}: {problem}")]
     Singular {
-        /// What was solved for.
+        /// The unknowns that were solved for.
         what: String,
-        /// What is wrong and what to do.
+        /// The problem, in words, and what to do.
         problem: String,
     },
 }

@@ -9,6 +9,7 @@
 //! | [`least_squares`] | Levenberg-Marquardt, simplex, covariance |
 //! | [`objective`] | fits of a rig to recordings; likelihoods |
 //! | [`simulate`] | many rigs run over all recordings at once: free runs, windows |
+//! | [`wording`] | plain words for numbers: digits, shares, multiples of a noise |
 //!
 //! Pressures of recordings and simulated readings are gauge kPa throughout (`_kpa`), parameters are in the
 //! units of the rig file's keys.
@@ -21,5 +22,6 @@ pub mod least_squares;
 pub mod objective;
 pub mod parameters;
 pub mod simulate;
+pub mod wording;
 
 pub use error::FitError;

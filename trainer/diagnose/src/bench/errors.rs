@@ -23,9 +23,9 @@ const FINE_ROWS: usize = 200;
 pub struct Allowed {
     /// Slow ones, in kPa.
     pub drift_kpa: Vec<f64>,
-    /// How slow, in s; one time for all channels.
+    /// Correlation time of the slow ones, in s; one for all channels.
     pub time_s: f64,
-    /// Whether single errors far out are as likely as Student's distribution has them.
+    /// True where single errors far out are as likely as Student's distribution has them.
     pub heavy: bool,
     /// From row to row, noise included, in kPa.
     pub sigma_kpa: Vec<f64>,

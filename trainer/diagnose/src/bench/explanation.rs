@@ -18,7 +18,7 @@ pub struct Explanation {
     pub fitted: Fitted,
     /// Free run over all rows of all recordings.
     pub trace: Vec<f64>,
-    /// Whether a flapper jumps in it: one jump that comes an instant late throws a free run off until the next.
+    /// True where a flapper jumps in it: one jump that comes an instant late throws a free run off until the next.
     pub jumps: bool,
     /// Half the squared shifts of the nominal parameters in prior standard deviations.
     pub prior_cost: f64,
@@ -27,13 +27,13 @@ pub struct Explanation {
 }
 
 impl Explanation {
-    /// Its point moved `by` that much in each coordinate, within their bounds.
+    /// Point of the fit, moved `by` that much in each coordinate, within their bounds.
     pub fn moved(&self, by: &[f64]) -> Vec<f64> {
         let moved = self.fitted.point.iter().zip(by).zip(self.set.bounds());
         moved.map(|((z, by), [low, high])| (z + by).clamp(low, high)).collect()
     }
 
-    /// Its point with the rig's own parameters as they were given.
+    /// Point of the fit, with the rig's own parameters as they were given.
     pub fn as_given(&self, bench: &Bench<'_>) -> Vec<f64> {
         let own = bench.nominal.len();
         self.fitted.point.iter().enumerate().map(|(i, z)| if i < own { 0.0 } else { *z }).collect()

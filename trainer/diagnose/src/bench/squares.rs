@@ -1,4 +1,4 @@
-//! What a free run is off by: mean squares by channel, by recording, at work.
+//! Errors of a free run: mean squares by channel, by recording, at work.
 
 use std::ops::Range;
 
@@ -20,7 +20,7 @@ impl Bench<'_> {
         sum / f64::max(rows, 1.0)
     }
 
-    /// What a trace is off on validation data, channels together: root mean square in kPa on the rows kept back, or on all where none
+    /// Error of a trace on validation data, channels together: root mean square in kPa on the rows kept back, or on all where none
     /// are.
     pub fn validation_kpa(&self, trace: &[f64]) -> f64 {
         let roles = if self.split.rows(Role::HeldOut) > 0 { &[Role::HeldOut][..] } else { &[Role::Fit, Role::Select] };
@@ -56,7 +56,7 @@ impl Bench<'_> {
         (0..layout.channels()).map(of).fold(0.0, f64::max)
     }
 
-    /// Whether all pumps run throughout a recording, or a piece of one.
+    /// Tells whether all pumps run throughout a recording, or a piece of one.
     pub fn pumps_run(&self, record: usize) -> bool {
         self.records.relays(self.rig, record).iter().flatten().all(|on| *on)
     }

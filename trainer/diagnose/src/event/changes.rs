@@ -32,11 +32,14 @@ const TIMES_NOISE: f64 = 3.0;
 /// Least jump in kPa.
 const LEAST_KPA: f64 = 0.1;
 
-/// Lasting changes of what `trace` is off by, the largest first; at most one of a channel of each recording.
-pub(crate) fn changes(bench: &Bench<'_>, trace: &[f64]) -> Vec<ChangeInTime> {
+/// Lasting changes of what `trace` is off by, the largest first; at most one of a channel of each recording. In files that the rig
+/// explains without what was found (`explained`) nothing changed: what jumps there came with what was found.
+pub(crate) fn changes(bench: &Bench<'_>, trace: &[f64], explained: &[&str]) -> Vec<ChangeInTime> {
     let (records, layout) = (bench.records, bench.records.layout());
     let mut found = Vec::new();
-    for record in 0..layout.records() {
+    let asked =
+        |record: &usize| records.records().get(*record).is_some_and(|r| !explained.contains(&r.source.as_str()));
+    for record in (0..layout.records()).filter(asked) {
         for channel in 0..layout.channels() {
             let change =
                 Errors::of(bench, trace, record, channel).and_then(|errors| errors.jump(bench, record, channel));
@@ -93,7 +96,7 @@ impl Errors {
     }
 }
 
-/// Whether the commands after a row are among those before it, or the other way round.
+/// Tells whether the commands after a row are among those before it, or the other way round.
 fn asked_alike(records: &Records, record: usize, row: usize) -> bool {
     let Some(r) = records.records().get(record) else { return false };
     asked_outside(&r.inputs, &(row..r.time_s.len())) || asked_outside(&r.inputs, &(0..row))
@@ -114,7 +117,7 @@ fn likeliest(kpa: &[f64]) -> Option<(usize, f64, f64)> {
         .map(|(at, jump, within)| (at, jump, (within / n as f64).sqrt()))
 }
 
-/// Whether most of a jump lies between the two seconds before it and the two after.
+/// Tells whether most of a jump lies between the two seconds before it and the two after.
 fn is_sudden(kpa: &[f64], at: usize, jump_kpa: f64) -> bool {
     let mean = |range: std::ops::Range<usize>| {
         let part = kpa.get(range).unwrap_or_default();

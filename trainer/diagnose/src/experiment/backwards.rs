@@ -12,7 +12,7 @@ use crate::bench::Explanation;
 use crate::error::DiagnoseError;
 use crate::search::candidate::reads_wrong;
 
-/// How far beyond the air a chamber may be whose vent is open, in kPa: less passes hardly anything.
+/// Pressure beyond the air that a chamber may have with its vent open, in kPa: at less hardly anything passes.
 const BEYOND_KPA: f64 = 0.05;
 
 /// Which of the programmes (one a recording of the simulator) take a chamber beyond the air with its vent open, by some rival.
@@ -41,7 +41,7 @@ pub(super) fn backwards(
     Ok(found)
 }
 
-/// Whether a vent of the rig is commanded open in some row of a programme while its chamber is beyond the air.
+/// Tells whether a vent of the rig is commanded open in some row of a programme while its chamber is beyond the air.
 fn passes_backwards(rig: &Rig, records: &Records, programme: usize, trace_kpa: &[f64]) -> bool {
     let column = |name: &str| records.inputs().iter().position(|input| input.column == name);
     let channel = |volume: &str| {

@@ -1,4 +1,4 @@
-//! What could be recorded next: short programmes of commands.
+//! Experiments that could be recorded next: short programmes of commands.
 //!
 //! Each shows what ordinary recordings hide. With a valve shut, nothing can pass for its spring; with the pump off,
 //! nothing for its check valves; with everything open, the sensors read zero or tell their bias; triangles at two rates
@@ -11,11 +11,11 @@ use proto::recording::PERIOD_S;
 /// A programme: commands by input, row by row (20 ms).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Programme {
-    /// What it is, for people.
+    /// Name for people.
     pub name: String,
     /// Commands, `[input][row]`.
     pub inputs: Vec<Vec<f64>>,
-    /// Whether it stops a pump.
+    /// True where it stops a pump.
     pub stops_a_pump: bool,
 }
 
@@ -25,13 +25,13 @@ impl Programme {
         self.inputs.first().map_or(0, Vec::len)
     }
 
-    /// How long it lasts, in s.
+    /// Duration in s.
     pub fn seconds(&self) -> f64 {
         self.rows() as f64 * PERIOD_S
     }
 }
 
-/// What an input does.
+/// Kind of part that an input commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Role {
     Valve,
@@ -41,7 +41,7 @@ enum Role {
     Other,
 }
 
-/// How each input was used in the recordings.
+/// Use of each input in the recordings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Usage {
     /// Middle of what was commanded, by input.
@@ -118,7 +118,7 @@ pub fn menu(rig: &Rig, inputs: &[Input], usage: &Usage) -> Vec<Programme> {
     all
 }
 
-/// What can be commanded, and how far it was.
+/// Inputs that can be commanded, and how far they were.
 struct Levers<'a> {
     inputs: &'a [Input],
     usage: &'a Usage,
@@ -136,7 +136,7 @@ fn set(now: &mut [f64], which: &[usize], value: f64) {
     }
 }
 
-/// Whether a time falls into every second span of so many seconds.
+/// Tells whether a time falls into every second span of so many seconds.
 fn in_second_half(t: f64, seconds: f64) -> bool {
     !((t / seconds) as usize).is_multiple_of(2)
 }

@@ -29,7 +29,7 @@ const ENOUGH: f64 = 400.0;
 const DECIDES: f64 = 10.0;
 /// Errors of a model in an experiment of a kind that nothing was fitted to, in kPa, on top of the noise.
 const FOREIGN_KPA: f64 = 0.2;
-/// The same where a pump stands: where its cylinders stopped, and what they hold, is told by no reading.
+/// Such errors where a pump stands, in kPa: where its cylinders stopped, and what they hold, is told by no reading.
 const AT_REST_KPA: f64 = 0.5;
 /// Step of a finite difference, in prior standard deviations.
 const STEP: f64 = 0.05;
@@ -45,7 +45,7 @@ pub struct Plan {
     pub inputs: Vec<Vec<f64>>,
     /// Expected difference of log-likelihoods of each pair of rivals, `(one, other, D/2)`.
     pub separation: Vec<(usize, usize, f64)>,
-    /// What each rival predicts, `[rival]` in the layout `[channel][row]`.
+    /// Readings that each rival predicts, `[rival]` in the layout `[channel][row]`.
     pub predicted_kpa: Vec<Vec<f64>>,
 }
 
@@ -70,7 +70,7 @@ impl Plan {
         csv::to_csv(&time_s, &columns)
     }
 
-    /// Whether every pair is told apart.
+    /// Tells whether every pair is told apart.
     pub fn decides(&self) -> bool {
         self.separation.iter().all(|(_, _, half_d)| *half_d >= DECIDES)
     }
@@ -261,7 +261,7 @@ fn limits_kpa(bench: &Bench<'_>) -> [f64; 2] {
     [low - beyond, high + beyond]
 }
 
-/// Whether a mechanism of some kind is in question: in one of the rivals, and not in all of them.
+/// Tells whether a mechanism of some kind is in question: in one of the rivals, and not in all of them.
 fn is_in_question(bench: &Bench<'_>, rivals: &[&Explanation], of_kind: impl Fn(&str) -> bool) -> bool {
     let in_all = |term: &usize| rivals.iter().all(|other| other.terms.contains(term));
     rivals.iter().any(|rival| {
@@ -270,7 +270,7 @@ fn is_in_question(bench: &Bench<'_>, rivals: &[&Explanation], of_kind: impl Fn(&
     })
 }
 
-/// How the inputs were used in the recordings.
+/// Use of the inputs in the recordings.
 fn usage(bench: &Bench<'_>) -> Usage {
     let inputs = bench.records.inputs().len();
     let mut usage = Usage { middle: vec![0.5; inputs], low: vec![0.3; inputs], high: vec![0.9; inputs] };

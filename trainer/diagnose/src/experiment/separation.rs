@@ -1,4 +1,4 @@
-//! How far apart rivals would be in an experiment, all that they could still adjust allowed for.
+//! Distance between rivals in an experiment, all that they could still adjust allowed for.
 //!
 //! ```text
 //! D_ij = min over δ_i, δ_j of  |(y_i + J_i δ_i − y_j − J_j δ_j)/σ|² + δ_iᵀ A_i δ_i + δ_jᵀ A_j δ_j
@@ -19,7 +19,7 @@ pub struct Predicted {
     pub jacobian: Vec<Vec<f64>>,
 }
 
-/// What one programme says of one pair: sums that add over programmes.
+/// Evidence of one programme on one pair: sums that add up over programmes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PairSums {
     /// JᵀJ of both rivals' coordinates.
@@ -31,7 +31,7 @@ pub struct PairSums {
 }
 
 impl PairSums {
-    /// Of two rivals in one programme.
+    /// The sums of two rivals in one programme.
     pub fn of(one: &Predicted, other: &Predicted) -> Self {
         let d: Vec<f64> = one.readings.iter().zip(&other.readings).map(|(a, b)| a - b).collect();
         let columns: Vec<(&[f64], f64)> = one

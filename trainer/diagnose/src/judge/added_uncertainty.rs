@@ -1,4 +1,4 @@
-//! What numbers are off by beyond noise: because of what is too small for a name, and because formulas stand for something else.
+//! Uncertainty of numbers beyond noise: from what is too small for a name, and from formulas that stand for something else.
 //!
 //! A mechanism that moves no pressure by 0.175 kPa (`REACH_KPA`) is not named, so one may be in any rig beside those that are. With `s` its effect
 //! on the readings, `h` what the fitted coordinates give way by to it, and `s⊥` what is left of it then ([`crate::search::screen`]),
@@ -26,8 +26,8 @@ use crate::search::screen::Projector;
 /// By how much further than by noise and by the unnamed alone a number is off, as formulas stand for something else: measured.
 pub const FORMULAS: f64 = 1.4;
 
-/// What is to be added to the variance of each coordinate of an explanation, in units of its prior's, for mechanisms that are too
-/// small for a name and may be there beside it, and for formulas that stand for something else.
+/// Variance to be added to that of each coordinate of an explanation, in units of its prior's, for mechanisms that are too small
+/// for a name and may be there beside it, and for formulas that stand for something else.
 pub fn variance_beyond_noise(bench: &Bench<'_>, candidates: &[Candidate], explanation: &Explanation) -> Vec<f64> {
     let mut variance = vec![0.0; explanation.fitted.point.len()];
     if let Some(projector) = Projector::of(&explanation.fitted, &explanation.set.prior()) {

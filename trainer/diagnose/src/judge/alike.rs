@@ -22,14 +22,14 @@ const THROUGHOUT_SE: f64 = 2.0;
 /// Rows of a block: 4 s.
 const BLOCK_ROWS: usize = 200;
 
-/// Whether what `best` leaves is several times the noise of a channel, and more than a model may leave that lacks nothing.
+/// Tells whether what `best` leaves is several times the noise of a channel, and more than a model may leave that lacks nothing.
 pub(super) fn leaves_several_times_the_noise(bench: &Bench<'_>, best: &Explanation) -> bool {
     let left = left(bench, best);
     bench.is_much(&left) && left.iter().zip(bench.sigma_kpa()).any(|(kpa, sigma)| *kpa > SEVERAL_TIMES_NOISE * sigma)
 }
 
-/// Whether `rival` is off by about as much as `best` on validation data, and not by more on the other rows or in block after block of all,
-/// where that is the measure.
+/// Tells whether `rival` is off by about as much as `best` on validation data, and not by more on the other rows or in block after
+/// block of all, where that is the measure.
 pub(super) fn alike_on_validation_data(bench: &Bench<'_>, best: &Explanation, rival: &Explanation) -> bool {
     let other_rows = |e: &Explanation| bench.squares_by_channel(&e.trace, false).iter().sum::<f64>();
     // One jump that comes late throws an open-loop simulation off until the next: where a flapper jumps such errors are no measure.
@@ -56,7 +56,7 @@ fn differences(bench: &Bench<'_>, best: &Explanation, rival: &Explanation) -> Ve
     blocks.iter().flatten().map(|block| (square(&rival.trace, block) / square(&best.trace, block)).ln()).collect()
 }
 
-/// Whether the mean of some differences is larger than nothing by more than [`THROUGHOUT_SE`].
+/// Tells whether the mean of some differences is larger than nothing by more than [`THROUGHOUT_SE`].
 fn is_worse_throughout(differences: &[f64]) -> bool {
     let n = differences.len() as f64;
     let mean = differences.iter().sum::<f64>() / n.max(1.0);

@@ -1,4 +1,4 @@
-//! Whether one explanation is better than another, and by how much more than chance and small errors allow.
+//! Evidence that one explanation is better than another, and by how much more than chance and small errors allow.
 
 use fit::data::Role;
 use fit::objective::Score;
@@ -6,16 +6,16 @@ use fit::objective::Score;
 use crate::bench::{Bench, Explanation};
 use crate::judge::FLOOR_KPA;
 
-/// What speaks for one explanation against another.
+/// Evidence for one explanation against another.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Evidence {
     /// Gain in log-likelihood on the rows that were fitted.
     pub fitted: f64,
-    /// Its standard error from the scatter of 10 s blocks.
+    /// Standard error of that gain, from the scatter of 10 s blocks.
     pub fitted_se: f64,
     /// Gain in log-likelihood on the rows that choose, which nothing was fitted to.
     pub chosen: f64,
-    /// Its standard error.
+    /// Standard error of that gain.
     pub chosen_se: f64,
     /// Mean over standard error of the gains of blocks of 4 s, each limited to [`LIMIT`] either way: whether the gain is
     /// there throughout, not in one stretch alone.
@@ -24,15 +24,15 @@ pub struct Evidence {
     /// (negative if it became worse); where a flapper's jumps throw one of them off, in the middle one of all
     /// stretches of 2 s.
     pub removed_kpa: f64,
-    /// The same of recordings, and pieces of them, in which all pumps run, all their rows.
+    /// Such a root for all rows of the recordings, and pieces of them, in which all pumps run, in kPa.
     pub removed_at_work_kpa: f64,
-    /// The same of the recording in which it became better by most, all its rows: what an experiment is made to show is a
+    /// Such a root for all rows of the recording in which it became better by most, in kPa: what an experiment is made to show is a
     /// small part of all that was recorded.
     pub removed_somewhere_kpa: f64,
     /// Share of the worse one's mean squared error beyond the noise that this is, all channels together.
     pub share: f64,
-    /// The same share of one channel, where it is most of those that became better by what shows (0.06 kPa): what another term's
-    /// formula leaves in the other channel is no measure of what this one does.
+    /// Largest such share of a single channel, among those that became better by what shows (0.06 kPa): what another term's formula
+    /// leaves in the other channel is no measure of what this one does.
     pub share_of_a_channel: f64,
     /// Gain of prior and likelihood together on the fitted rows.
     pub posterior: f64,
@@ -46,7 +46,7 @@ const THROWN_OFF: f64 = 4.0;
 pub const NEARLY_ALL: f64 = 0.75;
 
 impl Evidence {
-    /// Whether something is certain to be there, whatever its size.
+    /// Tells whether something is certain to be there, whatever its size.
     pub fn is_certain(&self) -> bool {
         let [fitted_se, chosen_se] = CERTAIN_SE;
         self.fitted + self.chosen > CERTAIN
@@ -54,12 +54,12 @@ impl Evidence {
             && self.chosen > chosen_se * self.chosen_se
     }
 
-    /// Whether it is there in every part of the recordings, and as large in those that nothing was fitted to.
+    /// Tells whether it is there in every part of the recordings, and as large in those that nothing was fitted to.
     pub fn is_beyond_doubt(&self) -> bool {
         self.fitted > DOUBT && self.fitted > DOUBT_SE * self.fitted_se && self.throughout > DOUBT_SE
     }
 
-    /// Whether it is certain and shows in some recording, be it in that one alone.
+    /// Tells whether it is certain and shows in some recording, be it in that one alone.
     pub fn shows_somewhere(&self) -> bool {
         self.is_certain() && self.removed_somewhere_kpa > SHOWS_KPA
     }
@@ -72,7 +72,7 @@ const CERTAIN_SE: [f64; 2] = [2.0, 1.0];
 /// Log-likelihood that nothing small which is not there gains, and standard errors of it.
 const DOUBT: f64 = 100.0;
 const DOUBT_SE: f64 = 4.0;
-/// What must be set right in a recording for something to show there, in kPa: several times what the formulas of a sound rig
+/// Error that must be set right in a recording for something to show there, in kPa: several times what the formulas of a sound rig
 /// are off by.
 const SHOWS_KPA: f64 = 0.06;
 
@@ -145,7 +145,7 @@ fn throughout(better: &Score, worse: &Score) -> f64 {
 /// Least gain on the rows that choose, in standard errors, of what shows in one recording.
 const IN_ONE_RECORDING: f64 = 1.0;
 
-/// What a term must show before it is named.
+/// Bar that a term must pass before it is named.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bar {
     /// Least gain in log-likelihood on the fitted rows, on top of the logarithm of the number of candidates and half
@@ -153,12 +153,13 @@ pub struct Bar {
     pub fitted: f64,
     /// Least gain on the rows that choose, in standard errors of [`Evidence::throughout`].
     pub standard_errors: f64,
-    /// The same where the term takes away nearly all that is wrong ([`NEARLY_ALL`]): what only an experiment excites (a leak
-    /// past a shut valve) gains in that recording and in no other.
+    /// Least gain on them, in standard errors, where the term takes away nearly all that is wrong ([`NEARLY_ALL`]): what only an
+    /// experiment excites (a leak past a shut valve) gains in that recording and in no other.
     pub standard_errors_of_all: f64,
     /// Least share of the free run that it must set right, in kPa: what is smaller is no physics worth a name.
     pub removed_kpa: f64,
-    /// The same of what is there beyond doubt: in five sound rigs with small nuisances what came nearest set right 0.011 kPa.
+    /// Least share of the free run for what is there beyond doubt, in kPa: in five sound rigs with small nuisances what came
+    /// nearest set right 0.011 kPa.
     pub removed_beyond_doubt_kpa: f64,
 }
 
@@ -181,7 +182,7 @@ impl Bar {
         Bar { standard_errors_of_all: f64::NEG_INFINITY, ..Bar::default() }
     }
 
-    /// Whether evidence for `parameters` more parameters, chosen among `candidates`, passes.
+    /// Tells whether evidence for `parameters` more parameters, chosen among `candidates`, passes.
     pub fn passed(&self, evidence: &Evidence, parameters: usize, candidates: usize, blocks: usize) -> bool {
         let penalty = (candidates.max(1) as f64).ln() + 0.5 * parameters as f64 * (blocks.max(1) as f64).ln();
         let least = if evidence.share > NEARLY_ALL { self.standard_errors_of_all } else { self.standard_errors };

@@ -14,7 +14,7 @@ use crate::report::wording::three;
 const UNBELIEVED: f64 = 6.0;
 const FACTOR: f64 = 1.5;
 
-/// Those of some estimates that are doubted, furthest off first.
+/// Doubted parameters among some estimates, furthest off first.
 pub(crate) fn doubtful(estimates: &[Estimate]) -> Vec<DoubtfulParameter> {
     let far = estimates.iter().filter(|e| e.shift.abs() > FAR && e.parameter.prior_weight() > 0.0);
     let mut all: Vec<DoubtfulParameter> = far

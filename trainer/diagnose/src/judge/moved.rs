@@ -67,9 +67,9 @@ pub(super) fn nothing_named(
     Ok(Judgement::unnamed(verdict, excess_kpa))
 }
 
-/// What moved parameters beside the terms of `found.best` may be instead, with the rivals that are no more than that: where they have
-/// given way so far that nobody would believe them, and a leak brings them back. `None` where none does, or a pump stood in some
-/// recording.
+/// Names for what may stand behind moved parameters beside the terms of `found.best`, with the rivals that are no more than that:
+/// where they have given way so far that nobody would believe them, and a leak brings them back. `None` where none does, or a pump
+/// stood in some recording.
 pub(super) fn instead_of_moved(
     bench: &Bench<'_>,
     candidates: &[Candidate],
@@ -89,12 +89,12 @@ pub(super) fn instead_of_moved(
     (!rivals.is_empty()).then_some((group, rivals))
 }
 
-/// Whether something would change without it: for what next to nothing would, no experiment is worth flying.
+/// Tells whether readings would change without one of the terms: for what next to nothing would, no experiment is worth flying.
 fn reaches(bench: &Bench<'_>, explanation: &Explanation) -> bool {
     reach_kpa(bench, explanation).is_ok_and(|kpa| kpa > REACH_KPA)
 }
 
-/// Of explanations with one term more than `base` those that the recordings, or the priors, would rather have than a mere shift of its
+/// Explanations with one term more than `base` that the recordings, or the priors, would rather have than a mere shift of its
 /// parameters, and what can stand in the place of the first; the best first.
 fn hints<'e>(
     bench: &Bench<'_>,

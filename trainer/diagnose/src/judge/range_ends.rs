@@ -66,7 +66,7 @@ fn widen(rig: &Rig, candidate: &mut Candidate, values: &[f64], place: usize) -> 
     true
 }
 
-/// What to say of a term whose magnitude stands at an end of its range, however wide; `None` where none does.
+/// Note on a term whose magnitude stands at an end of its range, however wide; `None` where none does.
 pub(crate) fn at_an_end(bench: &Bench<'_>, candidates: &[Candidate], best: &Explanation) -> Option<String> {
     best.terms.iter().find_map(|term| {
         let candidate = candidates.get(*term)?;

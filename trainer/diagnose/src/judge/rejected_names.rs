@@ -21,20 +21,20 @@ use crate::unknown::{Formula, dead_end};
 pub(crate) struct Objection {
     /// In words, for the notes.
     pub(crate) note: String,
-    /// Whether something is missing all the same.
+    /// True where something is missing all the same.
     pub(crate) missing: bool,
     /// A formula without a name that explains it.
     pub(crate) formula: Option<Formula>,
 }
 
-/// What must be set right on the rows kept back, in kPa, where little is set right elsewhere. A minute of rows tells the
-/// root of a drop in mean squared error to a hundredth of a kPa or so.
+/// Error that must be set right on the rows kept back, in kPa, where little is set right elsewhere. A minute of rows
+/// tells the root of a drop in mean squared error to a hundredth of a kPa or so.
 const KEPT_BACK_KPA: f64 = 0.02;
-/// The same of what is beyond doubt on the rows that were fitted.
+/// Such an error for what is beyond doubt on the rows that were fitted.
 const KEPT_BACK_BEYOND_DOUBT_KPA: f64 = 0.01;
 
-/// What speaks against naming what was `found`; `None` if it holds. `searched` is what it was found on, `fitted` and `extended` are
-/// the figures without and with it.
+/// Objection to naming what was `found`; `None` if it holds. `searched` is what it was found on, `fitted` and `extended` are the
+/// figures without and with it.
 ///
 /// # Errors
 /// The rig cannot be run without one of its terms.
@@ -57,7 +57,8 @@ pub(crate) fn objection(
     }
     let [before_kpa, left_kpa] = [fitted, extended].map(|figures| figures.beyond_noise_kpa(&searched.sigma_kpa()));
     // One jump that comes late throws a free run off, right as its cause may be.
-    if !found.best.jumps && left_kpa.iter().any(|kpa| *kpa > UNKNOWN_KPA) && !explains_most(&before_kpa, &left_kpa) {
+    if !found.best.jumps && searched.is_more_than_a_name_may_leave(&left_kpa) && !explains_most(&before_kpa, &left_kpa)
+    {
         let note = format!(
             "{} fits what was fitted, but leaves more than a name may on validation data ({:.2} kPa of {:.2}): something like it, \
              not it",
@@ -93,8 +94,8 @@ pub(crate) fn objection(
     }))
 }
 
-/// Whether all that was found are leaks that show while a pump stands and move nothing by [`REACH_KPA`] elsewhere: which of them it is
-/// need not be told for them to be too small.
+/// Tells whether all that was found are leaks that show while a pump stands and move nothing by [`REACH_KPA`] elsewhere: which of
+/// them it is need not be told for them to be too small.
 ///
 /// # Errors
 /// The rig cannot be simulated without one of them.
@@ -137,7 +138,7 @@ fn only_resembles(searched: &Bench<'_>, found: &Found, names: &str) -> Option<(F
 /// Times as slow as is plausible at least that a kind is tried to be which fits best as fast as that.
 const SLOWER: f64 = 2.0;
 
-/// What to say of a term that fits best as fast as its kind is told by not being.
+/// Note on a term that fits best as fast as no part of its kind plausibly is; `None` where none does.
 fn too_fast(bench: &Bench<'_>, candidates: &[Candidate], best: &Explanation) -> Option<String> {
     best.terms.iter().find_map(|term| {
         let candidate = candidates.get(*term)?;
@@ -153,7 +154,7 @@ fn too_fast(bench: &Bench<'_>, candidates: &[Candidate], best: &Explanation) -> 
     })
 }
 
-/// Whether an explanation with one of its parameters at `least` or more is no further behind than what is certain is ahead.
+/// Tells whether an explanation with one of its parameters at `least` or more is no further behind than what is certain is ahead.
 fn fits_as_slow(bench: &Bench<'_>, best: &Explanation, at: usize, least: f64) -> bool {
     let refitted = |low: Option<f64>| -> Option<f64> {
         let (mut free, mut start) = (best.set.parameters().to_vec(), best.fitted.point.clone());

@@ -1,4 +1,4 @@
-//! What the number of something that moves in steps may be off by.
+//! Uncertainty of the number of something that moves in steps.
 //!
 //! Slopes say nothing about a band: between the moments at which a flapper slips nothing changes with it, and by slopes a wrong band is
 //! known to a thousandth like a right one. What tells is what is left. Were the band off, the slips would come at other moments, and
@@ -19,9 +19,9 @@ use crate::judge::excess;
 use crate::search::candidate::Candidate;
 use crate::search::{lying_where, position_of};
 
-/// How far from the best band others are looked at, as shares of it, either way.
+/// Distances from the best band at which others are looked at, as shares of it, either way.
 const AWAY: [f64; 10] = [0.001, 0.002, 0.004, 0.007, 0.012, 0.02, 0.035, 0.06, 0.1, 0.2];
-/// What is left and what the other parameters may have taken up, by what is left.
+/// Multiple of what is left that allows for that and for what the other parameters may have taken up.
 const TAKEN_UP: f64 = 2.0;
 
 /// Variance of each coordinate of an explanation, in units of its prior's, by what its steps leave unexplained: that of the first

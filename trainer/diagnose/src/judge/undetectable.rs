@@ -1,4 +1,4 @@
-//! What could be there and would not show: what the parameters would take up.
+//! Mechanisms that could be there and would not show, since the parameters would take them up.
 //!
 //! Where nothing is missing by what was recorded, a leak past an open valve may still be there, for to such recordings it is a
 //! slightly larger valve; and so may a sensor whose zero is off. How large they may be is not a matter of opinion: with `s` the
@@ -21,7 +21,7 @@ use crate::search::candidate::{Candidate, leaks};
 use crate::search::quick_search::weighted;
 use crate::search::screen::Projector;
 
-/// What would not show.
+/// A mechanism that would not show.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hidden {
     /// The candidate.
@@ -30,7 +30,7 @@ pub struct Hidden {
     pub moves_kpa: f64,
 }
 
-/// What something moves a pressure by where its effect is taken, in kPa: small, for what parameters do not take up of it is a
+/// Size at which an effect is taken, in kPa that it moves a pressure by: small, for what parameters do not take up of it is a
 /// hundredth, and what is out of proportion must be less.
 const SMALL_KPA: f64 = 0.3;
 
@@ -62,7 +62,7 @@ pub fn leaks_behind(bench: &Bench<'_>, candidates: &[Candidate], nominal: &Expla
     much.map(|h| candidates[h.candidate].name()).collect()
 }
 
-/// What to say of a leak, a zero error and a wrong gain that would not have shown, and of what rules them out.
+/// Notes on a leak, a zero error and a wrong gain that would not have shown, and on what rules them out.
 pub fn in_words(bench: &Bench<'_>, candidates: &[Candidate], nominal: &Explanation) -> Vec<String> {
     let [a_zero, a_gain] = ["sensor_bias", "sensor_gain"];
     let hidden = hidden(bench, candidates, nominal, |id| leaks(id) || id == a_zero || id == a_gain);

@@ -42,7 +42,7 @@ pub(crate) fn unname(
     untold
 }
 
-/// Whether the interval of a number that has either sign holds the value at which it does nothing, which is its prior's mean.
+/// Tells whether the interval of a number that has either sign holds the value at which it does nothing, which is its prior's mean.
 fn may_be_nothing(estimate: &Estimate) -> bool {
     let [low, high] = estimate.interval();
     estimate.parameter.transform == Transform::Linear && (low..=high).contains(&estimate.parameter.mean)
@@ -51,7 +51,7 @@ fn may_be_nothing(estimate: &Estimate) -> bool {
 /// Standard errors by which a magnitude must differ from nothing.
 const FROM_NOTHING: f64 = 2.0;
 
-/// Whether a magnitude, which has one sign, is within as many standard errors of nothing.
+/// Tells whether a magnitude, which has one sign, is within as many standard errors of nothing.
 fn is_hardly_known(estimate: &Estimate) -> bool {
     let share = estimate.undetermined * estimate.parameter.scale();
     estimate.parameter.transform == Transform::Log && FROM_NOTHING * share >= 1.0

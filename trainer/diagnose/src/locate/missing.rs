@@ -1,4 +1,4 @@
-//! What is missing from each balance and each reading, reconstructed along the recordings.
+//! Reconstruction, along the recordings, of what is missing from each balance and each reading.
 //!
 //! The re-identified rig is run freely; what the recordings differ from it by is handed to the
 //! [`smoother`](super::smoother). Each suspect is switched on alone (CTSM's way of asking which equation is deficient):
@@ -55,11 +55,11 @@ pub struct Suspicion {
     pub gain: f64,
     /// Time scale of what is missing there, in s.
     pub length_s: f64,
-    /// Its size: kPa/s for a flow, kPa for a reading.
+    /// Size of what is missing there: kPa/s for a flow, kPa for a reading.
     pub size: f64,
 }
 
-/// What is missing along one channel of one recording.
+/// Missing flow along one channel of one recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MissingFlow {
     /// The recording.
@@ -68,7 +68,7 @@ pub struct MissingFlow {
     pub channel: usize,
     /// Missing mass flow into the chamber, in kg/s, by row.
     pub flow_kg_s: Vec<f64>,
-    /// Its standard deviation in kg/s, by row.
+    /// Standard deviation of that flow in kg/s, by row.
     pub sd_kg_s: Vec<f64>,
 }
 
@@ -84,7 +84,7 @@ pub struct Missing {
 }
 
 impl Suspect {
-    /// Whether it is about this channel.
+    /// Tells whether it is about this channel.
     pub fn concerns(&self, channel: usize) -> bool {
         match self {
             Suspect::Balance { channel: own } | Suspect::Reading { channel: own } => *own == channel,
@@ -197,14 +197,7 @@ fn prepare(bench: &Bench<'_>, rig: &Rig, trace: &[f64]) -> Result<Vec<Prepared>,
     let channels = layout.channels();
     // Two rows from every second row's own pressures: what a nudge has become one row later is F.
     let arcs = Arcs::windows(records, 2, trace);
-    let mut runs = vec![Run::from(rig.clone())];
-    for channel in 0..channels {
-        let mut shift_kpa = vec![0.0; channels];
-        if let Some(slot) = shift_kpa.get_mut(channel) {
-            *slot = NUDGE_KPA;
-        }
-        runs.push(Run { shift_kpa, ..Run::from(rig.clone()) });
-    }
+    let runs = Run::nudged(rig, channels, NUDGE_KPA);
     let traces = bench
         .simulator
         .run(&runs, &arcs)

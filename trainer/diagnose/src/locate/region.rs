@@ -23,7 +23,7 @@ pub struct Stretch<'a> {
     pub time_s: &'a [f64],
 }
 
-/// What a mismatch may follow.
+/// Kind of quantity that a mismatch may follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AxisKind {
     /// A command, and the way it moves.
@@ -39,9 +39,9 @@ pub enum AxisKind {
 /// A quantity that a mismatch may follow, row by row of each stretch.
 #[derive(Debug, Clone)]
 pub struct Axis {
-    /// Its kind.
+    /// Kind of the quantity.
     pub kind: AxisKind,
-    /// Its column; empty for a time.
+    /// Column of the quantity; empty for a time.
     pub name: String,
     /// `[stretches × rows]`, in the unit of its kind.
     pub values: Vec<Vec<f64>>,
@@ -63,7 +63,7 @@ pub enum Way {
 pub struct Region {
     /// Kind of the axis.
     pub kind: AxisKind,
-    /// Its column.
+    /// Column of the axis; empty for a time.
     pub name: String,
     /// Lower and upper end on the axis.
     pub within: [f64; 2],
@@ -208,17 +208,17 @@ fn span(stretches: &[Stretch<'_>], total: f64) -> [f64; 2] {
 }
 
 impl Region {
-    /// How many times its share of the rows its share of the energy is.
+    /// Ratio of the share of the energy inside to the share of the rows.
     pub fn lift(&self) -> f64 {
         self.share / self.rows.max(1e-9)
     }
 
-    /// Whether the energy is spread as the rows are: nowhere in particular.
+    /// Tells whether the energy is spread as the rows are: nowhere in particular.
     pub fn is_everywhere(&self) -> bool {
         self.way.is_none() && self.lift() < LIFT && self.odds() < ODDS
     }
 
-    /// How many times the odds of a row to be inside those of the energy are.
+    /// Ratio of the odds of the energy to be inside to those of a row.
     fn odds(&self) -> f64 {
         let odds = |share: f64| share / (1.0 - share).max(1e-9);
         odds(self.share) / odds(self.rows).max(1e-9)

@@ -21,9 +21,9 @@ const MOST: usize = 12;
 /// Something that may be missing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Latent {
-    /// Its share in the rate of each chamber's pressure, in kPa/s per unit.
+    /// Share in the rate of each chamber's pressure, in kPa/s per unit.
     pub into_rate: [f64; MOST_CHANNELS],
-    /// Its share in each reading, in kPa per unit.
+    /// Share in each reading, in kPa per unit.
     pub into_reading: [f64; MOST_CHANNELS],
     /// Correlation length ℓ in s.
     pub length_s: f64,
@@ -48,7 +48,7 @@ pub struct Series<'a> {
     pub start_kpa2: f64,
 }
 
-/// What is known of the missing things, row by row.
+/// Estimates of the missing things, row by row.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Smoothed {
     /// Mean of each process, `[process][row]`.

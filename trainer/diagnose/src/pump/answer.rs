@@ -1,4 +1,4 @@
-//! What a search over some recordings comes to.
+//! Answer that a search over some recordings comes to.
 
 use fit::data::{Records, Role};
 use fit::objective::profiled;
@@ -17,11 +17,11 @@ use crate::search::{Found, SearchSettings, cost, search};
 /// Standard deviations of its prior up to which a fitted parameter is believed before anything is found.
 const BELIEVED: f64 = 3.0;
 
-/// What a search is asked.
+/// Question that a search is asked.
 pub(crate) struct Asked<'a> {
     /// The rig as it was given.
     pub(crate) given: &'a Rig,
-    /// What may be missing from it.
+    /// Mechanisms that may be missing from it.
     pub(crate) candidates: Vec<Candidate>,
     pub(crate) settings: SearchSettings,
     /// A shorter search.
@@ -44,19 +44,19 @@ impl Asked<'_> {
     }
 }
 
-/// What a search over some recordings came to.
+/// Answer that a search over some recordings came to.
 pub(crate) struct Answer {
     pub(crate) given: Figures,
     /// The recordings less the pump's strokes: what was searched on.
     pub(crate) reduced: Records,
-    /// What was searched for, with ranges as wide as they came to be.
+    /// Candidates that were searched for, with ranges as wide as they came to be.
     pub(crate) candidates: Vec<Candidate>,
     pub(crate) found: Found,
     pub(crate) missing: Missing,
     pub(crate) judgement: Judgement,
     /// Cost of what was found: comparable between answers from the same readings.
     pub(crate) cost: f64,
-    /// The same of its free run on the rows that choose, which nothing was fitted to.
+    /// Cost of the free run of what was found on the rows that choose, which nothing was fitted to.
     pub(crate) cost_of_choice: f64,
 }
 

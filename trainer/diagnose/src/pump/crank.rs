@@ -16,7 +16,7 @@ pub(crate) fn turn_to(pump: &mut PistonPump, crank_rev: &[f64]) {
     }
 }
 
-/// Whether a pump stood at one place when each of several recordings began, which chance seldom does.
+/// Tells whether a pump stood at one place when each of several recordings began, which chance seldom does.
 pub(crate) fn stood_alike(pump: &PistonPump, crank_rev: &[f64]) -> bool {
     crank_rev.len() > 1 && common_angle(crank_rev, period_rev(&pump.phases_deg)).is_some()
 }

@@ -1,10 +1,11 @@
-//! What the pump's ripple told, as mechanisms that are named.
+//! Mechanisms that the pump's ripple told, each with its name.
 //!
 //! Intervals come from the scatter between recordings (90 %), and are never narrower than sensors are right: a load that is
 //! read 1 % too large makes a droop 1 % too small.
 
 use fit::objective::NINETY;
 use fit::simulate::{Droop, Tachometer, Track, Warming};
+use fit::wording::{change_in_percent, percent};
 use model::mechanism::{Mechanism, PumpDroop, PumpSpeed};
 use model::rig::MechanismInstance;
 
@@ -13,12 +14,12 @@ const CALIBRATION: f64 = 0.01;
 
 /// Share from which on a speed that is off besides a droop has a name: less is how such motors scatter under load.
 const BESIDES: f64 = 0.01;
-/// The same as a share of the mean droop: loads are read with gains and zeros of their own.
+/// Share of the mean droop from which on such a speed has a name: loads are read with gains and zeros of their own.
 const OF_THE_DROOP: f64 = 0.1;
-/// And in standard errors.
+/// Standard errors from which on such a speed has a name.
 const CERTAIN: f64 = 3.0;
 
-/// What the pump's ripple told.
+/// Findings from the pump's ripple.
 #[derive(Debug, Clone)]
 pub(crate) struct Heard {
     /// Mechanisms of the pump.
@@ -34,10 +35,10 @@ pub(crate) struct Heard {
 /// A mechanism that it told.
 #[derive(Debug, Clone)]
 pub(crate) struct Told {
-    /// Its entry in the rig file.
+    /// Entry of the mechanism in the rig file.
     pub(crate) attached: MechanismInstance,
     pub(crate) numbers: Vec<Number>,
-    /// How it shows, to be read after a semicolon.
+    /// Words on how it shows, to be read after a semicolon.
     pub(crate) shows: String,
 }
 
@@ -57,7 +58,7 @@ impl Number {
         Number { key, unit, value, interval: [value - error, value + error] }
     }
 
-    /// The same of what is never negative.
+    /// The number with its interval cut off at zero, for what is never negative.
     fn positive(self) -> Self {
         let [low, high] = self.interval;
         Number { interval: [low.max(0.0), high], ..self }
@@ -76,7 +77,7 @@ impl Heard {
         Heard { told, unnamed_share: 0.0, log_likelihood: read.log_likelihood, share: 1.0 }
     }
 
-    /// What a course of the speed is called.
+    /// Findings from a course of the speed.
     pub(crate) fn of(followed: &Track) -> Self {
         let Track { pump, course, errors, .. } = followed;
         let error_of = |error: f64, value: f64| (NINETY * error).max(CALIBRATION * value.abs());
@@ -88,9 +89,9 @@ impl Heard {
                 attached: attached(pump, Mechanism::PumpDroop(PumpDroop { speed_loss_per_bar: per_bar })),
                 numbers: vec![loss.positive()],
                 shows: format!(
-                    "it slows by {:.1} % per bar between the pump's ports, {:.1} % on average",
-                    100.0 * per_bar,
-                    100.0 * mean_droop
+                    "it slows by {} per bar between the pump's ports, {} on average",
+                    percent(per_bar, 1),
+                    percent(mean_droop, 1)
                 ),
             });
         }
@@ -102,8 +103,8 @@ impl Heard {
                 attached: attached(pump, Mechanism::PumpSpeed(speed)),
                 numbers: vec![percent, time.positive()],
                 shows: format!(
-                    "the speed moves by {:+.2} % from the start of each recording on, with a time constant of {time_s:.0} s",
-                    100.0 * end
+                    "the speed moves by {} from the start of each recording on, with a time constant of {time_s:.0} s",
+                    change_in_percent(end, 2)
                 ),
             });
         }
@@ -114,7 +115,7 @@ impl Heard {
         if steady || stands_out {
             let error = error_of(errors.share, off).max(CALIBRATION * mean_droop.abs());
             let besides = if steady { "" } else { " without load" };
-            let shows = format!("it is {:+.2} % off the stated speed{besides}", 100.0 * off);
+            let shows = format!("it is {} off the stated speed{besides}", change_in_percent(off, 2));
             told.push(Told::steady(pump, 100.0 * off, 100.0 * error, shows));
         }
         Heard {
@@ -130,7 +131,7 @@ impl Heard {
         self.told.iter().map(|told| told.attached.clone())
     }
 
-    /// How it shows.
+    /// Words on how all of them show.
     pub(crate) fn shows(&self) -> String {
         self.told.iter().map(|told| told.shows.as_str()).collect::<Vec<_>>().join(", and ")
     }

@@ -78,13 +78,13 @@ fn first_row(rig: &Rig, records: &Records, record: usize, segment: &Range<usize>
     if starts && runs() { behind } else { segment.start }
 }
 
-/// Whether a pump stands in some recording, or some piece of one.
+/// Tells whether a pump stands in some recording, or some piece of one.
 pub(crate) fn stands_somewhere(bench: &Bench<'_>) -> bool {
     (0..bench.records.records().len()).any(|record| !bench.pumps_run(record))
 }
 
-/// What a mechanism must do where the rig works, in kPa, with all else as it is, to be what is missing, or worth an experiment:
-/// less is below a thousandth of the 175 kPa that the pump spans.
+/// Effect that a mechanism must have where the rig works, in kPa, with all else as it is, to be what is missing, or worth an
+/// experiment: less is below a thousandth of the 175 kPa that the pump spans.
 pub(crate) const REACH_KPA: f64 = 0.175;
 
 /// By how much readings would be off without the term that matters most to them: the largest of [`reaches_kpa`], 0 without terms.

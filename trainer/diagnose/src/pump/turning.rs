@@ -1,4 +1,4 @@
-//! How the pump turned, and the answer that goes with it.
+//! Turning of the pump, and the answer that goes with it.
 //!
 //! The pump's speed is read off its ripple before anything is searched. Where the ripple keeps step over whole recordings
 //! ([`fit::simulate::tachometer`]), speed and crank angles go into the rig and the recordings. Where it does not
@@ -38,8 +38,8 @@ const NAMED_TURNS: f64 = 2.0;
 const APART_TURNS: f64 = 0.25;
 /// Change of the ripple at which an answer is worked out again, in kPa: what a term must set right to be named.
 const REDONE_KPA: f64 = 0.03;
-/// How many times what the ripples of two readings differ by an answer must leave for the other reading not to be tried: it would
-/// change a sixteenth of the mean square.
+/// Least ratio of what an answer leaves to what the ripples of two readings differ by, for the other reading not to be tried: it
+/// would change a sixteenth of the mean square.
 const NO_MATTER: f64 = 4.0;
 /// By how much sensors that lag may cost more than late valves and be as good an answer: a ripple that neither explains moves such
 /// costs by some tens.
@@ -53,14 +53,16 @@ pub(crate) struct Turning {
     pub(crate) rig: Rig,
     pub(crate) records: Records,
     pub(crate) point: Vec<f64>,
-    /// What has a name of what the ripple told.
+    /// Findings from the ripple that have a name.
     pub(crate) heard: Option<Heard>,
-    /// How closely the recordings are to be simulated.
+    /// Fidelity at which the recordings are to be simulated.
     fidelity: Fidelity,
-    /// What the ripple told where it kept step, and the speed in the rig file in rev/min.
+    /// Reading of the ripple where it kept step, and the speed in the rig file in rev/min.
     read: Option<(Tachometer, f64)>,
     /// The ripple that was taken out of the readings, in kPa; empty for none.
     ripple_kpa: Vec<f64>,
+    /// Steps by channel that the readings were rounded to before a ripple was taken out, in kPa; empty where none was.
+    steps_kpa: Vec<f64>,
     /// The rig whose strokes the pump makes, if not the one that is fitted: sensors that lag see little of them.
     pub(crate) strokes_of: Option<Rig>,
     /// Where the ripple was taken out: the rig fitted without what was heard, and the recordings as they came.
@@ -78,6 +80,7 @@ impl Turning {
             fidelity: Fidelity::Detailed,
             read: None,
             ripple_kpa: Vec::new(),
+            steps_kpa: Vec::new(),
             strokes_of: None,
             without: None,
         }
@@ -90,6 +93,7 @@ impl Turning {
         let mut turning = Turning::as_stated(bench.rig, &raw.freed(&ripple_kpa)?, point);
         turning.fidelity = Fidelity::Smooth;
         turning.ripple_kpa = ripple_kpa;
+        turning.steps_kpa = bench.steps_kpa();
         if let Some(Pump::Piston(pump)) = turning.rig.pumps.get_mut(&read.pump) {
             let stated_rpm = pump.speed_rpm;
             if read.slip.abs() < NAMED {
@@ -121,6 +125,7 @@ impl Turning {
             heard: Some(heard),
             fidelity: Fidelity::Smooth,
             ripple_kpa: followed.ripple_kpa.clone(),
+            steps_kpa: bench.steps_kpa(),
             without: Some((without, bench.records.clone())),
             ..Turning::as_stated(&rig, &records, point)
         })
@@ -134,8 +139,8 @@ impl Turning {
         (squares / readings.max(1) as f64).sqrt()
     }
 
-    /// Whether an answer has no name and leaves so much that another reading of the ripple is nothing beside it. Of an answer that
-    /// has one, a ripple may say that it is another: sensors that lag leave little of it.
+    /// Tells whether an answer has no name and leaves so much that another reading of the ripple is nothing beside it. Of an answer
+    /// that has one, a ripple may say that it is another: sensors that lag leave little of it.
     fn is_no_matter(&self, (other, answer): &Answered) -> bool {
         let left = answer.judgement.excess_kpa[2].iter().copied().fold(0.0, f64::max);
         answer.judgement.verdict == Verdict::UnknownMechanism && left > NO_MATTER * self.ripple_off_kpa(other)
@@ -160,7 +165,10 @@ impl Turning {
     /// The recordings laid out for fits.
     pub(crate) fn bench<'t>(&'t self, usable: &[f64], short: bool) -> Bench<'t> {
         let slow_ripple = self.tachometer().is_some_and(|read| read.turns < CERTAIN_TURNS);
-        Bench::new(&self.rig, &self.records, usable, self.fidelity).shortened(short).beside_slow_ripple(slow_ripple)
+        Bench::new(&self.rig, &self.records, usable, self.fidelity)
+            .shortened(short)
+            .beside_slow_ripple(slow_ripple)
+            .rounded_to(&self.steps_kpa)
     }
 
     fn answer(
@@ -189,7 +197,7 @@ impl Turning {
         })
     }
 
-    /// What was heard is missing physics, whatever else there is.
+    /// Makes what was heard count as missing physics, whatever else there is.
     pub(crate) fn judged(&self, judgement: &mut Judgement) {
         let else_known = judgement.contested.is_empty();
         let nothing_else =
@@ -202,7 +210,7 @@ impl Turning {
         }
     }
 
-    /// What is said about it.
+    /// Note on how the pump turned.
     pub(crate) fn note(&self) -> Option<String> {
         if let Some(heard) = &self.heard {
             return Some(format!(
@@ -256,13 +264,12 @@ pub(crate) fn answered(
         Some(Pump::Piston(pump)) => crank::stood_alike(pump, &read.crank_rev),
         _ => false,
     });
+    let raw = Raw::of(&bench, &fitted.rig);
     let mut turnings = Vec::new();
     if let Some(followed) = &followed {
-        let raw = Raw::of(&bench, &fitted.rig);
         turnings.push(Turning::followed(&raw, &fitted.point, followed)?);
         asked.knows_the_speed();
-    } else if !readings.is_empty() {
-        let raw = Raw::of(&bench, &fitted.rig);
+    } else {
         turnings.extend(raw.forwards(readings, &fitted.point)?);
     }
     if followed.is_none() && ambiguous {
@@ -287,7 +294,6 @@ pub(crate) fn answered(
         && !answer.found.best.terms.is_empty()
     {
         let found = Beside::of(answer, asked);
-        let raw = Raw::of(&bench, &fitted.rig);
         let ripple = raw.ripple_beside(&found)?;
         let mut again = raw.read_again(&first.point, &found, ripple.as_ref())?;
         if again.is_none()
@@ -348,12 +354,12 @@ pub(crate) fn answered(
     Ok(chosen)
 }
 
-/// Whether nothing is left to be explained, and nothing had to be added for it.
+/// Tells whether nothing is left to be explained, and nothing had to be added for it.
 fn is_whole(answer: &Answer) -> bool {
     answer.found.best.terms.is_empty() && answer.judgement.excess_kpa[1].iter().all(|kpa| *kpa < FLOOR_KPA)
 }
 
-/// Whether two readings are one.
+/// Tells whether two readings are one.
 fn same(one: Option<&Tachometer>, other: Option<&Tachometer>) -> bool {
     match (one, other) {
         (None, None) => true,
@@ -372,8 +378,8 @@ fn plainest(answers: &[Answered]) -> usize {
     priced.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(index, _)| index)
 }
 
-/// What an answer leaves, on rows that were fitted and on rows that were not, and asks to be believed: terms with their parameters,
-/// and a speed with an angle for each recording.
+/// Price of an answer: what it leaves, on rows that were fitted and on rows that were not, and what it asks to be believed, terms
+/// with their parameters, and a speed with an angle for each recording.
 fn price((turning, answer): &Answered) -> f64 {
     let read = turning.tachometer().map_or(0, |read| 1 + read.crank_rev.len());
     let parameters = answer.found.best.set.len().saturating_sub(answer.found.nominal.set.len()) + read;

@@ -1,4 +1,4 @@
-//! What was recorded, checked, and in pieces where no run goes through it in one.
+//! Recordings, checked, and in pieces where no run goes through them in one.
 
 use fit::data::quality::Quality;
 use fit::data::{Records, each_once, noise};
@@ -18,9 +18,9 @@ pub(crate) struct Recorded {
     pub(crate) records: Records,
     /// By reading: 1 where it counts.
     pub(crate) usable: Vec<f64>,
-    /// Whether a pump was switched in them, as experiments do.
+    /// True where a pump was switched in them, as experiments do.
     pub(crate) switched: bool,
-    /// What is doubtful about them, and how they are run.
+    /// Notes on what is doubtful about them, and on how they are run.
     pub(crate) notes: Vec<String>,
 }
 

@@ -12,7 +12,7 @@ use crate::bench::Bench;
 /// nearly nothing says nothing.
 const LEAST_KPA: f64 = 5.0;
 
-/// How much more a channel may err beyond its noise, and how many kPa on top, before that speaks against what was found.
+/// Factor by which a channel may err more beyond its noise, and kPa on top, before that speaks against what was found.
 const SPOILT: f64 = 1.25;
 const SPOILT_KPA: f64 = 0.04;
 /// Ratio of two errors on some tens of seconds that are equal but for chance.
@@ -101,9 +101,9 @@ impl Figures {
         }
     }
 
-    /// Whether what turned a rig with the figures `before` into this one holds on rows that nothing was fitted to: all
-    /// channels together err no more (what only an experiment shows changes nothing elsewhere), and none errs much more.
-    /// `sigma_kpa` is each channel's noise.
+    /// Tells whether what turned a rig with the figures `before` into this one holds on rows that nothing was fitted
+    /// to: all channels together err no more (what only an experiment shows changes nothing elsewhere), and none errs
+    /// much more. `sigma_kpa` is each channel's noise.
     ///
     /// Real physics of one chamber does not spoil the other: the pump ties the two together, so a formula that is not the
     /// right one but fits shows there first.

@@ -1,4 +1,4 @@
-//! What a diagnosis leaves in its folder.
+//! Files that a diagnosis leaves in its folder.
 
 use std::path::Path;
 
@@ -8,6 +8,7 @@ use proto::output;
 
 use crate::error::DiagnoseError;
 use crate::judge::MOVED;
+use crate::judge::extrapolated::Extrapolated;
 use crate::report::figures::Figures;
 use crate::report::findings::Findings;
 use crate::report::next_step::{Situation, next_step};
@@ -34,7 +35,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Of findings.
+    /// The outcome of some findings.
     ///
     /// # Errors
     /// A file cannot be put into its format.
@@ -78,6 +79,7 @@ fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {
     let judgement = findings.judgement;
     let mechanisms = summary::mechanisms(findings);
     let rivals = shown_groups(&findings.request.rig, &judgement.groups);
+    let extrapolated: Vec<String> = findings.extrapolated.iter().map(Extrapolated::in_words).collect();
     let situation = Situation {
         request: findings.request,
         verdict: judgement.verdict,
@@ -87,6 +89,8 @@ fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {
         in_part: findings.in_part
             || !findings.doubtful.is_empty()
             || findings.unexplained.iter().any(|left| left.times_noise > IN_PART),
+        other_rig: findings.other_rig.as_ref(),
+        extrapolated: &extrapolated,
     };
     let next = next_step(&situation);
     Diagnosis {
@@ -148,7 +152,7 @@ fn unnamed_terms(findings: &Findings<'_, '_>, named: &[proto::diagnosis::FoundMe
     new.filter_map(|m| serde_json::to_value(m).ok()).collect()
 }
 
-/// What each of several hypotheses adds to the given rig.
+/// Mechanisms that each of several hypotheses adds to the given rig.
 fn hypotheses(findings: &Findings<'_, '_>) -> Vec<Vec<serde_json::Value>> {
     let given = &findings.request.rig.mechanisms;
     let of = |rival: &crate::bench::Explanation| {

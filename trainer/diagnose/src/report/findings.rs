@@ -1,13 +1,15 @@
-//! What a diagnosis found, as the files are written from it.
+//! Findings of a diagnosis, from which its files are written.
 
 use model::rig::Rig;
 use proto::diagnosis::{ChangeInTime, DoubtfulParameter, RigKind, Unexplained};
-use proto::recording::short_name;
+use proto::recording::{Recording, short_name};
 
 use crate::bench::Bench;
 use crate::event::Event;
+use crate::event::other_rig::OtherRig;
 use crate::experiment::Plan;
 use crate::judge::Judgement;
+use crate::judge::extrapolated::Extrapolated;
 use crate::locate::Missing;
 use crate::pump::ripple::Heard;
 use crate::report::figures::Figures;
@@ -31,19 +33,23 @@ pub(crate) struct Findings<'a, 'r> {
     pub(crate) extended: Figures,
     pub(crate) unknown: Option<&'a UnknownTerm>,
     pub(crate) plan: Option<Plan>,
-    /// What was read off the pump's ripple and has a name.
+    /// Findings from the pump's ripple that have a name.
     pub(crate) heard: Option<&'a Heard>,
-    /// What happened in a span that everything else leaves out.
+    /// Event in a span that everything else leaves out.
     pub(crate) event: Option<Event>,
+    /// Files that were recorded of another rig, which everything else leaves out.
+    pub(crate) other_rig: Option<OtherRig>,
+    /// Levels of named terms that no recording came down to.
+    pub(crate) extrapolated: Vec<Extrapolated>,
     /// Lasting changes of what the written rig is off by.
     pub(crate) changes: Vec<ChangeInTime>,
-    /// What the written rig is off by.
+    /// Unexplained residual of the written rig.
     pub(crate) unexplained: Vec<Unexplained>,
     /// Parameters of it that nobody would believe.
     pub(crate) doubtful: Vec<DoubtfulParameter>,
     /// Parameters of it of which only a side is known, in words.
     pub(crate) sides_alone: Vec<String>,
-    /// Whether one of these ends where its range does.
+    /// True where one of these ends where its range does.
     pub(crate) in_part: bool,
     /// The rig that is written.
     pub(crate) rig: Rig,
@@ -54,7 +60,7 @@ pub(crate) struct Findings<'a, 'r> {
 impl Findings<'_, '_> {
     /// The name under which a recording is shown, which no other one has.
     pub(crate) fn shown_as(&self, source: &str) -> String {
-        short_name(source, self.bench.records.records().iter().map(|r| r.source.as_str()))
+        short_name(source, self.request.recordings.iter().map(Recording::source))
     }
 
     /// Root mean square error on validation data in kPa, before and with what was found.

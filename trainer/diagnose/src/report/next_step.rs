@@ -1,35 +1,55 @@
-//! What to do after a diagnosis, as lines for a shell.
+//! Next step after a diagnosis, as lines for a shell.
 
 use model::rig::{ATMOSPHERE, Line, Rig};
 use proto::diagnosis::{NextStep, RigKind, Verdict};
+use proto::recording::Recording;
 
+use crate::event::other_rig::OtherRig;
 use crate::report::files::NEXT_EXPERIMENT;
 use crate::run::Request;
 
-/// What the next step depends on.
+/// Facts that the next step depends on.
 pub(crate) struct Situation<'a> {
     pub(crate) request: &'a Request,
     pub(crate) verdict: Verdict,
     pub(crate) kind: RigKind,
-    /// Whether an experiment was planned.
+    /// True where an experiment was planned.
     pub(crate) planned: bool,
-    /// What the recordings do not tell apart, as `id:where`.
+    /// Names that the recordings do not tell apart, as `id:where`.
     pub(crate) groups: &'a [Vec<String>],
-    /// Whether the rig that was written is a part of the truth at most: much of it is left unexplained, or a parameter went where
-    /// nobody would believe it.
+    /// True where the rig that was written is a part of the truth at most: much of it is left unexplained, or a parameter went
+    /// where nobody would believe it.
     pub(crate) in_part: bool,
+    /// Files that were recorded of another rig.
+    pub(crate) other_rig: Option<&'a OtherRig>,
+    /// Levels of a command that no recording came down to, in words.
+    pub(crate) extrapolated: &'a [String],
 }
 
 /// The next step.
 pub(crate) fn next_step(situation: &Situation<'_>) -> NextStep {
-    let Situation { request, verdict, kind, planned, groups, in_part } = situation;
+    let Situation { request, verdict, kind, planned, groups, in_part, other_rig, extrapolated } = situation;
     let rig_toml = shell(&request.out_dir.join("rig.toml").display().to_string());
-    let again = |more: &str, out: &str| {
-        let recordings: Vec<String> = request.recordings.iter().map(|r| shell(r.source())).collect();
+    let of = |sources: &[&str], more: &str, out: &str| {
+        let recordings: Vec<String> = sources.iter().map(|source| shell(source)).collect();
         format!("trainer diagnose --rig {} {}{more} --out {out}", shell(&request.rig_argument), recordings.join(" "))
     };
+    let is_other = |source: &str| other_rig.is_some_and(|other| other.is_other(source));
+    let sources: Vec<&str> =
+        request.recordings.iter().map(Recording::source).filter(|source| !is_other(source)).collect();
+    let again = |more: &str, out: &str| of(&sources, more, out);
     let step = |why: &str, commands: Vec<String>| NextStep { why: why.to_owned(), commands };
     let next_out = shell(&format!("{}_2", request.out_dir.display()));
+    if let (Verdict::Adequate, Some(other)) = (verdict, other_rig) {
+        let each = other.differing.iter().enumerate().map(|(at, file)| {
+            let out = shell(&format!("{}_{}", request.out_dir.display(), at + 2));
+            of(&[&file.source], WITH_THE_SAME, &out)
+        });
+        return step(
+            "Diagnose each recording of another rig by itself: nothing needs to be done for the others.",
+            each.collect(),
+        );
+    }
     match verdict {
         Verdict::Adequate => step(
             "Nothing needs to be done: nothing known explains these recordings better than the rig file.",
@@ -38,7 +58,7 @@ pub(crate) fn next_step(situation: &Situation<'_>) -> NextStep {
         Verdict::Undecided if *planned && !drives(&request.rig) => step(
             "Play the commands of the proposed experiment once on the rig, with what you drive it with, record as before, then ask again \
              with that recording beside the others.",
-            vec![again(" new_recording.csv", &next_out)],
+            vec![again(WITH_ANOTHER, &next_out)],
         ),
         Verdict::Undecided if *planned => step(
             "Play the proposed experiment once on the rig, then ask again with its recording beside the others.",
@@ -51,24 +71,26 @@ pub(crate) fn next_step(situation: &Situation<'_>) -> NextStep {
             ],
         ),
         Verdict::Undecided => {
-            step(&what_would_tell(&request.rig, groups), vec![again(" new_recording.csv", &next_out)])
+            let (why, more) = what_would_tell(&request.rig, groups);
+            step(&why, vec![again(more, &next_out)])
         }
         Verdict::UnknownMechanism if request.quick => {
-            step("Look again with the whole search, which takes a few minutes.", vec![again("", &next_out)])
+            step("Look again with the whole search, which takes a few minutes.", vec![again(WITH_THE_SAME, &next_out)])
         }
         Verdict::UnknownMechanism if *kind == RigKind::AsGiven => step(
             "Look in report.html at where and when the model is off, and record more of that operating region.",
-            vec![again(" new_recording.csv", &next_out)],
+            vec![again(WITH_ANOTHER, &next_out)],
         ),
         _ if *in_part && request.quick => step(
             "What was found is a part of the truth: look again with the whole search, which takes a few minutes.",
-            vec![again("", &next_out)],
+            vec![again(WITH_THE_SAME, &next_out)],
         ),
         _ if *in_part => step(
             "What was found is a part of the truth: look in report.html at where and when the model is off, and record more of that \
              operating region.",
-            vec![again(" new_recording.csv", &next_out)],
+            vec![again(WITH_ANOTHER, &next_out)],
         ),
+        _ if !extrapolated.is_empty() => step(&extrapolated.join(" "), vec![again(WITH_ANOTHER, &next_out)]),
         _ if drives(&request.rig) => step(
             "Give a running daemon this model (or name the file under [rig] in its configuration).",
             vec![format!("controller model {rig_toml}")],
@@ -80,28 +102,33 @@ pub(crate) fn next_step(situation: &Situation<'_>) -> NextStep {
     }
 }
 
-/// What would tell rivals apart where no experiment can be planned: a recording that this rig can make, or a measurement.
-fn what_would_tell(rig: &Rig, groups: &[Vec<String>]) -> String {
+/// Recording that a command to ask again names where one is advised, and nothing where no recording would tell.
+const WITH_ANOTHER: &str = " new_recording.csv";
+const WITH_THE_SAME: &str = "";
+
+/// Advice on what would tell rivals apart where no experiment can be planned: a recording that this rig can make, or a measurement. And
+/// what a command to ask again has beside the recordings that there are.
+fn what_would_tell(rig: &Rig, groups: &[Vec<String>]) -> (String, &'static str) {
     let among = |id: &str| groups.iter().flatten().any(|name| name.starts_with(id));
     let leaks = among("chamber_leak") || among("cross_leak") || among("piston_blowby");
     if among("sensor_drift") && among("chamber_leak") {
-        "End a recording with the chamber open to the air for 10 s: a sensor that drifted then reads off zero, and a leak leaves \
-         no trace."
-            .to_owned()
+        let why = "End a recording with the chamber open to the air for 10 s: a sensor that drifted then reads off zero, and a leak leaves \
+                   no trace.";
+        (why.to_owned(), WITH_ANOTHER)
     } else if leaks && stays_shut(rig) {
-        format!("Add a pressure-decay (leak) test: 15 s with {}.", at_rest(rig))
+        (format!("Add a pressure-decay (leak) test: 15 s with {}.", at_rest(rig)), WITH_ANOTHER)
     } else if leaks || among("parameters_moved") {
-        "Measure one volume, flow or resistance of the rig by other means, state it in the rig file, and ask again: recordings of \
-         pressures show only ratios of these, so that no further one would tell."
-            .to_owned()
+        let why = "Measure one volume, flow or resistance of the rig by other means, state it in the rig file, and ask again: recordings of \
+                   pressures show only ratios of these, so that no further one would tell.";
+        (why.to_owned(), WITH_THE_SAME)
     } else {
-        "Add a recording that uses the whole operating range: commands that step and sweep from one end to the other."
-            .to_owned()
+        let why = "Add a recording that uses the whole operating range: commands that step and sweep from one end to the other.";
+        (why.to_owned(), WITH_ANOTHER)
     }
 }
 
-/// Whether gas stays in the rig's chambers where nothing is driven: a line to the open air that is in the rig file anyway lets it out
-/// beside any leak.
+/// Tells whether gas stays in the rig's chambers where nothing is driven: a line to the open air that is in the rig file anyway
+/// lets it out beside any leak.
 fn stays_shut(rig: &Rig) -> bool {
     rig.lines.values().all(|line| {
         let (Line::Orifice { from, to, .. } | Line::Laminar { from, to, .. }) = line;
@@ -119,7 +146,7 @@ fn at_rest(rig: &Rig) -> &'static str {
     }
 }
 
-/// Whether the daemon can drive the rig: it has the paper's two sides and commands.
+/// Tells whether the daemon can drive the rig: it has the paper's two sides and commands.
 fn drives(rig: &Rig) -> bool {
     let commanded = |column: &str| rig.valves.values().any(|valve| valve.command == column);
     rig.volumes.contains_key("positive")
@@ -152,7 +179,16 @@ mod tests {
     }
 
     fn next(request: &Request, verdict: Verdict, planned: bool, groups: &[Vec<String>]) -> NextStep {
-        next_step(&Situation { request, verdict, kind: RigKind::Extended, planned, groups, in_part: false })
+        next_step(&Situation {
+            request,
+            verdict,
+            kind: RigKind::Extended,
+            planned,
+            groups,
+            in_part: false,
+            other_rig: None,
+            extrapolated: &[],
+        })
     }
 
     #[test]
@@ -160,7 +196,16 @@ mod tests {
         let mut request = request(Rig::builtin("dual_pressure").unwrap());
         let at_hand = |request: &Request| {
             let (verdict, kind) = (Verdict::MissingPhysics, RigKind::Extended);
-            next_step(&Situation { request, verdict, kind, planned: false, groups: &[], in_part: true })
+            next_step(&Situation {
+                request,
+                verdict,
+                kind,
+                planned: false,
+                groups: &[],
+                in_part: true,
+                other_rig: None,
+                extrapolated: &[],
+            })
         };
         let step = at_hand(&request);
         assert!(step.commands[0].starts_with("trainer diagnose") && !step.commands[0].contains("--quick"), "{step:?}");
@@ -192,14 +237,17 @@ mod tests {
     fn what_would_tell_is_something_that_the_rig_can_do() {
         let mut rig = Rig::builtin("dual_pressure").unwrap();
         let leak = [vec!["chamber_leak:cell".to_owned(), "sensor_bias:cell".to_owned()]];
-        assert!(what_would_tell(&rig, &leak).contains("the pump off and everything shut"));
+        assert!(what_would_tell(&rig, &leak).0.contains("the pump off and everything shut"));
         rig.pumps.clear();
-        assert!(what_would_tell(&rig, &leak).contains("15 s with everything shut"));
+        assert!(what_would_tell(&rig, &leak).0.contains("15 s with everything shut"));
         rig.valves.clear();
-        assert!(!what_would_tell(&rig, &leak).contains("pump"));
+        assert!(!what_would_tell(&rig, &leak).0.contains("pump"));
         let ratios = [vec!["parameters_moved".to_owned(), "pump_droop:p".to_owned()]];
-        let said = what_would_tell(&rig, &ratios);
+        let (said, more) = what_would_tell(&rig, &ratios);
         assert!(said.contains("Measure one volume") && !said.contains("range"), "{said}");
+        // What no further recording would tell is not asked again with one.
+        let command = &next(&request(rig), Verdict::Undecided, false, &ratios).commands[0];
+        assert!(more.is_empty() && !command.contains("new_recording"), "{command}");
     }
 
     #[test]

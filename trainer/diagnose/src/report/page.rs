@@ -1,5 +1,6 @@
 //! `report.html`.
 
+use fit::wording::percent;
 use proto::diagnosis::{Diagnosis, RigKind, Verdict};
 use report::{KeyFigure, Report, Table, Verdict as Sign};
 
@@ -72,8 +73,8 @@ pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, rig_toml:
             };
             // Rivals are alternatives: each could be all of what is off where it is.
             let at_most = if undecided { "at most " } else { "" };
-            let share = 100.0 * l.share_of_residual;
-            format!("{place}, {}: {at_most}{share:.0} % of it; {}{span}{scale}", l.enters, l.region)
+            let share = percent(l.share_of_residual, 0);
+            format!("{place}, {}: {at_most}{share} of it; {}{span}{scale}", l.enters, l.region)
         }));
         report = report.table(suspects(findings));
         for plot in regions(findings, diagnosis) {
@@ -136,7 +137,7 @@ fn left(diagnosis: &Diagnosis) -> Table {
     table
 }
 
-/// Whether there is an extended rig to show.
+/// Tells whether there is an extended rig to show.
 fn shows_extended(findings: &Findings<'_, '_>) -> bool {
     findings.kind == RigKind::Extended
 }

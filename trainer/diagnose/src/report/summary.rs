@@ -1,17 +1,19 @@
-//! What was found, as sentences and as entries of `diagnosis.json`.
+//! Findings as sentences and as entries of `diagnosis.json`.
 
 use fit::data::rms_kpa;
+use fit::wording::{NO_NOISE_KPA, change_in_percent, percent};
 use proto::diagnosis::{FoundEvidence, FoundMechanism, FoundParameter, RigKind, Verdict};
 use std::collections::BTreeMap;
 
 use crate::bench::Bench;
 use crate::event::Event;
 use crate::event::changes;
+use crate::judge::extrapolated::Extrapolated;
 use crate::judge::implausible_parameters;
 use crate::locate::{Suspect, Suspicion};
 use crate::pump::ripple::{Heard, Number, Told};
 use crate::report::findings::Findings;
-use crate::report::unexplained::{self, NO_NOISE_KPA};
+use crate::report::unexplained;
 use crate::report::wording::{called, does, does_at, in_words, plain, three};
 use crate::search::place::side_of;
 use crate::search::position_of;
@@ -21,6 +23,7 @@ use crate::search::position_of;
 pub(crate) fn summary(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) -> String {
     let answer = verdict_in_words(findings, mechanisms);
     let mut all: Vec<String> = Vec::new();
+    all.extend(findings.other_rig.iter().map(|other| other.in_words(|source| findings.shown_as(source))));
     match &findings.event {
         Some(event) => all.push(format!("{} For the rest: {answer}", happened(findings, event))),
         None => all.push(answer),
@@ -28,6 +31,7 @@ pub(crate) fn summary(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]
     if findings.kind == RigKind::AsGiven && findings.judgement.verdict != Verdict::Adequate {
         all.push("No rig file was better on validation data: rig.toml is the rig as it was given.".to_owned());
     }
+    all.extend(findings.extrapolated.iter().map(Extrapolated::in_words));
     if let Some(change) = findings.changes.first() {
         all.push(changes::in_words(change, &findings.shown_as(&change.recording)));
     }
@@ -50,14 +54,14 @@ fn happened(findings: &Findings<'_, '_>, event: &Event) -> String {
         Some(change) => {
             let key = change.path.rsplit('.').next().unwrap_or_default();
             format!(
-                "{span}, at `{}`: with a {} of {} instead of {} the squared error there falls by {:.0} %, with any other \
-                 single change by {:.0} % at most ({off}).",
+                "{span}, at `{}`: with a {} of {} instead of {} the squared error there falls by {}, with any other single \
+                 change by {} at most ({off}).",
                 change.component,
                 key.replace('_', " "),
                 three(change.during),
                 three(change.before),
-                100.0 * change.share,
-                100.0 * change.next_share
+                percent(change.share, 0),
+                percent(change.next_share, 0)
             )
         }
         None => format!("{span} that no single change of the rig explains ({off})."),
@@ -96,7 +100,7 @@ pub(crate) fn noise_kpa(bench: &Bench<'_>) -> f64 {
 /// Noise in kPa below which two decimals do not show it.
 const LITTLE_NOISE_KPA: f64 = 0.01;
 
-/// The same in words.
+/// Noise of the readings in words.
 pub(crate) fn noise_in_words(bench: &Bench<'_>) -> String {
     let kpa = noise_kpa(bench);
     match kpa {
@@ -200,7 +204,7 @@ fn moved(findings: &Findings<'_, '_>) -> String {
             if e.parameter.mean == 0.0 {
                 return format!("{} {} {}", e.parameter.path, three(e.value), e.parameter.unit());
             }
-            format!("{} {:+.1} %", e.parameter.path, 100.0 * (e.value / e.parameter.mean - 1.0))
+            format!("{} {}", e.parameter.path, change_in_percent(e.value / e.parameter.mean - 1.0, 1))
         })
         .collect();
     if told.is_empty() { String::new() } else { format!("Moved most: {}.", told.join(", ")) }
@@ -248,7 +252,7 @@ pub(crate) fn mechanisms(findings: &Findings<'_, '_>) -> Vec<FoundMechanism> {
     all
 }
 
-/// What the pump's ripple told.
+/// Entry for a mechanism that the pump's ripple told.
 fn heard_off_the_ripple(findings: &Findings<'_, '_>, heard: &Heard, told: &Told) -> FoundMechanism {
     let id = told.attached.mechanism.id();
     // Its own part: the ripple goes with it, and nothing else.
@@ -275,7 +279,7 @@ fn heard_off_the_ripple(findings: &Findings<'_, '_>, heard: &Heard, told: &Told)
     }
 }
 
-/// The same mechanism on the other side.
+/// Joins a mechanism with the same one on the other side.
 fn join(twin: &mut FoundMechanism, other: FoundMechanism) {
     let sides = [twin.side.clone(), other.side.clone()];
     let own = std::mem::take(&mut twin.parameters);
@@ -300,7 +304,11 @@ fn mechanism(findings: &Findings<'_, '_>, term: usize) -> FoundMechanism {
             let unit = estimate.parameter.unit();
             let key = estimate.parameter.path.rsplit('.').next().unwrap_or_default().to_owned();
             let at_end_of_range = candidate.end_of_range(place, estimate.value);
-            let end = if at_end_of_range.is_some() { ", the end of the range that was searched" } else { "" };
+            let end = match at_end_of_range {
+                Some(_) => ", the end of the range that was searched",
+                None if findings.extrapolated.iter().any(|of| of.is_of(term, &key)) => ", below what was recorded",
+                None => "",
+            };
             let value =
                 format!("{} {} ({} … {}{end}) {unit}", plain(&key), three(estimate.value), three(low), three(high));
             // A share or a factor has no unit.

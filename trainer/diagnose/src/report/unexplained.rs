@@ -1,5 +1,6 @@
 //! The unexplained residual: what the rig that is written is still off by on validation data, and where.
 
+use fit::wording::{MOST_TIMES, NO_NOISE_KPA};
 use proto::diagnosis::Unexplained;
 
 use crate::bench::Bench;
@@ -11,10 +12,6 @@ use crate::report::figures::{Figures, held_out};
 const ROWS: usize = 10;
 /// Multiples of the noise from which on a residual is worth its region.
 const TIMES_NOISE: f64 = 1.0;
-/// Noise in kPa up to which there is none to speak of: most readings repeat the one before, and multiples of it say nothing.
-pub(crate) const NO_NOISE_KPA: f64 = 1e-5;
-/// The most multiples of the noise that are stated.
-const MOST_TIMES: f64 = 1000.0;
 
 /// The unexplained residual of every channel with the rig of `figures`.
 pub(crate) fn unexplained(bench: &Bench<'_>, figures: &Figures) -> Vec<Unexplained> {

@@ -1,11 +1,11 @@
-//! What things are called in plain words: mechanisms, components, keys, numbers.
+//! Plain words for things: mechanisms, components, keys, numbers.
 
-pub(crate) use fit::identify::three_digits as three;
+pub(crate) use fit::wording::three_digits as three;
 
 use crate::report::findings::Findings;
 use crate::search::candidate::Candidate;
 
-/// What a mechanism does, to be read after the name of the component.
+/// Words on what a mechanism does, to be read after the name of the component.
 pub(crate) fn does(id: &str) -> &'static str {
     match id {
         "valve_hysteresis" => "opens less on the way up than on the way down: it has backlash",
@@ -36,7 +36,7 @@ pub(crate) fn does(id: &str) -> &'static str {
     }
 }
 
-/// What a mechanism does where it is.
+/// Words on what a mechanism does where it is.
 pub(crate) fn does_at(findings: &Findings<'_, '_>, candidate: &Candidate) -> &'static str {
     let line = findings.bench.rig.lines.contains_key(&candidate.component);
     match candidate.id.as_str() {

@@ -21,10 +21,10 @@ const NOT_CONVERGED: f64 = 0.7;
 /// Ends of fits of what moves in steps that are looked at closely.
 const SHARPENED: usize = 2;
 
-/// How many times as many as are tried are screened where an earlier screen tells what to expect.
+/// Ratio of the candidates that are screened to those that are tried, where an earlier screen tells what to expect.
 const FORESEEN: usize = 2;
 
-/// What trying every candidate came to.
+/// Result of trying every candidate.
 #[derive(Default)]
 pub(super) struct Additions {
     pub(super) screening: Screening,

@@ -14,14 +14,14 @@ use crate::bench::{Bench, Effort, Explanation};
 use crate::search::candidate::{Candidate, is_leak};
 use crate::search::screen::{Screened, Screening, screen};
 
-/// What the screen must see in a term, in log-likelihood and prior, for it to be fitted.
+/// Gain that the screen must see in a term, in log-likelihood and prior, for it to be fitted.
 const LEAST: f64 = 10.0;
 /// Share of the priors' cost that it must save by what the screen sees.
 const LEAST_SAVED: f64 = 0.25;
 /// Share of it that is left where parameters are believed again.
 const MOST_LEFT: f64 = 0.5;
 
-/// Whether the parameters of `best` are believed again with what is `with` it: most of what they cost the priors is gone.
+/// Tells whether the parameters of `best` are believed again with what is `with` it: most of what they cost the priors is gone.
 pub(crate) fn brings_back(best: &Explanation, with: &Explanation) -> bool {
     with.prior_cost < MOST_LEFT * best.prior_cost
 }

@@ -1,4 +1,4 @@
-//! What may be missing: a mechanism at a place, with what is free in it.
+//! Candidates for what may be missing: a mechanism at a place each, with what is free in it.
 //!
 //! The list is the model's ([`model::mechanism::candidates`]); here it gets priors. A magnitude that is never negative
 //! is fitted as a logarithm, with a prior so wide that it only keeps it in sight; what may have either sign, or has
@@ -28,12 +28,12 @@ const AT_ITS_END: f64 = 1.01;
 /// Factor by which the range of a magnitude is widened at a time.
 const WIDER: f64 = 30.0;
 
-/// Whether a mechanism lets air pass where the paper's rig has none.
+/// Tells whether a mechanism lets air pass where the paper's rig has none.
 pub(crate) fn leaks(id: &str) -> bool {
     LEAKS.contains(&id)
 }
 
-/// Whether one of some candidates [`leaks`].
+/// Tells whether one of some candidates [`leaks`].
 pub(crate) fn is_leak(candidates: &[Candidate], term: usize) -> bool {
     candidates.get(term).is_some_and(|candidate| leaks(&candidate.id))
 }
@@ -43,7 +43,7 @@ const READINGS: [&str; 3] = ["sensor_bias", DRIFT, "sensor_gain"];
 /// The one of them that comes with time.
 pub(crate) const DRIFT: &str = "sensor_drift";
 
-/// Whether a mechanism makes a reading wrong where the pressure is known.
+/// Tells whether a mechanism makes a reading wrong where the pressure is known.
 pub(crate) fn reads_wrong(id: &str) -> bool {
     READINGS.contains(&id)
 }
@@ -82,7 +82,7 @@ impl Candidate {
         self.offered.parameters.len()
     }
 
-    /// Whether nothing is free in it.
+    /// Tells whether nothing is free in it.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -92,12 +92,12 @@ impl Candidate {
         self.offered.parameters.first().map_or("", |p| p.unit)
     }
 
-    /// Whether readings change in steps as its first parameter does: least squares sees no slope in it.
+    /// Tells whether readings change in steps as its first parameter does: least squares sees no slope in it.
     pub fn stepped(&self) -> bool {
         self.offered.stepped
     }
 
-    /// Whether it is of interest in a rig that has these terms as well: its shape tells itself from another one only beside
+    /// Tells whether it is of interest in a rig that has these terms as well: its shape tells itself from another one only beside
     /// certain mechanisms.
     pub fn is_apt(&self, rig: &Rig, beside: &[&Candidate]) -> bool {
         let there = |id: &str, component: &str| component == self.component && self.offered.beside.contains(&id);
@@ -106,19 +106,19 @@ impl Candidate {
             || rig.mechanisms.iter().any(|m| m.enabled && there(m.mechanism.id(), &m.component))
     }
 
-    /// Whether it is a richer shape, to be tried in place of a plainer one that was found.
+    /// Tells whether it is a richer shape, to be tried in place of a plainer one that was found.
     pub fn is_refinement(&self) -> bool {
         self.offered.refinement
     }
 
-    /// Whether both are shapes of one mechanism there that differ only beside certain others.
+    /// Tells whether both are shapes of one mechanism there that differ only beside certain others.
     pub fn differs_beside(&self, other: &Candidate) -> bool {
         self.excludes(other)
             && self.form != other.form
             && !(self.offered.beside.is_empty() && other.offered.beside.is_empty())
     }
 
-    /// Whether it is the same mechanism there in a plainer shape: the first few of the other's parameters, and no others.
+    /// Tells whether it is the same mechanism there in a plainer shape: the first few of the other's parameters, and no others.
     pub fn is_plainer_than(&self, other: &Candidate) -> bool {
         self.excludes(other) && self.len() < other.len() && self.keys().zip(other.keys()).all(|(own, its)| own == its)
     }
@@ -131,7 +131,7 @@ impl Candidate {
         ends.next().map(|(place, (p, _))| (place, p.key, p.low))
     }
 
-    /// Whether it moves readings over tens of seconds, whatever is commanded: a drift, or what warms.
+    /// Tells whether it moves readings over tens of seconds, whatever is commanded: a drift, or what warms.
     pub fn is_slow(&self) -> bool {
         self.id == DRIFT || self.offered.parameters.iter().any(|p| p.slow)
     }
@@ -141,18 +141,18 @@ impl Candidate {
         self.offered.parameters.iter().map(|p| p.key)
     }
 
-    /// Whether both cannot be in one rig at a time.
+    /// Tells whether both cannot be in one rig at a time.
     pub fn excludes(&self, other: &Candidate) -> bool {
         self.id == other.id && self.component == other.component
     }
 
-    /// Whether both are one mechanism in one shape, wherever they are.
+    /// Tells whether both are one mechanism in one shape, wherever they are.
     pub fn is_like(&self, other: &Candidate) -> bool {
         self.id == other.id && self.form == other.form
     }
 
-    /// Whether the same component elsewhere in the rig has it too, as likely as not: no leak, no zero or gain of a sensor, and
-    /// nothing that begins at a moment.
+    /// Tells whether the same component elsewhere in the rig has it too, as likely as not: no leak, no zero or gain of a sensor,
+    /// and nothing that begins at a moment.
     pub fn is_of_the_make(&self) -> bool {
         !leaks(&self.id) && !reads_wrong(&self.id) && self.onset().is_none()
     }
@@ -245,7 +245,7 @@ pub(crate) fn names_of(candidates: &[Candidate], terms: &[usize]) -> String {
     terms.iter().filter_map(|t| candidates.get(*t)).map(Candidate::name).collect::<Vec<_>>().join(" with ")
 }
 
-/// What samples `sampling_s` apart can tell of some candidates: time constants and delays from there on. A kind of which no more
+/// Candidates as far as samples `sampling_s` apart can tell them: time constants and delays from there on. A kind of which no more
 /// than twice that is plausible is left out; one that fits best as fast as that is something faster.
 pub(crate) fn no_faster_than(candidates: Vec<Candidate>, sampling_s: f64) -> Vec<Candidate> {
     let least_ms = 1e3 * sampling_s;
@@ -285,8 +285,8 @@ pub fn candidates(rig: &Rig) -> Vec<Candidate> {
         .collect()
 }
 
-/// Whether it is a constant error of a reading that is made through a root: the meter's own zero lies under the root, so
-/// that its error is large where little flows and gone where much does, and no constant.
+/// Tells whether a candidate is a constant error of a reading that is made through a root: the meter's own zero lies
+/// under the root, so that its error is large where little flows and gone where much does, and no constant.
 fn is_bias_of_a_root(rig: &Rig, offered: &Offered) -> bool {
     let constant = ["sensor_bias", DRIFT].contains(&offered.id);
     let terms =

@@ -69,7 +69,7 @@ pub(super) fn swaps(
 
 /// Cost by which a pair that is to stand in for another may be behind after a glance.
 const PAIR_BEHIND: f64 = 2000.0;
-/// The same in a short search, and after a fit, for a richer shape to be tried.
+/// Such costs in a short search, and after a fit, for a richer shape to be tried.
 const PAIR_BEHIND_IN_SHORT: f64 = 1000.0;
 const PAIR_BEHIND_FITTED: f64 = 500.0;
 

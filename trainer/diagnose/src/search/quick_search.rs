@@ -32,7 +32,7 @@ pub struct Footing {
     pub correction_kpa: Vec<f64>,
     /// Slopes of the rig's own parameters, weighted.
     slopes: Vec<Vec<f64>>,
-    /// What the starts could explain: out of the slopes, and of every residual and slope beside them.
+    /// Effects of the starts, taken out of the slopes and of every residual and slope beside them.
     starts: Projection,
     /// Cost of the base.
     pub cost: f64,
@@ -48,7 +48,7 @@ pub struct Glanced {
 }
 
 impl Footing {
-    /// What glances on top of an explanation stand on.
+    /// Footing of glances on top of an explanation.
     ///
     /// # Errors
     /// The explanation's rig cannot be simulated.
@@ -76,7 +76,7 @@ impl Footing {
         })
     }
 
-    /// What glances from the rig as it was given stand on, with the terms of a fitted `base`, whose cost it has: parameters that have
+    /// Footing of glances from the rig as it was given, with the terms of a fitted `base`, whose cost it has: parameters that have
     /// given way have slopes of their own.
     ///
     /// # Errors
@@ -130,7 +130,7 @@ impl Footing {
         self.glance(bench, set, starts, rounds, behind).filter(|glanced| glanced.cost <= behind)
     }
 
-    /// The same where it may be behind by as much as `behind`, if that is more.
+    /// A glance as by [`Footing::contender`] at what may be behind by as much as `behind`, if that is more.
     pub fn contender_within(
         &self,
         bench: &Bench<'_>,
@@ -143,7 +143,7 @@ impl Footing {
     }
 }
 
-/// The same explanation at the minimum of the detailed simulation.
+/// The explanation at the minimum of the detailed simulation.
 ///
 /// Searches and fits run at coarser steps, whose errors of some hundredths of a kPa the parameters take up. What is
 /// written into a rig file must not carry those: other programs simulate it at its own step. The detailed simulation

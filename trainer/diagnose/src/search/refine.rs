@@ -8,7 +8,7 @@ use crate::error::DiagnoseError;
 use crate::judge::evidence::evidence;
 use crate::search::candidate::Candidate;
 
-/// The same with plainer shapes of its terms, where the richer ones set right less than is worth a name: a number more takes
+/// The explanation with plainer shapes of its terms, where the richer ones set right less than is worth a name: a number more takes
 /// up what the formula is off by, and with it the numbers that were right.
 pub(super) fn plainer(
     bench: &Bench<'_>,
@@ -37,7 +37,7 @@ pub(super) fn richer(candidates: &[Candidate], term: usize) -> impl Iterator<Ite
     (0..candidates.len()).filter(of_it)
 }
 
-/// The same with richer shapes of its terms that are offered for what was found, where that sets right what is worth a name.
+/// The explanation with richer shapes of its terms that are offered for what was found, where that sets right what is worth a name.
 pub(super) fn refined(
     bench: &Bench<'_>,
     candidates: &[Candidate],
@@ -57,7 +57,7 @@ pub(super) fn refined(
     Ok(explanation)
 }
 
-/// The same fitted again with `shape` in place of `term`: the numbers that both have start where they are, the others where
+/// The explanation fitted again with `shape` in place of `term`: the numbers that both have start where they are, the others where
 /// the shape's own start; `None` if it cannot be run.
 ///
 /// A shape with more numbers also starts with all of its own: of two time constants a plain shape has found one, and not

@@ -22,14 +22,14 @@ use foreseen::Seen;
 use projector::Effect;
 pub use projector::{AMPLITUDE, Projector, Size};
 
-/// What the screen says of a candidate, or of one at two places.
+/// Finding of the screen on a candidate, or on one at two places.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Screened {
     /// Candidates, each with values at which its effect is as large as is wanted, to first order.
     pub terms: Vec<(usize, Vec<f64>)>,
     /// Gain in log-likelihood at the best first magnitude, to first order.
     pub gain: f64,
-    /// What the base's coordinates give way by.
+    /// Shifts by which the base's coordinates give way.
     pub shift: Vec<f64>,
 }
 
@@ -41,11 +41,11 @@ pub struct Screening {
     /// Mechanisms at two places at once, where that gains more than either alone: valves of one make are warm, slow or
     /// sticky together, and what one of them does to both channels may hide what each does to its own.
     pub double: Vec<Screened>,
-    /// What each of them did.
+    /// Effects of each of them.
     seen: Seen,
 }
 
-/// What a second place must gain in log-likelihood, to first order, to be tried.
+/// Gain in log-likelihood, to first order, that a second place must promise to be tried.
 const SECOND_PLACE: f64 = 20.0;
 
 /// Share of an effect's square that parameters must leave for it to be seen well enough without a second run: what they do out of

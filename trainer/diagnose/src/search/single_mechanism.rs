@@ -1,4 +1,4 @@
-//! What a single mechanism explains of a rig's mismatch while all parameters stay as they were given.
+//! Share of a rig's mismatch that a single mechanism explains while all parameters stay as they were given.
 //!
 //! Where re-identified parameters reach the noise, the likelihood has nothing left to say: a leak past an open valve
 //! is a constant area, and so is a shift of the valve's spring. What remains is parsimony. If one number of one
@@ -33,7 +33,7 @@ const MOST_OF_IT: f64 = 0.8;
 /// Rounds of a glance that a fit follows only where it comes close: it starts far off.
 const ROUNDS: usize = 10;
 
-/// What a candidate explains alone.
+/// A candidate by itself, and what it explains alone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alone {
     /// The candidate.
@@ -107,7 +107,7 @@ pub fn alone(
 pub(crate) struct ByThemselves {
     /// One of each name, with the rig's own parameters fitted.
     pub(crate) fitted: Vec<Explanation>,
-    /// Whether one of them explains all but a little before anything is fitted.
+    /// True where one of them explains all but a little before anything is fitted.
     pub(crate) nearly_all: bool,
 }
 

@@ -1,4 +1,4 @@
-//! What sticks and slips, found in pieces.
+//! Mechanisms that stick and slip, found in pieces.
 //!
 //! A slip that comes an instant late puts off all that follow: over a whole recording a band that is nearly right fits no better
 //! than a wrong one, and gains in one stretch what it loses in another. Measured on a flapper that sticks over 0.0833 of duty: free
@@ -97,7 +97,7 @@ mod tests {
     use crate::search::candidate::candidates;
     use crate::search::values_of;
 
-    /// Of a flapper that sticks only the plunger was tried, over a band that is a third too small.
+    /// Only the plunger was tried for a flapper that sticks, over a band that is a third too small.
     #[test]
     fn what_rubs_is_told_in_pieces_whatever_was_tried() {
         let (rig, mut truth) = moved(&[("valves.valve_neg.input_area_mm2", 1.02), ("volumes.negative.volume_l", 0.97)]);

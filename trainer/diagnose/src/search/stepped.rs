@@ -1,4 +1,4 @@
-//! What moves in steps, or begins at a moment: least squares leaves such parameters where they start, so they are looked for.
+//! Parameters that move in steps, or begin at a moment: least squares leaves them where they start, so they are looked for.
 
 use fit::cores::side_by_side;
 use fit::data::Role;
@@ -29,7 +29,7 @@ const ELSEWHERE: f64 = 1.08;
 pub(super) struct Spot {
     /// Start for a fit.
     pub(super) start: Vec<f64>,
-    /// What it gains before one, all other parameters giving way to first order, in log-likelihood.
+    /// Gain before a fit, all other parameters giving way to first order, in log-likelihood.
     pub(super) gain: f64,
 }
 
@@ -177,7 +177,7 @@ const SHARPENING: [Around; 3] = [
 
 /// Values around those that a fit has ended at.
 struct Around {
-    /// How far the first parameter goes either way, and the second.
+    /// Reach either way: of the first parameter as a factor, of the second as what is added.
     factor: f64,
     added: f64,
     /// Values that are tried on either side, of each.

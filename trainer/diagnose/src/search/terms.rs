@@ -3,7 +3,7 @@
 use crate::bench::{Bench, Explanation};
 use crate::search::candidate::Candidate;
 
-/// Whether candidate `k` can and may be put beside `terms`.
+/// Tells whether candidate `k` can and may be put beside `terms`.
 pub fn is_open(bench: &Bench<'_>, candidates: &[Candidate], terms: &[usize], k: usize) -> bool {
     let beside: Vec<&Candidate> = terms.iter().map(|t| &candidates[*t]).collect();
     !terms.contains(&k)

@@ -1,4 +1,4 @@
-//! What was found on one side, looked for on the other: two chambers, and two valves, are mostly of one make.
+//! Likes, on the other side, of what was found on one: two chambers, and two valves, are mostly of one make.
 
 use fit::simulate::Look;
 
@@ -12,19 +12,19 @@ use crate::search::screen::screen;
 /// Factor within which both sides of one make have the same number.
 const ALIKE: f64 = 2.0;
 
-/// What a search knows of likes on the other side.
+/// Likes on the other side, as far as a search knows them.
 #[derive(Default)]
 pub(super) struct Likes {
     /// Terms that came in as such.
     pub(super) found: Vec<usize>,
-    /// What was fitted: a round that changes nothing asks the same again.
+    /// Fits that were made: a round that changes nothing asks the same again.
     fits: Vec<Fit>,
 }
 
-/// How much more than the screen sees, to first order, a like may come to gain.
+/// Factor by which a like may come to gain more than the screen sees, to first order.
 const BEYOND_THE_SCREEN: f64 = 5.0;
 
-/// Whether a term on top of `base` could be there for certain, by what the screen sees in it.
+/// Tells whether a term on top of `base` could be there for certain, by what the screen sees in it.
 fn may_be_certain(bench: &Bench<'_>, candidates: &[Candidate], base: &Explanation, term: usize) -> bool {
     let screening = screen(bench, candidates, base, &[term], Look::Roughly);
     screening.single.first().is_none_or(|screened| BEYOND_THE_SCREEN * screened.gain > CERTAIN)
@@ -55,8 +55,8 @@ impl Likes {
     }
 }
 
-/// The same with the likes of its terms on the other side, where these are there beyond doubt and of about the same size; what
-/// comes in so is noted in `likes`.
+/// The explanation with the likes of its terms on the other side, where these are there beyond doubt and of about the same size;
+/// what comes in so is noted in `likes`.
 ///
 /// A second effect must set right several hundredths of a kPa to have a name ([`super::worth`]), since what the formulas of the
 /// first are off by looks like some small physics or other. It does not look like the same mechanism at the other side, and of

@@ -1,4 +1,4 @@
-//! What a further term must show to be taken, and whether any could.
+//! Worth of a further term: what it must show to be taken, and whether any could.
 
 use fit::data::Role;
 
@@ -9,21 +9,21 @@ use crate::judge::{FLOOR_KPA, left};
 use crate::search::candidate::Candidate;
 use crate::search::screen::Screening;
 
-/// What a further term must set right beside what is found already, as a share of its error: nobody's formula for the main
-/// effect is exact, and what a tenth of it leaves behind looks like some small effect of another kind.
+/// Error that a further term must set right, as a share of what is set right already: nobody's formula for the main effect is
+/// exact, and what a tenth of it leaves behind looks like some small effect of another kind.
 const BESIDE: f64 = 0.15;
 /// Share of the mean squared error that is left.
 const MOST_OF_THE_REST: f64 = 0.5;
-/// The same of what is beyond doubt. Noise that wanders is not known to be noise and counts as left: of what any term could set
-/// right this is more.
+/// Such a share for what is beyond doubt. Noise that wanders is not known to be noise and counts as left: of what any term could
+/// set right this is more.
 const MORE_THAN_A_THIRD: f64 = 0.4;
 
 /// The noise may be this much less than it was taken for, as a share of its variance: what is left beyond it is then more.
 const NOISE_DOUBT: f64 = 0.2;
 
-/// Whether a further term could still earn its place beside those of `best`: none sets right more than all that is left beyond
-/// the noise, and that less than it was taken for. A short search takes the noise for what it is, and asks for what is worth a name
-/// without being beyond doubt.
+/// Tells whether a further term could still earn its place beside those of `best`: none sets right more than all that is left
+/// beyond the noise, and that less than it was taken for. A short search takes the noise for what it is, and asks for what is worth
+/// a name without being beyond doubt.
 pub(super) fn leaves_room(bench: &Bench<'_>, settings: &SearchSettings, best: &Explanation) -> bool {
     let noise: f64 = bench.sigma_kpa().iter().map(|sigma| sigma * sigma).sum();
     let beyond: f64 = left(bench, best).iter().map(|kpa| kpa * kpa).sum();
@@ -35,10 +35,10 @@ pub(super) fn leaves_room(bench: &Bench<'_>, settings: &SearchSettings, best: &E
     (beyond + doubt * noise).sqrt() > least_kpa
 }
 
-/// Whether `with`, which has the evidence `found` against `without`, passes the bar, and is more than what the formulas of the
-/// terms in `without` may have left of what the `nominal` rig misses: more than a share of it, or, where it shows or is
-/// beyond doubt, most of what is left, be it in all channels together or in one where it shows. What a formula leaves is not what
-/// some other physics does, and that explains a third of it at best. Nor is something slow what a slow ripple has left.
+/// Tells whether `with`, which has the evidence `found` against `without`, passes the bar, and is more than what the formulas of
+/// the terms in `without` may have left of what the `nominal` rig misses: more than a share of it, or, where it shows or is beyond
+/// doubt, most of what is left, be it in all channels together or in one where it shows. What a formula leaves is not what some
+/// other physics does, and that explains a third of it at best. Nor is something slow what a slow ripple has left.
 pub(super) fn earns_its_place(
     bench: &Bench<'_>,
     candidates: &[Candidate],
@@ -65,14 +65,14 @@ pub(super) fn earns_its_place(
         || found.share_of_a_channel > MORE_THAN_A_THIRD && found.is_certain()
 }
 
-/// What something slow must set right beside a ripple that turned about once in a recording, in kPa: predicted to a tenth of its
-/// height and a few degrees of its angle, it leaves a twentieth of a kPa that is as slow.
+/// Error that something slow must set right beside a ripple that turned about once in a recording, in kPa: predicted to a tenth of
+/// its height and a few degrees of its angle, it leaves a twentieth of a kPa that is as slow.
 const BESIDE_SLOW_RIPPLE_KPA: f64 = 0.05;
 
-/// How much more than the screen sees, to first order, a term may come to gain where the rest is explained.
+/// Factor by which a term may come to gain more than the screen sees, to first order, where the rest is explained.
 const BEYOND_THE_SCREEN: f64 = 5.0;
 
-/// Whether anything on top of `base`, by what the screen sees in it, could set right `least_kpa` of the free run.
+/// Tells whether anything on top of `base`, by what the screen sees in it, could set right `least_kpa` of the free run.
 ///
 /// On `n` readings of a channel fitted with a scale `s`, a root of `k` in the drop of the mean square is a gain of `½ n (k/s)²`,
 /// or more where the channel with the larger scale is the one. Where much is unexplained the screen's slopes lead nowhere,
@@ -87,11 +87,11 @@ pub(super) fn any_could_earn(bench: &Bench<'_>, base: &Explanation, screening: &
     BEYOND_THE_SCREEN * most.fold(0.0, f64::max) > least
 }
 
-/// How much more a fit to the end may come to gain than a glance.
+/// Factor by which a fit to the end may come to gain more than a glance.
 const BEYOND_A_GLANCE: f64 = 4.0;
 
-/// What something on top of `base` must gain at a glance for a fit to the end to pass [`earns_its_place`]: a share of what the terms in
-/// `base` set right of what the `nominal` rig misses, or of what is left in one channel, as a gain ([`any_could_earn`]).
+/// Gain that something on top of `base` must have at a glance for a fit to the end to pass [`earns_its_place`]: a share of what the
+/// terms in `base` set right of what the `nominal` rig misses, or of what is left in one channel, as a gain ([`any_could_earn`]).
 pub(super) fn least_gain(bench: &Bench<'_>, nominal: &Explanation, base: &Explanation) -> f64 {
     let others = evidence(bench, base, nominal);
     let beside_kpa = BESIDE * f64::min(others.removed_kpa, others.removed_at_work_kpa).max(0.0);

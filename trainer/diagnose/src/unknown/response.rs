@@ -128,7 +128,7 @@ fn look(bench: &Bench<'_>, base: &Explanation, channel: usize) -> Option<Look> {
     best
 }
 
-/// What an answer makes of simulated readings, row by row, from rest.
+/// Readings that an answer makes of simulated ones, row by row, from rest.
 fn answered(response: &ResidualResponse, simulated: &[f64]) -> Vec<f64> {
     let swing = response.swing(PERIOD_S);
     let mut before = simulated.first().copied().unwrap_or(0.0);

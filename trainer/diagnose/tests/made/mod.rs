@@ -2,6 +2,8 @@
 
 #![allow(dead_code, unreachable_pub, missing_docs)] // Each suite uses its part.
 
+pub mod two_chambers;
+
 use diagnose::bench::Bench;
 use diagnose::judge::{Judgement, judge};
 use diagnose::search::candidate::Candidate;

@@ -12,7 +12,7 @@ use crate::data::Records;
 use crate::least_squares::{Simplex, nelder_mead};
 use crate::parameters::{Scatter, set_value};
 
-/// What the paper's procedure found.
+/// Result of the paper's procedure.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PaperFit {
     /// Effective areas of the inlet and outlet check valves, in mm².

@@ -8,6 +8,7 @@
 use crate::least_squares::{Direction, Information};
 use crate::objective::{Estimate, Fitted};
 use crate::parameters::Transform;
+use crate::wording::{percent, three_digits};
 
 /// A combination whose standard error is still this share of what was known beforehand is not determined.
 const HARDLY: f64 = 0.5;
@@ -28,6 +29,8 @@ const MOST_SCALED: usize = 6;
 const OF_SLOPES: f64 = 1e-5;
 /// The distance from a whole number up to which an exponent is told as one.
 const WHOLE: f64 = 0.05;
+/// Decimals of the per cent to which a combination is known.
+const DECIMALS: usize = 2;
 
 /// Information on a combination, as multiples of the prior's, below which it is not determined: `1/√(1 + information) = HARDLY`.
 const LEAST_INFORMATION: f64 = 1.0 / (HARDLY * HARDLY) - 1.0;
@@ -118,7 +121,7 @@ fn exponent_of_scale(estimate: &Estimate) -> f64 {
 }
 
 /// The direction along which the rig is scaled, in coordinates, where the recordings say no more of it than was known before.
-fn open_scaling(estimates: &[Estimate], information: &Information) -> Option<Vec<f64>> {
+pub(super) fn open_scaling(estimates: &[Estimate], information: &Information) -> Option<Vec<f64>> {
     let scaling: Vec<f64> = estimates.iter().map(|e| exponent_of_scale(e) / e.parameter.scale()).collect();
     let of = |key: &str| estimates.iter().any(|e| e.parameter.path.ends_with(key));
     let several = scaling.iter().filter(|part| **part != 0.0).count() > 1;
@@ -236,22 +239,16 @@ fn one_known(
     // What was rounded for the reader must not be what made it known.
     let before = weights.iter().map(|w| w * w).sum::<f64>().sqrt();
     (factors.len() > 1 && known < HARDLY * before)
-        .then(|| format!("{} is known to {:.2} %", product(&factors), 100.0 * known))
+        .then(|| format!("{} is known to {}", product(&factors), percent(known, DECIMALS)))
 }
 
 /// A standard error in prior deviations, as a share of a parameter or in its unit.
 fn share(estimate: &Estimate, sd: f64) -> String {
     let known = sd * estimate.parameter.scale();
     match estimate.parameter.transform {
-        Transform::Log => percent(known),
-        Transform::Linear => format!("{known:.3} {}", estimate.parameter.unit()),
+        Transform::Log => percent(known, DECIMALS),
+        Transform::Linear => format!("{} {}", three_digits(known), estimate.parameter.unit()),
     }
-}
-
-/// A share in per cent; nothing is known to 0.00 %.
-fn percent(share: f64) -> String {
-    let percent = 100.0 * share;
-    if percent < 0.01 { "less than 0.01 %".to_owned() } else { format!("{percent:.2} %") }
 }
 
 /// An exponent with two decimals, whole where it nearly is.
@@ -287,13 +284,13 @@ fn moves<'n>(parts: &[(usize, f64)], with: f64, name: impl Fn(usize) -> &'n str)
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::least_squares::{Linearised, Loss};
     use crate::parameters::Parameter;
 
     /// Estimates and information of recordings that show some products of powers, each to a thousandth.
-    fn shown(parameters: Vec<Parameter>, products: &[&[f64]]) -> (Vec<Estimate>, Information) {
+    pub(in crate::identify) fn shown(parameters: Vec<Parameter>, products: &[&[f64]]) -> (Vec<Estimate>, Information) {
         let column = |(index, parameter): (usize, &Parameter)| -> Vec<f64> {
             let of = |exponents: &&[f64]| 1e3 * exponents.get(index).copied().unwrap_or(0.0) * parameter.scale();
             products.iter().map(of).collect()
@@ -312,7 +309,7 @@ mod tests {
         (parameters.into_iter().zip(sd).map(estimate).collect(), information)
     }
 
-    fn cell() -> Vec<Parameter> {
+    pub(in crate::identify) fn cell() -> Vec<Parameter> {
         vec![
             Parameter::log("volumes.cell.volume_l", 1.0, 0.05),
             Parameter::log("pumps.p.flow_l_per_min", 5.0, 0.3),
@@ -342,6 +339,13 @@ mod tests {
         let (estimates, information) = shown(cell(), &[&[-1.0, 1.0, 0.0, 0.0]]);
         let said = known(&estimates, &information);
         assert_eq!(said[1..], ["pumps.p.flow_l_per_min / volumes.cell.volume_l is known to 0.10 %"]);
+    }
+
+    #[test]
+    fn a_combination_that_is_known_very_well_is_not_known_to_nothing() {
+        let (estimates, information) = shown(cell(), &[&[-100.0, 100.0, 0.0, 0.0]]);
+        let said = known(&estimates, &information);
+        assert_eq!(said[1..], ["pumps.p.flow_l_per_min / volumes.cell.volume_l is known to less than 0.01 %"]);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! What a piston pump draws and delivers while its chambers' pressures do what was recorded.
+//! Flows that a piston pump draws and delivers while its chambers' pressures do what was recorded.
 //!
 //! The valves' regression needs the pump's flow, and a table of it over settled pressures will not do: the outlet valve
 //! is tight, a revolution forgets only a third of the cylinders' content, and while the negative chamber's pressure

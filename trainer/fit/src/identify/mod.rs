@@ -7,10 +7,12 @@
 //! | `check_valves` | check valves by the simplex method around it |
 //! | `run` | all of it: quality, starts, refinement, figures on what was kept back |
 //! | `combinations` | which combinations of parameters the recordings determine, and which they leave open |
+//! | `contradictions` | standard errors where statements contradict one another and only ratios are known |
 //! | `words` | tables and plain words |
 
 mod check_valves;
 mod combinations;
+mod contradictions;
 mod driven_pump;
 mod run;
 mod weak_form;
@@ -21,4 +23,4 @@ pub use combinations::{determined, undetermined};
 pub use driven_pump::DrivenPump;
 pub use run::{Accuracy, Identified, IdentifySettings, Step, no_worse_than, run};
 pub use weak_form::ValveRegression;
-pub use words::{figures, noise_in_words, not_good, runaway_in_words, table, three_digits, verdict};
+pub use words::{figures, noise_in_words, not_good, runaway_in_words, table, verdict};

@@ -4,6 +4,7 @@ use model::rig::Rig;
 use proto::recording::Recording;
 
 use super::check_valves::{PaperFit, paper_fit};
+use super::contradictions::contradicted;
 use crate::FitError;
 use crate::data::quality::Quality;
 use crate::data::{Line, Noise, Records, Role, Split, lines, noise, rms_kpa};
@@ -11,10 +12,10 @@ use crate::objective::{FitSettings, Fitted, blocks_of, fit};
 use crate::parameters::{ParameterSet, Scatter, nominal};
 use crate::simulate::{ChannelError, Fidelity, Horizon, Simulator, errors, traces_at};
 
-/// How to identify.
+/// Settings of an identification.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct IdentifySettings {
-    /// What parts scatter by: the priors.
+    /// Scatter of parts: the priors.
     pub scatter: Scatter,
     /// Cores; `None` for all.
     pub threads: Option<usize>,
@@ -33,7 +34,7 @@ pub fn no_worse_than(before_kpa: f64, noise_kpa: f64) -> f64 {
     (before_kpa.powi(2) + (CHANCE.powi(2) - 1.0) * chance_kpa.powi(2)).sqrt()
 }
 
-/// What is being done, for a progress line.
+/// Step that is being done, for a progress line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Step {
     /// The recordings are checked.
@@ -60,7 +61,7 @@ pub struct Accuracy {
     pub one_second: Vec<ChannelError>,
 }
 
-/// What identification gave.
+/// Result of an identification.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identified {
     /// The fit; its rig is the result.
@@ -68,9 +69,9 @@ pub struct Identified {
     /// Cost of the fit from each start, comparable with each other: whether they agree says whether the minimum is the
     /// minimum.
     pub costs: Vec<f64>,
-    /// What the paper's procedure found, for rigs that it applies to.
+    /// Result of the paper's procedure, for rigs that it applies to.
     pub paper: Option<PaperFit>,
-    /// What is doubtful about the recordings.
+    /// Findings on what is doubtful about the recordings.
     pub quality: Quality,
     /// Noise by channel.
     pub noise: Vec<Noise>,
@@ -78,13 +79,13 @@ pub struct Identified {
     pub channels: Vec<String>,
     /// Errors on the stretches that were kept back, of the rig as it came.
     pub before: Accuracy,
-    /// The same of the identified rig.
+    /// Errors on these stretches of the identified rig.
     pub after: Accuracy,
-    /// Whether the errors are on rows that were fitted, because there were too few to keep any back.
+    /// True where the errors are on rows that were fitted, because there were too few to keep any back.
     pub tested_on_fitted: bool,
     /// Narrow lines in the residual (a pump off its speed), by channel.
     pub lines: Vec<Vec<Line>>,
-    /// How the rows were shared out.
+    /// Roles that the rows were shared out to.
     pub split: Split,
 }
 
@@ -98,13 +99,13 @@ impl Identified {
         })
     }
 
-    /// Whether the identified rig is worse on validation data than the rig as it came, by more than chance.
+    /// Tells whether the identified rig is worse on validation data than the rig as it came, by more than chance.
     pub fn is_worse(&self) -> bool {
         let [before_kpa, after_kpa] = self.before_and_after_kpa();
         after_kpa > no_worse_than(before_kpa, rms_kpa(&self.noise))
     }
 
-    /// How far the identified rig's free run is from the true pressures, by channel in kPa: what the error exceeds the
+    /// Distance of the identified rig's free run from the true pressures, by channel in kPa: what the error exceeds the
     /// noise by. Below about a fifth of the noise it is zero within its own uncertainty.
     pub fn distance_from_truth_kpa(&self) -> Vec<f64> {
         self.after
@@ -165,10 +166,18 @@ pub fn run(
     let mut blocks = blocks_of(&split, Role::Fit);
     blocks.extend(blocks_of(&split, Role::Select));
     let mut round = 0;
-    let (fitted, costs) = fit(simulator, &set, &starts, &fitted_rows, &sigma_kpa, &blocks, &settings.fit, &mut || {
-        round += 1;
-        progress(Step::Refining { round });
-    })?;
+    let (mut fitted, costs) =
+        fit(simulator, &set, &starts, &fitted_rows, &sigma_kpa, &blocks, &settings.fit, &mut || {
+            round += 1;
+            progress(Step::Refining { round });
+        })?;
+
+    // Where only ratios are known, and what is stated contradicts itself, no parameter is known as well as that says.
+    if let Some(information) = &fitted.information
+        && let Some(variances) = contradicted(&fitted.estimates, information)
+    {
+        fitted.widen(&variances);
+    }
 
     progress(Step::Testing);
     let horizons = [Horizon::Free, Horizon::Windows { seconds: 10.0 }, Horizon::Windows { seconds: 1.0 }];

@@ -1,12 +1,14 @@
-//! What was identified, as a table and in plain words.
+//! Identified parameters, as a table and in plain words.
 
 use std::fmt::Write as _;
 
+use super::contradictions::contradicted;
 use super::run::Identified;
 use crate::data::Noise;
-use crate::objective::{Estimate, FAR, HeldBy, Runaway};
+use crate::objective::{Estimate, FAR, Fitted, HeldBy, Runaway};
 use crate::parameters::{End, Transform};
 use crate::simulate::ChannelError;
+use crate::wording::{MOST_TIMES, NO_NOISE_KPA, change_in_percent, three_digits};
 
 /// A parameter of which recordings say next to nothing, as the same share.
 const AS_BEFORE: f64 = 0.9;
@@ -19,14 +21,12 @@ const IN_PART: f64 = 10.0;
 /// open a step of the integrator sooner or later (up to 8 measured, where the noise of a fit moves costs by half the
 /// number of parameters, 7).
 const SAME_VALLEY: f64 = 15.0;
+/// Variance, in units of the prior's, from which on a parameter is named as widened.
+const MUCH_WIDER: f64 = 0.1;
 /// A parameter that is this many times what was stated, or one in so many, is told with that factor.
 const FACTOR: f64 = 1.5;
-/// Noise in kPa up to which there is none to speak of: most readings repeat the one before, and multiples of it say nothing.
-const NO_NOISE_KPA: f64 = 1e-5;
 /// Error in kPa from which on a channel without noise is off.
 const OFF_KPA: f64 = 0.1;
-/// The most multiples of a noise that are told as a number.
-const MOST_TIMES: f64 = 1000.0;
 
 /// The parameters with their uncertainties, one a line.
 pub fn table(identified: &Identified) -> String {
@@ -88,30 +88,10 @@ pub fn runaway_in_words(estimate: &Estimate, runaway: &Runaway) -> String {
     }
 }
 
-/// A number with three significant digits.
-pub fn three_digits(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return format!("{value}");
-    }
-    let magnitude = value.abs().log10().floor() as i32;
-    if !(-3..6).contains(&magnitude) {
-        return format!("{:.2}·10{}", value / 10f64.powi(magnitude), raised(magnitude));
-    }
-    let digits = usize::try_from((2 - magnitude).max(0)).unwrap_or(0);
-    format!("{value:.digits$}")
-}
-
-/// An exponent in raised digits.
-fn raised(exponent: i32) -> String {
-    const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
-    let raise = |c: char| c.to_digit(10).and_then(|d| DIGITS.get(d as usize).copied()).unwrap_or('⁻');
-    exponent.to_string().chars().map(raise).collect()
-}
-
 /// By how much a parameter moved: in per cent, or in its unit where it may be zero.
 fn moved(e: &Estimate) -> String {
     match e.parameter.transform {
-        Transform::Log => format!("{:+.1} %", 100.0 * (e.value / e.parameter.mean - 1.0)),
+        Transform::Log => change_in_percent(e.value / e.parameter.mean - 1.0, 1),
         Transform::Linear => format!("{:+.2} {}", e.value - e.parameter.mean, e.parameter.unit()),
     }
 }
@@ -161,7 +141,7 @@ fn times(ratio: f64) -> String {
     }
 }
 
-/// Whether the free run of a channel is down to the noise.
+/// Tells whether the free run of a channel is down to the noise.
 fn explained(identified: &Identified, channel: usize) -> bool {
     let (error, noise) = (identified.after.free.get(channel), identified.noise.get(channel));
     error.zip(noise).is_some_and(|(error, noise)| is_explained(error, noise))
@@ -219,7 +199,23 @@ fn far_in_words(e: &Estimate) -> String {
     )
 }
 
-/// What to make of it, one sentence a line.
+/// The sentence on parameters whose uncertainties were widened since what is stated contradicts itself by far, and recordings tell
+/// their ratios alone; `None` where none was.
+fn only_ratios(identified: &Identified) -> Option<String> {
+    let Fitted { estimates, information, .. } = &identified.fitted;
+    let variances = contradicted(estimates, information.as_ref()?)?;
+    let widened = estimates.iter().zip(&variances).filter(|(_, variance)| **variance > MUCH_WIDER);
+    let names: Vec<&str> = widened.map(|(e, _)| e.parameter.path.as_str()).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "what the rig file states of {} contradicts itself by far, and the recordings determine ratios of these alone: any of them \
+             may be the wrong one, so that each ± is widened to that; measure one of them, put the right value in and identify again",
+            names.join(", ")
+        )
+    })
+}
+
+/// Verdict on an identification, one sentence a line.
 pub fn verdict(identified: &Identified) -> Vec<String> {
     let mut said = Vec::new();
     for ((channel, error), noise) in identified.channels.iter().zip(&identified.after.free).zip(&identified.noise) {
@@ -244,6 +240,7 @@ pub fn verdict(identified: &Identified) -> Vec<String> {
             said.push(far_in_words(e));
         }
     }
+    said.extend(only_ratios(identified));
     let spread = identified
         .costs
         .iter()

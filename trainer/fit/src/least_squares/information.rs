@@ -1,4 +1,4 @@
-//! What a Jacobian says: covariance, intervals, and combinations that the data do not determine.
+//! Information in a Jacobian: covariance, intervals, and combinations that the data do not determine.
 //!
 //! With coordinates in units of the prior's standard deviation the information of the data is `F = JᵀWJ` and that of
 //! the prior is `P` (ones). Then
@@ -27,7 +27,7 @@ pub struct Direction {
     pub information: f64,
 }
 
-/// What data and prior say about parameters at the minimum.
+/// Information of data and prior on parameters at the minimum.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Information {
     /// Information of the data alone.

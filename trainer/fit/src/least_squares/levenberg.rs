@@ -38,7 +38,7 @@ pub trait Problem {
     fn residuals(&mut self, points: &[Vec<f64>]) -> Vec<Option<Vec<f64>>>;
 }
 
-/// How to search.
+/// Settings of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
     /// The loss.
@@ -83,7 +83,7 @@ pub enum Stop {
     Stuck,
     /// The most Jacobians were used up.
     Rounds,
-    /// What is needed was out of reach.
+    /// The cost that is needed was out of reach.
     Behind,
 }
 
@@ -113,8 +113,8 @@ const MOST_DAMPING: f64 = 1e12;
 /// Below this λ a step is not held back at all.
 const LEAST_DAMPING: f64 = 1e-3;
 
-/// How much better than the last one the steps to come may turn out, before a search counts as out of reach of what is needed.
-/// Steps of least squares mostly become smaller, the first ones of a long way excepted.
+/// Factor by which the steps to come may turn out better than the last one, before a search counts as out of reach of what is
+/// needed. Steps of least squares mostly become smaller, the first ones of a long way excepted.
 const HOPE: f64 = 2.0;
 
 /// Searches from `start`.
@@ -185,7 +185,7 @@ pub fn minimise(problem: &mut impl Problem, start: &[f64], settings: &Settings) 
 /// Share of a step by which two of them differ where damping does not tell them apart.
 const ALIKE: f64 = 0.02;
 
-/// Whether two steps from a point are one but for a hundredth or two, as the readings see them and in coordinates.
+/// Tells whether two steps from a point are one but for a hundredth or two, as the readings see them and in coordinates.
 fn is_alike(normal: &DMatrix<f64>, point: &[f64], one: &[f64], other: &[f64]) -> bool {
     let between =
         |from: &[f64], to: &[f64]| DVector::from_iterator(from.len(), from.iter().zip(to).map(|(a, b)| b - a));
@@ -333,7 +333,7 @@ mod tests {
         assert!(found.rounds < 60, "{} rounds", found.rounds);
     }
 
-    /// The same valley with its end cut off: on the bound z₀ = 0.5 the best second coordinate is z₀².
+    /// A valley with its end cut off: on the bound z₀ = 0.5 the best second coordinate is z₀².
     #[test]
     fn walks_along_a_bound() {
         let mut valley = Function(|p: &[f64]| vec![10.0 * (p[1] - p[0] * p[0]), 1.0 - p[0]]);
@@ -363,7 +363,7 @@ mod tests {
         assert!(at(Loss::Student { freedom: 5.0 }).abs() < 0.02);
     }
 
-    /// One that needs less than the valley's floor soon ends; one that needs what is there gets there by the same steps.
+    /// A search that needs less than the valley's floor soon ends; one that needs what is there gets there by the same steps.
     #[test]
     fn a_search_ends_once_what_is_needed_is_out_of_reach() {
         let mut valley = Function(|p: &[f64]| vec![10.0 * (p[1] - p[0] * p[0]), 1.0 - p[0], 3.0]);

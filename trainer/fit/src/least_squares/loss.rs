@@ -1,4 +1,4 @@
-//! What a residual costs: half its square, or less where it is far out.
+//! Cost of a residual: half its square, or less where it is far out.
 
 /// The loss of a residual `r` in units of its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]

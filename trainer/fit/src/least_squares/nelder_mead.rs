@@ -4,7 +4,7 @@
 //! 2, contraction ½, shrinkage ½. It can stall on a simplex that has collapsed (McKinnon 1998), which is why
 //! [`nelder_mead`] starts again from the best point with a fresh simplex until that gains nothing.
 
-/// How to search.
+/// Settings of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Simplex {
     /// First distance along each coordinate.

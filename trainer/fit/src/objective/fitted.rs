@@ -16,9 +16,9 @@ pub const NINETY: f64 = 1.645;
 pub struct Estimate {
     /// The parameter, with its prior.
     pub parameter: Parameter,
-    /// Its value, in its unit.
+    /// Value of the parameter, in its unit.
     pub value: f64,
-    /// Its standard error, in its unit.
+    /// Standard error of the value, in the parameter's unit.
     pub sd: f64,
     /// By how many prior standard deviations it moved.
     pub shift: f64,
@@ -93,7 +93,7 @@ impl Runaway {
     }
 }
 
-/// What a fit gave.
+/// Result of a fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fitted {
     /// The rig at the minimum.
@@ -108,7 +108,7 @@ pub struct Fitted {
     pub rmse_kpa: Vec<f64>,
     /// The loss that the cost is made of.
     pub loss: Loss,
-    /// Whether the last stage converged.
+    /// True where the last stage converged.
     pub converged: bool,
     /// Jacobians worked out in all stages.
     pub rounds: usize,
@@ -118,7 +118,7 @@ pub struct Fitted {
     pub information: Option<Information>,
     /// Residuals and Jacobian at the minimum, for screening further terms.
     pub linearised: Linearised,
-    /// What the starts could explain: out of the residuals and the Jacobian.
+    /// Effects of the starts, taken out of the residuals and the Jacobian.
     pub starts: Projection,
     /// Arcs with refined starts.
     pub arcs: Arcs,
@@ -196,7 +196,7 @@ pub(super) fn rmse(records: &Records, residuals: &[f64], weights: &[f64], scale_
         .collect()
 }
 
-/// What the minimum and its standard errors (both as coordinates) are in the parameters' units.
+/// Estimates in the parameters' units, from the minimum and its standard errors as coordinates.
 pub(super) fn estimates(set: &ParameterSet, point: &[f64], sd: &[f64]) -> Vec<Estimate> {
     set.parameters().iter().zip(point).zip(sd).map(|((parameter, z), sd)| Estimate::of(parameter, *z, *sd)).collect()
 }

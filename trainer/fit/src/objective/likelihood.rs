@@ -15,7 +15,7 @@
 
 use crate::data::{Records, Role, Split, Stretch};
 
-/// What residuals are taken to be.
+/// Model of the residuals.
 #[derive(Debug, Clone, PartialEq)]
 pub enum NoiseModel {
     /// White, standard deviation by channel in kPa.
@@ -31,9 +31,9 @@ pub enum NoiseModel {
         sigma_kpa: Vec<f64>,
         /// Standard deviation of the drift by channel, in kPa.
         drift_kpa: Vec<f64>,
-        /// Its correlation time in s.
+        /// Correlation time of the drift in s.
         time_s: f64,
-        /// Whether errors have heavier tails than a normal distribution.
+        /// True where errors have heavier tails than a normal distribution.
         heavy: bool,
     },
 }
@@ -51,7 +51,7 @@ pub struct BlockScore {
     pub rows: Vec<usize>,
 }
 
-/// How well a trace explains readings.
+/// Score of how well a trace explains readings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Score {
     /// Contributions by block, in order.

@@ -1,4 +1,4 @@
-//! How well a rig explains recordings: residuals to be minimised, likelihoods to be compared.
+//! Measures of how well a rig explains recordings: residuals to be minimised, likelihoods to be compared.
 //!
 //! | file | subject |
 //! | --- | --- |

@@ -46,7 +46,7 @@ pub enum Sides {
     One,
 }
 
-/// How readings change with starts and parameters, in kPa and not projected, so that they serve under any weights.
+/// Changes of readings with starts and parameters, in kPa and not projected, so that they serve under any weights.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Slopes {
     /// Per kPa of a channel's starts, by channel.
@@ -67,7 +67,7 @@ pub struct RigProblem<'p> {
     projection: Projection,
     sides: Sides,
     slopes: Option<Slopes>,
-    /// Whether the slopes stay what they are, wherever the search goes.
+    /// True where the slopes stay what they are, wherever the search goes.
     kept: bool,
     /// Points tried last, and the traces there: with kept slopes the next linearisation needs one of them.
     tried: Vec<(Vec<f64>, Vec<f64>)>,
@@ -90,13 +90,13 @@ impl<'p> RigProblem<'p> {
         }
     }
 
-    /// The same with differences on these sides.
+    /// The problem with differences on these sides.
     #[must_use]
     pub fn on(self, sides: Sides) -> Self {
         RigProblem { sides, ..self }
     }
 
-    /// The same with slopes that are worked out once and then kept (chord method), or that are given from nearby: a
+    /// The problem with slopes that are worked out once and then kept (chord method), or that are given from nearby: a
     /// round costs the trials alone.
     #[must_use]
     pub(super) fn keeping(self, slopes: Option<Slopes>) -> Self {
@@ -108,7 +108,7 @@ impl<'p> RigProblem<'p> {
         Some((self.slopes?, self.projection))
     }
 
-    /// The same with a correction of every trace.
+    /// The problem with a correction of every trace.
     ///
     /// Two simulations of one rig at two fidelities differ by an error that hardly depends on the parameters (the
     /// pump's ripple, the integrator's error at switching valves). Worked out at one point and added to the fast one,
@@ -143,14 +143,7 @@ impl RigProblem<'_> {
     /// Works out the slopes at a point; also gives the trace there.
     fn slopes_at(&self, rig: &Rig, point: &[f64]) -> Result<(Vec<f64>, Slopes), FitError> {
         let channels = self.simulator.records().layout().channels();
-        let mut runs = vec![Run::from(rig.clone())];
-        for channel in 0..channels {
-            let mut shift_kpa = vec![0.0; channels];
-            if let Some(slot) = shift_kpa.get_mut(channel) {
-                *slot = NUDGE_KPA;
-            }
-            runs.push(Run { shift_kpa, ..Run::from(rig.clone()) });
-        }
+        let mut runs = Run::nudged(rig, channels, NUDGE_KPA);
         let spans = self.spans(point);
         for (i, span) in spans.iter().enumerate() {
             for by in span.iter().filter(|by| **by != 0.0) {
@@ -187,7 +180,7 @@ impl RigProblem<'_> {
         Ok((base, Slopes { starts, coordinates }))
     }
 
-    /// How far differences reach below and above a point, by coordinate: one or both sides, within bounds.
+    /// Reach of differences below and above a point, by coordinate: one or both sides, within bounds.
     fn spans(&self, point: &[f64]) -> Vec<[f64; 2]> {
         self.set
             .parameters()

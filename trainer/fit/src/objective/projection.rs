@@ -1,4 +1,4 @@
-//! What of a residual an unknown start could explain, taken out.
+//! Projection that takes out of a residual what an unknown start could explain.
 //!
 //! The pressures that an arc starts from are known only as well as one reading is. Freeing them would double the
 //! parameters of a fit with many windows; since their effect is linear over the noise, they are projected out instead

@@ -38,7 +38,7 @@ pub enum Shooting {
     Free,
 }
 
-/// How to fit.
+/// Settings of a fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitSettings {
     /// The loss.
@@ -53,7 +53,7 @@ pub struct FitSettings {
     pub passes: usize,
     /// A pass that gains less log-likelihood than this is at rest.
     pub rest: f64,
-    /// What the search runs on. The minimum is that of the simulator's own fidelity all the same.
+    /// Fidelity that the search runs at. The minimum is that of the simulator's own fidelity all the same.
     pub search: Fidelity,
 }
 
@@ -111,7 +111,7 @@ pub fn fit_from(
     Ok(task.finish(near, None, &mut || {})?.0)
 }
 
-/// What is fitted to what, and how.
+/// A fit to be made: what is fitted to what, and how.
 struct Task<'t> {
     simulator: Simulator<'t>,
     set: &'t ParameterSet,
@@ -294,7 +294,7 @@ impl Task<'_> {
             .corrected(setting.correction_kpa.clone())
     }
 
-    /// What the last stage's residuals are made with at a point.
+    /// Setting in which the last stage's residuals are made at a point.
     fn setting(&self, rig: &Rig) -> Result<Setting, FitError> {
         let Some(shooting) = self.settings.stages.last() else { return Err(FitError::NoRecordings) };
         let records = self.simulator.records();
@@ -363,7 +363,7 @@ impl Problem for Watched<'_, '_> {
     }
 }
 
-/// What a round must gain while slopes are taken on one side: they are off by a per cent, and along a valley a search that
+/// Gain that a round must have while slopes are taken on one side: they are off by a per cent, and along a valley a search that
 /// follows them crawls.
 const APPROACH_GAIN: f64 = 5.0;
 /// Times that ranges are widened in the last stage: from five times what was stated to ten thousand times takes as many.
@@ -371,13 +371,13 @@ const WIDENINGS: usize = 6;
 /// Rounds that borrowed slopes are followed for: another minimum shows by then.
 const FOLLOWED: usize = 4;
 
-/// Whether a scale has hardly changed.
+/// Tells whether a scale has hardly changed.
 fn settled(old: &[f64], new: &[f64]) -> bool {
     old.iter().zip(new).all(|(a, b)| (a / b - 1.0).abs() < 0.1)
 }
 
-/// Whether two points are within `reach` of each other in every coordinate. (Within a tenth of a prior deviation the
-/// correction of the fast simulation does not change.)
+/// Tells whether two points are within `reach` of each other in every coordinate. (Within a tenth of a prior deviation
+/// the correction of the fast simulation does not change.)
 fn near_to(old: &[f64], new: &[f64], reach: f64) -> bool {
     old.iter().zip(new).all(|(a, b)| (a - b).abs() < reach)
 }

@@ -9,7 +9,7 @@ use model::rig::{Line, Pump, Rig, Source};
 
 use super::parameter::Parameter;
 
-/// What parts scatter by, as shares unless a unit is named.
+/// Scatter of parts, as shares unless a unit is named.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scatter {
     /// Chambers: fittings and hoses add a few per cent.
@@ -28,7 +28,7 @@ pub struct Scatter {
     pub atmosphere_kpa: f64,
     /// Areas and resistances of lines, flows of pumps given by their displacement.
     pub line: f64,
-    /// What walls give way by, where they do: rubber, or the spring of a test lung.
+    /// Compliance of walls, where they give way: rubber, or the spring of a test lung.
     pub compliance: f64,
     /// Zero of a flow meter, as a share of what it shows at a signal of 1.
     pub meter_zero: f64,

@@ -3,7 +3,7 @@
 //! Fits work in coordinates `z`: the parameter, transformed, less its prior mean, in units of the prior's standard
 //! deviation. All coordinates are then of order one, and a Gaussian prior is `½ z²`.
 
-/// How a parameter varies naturally.
+/// Natural variation of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Transform {
     /// By factors: areas, volumes, time constants; always positive.
@@ -12,7 +12,7 @@ pub enum Transform {
     Linear,
 }
 
-/// What is known of a parameter before the recordings are looked at.
+/// Knowledge of a parameter before the recordings are looked at.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Knowledge {
     /// Gaussian around the rig file's value: `sd` in the parameter's unit, or as a share for [`Transform::Log`].
@@ -32,11 +32,11 @@ pub enum Knowledge {
 pub struct Parameter {
     /// Dotted key of the rig file.
     pub path: String,
-    /// How it varies.
+    /// Natural variation.
     pub transform: Transform,
     /// The value at coordinate zero: the prior's mean (median for [`Transform::Log`]).
     pub mean: f64,
-    /// What is known beforehand.
+    /// Knowledge beforehand.
     pub knowledge: Knowledge,
     /// Lowest and highest value, in the parameter's unit.
     pub bounds: [f64; 2],
@@ -89,14 +89,14 @@ impl Parameter {
         Parameter { path: path.into(), transform, mean, knowledge, bounds, range: SearchRange::Whole }
     }
 
-    /// The same without a prior; its standard deviation stays the scale of the coordinate.
+    /// The parameter without a prior; its standard deviation stays the scale of the coordinate.
     #[must_use]
     pub fn without_prior(mut self) -> Self {
         self.knowledge = Knowledge::Nothing { scale: self.scale() };
         self
     }
 
-    /// The same within other bounds.
+    /// The parameter within other bounds.
     #[must_use]
     pub fn within(mut self, low: f64, high: f64) -> Self {
         self.bounds = [low, high];
@@ -114,7 +114,7 @@ impl Parameter {
         self
     }
 
-    /// What one unit of the coordinate is, in the parameter's unit or as a share.
+    /// Size of one unit of the coordinate, in the parameter's unit or as a share.
     pub fn scale(&self) -> f64 {
         match self.knowledge {
             Knowledge::Prior { sd } => sd,
@@ -192,7 +192,7 @@ impl Parameter {
         [self.value(coordinate - by).clamp(low, high), self.value(coordinate + by).clamp(low, high)]
     }
 
-    /// What stands after the last underscore group that is a unit, for tables: `mm2` in `input_area_mm2`.
+    /// Unit of the parameter by the end of its key, for tables: mm² for `input_area_mm2`.
     pub fn unit(&self) -> &'static str {
         const UNITS: [(&str, &str); 27] = [
             ("_mm2_per_n2", "mm²/N²"),

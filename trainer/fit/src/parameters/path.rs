@@ -54,7 +54,7 @@ fn find<'t>(tree: &'t mut Value, path: &str) -> Result<&'t mut Value, RigError> 
     Ok(at)
 }
 
-/// Whether an item of a list is meant: a mechanism by `id@component`, anything by its number.
+/// Tells whether an item of a list is meant: a mechanism by `id@component`, anything by its number.
 fn is_item(item: &Value, index: usize, key: &str) -> bool {
     match key.split_once('@') {
         Some((id, component)) => {

@@ -34,17 +34,17 @@ impl ParameterSet {
         &self.parameters
     }
 
-    /// How many there are.
+    /// Number of free parameters.
     pub fn len(&self) -> usize {
         self.parameters.len()
     }
 
-    /// Whether none is free.
+    /// Tells whether none is free.
     pub fn is_empty(&self) -> bool {
         self.parameters.is_empty()
     }
 
-    /// The same rig with some more parameters free; those that are free already stay as they are.
+    /// The set with some more parameters free; those that are free already stay as they are.
     #[must_use]
     pub fn and(mut self, more: impl IntoIterator<Item = Parameter>) -> Self {
         for parameter in more {
@@ -55,7 +55,7 @@ impl ParameterSet {
         self
     }
 
-    /// The same without those whose path `drop` says yes to: they are held at the rig's values.
+    /// The set without those whose path `drop` says yes to: they are held at the rig's values.
     #[must_use]
     pub fn without(mut self, drop: impl Fn(&str) -> bool) -> Self {
         self.parameters.retain(|parameter| !drop(&parameter.path));
@@ -100,7 +100,7 @@ impl ParameterSet {
         self.parameters.iter().map(Parameter::prior_weight).collect()
     }
 
-    /// What the priors cost at a point: `½ Σ p z²` over its coordinates `z`, with the weights `p` of [`ParameterSet::prior`].
+    /// Cost of the priors at a point: `½ Σ p z²` over its coordinates `z`, with the weights `p` of [`ParameterSet::prior`].
     pub fn prior_cost(&self, point: &[f64]) -> f64 {
         self.prior().iter().zip(point).map(|(p, z)| 0.5 * p * z * z).sum()
     }

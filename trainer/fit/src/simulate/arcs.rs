@@ -15,11 +15,11 @@ use crate::data::Records;
 pub struct Arc {
     /// Index of the recording.
     pub record: usize,
-    /// Its rows.
+    /// Rows of the arc.
     pub rows: Range<usize>,
     /// The readings it starts from, in gauge kPa, by channel.
     pub start_kpa: Vec<f64>,
-    /// Whether everything starts anew (at a segment's first row) or the chamber pressures alone.
+    /// True where everything starts anew (at a segment's first row), false where the chamber pressures alone do.
     pub fresh: bool,
     /// Where flappers lie at a fresh start; what is not listed starts as usual.
     pub flappers: Vec<Flapper>,
@@ -89,8 +89,8 @@ impl Arcs {
         Arcs { arcs }
     }
 
-    /// The same arcs, those that start at or after `end[record]` left out and the last ones cut there: rows that
-    /// nothing is asked of cost no time.
+    /// These arcs, those that start at or after `end[record]` left out and the last ones cut there: rows that nothing
+    /// is asked of cost no time.
     #[must_use]
     pub fn until(mut self, end: &[usize]) -> Self {
         let end_of = |arc: &Arc| end.get(arc.record).copied().unwrap_or(usize::MAX);
@@ -101,7 +101,7 @@ impl Arcs {
         self
     }
 
-    /// The same with flappers where they lie in `other` at the starts that both have.
+    /// These arcs with flappers where they lie in `other` at the starts that both have.
     #[must_use]
     pub fn with_flappers_of(mut self, other: &Arcs) -> Self {
         for arc in &mut self.arcs {

@@ -16,7 +16,7 @@ use crate::data::{Record, Records};
 pub(super) struct Chain<'a> {
     /// Index of the recording.
     pub(super) record: usize,
-    /// Its commands and times.
+    /// Commands and times.
     pub(super) columns: &'a Record,
     /// The arcs with their numbers among all, in order; never empty.
     arcs: Vec<(usize, &'a Arc)>,
@@ -42,7 +42,7 @@ impl<'a> Chain<'a> {
         chains
     }
 
-    /// Its arcs with their numbers among all.
+    /// Arcs of the chain with their numbers among all.
     pub(super) fn arcs(&self) -> &[(usize, &'a Arc)] {
         &self.arcs
     }
@@ -58,13 +58,13 @@ impl<'a> Chain<'a> {
         self.columns.elapsed_s(self.rows().start)
     }
 
-    /// How it starts: everything anew, or pressures alone; at rest or running; and when.
+    /// Start of the chain: everything anew, or pressures alone; at rest or running; and when.
     fn start(&self) -> Option<(bool, FreeRunStart, u64)> {
         let (_, first) = self.arcs.first()?;
         Some((first.fresh, FreeRunStart::for_readings(&first.start_kpa), self.elapsed_s().to_bits()))
     }
 
-    /// Whether it can lie beside a `longer` one.
+    /// Tells whether it can lie beside a `longer` one.
     fn fits_beside(&self, longer: &Chain<'_>) -> bool {
         let relative = |chain: &Chain<'_>, index: usize| {
             let first = chain.rows().start;

@@ -14,9 +14,9 @@ use proto::recording::PERIOD_S;
 pub struct Course {
     /// ε: share of the stated speed by which it is off without load when a recording begins; negative is slower.
     pub share: f64,
-    /// What it loses under load.
+    /// Loss of speed under load.
     pub droop: Option<Droop>,
-    /// What it moves towards from the start of each recording on.
+    /// Speed that it moves towards from the start of each recording on.
     pub warming: Option<Warming>,
 }
 
@@ -64,8 +64,8 @@ impl Course {
         Course { share: 0.0, droop: None, warming: Some(Warming { share, time_s }) }
     }
 
-    /// The same with each of its numbers a step further or nearer; `size` shrinks the steps, `load_bar` is the mean load. No pump gains
-    /// speed under load.
+    /// Courses with each of its numbers a step further or nearer; `size` shrinks the steps, `load_bar` is the mean load. No pump
+    /// gains speed under load.
     pub(super) fn neighbours(self, size: f64, load_bar: f64) -> Vec<Self> {
         let off = |s: f64| Course { share: self.share + s * SHARE_STEP, ..self };
         [-size, size]
@@ -116,7 +116,7 @@ impl Course {
         [constant.collect(), droops.collect(), warmings(WARMING).collect()]
     }
 
-    /// What a pump that droops may do besides: constant and warming.
+    /// Courses of what a pump that droops may do besides: constant and warming.
     pub(super) fn besides() -> Vec<Self> {
         steps(BESIDES, SHARE_STEP).map(Course::constant).chain(warmings(BESIDES)).collect()
     }

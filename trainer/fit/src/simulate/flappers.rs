@@ -21,7 +21,7 @@ const LOOKED_AROUND: usize = 3;
 /// Places on either side for a rough idea.
 const FEW_PLACES: i32 = 4;
 
-/// How closely it is looked where a flapper lay.
+/// Closeness of a look for where a flapper lay.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Look {
     /// At places a quarter of its room's half apart.

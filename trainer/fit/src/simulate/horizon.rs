@@ -1,4 +1,4 @@
-//! How far off a rig is after 1 s, 10 s, or for ever.
+//! Errors of a rig after 1 s, 10 s, or for ever.
 //!
 //! Errors at short horizons show what is fast (delay, sensors), at long ones what the balances lack; a one-step
 //! error alone flatters every model, so no figure here goes without its horizon.
@@ -10,7 +10,7 @@ use super::simulator::Simulator;
 use super::start::{refined_starts, smoothed_kpa};
 use crate::FitError;
 
-/// How long the commands alone decide.
+/// Time for which the commands alone decide.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Horizon {
     /// From the first row of a segment to its last.
@@ -43,7 +43,7 @@ pub fn trace_at(simulator: &Simulator<'_>, rig: &Rig, horizon: Horizon) -> Resul
     Ok(traces_at(simulator, rig, &[horizon])?.pop().unwrap_or_default())
 }
 
-/// Its traces at several horizons, for which one free run serves.
+/// Traces of a rig at several horizons, for which one free run serves.
 ///
 /// # Errors
 /// The rig cannot be simulated.

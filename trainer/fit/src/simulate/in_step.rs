@@ -21,7 +21,7 @@ use crate::data::Records;
 
 /// Rows of which errors of a model go together: 5 s.
 const TOGETHER: f64 = 250.0;
-/// How far a harmonic's height is from the predicted one.
+/// Spread of a harmonic's height about the predicted one, as a share of that.
 const SPREAD: f64 = 0.2;
 
 /// The ripple on each reading in kPa, at the speed and angles that were read off `ripple`. `weights` is zero at readings that

@@ -8,7 +8,7 @@ use model::plant::{Plant, Simulated, Simulation, UnobservedInitialState};
 use super::arcs::{Flapper, share_of};
 use super::chains::Chain;
 
-/// What runs in one lane.
+/// A lane, and what runs in it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Lane<'a> {
     /// The stretch that it runs through.
@@ -53,7 +53,7 @@ impl Lane<'_> {
         arcs.get(arc).or(arcs.last()).and_then(|(_, arc)| arc.start_kpa.get(channel)).copied().unwrap_or(f64::NAN)
     }
 
-    /// What an unknown is at its start, if it or its arc says so.
+    /// Share that an unknown has at the start, if the lane or its arc says so.
     fn share(&self, unknown: &UnobservedInitialState) -> Option<f64> {
         let (number, arc) = self.chain.arcs().first()?;
         let own = self.flappers.get(*number).and_then(|flappers| share_of(flappers, &unknown.name));

@@ -29,7 +29,7 @@ pub(super) struct Pair {
 }
 
 impl Pair {
-    /// What it contributes to the squared ripple, on average over its angle.
+    /// Contribution to the squared ripple, on average over its angle.
     pub(super) fn energy(&self) -> f64 {
         0.5 * (self.cos * self.cos + self.sin * self.sin)
     }
@@ -44,7 +44,7 @@ impl Pair {
 pub struct Ripple {
     /// The pump.
     pub(super) pump: String,
-    /// Its speed as stated, in rev/min.
+    /// Speed of the pump as stated, in rev/min.
     pub(super) speed_rpm: f64,
     /// Volumes that it draws from and delivers to.
     pub(super) inlet: String,

@@ -15,13 +15,13 @@ use crate::FitError;
 use crate::cores::{all_cores, any_is_free, share_out};
 use crate::data::Records;
 
-/// What runs side by side where there is much to run.
+/// Number of lanes side by side where there is much to run.
 const MANY: usize = 8;
-/// What runs side by side where there is little: the recordings of one rig, mostly. A bundle of four takes a tenth to two thirds longer
-/// than one rig, a bundle of eight up to three times as long, however many of their lanes are wanted.
+/// Number of lanes side by side where there is little: the recordings of one rig, mostly. A bundle of four takes a tenth to two
+/// thirds longer than one rig, a bundle of eight up to three times as long, however many of their lanes are wanted.
 const FEW: usize = 4;
 
-/// How closely the pump is simulated.
+/// Closeness with which the pump is simulated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fidelity {
     /// Every stroke of the pistons, at the rig's own step: what figures are reported from.
@@ -31,8 +31,8 @@ pub enum Fidelity {
     /// Pumps averaged over a revolution ([`model::averaged`]), their ripple put back onto the readings: smooth in the
     /// parameters and, rig by rig, some twenty times as fast as in detail.
     Averaged,
-    /// The same without the ripple: for readings that were freed from it ([`crate::simulate::Track`]), and rigs whose
-    /// crank angles nobody knows.
+    /// Averaged pumps without the ripple: for readings that were freed from it ([`crate::simulate::Track`]), and rigs
+    /// whose crank angles nobody knows.
     Smooth,
 }
 
@@ -67,6 +67,17 @@ impl From<Rig> for Run {
     }
 }
 
+impl Run {
+    /// Runs that show what starts do to a rig: one as it is, and one for each channel that starts `nudge_kpa` higher.
+    pub fn nudged(rig: &Rig, channels: usize, nudge_kpa: f64) -> Vec<Run> {
+        let nudged = |channel: usize| {
+            let shift_kpa = (0..channels).map(|other| if other == channel { nudge_kpa } else { 0.0 }).collect();
+            Run { shift_kpa, ..Run::from(rig.clone()) }
+        };
+        std::iter::once(Run::from(rig.clone())).chain((0..channels).map(nudged)).collect()
+    }
+}
+
 /// Recordings, and what it takes to run rigs over them.
 #[derive(Debug, Clone, Copy)]
 pub struct Simulator<'r> {
@@ -75,7 +86,7 @@ pub struct Simulator<'r> {
     threads: usize,
 }
 
-/// What became of one run: a trace of the recordings' layout, or why the rig cannot be simulated.
+/// Outcome of one run: a trace of the recordings' layout, or why the rig cannot be simulated.
 pub(super) type Outcome = Result<Vec<f64>, RigError>;
 
 /// Rigs of one structure, compiled.
@@ -95,7 +106,7 @@ struct Group {
     flights: Vec<Flight>,
 }
 
-/// What all runs of one call share.
+/// Data that all runs of one call share.
 struct Task<'t> {
     runs: &'t [Run],
     /// The runs' rigs, compiled; `None` for those that cannot be.
@@ -109,13 +120,13 @@ impl<'r> Simulator<'r> {
         Simulator { records, fidelity, threads: all_cores() }
     }
 
-    /// The same on a given number of cores.
+    /// The simulator on a given number of cores.
     #[must_use]
     pub fn on(self, threads: usize) -> Self {
         Simulator { threads: threads.max(1), ..self }
     }
 
-    /// The same at another fidelity.
+    /// The simulator at another fidelity.
     #[must_use]
     pub fn at(self, fidelity: Fidelity) -> Self {
         Simulator { fidelity, ..self }
@@ -126,7 +137,7 @@ impl<'r> Simulator<'r> {
         self.records
     }
 
-    /// How closely the pump is simulated.
+    /// Fidelity at which pumps are simulated.
     pub fn fidelity(&self) -> Fidelity {
         self.fidelity
     }
@@ -315,7 +326,7 @@ impl<'t> Task<'t> {
         self.plants.get(run)?.as_ref()
     }
 
-    /// What a flight is to the lane that it runs in.
+    /// The lane of a flight.
     fn lane(&self, (run, chain): Flight) -> Option<Lane<'t>> {
         let (run, chain) = (self.runs.get(run)?, self.chains.get(chain)?);
         Some(Lane {
@@ -351,7 +362,7 @@ impl<'t> Task<'t> {
     }
 }
 
-/// What must be equal for rigs to lie side by side, as far as it shows without compiling them.
+/// Key that must be equal for rigs to lie side by side, as far as it shows without compiling them.
 fn structure(rig: &Rig) -> String {
     let mut key = rig.name.clone();
     for mechanism in rig.mechanisms.iter().filter(|m| m.enabled) {

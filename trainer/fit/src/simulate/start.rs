@@ -71,14 +71,7 @@ pub fn refined_starts(simulator: &Simulator<'_>, rig: &Rig, arcs: &Arcs) -> Resu
     let ends: Vec<usize> = (0..records.records().len())
         .map(|record| arcs.of(record).map(|arc| arc.rows.start + FITTED_ROWS).max().unwrap_or(0))
         .collect();
-    let mut runs = vec![Run::from(rig.clone())];
-    for channel in 0..channels {
-        let mut shift_kpa = vec![0.0; channels];
-        if let Some(slot) = shift_kpa.get_mut(channel) {
-            *slot = NUDGE_KPA;
-        }
-        runs.push(Run { shift_kpa, ..Run::from(rig.clone()) });
-    }
+    let runs = Run::nudged(rig, channels, NUDGE_KPA);
     let traces = simulator
         .run(&runs, &arcs.clone().until(&ends))
         .into_iter()

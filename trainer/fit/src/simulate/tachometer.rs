@@ -1,4 +1,4 @@
-//! How fast the pump turned, told from its ripple.
+//! Speed of the pump, told from its ripple.
 //!
 //! A sensor that is read every 20 ms sees the pump's pulses at the angle that the crank has then. At exactly 3000
 //! rev/min that is always the same; a motor that turns a thousandth of a per cent faster moves through all angles in
@@ -24,8 +24,8 @@ use crate::data::Records;
 const REACH: f64 = 0.02;
 /// Turns of the ripple in the longest recording below which a swing is not told from an offset.
 const LEAST_BEATS: f64 = 0.2;
-/// What is found must be the pump's own ripple: its height over the one that a rig predicts whose parameters are not yet right
-/// (1.14 and 1.30 for one pump, without and with an experiment among the recordings).
+/// Range in which the height of the pump's own ripple is, over the one that a rig predicts whose parameters are not yet right (1.14
+/// and 1.30 for one pump, without and with an experiment among the recordings).
 const HEIGHT: [f64; 2] = [0.7, 1.4];
 /// The most of one that is beyond doubt ([`is_plain`]): what a rig lacks (a leak of 3 kPa) its parameters take up, and with them the
 /// volumes that the ripple goes by (1.6 was seen).
@@ -42,18 +42,18 @@ const AS_GOOD: f64 = 0.8;
 /// Steps of the grid per turn of the ripple in the longest recording.
 const STEPS_PER_BEAT: f64 = 8.0;
 
-/// What the ripple told.
+/// Reading of the ripple.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tachometer {
     /// The pump.
     pub pump: String,
-    /// Its speed in rev/min.
+    /// Speed of the pump in rev/min.
     pub speed_rpm: f64,
     /// Angle of the crank at the start of each recording, in revolutions.
     pub crank_rev: Vec<f64>,
-    /// How often the ripple comes round, in Hz.
+    /// Frequency at which the ripple comes round, in Hz.
     pub beat_hz: f64,
-    /// How often it did so in the longest recording. What turns less than once or so may be anything slow.
+    /// Turns of the ripple in the longest recording. What turns less than once or so may be anything slow.
     pub turns: f64,
     /// Share of its stated speed by which the pump is faster.
     pub slip: f64,
@@ -80,7 +80,7 @@ pub fn tachometer(records: &Records, ripple: &Ripple, weights: &[f64]) -> Vec<Ta
     read_between(HEIGHT, records, ripple, weights)
 }
 
-/// The same of a ripple that is only supposed, and may have been taken up in part by the fit of the rig that it is of. What it
+/// Readings of a ripple that is only supposed, and may have been taken up in part by the fit of the rig that it is of. What it
 /// explains must tell whether to believe it.
 pub fn supposed(records: &Records, ripple: &Ripple, weights: &[f64]) -> Vec<Tachometer> {
     read_between([SUPPOSED, HEIGHT[1]], records, ripple, weights)
@@ -150,8 +150,8 @@ fn points_of(record: &[Swing]) -> usize {
     record.iter().map(|swing| swing.points.len()).sum()
 }
 
-/// Whether what turns so often is the ripple beyond doubt: each recording, of so many readings of unit variance, is mostly that and
-/// nothing else, and all of them at one height.
+/// Tells whether what turns so often is the ripple beyond doubt: each recording, of so many readings of unit variance, is mostly
+/// that and nothing else, and all of them at one height.
 fn is_plain(asked: &[(usize, Match)], turns: f64) -> bool {
     let explains = |(readings, m): &(usize, Match)| m.product * m.product > PLAIN_SHARE * m.energy * *readings as f64;
     let heights = || asked.iter().map(|(_, m)| m.product / m.energy);
@@ -269,7 +269,7 @@ impl Products {
     }
 }
 
-/// How a ripple of one angle matches a recording.
+/// Match of a ripple of one angle with a recording.
 #[derive(Debug, Clone, Copy)]
 struct Match {
     /// Drop of the squared residual.
@@ -334,7 +334,7 @@ pub(super) mod tests {
         recorded_with(rig, crank_rev, rows, 1.0)
     }
 
-    /// The same with the pump's relay commanded so throughout.
+    /// A recording of a rig with the pump's relay commanded so throughout.
     pub(crate) fn recorded_with(mut rig: Rig, crank_rev: f64, rows: usize, relay: f64) -> Recording {
         rig.integrator.step_ms = 0.2;
         let plant = Arc::new(Plant::<f64>::new(&rig).unwrap());

@@ -34,7 +34,7 @@ use laid::{Laid, WINDOWS};
 pub struct Track {
     /// The pump.
     pub pump: String,
-    /// How its speed went.
+    /// Course of its speed.
     pub course: Course,
     /// Standard errors of the course's numbers, in their places, from the scatter between recordings.
     pub errors: Course,
@@ -50,16 +50,16 @@ pub struct Track {
     pub ripple_kpa: Vec<f64>,
 }
 
-/// What is found must be the pump's own ripple: its height over the predicted one.
+/// Range in which the height of the pump's own ripple is, over the predicted one.
 const HEIGHT: [f64; 2] = [0.7, 1.35];
-/// The same where nothing but the pump follows its load so: a rig that lacks something else as well is fitted with wrong
-/// volumes, which the predicted height goes by.
+/// Such a range where nothing but the pump follows its load so: a rig that lacks something else as well is fitted with
+/// wrong volumes, which the predicted height goes by.
 const HEIGHT_FOLLOWED: [f64; 2] = [0.5, 2.0];
-/// How much more than by chance a ripple must be there to be taken for nothing else.
+/// Factor by which a ripple must be there more than by chance to be taken for nothing else.
 const UNMISTAKABLE: f64 = 4.0;
-/// How much more than by chance a recording must have of it.
+/// Factor by which a recording must have more of it than by chance.
 const STANDS_OUT: f64 = 1.2;
-/// What each angle that is free gains in log-likelihood where there is no ripple: half of a χ² of an angle and a height.
+/// Gain in log-likelihood by each angle that is free where there is no ripple: half of a χ² of an angle and a height.
 const BY_CHANCE: f64 = 1.0;
 /// Share of the ripple's energy that must lie where a window tells it from something slow.
 const QUICK: f64 = 0.3;
@@ -84,14 +84,14 @@ pub fn track(records: &Records, rig: &Rig, ripple: &Ripple, weights: &[f64]) -> 
     Some(Track { pump, course, errors, mean_share, height, log_likelihood, share, ripple_kpa })
 }
 
-/// What a course that was found comes to.
+/// Figures of a course that was found.
 struct Found {
     mean_share: f64,
     height: f64,
 }
 
 impl Laid {
-    /// Whether what a course matches is the pump's own ripple, in every recording; `chance` as in [`Laid::best_course`].
+    /// Tells whether what a course matches is the pump's own ripple, in every recording; `chance` as in [`Laid::best_course`].
     fn is_its_own(&self, course: Course, chance: &[f64]) -> Option<Found> {
         let matched = self.matches(course, WINDOWS[0]);
         // What is found by chance adds to what is there as noise does to a length.
@@ -191,7 +191,7 @@ mod tests {
         }
     }
 
-    /// What a speed moves towards, and how fast, each with an error that holds the truth.
+    /// The speed that a pump moves towards, and how fast, each with an error that holds the truth.
     #[test]
     fn a_pump_that_warms_tells_its_time_constant() {
         let rig = Rig::builtin("dual_pressure").unwrap();

@@ -28,7 +28,7 @@ pub(super) struct Piece {
 pub(super) struct Channel {
     /// Where the rows lie in a vector of readings.
     pub(super) place: Range<usize>,
-    /// What is to be explained, in kPa; NaN at readings that do not count.
+    /// Residuals to be explained, in kPa; NaN at readings that do not count.
     pub(super) off: Vec<f64>,
     pub(super) ripple: Vec<[Pair; HARMONICS]>,
     /// One over the usual variance about the straight lines of windows.
@@ -36,7 +36,7 @@ pub(super) struct Channel {
 }
 
 impl Piece {
-    /// How long it lasts.
+    /// Duration in s.
     pub(super) fn lasts_s(&self) -> f64 {
         self.time_s.first().zip(self.time_s.last()).map_or(0.0, |(first, last)| last - first)
     }
@@ -86,7 +86,7 @@ pub(super) struct Products {
     pub(super) whole: f64,
 }
 
-/// How a ripple matches what is to be explained.
+/// Match of a ripple with what is to be explained.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Match {
     pub(super) gain: f64,
@@ -204,7 +204,7 @@ impl Sums {
 }
 
 impl Channel {
-    /// What a window counts: less where the model is further off than usual.
+    /// Weight of a window: less where the model is further off than usual.
     pub(super) fn weight_in(&self, sums: &Sums) -> f64 {
         let variance = sums.variance();
         if variance > 0.0 { self.weight.min(1.0 / variance) } else { self.weight }

@@ -1,4 +1,4 @@
-//! What comes late through a valve, late through its sensor instead.
+//! Sensors that lag in place of valves that are late.
 //!
 //! Both make readings late, and of some ten milliseconds the two look much alike. A pump's ripple knows which it is: through a
 //! valve that is late it comes whole, of 50 Hz through a sensor that lags by 14 ms a fifth is left. But which ripple is looked for
@@ -20,7 +20,7 @@ const LATE_VALVES: [&str; 2] = ["valve_lag", "command_delay"];
 /// The one by which a sensor is.
 const LATE_SENSOR: &str = "sensor_lag";
 
-/// The same with sensors that lag where valves are late, from as much on; `None` where no valve is, or none with a sensor.
+/// Terms of `found` with sensors that lag where valves are late, which begin at as much; `None` where no valve is, or none with a sensor.
 pub(super) fn in_sensors<'a>(bench: &Bench<'_>, found: &Beside<'a>) -> Option<Beside<'a>> {
     let (candidates, rig) = (found.candidates, &found.best.fitted.rig);
     let is_late_valve = |id: &str, component: &str| LATE_VALVES.contains(&id) && rig.valves.contains_key(component);
@@ -55,7 +55,7 @@ pub(super) fn in_sensors<'a>(bench: &Bench<'_>, found: &Beside<'a>) -> Option<Be
 /// explains, sensors that do lag were 25 behind late valves at a glance; beside late valves that are, 890.)
 const BEHIND: f64 = 500.0;
 
-/// Whether a glance shows that what stands in the place of what was `found` on these readings is out of reach of it.
+/// Tells whether a glance shows that what stands in the place of what was `found` on these readings is out of reach of it.
 ///
 /// # Errors
 /// What was found cannot be simulated.

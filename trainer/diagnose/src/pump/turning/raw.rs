@@ -21,7 +21,7 @@ pub(super) struct Raw<'a> {
     pub(super) bench: &'a Bench<'a>,
     /// The rig as fitted to them, its pump as fast as stated.
     pub(super) fitted: &'a Rig,
-    /// What the detailed simulation differs by from the averaged one, wherever the crank starts, in kPa; worked out when asked for.
+    /// Difference of the detailed simulation from the averaged one, wherever the crank starts, in kPa; worked out when asked for.
     strokes_kpa: OnceCell<Vec<f64>>,
 }
 
@@ -132,8 +132,8 @@ impl<'a> Raw<'a> {
         Ok(Ripple::of(&bench.fast, &at_stated_speed(&instead.fitted.rig, bench.rig))?)
     }
 
-    /// What might have been found instead, with its cost, on readings less its own strokes, not those of sensors that show them whole;
-    /// `None` if it cannot be run.
+    /// Explanation that might have been found instead, with its cost, on readings less its own strokes, not those of sensors that
+    /// show them whole; `None` if it cannot be run.
     pub(super) fn lagging(&self, instead: &Beside<'_>) -> Result<Option<(Explanation, f64)>, DiagnoseError> {
         let (bench, candidates) = (self.bench, instead.candidates);
         let starts = starts(bench, candidates, instead.best, &instead.terms, &instead.values, false);
@@ -179,12 +179,12 @@ impl<'a> Raw<'a> {
     }
 }
 
-/// What was found, or might have been, to read the ripple beside it.
+/// Explanation that was found, or might have been, to read the ripple beside it.
 pub(super) struct Beside<'a> {
     pub(super) candidates: &'a [Candidate],
-    /// What was found.
+    /// The explanation that was found.
     pub(super) best: &'a Explanation,
-    /// Its terms but for drifting sensors, which a slow ripple may have been taken for and must not hide it; or what might stand
+    /// Terms of it but for drifting sensors, which a slow ripple may have been taken for and must not hide it; or what might stand
     /// in their place.
     pub(super) terms: Vec<usize>,
     /// Where those begin that were not found.

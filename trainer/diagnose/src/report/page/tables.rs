@@ -2,6 +2,7 @@
 
 use fit::objective::Fitted;
 use fit::parameters::End;
+use fit::wording::percent;
 use report::Table;
 
 use super::{rival_name, shows_extended};
@@ -36,7 +37,7 @@ pub(super) fn found_table(diagnosis: &Diagnosis) -> Table {
                 format!("{} … {}", three(p.low), three(p.high)),
                 p.unit.clone(),
                 once(gain_in_words(m.evidence.delta_log_likelihood)),
-                once(format!("{:.0} %", 100.0 * m.evidence.held_out_rmse_gain)),
+                once(percent(m.evidence.held_out_rmse_gain, 0)),
             ]);
         }
     }
@@ -71,7 +72,7 @@ pub(super) fn horizons(findings: &Findings<'_, '_>) -> Table {
                 row.push(errors.get(channel).map_or(String::new(), |e| format!("{:.3}", e.rmse_kpa)));
             }
             let accuracy = f.accuracy.get(channel).copied().filter(|a| a.is_finite());
-            row.push(accuracy.map_or(String::new(), |a| format!("{:.2} %", 100.0 * a)));
+            row.push(accuracy.map_or(String::new(), |a| percent(a, 2)));
             table.push(row);
         }
     }
@@ -126,7 +127,7 @@ pub(super) fn tried(findings: &Findings<'_, '_>) -> Table {
     table
 }
 
-/// What each competing hypothesis is off by on validation data.
+/// Errors of each competing hypothesis, on validation data and on other rows.
 pub(super) fn hypotheses(findings: &Findings<'_, '_>) -> Table {
     let mut table = Table::new(["hypothesis", "off by on validation data, kPa", "on other rows, kPa"]);
     for (at, rival) in findings.judgement.rivals.iter().enumerate() {

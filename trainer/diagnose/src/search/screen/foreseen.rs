@@ -1,4 +1,4 @@
-//! What a screen will put first, by what candidates did in an earlier one.
+//! Candidates that a screen will put first, by what they did in an earlier one.
 //!
 //! What a mechanism does to the readings hardly depends on what else is in the rig; what is left to be explained does, and so do the
 //! slopes of the free parameters. So of the many that can stand beside a first term few need to be run again: those that come
@@ -10,7 +10,7 @@ use super::{Projector, Screening, Try, ranked};
 use crate::bench::{Bench, Explanation};
 use crate::search::candidate::Candidate;
 
-/// What candidates did in a screen.
+/// Effects of candidates in a screen.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Seen {
     effects: Vec<Did>,
@@ -18,7 +18,7 @@ pub(super) struct Seen {
     scale_kpa: Vec<f64>,
 }
 
-/// What a candidate did at a start. A digit in ten million is more than an order needs, and there are hundreds of them.
+/// Effect of a candidate at a start. A digit in ten million is more than an order needs, and there are hundreds of them.
 #[derive(Debug, Clone, PartialEq)]
 struct Did {
     candidate: usize,
@@ -27,7 +27,7 @@ struct Did {
 }
 
 impl Seen {
-    /// Of tries, weighted by a scale.
+    /// The effects of tries, weighted by a scale.
     pub(super) fn of(tries: &[Try<'_>], scale_kpa: &[f64]) -> Self {
         let did = |(candidate, start, effect): &Try<'_>| Did {
             candidate: *candidate,
@@ -39,8 +39,8 @@ impl Seen {
 }
 
 impl Screening {
-    /// Those of `open` that a screen on top of `base` will put among its first `singles`, or the first `doubles` of pairs, by what this
-    /// one saw them do, and those that it did not see. All of them where `base` has no slopes.
+    /// Candidates among `open` that a screen on top of `base` will put among its first `singles`, or the first `doubles` of pairs,
+    /// by what this one saw them do, and those that it did not see. All of them where `base` has no slopes.
     pub fn likely(
         &self,
         bench: &Bench<'_>,

@@ -23,7 +23,7 @@ const EARLIEST_S: f64 = 1.0;
 
 /// Rows whose errors are taken together when a common transient is looked for: half a second.
 const BLOCK: usize = 25;
-/// How many times what is usual in its recording the mean squared error there must be, in every recording.
+/// Least ratio of the mean squared error there to what is usual in its recording, in every recording.
 const STANDS_OUT: f64 = 6.0;
 /// Onsets that are tried around a common transient, in s after its block begins: a chamber rings on for a while.
 const AROUND_S: [f64; 5] = [-0.75, -0.5, -0.25, 0.0, 0.25];
@@ -127,7 +127,7 @@ fn common_transient(bench: &Bench<'_>, trace: &[f64]) -> Option<f64> {
     (loudest > STANDS_OUT).then(|| (block * BLOCK) as f64 * PERIOD_S)
 }
 
-/// What of its usual squared error each block of a recording has, in the channel where that is most.
+/// Ratio of the squared error of each block of a recording to the usual one, in the channel where that is most.
 fn loudness(bench: &Bench<'_>, trace: &[f64], record: usize) -> Vec<f64> {
     let (layout, recorded) = (bench.records.layout(), bench.records.readings_kpa());
     let mut most: Vec<f64> = Vec::new();

@@ -1,4 +1,4 @@
-//! What an effect would gain beside a fit, to first order.
+//! Gain of an effect beside a fit, to first order.
 //!
 //! At a fit with residuals `r`, Jacobian `J` and prior `P`, a candidate that moves the readings by `s` gains
 //!
@@ -16,16 +16,16 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::bench::LOSS;
 
-/// How much weaker or stronger than tried an effect may turn out to be before the screen stops believing in it.
+/// Least and largest ratio of an effect to what was tried before the screen stops believing in it.
 pub const AMPLITUDE: [f64; 2] = [0.05, 2.5];
 
 /// An effect as a linearised fit sees it.
 pub(super) struct Effect {
     /// The effect itself, weighted.
     pub(super) of: Vec<f64>,
-    /// Its products with the slopes.
+    /// Products of the effect with the slopes.
     on_slopes: DVector<f64>,
-    /// What the free parameters' coordinates give way by.
+    /// Shifts by which the free parameters' coordinates give way.
     pub(super) shift: DVector<f64>,
     /// `s·r − s·J h`.
     along: f64,
@@ -47,7 +47,7 @@ impl Effect {
 /// A linearised fit, ready to judge effects.
 pub struct Projector<'a> {
     at: &'a Linearised,
-    /// What the starts could explain: no fit would leave it.
+    /// Effects of the starts: no fit would leave what they explain.
     starts: &'a Projection,
     weights: Vec<f64>,
     factor: nalgebra::Cholesky<f64, nalgebra::Dyn>,
@@ -56,7 +56,7 @@ pub struct Projector<'a> {
 }
 
 impl<'a> Projector<'a> {
-    /// Of a fit and its priors; `None` if it has no slopes.
+    /// The projector of a fit and its priors; `None` if it has no slopes.
     pub fn of(fitted: &'a Fitted, prior: &[f64]) -> Option<Self> {
         Projector::new(&fitted.linearised, &fitted.starts, prior, &fitted.point)
     }
@@ -85,8 +85,8 @@ impl<'a> Projector<'a> {
         Some(Projector { at, starts, weights, factor, gradient })
     }
 
-    /// What an effect gains as it is by the loss of the fits, or would once the free parameters have given way, whichever is
-    /// more; and what they give way by then. Large effects that come at the wrong moments count for no more than in a fit.
+    /// Gain of an effect as it is by the loss of the fits, or once the free parameters have given way, whichever is more; and what
+    /// they give way by then. Large effects that come at the wrong moments count for no more than in a fit.
     pub fn as_is(&self, effect: &[f64]) -> (f64, Vec<f64>) {
         let still: f64 = self.at.residuals.iter().map(|r| LOSS.cost(*r)).sum();
         let lost = |residuals: &[f64]| residuals.iter().map(|r| LOSS.cost(*r)).sum::<f64>() - still;
@@ -101,7 +101,7 @@ impl<'a> Projector<'a> {
         if given_way < as_it_is { (-given_way, shift) } else { (-as_it_is, vec![0.0; shift.len()]) }
     }
 
-    /// How well the size of an effect is known: no better than its scores over groups of readings allow, whose residuals belong
+    /// Size of an effect, and how well it is known: no better than its scores over groups of readings allow, whose residuals belong
     /// together, in any of these `groupings` (the group of each reading, or `usize::MAX`).
     pub fn sized(&self, effect: Vec<f64>, groupings: &[Vec<usize>]) -> Size {
         let seen = self.seen(effect);
@@ -178,10 +178,10 @@ impl<'a> Projector<'a> {
     }
 }
 
-/// What is known of the size of an effect, in multiples of itself.
+/// Size of an effect as far as it is known, in multiples of itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Size {
-    /// What the coordinates give way by to the whole effect.
+    /// Shifts by which the coordinates give way to the whole effect.
     pub shift: Vec<f64>,
     /// Where it fits best, of either sign: `-(s·r − s·J h) / s⊥·s`.
     pub best: f64,

@@ -101,7 +101,7 @@ impl Laid {
         climb(course, mean_load_bar(&self.pieces), steps, |course, rows| self.gain(course, rows))
     }
 
-    /// What each recording by itself says of a course, all its numbers: a faster pump that droops more is nearly the same.
+    /// The course as each recording by itself tells it, all its numbers: a faster pump that droops more is nearly the same.
     fn by_recording(&self, course: Course) -> Vec<Course> {
         let steps = [(WINDOWS[1], [0.25, 0.06, 0.015]), (WINDOWS[2], [0.06, 0.015, 0.004])];
         let own = |piece: &Piece| {

@@ -12,8 +12,8 @@ use model::rig::{ATMOSPHERE, Rig};
 
 /// Rows of a window of the coarse grid, and of those that refine it.
 pub(super) const WINDOWS: [usize; 3] = [50, 100, 200];
-/// What scatters within windows is at least the ripple where that is there: its mean square over the usual variance then is one at
-/// most, and half as much again allows for a rig that was fitted with wrong volumes.
+/// Largest mean square of the ripple over the usual variance within windows: what scatters there is at least the ripple where that
+/// is there, so it is one at most, and half as much again allows for a rig that was fitted with wrong volumes.
 const NO_MORE_THAN_SCATTERS: f64 = 1.5;
 
 /// Everything that a course is laid over.
@@ -76,7 +76,7 @@ impl Laid {
         }
     }
 
-    /// How a course matches, by recording.
+    /// Matches of a course, by recording.
     pub(super) fn matches(&self, course: Course, rows: usize) -> Vec<Match> {
         self.pieces.iter().map(|piece| self.matched(piece, course, rows)).collect()
     }
@@ -109,13 +109,13 @@ impl Laid {
         self.matches(course, rows).iter().map(|m| m.gain).sum()
     }
 
-    /// How a course matches each window of a recording.
+    /// Gains of a course in each window of a recording.
     pub(super) fn gains(&self, piece: &Piece, course: Course, rows: usize) -> Vec<f64> {
         let turned = self.turned(piece, course, self.main);
         piece.windows(rows, rows).map(|window| self.products(piece, &window, &turned).matched().gain).collect()
     }
 
-    /// Whether what scatters within windows could be the ripple: it is no less.
+    /// Tells whether what scatters within windows could be the ripple: it is no less.
     pub(super) fn scatters_like_it(&self) -> bool {
         let channels = self.pieces.iter().flat_map(|piece| &piece.channels).filter(|channel| channel.weight > 0.0);
         let (mut ripple, mut readings) = (0.0, 0.0);
