@@ -378,7 +378,7 @@ mod tests {
 
     use super::*;
 
-    fn sense(tick: u32, volts: [f32; 2], state: CrioState, trips: TripBits) -> Sense {
+    pub(super) fn sense(tick: u32, volts: [f32; 2], state: CrioState, trips: TripBits) -> Sense {
         Sense {
             sequence: tick + 1,
             clock_ns: 1 + u64::from(tick) * 20_000_000,
@@ -395,7 +395,7 @@ mod tests {
     }
 
     /// Answers one frame; the notices it made.
-    fn answer(cycle: &mut Cycle, frame: &Sense) -> (ActuatorCommand, Vec<Notice>) {
+    pub(super) fn answer(cycle: &mut Cycle, frame: &Sense) -> (ActuatorCommand, Vec<Notice>) {
         let (mut record, mut told) = (TickRecord::default(), Vec::new());
         cycle.observe(frame, &mut record, &mut |notice| told.push(notice));
         cycle.predict(&mut record);
@@ -404,7 +404,7 @@ mod tests {
         (answer, told)
     }
 
-    fn cycle() -> Cycle {
+    pub(super) fn cycle() -> Cycle {
         let rig = Rig::builtin("dual_pressure").unwrap();
         let mut cycle =
             Cycle::new(&rig, None, Reference::constant(85.0, -72.0), Safety::default(), Arming::Automatic).unwrap();
@@ -413,7 +413,7 @@ mod tests {
     }
 
     /// Both chambers at rest, as a vented rig is found.
-    const SOUND: [f32; 2] = [1.002, 1.002];
+    pub(super) const SOUND: [f32; 2] = [1.002, 1.002];
 
     #[test]
     fn arms_runs_and_vents_in_the_tick_of_a_fault() {

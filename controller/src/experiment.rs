@@ -13,8 +13,6 @@ pub mod pump_relay;
 pub mod settling;
 pub mod stopped;
 
-mod folder_watch;
-
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use proto::recording::{Attachment, LogTime, RecordingInfo, RecordingWriter, rfc3339, unfinished_path};
+use proto::recording::{Attachment, LogTime, RecordingInfo, RecordingWriter, WriteMcapError, rfc3339, unfinished_path};
 
 use crate::disk::Retention;
 use crate::record_error::RecordError;
@@ -97,7 +97,8 @@ impl Rotating {
         std::fs::create_dir_all(directory)
             .map_err(|source| RecordError::Directory { directory: directory.clone(), source })?;
         let path = free_name(&self.destination, now)?;
-        let writer = RecordingWriter::create(&path, &info, &self.attachments)?;
+        let writer = RecordingWriter::create(&path, &info, &self.attachments)
+            .inspect_err(|error| remove_what_failed(&unfinished_path(&path), error))?;
         self.part += 1;
         self.previous = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Box::new(McapTape::new(writer, unfinished_path(&path))))
@@ -138,6 +139,16 @@ fn free_name(destination: &Destination, now: SystemTime) -> Result<PathBuf, Reco
         .ok_or_else(|| RecordError::NoName { directory: directory.clone() })
 }
 
+/// Removes a file that could not be begun and holds nothing: each try on a full disk would leave one. What was there already is
+/// another recorder's.
+fn remove_what_failed(partial: &Path, error: &WriteMcapError) {
+    let is_empty = || std::fs::symlink_metadata(partial).is_ok_and(|about| about.is_file() && about.len() == 0);
+    if !matches!(error, WriteMcapError::Exists { .. }) && is_empty() {
+        // Where it cannot be removed it stays; nothing is lost with it either way.
+        let _ = std::fs::remove_file(partial);
+    }
+}
+
 /// UTC date and time for a file name, from seconds since 1970: RFC 3339 without its separators and milliseconds.
 fn file_stamp(seconds: u64) -> String {
     let text = rfc3339(UNIX_EPOCH + Duration::from_secs(seconds));
@@ -154,5 +165,22 @@ mod tests {
         assert_eq!(file_stamp(0), "19700101-000000");
         assert_eq!(file_stamp(951_782_400), "20000229-000000");
         assert_eq!(file_stamp(1_795_219_199), "20261120-235959");
+    }
+
+    #[test]
+    fn only_an_empty_file_of_its_own_goes_with_a_try_that_failed() {
+        let folder = std::env::temp_dir().join(format!("rotation-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let partial = folder.join("experiment-20261127-084101.partial.mcap");
+        // ENOSPC
+        let full = || std::io::Error::from_raw_os_error(28);
+        let failed = WriteMcapError::Write { path: partial.clone(), source: full() };
+        let taken = WriteMcapError::Exists { path: partial.clone() };
+        for (content, error, stays) in [("", &failed, false), ("", &taken, true), ("rows", &failed, true)] {
+            std::fs::write(&partial, content).unwrap();
+            remove_what_failed(&partial, error);
+            assert_eq!(partial.exists(), stays, "{content:?} {error}");
+        }
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -164,9 +164,12 @@ fn a_file_that_is_taken_away_is_told_at_once_and_recording_goes_on_in_another() 
         assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
         wait_until("it goes on", || recorder.health().healthy());
         push(&mut sink, 5..9);
+        let health = recorder.health();
+        assert_eq!(health.last_finished(), None);
         let error = recorder.finish().unwrap_err().to_string();
         assert!(error.contains(word), "{error}");
         let last = folder.files().into_iter().rfind(|f| read_mcap(f).is_ok_and(|c| c.complete)).expect("a whole file");
+        assert_eq!(health.last_finished(), Some(last.clone()), "told also where the recorder ends with an error");
         assert_eq!(numbers(&read(&[last])), [5, 6, 7, 8]);
     }
 }

@@ -33,7 +33,7 @@ const REVERSAL_DUTY: f64 = 0.0015;
 /// Time constant in seconds with which the compensation changes sides where nothing is known of the valve's lag: a step
 /// would excite the chamber before the valve's lag lets it through.
 const BLEND_S: f64 = 0.1;
-/// The same where the lag is known and undone. Chosen: a tick and a half takes the worst off a lag that is known to some
+/// Time constant in seconds of the same where the lag is known and undone. Chosen: a tick and a half takes the worst off a lag that is known to some
 /// tens of percent.
 const KNOWN_BLEND_S: f64 = 0.03;
 /// By how much undoing the lag may change a duty in a tick: a little less than what is let through, as the feed-forward moves as well.
@@ -55,12 +55,12 @@ pub struct Direction {
     keeps: f64,
     /// The most that the drive may change in a tick, in half widths of play.
     most_step: f64,
-    /// The plays, where they scatter, and the mean of their half widths in duty.
-    scattered: Option<(Plays, f64)>,
+    /// The plays, where they scatter.
+    scattered: Option<Plays>,
 }
 
 impl Default for Direction {
-    /// Of a valve whose lag is not known.
+    /// Direction for a valve whose lag is not known.
     fn default() -> Self {
         Direction {
             extreme: None,
@@ -77,12 +77,12 @@ impl Default for Direction {
 }
 
 impl Direction {
-    /// Of a valve of which the rig file states something: its coil's lag is undone.
+    /// Direction for a valve of which the rig file states something: its coil's lag is undone.
     pub fn told(path: &ValvePath) -> Self {
         let keeps = if path.coil_lag_s > 0.0 { (-TICK_S / path.coil_lag_s).exp() } else { 0.0 };
         // Without play it is infinite, and there is nothing to cross.
         let most_step = MOST_STEP_DUTY / path.half_width_duty;
-        let scattered = path.scattered_duty.map(|half_widths| (Plays::new(half_widths), path.half_width_duty));
+        let scattered = path.scattered_duty.map(Plays::new);
         Direction { share: 1.0 - (-TICK_S / KNOWN_BLEND_S).exp(), keeps, most_step, scattered, ..Direction::default() }
     }
 
@@ -90,7 +90,7 @@ impl Direction {
     pub fn take_path(&mut self, other: &Direction) {
         (self.share, self.keeps, self.most_step) = (other.share, other.keeps, other.most_step);
         self.scattered = other.scattered;
-        if let Some((plays, _)) = &mut self.scattered {
+        if let Some(plays) = &mut self.scattered {
             plays.restart();
         }
     }
@@ -124,8 +124,8 @@ impl Direction {
         self.drive += moved;
         self.way = self.blended;
         self.heading = if self.way.abs() >= 1.0 { self.way.signum() } else { 0.0 };
-        if let (Some((plays, half_width)), Some(planned)) = (&mut self.scattered, self.extreme) {
-            plays.pull(planned + *half_width * self.way);
+        if let (Some(plays), Some(planned)) = (&mut self.scattered, self.extreme) {
+            plays.pull(planned + plays.mean_half_width() * self.way);
         }
         moved
     }
@@ -149,14 +149,13 @@ impl Direction {
         self.blended = self.keeps * self.blended + (1.0 - self.keeps) * self.drive;
         self.blended
     }
-}
 
-impl Direction {
-    /// Where in the play the flapper lies once the plan has come this far, in half widths.
+    /// Place of the flapper in its play once the plan has come this far, in half widths.
     fn way_to(&mut self, planned: f64) -> f64 {
-        let Some((plays, half_width)) = &mut self.scattered else { return self.heading };
-        let duty = plays.undone(planned, planned + *half_width * self.way);
-        ((duty - planned) / *half_width).clamp(-1.0, 1.0)
+        let Some(plays) = &mut self.scattered else { return self.heading };
+        let half_width = plays.mean_half_width();
+        let duty = plays.undone(planned, planned + half_width * self.way);
+        ((duty - planned) / half_width).clamp(-1.0, 1.0)
     }
 }
 

@@ -20,6 +20,7 @@ const ROUNDING: f64 = 1e-12;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Plays {
     half_widths: [f64; PLAYS],
+    mean_half_width: f64,
     /// z of each; `None` until a first duty is wanted.
     flappers: Option<[f64; PLAYS]>,
 }
@@ -27,7 +28,12 @@ pub(crate) struct Plays {
 impl Plays {
     /// Plays of these half widths in duty, that have not moved yet.
     pub(crate) fn new(half_widths: [f64; PLAYS]) -> Self {
-        Plays { half_widths, flappers: None }
+        Plays { half_widths, mean_half_width: mean(&half_widths), flappers: None }
+    }
+
+    /// Mean of the half widths in duty: how far the duty is beside the flapper once all are engaged.
+    pub(crate) fn mean_half_width(&self) -> f64 {
+        self.mean_half_width
     }
 
     /// Forgets where they stand.
@@ -41,10 +47,10 @@ impl Plays {
     /// # Real-time
     /// May run in the tick.
     pub(crate) fn undone(&mut self, wanted: f64, last: f64) -> f64 {
-        let half_widths = self.half_widths;
+        let (half_widths, mean_half_width) = (self.half_widths, self.mean_half_width);
         let flappers = *self.flappers.get_or_insert_with(|| {
             // Each lies at the same share of its way.
-            let share = (last - wanted) / mean(&half_widths).max(ROUNDING);
+            let share = (last - wanted) / mean_half_width.max(ROUNDING);
             half_widths.map(|half_width| last - share * half_width)
         });
         let missing = wanted - mean(&flappers);

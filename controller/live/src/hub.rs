@@ -82,7 +82,7 @@ impl Known {
         }
     }
 
-    /// What keeps the daemon from recording, empty where nothing does; `None` where that is not known.
+    /// Problem that keeps the daemon from recording, empty where nothing does; `None` where that is not known.
     pub(crate) fn recording_problem(&self) -> Option<&str> {
         self.daemon().ok()?;
         self.about.get(RECORDING_PROBLEM).map(String::as_str)

@@ -11,9 +11,11 @@ use proto::stream::StreamReader;
 
 use crate::hub::Hub;
 
-/// Between two attempts to connect.
+/// Key, among the facts of a run, of what keeps the daemon from recording; empty while nothing does.
+pub const RECORDING_PROBLEM: &str = "recording_problem";
+/// Time between two attempts to connect.
 const PAUSE: Duration = Duration::from_millis(500);
-/// How long a read may wait before it looks whether to stop.
+/// Longest time that a read waits before it looks whether to stop.
 const LOOK: Duration = Duration::from_millis(500);
 
 /// Reads the daemon's stream into the hub until told to stop. A daemon that is not there yet, or ends, is waited for; `tell` is given
@@ -62,9 +64,6 @@ fn read(mut stream: UnixStream, hub: &Hub, stop: &AtomicBool) -> String {
     }
     "stopped".to_owned()
 }
-
-/// Key, among the facts of a run, of what keeps the daemon from recording; empty while nothing does.
-pub const RECORDING_PROBLEM: &str = "recording_problem";
 
 /// Where the daemon's stream is: beside its operator socket, `controller.sock` and `controller.live.sock`.
 pub fn live_socket(control_socket: &Path) -> PathBuf {

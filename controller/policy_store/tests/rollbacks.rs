@@ -248,7 +248,9 @@ fn an_audit_file_that_cannot_be_written_is_told_and_holds_nobody() {
     run.ticks(300);
     run.swap("fallback").unwrap();
     // Within half a second that withdraws the fallback, afterwards it goes back to the policy.
-    assert!(run.rollback().is_ok());
+    let answer = run.rollback();
+    let withdrawn = Ok("fallback is withdrawn".to_owned());
+    assert!(answer == withdrawn || answer == back("default"), "{answer:?}");
     let is_told = || run.desk.problem().is_some_and(|problem| problem.contains("audit.jsonl"));
     until(is_told);
     std::fs::remove_file(&file).unwrap();

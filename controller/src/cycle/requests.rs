@@ -42,12 +42,10 @@ impl<H: DutySource> Cycle<H> {
         tell: NoticeSink<'_>,
     ) -> Result<(), Box<OpenLoopPlayback>> {
         let rows = playback.rows();
-        let controlling = self.state().is_controlling();
-        let afterwards = if controlling { Afterwards::Armed } else { Afterwards::StandingBy };
+        let afterwards = if self.state().is_controlling() { Afterwards::Armed } else { Afterwards::StandingBy };
         self.duty_source.begin_experiment(playback, afterwards)?;
-        if controlling {
-            self.ask(Request::Disarm);
-        }
+        // In standby as well, where it only takes the leave to arm by itself: an experiment may end before it has armed.
+        self.ask(Request::Disarm);
         tell(Notice::ExperimentBegins { tick: self.tick, rows });
         Ok(())
     }
@@ -83,5 +81,47 @@ impl<H: DutySource> Cycle<H> {
     pub fn exchange_reference(&mut self, reference: Box<Reference>) -> Box<Reference> {
         let running = self.state().is_controlling().then_some((self.tick, self.measured));
         self.duty_source.exchange_reference(reference, running)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proto::wire::{CrioState, Mode, TripBits};
+
+    use super::*;
+    use crate::cycle::tests::{SOUND, answer, cycle, sense};
+    use crate::experiment::command_sequence::Row;
+    use crate::experiment::pump_relay::PumpRelay;
+    use crate::state::{Condition, FRAMES_TO_ARM, State};
+
+    /// Begun in standby with leave to arm by itself, as where the link was lost and found again while the experiment was checked.
+    #[test]
+    fn nothing_arms_itself_after_an_experiment_that_ended_before_it_armed() {
+        let mut cycle = cycle();
+        let step = |cycle: &mut Cycle, tick: u32| {
+            // A reading that stands still to the bit would be a frozen sensor's.
+            let noise_volts = 0.0002 * (tick * 7_919 % 11) as f32;
+            let volts = SOUND.map(|volts| volts + noise_volts);
+            answer(cycle, &sense(tick, volts, CrioState::Running, TripBits::NONE)).0.mode
+        };
+        for tick in 0..FRAMES_TO_ARM - 5 {
+            assert_eq!(step(&mut cycle, tick), Mode::Vent);
+        }
+        assert!(cycle.state() == State::Standby && cycle.memory().may_arm_itself);
+        let rows = vec![Row { duty: [0.8, 0.8], pump_on: true }; 300];
+        let playback = Box::new(OpenLoopPlayback::new(rows.into(), PumpRelay::Absent));
+        assert!(cycle.begin_experiment(playback, &mut |_| ()).is_ok());
+        // Not long enough to be found at rest, which takes three means of half a second.
+        for tick in FRAMES_TO_ARM - 5..2 * FRAMES_TO_ARM {
+            assert_eq!(step(&mut cycle, tick), Mode::Vent, "tick {tick}");
+        }
+        cycle.link_lost(Condition::LinkLost, 0.0, &mut |_| ());
+        cycle.session_opened();
+        assert!(cycle.take_finished_experiment().is_some(), "the cut link has ended it");
+        for tick in 0..4 * FRAMES_TO_ARM {
+            assert_eq!(step(&mut cycle, tick), Mode::Vent, "armed by itself in tick {tick}");
+        }
+        cycle.arm();
+        assert_eq!(step(&mut cycle, 4 * FRAMES_TO_ARM), Mode::Run, "a person arms");
     }
 }

@@ -13,7 +13,6 @@ use flight::{Destination, RecordError, RecordSink, Recorded, Recorder, RecorderO
 use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo, TickRecord, VERDICT, read_mcap};
 
 use crate::experiment::Experiment;
-use crate::experiment::folder_watch::FolderWatch;
 use crate::experiment::playback_report::PlaybackReport;
 use crate::machine::clock::now_ns;
 use crate::operator::notice::sentence;
@@ -47,12 +46,12 @@ pub struct ExperimentLog {
     closing: Arc<Mutex<()>>,
 }
 
-/// What an experiment left.
+/// Results that an experiment left.
 #[derive(Debug)]
 pub struct Kept {
-    /// Its recording.
+    /// Recording of the experiment.
     pub recording: KeptRecording,
-    /// What the cRIO reported.
+    /// Report of what the cRIO said to each row.
     pub report: PlaybackReport,
 }
 
@@ -61,7 +60,7 @@ pub struct Kept {
 pub struct KeptRecording {
     /// The last finished file; `None` where there is none.
     pub path: Option<PathBuf>,
-    /// What it lacks, or why there is none, one line; `None`: nothing was lost.
+    /// Reason, in one line, why it lacks something or why there is none; `None`: nothing was lost.
     pub problem: Option<String>,
     /// Ticks in the file.
     pub ticks: u64,
@@ -90,8 +89,6 @@ struct Open {
 struct Recording {
     recorder: Recorder,
     sink: RecordSink,
-    /// Where its files come.
-    folder: FolderWatch,
 }
 
 impl ExperimentLog {
@@ -187,9 +184,8 @@ impl Open {
         let (info, attachments) = (&self.info, &self.attachments);
         let recording = self.recording.get_or_insert_with(|| {
             let options = RecorderOptions::new(sentence);
-            let folder = FolderWatch::start(&settings.destination.directory, settings.destination.stem);
             let started = Recorder::start_in(settings.destination.clone(), info, attachments, options);
-            started.map(|(recorder, sink)| Recording { recorder, sink, folder }).map_err(|error| error.to_string())
+            started.map(|(recorder, sink)| Recording { recorder, sink }).map_err(|error| error.to_string())
         });
         let Ok(Recording { sink, .. }) = recording else { return };
         while settings.log_time == LogTime::Tick && sink.room() == 0 {
@@ -201,9 +197,9 @@ impl Open {
 
 impl Recording {
     /// Finishes the files. An error of the recorder is the first since its start, and outlives the disk that was full: the file that
-    /// followed may hold every row, so it is looked for.
+    /// followed may hold every row, so the last that was finished counts.
     fn finish(self) -> KeptRecording {
-        let Recording { recorder, sink: _sink, folder } = self;
+        let Recording { recorder, sink: _sink } = self;
         let health = recorder.health();
         match recorder.finish() {
             Ok(summary) => KeptRecording {
@@ -215,8 +211,7 @@ impl Recording {
             // Whoever asks a disk that does not answer waits as well, and so would the end of the run.
             Err(error @ RecordError::Hangs { .. }) => KeptRecording::none(error.to_string()),
             Err(error) => {
-                folder.remove_empty();
-                let path = folder.finished().pop();
+                let path = health.last_finished();
                 let in_it = path.as_deref().and_then(|path| read_mcap(path).ok()).map_or(0, |file| file.ticks.len());
                 KeptRecording {
                     path,

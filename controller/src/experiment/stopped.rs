@@ -1,4 +1,4 @@
-//! Why a command sequence was not played to its end, and what a person is told of it.
+//! Reasons why a command sequence was not played to its end, and the words for a person.
 
 use model::observation::Pair;
 use proto::recording::PERIOD_S;
@@ -7,12 +7,12 @@ use supervisor::Condition;
 use crate::experiment::open_loop_playback::LONGEST_SETTLE;
 use crate::operator::notice::{fault_text, why_barred};
 
-/// Why a sequence was not played to its end.
+/// Reason why a sequence was not played to its end.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Stopped {
     /// The watch vented the rig.
     Vented {
-        /// Why.
+        /// Condition that vented it.
         cause: Condition,
         /// The number behind it: volts, kPa, ms, trip bits.
         value: f64,
@@ -23,12 +23,12 @@ pub enum Stopped {
     PumpRuns,
     /// The pressures did not come to rest.
     Restless {
-        /// What was read last, kPa gauge.
+        /// Readings of the last frame, kPa gauge.
         measured: Pair,
     },
     /// The rig stood at rest and was not armed: nobody may wait by the time when it could be.
     NotArmed {
-        /// What barred it; `None`: it was never in standby for long enough.
+        /// Condition that barred it; `None`: it was never in standby for long enough.
         bars_arming: Option<Condition>,
     },
 }

@@ -75,7 +75,7 @@ pub struct Inputs<'a> {
     pub tick: Tick,
     /// What is wrong now.
     pub conditions: &'a ConditionSet,
-    /// What is asked for.
+    /// Request of this tick, where there is one.
     pub request: Option<Request>,
     /// Whether a person is needed to arm.
     pub arming: Arming,
@@ -100,8 +100,8 @@ pub struct Memory {
     pub returns: u8,
     /// Ticks since the first of them.
     pub return_period_ticks: u32,
-    /// Whether `auto_arm` may act: not after a latched condition, a disarm or the rows of an experiment, until it is armed by a
-    /// person or, after an experiment that began under control, for the reference again.
+    /// True while `auto_arm` may act: not after a latched condition, a disarm or the beginning of an experiment, until it is armed
+    /// by a person or, after an experiment that began under control and was played to its end, for the reference again.
     pub may_arm_itself: bool,
 }
 
@@ -119,7 +119,7 @@ impl Memory {
         may_arm_itself: true,
     };
 
-    /// Whether an order to arm would be followed at the next sound frame.
+    /// Tells whether an order to arm would be followed at the next sound frame.
     pub fn can_arm(&self, conditions: &ConditionSet) -> bool {
         self.state == State::Standby
             && self.sound_frames >= FRAMES_TO_ARM
@@ -133,7 +133,7 @@ impl Memory {
         conditions.worst(Severity::Vent).or_else(|| conditions.iter().find(bars))
     }
 
-    /// Whether a session may be opened: not while a trip of the cRIO waits for a person, because a HELLO would undo it.
+    /// Tells whether a session may be opened: not while a trip of the cRIO waits for a person, because a HELLO would undo it.
     pub fn may_open_session(&self) -> bool {
         !self.latched.iter().any(Condition::bars_session)
     }

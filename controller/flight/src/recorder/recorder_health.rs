@@ -1,5 +1,6 @@
 //! The recorder's health, for everybody but its thread.
 
+use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
@@ -51,6 +52,11 @@ impl RecorderHealth {
     /// Notes that were refused because too many waited.
     pub fn notes_dropped(&self) -> u64 {
         self.state.notes_dropped.load(Ordering::Relaxed)
+    }
+
+    /// Last file that was finished so far, by this recorder; `None` before the first.
+    pub fn last_finished(&self) -> Option<PathBuf> {
+        self.state.files.lock().unwrap_or_else(PoisonError::into_inner).last().cloned()
     }
 
     /// Ticks written so far.

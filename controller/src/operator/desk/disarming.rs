@@ -3,11 +3,10 @@
 //! A disarming is carried out by the next tick; that the vents are open is only known once the cRIO reports it, some ticks
 //! later. So the answer waits for that report, for a fault of the venting, or for the end of its time.
 
+use monitor::vent_check::OPEN_DUTY;
 use proto::recording::EventLevel;
 
 use super::answers::note_line;
-use monitor::vent_check::OPEN_DUTY;
-
 use super::{Asked, Desk, Step, What};
 use crate::cycle::duty_source::VENT;
 use crate::machine::clock::now_ns;
