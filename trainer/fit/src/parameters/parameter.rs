@@ -103,7 +103,8 @@ impl Parameter {
         self
     }
 
-    /// The parameter bounded to where a search looks first.
+    /// The parameter within a factor of five of what is stated, and no further: unlike a search's range, that of the result does not grow.
+    /// Parameters without such a range, and narrower bounds, stay as they are.
     #[must_use]
     pub fn near_its_mean(mut self) -> Self {
         if self.range == SearchRange::Growing {
@@ -277,6 +278,26 @@ mod tests {
         assert_eq!(limited.end_at(limited.value(ended)), Some(End::High));
         assert_eq!(limited.end_at(30.0), None);
         assert_eq!(Parameter::linear("atmosphere.pressure_kpa_abs", 101.3, 0.5).end_at(91.3), Some(End::Low));
+    }
+
+    #[test]
+    fn a_parameter_near_its_mean_ends_at_a_factor_of_five() {
+        let about = |one: f64, other: f64| (one / other - 1.0).abs() < 1e-9;
+        let flow = Parameter::log("pumps.p.flow_l_per_min", 5.0, 0.3);
+        let near = flow.clone().near_its_mean();
+        assert_eq!((near.bounds, near.range), ([1.0, 25.0], SearchRange::Whole));
+        // A search that has come to the end of it, or beyond, looks no further; without the bounds it would.
+        for value in [5.0, 25.0, 100.0] {
+            let [low, high] = near.search_bounds(near.coordinate(value)).map(|z| near.value(z));
+            assert!(about(low, 1.0) && about(high, 25.0), "{value}: {low} {high}");
+        }
+        let [began, ended] = [5.0, 25.0].map(|value| near.coordinate(value));
+        assert!(flow.was_cut_off(began, ended) && !near.was_cut_off(began, ended));
+        assert_eq!((near.end_at(25.0), near.end_at(1.0)), (Some(End::High), Some(End::Low)));
+        // What a rig file accepts is not widened, and what has no growing range keeps its own.
+        assert_eq!(flow.within(4.0, 6.0).near_its_mean().bounds, [4.0, 6.0]);
+        let pressure = Parameter::linear("atmosphere.pressure_kpa_abs", 101.3, 0.5);
+        assert_eq!(pressure.clone().near_its_mean(), pressure);
     }
 
     #[test]

@@ -26,6 +26,8 @@ const PLATEAU_STEPS: f64 = 1.5;
 const GOING: f64 = 2.0;
 /// One reading of so many on the channel's own extreme is a limit.
 const HEAP: usize = 50;
+/// Share of a sensor's range within which a reading stands at its end, or at the open air.
+const NEAR_END: f64 = 0.02;
 /// A channel with fewer distinct readings than this is flat.
 const DISTINCT: usize = 4;
 /// Samples further apart than this, in s, are not asked for wild ones.
@@ -161,7 +163,9 @@ impl Channel<'_> {
             }
             let run = row - start;
             let value = values.get(start).copied().unwrap_or(0.0);
-            if run >= STUCK_ROWS && !is_plateau(start..row) || heaps.contains(&(value, true)) {
+            let is_held = run >= STUCK_ROWS || heaps.contains(&(value, true));
+            let is_cut = heaps.contains(&(value, true)) && self.is_cut_off_at(value);
+            if is_cut || is_held && !is_plateau(start..row) {
                 if value == low || value == high {
                     clipped += run;
                     at_limit = value;
@@ -176,8 +180,11 @@ impl Channel<'_> {
         let share = |rows: usize| rows as f64 / values.len() as f64;
         let severity = |rows: usize| severity_of(share(rows));
         if clipped > 0 {
-            let end = self.range.is_some_and(|[l, h]| (at_limit - l).abs().min((at_limit - h).abs()) < 0.02 * (h - l));
-            let whose = if end { "the end of the sensor's range" } else { "a limit (sensor, amplifier or converter)" };
+            let whose = if self.is_at_range_end(at_limit) {
+                "the end of the sensor's range"
+            } else {
+                "a limit (sensor, amplifier or converter)"
+            };
             add(
                 severity(clipped),
                 Trouble::Clipped,
@@ -200,6 +207,18 @@ impl Channel<'_> {
                 ),
             );
         }
+    }
+
+    /// Tells whether a reading stands at an end of the sensor's range.
+    fn is_at_range_end(&self, kpa: f64) -> bool {
+        self.range.is_some_and(|[low, high]| (kpa - low).abs().min((kpa - high).abs()) < NEAR_END * (high - low))
+    }
+
+    /// Tells whether readings that heap up here are cut off by the sensor's range, whatever its converter's step. Many ranges end at the
+    /// open air, where chambers rest.
+    fn is_cut_off_at(&self, kpa: f64) -> bool {
+        let is_air = self.range.is_some_and(|[low, high]| kpa.abs() < NEAR_END * (high - low));
+        self.is_at_range_end(kpa) && !is_air
     }
 }
 
@@ -260,10 +279,13 @@ mod tests {
     }
 
     fn told(step_kpa: f64, held: Range<usize>) -> Vec<Trouble> {
-        let values = readings(step_kpa, held);
+        told_of(&readings(step_kpa, held), step_kpa, [-100.0, 300.0])
+    }
+
+    fn told_of(values: &[f64], step_kpa: f64, range: [f64; 2]) -> Vec<Trouble> {
         // Noise of 0.014 kPa and the rounding's.
         let sigma = (0.014_f64.powi(2) + step_kpa.powi(2) / 12.0).sqrt();
-        let of = Channel { values: &values, sigma, range: Some([-100.0, 300.0]), sampling_s: 0.02, near_step: &[] };
+        let of = Channel { values, sigma, range: Some(range), sampling_s: 0.02, near_step: &[] };
         let mut troubles = Vec::new();
         of.check(&mut vec![1.0; values.len()], |_, trouble, _| troubles.push(trouble));
         troubles
@@ -277,5 +299,32 @@ mod tests {
             assert!(told(step_kpa, 100..160).contains(&Trouble::Stuck), "{step_kpa}");
         }
         assert!(told(0.01, 100..160).contains(&Trouble::Stuck));
+    }
+
+    /// Readings of a chamber that rests at the open air, is filled and emptied again, cut off at `most_kpa`.
+    fn from_the_air(step_kpa: f64, most_kpa: f64) -> Vec<f64> {
+        let noise = |k: usize| 0.02 * ((k * 7919 % 1000) as f64 / 1000.0 * 37.0).sin();
+        let kpa = |k: usize| match k % 500 {
+            0..120 => 0.0,
+            j @ 120..320 => 0.31 * (j - 120) as f64,
+            j => 62.0 * (-0.03 * (j - 320) as f64).exp(),
+        };
+        (0..2000).map(|k| ((kpa(k).min(most_kpa) + noise(k)) / step_kpa).round() * step_kpa).collect()
+    }
+
+    /// A coarse converter's reading of a chamber at the open air is its lowest (or, of a vacuum, its highest) and no limit, also where the
+    /// sensor's range ends there; the other end of the range is one.
+    #[test]
+    fn rest_at_the_open_air_is_not_clipped() {
+        for step_kpa in [0.25, 0.125] {
+            let values = from_the_air(step_kpa, f64::INFINITY);
+            let vacuum: Vec<f64> = values.iter().map(|kpa| -kpa).collect();
+            for low in [0.0, -100.0] {
+                assert_eq!(told_of(&values, step_kpa, [low, 300.0]), [], "{step_kpa} from {low}");
+                assert_eq!(told_of(&vacuum, step_kpa, [-300.0, -low]), [], "{step_kpa} to {}", -low);
+            }
+            let cut = from_the_air(step_kpa, 50.0);
+            assert_eq!(told_of(&cut, step_kpa, [0.0, 50.0]), [Trouble::Clipped], "{step_kpa}");
+        }
     }
 }

@@ -7,6 +7,7 @@
 use model::rig::Rig;
 
 use super::excitation::deviation;
+use super::readings::range_of;
 use super::{Finding, Severity, Trouble};
 use crate::data::{Noise, Records};
 
@@ -14,8 +15,13 @@ use crate::data::{Noise, Records};
 const FIRST: usize = 5;
 /// Share of what was recorded at most by which warming air and sensors may leave the bounds …
 const SHARE: f64 = 0.05;
-/// … and deviations of the noise.
+/// … and deviations of the noise …
 const NOISES: f64 = 10.0;
+/// … and at least, in kPa, what a barometer and a sensor that warms up drift by while a rig rests …
+const DRIFT_KPA: f64 = 3.0;
+/// … but no less and no more of a sensor's range than these shares: sensors drift by a percent of it, and one for small pressures is made
+/// for less than a barometer does.
+const DRIFT_SHARES: [f64; 2] = [0.01, 0.1];
 
 /// Samples that are taken together to see whether a pressure turns round.
 const TOGETHER: usize = 25;
@@ -45,10 +51,9 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mu
             let begun = all.iter().map(|values| middle(values.get(..FIRST.min(values.len())).unwrap_or_default()));
             let (low, high) = begun.fold((0.0_f64, 0.0_f64), |(low, high), p| (low.min(p), high.max(p)));
             for (channel, values) in all.iter().enumerate() {
-                let largest = values.iter().fold(0.0, |most: f64, p| most.max(p.abs()));
-                let margin = (SHARE * largest).max(NOISES * noise.get(channel).map_or(0.0, |n| n.sigma_kpa));
-                let Some(beyond) = values.iter().find(|p| **p > high + margin || **p < low - margin) else { continue };
                 let column = records.sensors().get(channel).cloned().unwrap_or_default();
+                let margin = margin_kpa(values, SHARE, noise.get(channel), range_of(rig, &column));
+                let Some(beyond) = values.iter().find(|p| **p > high + margin || **p < low - margin) else { continue };
                 let most = values.iter().copied().fold(*beyond, |most, p| if p.abs() > most.abs() { p } else { most });
                 findings.push(Finding {
                     source: r.source.clone(),
@@ -64,6 +69,17 @@ pub(super) fn check(rig: &Rig, records: &Records, noise: &[Noise], findings: &mu
             }
         }
     }
+}
+
+/// Distance in kPa by which readings of a pressure that nothing drives may leave the bounds that there were at first: a share of the
+/// largest of them, the noise, and drift of a sensor of this range.
+pub(super) fn margin_kpa(values: &[f64], share: f64, noise: Option<&Noise>, range: Option<[f64; 2]>) -> f64 {
+    let largest = values.iter().fold(0.0, |most: f64, p| most.max(p.abs()));
+    let drift_kpa = range.map_or(DRIFT_KPA, |[low, high]| {
+        let [least, most] = DRIFT_SHARES.map(|share| share * (high - low));
+        DRIFT_KPA.max(least).min(most)
+    });
+    (share * largest).max(NOISES * noise.map_or(0.0, |n| n.sigma_kpa)).max(drift_kpa)
 }
 
 /// A pressure that goes up and down although no command and no signal moves in any recording.
