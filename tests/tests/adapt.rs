@@ -47,6 +47,8 @@ struct Manners {
     vented_for: usize,
     /// Error of the rig on the model that was found, in kPa.
     on_the_model: [f64; 2],
+    /// Tick from which on it follows `HOLD.csv`, as an operator has asked it to.
+    held_from: Option<u32>,
 }
 
 const GOOD: Manners = Manners {
@@ -56,6 +58,7 @@ const GOOD: Manners = Manners {
     policies_become: "active",
     vented_for: 0,
     on_the_model: [0.2, 0.1],
+    held_from: None,
 };
 
 impl StandIn {
@@ -66,6 +69,7 @@ impl StandIn {
         let off = |tick| if tick < BEFORE { [0.5, 0.3] } else { manners.on_the_model };
         record(&folder.join("recordings/run-20260101-000000.mcap"), (0..20_000).map(|tick| ticked(tick, off(tick))));
         let operators = folder.write("operators.csv", Reference::constant(85.0, -72.0).to_csv());
+        folder.write("HOLD.csv", Reference::constant(80.0, -70.0).to_csv());
         let out = folder.join("out");
         diagnosed(&out, &config, &operators, manners);
         let (asked, asked_csv) = <(Arc<Mutex<Vec<String>>>, Arc<Mutex<Vec<String>>>)>::default();
@@ -178,7 +182,7 @@ fn serve(
     played: &Mutex<Vec<String>>,
     follows: &Mutex<String>,
 ) {
-    let (mut tick, mut policy) = (100, "fallback".to_owned());
+    let (mut tick, mut policy, mut held_from) = (100, "fallback".to_owned(), manners.held_from);
     for stream in listener.incoming() {
         let mut stream = stream.unwrap();
         let mut line = String::new();
@@ -189,6 +193,12 @@ fn serve(
         let ask: Value = serde_json::from_str(&line).unwrap();
         let what = ask["ask"].as_str().unwrap().to_owned();
         tick = (tick + STRIDE).min(19_900);
+        if held_from.take_if(|from| tick >= *from).is_some() {
+            let mut followed = follows.lock().unwrap();
+            // The file lies beside the operator's first, and that above the run's folder.
+            let folder = Path::new(&*followed).ancestors().find(|folder| folder.join("HOLD.csv").is_file()).unwrap();
+            *followed = folder.join("HOLD.csv").display().to_string();
+        }
         let file = ask["file"].as_str().unwrap_or_default().rsplit('/').take(2).collect::<Vec<_>>().join(" of ");
         log.lock().unwrap().push(match what.as_str() {
             "model" => format!("model {file}"),
@@ -411,6 +421,36 @@ fn a_run_that_is_stopped_on_the_way_leaves_model_policy_and_reference_as_they_we
             // By name: a rollback might go further back than to what controlled.
             true => assert_eq!(last, ["swap fallback", "model model.toml of before"]),
             false => assert_eq!(last, ["model rig.toml of found", "model model.toml of before"]),
+        }
+    }
+}
+
+/// A flight is of one reference: where an operator gives the daemon another, the run ends, his stays, and nothing of that flight counts.
+/// Going on puts his back at the end.
+#[test]
+fn a_reference_that_an_operator_puts_in_during_a_flight_stays_and_ends_the_run() {
+    let before = ("while `before` was flown", vec![], 0);
+    let later = ("while `with the model` was flown", vec!["model rig.toml of found", "model model.toml of before"], 1);
+    for (held_from, (told, changes, flights)) in [(1_600, before), (4_500, later)] {
+        let stand_in = StandIn::new(Manners { held_from: Some(held_from), policies_become: "refused", ..GOOD });
+        let ended = stand_in.begin(&[]).wait(Duration::from_secs(120));
+        assert_eq!(ended.status, Some(1), "{ended:?}");
+        for words in
+            [told, "by somebody else", "HOLD.csv, no longer ", "nothing of this flight counts", "adapt --resume"]
+        {
+            assert!(ended.stderr.contains(words), "{words}: {}", ended.stderr);
+        }
+        assert_eq!(
+            (stand_in.followed(), stand_in.changes()),
+            ("HOLD.csv".to_owned(), changes.iter().map(|&c| c.to_owned()).collect())
+        );
+        let journal: Value =
+            serde_json::from_slice(&std::fs::read(stand_in.out.join("journal.json")).unwrap()).unwrap();
+        assert_eq!(journal["flown"].as_array().unwrap().len(), flights, "{journal}");
+        assert_eq!(journal["before"].is_null(), flights == 0, "what has not counted is looked at anew: {journal}");
+        if flights > 0 {
+            let ended = stand_in.begin(&["--json"]).wait(Duration::from_secs(120));
+            assert_eq!((ended.status, stand_in.followed()), (Some(0), "HOLD.csv".to_owned()), "{ended:?}");
         }
     }
 }

@@ -55,7 +55,7 @@ pub(crate) enum Failure {
     Finetune(#[from] FinetuneError),
     #[error(transparent)]
     Rehearsal(#[from] AdaptError),
-    #[error("{error}{}; go on with: trainer adapt --resume {out}", match .error { AdaptError::NotRestored(_) | AdaptError::ReferenceLeft { .. } => "", _ => "; model, policy and reference are as they were" })]
+    #[error("{error}{}; go on with: trainer adapt --resume {out}", match .error { AdaptError::NotRestored(_) | AdaptError::ReferenceLeft { .. } => "", AdaptError::Changed { .. } => "; what this run had changed is put back, and what you put in place of its reference stays", _ => "; model, policy and reference are as they were" })]
     Adapt { error: AdaptError, out: String },
     #[error("{error}; nothing was changed and {out} was not begun: see to that, then give the same command again")]
     NotBegun { error: AdaptError, out: String },

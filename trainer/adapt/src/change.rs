@@ -91,7 +91,7 @@ impl Adaptation {
             let reference = self.reference()?;
             let file = self.back_and_forth_file();
             atomic_file::write(&file, back_and_forth(&reference).as_bytes())?;
-            let (_, start) = self.begin_reference(&file, console)?;
+            let (_, start) = self.begin_reference(&file, console)?.at;
             self.moves_until = start.wrapping_add((2.0 * reference.end_s() * TICKS_PER_S) as u32);
         }
         Ok(())

@@ -45,6 +45,25 @@ pub struct Daemon {
     pub config: PathBuf,
 }
 
+/// State of the exploration around a policy's answers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Exploration {
+    /// Noise is put on the answers.
+    On,
+    /// The answers are applied as they are.
+    Off,
+}
+
+impl Exploration {
+    /// Word for it, as the daemon's command has it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Exploration::On => "on",
+            Exploration::Off => "off",
+        }
+    }
+}
+
 /// State of a running daemon, and what it uses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DaemonStatus {
@@ -56,10 +75,18 @@ pub struct DaemonStatus {
     pub at: (u32, u32),
     /// Name of the policy that controls, or `fallback`.
     pub policy: String,
+    /// SHA-256 of the policy's file; empty for the fallback.
+    pub policy_sha256: String,
+    /// Tells whether the fallback controls in place of a policy that the daemon itself has set aside.
+    pub is_set_aside: bool,
     /// Name of the model behind the predictions.
     pub model: String,
+    /// SHA-256 of the model, comments left out.
+    pub model_sha256: String,
     /// Name of the reference that is followed: its file's path, where it has one.
     pub reference: String,
+    /// Exploration around the policy.
+    pub exploration: Exploration,
     /// Commands that the safety filter has changed.
     pub interventions: u64,
 }
@@ -75,8 +102,12 @@ impl DaemonStatus {
             waits_for: text(&reply["status"]["latched"]).replace('_', " "),
             at: (small("session"), small("tick")),
             policy: text(&reply["running"]["policy"]),
+            policy_sha256: text(&reply["running"]["policy_sha256"]),
+            is_set_aside: reply["running"]["why_fallback"].is_string(),
             model: text(&reply["running"]["model"]),
+            model_sha256: text(&reply["running"]["model_sha256"]),
             reference: text(&reply["running"]["reference"]),
+            exploration: if reply["status"]["exploration"].is_null() { Exploration::Off } else { Exploration::On },
             interventions: number("filter_interventions"),
         }
     }

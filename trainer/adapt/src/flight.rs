@@ -9,8 +9,9 @@ use std::time::{Duration, Instant};
 use model::observation::TICKS_PER_S;
 
 use crate::AdaptError;
-use crate::daemon::{FALLBACK, LOOK};
+use crate::daemon::{DaemonStatus, Exploration, FALLBACK, LOOK};
 use crate::guard::{WorseWindow, squares_by_second, worse_window};
+use crate::in_force::{is_named, of_one_controller};
 use crate::journal::{BEFORE, Before, Flown, TickSpan};
 use crate::judging::{late_squares, told};
 use crate::programs::Console;
@@ -65,17 +66,22 @@ impl Adaptation {
         self.in_control(console)?;
         let yardstick = self.yardstick()?;
         let file = self.recorded_reference();
-        let (session, start) = self.begin_reference(&file, console)?;
+        let begun = self.begin_reference(&file, console)?;
+        if begun.exploration == Exploration::On {
+            return Err(AdaptError::Explores { flown: what.to_owned() });
+        }
+        let (session, start) = begun.at;
         let end = start.wrapping_add((self.fly_s()? * TICKS_PER_S) as u32);
         self.moves_until = end;
         let mut ticks = FlightTicks::new(&self.folders.recordings, session, start..end);
         let against = HeldAgainst { there, yardstick: &yardstick };
-        let until = self.watch(session, start..end, &mut ticks, &against, console)?;
+        let until = self.watch(what, begun, start..end, &mut ticks, &against, console)?;
         let missing = "the recording of a run";
         let ticks = self.wait_for(missing, FLUSHED, console, |this, _| {
             let ticks = recorded::between(&this.folders.recordings, session, start..until)?;
             Ok(ticks.last().is_some_and(|last| last.tick.wrapping_add(1) >= until).then_some(ticks))
         })?;
+        of_one_controller(&ticks, what)?;
         let vented = || AdaptError::NotRunning { state: "vented on the way".into(), waits_for: String::new() };
         let mut flown = Flown {
             what: what.to_owned(),
@@ -105,32 +111,50 @@ impl Adaptation {
         Ok(self.reference()?.end_s().max(SHORTEST_S).min(self.journal.settings.fly_seconds))
     }
 
-    /// Has the daemon follow a reference from its beginning; session and tick from then on.
-    pub(crate) fn begin_reference(&mut self, file: &Path, console: &mut dyn Console) -> Result<(u32, u32), AdaptError> {
+    /// Has the daemon follow a reference from its beginning, unless the operator has given it another meanwhile; its
+    /// state from then on.
+    pub(crate) fn begin_reference(
+        &mut self,
+        file: &Path,
+        console: &mut dyn Console,
+    ) -> Result<DaemonStatus, AdaptError> {
         self.tell_of_reference(console);
+        let status = self.daemon.status(console)?;
+        self.still_followed(&status)?;
         self.daemon.tell(&["reference", &file.to_string_lossy()], console)?;
         let status = self.daemon.status(console)?;
+        // In the moment between the two somebody else may have given it another.
+        if !is_named(file, &status.reference) {
+            self.followed = Some(file.display().to_string());
+            self.still_followed(&status)?;
+        }
+        self.followed = Some(status.reference.clone());
         if !status.is_running() {
             return Err(status.not_running());
         }
-        Ok(status.at)
+        Ok(status)
     }
 
-    /// Waits for the end of a flight; the tick behind its last, which is earlier where it tracks worse than what was there.
+    /// Waits for the end of a flight that was begun in this state; the tick behind its last, which is earlier where it tracks worse
+    /// than what was there.
     fn watch(
         &self,
-        session: u32,
+        what: &str,
+        begun: DaemonStatus,
         flight: Range<u32>,
         ticks: &mut FlightTicks,
         HeldAgainst { there, yardstick }: &HeldAgainst<'_>,
         console: &mut dyn Console,
     ) -> Result<u32, AdaptError> {
         let (mut last, mut moved) = (0, Instant::now());
+        let mut begun = begun;
         loop {
             let status = self.daemon.status(console)?;
-            if !status.is_running() || status.at.0 != session {
+            if !status.is_running() || status.at.0 != begun.at.0 {
                 return Err(status.not_running());
             }
+            // Also behind the last tick: the change may have come before it.
+            self.still_in_force(&mut begun, &status, what, console)?;
             if status.at.1 >= flight.end {
                 return Ok(flight.end);
             }

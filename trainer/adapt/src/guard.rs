@@ -14,8 +14,8 @@ use crate::recorded::RUN;
 use crate::tracking::SKIPPED;
 use crate::yardstick::Yardstick;
 
-/// A run this much worse than another is worse (both channels together; chosen: flights of one controller differ by
-/// half of it).
+/// A run this much worse than another is ended (both channels together; chosen: flights of one controller differ by
+/// half of it, [`crate::comparison`]).
 pub(crate) const WORSE: f64 = 1.05;
 /// Length of the window, in s; a shorter flight is one window.
 const WINDOW_S: usize = 60;

@@ -115,6 +115,9 @@ pub struct Journal {
     pub settings: AdaptSettings,
     /// State of the daemon before.
     pub before: Option<Before>,
+    /// The reference that the operator has put in since, as the daemon names it, where he has: it is put back at the end.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub put_in_since: Option<String>,
     /// Recordings that diagnosis reads.
     pub recordings: Vec<PathBuf>,
     /// Recordings of experiments.
@@ -165,6 +168,7 @@ impl Journal {
         Journal {
             settings,
             before: None,
+            put_in_since: None,
             recordings: Vec::new(),
             experiments: Vec::new(),
             experiment_allowed: None,
@@ -233,6 +237,20 @@ impl Journal {
             flown.tracking.late_rmse_kpa = None;
             flown.late_squares.clear();
         }
+    }
+
+    /// Forgets what was there before where no run has counted yet: going on looks at it anew, as it may have been changed.
+    pub(crate) fn forget_before_uncounted(&mut self) {
+        if self.flown.is_empty() {
+            self.before = None;
+            self.put_in_since = None;
+        }
+    }
+
+    /// Session and tick up to which diagnosis reads: the end of the flight before, wherever the daemon is by now; nothing
+    /// where the journal does not say, as that of an older program.
+    pub(crate) fn diagnosed_until(&self) -> Option<(u32, u32)> {
+        self.flight(BEFORE)?.recorded.map(|span| (span.session, span.until))
     }
 
     /// Figures of the run of a name, once it was made.

@@ -75,7 +75,7 @@ impl Adaptation {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::journal::Flown;
     use crate::programs::Programs;
@@ -88,7 +88,7 @@ mod tests {
 
     /// A console that keeps what is said.
     #[derive(Default)]
-    struct Said(Vec<String>);
+    pub(crate) struct Said(Vec<String>);
 
     impl Console for Said {
         fn step(&mut self, _number: usize, _of: usize, _what: &str) {}
@@ -105,14 +105,14 @@ mod tests {
         }
     }
 
-    const START: u32 = 700;
-    const UNTIL: u32 = 2200;
+    pub(crate) const START: u32 = 700;
+    pub(crate) const UNTIL: u32 = 2200;
     /// Rate of the reference in kPa/s, and the lag of the sensor in s.
     const RATE: f64 = 2.0;
     const LAG_S: f64 = 0.2;
 
     /// An adaptation that has flown before, with the reading on a reference that rises, and has found the rig `found`.
-    fn flown_before(name: &str, found: &str) -> Adaptation {
+    pub(crate) fn flown_before(name: &str, found: &str) -> Adaptation {
         let folder = std::env::temp_dir().join(format!("adapt-judging-{}-{name}", std::process::id()));
         std::fs::create_dir_all(folder.join("recordings")).unwrap();
         std::fs::create_dir_all(folder.join("out/found")).unwrap();
@@ -155,7 +155,7 @@ mod tests {
         adaptation
     }
 
-    fn forget(adaptation: &Adaptation) {
+    pub(crate) fn forget(adaptation: &Adaptation) {
         std::fs::remove_dir_all(adaptation.out.parent().unwrap()).unwrap();
     }
 

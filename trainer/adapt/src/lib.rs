@@ -12,9 +12,12 @@
 //! | [`journal`] | what has been done, to go on from |
 //! | `paths` | where it all lies |
 //! | [`run`] | the steps |
+//! | `diagnosing` | what the model leaves out, with experiments where that takes them |
 //! | `flight` | runs along the reference |
 //! | `judging` | the yardstick that all of them are judged by |
+//! | `in_force` | what must not change while a run is made |
 //! | `guard` | when a run is worse than what was there |
+//! | [`comparison`] | better, no different, worse |
 //! | `change` | those that ask the daemon for something, and wait |
 //! | `put_back` | what was changed is put back: the operator's reference at every end |
 //! | [`found_in`] | what stands in the way of a new one |
@@ -29,11 +32,14 @@
 //! leaves model and policy as they were.
 
 mod change;
+pub mod comparison;
 pub mod daemon;
+mod diagnosing;
 pub mod excitation;
 mod flight;
 pub mod found_in;
 mod guard;
+mod in_force;
 pub mod journal;
 mod judging;
 mod optimum;
@@ -121,6 +127,22 @@ pub enum AdaptError {
         command: String,
         /// Reason for it.
         why: String,
+    },
+    /// Somebody else has changed what this run relies on.
+    #[error("{what} {meanwhile}")]
+    Changed {
+        /// Part that was changed, from what and to what.
+        what: String,
+        /// Time at which it was, and what that means for the run.
+        meanwhile: String,
+    },
+    /// Exploration is on while a flight is to be made.
+    #[error(
+        "exploration is on, and its noise would count as an error of the controller in `{flown}`: switch it off with `controller explore off`"
+    )]
+    Explores {
+        /// Name of the flight.
+        flown: String,
     },
     /// The user stopped it.
     #[error("stopped")]

@@ -18,7 +18,7 @@ use crate::tracking::Tracking;
 
 /// Less than this much above the optimum there is nothing to learn (both channels together). Chosen: what a policy is refused for
 /// by the daemon if it is behind by as much.
-const NEAR: f64 = 1.1;
+pub(crate) const NEAR: f64 = 1.1;
 
 /// Part of a run's summary: how long it was, and after which of its rounds it kept the policy.
 #[derive(Deserialize)]

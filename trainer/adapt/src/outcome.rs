@@ -7,6 +7,7 @@ use report::{Color, KeyFigure, Panel, Plot, Report, Scatter, Table};
 use serde::Serialize;
 
 use crate::AdaptError;
+use crate::comparison::{Comparison, headline};
 use crate::journal::{BEFORE, Flown, Journal, diagnosis_in};
 use crate::tracking::Tracking;
 use crate::yardstick::JUDGED_BEHIND_LATE_SENSORS;
@@ -14,8 +15,12 @@ use crate::yardstick::JUDGED_BEHIND_LATE_SENSORS;
 /// Outcome of an adaptation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Outcome {
-    /// Verdict: the rig tracks better than before.
+    /// Verdict: the rig tracks better than before, by more than flights of one controller differ by.
     pub is_better: bool,
+    /// Verdict in three answers; nothing where there is nothing to compare.
+    pub verdict: Option<Comparison>,
+    /// Verdict in a sentence, with its numbers.
+    pub headline: String,
     /// Name of the run whose controller controls now.
     pub kept: String,
     /// The diagnosis in one sentence.
@@ -63,6 +68,8 @@ impl Outcome {
     pub fn of(journal: &Journal, out: &Path) -> Result<Self, AdaptError> {
         let kept = journal.kept.clone().unwrap_or_else(|| BEFORE.to_owned());
         let (before, after) = (journal.flown(BEFORE), journal.flown(&kept));
+        let compared = before.zip(after);
+        let verdict = compared.map(|(before, after)| Comparison::of(&after, &before));
         let diagnosis = journal.found.as_deref().map(diagnosis_in).transpose()?;
         let learned = diagnosis.iter().flat_map(|d| &d.mechanisms).map(|m| {
             let numbers: Vec<String> =
@@ -74,7 +81,12 @@ impl Outcome {
             why => format!("{} ({why})", verdict.state),
         });
         Ok(Outcome {
-            is_better: before.zip(after).is_some_and(|(before, after)| after.over(&before) < 1.0),
+            is_better: verdict == Some(Comparison::Better),
+            verdict,
+            headline: compared.map_or_else(
+                || "no flight was made before, or none is kept: nothing can be compared".to_owned(),
+                |(before, after)| headline(&after, &before, journal.optimum_kpa),
+            ),
             kept,
             missing: diagnosis.as_ref().map_or_else(String::new, |d| d.summary.clone()),
             learned: learned.collect(),
@@ -142,7 +154,8 @@ impl Outcome {
             text += &format!("the late figures decide: {judged_by}\n");
         }
         text += &format!(
-            "\nkept: {}; {:.1} min of the rig and {:.1} min of computing, {} experiments; worst pressures: {}; commands bent by the safety filter: {}\n",
+            "\n{}\nkept: {}; {:.1} min of the rig and {:.1} min of computing, {} experiments; worst pressures: {}; commands bent by the safety filter: {}\n",
+            self.headline,
             self.kept,
             self.rig_minutes,
             self.computing_minutes,
@@ -171,13 +184,14 @@ impl Outcome {
         };
         let note = if self.judged_by.is_some() { "positive / negative, late" } else { "positive / negative" };
         let [before, after] = &self.tracking;
-        let mut page = Report::new("Adaptation to a rig").subtitle(&format!("kept: {}", self.kept)).summary([
-            KeyFigure::new("RMSE before", &pair(before)).note(note),
-            KeyFigure::new("RMSE as kept", &pair(after)).note(note),
-            KeyFigure::new("Rig time", &format!("{:.1} min", self.rig_minutes))
-                .note(&format!("and {:.1} min of computing", self.computing_minutes)),
-            KeyFigure::new("Worst pressures", &self.extremes()).note("experiments included"),
-        ]);
+        let mut page =
+            Report::new("Adaptation to a rig").subtitle(&format!("{}; kept: {}", self.headline, self.kept)).summary([
+                KeyFigure::new("RMSE before", &pair(before)).note(note),
+                KeyFigure::new("RMSE as kept", &pair(after)).note(note),
+                KeyFigure::new("Rig time", &format!("{:.1} min", self.rig_minutes))
+                    .note(&format!("and {:.1} min of computing", self.computing_minutes)),
+                KeyFigure::new("Worst pressures", &self.extremes()).note("experiments included"),
+            ]);
         page = page.heading("What was missing").text(&self.missing).list(self.learned.clone());
         if let Some(concealed) = &self.concealed {
             page = page.heading("What had been concealed").list(concealed.clone());
@@ -265,6 +279,23 @@ mod tests {
         assert_eq!(json["judged_by"], JUDGED_BEHIND_LATE_SENSORS);
         assert_eq!(json["flown"][1]["tracking"]["late_rmse_kpa"], serde_json::json!([0.0625, 0.03125]));
         assert_eq!(json["tracking"][1]["rmse_kpa"], serde_json::json!([0.5, 0.375]));
+    }
+
+    /// Half a percent is no gain, though the figure is below that of before.
+    #[test]
+    fn the_verdict_has_the_differences_of_one_controllers_flights_for_its_yardstick() {
+        let outcome = |after| outcome([Some([0.08, 0.0]), Some([after, 0.0])]);
+        let alike = outcome(0.0796);
+        assert_eq!((alike.is_better, alike.verdict), (false, Some(Comparison::NoDifferent)));
+        for told in [alike.text(), alike.page()] {
+            assert!(told.contains("tracks as well as before; nothing was gained: 1.31 times the optimum"), "{told}");
+        }
+        let json = serde_json::to_value(&alike).unwrap();
+        assert_eq!((&json["is_better"], &json["verdict"]), (&false.into(), &"no_different".into()));
+        let better = outcome(0.06);
+        assert_eq!((better.is_better, better.verdict), (true, Some(Comparison::Better)));
+        assert!(better.text().contains("\ntracks better than before: 25 % less error"), "{}", better.text());
+        assert_eq!(outcome(0.09).verdict, Some(Comparison::Worse));
     }
 
     #[test]

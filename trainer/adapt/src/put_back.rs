@@ -8,6 +8,7 @@ use proto::reference::Reference;
 
 use crate::AdaptError;
 use crate::daemon::FALLBACK;
+use crate::in_force::is_named;
 use crate::journal::Journal;
 use crate::programs::Console;
 use crate::run::Adaptation;
@@ -17,12 +18,16 @@ use crate::{recorded, worst};
 const FLUSHED: Duration = Duration::from_secs(3);
 
 impl Adaptation {
-    /// The file that has the operator's reference: his own, unless it is gone or has changed since, then that of the
-    /// recording.
-    fn operators_reference(&self) -> PathBuf {
+    /// The file that has the operator's reference: one that he has put in since, or his first, unless that is gone or has
+    /// changed, then that of the recording.
+    pub(crate) fn operators_reference(&self) -> PathBuf {
         let recorded = self.recorded_reference();
         let Some(before) = &self.journal.before else { return recorded };
-        let own = self.daemon.config.parent().unwrap_or(Path::new("")).join(&before.reference);
+        let named = |name: &str| self.daemon.config.parent().unwrap_or(Path::new("")).join(name);
+        if let Some(since) = self.journal.put_in_since.as_deref().map(named).filter(|since| since.is_file()) {
+            return since;
+        }
+        let own = named(&before.reference);
         let identity = |path: &Path| Reference::read(path).ok().map(|reference| reference.identity());
         let is_same = !before.reference.is_empty() && own.is_file() && identity(&own) == identity(&recorded);
         if is_same { own } else { recorded }
@@ -44,16 +49,14 @@ impl Adaptation {
         if self.journal.before.is_none() {
             return Ok(());
         }
-        let (recorded, operators) = (self.recorded_reference(), self.operators_reference());
+        let operators = self.operators_reference();
         let arguments = ["reference", &operators.to_string_lossy()];
         let left = |error: AdaptError| AdaptError::ReferenceLeft {
             command: self.daemon.text(&arguments),
             why: error.to_string(),
         };
         let followed = self.daemon.status(console).map_err(left)?.reference;
-        let is = |path: &Path| std::path::absolute(path).is_ok_and(|path| path == Path::new(&followed));
-        let is_ours = is(&recorded) || is(&self.back_and_forth_file());
-        if !is_ours || is(&operators) {
+        if !self.is_of_this_run(&followed) || is_named(&operators, &followed) {
             return Ok(());
         }
         self.daemon.tell(&arguments, console).map_err(left)?;

@@ -6,6 +6,7 @@
 //! rig goes on meanwhile.
 
 use std::io::{BufRead, BufReader};
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -100,6 +101,12 @@ pub fn concealed(rig: &Rig) -> Vec<String> {
     rig.mechanisms.iter().filter(|m| m.enabled).map(line).collect()
 }
 
+/// Has a command end with this program, and not before it: a Ctrl-C on the terminal goes to a whole process group, and
+/// what the rehearsal changed in the daemon is put back after it.
+fn apart(command: &mut Command) -> &mut Command {
+    ends_with_this(command).process_group(0)
+}
+
 /// A rehearsal that runs.
 pub struct Rehearsal {
     config: PathBuf,
@@ -128,7 +135,7 @@ impl Rehearsal {
         console.command(&format!("trainer {} {}", arguments.join(" "), rig_path.display()));
         let mut command = Command::new(&programs.trainer);
         command.args(arguments).arg(&rig_path).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
-        let child = ends_with_this(&mut command)
+        let child = apart(&mut command)
             .spawn()
             .map_err(|source| AdaptError::Start { command: "trainer rig".into(), source })?;
         let out = rehearsal.rig.insert(child).stdout.take();
@@ -147,7 +154,7 @@ impl Rehearsal {
         let mut command = Command::new(&programs.controller);
         command.args(["run", "--config"]).arg(&rehearsal.config);
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(log);
-        let child = ends_with_this(&mut command)
+        let child = apart(&mut command)
             .spawn()
             .map_err(|source| AdaptError::Start { command: "controller run".into(), source })?;
         rehearsal.daemon = Some(child);

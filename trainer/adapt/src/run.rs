@@ -4,43 +4,29 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use proto::atomic_file;
-use proto::diagnosis::{Diagnosis, RigKind, Verdict};
+use proto::diagnosis::RigKind;
 use proto::reference::Reference;
 
+use crate::comparison::{Comparison, is_kept};
 use crate::daemon::{Daemon, DaemonStatus, Vented};
-use crate::excitation::{self, Spans};
-use crate::guard::WORSE;
-use crate::journal::{BEFORE, Before, Journal, diagnosis_in};
+use crate::journal::{BEFORE, Before, Journal};
 use crate::outcome::Outcome;
 use crate::programs::{Console, Programs};
 use crate::put_back::{Told, Unstoppable};
 use crate::recorded::{self, Inside};
-use crate::settings::{AdaptSettings, DaemonFolders, Experiments, Search};
+use crate::settings::{AdaptSettings, DaemonFolders};
 use crate::tracking::Tracking;
 use crate::worst::Since;
 use crate::{AdaptError, found_in, make_folder};
 
 /// Steps that are told.
 const STEPS: usize = 7;
-/// Experiments at most; after two the recordings say what they can.
-const MOST_EXPERIMENTS: usize = 2;
-/// Shares of the valves' range that an experiment is tried with, where the daemon foresees that more would leave the limits.
-const NARROWER: [f64; 3] = [1.0, 0.6, 0.35];
 /// Name of the run of what controlled before, on the model that was found.
 pub(crate) const WITH_MODEL: &str = "with the model";
 /// Name of the run of the fallback on that model, where a policy controlled before.
 pub(crate) const FALLBACK_ON_MODEL: &str = "fallback on the model";
 /// Name of the run of the policy that was trained on it.
 pub(crate) const WITH_POLICY: &str = "with the policy";
-/// Multiples of the noise that a model may leave before another experiment is worth a minute of the rig. Chosen: what is found to its
-/// end leaves one or two.
-const MOST_LEFT: f64 = 3.0;
-
-/// Tells whether a model leaves much more than noise on rows that nothing was fitted to: several effects that one experiment does not part.
-fn leaves_much(diagnosis: &Diagnosis) -> bool {
-    diagnosis.unexplained.iter().any(|left| left.times_noise > MOST_LEFT)
-}
-
 /// A rig that may stand still while this machine computes, as that of a rehearsal does.
 pub trait Pausable {
     /// Stands still.
@@ -67,6 +53,8 @@ pub struct Adaptation {
     pub(crate) rig: Box<dyn Pausable>,
     /// Tick at which the reference that was begun last is over.
     pub(crate) moves_until: u32,
+    /// The reference that the daemon was last seen to follow by this run's will or at its beginning, as the daemon names it.
+    pub(crate) followed: Option<String>,
     /// Says whether it has been told that the daemon follows references of this run meanwhile.
     pub(crate) reference_told: Told,
 }
@@ -105,6 +93,7 @@ impl Adaptation {
             folders,
             rig,
             moves_until: 0,
+            followed: None,
             reference_told: Told::NotYet,
         })
     }
@@ -122,6 +111,9 @@ impl Adaptation {
             Ok(()) => self.put_reference_back(&mut Unstoppable(console)),
             Err(error) => {
                 let is_restored = self.restore(console);
+                if is_restored && matches!(error, AdaptError::Changed { .. }) {
+                    self.journal.forget_before_uncounted();
+                }
                 self.note_worst(console);
                 return Err(if is_restored { error } else { AdaptError::NotRestored(Box::new(error)) });
             }
@@ -177,9 +169,11 @@ impl Adaptation {
         console.step(7, STEPS, "what came of it");
         if verdict.state == "active" {
             match self.fly_against(WITH_POLICY, kept, console)? {
-                Some(after) if after.over(&best) <= WORSE => (kept, best) = (WITH_POLICY, after),
+                Some(after) if is_kept(&after, &best, self.journal.flown(BEFORE).as_ref()) => {
+                    (kept, best) = (WITH_POLICY, after);
+                }
                 _ => {
-                    console.say("it tracks worse than without; what controlled before it goes on");
+                    console.say("it tracks worse than without, or gives away what was gained; what controlled before it goes on");
                     self.swap_to_incumbent(console)?;
                     self.wait_until_policy_is_not(&self.journal.published.clone().unwrap_or_default(), console)?;
                 }
@@ -190,13 +184,15 @@ impl Adaptation {
         self.keep_better(&best, kept, console)
     }
 
-    /// Keeps what tracks best, unless what was there before tracks better.
+    /// Keeps what tracks best where that is better than what was there before: what gains nothing is not worth a change
+    /// of what controls.
     fn keep_better(&mut self, best: &Tracking, kept: &str, console: &mut dyn Console) -> Result<(), AdaptError> {
-        if self.journal.flown(BEFORE).is_some_and(|before| best.over(&before) > WORSE) {
-            console.say("nothing of it tracks as well as what was there");
-            return self.keep_before(kept, console);
+        match self.journal.flown(BEFORE).map(|before| Comparison::of(best, &before)) {
+            Some(Comparison::Better) | None => return self.keep_what(kept, console),
+            Some(Comparison::NoDifferent) => console.say("nothing of it tracks better than what was there"),
+            Some(Comparison::Worse) => console.say("nothing of it tracks as well as what was there"),
         }
-        self.keep_what(kept, console)
+        self.keep_before(kept, console)
     }
 
     /// Puts model and policy back, and keeps that; `otherwise` is in control where the daemon does not take them back.
@@ -214,6 +210,7 @@ impl Adaptation {
         let is_found = self.journal.before.is_some() && self.journal.found.is_some();
         let status = if is_found { self.daemon.status(console)? } else { self.in_control(console)? };
         self.journal.since.get_or_insert_with(|| Since::now(status.at));
+        self.note_followed(&status);
         if let Some(before) = self.journal.before.clone() {
             self.journal.keep(&self.out)?;
             return Ok(before);
@@ -257,121 +254,6 @@ impl Adaptation {
     pub(crate) fn reference(&self) -> Result<Reference, AdaptError> {
         let path = self.recorded_reference();
         Reference::read(&path).map_err(|error| AdaptError::file(&path, error))
-    }
-
-    /// Diagnosis of what was recorded; with an experiment where it needs one and may have it.
-    fn diagnose(&mut self, console: &mut dyn Console) -> Result<Diagnosis, AdaptError> {
-        if self.journal.recordings.is_empty() {
-            let status = self.daemon.status(console)?;
-            let most_s = self.journal.settings.diagnose_seconds;
-            let stretches = recorded::stretches(&self.folders.recordings, status.at.0, status.at.1, most_s)?;
-            let folder = make_folder(self.recordings_folder())?;
-            self.journal.recordings = recorded::write_csv(&folder, &stretches)?;
-            self.journal.keep(&self.out)?;
-        }
-        loop {
-            let round = self.journal.experiments.len() + 1;
-            let found = self.found_folder(round);
-            if self.journal.found.as_ref() != Some(&found) {
-                self.diagnose_into(&found, console)?;
-                self.journal.found = Some(found.clone());
-                self.journal.keep(&self.out)?;
-            }
-            let diagnosis = diagnosis_in(&found)?;
-            console.say(&format!("{}: {}", diagnosis.verdict.as_str(), diagnosis.summary));
-            let planned = diagnosis.next_experiment.as_ref().map(|name| found.join(name));
-            let goes_on = match planned {
-                // Tracking alone shows little of what a lag, a delay or a sticking valve does.
-                _ if round == 1 && diagnosis.verdict != Verdict::Adequate => self.excite(console)?,
-                Some(csv) if round <= MOST_EXPERIMENTS && self.may_experiment(console)? => {
-                    self.experiment(&csv, console)?
-                }
-                _ if leaves_much(&diagnosis) => self.excite(console)?,
-                _ => false,
-            };
-            if !goes_on {
-                return Ok(diagnosis);
-            }
-        }
-    }
-
-    /// Has the daemon move the valves over the range that the reference needs, if it may be driven so and there is one more
-    /// experiment to be had; `false` where it was not.
-    fn excite(&mut self, console: &mut dyn Console) -> Result<bool, AdaptError> {
-        let number = self.journal.experiments.len();
-        if number >= MOST_EXPERIMENTS || !self.may_experiment(console)? {
-            return Ok(false);
-        }
-        let path = self.model_before();
-        let model = proto::rig_file::load(&path.to_string_lossy()).map_err(|error| AdaptError::file(&path, error))?;
-        let spans = Spans::of(&model, &self.reference()?).map_err(|error| AdaptError::file(&path, error))?;
-        for share in NARROWER {
-            // Vented, it would refuse each; what the recordings gave may be what explains that.
-            match self.in_control(console) {
-                Err(AdaptError::NotRunning { waits_for, .. }) if !waits_for.is_empty() => {
-                    console.say(&format!("no experiment: the rig was vented ({waits_for})"));
-                    return Ok(false);
-                }
-                in_control => in_control?,
-            };
-            let csv = self.excitation_file(number + 1);
-            atomic_file::write(&csv, excitation::programme(&spans.narrowed(share), number).as_bytes())?;
-            if self.experiment(&csv, console)? {
-                return Ok(true);
-            }
-        }
-        self.journal.experiment_allowed = Some(false);
-        self.journal.keep(&self.out)?;
-        Ok(false)
-    }
-
-    /// Has the daemon play an experiment; `false` where it does not, and the answer is what the recordings gave.
-    fn experiment(&mut self, csv: &Path, console: &mut dyn Console) -> Result<bool, AdaptError> {
-        let is_played = match self.daemon.experiment(csv, console) {
-            Ok(recording) => {
-                self.journal.experiments.push(recording);
-                true
-            }
-            Err(AdaptError::Failed { said, .. }) => {
-                console.say(&format!("not played: {said}"));
-                false
-            }
-            Err(error) => return Err(error),
-        };
-        self.journal.keep(&self.out)?;
-        Ok(is_played)
-    }
-
-    fn diagnose_into(&mut self, found: &Path, console: &mut dyn Console) -> Result<(), AdaptError> {
-        let text = |path: &Path| path.to_string_lossy().into_owned();
-        let mut arguments = vec!["diagnose".to_owned()];
-        if self.journal.settings.search == Search::Quick {
-            arguments.push("--quick".to_owned());
-        }
-        arguments.extend(["--rig".to_owned(), text(&self.model_before())]);
-        arguments.extend(self.journal.recordings.iter().chain(&self.journal.experiments).map(|path| text(path)));
-        arguments.extend(["--out".to_owned(), text(found)]);
-        self.computed(|this, console| this.daemon.programs.trainer(&arguments).done(console), console)?;
-        Ok(())
-    }
-
-    /// Tells whether the rig may be driven by an experiment: as the command line says, or as the operator answers, once.
-    fn may_experiment(&mut self, console: &mut dyn Console) -> Result<bool, AdaptError> {
-        if let Some(allowed) = self.journal.experiment_allowed {
-            return Ok(allowed);
-        }
-        if self.journal.settings.experiments == Experiments::Allowed {
-            return Ok(true);
-        }
-        let allowed = console.ask(
-            "Tracking alone does not show enough. May the rig be driven by an experiment (two at most, of two minutes at most, within the safety limits)?",
-        );
-        if !allowed {
-            console.say("no experiment; the answer is what the recordings give (--allow-experiment allows it)");
-        }
-        self.journal.experiment_allowed = Some(allowed);
-        self.journal.keep(&self.out)?;
-        Ok(allowed)
     }
 
     fn keep_what(&mut self, what: &str, console: &mut dyn Console) -> Result<(), AdaptError> {
