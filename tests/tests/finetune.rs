@@ -81,6 +81,8 @@ fn a_flight_gives_its_observations_to_the_bit_and_one_policy_in_one_sitting_or_t
     assert_ne!(policy(&folder, "straight"), policy(&folder, "parted"));
     resume(&folder, "parted", "400");
     assert_eq!(policy(&folder, "straight"), policy(&folder, "parted"), "two sittings");
+    let with_settings = |out: &str| std::fs::read(folder.join(out).join("policy.bin")).unwrap();
+    assert!(with_settings("straight") == with_settings("parted"), "its settings name the length that was planned last");
     assert_ne!(policy(&folder, "straight"), std::fs::read(&start).unwrap());
 
     let published = folder.join("straight-published").join(summary["last_published"].as_str().unwrap());
@@ -103,7 +105,7 @@ fn two_runs_publish_side_by_side_and_a_finished_one_tells_its_figures_again() {
     let learn = |out: &str, seed: &str| {
         let mut command = Command::new(program("trainer"));
         command.args(["finetune", "--offline", "--json", "--hold-plan", "--updates-per-tick", "1", "--warm-up", "100"]);
-        command.args(["--steps", "200", "--seed", seed, "--from"]).arg(shipped()).arg("--recordings").arg(&recordings);
+        command.args(["--steps", "400", "--seed", seed, "--from"]).arg(shipped()).arg("--recordings").arg(&recordings);
         json(command.arg("--publish").arg(&publish).arg("--out").arg(folder.join(out)))
     };
     let (first, second) = (learn("one", "1"), learn("other", "2"));
@@ -117,21 +119,25 @@ fn two_runs_publish_side_by_side_and_a_finished_one_tells_its_figures_again() {
         );
     }
 
-    let again = resume(&folder, "one", "200");
+    let again = resume(&folder, "one", "400");
     for figure in ["last_published", "published", "steps", "steps_planned", "updates"] {
         assert_eq!(again[figure], first[figure], "{figure}: {again} {first}");
     }
     for channel in 0..2 {
         let [now, then] = [&again, &first].map(|summary| summary["rmse_kpa"][channel].as_f64().unwrap());
         assert!(then > 0.0 && (now - then).abs() < 1e-9, "{again} {first}");
+        // Measured: 0.25/0.05 kPa; with the approach in it several kPa.
+        assert!(then < 1.0 && second["rmse_kpa"][channel] == first["rmse_kpa"][channel], "{first} {second}");
     }
+    // Of 400 ticks the first 250 are the approach.
+    assert_eq!((&first["rmse_over_s"], &again["rmse_over_s"]), (&Value::from(3.0), &Value::from(3.0)), "{first}");
     let mut shorter = Command::new(program("trainer"));
     shorter.args(["finetune", "--offline", "--steps", "150", "--resume"]).arg(folder.join("one"));
     let ended = finish(&mut shorter);
     assert_eq!(ended.status, Some(2), "{ended:?}");
-    assert!(ended.stderr.contains("200 ticks have been learned from already"), "{}", ended.stderr);
+    assert!(ended.stderr.contains("400 ticks have been learned from already"), "{}", ended.stderr);
     let settings = std::fs::read_to_string(folder.join("one/finetune.toml")).unwrap();
-    assert!(settings.contains("steps = 200"), "what was refused is not planned: {settings}");
+    assert!(settings.contains("steps = 400"), "what was refused is not planned: {settings}");
 }
 
 /// What the fallback did is a policy that corrects nothing; what the rig did while it was vented is left out.

@@ -163,7 +163,8 @@ fn columns(args: &TableArgs) -> Result<Columns, Failure> {
     let mut columns: Columns = rigs.into_iter().map(|rig| (rig.name.clone(), vec![rig])).collect();
     if let (Some(rig), 1..) = (last, args.drawn) {
         let drawn = rigs_around::rigs_around(&rig, args.drawn, args.drawn_seed).map_err(TrainingError::from)?;
-        columns.push((format!("{} rigs randomised around {}", drawn.len(), rig.name), drawn));
+        let rigs = if drawn.len() == 1 { "1 rig".to_owned() } else { format!("{} rigs", drawn.len()) };
+        columns.push((format!("{rigs} randomised around {}", rig.name), drawn));
     }
     Ok(columns)
 }

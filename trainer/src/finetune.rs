@@ -130,11 +130,16 @@ pub(crate) fn run(args: &FinetuneArgs) -> Result<(), Failure> {
         ),
     };
     text += &format!(
-        "\n{} updates in {:.0} s, lambda_T {:.3}; error of the last 20 s {}\n",
+        "\n{} updates in {:.0} s, lambda_T {:.3}; {}\n",
         summary.updates,
         summary.wall_s,
         summary.lambda_temporal,
-        error_text(summary.rmse_kpa)
+        match summary.rmse_kpa {
+            Some(_) =>
+                format!("RMSE of the last {:.0} s under control {}", summary.rmse_over_s, error_text(summary.rmse_kpa)),
+            None =>
+                "RMSE not known yet: it counts from 5 s after an arming or a jump of the goal, and takes 1 s".to_owned(),
+        }
     );
     let tally = &summary.tally;
     text += &format!(
@@ -197,7 +202,7 @@ fn absolute(path: &Path) -> Result<PathBuf, Failure> {
     std::path::absolute(path).map_err(|error| TrainingError::file(path, &format!("has no place: {error}")).into())
 }
 
-/// Errors of both channels, where there are any yet.
+/// RMSE of both channels, where it is known.
 fn error_text(rmse_kpa: Option<[f64; 2]>) -> String {
     rmse_kpa.map_or_else(|| "not known".to_owned(), |[pos, neg]| format!("{pos:.3}/{neg:.3} kPa"))
 }

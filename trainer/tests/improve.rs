@@ -56,6 +56,11 @@ fn stopping_and_going_on_and_threads_change_no_bit() {
     for file in ["settings.toml", "rig.toml", "model.toml", "report.html", "summary.json"] {
         assert!(bytes(&straight, file).len() > 50, "{file}");
     }
+    // An end that it is past would stand in its settings, which make the run again.
+    let settings = bytes(&straight, "settings.toml");
+    let told = refused(["improve", "--resume", &straight, "--rounds", "2"]);
+    assert!(told.contains("3 rounds are done already") && told.contains("--rounds 2"), "{told}");
+    assert_eq!(bytes(&straight, "settings.toml"), settings, "what was refused is not planned");
 }
 
 /// From the fallback's own answers, on the rig that the model is: the negative valve's delay of a tick that its PI loop does not

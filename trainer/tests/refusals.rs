@@ -78,6 +78,16 @@ fn a_run_that_is_gone_on_with_takes_no_other_settings() {
     }
 }
 
+/// What a command that begins from any policy says of a file that is not there names every kind that it takes.
+#[test]
+fn a_policy_that_is_not_there_is_told_with_what_would_do() {
+    let folder = Folder::new("no-policy");
+    let (here, out) = (folder.path(""), folder.path("out"));
+    let said = refused(["finetune", "--recordings", &here, "--publish", &here, "--from", "nowhere", "--out", &out]);
+    assert!(said.contains("nowhere: cannot be read") && said.contains("an ONNX file"), "{said}");
+    assert!(!std::path::Path::new(&out).exists(), "nothing is left behind");
+}
+
 #[test]
 fn gaps_without_pressures_cannot_be_started_anew() {
     let folder = Folder::new("bad-gap");

@@ -257,6 +257,11 @@ fn bad_configuration_is_told_in_one_line_and_leaves_nothing() {
     told(&["--config", &small, "--out", &out, "--model", "no_such"], &["no_such"]);
     let begun = trained(&folder, "run", &["--steps", "800"]);
     told(&["--config", &small, "--out", &begun], &["run", "--resume"]);
+    // An end that it is past would stand in its settings, which make the run again.
+    let settings = || std::fs::read_to_string(Path::new(&begun).join("settings.toml")).unwrap();
+    let before = settings();
+    told(&["--resume", &begun, "--steps", "792"], &["800 steps are done already", "--steps 792", "give 800 or more"]);
+    assert!(settings() == before && before.contains("steps = 800\n"), "{before} {}", settings());
     let checkpoint = Path::new(&begun).join("checkpoint.bin");
     let mut bytes = std::fs::read(&checkpoint).unwrap();
     let middle = bytes.len() / 2;

@@ -113,11 +113,17 @@ impl Table {
         format!("{} / {}", channel(0), channel(1))
     }
 
+    /// What the brackets hold; nothing in a table without the optimum, which has none.
+    fn words_on_brackets(&self) -> &'static str {
+        let has_optimum = self.rows.iter().any(|row| row.entrant == OPTIMUM);
+        if has_optimum { "; in brackets multiples of the clairvoyant optimum" } else { "" }
+    }
+
     /// As Markdown: RMSE positive / negative in kPa, spread, multiple of the optimum; then duty changes.
     pub fn to_markdown(&self) -> String {
         let mut text =
             format!("# {}\n\nRMSE of the measured pressures after the first 5 s, positive / negative, kPa", self.title);
-        text += ", mean ± spread over seeds; in brackets multiples of the clairvoyant optimum.\n\n";
+        text += &format!(", mean ± spread over seeds{}.\n\n", self.words_on_brackets());
         text += &format!("| | seeds | {} |\n", self.columns.join(" | "));
         text += &format!("| --- | --- |{}\n", " --- |".repeat(self.columns.len()));
         for row in &self.rows {
@@ -180,10 +186,10 @@ impl Table {
 
     /// As a page with a plot: RMSE of every entrant in every column.
     pub fn to_html(&self) -> String {
-        let mut page = Report::new(&self.title).text(
-            "RMSE of the measured pressures after the first 5 s, positive / negative, in kPa: mean ± spread over seeds; \
-             in brackets multiples of the clairvoyant optimum.",
-        );
+        let mut page = Report::new(&self.title).text(&format!(
+            "RMSE of the measured pressures after the first 5 s, positive / negative, in kPa: mean ± spread over seeds{}.",
+            self.words_on_brackets()
+        ));
         let mut table = Page::new(std::iter::once("".to_owned()).chain(self.columns.iter().cloned()));
         for row in &self.rows {
             let cells = (0..self.columns.len()).map(|n| self.words(row, n));
@@ -249,6 +255,9 @@ mod tests {
         };
         let markdown = table.to_markdown();
         assert!(markdown.contains("Each of 2 rigs"), "{markdown}");
+        for text in [&markdown, &table.to_html()] {
+            assert!(!text.contains("optimum"), "there is none, and no bracket: {text}");
+        }
         assert!(markdown.contains("| 2 | 0.400 / 0.800 |"), "{markdown}");
     }
 
@@ -269,6 +278,9 @@ mod tests {
         };
         let markdown = table.to_markdown();
         assert!(markdown.contains("0.300 (3.0×) / 0.600 (3.0×)"), "{markdown}");
+        for text in [&markdown, &table.to_html()] {
+            assert!(text.contains("in brackets multiples of the clairvoyant optimum"), "{text}");
+        }
         assert!(markdown.contains("| Our RL | 0.6935 | 0.2646 |"), "{markdown}");
     }
 }

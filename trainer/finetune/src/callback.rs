@@ -33,7 +33,7 @@ pub struct Progress {
     pub steps_planned: u64,
     /// Updates a second in this sitting; 0 until it is known.
     pub updates_per_s: f64,
-    /// RMSE of about the last 20 s of transitions, in kPa; nothing before the first.
+    /// RMSE of the last 20 s under control, in kPa; nothing where too few of them are known.
     pub rmse_kpa: Option<[f64; 2]>,
     /// What is being done.
     pub doing: &'static str,
@@ -66,8 +66,12 @@ pub struct Summary {
     pub published: u64,
     /// The last of them.
     pub last_published: Option<String>,
-    /// RMSE of about the last 20 s of transitions, in kPa; nothing before the first.
+    /// RMSE of the last 20 s under control, in kPa, the first 5 s after an arming or a jump of the goal left out; nothing
+    /// where less than 1 s of them is known.
     pub rmse_kpa: Option<[f64; 2]>,
+    /// Time that this error is taken over, in s: 20, or less soon after an arming or a jump of the goal; 0 where there is
+    /// none.
+    pub rmse_over_s: f64,
     /// Seconds of work.
     pub wall_s: f64,
     /// What of the recordings was of use.

@@ -31,10 +31,6 @@ pub struct Position {
     /// The last of them, by its file's name.
     #[serde(default)]
     pub last_published: Option<String>,
-    /// Mean squares of the errors of about the last 20 s of transitions, in kPa²; nothing before the first, and in the
-    /// checkpoint of an older program.
-    #[serde(default)]
-    pub squares: Option<[f64; 2]>,
     /// Seconds of work.
     pub wall_s: f64,
 }

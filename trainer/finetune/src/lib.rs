@@ -5,6 +5,7 @@
 //! | [`recording_folder`] | recordings as one sequence of ticks, across rotation and restarts, as they grow |
 //! | [`loop_rebuild`] | what the policy was shown, tick by tick, checked against what was recorded |
 //! | [`transitions`] | observation, action, reward, next observation |
+//! | [`recent_error`] | the tracking error that a run shows |
 //! | [`settings`] | a run as data |
 //! | [`run`] | learning, stopping, going on |
 //! | `publish` | policies go out |
@@ -19,6 +20,7 @@ pub mod callback;
 pub mod checkpoint;
 pub mod loop_rebuild;
 mod publish;
+pub mod recent_error;
 pub mod recording_folder;
 pub mod run;
 pub mod settings;
@@ -73,18 +75,6 @@ pub enum FinetuneError {
     /// A policy cannot be published.
     #[error(transparent)]
     Publish(#[from] AtomicFileError),
-    /// A run is to end before where it stands.
-    #[error(
-        "{folder}: {done} ticks have been learned from already, so --steps {steps} cannot be its end; give {done} or more, or begin a new run"
-    )]
-    FewerSteps {
-        /// The run's folder.
-        folder: String,
-        /// Steps that are asked for.
-        steps: u64,
-        /// Steps that are done.
-        done: u64,
-    },
     /// There is nothing to learn from.
     #[error("{folder}: no tick to learn from in {ticks} ticks{reasons}")]
     NothingToLearn {

@@ -6,11 +6,12 @@ use std::time::{Duration, Instant};
 use sac::{Learner, Machine};
 use training::average::{Average, EVERY_STEPS};
 use training::replay_files::ReplayFiles;
-use training::{PolicyStart, RunFiles, TrainingError, TrainingSettings};
+use training::{Done, PolicyStart, RunFiles, TrainingError, TrainingSettings};
 
 use crate::FinetuneError;
 use crate::callback::{FinetuneCallback, Progress, Source, Status, Summary};
 use crate::checkpoint::{self, Position, Restored};
+use crate::recent_error::RecentError;
 use crate::settings::FinetuneSettings;
 use crate::transitions::{Transition, Transitions};
 
@@ -21,8 +22,6 @@ const CHECKPOINT: Duration = Duration::from_secs(60);
 /// Ticks that wait, and time since none did, from which learning is behind the rig: 10 s of it, for more than a minute.
 const BEHIND_TICKS: usize = 500;
 const BEHIND: Duration = Duration::from_secs(60);
-/// Weight of the newest transition in the errors that are shown: 20 s.
-const NEWEST: f64 = 1.0 / 1000.0;
 /// In a run's folder: its settings.
 const SETTINGS: &str = "finetune.toml";
 
@@ -36,6 +35,8 @@ pub struct FinetuneRun {
     pub(crate) average: Average,
     replay: ReplayFiles,
     pub(crate) position: Position,
+    /// Not in the checkpoint: whoever goes on passes over the same transitions again.
+    recent: RecentError,
     sitting: Sitting,
 }
 
@@ -106,7 +107,7 @@ impl FinetuneRun {
     /// A folder that holds no run of fine-tuning, or whose files are damaged; fewer steps than it has done.
     pub fn resume(folder: &Path, steps: Option<u64>, threads: usize) -> Result<Self, FinetuneError> {
         let files = RunFiles::open(folder)?;
-        let training = files.read_settings()?;
+        let mut training = files.read_settings()?;
         let path = folder.join(SETTINGS);
         let text = std::fs::read_to_string(&path).map_err(|error| {
             TrainingError::file(&path, &format!("cannot be read: {error}; --resume takes the folder of a fine-tuning"))
@@ -117,9 +118,12 @@ impl FinetuneRun {
         if let Some(steps) = steps {
             let done = restored.position.steps;
             if steps < done {
-                return Err(FinetuneError::FewerSteps { folder: folder.display().to_string(), steps, done });
+                let done = Done { count: done, what: "ticks have been learned from" };
+                return Err(TrainingError::ends_before(folder, done, "--steps", steps).into());
             }
             settings.steps = steps;
+            training.run.steps = steps;
+            RunFiles::write(&files.settings(), training.to_toml()?.as_bytes())?;
             write_settings(&files, &settings)?;
         }
         Ok(Self::assemble(settings, training, files, restored))
@@ -136,6 +140,7 @@ impl FinetuneRun {
             average,
             replay,
             position,
+            recent: RecentError::default(),
             sitting: Sitting::begin(),
         }
     }
@@ -198,7 +203,8 @@ impl FinetuneRun {
                 return Ok(Status::Finished);
             }
             match self.transitions.next_transition()? {
-                Some(_) if !is_caught_up => {
+                Some(transition) if !is_caught_up => {
+                    self.recent.push(&transition);
                     passed_over += 1;
                     self.tell(callback, "going on");
                 }
@@ -237,12 +243,7 @@ impl FinetuneRun {
         pushed.map_err(|error| TrainingError::learner("remember", &error))?;
         self.replay.keep_full(&self.learner)?;
         self.position.steps += 1;
-        let share = NEWEST.max(1.0 / self.position.steps as f64);
-        let newest = transition.error_kpa.map(|error| error * error);
-        let squares = self.position.squares.get_or_insert(newest);
-        for (square, newest) in squares.iter_mut().zip(newest) {
-            *square += share * (newest - *square);
-        }
+        self.recent.push(transition);
         if self.learner.replay_len() < self.training.sac.batch {
             return Ok(());
         }
@@ -323,12 +324,14 @@ impl FinetuneRun {
         }
     }
 
+    /// The error that is shown; nothing while a run that is gone on with has not come to where it stands.
     fn rmse_kpa(&self) -> Option<[f64; 2]> {
-        self.position.squares.map(|squares| squares.map(f64::sqrt))
+        if self.recent.taken() == self.position.steps { self.recent.rmse_kpa() } else { None }
     }
 
     /// Figures of the run so far.
     pub fn summary(&self) -> Summary {
+        let rmse_kpa = self.rmse_kpa();
         Summary {
             steps: self.position.steps,
             steps_planned: self.settings.steps,
@@ -336,7 +339,8 @@ impl FinetuneRun {
             lambda_temporal: f64::from(self.settings.lambda_at(self.position.steps)),
             published: self.position.published,
             last_published: self.position.last_published.clone(),
-            rmse_kpa: self.rmse_kpa(),
+            rmse_kpa,
+            rmse_over_s: rmse_kpa.map_or(0.0, |_| self.recent.over_s()),
             wall_s: self.position.wall_s,
             tally: self.transitions.tally().clone(),
             joined: self.transitions.joined(),

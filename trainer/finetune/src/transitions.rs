@@ -43,7 +43,11 @@ pub struct Transition {
     pub next_observation: Vec<f32>,
     /// Whether the rig left its envelope.
     pub terminal: bool,
-    /// Error that was measured after it, in kPa.
+    /// Session and number of the tick after it.
+    pub measured_at: (u32, u32),
+    /// Goals of that tick, in kPa gauge.
+    pub goals_kpa: [f64; 2],
+    /// Error that was measured in it, in kPa.
     pub error_kpa: [f64; 2],
 }
 
@@ -292,13 +296,22 @@ impl Transitions {
             return None;
         }
         let settings = &self.environment.reward;
+        let measured_at = (record.session, record.tick);
         let measured_kpa = [record.p_pos_kpa, record.p_neg_kpa];
         if measured_kpa[0] > ENVELOPE_KPA[0] || measured_kpa[1] < ENVELOPE_KPA[1] {
             let reward = (settings.scale * settings.tripped) as f32;
             let next_observation = before.observation.clone();
-            let error_kpa = std::array::from_fn(|c| measured_kpa[c] - before.goals_kpa[1][c]);
-            let RebuiltTick { observation, .. } = before;
-            return Some(Transition { observation, action, reward, next_observation, terminal: true, error_kpa });
+            let goals_kpa = before.goals_kpa[1];
+            return Some(Transition {
+                observation: before.observation,
+                action,
+                reward,
+                next_observation,
+                terminal: true,
+                measured_at,
+                goals_kpa,
+                error_kpa: std::array::from_fn(|c| measured_kpa[c] - goals_kpa[c]),
+            });
         }
         let now = now.filter(|now| now.is_sound)?;
         let predicted = self.predicts.then_some(&now.predicted_kpa);
@@ -312,6 +325,8 @@ impl Transitions {
             reward: paid as f32,
             next_observation: now.observation.clone(),
             terminal: false,
+            measured_at,
+            goals_kpa: now.goals_kpa[0],
             error_kpa: std::array::from_fn(|c| now.measured_kpa[c] - now.goals_kpa[0][c]),
         })
     }

@@ -91,6 +91,21 @@ pub enum TrainingError {
     /// The folder of a new run cannot be written, or has not the room.
     #[error(transparent)]
     Output(#[from] proto::output::OutputError),
+    /// A run is to end before where it stands.
+    #[error(
+        "{folder}: {} {} already, so {option} {asked} cannot be its end; give {} or more, or begin a new run",
+        done.count, done.what, done.count
+    )]
+    EndsBefore {
+        /// The run's folder.
+        folder: String,
+        /// What it has done.
+        done: Done,
+        /// The option that plans its end.
+        option: &'static str,
+        /// The end that is asked for.
+        asked: u64,
+    },
     /// A loss, a weight or an action is not finite.
     #[error("training diverged at step {step}: {what} is not finite; {kept}")]
     Diverged {
@@ -103,7 +118,21 @@ pub enum TrainingError {
     },
 }
 
+/// What a run has done, in the unit that its end is planned in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Done {
+    /// How many.
+    pub count: u64,
+    /// What of, with its verb: "steps are done".
+    pub what: &'static str,
+}
+
 impl TrainingError {
+    /// An end that a run is past: its settings would say what is not true of it.
+    pub fn ends_before(folder: &std::path::Path, done: Done, option: &'static str, asked: u64) -> Self {
+        TrainingError::EndsBefore { folder: folder.display().to_string(), done, option, asked }
+    }
+
     /// A file that cannot be read, with the mend.
     pub fn file(path: &std::path::Path, problem: &str) -> Self {
         TrainingError::File { file: path.display().to_string(), problem: problem.to_owned() }

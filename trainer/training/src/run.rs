@@ -20,7 +20,6 @@ use model::steady::SteadyMap;
 use proto::rig_file::{self, RigFileError};
 use sac::{Learner, Machine, Network};
 
-use crate::TrainingError;
 use crate::average::Average;
 use crate::checkpoint::{self, Position, Standing};
 use crate::checkpoint_selection::{Best, CheckpointSelection, SELECTION_SEED};
@@ -32,6 +31,7 @@ use crate::run_files::RunFiles;
 use crate::run_report;
 use crate::settings::{Plan, TrainingSettings};
 use crate::trained_policy::{Origin, TrainedPolicy};
+use crate::{Done, TrainingError};
 
 pub use callback::{Phase, Progress, RunStatus, Summary, TrainingCallback};
 use curve::Occasion;
@@ -116,15 +116,23 @@ impl Run {
     /// Goes on with a run; `steps` plans another length.
     ///
     /// # Errors
-    /// If the folder holds no run, or its files are damaged.
+    /// If the folder holds no run, or its files are damaged; fewer steps than it has done.
     pub fn resume(folder: &Path, steps: Option<u64>, threads: usize) -> Result<Self, TrainingError> {
         let files = RunFiles::open(folder)?;
         let mut settings = files.read_settings()?;
-        settings.run.steps = steps.unwrap_or(settings.run.steps);
         let load = |path: std::path::PathBuf| rig_file::load(&path.display().to_string());
         let (trained_on, model) = (load(files.rig())?, load(files.model())?);
         let origin = Origin::of(&trained_on)?;
         let (standing, replay, learner) = checkpoint::read(&files, &settings, threads)?;
+        if let Some(steps) = steps {
+            let done = standing.position.steps;
+            // Steps come eight at a time: a run of 1,001 ends after 1,008.
+            if steps.div_ceil(SIDE_BY_SIDE as u64) < done.div_ceil(SIDE_BY_SIDE as u64) {
+                let done = Done { count: done, what: "steps are done" };
+                return Err(TrainingError::ends_before(folder, done, "--steps", steps));
+            }
+            settings.run.steps = steps;
+        }
         // Points after the checkpoint belong to work that was lost and will be made again; points that are not planned
         // stand where the run once ended.
         let mut points = match files.metrics().exists() {

@@ -135,7 +135,8 @@ impl TrainedPolicy {
             return Self::load_published(&path);
         }
         let bytes = regular_file::read(&path, MOST_POLICY_BYTES).map_err(|error| {
-            TrainingError::file(&path, &format!("cannot be read: {error}; give the folder of a run or its policy.bin"))
+            let problem = format!("cannot be read: {error}; give an ONNX file, a policy.bin or the folder of a run");
+            TrainingError::file(&path, &problem)
         })?;
         Self::from_bytes(&bytes).map_err(|problem| TrainingError::file(&path, &problem))
     }

@@ -17,7 +17,6 @@ use super::files::{self, Position, Standing};
 use super::lessons::learn;
 use super::outcome::Round;
 use super::probe::{Episode, Probe};
-use crate::TrainingError;
 use crate::checkpoint_selection::{SELECTION_SEED, rmse_kpa};
 use crate::plan_fit;
 use crate::policy_start::PolicyStart;
@@ -25,6 +24,7 @@ use crate::run::RunStatus;
 use crate::run_files::RunFiles;
 use crate::settings::{Plan, RolloutSettings, TrainingSettings};
 use crate::trained_policy::{Origin, TrainedPolicy};
+use crate::{Done, TrainingError};
 
 /// Between two looks at whether to stop.
 const LOOK: Duration = Duration::from_millis(20);
@@ -105,13 +105,20 @@ impl RolloutRun {
     /// Goes on with a run; `rounds` plans another length.
     ///
     /// # Errors
-    /// If the folder holds no run of rollouts, or its files are damaged.
+    /// If the folder holds no run of rollouts, or its files are damaged; fewer rounds than it has done.
     pub fn resume(folder: &Path, rounds: Option<u64>, threads: usize) -> Result<Self, TrainingError> {
         let files = RunFiles::open(folder)?;
         let standing = files::read(&files.checkpoint())?;
         let mut settings = files.read_settings()?;
         let planned = settings.rollouts.get_or_insert_with(RolloutSettings::default);
-        planned.rounds = rounds.unwrap_or(planned.rounds);
+        if let Some(rounds) = rounds {
+            let done = standing.position.rounds;
+            if rounds < done {
+                let done = Done { count: done, what: "rounds are done" };
+                return Err(TrainingError::ends_before(folder, done, "--rounds", rounds));
+            }
+            planned.rounds = rounds;
+        }
         let load = |path: std::path::PathBuf| rig_file::load(&path.display().to_string());
         let (trained_on, model) = (load(files.rig())?, load(files.model())?);
         let given = files.start().exists().then(|| TrainedPolicy::load(&files.start())).transpose()?;
