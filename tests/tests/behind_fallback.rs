@@ -34,7 +34,7 @@ fn laboratory_on(reference: &str, model: &str, lines: &str) -> Laboratory {
     ));
     std::fs::create_dir(plan.folder.join("policies")).unwrap();
     std::fs::copy(root().join(OLDER), plan.folder.join("policies/older.onnx")).unwrap();
-    plan.folder.write("reference.csv", &format!("time_s,ref_pos_kpa,ref_neg_kpa\n{reference}"));
+    plan.folder.write("reference.csv", format!("time_s,ref_pos_kpa,ref_neg_kpa\n{reference}"));
     plan.start()
 }
 

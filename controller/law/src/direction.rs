@@ -13,7 +13,7 @@
 //! taken from the plan, which has no noise, with a dead band so that rounding of the plan is none.
 //!
 //! Where the rig file states plays of several widths side by side, a reversal does not cross them at once: how far the
-//! duty has to be beside the plan then follows from how far the plan has come back ([`crate::plays`]).
+//! duty has to be beside the plan then follows from how far the plan has come back (`plays`).
 //!
 //! Between the duty and the flapper's play lies the coil's lag. Where the rig file states it, it is undone, so that the
 //! flapper crosses its play in few ticks instead of several time constants:

@@ -87,7 +87,7 @@ impl RunningSource {
     }
 
     /// What is wanted after an experiment that began under control, frame by frame until the rig is armed again.
-    fn to_be_armed_again(&mut self, seen: &SensorSample) -> ModeRequest {
+    fn asks_to_be_armed_again(&mut self, seen: &SensorSample) -> ModeRequest {
         self.to_arm -= 1;
         if self.attempt.given_up(seen.bars_arming).is_some() {
             self.to_arm = 0;
@@ -121,7 +121,7 @@ impl DutySource for RunningSource {
         }
         self.tracking.on_sample(seen);
         if self.to_arm > 0 && !seen.state.is_controlling() {
-            return self.to_be_armed_again(seen);
+            return self.asks_to_be_armed_again(seen);
         }
         ModeRequest::None
     }

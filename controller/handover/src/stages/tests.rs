@@ -158,7 +158,7 @@ fn a_jump_of_the_reference_moves_duties_far_and_hides_no_hunting() {
         _ => 0.0,
     };
     assert_eq!(lost(step), [Next::Active]);
-    let chatter = |tick: u32| if tick % 2 == 0 { 0.03 } else { -0.03 };
+    let chatter = |tick: u32| if tick.is_multiple_of(2) { 0.03 } else { -0.03 };
     assert_eq!(lost(chatter).first(), Some(&Next::Lost(Loss::Hunts)));
     // Half a range to and fro, as a policy does that only knows open and shut.
     let swing = |tick: u32| match tick % 20 {

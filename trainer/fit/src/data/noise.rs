@@ -159,6 +159,13 @@ fn difference(values: impl Iterator<Item = f64>, coefficients: &[f64]) -> f64 {
     (values.zip(coefficients).map(|(y, c)| y * c).sum::<f64>() / norm).abs()
 }
 
+/// Noise of readings in a row in kPa, by the median of their fourth differences: whatever smooth way the pressure goes. 0 of fewer than five.
+pub(super) fn of_fourth_differences(values: &[f64]) -> f64 {
+    let mut sizes: Vec<f64> = values.windows(FOURTH.len()).map(|w| difference(w.iter().copied(), &FOURTH)).collect();
+    let middle = sizes.len() / 2;
+    if sizes.is_empty() { 0.0 } else { *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745 }
+}
+
 /// The median of quantised differences is a multiple of the step over the norm; the mean square of those within three deviations
 /// (0.9733 of the variance of a normal) is not. Steps of a valve fall outside.
 fn trimmed(sizes: &[f64], first: f64) -> f64 {

@@ -9,7 +9,7 @@ use std::ops::Range;
 use model::rig::Rig;
 
 use super::{Finding, Severity, Trouble, frozen, wild};
-use crate::data::noise::converter_step;
+use crate::data::noise::{converter_step, of_fourth_differences};
 use crate::data::steps::near_steps;
 use crate::data::{Noise, Records};
 use crate::wording::percent;
@@ -144,8 +144,12 @@ impl Channel<'_> {
         // noise lets single readings off it.
         let heaped =
             |limit: f64| values.iter().filter(|v| **v == limit).count() > (values.len() / HEAP).max(STUCK_ROWS);
-        let heaps = [low, high].map(|limit| (limit, heaped(limit)));
         let step_kpa = converter_step(values.to_vec());
+        let runs = runs_of_equals(values);
+        // Where most readings stand at a limit, the noise of all is that of the few others.
+        let loose = runs.iter().filter(|run| run.len() < STUCK_ROWS).filter_map(|run| values.get(run.clone()));
+        let loose: Vec<f64> = loose.flatten().copied().collect();
+        let is_coarse = self.sigma.max(of_fourth_differences(&loose)) < COARSE * step_kpa;
         let apart = |one: usize, other: usize| Some((values.get(one)? - values.get(other)?).abs());
         let is_plateau = |run: Range<usize>| {
             let (last, after) = (run.end - 1, run.end);
@@ -153,19 +157,20 @@ impl Channel<'_> {
             let leaves = apart(last, after).map(|kpa| kpa - GOING * apart(after, after + 1).unwrap_or(0.0));
             let comes = || run.start.checked_sub(1).and_then(|before| apart(before, run.start));
             let jump_kpa = leaves.or_else(comes).unwrap_or(f64::INFINITY);
-            self.sigma < COARSE * step_kpa && jump_kpa < PLATEAU_STEPS * step_kpa
+            is_coarse && jump_kpa < PLATEAU_STEPS * step_kpa
         };
+        // A chamber at rest leaves its reading step by step. Of a limit some runs look so, and most do not.
+        let is_limit = |limit: f64| {
+            let at = || runs.iter().filter(|run| values.get(run.start) == Some(&limit)).cloned();
+            let at_rest: usize = at().filter(|run| is_plateau(run.clone())).map(|run| run.len()).sum();
+            heaped(limit) && (self.is_cut_off_at(limit) || 2 * at_rest < at().map(|run| run.len()).sum::<usize>())
+        };
+        let limits = [low, high].map(|limit| is_limit(limit).then_some(limit));
         let (mut clipped, mut frozen, mut longest, mut at_limit) = (0, 0, 0, 0.0);
-        let mut start = 0;
-        for row in 1..=values.len() {
-            if row < values.len() && values.get(row) == values.get(start) {
-                continue;
-            }
-            let run = row - start;
-            let value = values.get(start).copied().unwrap_or(0.0);
-            let is_held = run >= STUCK_ROWS || heaps.contains(&(value, true));
-            let is_cut = heaps.contains(&(value, true)) && self.is_cut_off_at(value);
-            if is_cut || is_held && !is_plateau(start..row) {
+        for rows in &runs {
+            let run = rows.len();
+            let value = values.get(rows.start).copied().unwrap_or(0.0);
+            if limits.contains(&Some(value)) || run >= STUCK_ROWS && !is_plateau(rows.clone()) {
                 if value == low || value == high {
                     clipped += run;
                     at_limit = value;
@@ -173,9 +178,8 @@ impl Channel<'_> {
                     frozen += run;
                     longest = longest.max(run);
                 }
-                mask.get_mut(start..row).unwrap_or_default().fill(0.0);
+                mask.get_mut(rows.clone()).unwrap_or_default().fill(0.0);
             }
-            start = row;
         }
         let share = |rows: usize| rows as f64 / values.len() as f64;
         let severity = |rows: usize| severity_of(share(rows));
@@ -220,6 +224,15 @@ impl Channel<'_> {
         let is_air = self.range.is_some_and(|[low, high]| kpa.abs() < NEAR_END * (high - low));
         self.is_at_range_end(kpa) && !is_air
     }
+}
+
+/// Rows of each run of equal readings.
+fn runs_of_equals(values: &[f64]) -> Vec<Range<usize>> {
+    let ends = values.chunk_by(|a, b| a == b).scan(0, |end, run| {
+        *end += run.len();
+        Some(*end - run.len()..*end)
+    });
+    ends.collect()
 }
 
 /// Number of different readings.
