@@ -146,10 +146,10 @@ impl Channel<'_> {
             |limit: f64| values.iter().filter(|v| **v == limit).count() > (values.len() / HEAP).max(STUCK_ROWS);
         let step_kpa = converter_step(values.to_vec());
         let runs = runs_of_equals(values);
-        // Where most readings stand at a limit, the noise of all is that of the few others.
+        // Where most readings stand at a limit, the noise of all is that of the few others. It is known to half a step of the converter.
         let loose = runs.iter().filter(|run| run.len() < STUCK_ROWS).filter_map(|run| values.get(run.clone()));
         let loose: Vec<f64> = loose.flatten().copied().collect();
-        let is_coarse = self.sigma.max(of_fourth_differences(&loose)) < COARSE * step_kpa;
+        let is_coarse = self.sigma < COARSE * step_kpa && of_fourth_differences(&loose) < step_kpa;
         let apart = |one: usize, other: usize| Some((values.get(one)? - values.get(other)?).abs());
         let is_plateau = |run: Range<usize>| {
             let (last, after) = (run.end - 1, run.end);
