@@ -15,7 +15,7 @@ const MOST_INTERVENTIONS: u32 = 3;
 const INTERVENTIONS_RATIO: f64 = 1.5;
 /// A candidate whose duties change by more than this (RMS a tick, in duty) and by three times the incumbent's hunts.
 const CHATTER_DUTY: f64 = 0.025;
-/// The same after a jump of the reference, where whoever controls moves a duty far: through all of its range and back at most, at
+/// Such a limit after a jump of the reference, where whoever controls moves a duty far: through all of its range and back at most, at
 /// the slew limit of 0.1 a tick (0.063). Measured on `bench`, steps of 13 kPa every second: 0.032. What takes back the change right
 /// before it (0.018 there) is no way to another reference, and is held against [`CHATTER_DUTY`] all the same.
 const JUMP_DUTY: f64 = 0.065;
@@ -60,8 +60,8 @@ pub(crate) enum Judged {
 pub(crate) struct Watched {
     ticks: u32,
     interventions: u32,
-    /// Ticks after a jump of a reference.
-    jumped: u32,
+    /// Tells whether one of the ticks was after a jump of a reference.
+    has_jumped: bool,
     /// Sums of squares of the changes, and of what they take back of the ones right before them.
     changes: Pair,
     taken_back: Pair,
@@ -88,7 +88,7 @@ impl Watched {
         let has_jumped = shown.kinds.contains(&JUMPED);
         // After a jump of the reference the slew limit holds anybody back.
         self.interventions += u32::from(shown.filtered && !has_jumped);
-        self.jumped += u32::from(has_jumped);
+        self.has_jumped |= has_jumped;
         let rms_kpa = record.rms_kpa();
         for c in 0..CHANNELS {
             let stretched = judged == Judged::Watched || shown.kinds[c] == KINKED;
@@ -118,7 +118,7 @@ impl Watched {
         let hunts = (0..CHANNELS).any(|c| {
             let rms = |squares: f64| (squares / f64::from(self.ticks)).sqrt();
             let usual = 3.0 * record.change_duty(c);
-            let most = if self.jumped > 0 { JUMP_DUTY } else { CHATTER_DUTY };
+            let most = if self.has_jumped { JUMP_DUTY } else { CHATTER_DUTY };
             rms(self.changes[c]) > usual.max(most) || rms(self.taken_back[c]) > usual.max(CHATTER_DUTY)
         });
         *self = Watched {

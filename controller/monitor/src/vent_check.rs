@@ -50,7 +50,7 @@ impl VentModel {
     /// A rig that is vented within half a second and comes to rest at the atmosphere.
     pub const QUICK: VentModel = VentModel { rest_kpa: [0.0; CHANNELS], half_ticks: [0; CHANNELS] };
 
-    /// How much further from the atmosphere a channel reads than at rest, in kPa.
+    /// Distance from rest of a channel's reading, in kPa: how much further it is from the atmosphere than at rest.
     fn distance_kpa(&self, channel: usize, reading_kpa: f64) -> f64 {
         reading_kpa.abs() - self.rest_kpa[channel].abs()
     }
@@ -240,7 +240,7 @@ mod tests {
         assert_eq!(back.map(|(_, c)| c), Some(Condition::VentIneffective));
     }
 
-    /// What gas keeps that has cooled from `from` to four fifths of it, in a chamber that is shut.
+    /// Pressure of gas that cools from `from` to four fifths of it, in a chamber that is shut.
     fn cooled(from: f64, k: u32) -> f64 {
         from * (0.8 + 0.2 * (-f64::from(k) / 40.0).exp())
     }

@@ -213,7 +213,7 @@ fn what_has_the_command_is_named_and_may_be_overruled_at_once() {
     assert_eq!((run.arbiter.active(), run.desk.active().0.as_str()), (PolicyTag::FALLBACK, "fallback"));
 }
 
-/// What had a part in a venting is not gone back to; the fallback keeps what it was given.
+/// A policy that had a part in a venting is not gone back to; the fallback keeps what it was given.
 #[test]
 fn what_lost_its_authority_is_not_gone_back_to() {
     let mut run = Loop::new("lost");

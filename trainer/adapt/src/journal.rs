@@ -70,10 +70,11 @@ impl Flown {
     /// Mean squares that a later run is held against.
     pub(crate) fn judged_squares(&self) -> Vec<Option<f64>> {
         let squares = if self.tracking.late_rmse_kpa.is_some() { &self.late_squares } else { &self.squares };
-        match squares.is_empty() {
-            false => squares.clone(),
+        if squares.is_empty() {
             // An older program kept none.
-            true => vec![Some(self.tracking.both_kpa().powi(2)); (self.tracking.ticks as f64 / TICKS_PER_S) as usize],
+            vec![Some(self.tracking.both_kpa().powi(2)); (self.tracking.ticks as f64 / TICKS_PER_S) as usize]
+        } else {
+            squares.clone()
         }
     }
 }

@@ -223,14 +223,23 @@ pub(crate) fn asked_outside(inputs: &[Vec<f64>], rows: &Range<usize>) -> bool {
 /// after the largest of all steps, and nothing happened to it.
 fn moved_outside(inputs: &[Vec<f64>], rows: &Range<usize>) -> bool {
     inputs.iter().all(|input| {
-        let moves = |of: &dyn Fn(usize) -> bool| {
-            let pairs = input.iter().zip(input.iter().skip(BLOCK)).enumerate().filter(|(row, _)| of(row + BLOCK));
-            pairs.map(|(_, (before, after))| (after - before).abs()).fold(0.0, f64::max)
+        let furthest = |of: &dyn Fn(usize) -> bool| {
+            let moves = moves(input).enumerate().filter(|(row, _)| of(row + BLOCK));
+            moves.map(|(_, size)| size).fold(0.0, f64::max)
         };
-        let span = |end: fn(f64, f64) -> f64, from: f64| input.iter().copied().fold(from, end);
-        let range = span(f64::max, f64::NEG_INFINITY) - span(f64::min, f64::INFINITY);
-        moves(&|row| rows.contains(&row)) <= moves(&|row| !rows.contains(&row)) + BEYOND * range
+        furthest(&|row| rows.contains(&row)) <= furthest(&|row| !rows.contains(&row)) + BEYOND * range(input)
     })
+}
+
+/// Sizes of an input's moves over half a second, from its first row on.
+pub(crate) fn moves(input: &[f64]) -> impl Iterator<Item = f64> {
+    input.iter().zip(input.iter().skip(BLOCK)).map(|(before, after)| (after - before).abs())
+}
+
+/// Largest less smallest of an input.
+pub(crate) fn range(input: &[f64]) -> f64 {
+    let (low, high) = input.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    high - low
 }
 
 /// Rows of every recording inside an event; empty where there are none.

@@ -118,12 +118,12 @@ pub enum TrainingError {
     },
 }
 
-/// What a run has done, in the unit that its end is planned in.
+/// Work of a run so far, in the unit that its end is planned in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Done {
-    /// How many.
+    /// Count of what is done.
     pub count: u64,
-    /// What of, with its verb: "steps are done".
+    /// Unit of the count, with its verb: "steps are done".
     pub what: &'static str,
 }
 

@@ -20,7 +20,7 @@ fn run(stages: &mut Stages, scale: f64, change: f64) -> (Vec<Next>, u32) {
     against(stages, scale, change, 1.0)
 }
 
-/// The same where the incumbent, measured once more, errs `later` times what it did.
+/// Ticks as in [`run`], where the incumbent, measured once more, errs `later` times what it did.
 fn against(stages: &mut Stages, scale: f64, change: f64, later: f64) -> (Vec<Next>, u32) {
     let (mut all, mut record) = (Vec::new(), record());
     for tick in 0..60_000 {

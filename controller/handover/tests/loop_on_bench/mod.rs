@@ -50,7 +50,7 @@ impl Loop {
         Loop::knowing("dual_pressure", active, reference, seed)
     }
 
-    /// The same around another model.
+    /// A loop around another model.
     pub fn knowing(model: &str, active: Option<Policy>, reference: Reference, seed: u64) -> Self {
         let rig = |name: &str| Rig::builtin(name).unwrap();
         let averaged = |name: &str| DualPressureRig::<Four>::averaged_side_by_side(&[rig(name)], 10.0).unwrap();

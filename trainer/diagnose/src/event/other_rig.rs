@@ -12,7 +12,7 @@ use fit::data::Records;
 use fit::simulate::Fidelity;
 use model::rig::Rig;
 
-use super::{BEYOND, BLOCK, asked_outside, sources};
+use super::{asked_outside, moves, range, sources};
 use crate::bench::Bench;
 use crate::error::DiagnoseError;
 use crate::recordings::pieces::taken;
@@ -23,6 +23,9 @@ const STRETCH: usize = 250;
 const THROUGHOUT: f64 = 0.9;
 /// Multiple of the noise's mean square up to which a file is explained: an error beyond the noise that is no larger than it.
 const EXPLAINED: f64 = 2.0;
+/// Share of a command's range by which a file's largest move may exceed that of the others. Chosen: the largest steps of two files that were
+/// drawn alike differ by more than their ranges do.
+const MOVES_BEYOND: f64 = 0.2;
 
 /// Files that were recorded of the rig as it was given, and others that were not.
 #[derive(Debug, Clone, PartialEq)]
@@ -202,21 +205,11 @@ fn is_asked_alike(bench: &Bench<'_>, trace: &[f64], file: &[Part], others: &[Par
             all.iter().filter_map(of).flatten().copied().collect()
         })
         .collect();
-    let furthest = |n: usize, parts: &[Part]| {
-        let moves = |part: &Part| {
-            let values = input(n, part);
-            values
-                .iter()
-                .zip(values.iter().skip(BLOCK))
-                .map(|(before, after)| (after - before).abs())
-                .fold(0.0, f64::max)
-        };
-        parts.iter().map(moves).fold(0.0, f64::max)
-    };
-    let moved_alike = commands.iter().enumerate().all(|(n, command)| {
-        let (low, high) = command.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-        furthest(n, file) <= furthest(n, others) + 2.0 * BEYOND * (high - low)
-    });
+    let furthest = |n: usize, parts: &[Part]| parts.iter().flat_map(|part| moves(input(n, part))).fold(0.0, f64::max);
+    let moved_alike = commands
+        .iter()
+        .enumerate()
+        .all(|(n, command)| furthest(n, file) <= furthest(n, others) + MOVES_BEYOND * range(command));
     asked_outside(&commands, &of_file) && asked_outside(&pressures, &of_file) && moved_alike
 }
 

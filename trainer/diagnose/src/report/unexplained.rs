@@ -1,5 +1,6 @@
 //! The unexplained residual: what the rig that is written is still off by on validation data, and where.
 
+use fit::data::deviation;
 use fit::wording::{MOST_TIMES, NO_NOISE_KPA};
 use proto::diagnosis::Unexplained;
 
@@ -53,12 +54,7 @@ fn white_kpa(bench: &Bench<'_>, trace: &[f64], channel: usize) -> f64 {
             }
         }
     }
-    if sizes.is_empty() {
-        return 0.0;
-    }
-    let middle = sizes.len() / 2;
-    // The median of a normal's absolute value is 0.6745 standard deviations.
-    *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745 / 6f64.sqrt()
+    deviation(&mut sizes) / 6f64.sqrt()
 }
 
 /// The operating region in which a trace is off most in a channel.

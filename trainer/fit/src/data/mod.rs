@@ -23,7 +23,7 @@ mod split;
 mod steps;
 
 pub use layout::Layout;
-pub use noise::{Noise, noise, rms_kpa};
+pub use noise::{Noise, deviation, noise, rms_kpa};
 pub use record::{Earlier, Record, Records};
 pub use repeated::each_once;
 pub use ripple::{Line, folded_hz, lines};

@@ -86,8 +86,14 @@ fn scatter(values: &[f64]) -> f64 {
             (window[2] - sorted[2]).abs()
         })
         .collect();
-    let middle = off.len() / 2;
-    if off.is_empty() { 0.0 } else { *off.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745 }
+    deviation(&mut off)
+}
+
+/// Standard deviation of a normal whose sizes have the median of these, which are put into another order; 0 of none.
+pub fn deviation(sizes: &mut [f64]) -> f64 {
+    let middle = sizes.len() / 2;
+    // The median of |N(0, 1)| is 0.6745.
+    if sizes.is_empty() { 0.0 } else { *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745 }
 }
 
 /// Coefficients of the fourth difference and the root of the sum of their squares.
@@ -136,11 +142,7 @@ fn white(records: &Records, channel: usize) -> f64 {
         }
     }
     let mut sizes = if calm.len() >= CALM_LEAST { calm } else { all };
-    if sizes.is_empty() {
-        return 0.0;
-    }
-    let middle = sizes.len() / 2;
-    let sigma = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745;
+    let sigma = deviation(&mut sizes);
     trimmed(&sizes, sigma)
 }
 
@@ -162,8 +164,7 @@ fn difference(values: impl Iterator<Item = f64>, coefficients: &[f64]) -> f64 {
 /// Noise of readings in a row in kPa, by the median of their fourth differences: whatever smooth way the pressure goes. 0 of fewer than five.
 pub(super) fn of_fourth_differences(values: &[f64]) -> f64 {
     let mut sizes: Vec<f64> = values.windows(FOURTH.len()).map(|w| difference(w.iter().copied(), &FOURTH)).collect();
-    let middle = sizes.len() / 2;
-    if sizes.is_empty() { 0.0 } else { *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745 }
+    deviation(&mut sizes)
 }
 
 /// The median of quantised differences is a multiple of the step over the norm; the mean square of those within three deviations

@@ -20,7 +20,7 @@ use super::fitted::{Fitted, estimates, rmse};
 use super::groups::{by_state, by_time};
 use super::problem::{RigProblem, Sides, Slopes};
 use crate::FitError;
-use crate::data::{Records, Stretch};
+use crate::data::{Records, Stretch, deviation};
 use crate::least_squares::{Information, Linearised, Loss, Outcome, Problem, Settings, Stop, minimise};
 use crate::parameters::ParameterSet;
 use crate::simulate::{Arcs, Fidelity, Simulator, refined_starts, smoothed_kpa};
@@ -418,10 +418,7 @@ fn scales(records: &Records, trace: &[f64], weights: &[f64], sigma_kpa: &[f64]) 
                 .filter(|i| weights.get(*i).is_some_and(|w| *w != 0.0))
                 .map(|i| (trace.get(i).unwrap_or(&0.0) - records.readings_kpa().get(i).unwrap_or(&0.0)).abs())
                 .collect();
-            let middle = sizes.len() / 2;
-            let median = if sizes.is_empty() { 0.0 } else { *sizes.select_nth_unstable_by(middle, f64::total_cmp).1 };
-            // The median of |N(0, 1)| is 0.6745.
-            (median / 0.6745).max(sigma_kpa.get(channel).copied().unwrap_or(0.0)).max(1e-6)
+            deviation(&mut sizes).max(sigma_kpa.get(channel).copied().unwrap_or(0.0)).max(1e-6)
         })
         .collect()
 }

@@ -95,6 +95,19 @@ struct Channel<'a> {
     near_step: &'a [bool],
 }
 
+/// Equal readings that are left out.
+#[derive(Debug, Default)]
+struct Equals {
+    /// Readings at a limit.
+    clipped: usize,
+    /// The limit, in kPa.
+    limit_kpa: f64,
+    /// Readings that repeat the one before, at no limit.
+    stuck: usize,
+    /// Most of these in a row.
+    longest: usize,
+}
+
 impl Channel<'_> {
     /// Masks what cannot be trusted and tells it; whether the reading moves without noise that would tell one that is stuck, and which
     /// of its readings are wild.
@@ -166,25 +179,31 @@ impl Channel<'_> {
             heaped(limit) && (self.is_cut_off_at(limit) || 2 * at_rest < at().map(|run| run.len()).sum::<usize>())
         };
         let limits = [low, high].map(|limit| is_limit(limit).then_some(limit));
-        let (mut clipped, mut frozen, mut longest, mut at_limit) = (0, 0, 0, 0.0);
+        let mut found = Equals::default();
         for rows in &runs {
             let run = rows.len();
             let value = values.get(rows.start).copied().unwrap_or(0.0);
             if limits.contains(&Some(value)) || run >= STUCK_ROWS && !is_plateau(rows.clone()) {
                 if value == low || value == high {
-                    clipped += run;
-                    at_limit = value;
+                    found.clipped += run;
+                    found.limit_kpa = value;
                 } else {
-                    frozen += run;
-                    longest = longest.max(run);
+                    found.stuck += run;
+                    found.longest = found.longest.max(run);
                 }
                 mask.get_mut(rows.clone()).unwrap_or_default().fill(0.0);
             }
         }
-        let share = |rows: usize| rows as f64 / values.len() as f64;
+        self.tell(&found, values.len(), add);
+    }
+
+    /// Tells of readings that were left out, of so many.
+    fn tell(&self, found: &Equals, readings: usize, add: &mut impl FnMut(Severity, Trouble, String)) {
+        let Equals { clipped, limit_kpa, stuck, longest } = *found;
+        let share = |rows: usize| rows as f64 / readings as f64;
         let severity = |rows: usize| severity_of(share(rows));
         if clipped > 0 {
-            let whose = if self.is_at_range_end(at_limit) {
+            let whose = if self.is_at_range_end(limit_kpa) {
                 "the end of the sensor's range"
             } else {
                 "a limit (sensor, amplifier or converter)"
@@ -193,20 +212,20 @@ impl Channel<'_> {
                 severity(clipped),
                 Trouble::Clipped,
                 format!(
-                    "clipped: {clipped} readings ({}) stand at {at_limit:.2} kPa, {whose}; they are left out. Keep \
+                    "clipped: {clipped} readings ({}) stand at {limit_kpa:.2} kPa, {whose}; they are left out. Keep \
                      the pressure within the sensor's range",
                     percent(share(clipped), 1)
                 ),
             );
         }
-        if frozen > 0 {
+        if stuck > 0 {
             add(
-                severity(frozen),
+                severity(stuck),
                 Trouble::Stuck,
                 format!(
-                    "stuck: {frozen} readings ({}) repeat the one before, for up to {:.1} s; they are left out. Look \
+                    "stuck: {stuck} readings ({}) repeat the one before, for up to {:.1} s; they are left out. Look \
                      for a logger that holds the last value",
-                    percent(share(frozen), 1),
+                    percent(share(stuck), 1),
                     longest as f64 * self.sampling_s
                 ),
             );
