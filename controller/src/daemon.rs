@@ -11,10 +11,10 @@ use policy::{Policy, PolicySignature};
 use proto::recording::Attachment;
 use proto::reference::Reference;
 
-use crate::config::{Config, DEFAULT_POLICY, FALLBACK};
+use crate::config::{Config, DEFAULT_POLICY, FALLBACK, ReferenceChoice};
 use crate::cycle::Cycle;
 use crate::operator::notice::sentence;
-use crate::operator::reference_limits::{self, Margin};
+use crate::operator::reference_limits::examine;
 use crate::operator::running::ModelIdentity;
 use crate::operator::socket::{May, Running};
 use crate::policy_service::{self, PolicyHandle};
@@ -55,12 +55,12 @@ pub enum DaemonError {
         /// The names there are.
         known: String,
     },
-    /// The reference comes too near to the safety envelope, or leaves it.
+    /// The reference comes too near to the safety envelope, leaves it, or is too short to be repeated.
     #[error("reference {name}: {why}")]
     ReferenceBeyond {
         /// The reference.
         name: String,
-        /// Where, which limit, and the fix.
+        /// Where, which limit or key, and the fix.
         why: String,
     },
     /// The flight cannot start or was not recorded well.
@@ -100,25 +100,27 @@ pub fn contracts() -> [PolicySignature; 2] {
 /// The first thing that is wrong.
 pub fn load(config: &Config) -> Result<Loaded, DaemonError> {
     let mut remarks = Vec::new();
-    let rig = proto::rig_file::load(&config.rig.file)?;
-    let (reference, reference_name) = match &config.reference.file {
-        Some(file) => (Reference::read(file)?, file.display().to_string()),
-        None => {
-            remarks
-                .push("no reference file: following the paper's reference (set reference.file for another)".to_owned());
-            (Reference::paper(), PAPERS_REFERENCE.to_owned())
-        }
-    };
+    let rig = proto::emulator::load_for_loop(&config.rig.file, None)?;
+    let (reference, reference_name) = configured_reference(&config.reference)?;
+    if config.reference.file.is_none() {
+        remarks.push("no reference file: following the paper's reference (set reference.file for another)".to_owned());
+    }
     let chosen = load_policy(config, &rig, &mut remarks)?;
     check_reference(config, &reference, &reference_name, &mut remarks)?;
-    if let Some(problem) = reference_limits::too_short_to_repeat(&reference, &config.reference) {
-        return Err(DaemonError::ReferenceBeyond { name: reference_name, why: problem });
-    }
-    let step = reference_limits::step_at_end(&reference, &config.reference);
-    remarks.extend(step.map(|step| format!("reference {reference_name}: {step}")));
     let rig_text = rig.to_toml().unwrap_or_default();
     let (policy, policy_bytes) = chosen.map_or((None, None), |(policy, bytes)| (Some(policy), Some(bytes)));
     Ok(Loaded { rig, rig_text, reference, reference_name, policy, policy_bytes, remarks })
+}
+
+/// Reads the reference that a configuration names, the paper's where it names none, with what it is called.
+///
+/// # Errors
+/// The file cannot be read, or is no reference.
+pub fn configured_reference(choice: &ReferenceChoice) -> Result<(Reference, String), proto::reference::ReferenceError> {
+    match &choice.file {
+        Some(file) => Ok((Reference::read(file)?, file.display().to_string())),
+        None => Ok((Reference::paper(), PAPERS_REFERENCE.to_owned())),
+    }
 }
 
 fn check_reference(
@@ -127,11 +129,9 @@ fn check_reference(
     name: &str,
     remarks: &mut Vec<String>,
 ) -> Result<(), DaemonError> {
-    match reference_limits::check(reference, &config.safety) {
-        Margin::Wide => {}
-        Margin::Close(remark) => remarks.push(format!("reference {name}: {remark}")),
-        Margin::Beyond(why) => return Err(DaemonError::ReferenceBeyond { name: name.to_owned(), why }),
-    }
+    let told = examine(reference, &config.safety, &config.reference)
+        .map_err(|why| DaemonError::ReferenceBeyond { name: name.to_owned(), why })?;
+    remarks.extend(told.into_iter().map(|remark| format!("reference {name}: {remark}")));
     Ok(())
 }
 
@@ -188,13 +188,6 @@ fn load_policy(
     Err(DaemonError::NoPolicy { file, known: known.join(", ") })
 }
 
-/// What a person is told about a place of the reference that the rig cannot hold.
-pub fn out_of_reach_text((time_s, [pos, neg]): (f64, [f64; 2])) -> String {
-    format!(
-        "the reference at {time_s:.2} s ({pos:.1}/{neg:.1} kPa) is out of the rig's reach by its model: a valve would have to open further than it can, or shut further than shut"
-    )
-}
-
 /// How a flight is run.
 pub struct Options {
     /// Where the recording goes; by default a file named after the time in the configured folder.
@@ -235,10 +228,10 @@ pub fn run(config: &Config, loaded: Loaded, options: Options) -> Result<Recordin
         (config.policy.active.clone(), policy.hash(), Arc::from(bytes.as_slice()))
     });
     attachments.extend(policy_bytes.map(|bytes| attachment(attached::POLICY, "application/onnx", bytes)));
-    let followed = Some(reference.identity());
+    let followed = Some(Arc::new(reference.clone()));
     let mut cycle = Cycle::new(&rig, policy, reference, config.safety, config.control.arming()).map_err(unflyable)?;
     cycle.duty_source_mut().tracking_mut().repeat(config.reference.after_end(), config.reference.learning());
-    remarks.extend(cycle.duty_source().tracking().out_of_reach().map(out_of_reach_text));
+    remarks.extend(cycle.duty_source().tracking().beyond_reach());
     let (policy_name, policy_sha256) = policy_id.clone().unwrap_or_else(|| (FALLBACK.to_owned(), String::new()));
     let running =
         Running { policy: policy_name, policy_sha256, reference: reference_name.clone(), ..Running::default() }

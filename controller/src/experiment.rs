@@ -12,6 +12,7 @@ pub mod preflight_simulation;
 pub mod pump_relay;
 pub mod settling;
 pub mod stopped;
+pub mod waiting;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -33,8 +34,9 @@ use crate::operator::notice::sentence_of_one_session;
 use crate::operator::running::ModelIdentity;
 use crate::operator::socket::{May, Running};
 use crate::replay::run_file::attached;
+use crate::session::recording_folder::EXPERIMENT_STEM;
 use crate::session::run_length::RunLength;
-use crate::session::session_recorder::{EXPERIMENT_STEM, SessionError, SessionRecorder, attachment, fly_recorded};
+use crate::session::session_recorder::{SessionError, SessionRecorder, attachment, fly_recorded};
 
 /// Why an experiment cannot be made.
 #[derive(Debug, thiserror::Error)]

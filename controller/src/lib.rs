@@ -29,6 +29,7 @@ pub mod model_change;
 pub mod operator;
 pub mod policy_service;
 pub mod policy_signatures;
+pub mod reach;
 pub mod reload;
 pub mod replay;
 pub mod session;

@@ -17,14 +17,17 @@ use handover::Permit;
 use law::{FallbackSettings, RepetitionLearning, Repetitions};
 use model::predict::Predictor;
 use model::rig::{Rig, RigError};
+use model::shown_reference::ShownReference;
 use model::steady::SteadyMap;
 use monitor::MonitorModels;
 use proto::emulator::rig_and_crio;
 use proto::recording::{TickOrder, attached};
+use proto::reference::Reference;
 use safety_filter::{Envelope, SafetyFilter, SlewLimit};
 
 use crate::cycle::sensing::Sensing;
 use crate::operator::running::ModelIdentity;
+use crate::reach::{Reach, beyond_reach};
 use crate::session::session_recorder::attachment;
 use crate::state::State;
 
@@ -49,6 +52,8 @@ pub struct ModelChange {
     pub predictor: Predictor,
     /// Feed-forward.
     pub map: Arc<SteadyMap>,
+    /// What its sensors show of chambers on a reference, by which policies are judged.
+    pub shown_reference: ShownReference,
     /// The safety filter.
     pub filter: SafetyFilter,
     /// What the monitor holds readings against.
@@ -91,6 +96,7 @@ impl ModelChange {
             predictor: warmed(rig, run)?,
             repetitions: learns.then(|| Box::new(FallbackSettings::default().repetitions(&map))),
             map,
+            shown_reference: ShownReference::of(rig),
             // The tick puts the limits of the filter in force into it.
             filter: SafetyFilter::new(rig, Envelope::DEFAULT, SlewLimit::DEFAULT)?,
             monitor: monitor_models(rig, run)?,
@@ -146,6 +152,9 @@ pub struct ModelInForce {
 /// The model in force, and the one before it, to which an operator may always go back.
 struct Models {
     rig: Rig,
+    map: Arc<SteadyMap>,
+    /// Range of what it can hold; `None` where its numbers are none.
+    reach: Option<Reach>,
     /// The identity under which it was put in; `None` for the one that the daemon began with.
     identity: Option<ModelIdentity>,
     before: Option<Rig>,
@@ -161,15 +170,16 @@ pub struct ModelDesk {
     samples: Arc<Mutex<VecDeque<Numbered>>>,
 }
 
-/// Makes both ends for a loop that begins with `rig`.
-pub fn ends(rig: &Rig) -> (ModelTickEnd, ModelDesk) {
+/// Makes both ends for a loop that begins with `rig`, of which `map` was made.
+pub fn ends(rig: &Rig, map: Arc<SteadyMap>) -> (ModelTickEnd, ModelDesk) {
     let shared = Arc::new(Shared {
         next: ArrayQueue::new(1),
         retired: ArrayQueue::new(4),
         samples: ArrayQueue::new(SAMPLES),
         learns: AtomicBool::new(false),
     });
-    let models = Arc::new(Mutex::new(Models { rig: rig.clone(), identity: None, before: None }));
+    let reach = Reach::of(&map);
+    let models = Arc::new(Mutex::new(Models { rig: rig.clone(), map, reach, identity: None, before: None }));
     (ModelTickEnd { shared: Arc::clone(&shared), kept: 0 }, ModelDesk { shared, models, samples: Arc::default() })
 }
 
@@ -231,6 +241,20 @@ impl ModelDesk {
         self.models().identity.clone()
     }
 
+    /// Range of the pressures that the rig can hold, by the model in force.
+    pub fn reach(&self) -> Option<Reach> {
+        self.models().reach
+    }
+
+    /// One line about a reference that asks for more than the rig gives, by the model in force.
+    ///
+    /// # Real-time
+    /// Up to some tens of milliseconds; not for the tick.
+    pub fn beyond_reach(&self, reference: &Reference) -> Option<String> {
+        let map = Arc::clone(&self.models().map);
+        beyond_reach(&map, reference)
+    }
+
     fn models(&self) -> MutexGuard<'_, Models> {
         self.models.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -267,6 +291,7 @@ impl ModelDesk {
         }
         let compared = if figures.is_some() || is_back { Compared::Yes } else { Compared::No };
         let change = ModelChange::new(&rig, &run, self.shared.learning(), compared).map_err(unfit)?;
+        let map = Arc::clone(&change.map);
         permit.redeem().map_err(|late| format!("{name}: {late}"))?;
         if self.hand_over(change)? == HandOver::Refused {
             // Under control one that is far off would vent the rig.
@@ -274,7 +299,8 @@ impl ModelDesk {
         }
         let new = rig.name.clone();
         let identity = Some(ModelIdentity::of(&rig, &file.to_string_lossy()));
-        *self.models() = Models { rig, identity, before: Some(old) };
+        let reach = Reach::of(&map);
+        *self.models() = Models { rig, map, reach, identity, before: Some(old) };
         let again = if is_back { " again" } else { "" };
         let line = told(&new, again, figures.as_ref());
         Ok(ModelInForce { line, toml, followed })
@@ -291,6 +317,12 @@ impl ModelDesk {
     pub fn follow_replay(&self) {
         let mut samples = self.samples.lock().unwrap_or_else(PoisonError::into_inner);
         self.collect(&mut samples, REPLAYED);
+    }
+
+    /// Number of samples that were taken off the tick's queue.
+    #[cfg(test)]
+    pub(crate) fn samples_taken(&self) -> usize {
+        self.samples.lock().unwrap_or_else(PoisonError::into_inner).len()
     }
 
     /// For replays: has the next tick put in a model that had run along with so many samples.

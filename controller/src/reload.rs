@@ -1,8 +1,8 @@
 //! What a daemon takes over from its configuration file while it runs, and what it does not.
 //!
 //! `SIGHUP` has the file read again. A file that is not sound changes nothing. Of one that is, the recordings' limits
-//! and the reference are taken over, the reference only while the rig is not controlled; everything else would change
-//! what was checked at the start, and is named as needing a restart.
+//! and the reference are taken over, the reference only while the rig is not controlled and within the limits that are in
+//! force; everything else would change what was checked at the start, and is named as needing a restart.
 
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, channel};
@@ -11,15 +11,18 @@ use proto::reference::Reference;
 use proto::rig_file::RigFileError;
 
 use crate::config::{Config, ConfigError, DEFAULT_POLICY, FALLBACK};
-use crate::operator::reference_limits::{Margin, check};
+use crate::daemon::configured_reference;
+use crate::operator::reference_limits::examine;
 
 /// A configuration that was read again, with the reference it names.
 #[derive(Debug)]
 pub struct Reloaded {
     /// The configuration.
     pub config: Config,
-    /// The reference, where the configuration names one.
-    pub reference: Option<Reference>,
+    /// The reference that it names, the paper's where it names none.
+    pub reference: Reference,
+    /// What that is called.
+    pub reference_name: String,
 }
 
 /// Why a configuration is not taken over.
@@ -40,11 +43,11 @@ pub enum ReloadError {
         /// The file looked for.
         file: PathBuf,
     },
-    /// The reference goes too far.
-    #[error("{}: {why}", .file.display())]
+    /// The reference goes too far, or is too short to be repeated.
+    #[error("reference {name}: {why}")]
     Beyond {
         /// The reference.
-        file: PathBuf,
+        name: String,
         /// Why, in a clause.
         why: String,
     },
@@ -65,11 +68,10 @@ pub fn read_aside(file: PathBuf) -> std::io::Result<Receiver<Result<Reloaded, Re
 
 fn read(file: &std::path::Path) -> Result<Reloaded, ReloadError> {
     let config = Config::read(file)?;
-    let reference = config.reference.file.as_deref().map(Reference::read).transpose()?;
-    if let Some((reference, file)) = reference.as_ref().zip(config.reference.file.clone())
-        && let Margin::Beyond(why) = check(reference, &config.safety)
-    {
-        return Err(ReloadError::Beyond { file, why });
+    let (reference, reference_name) = configured_reference(&config.reference)?;
+    // By this file's own limits, as the next start judges it. Those in force may be others, and the desk judges by them.
+    if let Err(why) = examine(&reference, &config.safety, &config.reference) {
+        return Err(ReloadError::Beyond { name: reference_name, why });
     }
     // What only a restart takes over must not keep the daemon from starting then.
     proto::rig_file::load(&config.rig.file)?;
@@ -78,7 +80,7 @@ fn read(file: &std::path::Path) -> Result<Reloaded, ReloadError> {
     if active != FALLBACK && active != DEFAULT_POLICY && !file.is_file() {
         return Err(ReloadError::NoPolicy { file });
     }
-    Ok(Reloaded { config, reference })
+    Ok(Reloaded { config, reference, reference_name })
 }
 
 /// The tables in which two configurations differ and which a running daemon cannot take over.

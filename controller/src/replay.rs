@@ -51,12 +51,14 @@ pub struct Replayed {
     pub ended: Option<String>,
     /// Notes on what could not be read of the recordings, a line each.
     pub notes: Vec<String>,
+    /// The first of them that ticks may be missing for.
+    pub lost: Option<String>,
 }
 
 impl Replayed {
     /// The reason why not all that was run was compared, one line: where it ended early, else what could not be read.
     pub fn missing(&self) -> Option<&str> {
-        self.ended.as_deref().or(self.notes.first().map(String::as_str))
+        self.ended.as_deref().or(self.lost.as_deref())
     }
 }
 
@@ -106,8 +108,19 @@ pub struct Replay {
 enum Place {
     /// In the same recording.
     Within,
+    /// In the same recording, behind a part of it that is damaged.
+    BehindDamage,
     /// In the next.
     Between,
+}
+
+/// Place of a recording's tick, by its index.
+fn place(run: &RunFile, index: usize) -> Place {
+    match index {
+        0 => Place::Between,
+        _ if run.content.lost_before.contains(&index) => Place::BehindDamage,
+        _ => Place::Within,
+    }
 }
 
 /// Source of references that were exchanged.
@@ -147,6 +160,10 @@ impl Replay {
     /// The recording lacks what a replay needs.
     pub fn run(&mut self, run: &RunFile) -> Result<(), ReplayError> {
         self.replayed.notes.extend(run.content.notes.iter().cloned());
+        if self.replayed.lost.is_none() {
+            // Where a file inside is damaged that is needed, the replay ends there or does not begin.
+            self.replayed.lost = run.notes_on_ticks().next().cloned();
+        }
         for (index, tick) in run.content.ticks.iter().enumerate() {
             if self.replayed.ended.is_some() {
                 return Ok(());
@@ -160,7 +177,7 @@ impl Replay {
                 self.check_order(run, tick, goes_on.then_some(self.part))?;
             }
             if first {
-                self.is_damaged = !run.content.complete || (goes_on && self.is_damaged);
+                self.is_damaged = run.notes_on_ticks().next().is_some() || (goes_on && self.is_damaged);
             }
             if first && !goes_on {
                 let (cycle, relay) = cycle(run)?;
@@ -176,10 +193,12 @@ impl Replay {
                 self.orders.take_in(run);
             }
             if first && !goes_on {
-                if !TickInput::of(tick.inputs).any(|input| input == TickInput::SessionOpened) {
+                // What there was no room for may have been the opening; the tick says so.
+                let begins = TickInput::of(tick.inputs).any(|input| input == TickInput::SessionOpened);
+                if !begins && !TickInput::is_overfull(tick.inputs) {
                     return Err(no_beginning(run));
                 }
-            } else if let Some(why) = self.lost_before(tick, if first { Place::Between } else { Place::Within }) {
+            } else if let Some(why) = self.lost_before(tick, place(run, index)) {
                 self.replayed.ended = Some(why);
                 return Ok(());
             }
@@ -239,10 +258,10 @@ impl Replay {
                 tick.records_dropped.wrapping_sub(dropped)
             ));
         }
-        // Within a file another session is nothing to wonder at; behind one that was cut short it is what was lost.
+        // Within a file another session is nothing to wonder at; behind what was cut short or damaged it is what was lost.
         let skipped = match place {
             Place::Within => session == tick.session && number.wrapping_add(1) != tick.tick,
-            Place::Between => session != tick.session || number.wrapping_add(1) != tick.tick,
+            Place::BehindDamage | Place::Between => session != tick.session || number.wrapping_add(1) != tick.tick,
         };
         (skipped && self.is_damaged).then(|| format!("the recording is damaged {at}"))
     }
@@ -301,6 +320,9 @@ impl Replay {
                 }),
                 // What was added stands in each tick's record.
                 TickInput::Explore => Ok(()),
+                TickInput::Other if TickInput::is_overfull(recorded.inputs) => Err(
+                    "there were too many requests before this tick to record: a tick's record holds eight, and the rest cannot be replayed",
+                ),
                 TickInput::Other => Err("something reached the tick that this program cannot replay"),
             };
             if is_between_sessions(recorded.inputs, at) {
@@ -335,9 +357,8 @@ impl Replay {
             cycle.sent(sent.sequence);
         }
         cycle.settle();
-        if self.orders.await_model() {
-            cycle.duty_source().tracking().models().follow_replay();
-        }
+        // In every tick: a model may follow that a later recording of the run holds, and it needs the ticks before it.
+        cycle.duty_source().tracking().models().follow_replay();
         let replayed = &mut self.replayed;
         let difference = compare(recorded, &again, &answer, &mut replayed.numbers);
         if let Some((stage, values)) = difference {
@@ -366,23 +387,4 @@ fn sense_of(recorded: &TickRecord) -> Option<Sense> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_was_asked_for_without_a_session_is_told_from_the_rest() {
-        use TickInput::{Acknowledge, Arm, Disarm, LinkLost, SessionOpened};
-        let between = |all: &[TickInput]| {
-            let mut inputs = 0;
-            all.iter().for_each(|input| input.append(&mut inputs));
-            (0..all.len()).map(|at| is_between_sessions(inputs, at)).collect::<Vec<bool>>()
-        };
-        assert_eq!(between(&[Arm]), [false]);
-        // A trip ends a session behind its tick; a lost link is told.
-        assert_eq!(between(&[Acknowledge, SessionOpened, Arm]), [true, false, false]);
-        assert_eq!(between(&[Disarm, LinkLost, Disarm, SessionOpened]), [false, false, true, false]);
-        // Two sessions in which no tick came.
-        let twice = [LinkLost, Acknowledge, SessionOpened, Arm, LinkLost, Disarm, SessionOpened];
-        assert_eq!(between(&twice), [false, true, false, false, false, true, false]);
-    }
-}
+mod tests;

@@ -5,7 +5,9 @@ pub mod attribution;
 pub mod link;
 pub mod live_stream;
 pub mod pacing;
+pub(crate) mod recording_folder;
 pub mod run_length;
+mod run_watch;
 pub(crate) mod session_loop;
 pub mod session_recorder;
 

@@ -287,6 +287,11 @@ fn a_reference_is_taken_by_its_text_and_kept_away_from_the_limits() {
     let header = "time_s,ref_pos_kpa,ref_neg_kpa\n";
     let reply = send(&format!("{header}0,85,-72\n1,85,-72\n"));
     assert_eq!((&reply["ok"], &reply["running"]["reference"]), (&true.into(), &"/home/a/r.csv".into()), "{reply}");
+    let reply = send(&format!("{header}0,85,-93\n"));
+    assert!(
+        reply["remark"].as_str().is_some_and(|remark| remark.contains("2.0 kPa inside the safety envelope")),
+        "{reply}"
+    );
     for (rows, words) in [
         ("0,85,-94.5\n", "only 0.5 kPa inside the safety envelope"),
         ("0,170,-70\n", "leaves the safety envelope"),
@@ -361,6 +366,57 @@ fn signals_reload_or_do_nothing_and_the_rig_runs_on() {
     assert_eq!(laboratory.state(), "run", "none of this moved the rig");
     let (content, _) = laboratory.close();
     assert!(content.complete && said(&content, &["taken over"]), "{:?}", content.events);
+}
+
+/// A file that is read again does not get a reference past what the daemon was started with, nor an operator's out of the way.
+#[test]
+fn a_reference_that_is_read_again_is_examined_as_any_other() {
+    let _alone = alone();
+    let laboratory = Laboratory::new("");
+    let reference = |name: &str, rows: &str| {
+        laboratory.folder.write(name, format!("time_s,ref_pos_kpa,ref_neg_kpa\n{rows}"));
+    };
+    reference("high.csv", "0,190,-70\n10,190,-70\n");
+    reference("short.csv", "0,85,-70\n0.1,85,-70\n");
+    reference("a.csv", "0,85,-93\n10,85,-93\n");
+    let text = std::fs::read_to_string(&laboratory.config).unwrap();
+    let reload = |more: &str| {
+        laboratory.folder.write("controller.toml", format!("{text}{more}"));
+        laboratory.daemon.signal("HUP");
+    };
+    let followed = || laboratory.ask(&json!({"ask": "status"}))["running"]["reference"].clone();
+    let named = |name: &str| Value::from(laboratory.folder.join(name).to_str().unwrap());
+    let first = followed();
+
+    // Its own file allows it, and the limits of the start do not.
+    reload("[safety]\nmax_pos_kpa = 200.0\n[reference]\nfile = \"high.csv\"\n");
+    let line = laboratory.daemon.line("high.csv not taken over");
+    assert!(line.contains("safety.max_pos_kpa = 160 kPa") && line.contains("restart"), "{line}");
+    laboratory.daemon.line("needs a restart: safety");
+    // What the next start would refuse is no sound file.
+    reload("[reference]\nfile = \"short.csv\"\nrepeat = true\n");
+    let line = laboratory.daemon.line("it lasts 0.1 s");
+    assert!(line.contains("short.csv") && line.contains("stays as it was"), "{line}");
+    assert_eq!(followed(), first);
+
+    reload("[reference]\nfile = \"a.csv\"\n");
+    laboratory.daemon.line("a.csv taken over");
+    laboratory.daemon.line("2.0 kPa inside the safety envelope");
+    assert_eq!(followed(), named("a.csv"));
+
+    // An operator's stays where [reference] is as it was.
+    let operators =
+        json!({"ask": "reference", "file": "/home/a/o.csv", "csv": "time_s,ref_pos_kpa,ref_neg_kpa\n0,85,-72\n"});
+    assert_eq!(laboratory.ask(&operators)["ok"], true);
+    reload("[reference]\nfile = \"a.csv\"\nlearn = true\n");
+    laboratory.daemon.line("needs a restart: reference.learn");
+    // The desk takes them in their order, so with this one it has looked at that one, too.
+    reload("");
+    let line = laboratory.daemon.line("reference the paper's taken over");
+    assert!(!line.contains("not taken over"), "{line}");
+    assert_eq!(followed(), "the paper's");
+    let (_, stderr) = laboratory.close();
+    assert_eq!(stderr.matches("a.csv taken over").count(), 1, "{stderr}");
 }
 
 #[test]

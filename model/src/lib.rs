@@ -11,6 +11,7 @@
 //! | [`observer`] | chambers estimated behind sensors that lag or swing |
 //! | [`averaged`] | pumps averaged over a revolution, for fits |
 //! | [`steady`] | the rig averaged over a revolution; feed-forward |
+//! | [`shown_reference`] | what late sensors show of chambers that stand on a reference |
 //! | [`valve_path`] | delay, lags and play between a duty and its flapper |
 //! | [`observation`] | what a policy sees and answers |
 //! | [`ports`] | names, units and ranges of that, as policy files carry them |
@@ -28,5 +29,6 @@ pub mod ports;
 pub mod predict;
 pub mod real;
 pub mod rig;
+pub mod shown_reference;
 pub mod steady;
 pub mod valve_path;

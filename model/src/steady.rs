@@ -23,7 +23,8 @@
 //! compliant one. Gas that
 //! warms is in [`SteadyMap::warm_duty_for`], whose temperatures the caller moves along. Left out is what else the past
 //! decides (stiction; heat of a coil; muscles), and tabled flows that are over a valve's duty. Play, lag and delay of the valves are beside it ([`SteadyMap::valve_paths`]). Pressures are the chambers';
-//! [`SteadyMap::chamber_kpa`] undoes what a sensor's gain and bias make of them.
+//! [`SteadyMap::chamber_kpa`] undoes what a sensor's gain and bias make of them. Pressures that valves hold, gas warmed, also
+//! where the wanted ones are out of their reach, are in `resting` ([`SteadyMap::nearest_held_kpa`]).
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -35,10 +36,11 @@ use crate::rig::{ATMOSPHERE, Rig, RigError, Valve};
 use crate::valve_path::ValvePath;
 
 mod pump_map;
+mod resting;
 mod supply;
 mod warm_gas;
 
-use pump_map::{NEGATIVE_KPA, POSITIVE_KPA, PumpMap};
+use pump_map::{PumpMap, within_map};
 use supply::Supply;
 use warm_gas::{Wanted, WarmChamber};
 
@@ -174,6 +176,14 @@ impl SteadyMap {
     /// May run in the tick.
     pub fn chamber_kpa(&self, readings_kpa: Pair) -> Pair {
         std::array::from_fn(|c| (readings_kpa[c] - self.sensors[c].1) / self.sensors[c].0)
+    }
+
+    /// The readings at pressures of the chambers that stand, both in kPa gauge.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn readings_kpa(&self, chamber_kpa: Pair) -> Pair {
+        std::array::from_fn(|c| chamber_kpa[c].mul_add(self.sensors[c].0, self.sensors[c].1))
     }
 
     /// The rates of the chambers' pressures at rates of the readings, both in kPa/s.
@@ -339,6 +349,15 @@ impl SteadyMap {
         })
     }
 
+    /// The same with the duty that is sent to its own valve, around duties that are sent: less under a supply that sags.
+    ///
+    /// # Real-time
+    /// May run in the tick.
+    pub fn sent_gain_kpa_per_s(&self, pressures_kpa: Pair, sent: Pair) -> Pair {
+        let (gain, slope) = (self.gain_kpa_per_s(pressures_kpa), self.supply.acting_per_sent(sent));
+        std::array::from_fn(|c| gain[c] * slope[c])
+    }
+
     /// The pressures (kPa gauge) at which the rig settles under constant duties, by Newton's method;
     /// `None` if there are none within the map.
     pub fn settled_kpa(&self, duty: Pair) -> Option<Pair> {
@@ -352,9 +371,7 @@ impl SteadyMap {
             let step = jacobian.lu().solve(&here)?;
             // Short steps: far from the solution the map is far from linear.
             let limited = step * (20.0 / step.norm().max(20.0));
-            p -= limited;
-            p.x = p.x.clamp(POSITIVE_KPA.low, POSITIVE_KPA.value(POSITIVE_KPA.points - 1));
-            p.y = p.y.clamp(NEGATIVE_KPA.low, NEGATIVE_KPA.value(NEGATIVE_KPA.points - 1));
+            p = within_map((p - limited).into()).into();
             if limited.norm() < 1e-9 {
                 return (here.norm() < 1e-3).then(|| p.into());
             }

@@ -39,13 +39,8 @@ impl ValvePath {
                     path.is_timed = true;
                 }
                 Mechanism::ValveHysteresis(m) => {
-                    let half_widths = m.half_widths_duty();
-                    let is_scattered = m.spread_duty > 0.0;
-                    path.scattered_duty = is_scattered.then_some(half_widths);
-                    path.half_width_duty = match is_scattered {
-                        true => half_widths.iter().sum::<f64>() / PLAYS as f64,
-                        false => m.half_width_duty,
-                    };
+                    path.scattered_duty = (m.spread_duty > 0.0).then(|| m.half_widths_duty());
+                    path.half_width_duty = path.scattered_duty.as_ref().map_or(m.half_width_duty, mean_of_plays);
                 }
                 _ => {}
             }
@@ -57,6 +52,14 @@ impl ValvePath {
     pub fn late_s(&self) -> f64 {
         self.delay_s + self.coil_lag_s + self.armature_lag_s
     }
+}
+
+/// Mean of a number of each of the plays side by side.
+///
+/// # Real-time
+/// May run in the tick.
+pub fn mean_of_plays(of_plays: &[f64; PLAYS]) -> f64 {
+    of_plays.iter().sum::<f64>() / PLAYS as f64
 }
 
 #[cfg(test)]

@@ -162,6 +162,30 @@ pub struct Unexplained {
     pub times_noise: f64,
     /// The operating region that holds most of it, in words and numbers.
     pub region: String,
+    /// The recording in whose fitted rows the rig is furthest off, where that is much further than on validation data.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub further_off: Option<FurtherOff>,
+}
+
+impl Unexplained {
+    /// The residual as a multiple of the noise, that of the recording with the largest where a fitted one has more than validation
+    /// data: how much is left.
+    pub fn most_times_noise(&self) -> f64 {
+        self.further_off.as_ref().map_or(self.times_noise, |further| self.times_noise.max(further.times_noise))
+    }
+}
+
+/// The residual of one channel in a recording whose rows were fitted or chose, beyond the noise.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FurtherOff {
+    /// The recording.
+    pub recording: String,
+    /// Root mean square on these rows, the noise's share taken out, in kPa.
+    pub kpa: f64,
+    /// Standard deviation of the noise there in kPa.
+    pub noise_kpa: f64,
+    /// `kpa` as a multiple of the noise.
+    pub times_noise: f64,
 }
 
 /// A parameter of the written rig that went where nobody would believe it.
@@ -335,6 +359,12 @@ mod tests {
                 noise_kpa: 0.06,
                 times_noise: 12.5,
                 region: "rising u_pos between 0.70 and 0.85".to_owned(),
+                further_off: Some(FurtherOff {
+                    recording: "experiment.mcap".to_owned(),
+                    kpa: 3.0,
+                    noise_kpa: 0.06,
+                    times_noise: 50.0,
+                }),
             }],
             unnamed_terms: Vec::new(),
             hypotheses: Vec::new(),
@@ -346,6 +376,13 @@ mod tests {
         let text = diagnosis.to_json().unwrap();
         assert_eq!(Diagnosis::from_json(&text).unwrap(), diagnosis);
         let value: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(value["unexplained"][0]["further_off"]["recording"], "experiment.mcap");
+        assert_eq!(diagnosis.unexplained[0].most_times_noise(), 50.0);
+        // Answers of older programs have no such line.
+        let mut older = value.clone();
+        older["unexplained"][0].as_object_mut().unwrap().remove("further_off").unwrap();
+        let older = Diagnosis::from_json(&older.to_string()).unwrap();
+        assert_eq!(older.unexplained[0].most_times_noise(), 12.5);
         assert_eq!(value["verdict"], "missing_physics");
         assert_eq!(value["mechanisms"][0]["where"], "negative");
         assert_eq!(value["mechanisms"][0]["parameters"]["half_width_duty"]["low"], 0.028);

@@ -70,12 +70,16 @@ pub struct DaemonState {
     pub model_sha256: String,
     /// Name of the reference that is followed once armed.
     pub reference: String,
+    /// Bytes that may still be written where recordings go; absent where that is not known.
+    pub recording_free_bytes: Option<u64>,
 }
 
 impl DaemonState {
-    /// True where it says the same as another one, but for the age of the data.
+    /// True where it says the same as another one, but for what changes all the time: the age of the data, and the room for
+    /// recordings.
     pub fn says_the_same(&self, other: &DaemonState) -> bool {
-        DaemonState { age_ms: other.age_ms, ..self.clone() } == *other
+        let recording_free_bytes = other.recording_free_bytes;
+        DaemonState { age_ms: other.age_ms, recording_free_bytes, ..self.clone() } == *other
     }
 }
 

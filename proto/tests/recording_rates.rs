@@ -99,6 +99,84 @@ fn sensors_that_are_never_read_together_are_read_all_the_same() {
     assert!((of.column("p_pos_kpa").unwrap()[300] - before - (after - before) / 5.0).abs() < 1e-9);
 }
 
+/// Number between -1 and 1 that goes with a number, without rhythm: splitmix64.
+fn scatter(k: usize) -> f64 {
+    let mut z = (k as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+}
+
+/// Rows of 50 Hz with sensors of rates that do not go into it, noise and a converter's steps of 0.05 kPa.
+#[test]
+fn a_rate_that_does_not_go_into_that_of_the_rows_is_found() {
+    // The number of the reading that stands in a row; the second sensor is read 7 ms late.
+    let reading = |k: usize, hz: f64, late_s: f64| ((0.02 * k as f64 - late_s) * hz + 1e-6).floor().max(-1.0);
+    let cell = |reading: f64, hz: f64, kpa: f64, key: usize| {
+        let t = reading / hz;
+        let kpa = kpa + 10.0 * (1.9 * t).sin() + 0.2 * scatter(key + (reading + 1.0) as usize);
+        format!("{:.2}", (kpa / 0.05).round() * 0.05)
+    };
+    for [one, other] in [[20.0, 20.0], [30.0, 12.5], [20.0, 30.0], [22.5, 50.0]] {
+        let readings = move |k: usize| [reading(k, one, 0.0), reading(k, other, 0.007)];
+        let cells = |k: usize| {
+            let [a, b] = readings(k);
+            [cell(a, one, 90.0, 1), cell(b, other, -60.0, 100_000)]
+        };
+        let rows = 3 * ROWS;
+        let of = read(&table(0.02, 0..rows, cells));
+        let first = rows - of.rows();
+        let slowest = f64::min(one, other);
+        assert!((of.sampling_s() * slowest - 1.0).abs() < 2e-3, "{one} {other}: {}", of.sampling_s());
+        let notes = of.notes().join("\n");
+        for (name, (at, hz)) in ["p_pos_kpa", "p_neg_kpa"].into_iter().zip([one, other].into_iter().enumerate()) {
+            let there = |row: usize| {
+                of.measured().is_none_or(|measured| measured[row])
+                    && !of.missing(name).is_some_and(|missing| missing[row])
+            };
+            let is_new = |k: usize| k > 0 && readings(k)[at] > readings(k - 1)[at];
+            let wrong = (1..of.rows()).filter(|row| there(*row) != is_new(row + first)).count();
+            // A reading that came out as the one before may be told in a neighbouring row.
+            assert!(wrong * 100 <= rows, "{one} {other}, {name}: {wrong}");
+            let every = if (hz - 50.0).abs() < 1e-9 { None } else { Some(1e3 / hz) };
+            let told = every.map(|ms| format!("{name} was read every {}", &format!("{ms:.1}").replace(".0", "")));
+            assert!(told.is_none_or(|told| notes.contains(&told)), "{one} {other}, {name}: {notes}");
+            assert_eq!(notes.contains(&format!("{name} was read")), every.is_some(), "{notes}");
+        }
+        let is_twice_or_thrice = [one, other].iter().any(|hz| 50.0 / 3.0 < *hz && *hz < 25.0);
+        assert_eq!(is_twice_or_thrice, notes.contains("each reading stands there 2 or 3 times"), "{notes}");
+    }
+}
+
+/// A sensor that comes off, and another one that is plugged in before: from where both have been read on each counts where it is there.
+#[test]
+fn sensors_of_two_parts_of_a_file_count_where_they_are() {
+    let parts = |until: usize, from: usize| {
+        move |k: usize| {
+            let [one, other] = pressures(k).map(|kpa| format!("{kpa:.4}"));
+            [if k < until { one } else { String::new() }, if k >= from { other } else { String::new() }]
+        }
+    };
+    let of = read(&table(0.02, 0..ROWS, parts(450, 250)));
+    assert_own_rows(&of, 250, |k| [k < 450, true]);
+    assert_eq!((of.rows(), of.segments().len()), (ROWS - 250, 1));
+    assert!((of.sampling_s() - 0.02).abs() < 1e-9);
+    let notes = of.notes().join("\n");
+    assert!(notes.contains("p_pos_kpa from 0.00 to 8.98 s, p_neg_kpa from 5.00 to 13.98 s"), "{notes}");
+    assert!(notes.contains("250 rows left out before the first reading of every sensor"), "{notes}");
+    // One that comes off in the middle of a file that the other one is whole in.
+    let of = read(&table(0.02, 0..ROWS, parts(350, 0)));
+    assert_own_rows(&of, 0, |k| [k < 350, true]);
+    assert!(of.notes().join("\n").contains("p_pos_kpa from 0.00 to 6.98 s"), "{:?}", of.notes());
+    // Never both: no run can begin, and what is there and what would help is told.
+    let rig = Rig::builtin("dual_pressure").unwrap();
+    let text = table(0.02, 0..ROWS, parts(350, 350));
+    let said = Recording::parse_for("x.csv", text.as_bytes(), &rig).unwrap_err().to_string();
+    for part in ["x.csv: ", "p_pos_kpa from 0.00 to 6.98 s, p_neg_kpa from 7.00 to 13.98 s", "[recording] columns.p_"] {
+        assert!(said.contains(part), "{said}");
+    }
+}
+
 /// A chamber at rest and a coarse converter repeat their readings, too, and are read in every row.
 #[test]
 fn what_stands_by_itself_is_not_held() {

@@ -5,8 +5,10 @@
 mod recorded;
 
 use model::rig::Rig;
-use proto::recording::{Arrival, Recording, RecordingError, TickRecord, parse_mcap, read_mcap};
-use recorded::{Folder, all_bits, run, write};
+use proto::recording::{
+    Arrival, Attachment, Recording, RecordingError, RecordingWriter, TickRecord, parse_mcap, read_mcap,
+};
+use recorded::{Folder, all_bits, info, run, write};
 
 #[test]
 fn files_that_are_no_recording_say_what_they_are() {
@@ -228,14 +230,7 @@ fn a_damaged_chunk_says_how_much_it_lacks() {
     let path = folder.join("run.mcap");
     write(&path, &run(200), 50);
     let whole = std::fs::read(&path).unwrap();
-    let (mut at, mut chunks) = (mcap::MAGIC.len(), Vec::new());
-    while let Some(length) = whole.get(at + 1..at + 9) {
-        let length = u64::from_le_bytes(length.try_into().unwrap()) as usize;
-        if whole[at] == 0x06 {
-            chunks.push(at + 9..at + 9 + length);
-        }
-        at += 9 + length;
-    }
+    let chunks = bodies(&whole, 0x06);
     // Of ticks four; the last one is of what stands behind them.
     assert!(chunks.len() >= 4, "{}", chunks.len());
     let mut damaged = whole.clone();
@@ -244,6 +239,102 @@ fn a_damaged_chunk_says_how_much_it_lacks() {
     assert_eq!((content.ticks.len(), content.notes.len()), (150, 1), "{:?}", content.notes);
     let told = &content.notes[0];
     assert!(told.contains("left out") && told.ends_with("; 50 ticks (1.00 s) are lost"), "{told}");
+}
+
+/// Bodies of the records with this code.
+fn bodies(file: &[u8], code: u8) -> Vec<std::ops::Range<usize>> {
+    let (mut at, mut found) = (mcap::MAGIC.len(), Vec::new());
+    while let Some(length) = file.get(at + 1..at + 9) {
+        let length = u64::from_le_bytes(length.try_into().unwrap()) as usize;
+        if file[at] == code {
+            found.push(at + 9..at + 9 + length);
+        }
+        at += 9 + length;
+    }
+    found
+}
+
+/// 200 ticks in chunks of 50, with a configuration and two references inside.
+fn with_attachments(folder: &Folder) -> Vec<u8> {
+    let path = folder.join("run.mcap");
+    let file = |name: &str, data: &[u8]| Attachment {
+        name: name.to_owned(),
+        media_type: "text/plain".to_owned(),
+        data: data.to_vec(),
+    };
+    let inside =
+        [file("controller.toml", b"[link]"), file("reference.csv", b"first"), file("reference.csv", b"second")];
+    let mut writer = RecordingWriter::create(&path, &info(), &inside).unwrap();
+    for second in run(200).chunks(50) {
+        second.iter().for_each(|tick| writer.write(tick).unwrap());
+        writer.flush().unwrap();
+    }
+    std::fs::read(writer.finish().unwrap()).unwrap()
+}
+
+/// What attachments hold is nothing to the ticks behind them.
+#[test]
+fn a_damaged_attachment_is_left_out_and_named() {
+    let folder = Folder::new("damaged-attachment");
+    let whole = with_attachments(&folder);
+    let reference = bodies(&whole, 0x09)[1].clone();
+    // In the data, the length of the data, and the name.
+    for from_end in [5, 16, 35] {
+        let mut damaged = whole.clone();
+        damaged[reference.end - from_end] ^= 0x40;
+        let content = parse_mcap("x.mcap", &damaged).unwrap();
+        assert_eq!(all_bits(&content.ticks), all_bits(&run(200)), "{:?}", content.notes);
+        assert!(!content.complete && content.notes.len() == 1, "{:?}", content.notes);
+        let told = &content.notes[0];
+        assert!(told.contains("the attachment reference.csv is damaged (its") && told.ends_with("left out"), "{told}");
+        assert_eq!(content.damaged_attachments, ["reference.csv"]);
+        // The second reference is not taken for the first.
+        let names: Vec<&str> = content.attachments.iter().map(|file| file.name.as_str()).collect();
+        assert_eq!(names, ["controller.toml"]);
+    }
+    // A length that leads elsewhere, with the index at the end of the file and, of a file that was not finished, without.
+    let mut damaged = whole.clone();
+    damaged[reference.start - 7] ^= 0x40;
+    let unfinished = &damaged[..bodies(&whole, 0x06).last().unwrap().end];
+    for file in [&damaged[..], unfinished] {
+        let content = parse_mcap("x.mcap", file).unwrap();
+        assert_eq!(all_bits(&content.ticks), all_bits(&run(200)), "{:?}", content.notes);
+        assert!(content.notes[0].ends_with("; no tick is lost"), "{:?}", content.notes);
+        assert!(!content.attachments.iter().any(|file| file.data == b"second"), "no first of its name before it");
+    }
+}
+
+/// Zeros in the middle of a file, as a disk leaves them: what is whole behind them is read.
+#[test]
+fn reading_goes_on_behind_an_erased_stretch() {
+    let folder = Folder::new("erased");
+    let whole = with_attachments(&folder);
+    let chunks = bodies(&whole, 0x06);
+    let ticks = run(200);
+    let rest = [&ticks[..50], &ticks[150..]].concat();
+    // From within the second chunk of ticks to within the third.
+    let erased = (chunks[2].start + chunks[2].end) / 2..(chunks[3].start + chunks[3].end) / 2;
+    let mut damaged = whole.clone();
+    damaged[erased].fill(0);
+    // Unfinished, the file has no index.
+    let unfinished = &damaged[..chunks[4].end];
+    for (file, notes) in [(&damaged[..], 1), (unfinished, 2)] {
+        let content = parse_mcap("x.mcap", file).unwrap();
+        assert_eq!(all_bits(&content.ticks), all_bits(&rest), "{:?}", content.notes);
+        assert_eq!((content.notes.len(), content.complete), (notes, false), "{:?}", content.notes);
+        assert!(content.notes[0].ends_with("; 100 ticks (2.00 s) are lost"), "{:?}", content.notes);
+        assert_eq!(content.lost_before.first(), Some(&50));
+    }
+    // Up to the end, and with the chunk that says which channel is which.
+    let mut damaged = whole.clone();
+    damaged[chunks[0].start - 9..chunks[2].start].fill(0);
+    damaged[chunks[4].start - 9..chunks[4].end].fill(0);
+    let content = parse_mcap("x.mcap", &damaged).unwrap();
+    assert_eq!(all_bits(&content.ticks), all_bits(&ticks[100..150]), "{:?}", content.notes);
+    let lost: Vec<bool> = content.notes.iter().map(|note| note.contains("damaged at byte")).collect();
+    assert_eq!(lost, [true, true], "{:?}", content.notes);
+    assert!(content.notes[0].ends_with("; 100 ticks (2.00 s) are lost"), "{:?}", content.notes);
+    assert!(content.notes[1].ends_with("; 50 ticks (1.00 s) are lost"), "{:?}", content.notes);
 }
 
 #[test]

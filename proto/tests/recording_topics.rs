@@ -81,6 +81,46 @@ fn each_channel_may_have_stamps_of_its_own() {
     assert!(said.contains("in other rows than the other sensors"), "{said}");
 }
 
+/// Each topic is written 50 times a second, and its sensor is read less often: at rates that go into it, and at one that does not.
+#[test]
+fn topics_that_repeat_their_readings_are_read_as_often_as_their_sensors() {
+    for (every, told) in [
+        ([0.1, 0.1], ["100 ms (each reading stands there 5 times)", "100 ms (each reading stands there 5 times)"]),
+        ([0.08, 0.1], ["80 ms (each reading stands there 4 times)", "100 ms (each reading stands there 5 times)"]),
+        ([0.02, 0.1], ["", "100 ms (each reading stands there 5 times)"]),
+        ([0.05, 0.1], ["50 ms (each reading stands there 2 or 3 times)", "100 ms (each reading stands there 5 times)"]),
+    ] {
+        let held = |t: f64, every: f64| pressure(((t + 1e-6) / every).floor() * every);
+        let mut rows = Vec::new();
+        for k in 0..4 * SAMPLES {
+            let t = 0.02 * k as f64;
+            rows.push((t, format!("{:.2},0.8,,", duty(k))));
+            rows.push((t + 0.004, format!(",,{:.5},", held(t, every[0]))));
+            rows.push((t + 0.007, format!(",,,{:.5}", 20.0 - held(t, every[1]))));
+        }
+        let of = read(&rows).unwrap_or_else(|error| panic!("{every:?}: {error}"));
+        let notes = of.notes().join("\n");
+        for (name, told) in ["p_pos_kpa", "p_neg_kpa"].into_iter().zip(told) {
+            assert_eq!(
+                notes.contains(&format!("{name} was read every {told}")),
+                !told.is_empty(),
+                "{every:?}: {notes}"
+            );
+        }
+        assert!((of.sampling_s() - 0.1).abs() < 1e-6, "{every:?}: {} {notes}", of.sampling_s());
+        let [p, n] = of.require(["p_pos_kpa", "p_neg_kpa"]).unwrap();
+        let is_measured = |row: usize| of.measured().is_some_and(|measured| measured[row]);
+        let read = (0..of.rows()).filter(|row| is_measured(*row));
+        assert!(read.clone().count().abs_diff(4 * SAMPLES / 5) <= 2, "{every:?}");
+        for row in read {
+            // The last reading of each sensor is at most a step old, and the lines between are straight: 20 kPa/s at most.
+            let age_s = 0.02 + 0.007;
+            assert!((n[row] - 20.0 + pressure(of.time_s()[row])).abs() < 20.0 * age_s, "{every:?}, row {row}");
+            assert!((p[row] - pressure(of.time_s()[row])).abs() < 20.0 * age_s + 0.05, "{every:?}, row {row}");
+        }
+    }
+}
+
 #[test]
 fn rows_of_one_time_are_put_together() {
     let of = read(&merged(20, 0.0)).unwrap();

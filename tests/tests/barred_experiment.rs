@@ -6,6 +6,7 @@
 
 use std::time::{Duration, Instant};
 
+use controller::experiment::waiting::waits_for;
 use controller::operator::socket::{Ask, Reply, ask};
 use controller::state::{Condition, State};
 use proto::wire::{Mode, Sense};
@@ -71,7 +72,10 @@ fn an_experiment_that_is_barred_at_rest_ends_and_nothing_starts_once_the_bar_goe
     std::fs::write(&scene.config, text.clone() + "record.min_free_mib = 1048576\n").unwrap();
     scene.daemon.signal("HUP");
     let barred = |reply: &Reply| reply.status.is_some_and(|s| s.bars_arming == Some(Condition::NotRecorded));
-    wait_while(&mut scene, "barred", barred, &mut saw);
+    let waiting = wait_while(&mut scene, "barred", barred, &mut saw);
+    let newest = waiting.status.unwrap();
+    let told = waits_for(waiting.state, newest.fault, newest.bars_arming);
+    assert!(told.contains("for rest") && told.contains("not be armed (not recorded)"), "{told}");
     for _ in 0..AT_REST {
         assert_eq!(scene.step(), Some(Mode::Vent), "{}", scene.daemon.said(Err));
     }

@@ -6,7 +6,7 @@
 
 use std::path::PathBuf;
 use std::process::Command;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use controller::operator::socket::{Ask, ask};
 use controller::state::State;
@@ -22,6 +22,10 @@ use tests::{Folder, finish, program};
 const NEXT_SESSION: u32 = 250;
 /// Longer than the daemon waits for the answer to a HELLO, and the pause behind it, in which it takes what was asked for.
 const NO_ANSWER: Duration = Duration::from_millis(1_500);
+/// Long enough for the pauses between the daemon's attempts to grow to 2 s, in which it takes more requests than a record holds.
+const PRESSED: Duration = Duration::from_secs(9);
+/// Far longer than the 20 ms between two looks for requests, so that each is taken by itself.
+const BETWEEN_PRESSES: Duration = Duration::from_millis(200);
 
 /// Asks the daemon, without the program that does so for a person: the pause between two sessions is short.
 fn asked(scene: &Scene, what: &Ask) {
@@ -31,7 +35,7 @@ fn asked(scene: &Scene, what: &Ask) {
 
 /// Opens the next session; HELLOs that the daemon has given up meanwhile lie before its own.
 fn next_session(scene: &mut Scene) -> Mode {
-    for _ in 0..5 {
+    for _ in 0..20 {
         scene.crio.open();
         if let Some(mode) = scene.step() {
             return mode;
@@ -79,7 +83,12 @@ fn a_disarming_without_a_session_is_replayed() {
     let mut scene = Scene::under_control("dual_pressure");
     scene.crio.cut();
     scene.wait_for_state(State::Connect);
-    asked(&scene, &Ask::Disarm {});
+    // Pressed again and again, which is as good as once: a record has no room for each.
+    let until = Instant::now() + PRESSED;
+    while Instant::now() < until {
+        asked(&scene, &Ask::Disarm {});
+        std::thread::sleep(BETWEEN_PRESSES);
+    }
     std::thread::sleep(NO_ANSWER);
     next_session(&mut scene);
     (0..NEXT_SESSION).for_each(|_| assert_eq!(scene.step(), Some(Mode::Vent), "armed although it was disarmed"));

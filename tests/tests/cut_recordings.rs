@@ -90,3 +90,29 @@ fn a_recording_that_is_cut_or_damaged_is_not_replayed_as_if_it_were_whole() {
     assert!(first.stderr.contains("first.mcap: a chunk is damaged") && first.stderr.contains("beginning"), "{first:?}");
     assert!(!first.stderr.contains("give the recording before it"), "{first:?}");
 }
+
+/// One wrong byte in a file inside costs the ticks nothing; a replay needs some of these files.
+#[test]
+fn a_damaged_file_inside_is_named_and_the_ticks_are_read() {
+    let folder = Folder::new();
+    let whole = recorded(&folder);
+    let damaged = |name: &str| {
+        let mut bytes = whole.clone();
+        // Its record begins with its name, behind the length of that.
+        let stored = [&(name.len() as u32).to_le_bytes()[..], name.as_bytes()].concat();
+        let at = bytes.windows(stored.len()).position(|window| window == stored).unwrap();
+        bytes[at + stored.len() + 60] ^= 1;
+        folder.write(&format!("{name}.mcap"), &bytes)
+    };
+    let needed = damaged("controller-effective.toml");
+    let refused = replay(&needed);
+    let said = "controller-effective.toml inside is damaged, and without it nothing of the run can be replayed";
+    assert!(refused.status == Some(2) && refused.stderr.contains(said), "{refused:?}");
+    let exported = finish(Command::new(program("controller")).args(["export", "--csv"]).arg(&needed));
+    let told = exported.stderr.contains("the attachment controller-effective.toml is damaged");
+    assert!(exported.status == Some(0) && told, "{exported:?}");
+    // The rig behind the emulated cRIO takes no part in what is decided.
+    let other = replay(&damaged("emulated_rig.toml"));
+    assert_eq!((other.status, &found(&other)["ended_early"]), (Some(0), &Value::Null), "{other:?}");
+    assert!(other.stderr.contains("the attachment emulated_rig.toml is damaged"), "{other:?}");
+}

@@ -74,6 +74,10 @@ fn an_armed_daemon_plays_it_and_controls_again() {
     assert!(ticks.iter().any(|tick| TickInput::of(tick.inputs).any(|input| input == TickInput::Experiment)));
     let found = closed.check_replay();
     assert_eq!(found["ticks"].as_u64().unwrap(), ticks.len() as u64, "{found}");
+    // Alone it lacks what the run around it depended on.
+    let alone = &closed.recordings("experiment-")[0];
+    let refused = finish(Command::new(program("controller")).arg("replay").arg(alone));
+    assert!(refused.status == Some(2) && refused.stderr.contains("recording of its run (run-….mcap)"), "{refused:?}");
 }
 
 #[test]

@@ -4,7 +4,7 @@
 //! In lockstep, so that nothing hangs on how busy the machine is.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use tests::laboratory::Plan;
+use tests::laboratory::{Plan, RECORDINGS};
 use tests::live_viewer::{get, picture, sample, start, wait_for};
 
 const PRESSURE: &str = "controller_pressure_kpa{channel=\"positive\"}";
@@ -65,6 +65,11 @@ fn a_run_that_is_not_recorded_is_what_viewers_are_told() {
     let (_live, address) = start(&laboratory);
     wait_for("a run that is recorded", || sample(&address, RECORDING) == Some(1.0));
     assert_eq!(picture(&address)["daemon"]["recording_problem"], "");
+    // The room is the disk's own, up to what others write to it meanwhile.
+    let told = sample(&address, "controller_recording_free_bytes").unwrap();
+    let free = flight::disk::free_bytes(&laboratory.folder.join(RECORDINGS)).unwrap() as f64;
+    assert!((told / free - 1.0).abs() < 0.2, "{told} of {free}");
+    assert!(picture(&address)["daemon"]["recording_free_bytes"].is_u64());
     // From now on no disk has room enough.
     let text = std::fs::read_to_string(&laboratory.config).unwrap();
     let without_room = text.replace("record.min_free_mib = 16", "record.min_free_mib = 1048576");

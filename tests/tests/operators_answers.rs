@@ -200,3 +200,32 @@ fn the_model_in_force_is_named_by_its_file_and_by_what_it_is() {
     assert!(text.contains(&was[..8]) && text.contains("a restart takes"), "{text}");
     laboratory.close();
 }
+
+/// Nothing is refused for it: the place may be one to pass through, and the model may be wrong.
+#[test]
+fn a_reference_out_of_reach_is_told_to_whoever_follows_it_and_to_whoever_arms() {
+    let plan = Plan::new("policy.active = \"fallback\"");
+    // 5 kPa lower than the model goes, which is not enough for the watch to give it up.
+    let low = plan.folder.write("low.csv", "time_s,ref_pos_kpa,ref_neg_kpa\n0,78,-62\n1,78,-62\n");
+    let laboratory = plan.start();
+    laboratory.stand_by();
+    let reach = laboratory.status()["running"]["reach"].clone();
+    let kpa = |key: &str, channel: usize| reach[key][channel].as_f64().unwrap();
+    assert!((81.0..84.0).contains(&kpa("open_kpa", 0)) && (-64.0..-60.0).contains(&kpa("open_kpa", 1)), "{reach}");
+    assert!(kpa("shut_kpa", 0) > 160.0 && kpa("shut_kpa", 1) < -90.0, "{reach}");
+    let text = laboratory.ask(&["status"]).stdout;
+    assert!(text.contains("with both vents wide open"), "{text}");
+    let followed = laboratory.ask(&["reference", low.to_str().unwrap()]);
+    laboratory.stand_by();
+    let armed = laboratory.ask(&["arm"]);
+    for ended in [followed, armed] {
+        assert_eq!(ended.status, Some(0), "{ended:?}");
+        for words in ["out of the rig's reach", "positive one asks for 78.0 kPa", "vent wide open", "kPa away"] {
+            assert!(ended.stderr.contains(words), "`{words}` is not in {ended:?}");
+        }
+    }
+    let high = laboratory.folder.write("high.csv", "time_s,ref_pos_kpa,ref_neg_kpa\n0,88,-70\n1,88,-70\n");
+    let followed = laboratory.ask(&["reference", high.to_str().unwrap()]);
+    assert!(followed.status == Some(0) && followed.stderr.is_empty(), "{followed:?}");
+    laboratory.close();
+}

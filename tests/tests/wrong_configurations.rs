@@ -56,3 +56,23 @@ fn an_address_that_nothing_can_have_is_refused() {
         check_refused(&folder, &format!("link.address = \"{address}\""), "link.address: ");
     }
 }
+
+/// Rights prove nothing there: the superuser has them, too.
+#[test]
+fn a_place_in_which_nothing_can_be_made_is_refused() {
+    let folder = Folder::new();
+    check_refused(
+        &folder,
+        &format!("{LINK}\ncontrol.socket = \"s\"\nrecord.directory = \"/proc/x\""),
+        "record.directory",
+    );
+    check_refused(&folder, &format!("{LINK}\ncontrol.socket = \"/proc/y.sock\""), "control.socket");
+}
+
+#[test]
+fn an_empty_path_of_a_file_is_refused_with_its_key() {
+    let folder = Folder::new();
+    for key in ["control.socket", "reference.file", "rig.file"] {
+        check_refused(&folder, &format!("{LINK}\n{key} = \"\""), &format!("c.toml: {key}: it is empty"));
+    }
+}

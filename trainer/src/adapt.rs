@@ -14,7 +14,8 @@ use ::adapt::run::GoesOn;
 use ::adapt::settings::{Experiments, Search, Training};
 use ::adapt::{AdaptError, AdaptSettings, Adaptation, Console, Outcome};
 use clap::Args;
-use proto::{live_line, output, rig_file};
+use proto::emulator::load_for_loop;
+use proto::{live_line, output};
 use serde_json::json;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
@@ -151,7 +152,8 @@ fn rehearsal_over(failure: Failure) -> Failure {
 
 fn rehearse(args: &AdaptArgs, out: &Path, programs: Programs, terminal: &mut Terminal) -> Result<Outcome, Failure> {
     let rig = match &args.rig {
-        Some(rig) => rig_file::load(rig)?,
+        // Refused here with the reason; the emulator would only end.
+        Some(rig) => load_for_loop(rig, None)?,
         None => draw_rig(args.seed)?,
     };
     output::check_folder(out, REHEARSAL_BYTES)?;

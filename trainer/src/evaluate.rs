@@ -12,9 +12,10 @@ use clap::builder::RangedU64ValueParser;
 use clap::{Args, Subcommand};
 use model::rig::Rig;
 use model::steady::SteadyMap;
+use proto::emulator::load_for_loop;
 use proto::output;
 use proto::reference::Reference;
-use proto::rig_file::{self, RigFileError};
+use proto::rig_file::RigFileError;
 use training::{TrainingError, Variant};
 
 use crate::failure::Failure;
@@ -151,16 +152,18 @@ const PAPER_LOADS: &[(&str, [f64; 2])] = &[
 /// Columns of a table: a name and the rigs that it is the mean of.
 type Columns = Vec<(String, Vec<Rig>)>;
 
-fn rigs(args: &TableArgs, otherwise: &[&str]) -> Result<Vec<Rig>, Failure> {
+/// The rigs that are asked for, each with the name or the file that it was asked for by.
+fn rigs(args: &TableArgs, otherwise: &[&str]) -> Result<Vec<(String, Rig)>, Failure> {
     let names: Vec<String> =
         if args.rig.is_empty() { otherwise.iter().map(|&n| n.to_owned()).collect() } else { args.rig.clone() };
-    names.iter().map(|name| Ok(rig_file::load(name)?)).collect()
+    let loaded = |name: String| Ok((name.clone(), load_for_loop(&name, Some("--rig"))?));
+    names.into_iter().map(loaded).collect()
 }
 
 fn columns(args: &TableArgs) -> Result<Columns, Failure> {
     let rigs = rigs(args, &["dual_pressure", "bench"])?;
-    let last = rigs.last().cloned();
-    let mut columns: Columns = rigs.into_iter().map(|rig| (rig.name.clone(), vec![rig])).collect();
+    let last = rigs.last().map(|(_, rig)| rig.clone());
+    let mut columns: Columns = rigs.into_iter().map(|(_, rig)| (rig.name.clone(), vec![rig])).collect();
     if let (Some(rig), 1..) = (last, args.drawn) {
         let drawn = rigs_around::rigs_around(&rig, args.drawn, args.drawn_seed).map_err(TrainingError::from)?;
         let rigs = if drawn.len() == 1 { "1 rig".to_owned() } else { format!("{} rigs", drawn.len()) };
@@ -172,10 +175,10 @@ fn columns(args: &TableArgs) -> Result<Columns, Failure> {
 fn loads(args: &TableArgs) -> Result<Columns, Failure> {
     let rigs = rigs(args, &["bench"])?;
     let mut columns = Columns::new();
-    for rig in &rigs {
+    for (file, rig) in &rigs {
         for payload_kg in [0.0, 5.0, 10.0, 15.0, 20.0] {
             let loaded = payload::loaded(rig, payload_kg)
-                .map_err(|problem| RigFileError::Rig { file: rig.name.clone(), problem })?;
+                .map_err(|problem| RigFileError::Rig { file: format!("{file} (--rig)"), problem })?;
             columns.push((format!("{}, {payload_kg} kg", rig.name), vec![loaded]));
         }
     }
@@ -191,7 +194,7 @@ fn fill(
     columns: Columns,
 ) -> Result<(), Failure> {
     let work = begin(&args.out)?;
-    let model = rig_file::load(&args.model)?;
+    let model = load_for_loop(&args.model, Some("--model"))?;
     let reference = match &args.reference {
         Some(path) => Reference::read(path)
             .map_err(|error| TrainingError::File { file: path.display().to_string(), problem: error.to_string() })?,

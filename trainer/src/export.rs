@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use proto::{atomic_file, output, rig_file};
+use proto::emulator::load_for_loop;
+use proto::{atomic_file, output};
 use serde_json::json;
 use training::TrainedPolicy;
 
@@ -52,7 +53,7 @@ pub(crate) fn run(args: &ExportArgs) -> Result<(), Failure> {
         policy = policy.with_fitted_plan()?;
     }
     if !policy.states_spread() {
-        policy = policy.with_spread_on(&rig_file::load(policy.settings().rig.model())?)?;
+        policy = policy.with_spread_on(&load_for_loop(policy.settings().rig.model(), Some("rig.model"))?)?;
     }
     let bytes = policy.to_onnx(&args.note)?;
     atomic_file::write(&args.out, &bytes)?;

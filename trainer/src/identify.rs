@@ -82,6 +82,9 @@ pub(crate) fn run(args: &IdentifyArgs) -> Result<(), Failure> {
         let mut shown = Shown::new();
         identify(&rig, &recordings, &settings, &mut |step| shown.show(step))?
     };
+    if let Some(change) = identified.change {
+        tell(change.note());
+    }
     let worse = identified.is_worse();
     let out = args.out.display().to_string();
     if !worse {
@@ -257,6 +260,7 @@ fn json_of(identified: &Identified, rig: &str, (recordings, copies): (&[Recordin
         "not_good": not_good,
         "determined": determined(&identified.fitted),
         "not_determined": undetermined(&identified.fitted),
+        "notes": identified.change.map(|change| change.note()).into_iter().collect::<Vec<_>>(),
         "doubts": identified.quality.doubts().map(ToString::to_string).collect::<Vec<_>>(),
         "remarks": verdict(identified),
     })

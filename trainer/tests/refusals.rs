@@ -128,6 +128,43 @@ fn bad_rigs_get_one_line_with_line_and_key() {
     assert!(refused(["rig", "--listen", "127.0.0.1:0", "--rig", &blind]).contains("p_neg_kpa"));
 }
 
+/// Before anything is run, with the file, the option that named it, and the key: a loop over such a rig would learn on another clock.
+#[test]
+fn a_rig_that_no_loop_can_be_closed_over_is_refused_by_file_option_and_key() {
+    let folder = Folder::new("no-loop");
+    let paper = model::rig::DUAL_PRESSURE;
+    let quick = folder.with("quick.toml", paper.replace("tick_ms = 20.0", "tick_ms = 10.0"));
+    let blind = folder.with("blind.toml", paper.replace("column = \"p_neg_kpa\"", "column = \"vacuum_kpa\""));
+    let out = folder.path("out");
+    for (bad, words) in
+        [(&quick, "integrator.tick_ms: a tick of 10 ms; the cRIO samples every 20 ms"), (&blind, "p_neg_kpa")]
+    {
+        let commands: [(&[&str], &str); 8] = [
+            (&["train", "--rig", bad], "--rig"),
+            (&["train", "--model", bad], "--model"),
+            (&["improve", "--rig", bad], "--rig"),
+            (&["improve", "--model", bad], "--model"),
+            (&["evaluate", "comparison", "--rig", bad], "--rig"),
+            (&["evaluate", "comparison", "--model", bad], "--model"),
+            (&["evaluate", "loads", "--rig", bad], "--rig"),
+            (&["adapt", "--rehearse", "--rig", bad], ""),
+        ];
+        for (command, option) in commands {
+            let said = refused([command, &["--out", &out]].concat());
+            assert!(said.starts_with(&format!("trainer: {bad}")), "{command:?}: {said}");
+            assert!(said.contains(words) && said.contains(option), "{command:?}: {said}");
+            assert!(!std::path::Path::new(&out).exists(), "{command:?} left something");
+        }
+        let small = "[policy]\nhidden = [32, 32]\nfeatures = \"errors\"\n";
+        let corrects = format!("{small}contract = 2\n[environment]\ncorrection_duty = 0.06\n");
+        for (command, settings) in [("train", small), ("improve", corrects.as_str())] {
+            let settings = folder.with("settings.toml", format!("{settings}[rig]\nevaluated_on = [\"{bad}\"]\n"));
+            let said = refused([command, "--config", &settings, "--out", &out]);
+            assert!(said.contains(&format!("{bad} (rig.evaluated_on): ")) && said.contains(words), "{command}: {said}");
+        }
+    }
+}
+
 #[test]
 fn missing_files_are_named() {
     let folder = Folder::new("missing-file");

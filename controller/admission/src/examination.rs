@@ -149,7 +149,12 @@ impl Examiner {
     pub fn stand(&self, bytes: &[u8]) -> Option<(Standing, Vec<Tally>)> {
         let mut policy = Policy::from_bytes(String::new(), bytes, &self.signatures).ok()?;
         let tallies = self.trial.fly(&mut policy);
-        Some((Standing::of(&tallies, self.trial.fallback())?, tallies))
+        Some((self.standing_of(&tallies)?, tallies))
+    }
+
+    /// The standing of a policy's flights of the trial ([`Admitted::tallies`]) against the fallback.
+    pub fn standing_of(&self, tallies: &[Tally]) -> Option<Standing> {
+        Standing::of(tallies, self.trial.fallback(), self.trial.noise_kpa())
     }
 
     /// As [`Examiner::examine`], from bytes that the caller already has and trusts the origin of.

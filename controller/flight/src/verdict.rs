@@ -94,8 +94,15 @@ pub(crate) fn findings(summary: &FlightSummary, options: &StatisticsOptions) -> 
             wording::counted(summary.records_dropped, "tick", "ticks")
         )
     });
+    // No failure of the run: the file was damaged afterwards, or in lockstep a frame never came.
     find(look, summary.ticks_skipped > summary.records_dropped, &|| {
-        format!("{} without a record", wording::counted(summary.ticks_skipped, "tick", "ticks"))
+        let other = summary.ticks_skipped - summary.records_dropped;
+        let why =
+            if summary.is_realtime() { "the file is damaged" } else { "a damaged file, or frames that never came" };
+        format!(
+            "{} without a record ({why}): the figures are those of the others",
+            wording::counted(other, "tick", "ticks")
+        )
     });
     find(look, summary.sessions > 1, &|| {
         format!("{} sessions: the link was made anew in between", wording::count(summary.sessions))

@@ -28,6 +28,9 @@ const RETRY: Duration = Duration::from_secs(10);
 /// Events kept until the first tick opens a file.
 const EARLY: usize = 256;
 
+/// Stands for room that is not known.
+pub(crate) const UNKNOWN_BYTES: u64 = u64::MAX;
+
 /// What the thread and the recorder's handles share.
 #[derive(Debug)]
 pub(crate) struct State {
@@ -39,6 +42,8 @@ pub(crate) struct State {
     pub(crate) error: Mutex<Option<String>>,
     /// Why there is too little room to start anything.
     pub(crate) no_room: Mutex<Option<String>>,
+    /// Bytes that may still be written where recordings go; [`UNKNOWN_BYTES`] before the first look, and where the system does not tell.
+    pub(crate) free_bytes: AtomicU64,
     pub(crate) ticks: AtomicU64,
     pub(crate) events: AtomicU64,
     pub(crate) lost: AtomicU64,
@@ -61,6 +66,7 @@ impl State {
             failed: AtomicBool::new(false),
             error: Mutex::new(None),
             no_room: Mutex::new(None),
+            free_bytes: AtomicU64::new(UNKNOWN_BYTES),
             ticks: AtomicU64::new(0),
             events: AtomicU64::new(0),
             lost: AtomicU64::new(0),
@@ -377,6 +383,7 @@ impl Writing {
         let (min, place) = (to.min_free_bytes, to.directory.clone());
         let state = Arc::clone(&self.state);
         let free = state.working(|| free_bytes(&place));
+        state.free_bytes.store(free.unwrap_or(UNKNOWN_BYTES), Ordering::Relaxed);
         let short = free.filter(|free| *free < min).map(|free| {
             format!(
                 "{}: only {} MiB free, record.min_free_mib = {}; make room, then arm",

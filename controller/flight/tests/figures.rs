@@ -131,6 +131,25 @@ fn what_befell_the_ticks_is_counted() {
     assert_eq!((counts.records_dropped, counts.ticks_skipped, counts.sessions), (5, 4, 2));
 }
 
+/// Ticks that the recorder could not keep are a failure of the run; those that a damaged file lacks are none.
+#[test]
+fn ticks_without_a_record_count_by_why_they_are_missing() {
+    let run = |dropped: u32| {
+        let mut ticks: Vec<TickRecord> = (0..600).map(|k| steered(k, 0.0, 0.0)).collect();
+        for tick in &mut ticks[400..] {
+            tick.tick += 7;
+            tick.records_dropped = dropped;
+        }
+        FlightStatistics::of(&ticks, StatisticsOptions::default()).summary()
+    };
+    let (damaged, dropped) = (run(0), run(7));
+    assert!(damaged.findings.iter().any(|found| found.contains("7 ticks without a record")), "{:?}", damaged.findings);
+    assert_ne!(damaged.verdict, Verdict::Bad, "{:?}", damaged.findings);
+    assert_eq!(dropped.verdict, Verdict::Bad);
+    assert!(dropped.findings.iter().any(|found| found.contains("7 ticks not recorded")), "{:?}", dropped.findings);
+    assert!(!dropped.findings.iter().any(|found| found.contains("without a record")), "{:?}", dropped.findings);
+}
+
 #[test]
 fn stages_count_where_they_ran_and_lateness_where_a_frame_came() {
     let mut ticks: Vec<TickRecord> = (0..10).map(|k| steered(k, 0.0, 0.0)).collect();

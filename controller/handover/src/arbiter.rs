@@ -9,6 +9,10 @@
 //!
 //! with the candidate's authority `a` ([`crate::stages`]) and a remainder `r`, which makes the command go on from where
 //! it was when a candidate loses its authority at once, and decays over half a second.
+//!
+//! Both are judged by the readings less what the sensors would show of chambers on the reference
+//! ([`model::shown_reference`]): behind a late sensor readings less reference would favour whoever drives the chamber ahead
+//! of it.
 
 mod succession;
 
@@ -16,6 +20,7 @@ use std::sync::Arc;
 
 use law::{ControlInput, ControlOutput, Left, PolicyLaw, Repetitions, saturated};
 use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
+use model::shown_reference::ShownReference;
 use model::steady::SteadyMap;
 
 use crate::blend::blended;
@@ -35,6 +40,8 @@ const APPROACH_TICKS: u32 = 250;
 /// Ticks after arming before errors are recorded: the fallback learns the valves' backlash, and errs up to five times what it does
 /// a minute later.
 const LEARNING_TICKS: u32 = 3000;
+/// Ticks beyond which a gap in the frames counts no further for what late sensors show: its cost in the tick is bounded.
+const MOST_SHOWN_TICKS: u32 = 10;
 /// Duties that differ by less were not changed by anybody: roundings of a wire's f32.
 const SAME_DUTY: f64 = 1e-6;
 
@@ -79,6 +86,10 @@ pub struct Arbiter {
     swaps: u32,
     ticks: u32,
     kinds: [usize; CHANNELS],
+    /// What the model's sensors show of chambers on the goals.
+    shown_reference: ShownReference,
+    /// Ticks since it was last asked, frames that are missing included.
+    since_shown: u32,
     error_kpa: Pair,
     decided: Pair,
     /// Part of the last decision that is the candidate's.
@@ -96,8 +107,13 @@ pub struct Arbiter {
 }
 
 impl Arbiter {
-    /// For the rig that `map` was made of; without a policy the fallback flies.
-    pub fn new(map: Arc<SteadyMap>, active: Option<Box<Candidate>>, end: TickEnd) -> Self {
+    /// For the rig that `map` was made of and whose sensors show what `shown_reference` says; without a policy the fallback flies.
+    pub fn new(
+        map: Arc<SteadyMap>,
+        shown_reference: ShownReference,
+        active: Option<Box<Candidate>>,
+        end: TickEnd,
+    ) -> Self {
         let layout = layout_of(active.as_deref());
         Arbiter {
             incumbent: Seat { law: PolicyLaw::new(map, layout), taken: active },
@@ -111,6 +127,8 @@ impl Arbiter {
             swaps: 0,
             ticks: 0,
             kinds: [0; CHANNELS],
+            shown_reference,
+            since_shown: 0,
             error_kpa: [0.0; CHANNELS],
             decided: [1.0; CHANNELS],
             part_duty: [0.0; CHANNELS],
@@ -154,6 +172,7 @@ impl Arbiter {
     /// # Real-time
     /// Runs in the tick; bounded.
     pub fn choose_reference(&mut self, reference: u64) {
+        self.shown_reference.restart();
         if let Some(repetitions) = &mut self.repetitions {
             repetitions.choose(reference);
         }
@@ -218,24 +237,26 @@ impl Arbiter {
             *stages = stages.anew();
         }
         self.conditions = Conditions::default();
+        self.shown_reference.restart();
         self.remainder = Remainder::NONE;
         self.on_new_model = false;
         self.ticks = 0;
         (self.decided, self.sent) = (duty, duty);
     }
 
-    /// Puts another model behind both laws; the command goes on from where it is, and the integrals take over what the models
-    /// differ by: the rig is the same, and so is the duty that holds it. The caller keeps the one in force, so that
-    /// nothing is freed here.
+    /// Puts another model behind both laws, and its sensors behind what is judged; the command goes on from where it is, and
+    /// the integrals take over what the models differ by: the rig is the same, and so is the duty that holds it. The caller
+    /// keeps the one in force, so that nothing is freed here.
     ///
     /// # Real-time
     /// Runs in the tick.
-    pub fn exchange_map(&mut self, map: &Arc<SteadyMap>) {
+    pub fn exchange_model(&mut self, map: &Arc<SteadyMap>, shown_reference: &ShownReference) {
         self.stop_exploring();
         let _ = self.incumbent.law.exchange_map(Arc::clone(map));
         if let Some((seat, _)) = &mut self.candidate {
             let _ = seat.law.exchange_map(Arc::clone(map));
         }
+        self.shown_reference.clone_from(shown_reference);
         // The incumbent on another model is another controller: its errors are recorded anew.
         self.record = Record::default();
         self.swaps = self.swaps.wrapping_add(1);
@@ -271,7 +292,9 @@ impl Arbiter {
         let mut event = self.serve();
         let ordered = event.is_some();
         self.kinds = self.conditions.kinds(input);
-        self.error_kpa = std::array::from_fn(|c| input.goals_kpa[0][c] - input.measured_kpa[c]);
+        let since = std::mem::take(&mut self.since_shown).min(MOST_SHOWN_TICKS);
+        let shown_kpa = self.shown_reference.next_kpa(since, input.goals_kpa[0]);
+        self.error_kpa = std::array::from_fn(|c| shown_kpa[c] - input.measured_kpa[c]);
         let trusted = self.trust == Trust::Policies;
         if self.candidate.is_some() {
             // A candidate is held against what the incumbent does by itself.
@@ -335,6 +358,7 @@ impl Arbiter {
     /// # Real-time
     /// Runs in the tick, after the command is out.
     pub fn held(&mut self, duty: Pair) {
+        self.since_shown = self.since_shown.saturating_add(1);
         self.sent = duty;
         self.learn(&Left::NOTHING);
     }
@@ -357,6 +381,7 @@ impl Arbiter {
     /// # Real-time
     /// Runs in the tick, after the command is out.
     pub fn applied(&mut self, duty: Pair) -> Option<PolicyEvent> {
+        self.since_shown = self.since_shown.saturating_add(1);
         let filtered = (0..CHANNELS).any(|c| (duty[c] - self.decided[c]).abs() > SAME_DUTY);
         let change_duty = std::array::from_fn(|c| duty[c] - self.sent[c]);
         self.sent = duty;
@@ -430,19 +455,4 @@ fn is_bent_for(part: &Pair, decided: &Pair, sent: &Pair) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn who_shares_in_a_command_answers_for_its_own_part_of_the_bending() {
-        let neg = 0.5;
-        let bent = |part: f64, decided: f64, sent: f64| is_bent_for(&[part, 0.0], &[decided, neg], &[sent, neg]);
-        // The incumbent alone wanted 0.40, of which 0.45 was made.
-        assert!(!bent(0.01, 0.41, 0.45), "the part led to where it had to go");
-        assert!(!bent(-0.01, 0.39, 0.45), "the part led away, and was a fifth of it");
-        // It wanted 0.50, and that would have been let through.
-        assert!(bent(-0.10, 0.40, 0.45));
-        assert!(bent(-0.05, 0.40, 0.45), "to the edge");
-        assert!(!bent(-0.05, 0.45, 0.45), "nothing was bent");
-    }
-}
+mod tests;

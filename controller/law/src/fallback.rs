@@ -200,7 +200,9 @@ impl Fallback {
     pub fn decide(&mut self, situation: &ControlInput) -> ControlOutput {
         self.foresight.begin(situation);
         let (planned, turning) = self.foresight.duties(situation, 0);
-        let gain = self.map.gain_kpa_per_s(self.map.chamber_kpa(situation.undelayed_kpa));
+        // Around what is planned: what feedback adds to it is small.
+        let around = planned.map(|duty| duty.clamp(0.0, 1.0));
+        let gain = self.map.sent_gain_kpa_per_s(self.map.chamber_kpa(situation.undelayed_kpa), around);
         let integral = self.integral.duty();
         let holds = self.rest.follow(situation);
         let learned = learned(situation, 0);

@@ -12,6 +12,7 @@
 //! slope is the share of the plays that are engaged.
 
 use model::mechanism::PLAYS;
+use model::valve_path::mean_of_plays;
 
 /// Changes of a wanted duty below this are rounding.
 const ROUNDING: f64 = 1e-12;
@@ -28,7 +29,7 @@ pub(crate) struct Plays {
 impl Plays {
     /// Plays of these half widths in duty, that have not moved yet.
     pub(crate) fn new(half_widths: [f64; PLAYS]) -> Self {
-        Plays { half_widths, mean_half_width: mean(&half_widths), flappers: None }
+        Plays { half_widths, mean_half_width: mean_of_plays(&half_widths), flappers: None }
     }
 
     /// Mean of the half widths in duty: how far the duty is beside the flapper once all are engaged.
@@ -53,7 +54,7 @@ impl Plays {
             let share = (last - wanted) / mean_half_width.max(ROUNDING);
             half_widths.map(|half_width| last - share * half_width)
         });
-        let missing = wanted - mean(&flappers);
+        let missing = wanted - mean_of_plays(&flappers);
         if missing.abs() < ROUNDING {
             return last;
         }
@@ -87,10 +88,6 @@ impl Plays {
     }
 }
 
-fn mean(of_plays: &[f64; PLAYS]) -> f64 {
-    of_plays.iter().sum::<f64>() / PLAYS as f64
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -109,7 +106,7 @@ mod tests {
                 for (flapper, half_width) in plant.iter_mut().zip(half_widths) {
                     *flapper = flapper.clamp(duty - half_width, duty + half_width);
                 }
-                let found = mean(&plant);
+                let found = mean_of_plays(&plant);
                 assert!((found - wanted).abs() < 1e-12, "tick {tick}: {found} for {wanted}");
             }
         }

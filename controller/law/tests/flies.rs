@@ -108,6 +108,30 @@ fn near_the_goal_the_integral_grows_by_the_proportional_part_in_a_reset_time() {
 }
 
 /// Play and integral action may hunt; at rest nothing but the converter's noise (0.06 and 0.006 kPa) may be left.
+/// Feedback is sent and not what acts: under a supply that sags it has to be more, to move the pressure by as much.
+#[test]
+fn feedback_moves_the_pressure_at_its_bandwidth_whatever_the_supply_loses() {
+    let sag = "[[mechanisms]]\nid = \"supply_sag\"\ncomponent = \"rig\"\nloss_per_duty = 0.06\n";
+    let nominal = Rig::builtin_text("dual_pressure").unwrap();
+    for further in ["", sag] {
+        let map = Arc::new(SteadyMap::new(&Rig::from_toml(&format!("{nominal}\n{further}")).unwrap()).unwrap());
+        let (goal, error_kpa) = ([90.0, -72.0], 0.05);
+        let sent = map.duty_for(goal, [0.0; CHANNELS]);
+        for c in 0..CHANNELS {
+            let mut measured = goal;
+            measured[c] -= error_kpa;
+            let mut law = Fallback::new(Arc::clone(&map), FallbackSettings::default());
+            let decision = law.decide(&ControlInput::of_measured(measured, [goal; GOALS_AHEAD + 1]));
+            let mut moved = sent;
+            moved[c] += decision.parts[c].proportional;
+            let rate = map.rate_kpa_per_s(goal, moved)[c];
+            let bandwidth_per_s = FallbackSettings::default().bandwidth_per_s;
+            // A duty more loses a little itself: 1 % leaves room for that, and not for the 20 % that the supply loses.
+            assert!((rate / (bandwidth_per_s * error_kpa) - 1.0).abs() < 0.01, "{rate} kPa/s of {c}, {further}");
+        }
+    }
+}
+
 #[test]
 fn holds_without_a_limit_cycle() {
     for at in [[80.0, -70.0], [90.0, -72.0], [105.0, -76.0], [75.0, -70.0]] {

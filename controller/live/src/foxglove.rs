@@ -128,6 +128,7 @@ fn state_schema() -> Value {
             "model_sha256": text,
             "reference": text,
             "recording_problem": text,
+            "recording_free_bytes": {"type": "integer"},
         },
     })
 }

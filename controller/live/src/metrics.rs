@@ -30,6 +30,7 @@ pub(crate) fn text(hub: &Hub) -> String {
     if let Ok(state) = &daemon {
         standing(&mut out, state, hub);
         recording(&mut out, &known);
+        free_space(&mut out, state);
         info(&mut out, state, &known);
     }
     if let Some(seen) = known.current() {
@@ -73,6 +74,18 @@ fn recording(out: &mut String, known: &Known) {
             "controller_recording",
             "1 while what happens can be recorded, 0 while something keeps it from being recorded.",
             &[("", f64::from(u8::from(problem.is_empty())))],
+        );
+    }
+}
+
+/// Left out where the daemon does not know.
+fn free_space(out: &mut String, daemon: &DaemonState) {
+    if let Some(bytes) = daemon.recording_free_bytes {
+        gauge(
+            out,
+            "controller_recording_free_bytes",
+            "Bytes that may still be written where recordings go.",
+            &[("", bytes as f64)],
         );
     }
 }
@@ -255,6 +268,17 @@ mod tests {
         }
         hub.link(Err("the daemon ended; waiting for it".to_owned()));
         check(&hub, &["controller_up 0"], &["controller_recording"]);
+    }
+
+    #[test]
+    fn the_room_for_recordings_is_told_in_bytes_where_it_is_known() {
+        let hub = hub();
+        hub.take(Message::State(running()));
+        check(&hub, &["controller_up 1"], &["controller_recording_free_bytes"]);
+        hub.take(Message::State(DaemonState { recording_free_bytes: Some(123 << 30), ..running() }));
+        check(&hub, &["controller_recording_free_bytes 132070244352"], &[]);
+        hub.link(Err("the daemon ended; waiting for it".to_owned()));
+        check(&hub, &["controller_up 0"], &["controller_recording_free_bytes"]);
     }
 
     #[test]

@@ -70,6 +70,7 @@ pub(crate) fn daemon(hub: &Hub, known: &Known) -> Value {
             "model_sha256": state.model_sha256,
             "reference": state.reference,
             "recording_problem": known.recording_problem(),
+            "recording_free_bytes": state.recording_free_bytes,
         }),
         Err(why) => json!({"up": false, "state": "unknown", "fault": why}),
     }

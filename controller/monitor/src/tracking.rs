@@ -5,12 +5,12 @@ use supervisor::{Condition, ConditionSet};
 
 /// Error from which on a pressure counts as away from its reference, in kPa (chosen: several times the worst policy that
 /// was ever admitted, half of what the true pressure may move).
-const AWAY_KPA: f64 = 15.0;
+pub const AWAY_KPA: f64 = 15.0;
 /// Ticks that it must stay away without coming nearer before the fallback takes over: 5 s (chosen: where both references step
 /// down at once, the air that enters the negative chamber keeps the positive one up for two seconds).
-const TICKS_TO_REVERT: u32 = 250;
+pub const TICKS_TO_REVERT: u32 = 250;
 /// Ticks beyond its reference with the vent open, without coming nearer, before the rig is vented: 5 s (chosen, as above).
-const TICKS_TO_VENT: u32 = 250;
+pub const TICKS_TO_VENT: u32 = 250;
 /// Duty from which on a vent counts as open.
 const OPEN: f64 = 0.95;
 /// Progress that counts as coming nearer, in kPa a tick: 1 kPa/s, an eighth of what an open vent makes of a running pump's

@@ -11,6 +11,7 @@ use handover::{Arbiter, Candidate, Permit, PolicyTag, channel};
 use law::ControlInput;
 use model::observation::{AHEAD, GOALS_AHEAD, Pair};
 use model::rig::Rig;
+use model::shown_reference::ShownReference;
 use model::steady::SteadyMap;
 use policy::Policy;
 use policy_store::{
@@ -49,7 +50,7 @@ impl Loop {
         let rig = Rig::builtin("dual_pressure").unwrap();
         let map = Arc::new(SteadyMap::new(&rig).unwrap());
         let (end, store) = channel();
-        let mut arbiter = Arbiter::new(map, Some(Candidate::new(policy)), end);
+        let mut arbiter = Arbiter::new(map, ShownReference::of(&rig), Some(Candidate::new(policy)), end);
         arbiter.restart([0.9; 2]);
         let (stop, kept) = (Arc::new(AtomicBool::new(false)), Arc::<Mutex<Vec<TickOrder>>>::default());
         let settings = StoreSettings {

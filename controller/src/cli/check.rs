@@ -7,6 +7,7 @@ use controller::cycle::Cycle;
 use controller::daemon;
 use controller::machine::machine_check;
 use controller::machine::tick_trial::TickTrial;
+use controller::reach::Reach;
 use controller::state::Arming;
 use serde_json::json;
 
@@ -17,6 +18,7 @@ use super::console::{say, tell};
 struct Sound {
     summary: String,
     remarks: Vec<String>,
+    reach: Option<Reach>,
     trial: TickTrial,
 }
 
@@ -24,9 +26,12 @@ pub(super) fn check(file: &Path, as_json: bool) -> Result<(), Failure> {
     let found = answer(
         as_json,
         sound(file),
-        |Sound { summary, remarks, trial }| {
+        |Sound { summary, remarks, reach, trial }| {
             for remark in remarks {
                 tell(format_args!("{remark}"));
+            }
+            if let Some(reach) = reach {
+                say(format_args!("by its model the rig reaches {reach}"));
             }
             say(format_args!(
                 "a tick takes {:.2} ms here, {:.2} ms in one of 1,000, {:.2} ms at most ({} ticks in lockstep); late after {:.0} ms",
@@ -36,7 +41,7 @@ pub(super) fn check(file: &Path, as_json: bool) -> Result<(), Failure> {
                 say(format_args!("{}: sound ({summary})", file.display()));
             }
         },
-        |Sound { summary, remarks, trial }| json!({"sound": trial.vented == 0, "summary": summary, "remarks": remarks, "tick": trial}),
+        |Sound { summary, remarks, reach, trial }| json!({"sound": trial.vented == 0, "summary": summary, "remarks": remarks, "reach": reach, "tick": trial}),
     )?;
     if found.trial.vented > 0 {
         return Err(Failure::work(format!(
@@ -58,7 +63,9 @@ fn sound(file: &Path) -> Result<Sound, Failure> {
         format!("cRIO {}, model {name}, {runs} runs, reference {}", config.link.address, loaded.reference_name);
     let cycle = Cycle::new(&loaded.rig, loaded.policy, loaded.reference, config.safety, Arming::Manual)
         .map_err(|e| Failure::input(format!("rig {}: {e}", config.rig.file)))?;
-    remarks.extend(cycle.duty_source().tracking().out_of_reach().map(daemon::out_of_reach_text));
+    let tracking = cycle.duty_source().tracking();
+    remarks.extend(tracking.beyond_reach());
+    let reach = tracking.reach();
     // Read once more, for the trial uses up what it runs.
     let trial = TickTrial::run(&config, daemon::load(&config)?).map_err(Failure::work)?;
     if trial.p999_ms > 0.5 * trial.deadline_ms {
@@ -67,7 +74,7 @@ fn sound(file: &Path) -> Result<Sound, Failure> {
             trial.p999_ms, trial.deadline_ms
         ));
     }
-    Ok(Sound { summary, remarks, trial })
+    Ok(Sound { summary, remarks, reach, trial })
 }
 
 /// Prints what was found as text or as one JSON object, also where it is bad.

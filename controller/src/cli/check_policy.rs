@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use admission::{Admitted, Examiner, Limits, Refusal, SignatureRule, Stage};
+use admission::{Admitted, Examiner, Limits, Refusal, SignatureRule, Stage, Standing};
 use clap::Args;
 use controller::config::Safety;
 use controller::daemon::contracts;
@@ -34,10 +34,14 @@ impl CheckPolicy {
             .map_err(|e| Failure::input(format!("rig {}: {e}", self.rig)))?;
         match examiner.examine(&self.file, Links::Follow, examiner.fallback()) {
             Ok(admitted) => {
+                let behind = examiner.standing_of(&admitted.tallies).filter(Standing::is_behind);
                 if self.json {
-                    say(format_args!("{}", sound_json(&admitted, &rig.name)));
+                    say(format_args!("{}", sound_json(&admitted, &rig.name, behind.as_ref())));
                 } else {
                     say(format_args!("{}", sound_text(&self.file, &admitted, &rig.name)));
+                    if let Some(standing) = behind {
+                        say(format_args!("{}", behind_text(&standing, &rig.name)));
+                    }
                 }
                 Ok(())
             }
@@ -100,7 +104,14 @@ fn sound_text(file: &Path, admitted: &Admitted, rig: &str) -> String {
     )
 }
 
-fn sound_json(admitted: &Admitted, rig: &str) -> serde_json::Value {
+/// What a daemon on this model makes of a policy that tracks worse there than the fallback.
+fn behind_text(standing: &Standing, rig: &str) -> String {
+    format!(
+        "Behind the fallback on `{rig}`: {standing}. A daemon on this model flies the fallback in its place (policy.when_behind)."
+    )
+}
+
+fn sound_json(admitted: &Admitted, rig: &str, behind: Option<&Standing>) -> serde_json::Value {
     let policy = &admitted.policy;
     json!({
         "sound": true,
@@ -113,6 +124,7 @@ fn sound_json(admitted: &Admitted, rig: &str) -> serde_json::Value {
         "model": rig,
         "answers": admitted.answers,
         "trial": admitted.figures,
+        "behind": behind,
         "inference_us": admitted.inference_us,
     })
 }

@@ -7,10 +7,12 @@ use std::time::Instant;
 
 use clap::Args;
 use controller::config::{Config, Control};
+use controller::cycle::duty_source::ExperimentPhase;
+use controller::experiment::waiting::{bar_among, waits_for};
 use controller::experiment::{Experiment, ExperimentError, Options, Played};
 use controller::operator::socket::is_there;
 use controller::session::session_recorder::SessionError;
-use controller::state::State;
+use controller::state::{Condition, State};
 use flight::Recorded;
 use proto::output::check_file;
 use proto::recording::{PERIOD_S, TickRecord};
@@ -240,7 +242,11 @@ fn line(tick: &TickRecord, first: Option<u32>, seconds: f64) -> String {
         (Some(first), true) => {
             format!("{:6.2} s of {seconds:.2} s", f64::from(tick.tick.wrapping_sub(first)) * PERIOD_S)
         }
-        (None, _) if tick.state == State::Standby.code() => "waiting for rest, vents open".to_owned(),
+        (None, _) if tick.experiment == ExperimentPhase::Settling.code() => waits_for(
+            State::from_code(tick.state).unwrap_or_default(),
+            Condition::from_code(tick.fault),
+            bar_among(tick.findings),
+        ),
         _ => "vents open".to_owned(),
     };
     format!(

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use controller::cycle::duty_source::ExperimentPhase;
 use controller::experiment::Played;
 use controller::experiment::command_sequence::CommandSequence;
+use controller::experiment::waiting::waits_for;
 use controller::operator::desk::{ExperimentOutcome, ExperimentView};
 use controller::operator::socket::{Ask, Reply, ask};
 use flight::RecordingSummary;
@@ -80,7 +81,10 @@ fn look_on(socket: &Path, number: u64) -> Result<(ExperimentView, ExperimentOutc
 
 fn line(reply: &Reply, view: &ExperimentView) -> String {
     let what = match view.phase {
-        Some(ExperimentPhase::Settling) => "waiting for rest, vents open".to_owned(),
+        Some(ExperimentPhase::Settling) => {
+            let newest = reply.status.unwrap_or_default();
+            waits_for(reply.state, newest.fault, newest.bars_arming)
+        }
         Some(ExperimentPhase::Playing) => {
             let seconds = |rows: u32| f64::from(rows) * PERIOD_S;
             format!("{:6.2} s of {:.2} s", seconds(view.reached), seconds(view.rows))

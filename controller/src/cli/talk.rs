@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use controller::config::{Config, Control};
 use controller::cycle::duty_source::ExperimentPhase;
+use controller::experiment::waiting::waits_for;
 use controller::operator::mailbox::Status;
 use controller::operator::notice::why_barred;
 use controller::operator::operator_protocol::Venting;
@@ -16,7 +17,7 @@ use proto::regular_file;
 use proto::rig_file::RigFileError;
 
 use super::Failure;
-use super::console::say;
+use super::console::{say, tell};
 
 /// Which daemon.
 #[derive(Debug, Args)]
@@ -42,8 +43,8 @@ impl Target {
     }
 
     pub(super) fn arm(&self) -> Result<(), Failure> {
-        self.ask(&Ask::Arm {})?;
-        self.done("armed")
+        let reply = self.ask(&Ask::Arm {})?;
+        self.done_with_remark("armed", &reply)
     }
 
     pub(super) fn disarm(&self) -> Result<(), Failure> {
@@ -69,8 +70,8 @@ impl Target {
         let text = regular_file::read_text(&file, MOST_BYTES)
             .map_err(|e| Failure::input(format!("{}: cannot read the reference: {e}", file.display())))?;
         Reference::parse(&file.display().to_string(), text.as_bytes()).map_err(Failure::input)?;
-        self.ask(&Ask::Reference { file: file.clone(), csv: Some(text) })?;
-        self.done(&format!("following {}", file.display()))
+        let reply = self.ask(&Ask::Reference { file: file.clone(), csv: Some(text) })?;
+        self.done_with_remark(&format!("following {}", file.display()), &reply)
     }
 
     pub(super) fn policies(&self) -> Result<(), Failure> {
@@ -125,6 +126,15 @@ impl Target {
         Ok(())
     }
 
+    /// As `done`, and what the daemon has to remark on it.
+    fn done_with_remark(&self, text: &str, reply: &Reply) -> Result<(), Failure> {
+        self.done(text)?;
+        if let (Some(remark), false) = (&reply.remark, self.json) {
+            tell(remark);
+        }
+        Ok(())
+    }
+
     /// Asks; with `--json` prints the answer whatever it is.
     fn ask(&self, question: &Ask) -> Result<Reply, Failure> {
         let reply = ask(&self.path()?, question).map_err(Failure::work)?;
@@ -155,6 +165,9 @@ fn print_status(reply: &Reply) {
     if let Some(configured) = &running.configured_model {
         let (name, origin) = (&configured.name, origin(configured));
         say(format_args!("           the configuration names {name}, {origin}, which a restart takes"));
+    }
+    if let Some(reach) = &running.reach {
+        say(format_args!("reach      {reach}, by the model"));
     }
     if let Some(why) = &running.why_fallback {
         say(format_args!("fallback   {why}"));
@@ -198,9 +211,9 @@ fn print_tick(s: &Status, reply: &Reply) {
     }
     if let Some(experiment) = &s.experiment {
         let phase = match experiment.phase {
-            ExperimentPhase::Settling => "waiting for rest",
-            ExperimentPhase::Playing => "playing",
-            ExperimentPhase::Resting => "coming to rest",
+            ExperimentPhase::Settling => waits_for(reply.state, s.fault, s.bars_arming),
+            ExperimentPhase::Playing => "playing".to_owned(),
+            ExperimentPhase::Resting => "coming to rest".to_owned(),
         };
         say(format_args!(
             "experiment {phase}, {} of {} rows; `controller disarm` stops it",

@@ -116,6 +116,11 @@ pub(super) fn check(config: &Config, file: &Path) -> Result<(), ConfigError> {
             format!("`{}` is no policy name; letters, digits, `.`, `_` and `-`, without .onnx", name.escape_debug()),
         );
     }
+    // Read as it stands it would be the folder of the configuration.
+    let empty = paths(config).into_iter().find(|(key, path)| FILES.contains(key) && path.as_os_str().is_empty());
+    if let Some((key, _)) = empty {
+        return wrong(key, "it is empty; write the path of a file, or leave the key out".to_owned());
+    }
     let no_path = paths(config).into_iter().find(|(_, path)| path.as_os_str().as_encoded_bytes().contains(&0));
     match no_path {
         Some((key, _)) => wrong(key, "a zero byte (\\u0000) stands in it, and no path has one; take it out".to_owned()),
@@ -143,6 +148,9 @@ pub(super) fn check_places(config: &Config, file: &Path) -> Result<(), ConfigErr
     }
     Ok(())
 }
+
+/// Keys whose paths lead to no folder.
+const FILES: [&str; 3] = ["rig.file", "control.socket", "reference.file"];
 
 /// All paths of a configuration by their keys.
 fn paths(config: &Config) -> Vec<(&'static str, &Path)> {
@@ -266,6 +274,16 @@ mod tests {
             let said = said(&format!("{link}\n{key} = \"a\\u0000b\""));
             assert!(said.contains(&format!("{key}: a zero byte")), "{said}");
         }
+    }
+
+    #[test]
+    fn an_empty_path_names_no_file() {
+        for key in FILES {
+            let said = said(&format!("link.address = \"x:1\"\n{key} = \"\""));
+            assert!(said.contains(&format!("{key}: it is empty")), "{said}");
+        }
+        let folders = "link.address = \"x:1\"\nrecord.directory = \"\"\npolicy.directory = \"\"\n";
+        Config::parse(folders, Path::new("c.toml")).unwrap();
     }
 
     #[test]

@@ -8,6 +8,7 @@ use law::{AfterEnd, ControlInput, Course, FallbackSettings, RepetitionLearning};
 use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
 use model::predict::Predictor;
 use model::rig::{Rig, RigError};
+use model::shown_reference::ShownReference;
 use model::steady::SteadyMap;
 use monitor::Monitor;
 use policy::Policy;
@@ -19,12 +20,7 @@ use supervisor::{Condition, ControlledBy, State};
 use crate::cycle::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, Prediction, SensorSample, VENT};
 use crate::model_change::{self, ModelDesk, ModelTickEnd};
 use crate::operator::notice::Notice;
-
-/// How often a reference is looked at for places out of reach, in s, and at how many places at most.
-const REACH_EVERY_S: f64 = 0.25;
-const REACH_LOOKS: f64 = 100_000.0;
-/// Duty by which the model may be off before a place counts as out of reach.
-const REACH_SLACK: f64 = 0.03;
+use crate::reach::{Reach, beyond_reach};
 
 /// The closed loop and everything it remembers.
 pub struct ReferenceTracking {
@@ -62,10 +58,10 @@ impl ReferenceTracking {
         let mut predictor = Predictor::new(rig)?;
         predictor.restart([0.0; CHANNELS], VENT);
         let (tick_end, policies) = channel();
-        let (models, model_desk) = model_change::ends(rig);
+        let (models, model_desk) = model_change::ends(rig, Arc::clone(&map));
         Ok(ReferenceTracking {
             predictor,
-            control: Arbiter::new(Arc::clone(&map), policy.map(Candidate::new), tick_end),
+            control: Arbiter::new(Arc::clone(&map), ShownReference::of(rig), policy.map(Candidate::new), tick_end),
             policies,
             policy_event: None,
             models,
@@ -107,15 +103,14 @@ impl ReferenceTracking {
         self.model_desk.clone()
     }
 
-    /// The first place of the reference that no duty holds, by the model: time in s, pressures in kPa gauge.
-    pub fn out_of_reach(&self) -> Option<(f64, Pair)> {
-        let looks = (self.reference.end_s() / REACH_EVERY_S).ceil().min(REACH_LOOKS);
-        (0..=looks as u32).map(|n| f64::from(n) * REACH_EVERY_S).find_map(|time_s| {
-            let goal = self.reference.at(time_s);
-            let duty = self.map.duty_for(goal, [0.0; CHANNELS]);
-            let held = duty.iter().all(|u| (-REACH_SLACK..=1.0 + REACH_SLACK).contains(u));
-            (!held).then_some((time_s, goal))
-        })
+    /// One line about a reference that asks for more than the rig gives, by the model; before the run, not for the tick.
+    pub fn beyond_reach(&self) -> Option<String> {
+        beyond_reach(&self.map, &self.reference)
+    }
+
+    /// Range of the pressures that the rig can hold, by the model; before the run, not for the tick.
+    pub fn reach(&self) -> Option<Reach> {
+        self.model_desk.reach()
     }
 
     /// Takes in the tick and its readings, for comparisons of models, while something else decides the duties.
@@ -174,7 +169,7 @@ impl DutySource for ReferenceTracking {
         let Some(mut change) = self.models.take(state) else { return };
         TickInput::Model.append(&mut record.inputs);
         std::mem::swap(&mut self.predictor, &mut change.predictor);
-        self.control.exchange_map(&change.map);
+        self.control.exchange_model(&change.map, &change.shown_reference);
         change.repetitions = self.control.exchange_repetitions(change.repetitions.take(), self.reference.identity());
         self.control.begin_flight(self.course.period_ticks());
         // What was in force goes back whole; nothing of it is freed here.

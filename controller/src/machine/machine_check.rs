@@ -1,14 +1,13 @@
 //! Whether this machine has what a configuration names: a place for the socket, a folder for recordings, a CPU.
 
-use std::ffi::CString;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use rustix::fs::{Access, access};
 use rustix::thread::{CpuSet, sched_getaffinity};
 
 use crate::config::{Config, Record};
 use crate::machine::realtime::make_realtime;
+use crate::machine::trial_file::{try_file, try_socket};
 use crate::operator::socket::{SocketError, check_sockets};
 
 /// What of a configuration this machine cannot give.
@@ -62,15 +61,16 @@ pub fn check(config: &Config) -> Result<Vec<String>, MachineError> {
 
 fn check_socket(path: &Path, remarks: &mut Vec<String>) -> Result<(), MachineError> {
     let folder = parent(path);
-    let wrong = |problem: &str| {
-        let problem = format!("{problem}; make it, or choose another path");
-        MachineError::Folder { folder: folder.clone(), key: "control.socket", problem }
+    let wrong = |problem: &str| MachineError::Folder {
+        folder: folder.clone(),
+        key: "control.socket",
+        problem: problem.to_owned(),
     };
     if !folder.is_dir() {
-        return Err(wrong("there is no such folder"));
+        return Err(wrong("there is no such folder; make it, or choose another path"));
     }
-    if !writable(&folder) {
-        return Err(wrong("this user may not write there"));
+    if let Err(error) = try_socket(&folder) {
+        return Err(wrong(&format!("this user can make no socket there ({error}); mend that, or choose another path")));
     }
     match check_sockets(path) {
         Ok(()) => Ok(()),
@@ -99,9 +99,9 @@ fn check_recordings(record: &Record, auto_arm: bool, remarks: &mut Vec<String>) 
             Err(error) => return Err(wrong(format!("it cannot be made: {error}; choose another"))),
         }
     }
-    if !writable(&there) {
+    if let Err(error) = try_file(&there) {
         return Err(wrong(format!(
-            "this user may not write in {}; give the right to, or choose another",
+            "this user can make nothing in {} ({error}); mend that, or choose another",
             there.display()
         )));
     }
@@ -143,11 +143,6 @@ fn nearest(path: &Path) -> PathBuf {
     if path.as_os_str().is_empty() { PathBuf::from(".") } else { path.to_owned() }
 }
 
-fn writable(folder: &Path) -> bool {
-    CString::new(folder.as_os_str().as_encoded_bytes())
-        .is_ok_and(|name| access(name.as_c_str(), Access::WRITE_OK | Access::EXEC_OK).is_ok())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -166,7 +161,7 @@ mod tests {
         std::fs::create_dir_all(&folder).unwrap();
         let sound = config(&folder);
         check(&sound).unwrap();
-        assert!(!folder.join("not").exists(), "looking makes nothing");
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 0, "looking leaves nothing behind");
         std::fs::write(folder.join("file"), "x").unwrap();
         std::fs::write(folder.join("fifo.live.sock"), "x").unwrap();
         std::os::unix::fs::symlink(folder.join("nothing"), folder.join("nowhere")).unwrap();
@@ -191,6 +186,12 @@ mod tests {
             (refused(&|c| c.record.directory = folder.join("file/below")), "is no folder"),
             (refused(&|c| c.record.directory = folder.join("nowhere/below")), "nowhere is no folder"),
             (refused(&|c| c.record.directory = folder.join("x".repeat(300))), "it cannot be made"),
+            // Where nobody can make anything, the superuser neither.
+            (refused(&|c| c.record.directory = "/proc/x".into()), "can make nothing in /proc "),
+            (
+                refused(&|c| c.control.socket = "/proc/y.sock".into()),
+                "/proc: control.socket: this user can make no socket",
+            ),
             (refused(&|c| c.realtime.cpu = Some(1000)), "realtime.cpu = 1000"),
             (
                 refused(&|c| {

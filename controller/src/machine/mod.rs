@@ -8,6 +8,7 @@
 //! | [`signals`] | what signals do |
 //! | [`clock`] | the daemon's clock |
 //! | [`machine_check`] | whether this machine has what a configuration names |
+//! | `trial_file` | whether something can be made in a folder |
 //! | [`tick_trial`] | how long a tick takes here |
 //! | [`rt_test`] | how late this machine is, and why |
 
@@ -19,3 +20,4 @@ pub mod rt_test;
 pub mod signals;
 pub mod systemd;
 pub mod tick_trial;
+pub(crate) mod trial_file;

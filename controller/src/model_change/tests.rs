@@ -34,7 +34,7 @@ fn change(tick: &ModelTickEnd, desk: &ModelDesk, file: &Path, state: State) -> R
 fn what_cannot_be_compared_yet_is_put_in_only_while_disarmed() {
     let nominal = Rig::builtin("dual_pressure").unwrap();
     let file = far_off();
-    let (mut tick, desk) = ends(&nominal);
+    let (mut tick, desk) = ends(&nominal, Arc::new(SteadyMap::new(&nominal).unwrap()));
     (0..200).for_each(|number| tick.keep(flown(number)));
     // In HOLD, too, although no tick is kept there. Of 500 ticks that count there are 170.
     for state in [State::Run, State::Hold] {
@@ -58,7 +58,7 @@ fn at_rest_only_what_is_far_off_is_refused() {
     edited.integrator.step_ms = 0.25;
     let file = std::env::temp_dir().join(format!("at-rest-{}.toml", std::process::id()));
     std::fs::write(&file, edited.to_toml().unwrap()).unwrap();
-    let (mut tick, desk) = ends(&nominal);
+    let (mut tick, desk) = ends(&nominal, Arc::new(SteadyMap::new(&nominal).unwrap()));
     (0..700).for_each(|number| tick.keep(flown(number)));
     let line = change(&tick, &desk, &file, State::Run).unwrap();
     assert!(line.contains("hardly moved"), "{line}");

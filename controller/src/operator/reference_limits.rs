@@ -18,9 +18,26 @@ pub const ROOM_KPA: f64 = 3.0;
 /// A change of the reference from its end to its beginning that is remarked on, in kPa: chosen, what a controller needs a second for.
 const STEP_KPA: f64 = 0.5;
 
+/// Examines a reference before it is followed, in the same way wherever it comes from: the start, `controller check`, an
+/// operator, a configuration that was read again. Answers what a person should know of it, each in one clause.
+///
+/// # Errors
+/// Why it is not to be followed, in one clause.
+pub fn examine(reference: &Reference, safety: &Safety, choice: &ReferenceChoice) -> Result<Vec<String>, String> {
+    let close = match margin(reference, safety) {
+        Margin::Wide => None,
+        Margin::Close(remark) => Some(remark),
+        Margin::Beyond(why) => return Err(why),
+    };
+    match too_short_to_repeat(reference, choice) {
+        Some(why) => Err(why),
+        None => Ok(close.into_iter().chain(step_at_end(reference, choice)).collect()),
+    }
+}
+
 /// How near a reference comes to the safety envelope.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Margin {
+enum Margin {
     /// Far enough.
     Wide,
     /// Near enough to be remarked on: the remark.
@@ -30,7 +47,7 @@ pub enum Margin {
 }
 
 /// Judges a reference by the limits.
-pub fn check(reference: &Reference, safety: &Safety) -> Margin {
+fn margin(reference: &Reference, safety: &Safety) -> Margin {
     let [[_, highest], [lowest, _]] = reference.range_kpa();
     let sides = [
         (safety.max_pos_kpa - highest, highest, "max_pos_kpa", safety.max_pos_kpa),
@@ -57,7 +74,7 @@ pub fn check(reference: &Reference, safety: &Safety) -> Margin {
 }
 
 /// Why a reference cannot be repeated although that is asked for, in one clause.
-pub fn too_short_to_repeat(reference: &Reference, choice: &ReferenceChoice) -> Option<String> {
+fn too_short_to_repeat(reference: &Reference, choice: &ReferenceChoice) -> Option<String> {
     (choice.repeat && reference.end_s() < SHORTEST_REPEATED_S).then(|| {
         format!(
             "it lasts {:.1} s, and reference.repeat needs {SHORTEST_REPEATED_S} s at least; write a longer period, or leave reference.repeat out to hold its last row",
@@ -67,7 +84,7 @@ pub fn too_short_to_repeat(reference: &Reference, choice: &ReferenceChoice) -> O
 }
 
 /// What a person should know of a reference that is repeated and does not end where it begins.
-pub fn step_at_end(reference: &Reference, choice: &ReferenceChoice) -> Option<String> {
+fn step_at_end(reference: &Reference, choice: &ReferenceChoice) -> Option<String> {
     let ([pos, neg], [pos_first, neg_first]) = (reference.at(reference.end_s()), reference.at(0.0));
     let steps = (pos - pos_first).abs() > STEP_KPA || (neg - neg_first).abs() > STEP_KPA;
     (choice.repeat && steps).then(|| {
@@ -84,7 +101,7 @@ mod tests {
     #[test]
     fn room_decides_on_the_nearer_side() {
         let safety = Safety { max_pos_kpa: 160.0, min_neg_kpa: -95.0 };
-        let judged = |pos, neg| check(&Reference::constant(pos, neg), &safety);
+        let judged = |pos, neg| margin(&Reference::constant(pos, neg), &safety);
         assert_eq!(judged(100.0, -75.0), Margin::Wide);
         for (pos, neg, words) in [
             (161.0, -75.0, "safety.max_pos_kpa = 160"),
@@ -97,5 +114,21 @@ mod tests {
         }
         let Margin::Close(why) = judged(158.0, -75.0) else { panic!("{:?}", judged(158.0, -75.0)) };
         assert!(why.contains("2.0 kPa inside"), "{why}");
+    }
+
+    #[test]
+    fn a_repeated_reference_needs_its_length_and_is_told_its_step() {
+        let parse =
+            |rows: &str| Reference::parse("r", format!("time_s,ref_pos_kpa,ref_neg_kpa\n{rows}").as_bytes()).unwrap();
+        let examined = |reference: &Reference, repeat| {
+            examine(reference, &Safety::default(), &ReferenceChoice { repeat, ..ReferenceChoice::default() })
+        };
+        let short = parse("0,85,-70\n0.1,85,-70\n");
+        assert_eq!(examined(&short, false), Ok(Vec::new()));
+        assert!(examined(&short, true).unwrap_err().contains("it lasts 0.1 s"));
+        let steps = parse("0,85,-70\n10,158,-70\n");
+        assert_eq!(examined(&steps, false).unwrap().len(), 1, "only that it is close");
+        let told = examined(&steps, true).unwrap();
+        assert!(told.len() == 2 && told[0].contains("2.0 kPa inside") && told[1].contains("a step"), "{told:?}");
     }
 }

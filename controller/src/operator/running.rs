@@ -3,6 +3,8 @@
 use model::rig::Rig;
 use serde::{Deserialize, Serialize};
 
+use crate::reach::Reach;
+
 /// A model by its name, where it comes from, and what it is.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct ModelIdentity {
@@ -50,6 +52,9 @@ pub struct Running {
     pub configured_model: Option<ModelIdentity>,
     /// The reference that is followed once armed.
     pub reference: String,
+    /// Range of the pressures that the rig can hold, by the model in force; absent where that is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reach: Option<Reach>,
     /// The reason why the fallback controls in place of a policy, one line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub why_fallback: Option<String>,

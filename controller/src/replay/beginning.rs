@@ -29,10 +29,17 @@ pub(super) fn no_beginning(run: &RunFile) -> ReplayError {
 /// The cycle as it was when the recorded daemon began, and the relay of its model's pump.
 pub(super) fn cycle(run: &RunFile) -> Result<(Cycle, PumpRelay), ReplayError> {
     let file = run.path.display().to_string();
+    let damaged = |note: &String| ReplayError::Damaged { note: note.clone() };
     let missing = |name| match run.content.notes.first() {
-        Some(note) => ReplayError::Damaged { note: note.clone() },
+        _ if run.is_damaged_inside(name) => ReplayError::DamagedInside { file: file.clone(), name },
+        _ if run.is_experiment_alone() => ReplayError::ExperimentAlone { file: file.clone() },
+        Some(note) => damaged(note),
         None => ReplayError::Missing { file: file.clone(), name },
     };
+    // They say whether a policy was in control.
+    if let Some(note) = run.content.notes.first().filter(|_| run.content.metadata.is_empty()) {
+        return Err(damaged(note));
+    }
     let inside = |name| run.attachment(name).ok_or_else(|| missing(name));
     let text = |name| Ok::<_, ReplayError>(String::from_utf8_lossy(inside(name)?).into_owned());
     let config = Config::parse(&text(attached::EFFECTIVE)?, std::path::Path::new(attached::EFFECTIVE))?;

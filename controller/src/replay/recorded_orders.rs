@@ -50,11 +50,6 @@ impl RecordedOrders {
         self.known_models = self.known_models.max(models.len());
     }
 
-    /// True while a model is to come, which needs the ticks before it.
-    pub(crate) fn await_model(&self) -> bool {
-        !self.models.is_empty()
-    }
-
     /// Gives the tick the next order about policies.
     ///
     /// # Errors

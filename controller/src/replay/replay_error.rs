@@ -18,6 +18,22 @@ pub enum ReplayError {
         /// The file inside.
         name: &'static str,
     },
+    /// A file inside is damaged.
+    #[error("{file}: {name} inside is damaged, and without it nothing of the run can be replayed")]
+    DamagedInside {
+        /// The recording.
+        file: String,
+        /// The file inside.
+        name: &'static str,
+    },
+    /// It holds an experiment alone, with nothing of what the run around it depended on.
+    #[error(
+        "{file}: holds an experiment alone, which cannot be replayed; one that a running daemon played is replayed within the recording of its run (run-….mcap): give that"
+    )]
+    ExperimentAlone {
+        /// The recording.
+        file: String,
+    },
     /// The beginning of a replay could not be read.
     #[error("{note}; a run is replayed from its beginning, and that is lost here")]
     Damaged {

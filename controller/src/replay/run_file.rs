@@ -86,6 +86,25 @@ impl RunFile {
         self.content.attachments.iter().filter(move |file| file.name == name).map(|file| file.data.as_slice())
     }
 
+    /// Tells whether a file of this name inside is damaged.
+    pub fn is_damaged_inside(&self, name: &str) -> bool {
+        self.content.damaged_attachments.iter().any(|damaged| damaged == name)
+    }
+
+    /// Notes on what could not be read, but for those on damaged files inside, with which no tick is lost.
+    pub fn notes_on_ticks(&self) -> impl Iterator<Item = &String> {
+        let is_on_file = |note: &String| {
+            let named = |name: &String| note.contains(&format!("the attachment {name} is damaged"));
+            self.content.damaged_attachments.iter().any(named)
+        };
+        self.content.notes.iter().filter(move |note| !is_on_file(note))
+    }
+
+    /// Tells whether it is the recording that an experiment leaves beside that of its run.
+    pub fn is_experiment_alone(&self) -> bool {
+        self.content.metadata.contains_key("experiment") && self.attachment(attached::EFFECTIVE).is_none()
+    }
+
     /// The model that was behind predictions and feed-forward.
     pub fn model(&self) -> Option<Rig> {
         self.rig(attached::MODEL).or_else(|| Rig::builtin(self.content.metadata.get("model_rig")?).ok())
@@ -112,6 +131,10 @@ impl RunFile {
                 .any(|input| matches!(input, TickInput::Reference | TickInput::Model | TickInput::Experiment))
         };
         if self.content.ticks.iter().any(changes) {
+            return None;
+        }
+        // Without the rig that was emulated, for one, it would be held against what is reached on a real one.
+        if [attached::MODEL, attached::PLANT, attached::REFERENCE].iter().any(|name| self.is_damaged_inside(name)) {
             return None;
         }
         let (model, plant, reference) = (self.model()?, self.plant(), self.reference()?);

@@ -4,21 +4,25 @@
 //! receive time-out has the grain of the kernel's timer), and a send that would block means the cRIO has
 //! stopped reading, which is a lost link, not a reason to wait.
 
+mod link_error;
+#[cfg(test)]
+mod tests;
+
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::{self, Write};
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
 use monitor::{FrameGate, Pacing, Rejection};
-use proto::wire::{
-    Bye, ByeReason, Frame, FrameReader, Hello, HelloRefusal, RawFrame, Sense, SequenceCounter, WireError,
-};
+use proto::wire::{Bye, ByeReason, Frame, FrameReader, Hello, RawFrame, Sense, SequenceCounter, WireError};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::time::Timespec;
 use socket2::{Domain, Protocol, SockRef, Socket, TcpKeepalive, Type};
 use supervisor::Condition;
 
 use crate::machine::clock::now_ns;
+
+pub use link_error::{Heard, LinkError};
 
 /// How long connecting and each answer of the handshake may take.
 const HANDSHAKE: Duration = Duration::from_millis(1000);
@@ -29,75 +33,6 @@ const MOST_BYTES: usize = 64 * 1024;
 const SEND_BUFFER: usize = 4096;
 /// The daemon's name in HELLO.
 const NAME: &str = "controller";
-
-/// Why there is no session.
-#[derive(Debug, thiserror::Error)]
-pub enum LinkError {
-    /// The address has no host, or the name is not known.
-    #[error("{address}: {source}; check link.address")]
-    Resolve {
-        /// As configured.
-        address: String,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// Nobody answers there.
-    #[error("{address}: {source}; is the cRIO on and its program running?")]
-    Connect {
-        /// As configured.
-        address: String,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// The link broke during the handshake.
-    #[error("{address}: the link broke during the handshake: {source}")]
-    Broken {
-        /// As configured.
-        address: String,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// No HELLO came back.
-    #[error("{address}: connected, but no HELLO came back within 1 s; is another program listening there?")]
-    Silent {
-        /// As configured.
-        address: String,
-    },
-    /// The bytes are no frames.
-    #[error("{address}: {error}")]
-    Wire {
-        /// As configured.
-        address: String,
-        /// What is wrong.
-        error: WireError,
-    },
-    /// The HELLO that came back cannot open a session.
-    #[error("{address}: {refusal}")]
-    Refused {
-        /// As configured.
-        address: String,
-        /// Why.
-        refusal: HelloRefusal,
-    },
-    /// The cRIO answered with another session.
-    #[error("{address}: the cRIO answered session {found:08X} instead of {sent:08X}")]
-    Session {
-        /// As configured.
-        address: String,
-        /// What was asked for.
-        sent: u32,
-        /// What came back.
-        found: u32,
-    },
-    /// The cRIO said BYE.
-    #[error("{address}: the cRIO said BYE: {reason}")]
-    Bye {
-        /// As configured.
-        address: String,
-        /// Why.
-        reason: ByeReason,
-    },
-}
 
 /// What waiting for a frame brought.
 #[derive(Debug, Clone, Copy)]
@@ -226,6 +161,8 @@ impl Link {
         let broken = |source| LinkError::Broken { address: address.to_owned(), source };
         link.socket.write_all(&hello.encode()).map_err(broken)?;
         let until = now_ns() + HANDSHAKE.as_nanos() as u64;
+        // What came instead of the HELLO.
+        let mut heard: Option<Heard> = None;
         loop {
             match link.reader.next_frame() {
                 Ok(Some(received)) => match received.frame {
@@ -246,15 +183,22 @@ impl Link {
                     }
                     Frame::Bye(bye) => return Err(LinkError::Bye { address: address.to_owned(), reason: bye.reason }),
                     // Readings of an older session may still be on their way.
-                    Frame::Sense(_) | Frame::Command(_) => {}
+                    Frame::Sense(_) | Frame::Command(_) => {
+                        heard.get_or_insert(Heard::Early { frame: received.frame.kind() });
+                    }
                 },
                 Ok(None) => {
-                    if !link.wait(Some(until)) {
-                        return Err(LinkError::Silent { address: address.to_owned() });
+                    let is_late = !link.wait(Some(until));
+                    let read = if is_late { Ok(0) } else { link.reader.read_from(&mut link.socket) };
+                    if read.as_ref().is_ok_and(|bytes| *bytes > 0) {
+                        continue;
                     }
-                    if link.reader.read_from(&mut link.socket).map_err(broken)? == 0 {
-                        return Err(broken(io::ErrorKind::UnexpectedEof.into()));
-                    }
+                    let address = address.to_owned();
+                    return Err(match heard.or_else(|| Heard::piece(link.reader.waiting())) {
+                        Some(heard) => LinkError::Unanswered { address, heard },
+                        None if is_late => LinkError::Silent { address },
+                        None => broken(read.err().unwrap_or_else(|| io::ErrorKind::UnexpectedEof.into())),
+                    });
                 }
                 Err(damage) if damage.is_fatal() => {
                     let reason = if matches!(damage.error, WireError::Version { .. }) {
@@ -265,7 +209,8 @@ impl Link {
                     link.bye(reason);
                     return Err(LinkError::Wire { address: address.to_owned(), error: damage.error });
                 }
-                Err(_) => {}
+                // A frame that came damaged says more than one that came early.
+                Err(damage) => heard = Some(Heard::damaged(damage.error)),
             }
         }
     }

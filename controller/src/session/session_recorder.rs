@@ -10,18 +10,19 @@
 //! | main | signals, a disk that does not answer |
 
 use std::collections::{BTreeMap, HashSet};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::sync::mpsc::channel;
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use flight::recorder::Observer;
-use flight::{Destination, Event, Noter, Recorded, Recorder, RecorderOptions, RecordingSummary, Retention};
+use flight::{Event, Noter, Recorded, Recorder, RecorderOptions, RecordingSummary};
 use handover::ExplorationRules;
 use policy_store::{KeepOrder, Voices};
 use proto::recording::{Attachment, EventLevel, LogTime, RecordingInfo, VERDICT, rfc3339};
+use proto::reference::Reference;
 
 use crate::config::{Config, Pacing};
 use crate::cycle::Cycle;
@@ -31,38 +32,31 @@ use crate::experiment::open_loop_playback::OpenLoopPlayback;
 use crate::machine::clock::now_ns;
 use crate::machine::guard::{self, OnSilence, Pulse};
 use crate::machine::realtime::lock_memory;
-use crate::machine::signals::{Order, Signals};
+use crate::machine::signals::Signals;
 use crate::machine::systemd::Notifier;
-use crate::operator::console::notice;
 use crate::operator::desk::DeskOptions;
 use crate::operator::mailbox::{Status, mailbox};
 use crate::operator::running::Running;
 use crate::operator::socket::{May, SocketError, check_sockets, serve};
 use crate::policy_service::{PolicyHandle, ServiceError};
-use crate::reload::{ReloadError, Reloaded, needs_restart, read_aside};
 use crate::replay::run_file::attached;
 use crate::session::attribution::StolenTime;
 use crate::session::link::LinkError;
 use crate::session::live_stream::{self, StreamError};
+use crate::session::recording_folder::{EXPERIMENT_STEM, check_folder, destination};
 use crate::session::run_length::RunLength;
+use crate::session::run_watch::Watch;
 use crate::session::{Session, run_session};
 
-/// Between two looks of the main thread.
-const LOOK: Duration = Duration::from_millis(20);
 /// How long the tick's thread may take to end: it looks at its orders ten times a second, but a name that is being
 /// resolved or a cRIO that is being connected to holds it longer.
-const TICK_END: Duration = Duration::from_secs(3);
+pub(super) const TICK_END: Duration = Duration::from_secs(3);
 /// Time that the file which says who did what may take at the end to be written: a disk that answers needs some ms.
 const AUDITED_WITHIN: Duration = Duration::from_secs(1);
 /// Age from which a status no longer tells what is, in real time: twelve ticks.
 const STALE: Duration = Duration::from_millis(250);
 /// And in lockstep, where the cRIO may be a slow simulation.
 const STALE_LOCKSTEP: Duration = Duration::from_secs(1);
-/// Stems of all recordings that the daemon makes.
-const STEMS: [&str; 3] = ["run", EXPERIMENT_STEM, "flight"];
-/// Stem of recordings of experiments.
-pub(crate) const EXPERIMENT_STEM: &str = "experiment";
-
 /// Program and version, as recordings and reports name it.
 pub const PROGRAM: &str = concat!("controller ", env!("CARGO_PKG_VERSION"));
 
@@ -133,8 +127,8 @@ pub struct SessionRecorder {
     pub operator: Option<May>,
     /// What the daemon runs with, for those who ask.
     pub running: Running,
-    /// Identity of the reference that is followed, where there is one.
-    pub followed: Option<u64>,
+    /// The reference that is followed, where there is one.
+    pub followed: Option<Arc<Reference>>,
     /// Starts what serves policies and models beside the tick; `None`: nothing does.
     pub policies: Option<StartPolicies>,
     /// The configuration file, to be read again on `SIGHUP`.
@@ -247,7 +241,7 @@ pub fn fly_recorded<H: DutySource + 'static>(
         notes: recorder.noter(),
         may,
         running: running.clone(),
-        followed: logbook.followed,
+        followed: logbook.followed.clone(),
         policies: policies.clone(),
         experiments: experiments.clone(),
         viewers: state_viewers.clone(),
@@ -279,9 +273,7 @@ pub fn fly_recorded<H: DutySource + 'static>(
         status: Status::default(),
     };
     let thread = std::thread::Builder::new().name("tick".to_owned()).spawn(move || run_session(session))?;
-    let mut watch =
-        Watch { signals, config, stem, recorder: &recorder, config_file, reloads, reading: None, stalled: false };
-    watch.until_over(&thread, &stop);
+    Watch::new(config, config_file, &recorder, stem, signals, reloads).until_over(&thread, &stop);
     let mut flown = thread.is_finished().then(|| thread.join());
     stop.store(true, Ordering::Relaxed);
     if let Some(served) = served {
@@ -369,133 +361,4 @@ fn watch_tick(
     };
     let say = Box::new(move |text: String| notes.note(now_ns(), EventLevel::Error, "guard", text));
     guard::start(Arc::clone(pulse), on_silence, Arc::clone(stop), say).map(Some)
-}
-
-/// The folder for recordings and its limits, as configured.
-fn destination(config: &Config, stem: &'static str) -> Destination {
-    let record = &config.record;
-    Destination {
-        directory: record.directory.clone(),
-        stem,
-        stems: &STEMS,
-        most_bytes: record.max_mib << 20,
-        most_time: Duration::from_secs(record.max_minutes * 60),
-        min_free_bytes: record.min_free_mib << 20,
-        retention: Retention { days: record.keep_days, bytes: record.keep_gib << 30 },
-        clock: now_ns,
-    }
-}
-
-/// Makes the folder and tries to write there; with `auto_arm`, for which nobody asks, there must be room as well.
-fn check_folder(to: &Destination, config: &Config) -> Result<(), SessionError> {
-    try_folder(&to.directory).map_err(|source| SessionError::Directory { directory: to.directory.clone(), source })?;
-    match flight::disk::free_bytes(&to.directory) {
-        Some(free) if config.control.auto_arm && free < to.min_free_bytes => Err(SessionError::NoRoom {
-            directory: to.directory.clone(),
-            free_mib: free >> 20,
-            min_mib: to.min_free_bytes >> 20,
-        }),
-        _ => Ok(()),
-    }
-}
-
-/// Makes a folder if it is not there, and a file in it, which is removed again.
-pub(crate) fn try_folder(directory: &Path) -> std::io::Result<()> {
-    std::fs::create_dir_all(directory)?;
-    let trial = directory.join(format!(".controller-trial-{}", std::process::id()));
-    std::fs::OpenOptions::new().write(true).create_new(true).open(&trial)?;
-    std::fs::remove_file(&trial)
-}
-
-/// What the main thread looks after while the others work.
-struct Watch<'a> {
-    signals: Signals,
-    config: &'a Config,
-    stem: &'static str,
-    recorder: &'a Recorder,
-    config_file: Option<PathBuf>,
-    reloads: Sender<Reloaded>,
-    reading: Option<Receiver<Result<Reloaded, ReloadError>>>,
-    stalled: bool,
-}
-
-impl Watch<'_> {
-    /// Returns once the thread has ended, or has had its time to end.
-    fn until_over<T>(&mut self, thread: &JoinHandle<T>, stop: &AtomicBool) {
-        let mut since = None;
-        while !thread.is_finished() {
-            for order in self.signals.orders() {
-                self.carry_out(order);
-            }
-            self.reloaded();
-            self.disk();
-            if stop.load(Ordering::Relaxed) && since.get_or_insert_with(Instant::now).elapsed() > TICK_END {
-                return;
-            }
-            std::thread::sleep(LOOK);
-        }
-    }
-
-    fn say(&self, level: EventLevel, part: &'static str, text: String) {
-        self.recorder.note(now_ns(), level, part, text);
-    }
-
-    fn carry_out(&mut self, order: Order) {
-        match (order, &self.config_file) {
-            (Order::Stop, _) => self.say(EventLevel::Info, "signal", "asked to end: vents open, goodbye".to_owned()),
-            (Order::Nothing(name), _) => {
-                self.say(EventLevel::Info, "signal", format!("{name} does nothing here; SIGTERM ends, SIGHUP reloads"));
-            }
-            (Order::Reload, None) => {
-                self.say(EventLevel::Info, "signal", "SIGHUP: there is no configuration file to read again".to_owned());
-            }
-            (Order::Reload, Some(file)) => match read_aside(file.clone()) {
-                Ok(from) => self.reading = Some(from),
-                Err(error) => self.say(EventLevel::Warning, "reload", format!("nothing was read: {error}")),
-            },
-        }
-    }
-
-    /// Takes over what was read, if something was.
-    fn reloaded(&mut self) {
-        let Some(from) = &self.reading else { return };
-        let read = match from.try_recv() {
-            Ok(read) => read,
-            Err(TryRecvError::Empty) => return,
-            Err(TryRecvError::Disconnected) => return self.reading = None,
-        };
-        self.reading = None;
-        let reloaded = match read {
-            Ok(reloaded) => reloaded,
-            Err(error) => {
-                return self.say(EventLevel::Warning, "reload", format!("{error}; the configuration stays as it was"));
-            }
-        };
-        let restart = needs_restart(self.config, &reloaded.config);
-        let mut new = destination(&reloaded.config, self.stem);
-        new.directory.clone_from(&self.config.record.directory);
-        self.recorder.redirect(new);
-        let mut text = "configuration read again: limits of recordings taken over".to_owned();
-        if !restart.is_empty() {
-            text.push_str(&format!("; changed, but needs a restart: {}", restart.join(", ")));
-        }
-        self.say(EventLevel::Info, "reload", text);
-        // The socket's thread knows whether the rig is controlled; without one nobody takes it.
-        let _ = self.reloads.send(reloaded);
-    }
-
-    /// Tells, past the recorder, that the recorder's disk does not answer.
-    fn disk(&mut self) {
-        let stalled = self.recorder.health().stalled();
-        if let (Some(time), false) = (stalled, self.stalled) {
-            notice(format_args!(
-                "the disk for recordings has not answered for {:.1} s; the rig is controlled on, nothing new is armed",
-                time.as_secs_f64()
-            ));
-        }
-        if let (None, true) = (stalled, self.stalled) {
-            self.say(EventLevel::Warning, "recorder", "the disk answers again".to_owned());
-        }
-        self.stalled = stalled.is_some();
-    }
 }

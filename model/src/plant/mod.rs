@@ -37,6 +37,7 @@ mod walls;
 pub(crate) use command::Samples;
 pub use dispatch::{InstructionSet, Simulated};
 pub(crate) use elements::lanes_of;
+pub(crate) use sensor::SensorPath;
 pub use simulation::{FreeRunStart, Simulation};
 pub(crate) use simulation::{MOST_SENSED, SensorSystem};
 pub use unobserved::UnobservedInitialState;
@@ -51,7 +52,6 @@ use elements::{
     ShapedVent, SpringCheck, Thermal, Vent,
 };
 use residual::Residual;
-use sensor::SensorPath;
 use walls::Wall;
 
 use crate::orifice::FlowFunction;

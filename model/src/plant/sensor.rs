@@ -1,7 +1,8 @@
 //! From a chamber to a reading: lag, answer, gain, bias and drift, and what of a pump's ripple comes through.
 
 use super::elements::{lanes_of, record};
-use super::lag;
+use super::lag::{self, Share};
+use crate::mechanism::{Mechanism, Swing};
 use crate::real::Real;
 
 record! {
@@ -117,6 +118,58 @@ impl SensorPath<f64> {
             drift: 0.0,
             drift_end: 0.0,
         }
+    }
+
+    /// A sensor with its mechanisms, in steps of `step_s`; it remembers from place `memory` on, which is moved behind that.
+    pub(crate) fn with<'m>(
+        node: usize,
+        mechanisms: impl Iterator<Item = &'m Mechanism>,
+        step_s: f64,
+        memory: &mut usize,
+    ) -> Self {
+        let mut path = SensorPath::plain(node);
+        let mut remember = |numbers: usize| {
+            let place = *memory;
+            *memory += numbers;
+            Some(place)
+        };
+        for mechanism in mechanisms {
+            match mechanism {
+                Mechanism::SensorLag(m) => {
+                    let [first, second] = m.time_constants_s();
+                    path.memory = remember(1);
+                    Share { approach: path.approach, ahead: path.ahead } = Share::of(first, step_s);
+                    if second > 0.0 {
+                        path.second = remember(1);
+                        Share { approach: path.second_approach, ahead: path.second_ahead } = Share::of(second, step_s);
+                    }
+                }
+                Mechanism::ResidualResponse(m) => {
+                    path.response = remember(2);
+                    (path.natural, path.damping, path.share) = (m.natural_rad_s(), m.damping_ratio, m.share);
+                    let Swing { keeps, turns, damps } = m.swing(step_s);
+                    (path.keeps, path.turns, path.damps) = (keeps, turns, damps);
+                    path.keeps_up = 1.0 / (path.natural * step_s);
+                }
+                Mechanism::SensorGain(m) => path.gain = m.gain,
+                Mechanism::SensorBias(m) => path.bias = m.bias_kpa,
+                Mechanism::SensorDrift(m) => (path.drift, path.drift_end) = m.course(),
+                _ => {}
+            }
+        }
+        path
+    }
+
+    /// Tells whether it shows a pressure late.
+    pub(crate) fn is_late(&self) -> bool {
+        self.lagged().is_some() || self.response.is_some()
+    }
+
+    /// The pressure that it shows of one without a ripple, in the unit of its memory; gain, bias and drift aside.
+    pub(crate) fn seen(&self, pressure: f64, memory: &[f64]) -> f64 {
+        let remembered = |place: Option<usize>| place.and_then(|m| memory.get(m)).copied();
+        let lagged = remembered(self.lagged()).unwrap_or(pressure);
+        remembered(self.response).map_or(lagged, |answered| self.share.mul_add(answered - lagged, lagged))
     }
 }
 

@@ -9,8 +9,8 @@ use crate::plant::{Plant, Simulation};
 use crate::real::{Lanes, Real};
 use crate::rig::{Rig, RigError};
 
-pub(super) const POSITIVE_KPA: Axis = Axis { low: -5.0, step: 5.0, points: 36 };
-pub(super) const NEGATIVE_KPA: Axis = Axis { low: -97.5, step: 2.5, points: 41 };
+const POSITIVE_KPA: Axis = Axis { low: -5.0, step: 5.0, points: 36 };
+const NEGATIVE_KPA: Axis = Axis { low: -97.5, step: 2.5, points: 41 };
 /// Ticks of a held rig (1 ms each) after which the cylinders' gas follows a ramp as it will: five of its time constants.
 const RAMP_TICKS: usize = 80;
 /// Slope of that ramp in Pa per tick; flows are straight over what it passes.
@@ -18,14 +18,14 @@ const RAMP_PA_PER_TICK: f64 = 10.0;
 
 /// A uniform grid in kPa gauge.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Axis {
-    pub(super) low: f64,
+struct Axis {
+    low: f64,
     step: f64,
-    pub(super) points: usize,
+    points: usize,
 }
 
 impl Axis {
-    pub(super) fn value(&self, index: usize) -> f64 {
+    fn value(&self, index: usize) -> f64 {
         self.low + self.step * index as f64
     }
 
@@ -35,6 +35,12 @@ impl Axis {
         let cell = (position as usize).min(self.points - 2);
         (cell, position - cell as f64)
     }
+}
+
+/// Pressures in kPa gauge, moved to the map's edge where they are beyond it.
+pub(super) fn within_map(pressures_kpa: Pair) -> Pair {
+    let axes = [POSITIVE_KPA, NEGATIVE_KPA];
+    std::array::from_fn(|c| pressures_kpa[c].clamp(axes[c].low, axes[c].value(axes[c].points - 1)))
 }
 
 /// Flows and capacities over the grid of pressures, `[negative][positive]` flattened.

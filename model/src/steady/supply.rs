@@ -31,6 +31,13 @@ impl Supply {
         sent.map(|duty| duty * left)
     }
 
+    /// By how much the duty that acts at each valve grows with its own that is sent, around those that are sent. Where more
+    /// current would give less, it is answered as if a quarter was left.
+    pub(super) fn acting_per_sent(self, sent: Pair) -> Pair {
+        let left = 1.0 - self.loss_per_duty * (sent[0] + sent[1]);
+        sent.map(|duty| (left - self.loss_per_duty * duty).max(0.25))
+    }
+
     /// Duties to send for those that are to act, both beyond 0 … 1 where no duty does. More than the supply can give is
     /// answered as if it lost no more than at the most that it gives.
     pub(super) fn sent(self, acting: Pair) -> Pair {

@@ -12,6 +12,7 @@ use model::rig::{Rig, RigError};
 use super::crio::CrioConfig;
 use super::pace::TICK;
 use super::sensors::SensorScale;
+use crate::rig_file::{self, RigFileError};
 
 /// A rig advanced by one 20 ms tick per call.
 pub trait EmulatedPlant: Send {
@@ -52,14 +53,7 @@ impl EmulatedPlant for DualPressureRig {
 /// another tick than the wire's 20 ms.
 pub fn rig_and_crio(rig: &Rig) -> Result<(DualPressureRig, CrioConfig), RigError> {
     let behind = DualPressureRig::new(rig)?;
-    let tick_ms = TICK.as_secs_f64() * 1e3;
-    // A tick is written in ms with a few digits; one part in a million is far below what moves a pressure.
-    if (rig.integrator.tick_ms / tick_ms - 1.0).abs() > 1e-6 {
-        return Err(RigError::at(
-            "integrator.tick_ms",
-            format!("a tick of {} ms; the cRIO samples every {tick_ms} ms", rig.integrator.tick_ms),
-        ));
-    }
+    check_tick(rig)?;
     let mut crio = CrioConfig::default();
     for (scale, column) in crio.scales.iter_mut().zip(DualPressurePorts::READING) {
         if let Some(sensor) = rig.sensors.values().find(|sensor| sensor.column == column) {
@@ -69,6 +63,39 @@ pub fn rig_and_crio(rig: &Rig) -> Result<(DualPressureRig, CrioConfig), RigError
     let inputs = Plant::<f64>::new(rig)?;
     crio.pump_relay = inputs.inputs().iter().any(|input| input.column == DualPressurePorts::PUMP_ON);
     Ok((behind, crio))
+}
+
+/// Refuses a rig that a loop cannot be closed over: its tick is not that of the control, the wire's 20 ms, so that it would
+/// pass through another time than its controller.
+///
+/// # Errors
+/// The tick, by its key.
+pub fn check_tick(rig: &Rig) -> Result<(), RigError> {
+    let tick_ms = TICK.as_secs_f64() * 1e3;
+    // A tick is written in ms with a few digits; one part in a million is far below what moves a pressure.
+    if (rig.integrator.tick_ms / tick_ms - 1.0).abs() > 1e-6 {
+        return Err(RigError::at(
+            "integrator.tick_ms",
+            format!("a tick of {} ms; the cRIO samples every {tick_ms} ms", rig.integrator.tick_ms),
+        ));
+    }
+    Ok(())
+}
+
+/// Reads a rig that a loop is to be closed over, as plant or as model: a built-in one or a file, refused where it could not stand
+/// behind the wire. `given_as` says in errors how it was asked for (`--model`), where it was.
+///
+/// # Errors
+/// As [`rig_file::load`], or as [`rig_and_crio`] with the file.
+pub fn load_for_loop(file: &str, given_as: Option<&str>) -> Result<Rig, RigFileError> {
+    let rig = rig_file::load(file)?;
+    match rig_and_crio(&rig) {
+        Ok(_) => Ok(rig),
+        Err(problem) => {
+            let file = given_as.map_or_else(|| file.to_owned(), |given_as| format!("{file} ({given_as})"));
+            Err(RigFileError::Rig { file, problem })
+        }
+    }
 }
 
 /// The straight line through both ends of a sensor's range, at 1 V and 5 V.
@@ -134,5 +161,14 @@ mod tests {
     fn a_rig_with_another_tick_is_refused_by_name() {
         let error = rig_and_crio(&paper(|rig| rig.integrator.tick_ms = 10.0)).err().unwrap();
         assert_eq!(error.to_string(), "integrator.tick_ms: a tick of 10 ms; the cRIO samples every 20 ms");
+        let path = std::env::temp_dir().join(format!("loop-rig-{}.toml", std::process::id()));
+        rig_file::save(&path, &paper(|rig| rig.integrator.tick_ms = 40.0)).unwrap();
+        let file = path.to_str().unwrap();
+        let said = |given_as| load_for_loop(file, given_as).unwrap_err().to_string();
+        let problem = "integrator.tick_ms: a tick of 40 ms; the cRIO samples every 20 ms";
+        assert_eq!(said(None), format!("{file}: {problem}"));
+        assert_eq!(said(Some("--model")), format!("{file} (--model): {problem}"));
+        assert_eq!(load_for_loop("bench", None).unwrap(), Rig::builtin("bench").unwrap());
+        std::fs::remove_file(path).unwrap();
     }
 }

@@ -139,14 +139,16 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     let sheet = numbered.as_ref().unwrap_or(sheet);
     let (mut missing, read) = lost_rows::readings(sheet, &mut time_s, &mut columns);
     let sheet = read.as_ref().unwrap_or(sheet);
-    let repeated = repeated::fresh(&readings(&columns)).filter(|_| Resampling::new(&time_s).is_as_it_was());
+    let is_uneven = |of: &&[f64]| repeated::Held::of(&time_s, of).is_some_and(|held| !held.is_even());
+    let repeated = repeated::fresh(&readings(&columns))
+        .filter(|_| Resampling::new(&time_s).is_as_it_was() && !readings(&columns).iter().any(is_uneven));
     let own = match repeated {
         None => OwnRows::put(sheet, &mut time_s, &mut columns, &mut missing),
         Some(_) => Ok(None),
     };
-    let (own, kept) = own.map_err(|at| never_together(sheet, &columns, at))?.unzip();
+    let (own, kept) = own.map_err(|at| never_together(sheet, &time_s, &columns, at))?.unzip();
     let sheet = kept.as_ref().unwrap_or(sheet);
-    let slower = Slower::of(&readings(&columns)).map_err(|at| never_together(sheet, &columns, at))?;
+    let slower = Slower::of(&readings(&columns)).map_err(|at| never_together(sheet, &time_s, &columns, at))?;
     let (time_s, columns) = match &slower {
         Some(slower) => {
             missing = missing.cut(&slower.span);
@@ -198,6 +200,9 @@ fn from_sheet(sheet: &Sheet<'_>, rig: &Rig, map: &RecordingMap) -> Result<Record
     Ok(if may_count_rows { recording.that_may_count_rows() } else { recording })
 }
 
+/// Readings that are left out for want of others are told from one in so many on: one or two at the ends are no matter.
+const TOLD_LEFT_OUT: usize = 20;
+
 /// The recording of topics that stand in rows of their own: rows where the sensors were read, and the commands that were in force there.
 fn of_topics(
     sheet: &Sheet<'_>,
@@ -205,13 +210,22 @@ fn of_topics(
     mut columns: Vec<(Column, Kind)>,
     notes: Vec<String>,
 ) -> Result<Recording, RecordingError> {
-    let read =
-        asynchronous::readings(time_s, &mut columns).map_err(|sensor| never_together(sheet, &columns, sensor))?;
+    let repeated = asynchronous::without_repeated(time_s, &mut columns);
+    let fewest = readings(&columns).iter().map(|of| of.iter().filter(|x| !x.is_nan()).count()).min().unwrap_or(0);
+    let spans = asynchronous::spans(time_s, &columns);
+    let read = asynchronous::readings(time_s, &mut columns)
+        .map_err(|sensor| never_together(sheet, time_s, &columns, sensor))?;
     let read_s = rows_alone(time_s, &read);
-    let mut resampling = Resampling::new(&read_s).commanded(time_s);
-    if let Some((fresh, repeats)) = repeated::fresh(&readings(&columns)).filter(|_| resampling.is_as_it_was()) {
-        resampling.only(&fresh, Sensors::Repeated(repeats));
-    }
+    let resampling = Resampling::new(&read_s).commanded(time_s);
+    let repeated = (!repeated.is_empty())
+        .then(|| format!("{}: {}; only the first row of each reading counts as one", sheet.file, repeated.join(", ")));
+    let left_out = fewest.saturating_sub(read.len());
+    let in_part = (left_out * TOLD_LEFT_OUT > fewest).then(|| {
+        format!(
+            "{}: {left_out} of {fewest} readings of the sensor that was read least often are left out, where another one has none ({spans})",
+            sheet.file
+        )
+    });
     let rows = |(column, kind): &(Column, Kind)| Column {
         name: column.name.clone(),
         data: rows_of(&resampling, &column.data, *kind),
@@ -224,7 +238,7 @@ fn of_topics(
         header_line: sheet.header_line,
         time_s: resampling.rows.clone(),
     };
-    let notes = notes.into_iter().chain(resampling.notes(&sheet.file)).collect();
+    let notes = notes.into_iter().chain(repeated).chain(in_part).chain(resampling.notes(&sheet.file)).collect();
     Ok(Recording::from_rows(&sheet.file, rows)?.with_notes(notes))
 }
 
@@ -242,10 +256,10 @@ fn readings(columns: &[(Column, Kind)]) -> Vec<&[f64]> {
 }
 
 /// The error of a sensor whose readings stand in other rows than those of the rest.
-fn never_together(sheet: &Sheet<'_>, columns: &[(Column, Kind)], sensor: usize) -> RecordingError {
+fn never_together(sheet: &Sheet<'_>, time_s: &[f64], columns: &[(Column, Kind)], sensor: usize) -> RecordingError {
     let name = columns.iter().filter(|(_, kind)| *kind == Kind::Reading).nth(sensor).map(|(column, _)| &column.name);
     let column = name.cloned().unwrap_or_default();
-    RecordingError::NeverTogether { file: sheet.file.clone(), column }
+    RecordingError::NeverTogether { file: sheet.file.clone(), column, spans: asynchronous::spans(time_s, columns) }
 }
 
 /// Times and columns from the first row to the last in which all sensors were read, with lines where one was not.

@@ -133,14 +133,17 @@ pub enum RecordingError {
     },
     /// A sensor has readings in other rows than the rest.
     #[error(
-        "{file}: column {column} has readings in other rows than the other sensors; write a table in which both stand in one row, or a rig \
-         file with this sensor alone"
+        "{file}: column {column} has readings in other rows than the other sensors ({spans}), and a run begins where all have been read; \
+         where its readings stand under another title there, name that with [recording] columns.{column}, else give a file in which all are \
+         read for some seconds, or a rig file without the sensors that are not"
     )]
     NeverTogether {
         /// The file.
         file: String,
         /// The column.
         column: String,
+        /// Each sensor with the times from which to which it has readings.
+        spans: String,
     },
     /// Columns of different lengths were put together.
     #[error("{file}: column {column} has {found} rows, time_s has {expected}")]

@@ -39,7 +39,7 @@ impl Adaptation {
     fn yardstick_of_the_found_rig(&self) -> Result<Yardstick, AdaptError> {
         let path = self.found_rig();
         let rig = rig_file::load(&path.to_string_lossy()).map_err(|error| AdaptError::file(&path, error))?;
-        Yardstick::of(&rig).map_err(|error| AdaptError::file(&path, error))
+        Ok(Yardstick::of(&rig))
     }
 
     /// Judges the flight before by the found rig's sensors as well, once the daemon has taken that rig and before another

@@ -1,8 +1,7 @@
 //! The least that any controller must leave on the model that was found, and whether there is anything to learn.
 //!
-//! The optimum has its readings on the reference, also where sensors are late ([`crate::yardstick`]): it knows the whole
-//! reference and rig, and moves the chambers ahead of it. Chambers that are on the reference themselves are no harder to have,
-//! as they need not move ahead, so it is held against either figure.
+//! The optimum is judged as flights on that model are: where its sensors are late, by readings less what they show of chambers
+//! on the reference ([`crate::yardstick`]).
 
 use std::path::Path;
 

@@ -134,14 +134,16 @@ impl Rehearsal {
         let arguments = ["rig", "--listen", "127.0.0.1:0", "--pace", "lockstep", "--seed", &seed.to_string(), "--rig"];
         console.command(&format!("trainer {} {}", arguments.join(" "), rig_path.display()));
         let mut command = Command::new(&programs.trainer);
-        command.args(arguments).arg(&rig_path).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
+        let log = folder.join("rig.log");
+        let errors = std::fs::File::create(&log).map_err(|error| AdaptError::file(&log, error))?;
+        command.args(arguments).arg(&rig_path).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(errors);
         let child = apart(&mut command)
             .spawn()
             .map_err(|source| AdaptError::Start { command: "trainer rig".into(), source })?;
         let out = rehearsal.rig.insert(child).stdout.take();
         let address = listening(out).ok_or_else(|| AdaptError::Failed {
             command: "trainer rig".into(),
-            said: "it does not say where it listens".into(),
+            said: last_line(&log).unwrap_or_else(|| "it does not say where it listens".into()),
         })?;
         let text = format!(
             "[link]\naddress = \"{address}\"\npacing = \"lockstep\"\n[record]\ndirectory = \"recordings\"\nmin_free_mib = 64\n\
@@ -250,6 +252,13 @@ fn listening(out: Option<impl std::io::Read + Send + 'static>) -> Option<String>
     line.trim().strip_prefix("listening on ").map(str::to_owned)
 }
 
+/// The last line of a program's log, without the program's name: why it ended.
+fn last_line(log: &Path) -> Option<String> {
+    let text = std::fs::read_to_string(log).ok()?;
+    let line = text.lines().rfind(|line| !line.trim().is_empty())?;
+    Some(line.trim().trim_start_matches("trainer: ").to_owned())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -265,5 +274,15 @@ mod tests {
             assert_eq!(concealed(rig).len(), rig.mechanisms.iter().filter(|m| m.enabled).count());
         }
         assert_eq!(rigs[0], draw_rig(1).unwrap());
+    }
+
+    #[test]
+    fn a_log_says_why_its_program_ended() {
+        let log = std::env::temp_dir().join(format!("rehearsal-log-{}", std::process::id()));
+        std::fs::write(&log, "trainer: begins\ntrainer: rig.toml: valves: none\n\n").unwrap();
+        assert_eq!(last_line(&log).as_deref(), Some("rig.toml: valves: none"));
+        std::fs::write(&log, "").unwrap();
+        assert_eq!(last_line(&log), None);
+        std::fs::remove_file(log).unwrap();
     }
 }

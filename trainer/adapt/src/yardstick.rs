@@ -3,31 +3,18 @@
 //! A controller that knows of a late sensor puts the *chamber* on the reference (docs/control.md), and the reading trails the
 //! reference by the sensor's lag. By readings less reference the better flight would look the worse, and the model would be
 //! put back. So flights on a found rig with a `sensor_lag` or a `residual_response` are judged by their readings less what its
-//! sensors would read if the chambers were on the reference. These are the model's own sensors, on chambers that are held on
-//! the reference. Nothing else of the rig is in it: gain, bias and drift of a sensor are left out, since references are in
-//! terms of what is read.
+//! sensors would read if the chambers were on the reference ([`model::shown_reference`]), as the daemon's trial and arbiter
+//! judge as well.
 //!
 //! A lag that was named wrongly would define the yardstick by which it looks better. It is believed only because others have
 //! taken it, and neither of them looks at the reference: diagnosis, on rows that nothing was fitted to, and the daemon, which
 //! compared both models' predictions with the last minutes and put this one in force. No flight is judged so before that,
 //! readings less reference are told beside, and extremes and limits are of the readings as they are.
 
-use std::sync::Arc;
-
-use model::mechanism::Mechanism;
-use model::observation::{CHANNELS, Pair};
-use model::plant::{Plant, Simulation};
-use model::predict::DualPressurePorts;
-use model::rig::{Integrator, Rig, RigError};
+use model::observation::Pair;
+use model::rig::Rig;
+use model::shown_reference::ShownReference;
 use proto::recording::TickRecord;
-
-use crate::rig_time::TICK_S;
-
-/// Ticks of the sensors' simulation in one of the rig: of 1 ms, the shortest that a rig may have. The chamber stands still in
-/// each, which makes a lag of 8 ms, the shortest that diagnosis begins at, longer by 0.01 ms.
-const PARTS: u32 = 20;
-/// Ticks beyond which a gap in a recording counts no further (10 s).
-const MOST_TICKS: u32 = 500;
 
 /// Sentence on which of two figures decides, and why.
 pub(crate) const JUDGED_BEHIND_LATE_SENSORS: &str = "the sensors of the model that was found show pressures late, so runs are judged by \
@@ -37,128 +24,37 @@ pub(crate) const JUDGED_BEHIND_LATE_SENSORS: &str = "the sensors of the model th
 /// Measure of a flight's errors; by default its readings less the reference.
 #[derive(Debug, Clone, Default)]
 pub struct Yardstick {
-    late: Option<LateSensors>,
+    /// At the beginning of a flight.
+    shown: ShownReference,
 }
 
 impl Yardstick {
     /// Yardstick of flights on a rig that was found: readings less reference where none of its sensors is late.
-    ///
-    /// # Errors
-    /// A rig that is unsound.
-    pub fn of(found: &Rig) -> Result<Self, RigError> {
-        Ok(Yardstick { late: LateSensors::of(found)? })
+    pub fn of(found: &Rig) -> Self {
+        Yardstick { shown: ShownReference::of(found) }
     }
 
     /// Tells whether it is another than readings less reference.
     pub fn has_late_sensors(&self) -> bool {
-        self.late.is_some()
+        self.shown.is_late()
     }
 
     /// Errors in kPa, tick by tick of a flight from its first on; not finite where a reading or the reference is not.
     pub fn errors_kpa(&self, ticks: &[TickRecord]) -> Vec<Pair> {
-        let mut shown = self.late.as_ref().map(Shown::by);
+        let mut shown = self.shown.clone();
+        // Tick at which the reference was last known.
+        let mut known = None;
         let error = |tick: &TickRecord| {
             let reference_kpa = [tick.ref_pos_kpa, tick.ref_neg_kpa];
-            let [pos, neg] = shown.as_mut().map_or(reference_kpa, |shown| shown.next_kpa(tick.tick, reference_kpa));
-            [tick.p_pos_kpa - pos, tick.p_neg_kpa - neg]
+            let since = tick.tick.saturating_sub(known.unwrap_or(tick.tick));
+            let shown_kpa = shown.next_kpa(since, reference_kpa);
+            if reference_kpa.iter().all(|kpa| kpa.is_finite()) {
+                known = Some(tick.tick);
+            }
+            let readings_kpa = [tick.p_pos_kpa, tick.p_neg_kpa];
+            std::array::from_fn(|c| readings_kpa[c] - shown_kpa[c])
         };
         ticks.iter().map(error).collect()
-    }
-}
-
-/// Sensors of a rig of which at least one is late, on chambers that nothing flows into.
-#[derive(Debug, Clone)]
-struct LateSensors {
-    plant: Arc<Plant<f64>>,
-    /// Sensor and chamber of each channel in it; nothing of one that reads what is there.
-    places: [Option<Place>; CHANNELS],
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Place {
-    sensor: usize,
-    chamber: usize,
-}
-
-impl LateSensors {
-    fn of(found: &Rig) -> Result<Option<Self>, RigError> {
-        let is_late = |m: &Mechanism| matches!(m, Mechanism::SensorLag(_) | Mechanism::ResidualResponse(_));
-        let mut mechanisms = found.mechanisms.clone();
-        mechanisms.retain(|m| m.enabled && is_late(&m.mechanism));
-        let place = |column: &str| {
-            let (sensor, (name, about)) = found.sensors.iter().enumerate().find(|(_, (_, s))| s.column == column)?;
-            let chamber = found.volumes.get_index_of(&about.volume)?;
-            mechanisms.iter().any(|m| m.component == *name).then_some(Place { sensor, chamber })
-        };
-        let places = DualPressurePorts::READING.map(place);
-        if places.iter().all(Option::is_none) {
-            return Ok(None);
-        }
-        let part_ms = 1e3 * TICK_S / f64::from(PARTS);
-        let alone = Rig {
-            integrator: Integrator { step_ms: part_ms, tick_ms: part_ms, ..found.integrator.clone() },
-            pumps: Default::default(),
-            valves: Default::default(),
-            lines: Default::default(),
-            sources: Default::default(),
-            recording: None,
-            mechanisms,
-            ..found.clone()
-        };
-        Ok(Some(LateSensors { plant: Arc::new(Plant::new(&alone)?), places }))
-    }
-}
-
-/// Readings of late sensors whose chambers are on a reference, tick by tick.
-struct Shown {
-    sensors: Simulation<f64>,
-    places: [Option<Place>; CHANNELS],
-    /// Tick and reference where it was last known.
-    last: Option<(u32, Pair)>,
-}
-
-impl Shown {
-    fn by(late: &LateSensors) -> Self {
-        Shown { sensors: Simulation::new(Arc::clone(&late.plant)), places: late.places, last: None }
-    }
-
-    /// Readings at a tick, in kPa gauge: between two ticks the reference goes straight. The sensors have settled at the first:
-    /// what would be left of the way there is over before anything counts.
-    fn next_kpa(&mut self, tick: u32, reference_kpa: Pair) -> Pair {
-        if !reference_kpa.iter().all(|kpa| kpa.is_finite()) {
-            return [f64::NAN; CHANNELS];
-        }
-        match self.last.replace((tick, reference_kpa)) {
-            None => {
-                for (place, kpa) in self.places.iter().zip(reference_kpa) {
-                    if let Some(Place { sensor, .. }) = place {
-                        self.sensors.correct(&[*sensor], &[kpa]);
-                    }
-                }
-            }
-            Some((before, from_kpa)) => {
-                let parts = tick.saturating_sub(before).min(MOST_TICKS) * PARTS;
-                for part in 0..parts {
-                    let share = (f64::from(part) + 0.5) / f64::from(parts);
-                    self.hold(std::array::from_fn(|c| from_kpa[c] + share * (reference_kpa[c] - from_kpa[c])));
-                    self.sensors.tick(&[]);
-                }
-                self.hold(reference_kpa);
-            }
-        }
-        std::array::from_fn(|c| {
-            self.places[c].map_or(reference_kpa[c], |Place { sensor, .. }| self.sensors.reading_kpa(sensor))
-        })
-    }
-
-    /// Holds the chambers at pressures in kPa gauge.
-    fn hold(&mut self, chambers_kpa: Pair) {
-        let atmosphere_pa = self.sensors.plant().atmosphere_pa();
-        for (place, kpa) in self.places.iter().zip(chambers_kpa) {
-            if let Some(Place { chamber, .. }) = place {
-                self.sensors.set_pressure_pa(*chamber, atmosphere_pa + 1e3 * kpa);
-            }
-        }
     }
 }
 
@@ -167,7 +63,9 @@ mod tests {
     use super::*;
     use crate::guard::{squares_by_second, worse_window};
     use crate::recorded::RUN;
+    use crate::rig_time::TICK_S;
     use crate::tracking::Tracking;
+    use model::observation::CHANNELS;
     use model::predict::DualPressureRig;
 
     /// The paper's rig with mechanisms at its sensors.
@@ -207,7 +105,7 @@ mod tests {
             (format!("{two}{answer}"), 0.38 + 0.5 * 2.0 * 0.7 / (std::f64::consts::TAU * 2.0)),
         ] {
             let ticks = ramp(4.0);
-            let yardstick = Yardstick::of(&with(&mechanisms)).unwrap();
+            let yardstick = Yardstick::of(&with(&mechanisms));
             let last = yardstick.errors_kpa(&ticks)[499];
             // The error of a reading of nothing is what is shown, with its sign turned.
             let (shown_kpa, reference_kpa) = (-last[0], ticks[499].ref_pos_kpa);
@@ -241,7 +139,7 @@ mod tests {
         assert!(moved_kpa > 20.0, "{moved_kpa}");
         let raw_kpa = Yardstick::default().errors_kpa(&flown);
         // A gain is none of the yardstick's business: reference and readings both have it.
-        let errors_kpa = Yardstick::of(&with(&own)).unwrap().errors_kpa(&flown);
+        let errors_kpa = Yardstick::of(&with(&own)).errors_kpa(&flown);
         let most = |errors: &[Pair], c: usize| errors.iter().fold(0.0_f64, |most, error| most.max(error[c].abs()));
         for c in 0..CHANNELS {
             // Between ticks the chambers do not go straight when a valve has just moved.
@@ -259,7 +157,7 @@ mod tests {
         let valves = "[[mechanisms]]\nid = \"valve_lag\"\ncomponent = \"valve_pos\"\ntime_constant_ms = 80.0\n";
         let bias = "[[mechanisms]]\nid = \"sensor_bias\"\ncomponent = \"sensor_pos\"\nbias_kpa = 1.0\n";
         let off = lag("sensor_neg", "time_constant_ms = 100.0\nenabled = false");
-        let yardstick = Yardstick::of(&with(&format!("{valves}{bias}{off}"))).unwrap();
+        let yardstick = Yardstick::of(&with(&format!("{valves}{bias}{off}")));
         assert!(!yardstick.has_late_sensors());
         let ticks = flight((0..600).map(|n| {
             let at = 0.1 * f64::from(n);
@@ -280,7 +178,7 @@ mod tests {
         let reference = |n: u32| [sine(n, size_kpa, 0.0), -70.0];
         let on_the_chamber = flight((0..2000).map(|n| [[sine(n, size, late), -70.0], reference(n)]));
         let on_the_reading = flight((0..2000).map(|n| [reference(n), reference(n)]));
-        let yardstick = Yardstick::of(&with(&lag("sensor_pos", "time_constant_ms = 160.0"))).unwrap();
+        let yardstick = Yardstick::of(&with(&lag("sensor_pos", "time_constant_ms = 160.0")));
         let [chamber, reading] =
             [&on_the_chamber, &on_the_reading].map(|ticks| Tracking::of(ticks, &yardstick).unwrap());
         // The difference of both sines: ωτ/√(1+ω²τ²) of the size, by root mean square. Over whole seconds, not whole turns.
@@ -305,7 +203,7 @@ mod tests {
     /// A reference that a recording lacks for some ticks is gone on from where it was; the errors there are none.
     #[test]
     fn a_gap_in_the_reference_is_an_error_of_nothing() {
-        let yardstick = Yardstick::of(&with(&lag("sensor_neg", "time_constant_ms = 100.0"))).unwrap();
+        let yardstick = Yardstick::of(&with(&lag("sensor_neg", "time_constant_ms = 100.0")));
         let mut ticks = flight((0..600).map(|n| [[80.0, -70.0 - 0.01 * f64::from(n)]; 2]));
         let whole = yardstick.errors_kpa(&ticks);
         ticks[300].ref_pos_kpa = f64::NAN;

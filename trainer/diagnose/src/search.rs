@@ -46,15 +46,15 @@ use refine::{from_priors, plainer, refined, richer};
 use slips::in_pieces;
 pub(crate) use stepped::lying_where;
 use stepped::sharpened;
-pub use terms::{is_open, open_beside, position_of, starts, values_of, with, without};
+pub use terms::{is_open, kinds, open_beside, position_of, starts, values_of, with, without};
 use twin::{Likes, twinned};
 use worth::{earns_its_place, least_gain, leaves_room};
 
 /// Settings of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchSettings {
-    /// The most terms.
-    pub most_terms: usize,
+    /// The most kinds of terms ([`kinds`]): backlash, lag and delay of both valves and warm gas are seven terms of four kinds.
+    pub most_kinds: usize,
     /// Number of the best candidates of a round that are fitted to the end.
     pub polished: usize,
     /// Number of candidates, those that the screen puts first, that are fitted at all.
@@ -77,7 +77,7 @@ impl SearchSettings {
     /// The whole search, for a rig whose pump was switched in the recordings or not.
     pub fn whole(switched: bool) -> Self {
         let bar = if switched { Bar::of_experiments() } else { Bar::default() };
-        SearchSettings { most_terms: 4, glanced: 6, paired: 3, polished: 3, from_prior: true, thorough: true, bar }
+        SearchSettings { most_kinds: 4, glanced: 6, paired: 3, polished: 3, from_prior: true, thorough: true, bar }
     }
 
     /// A short one: the same in most cases (docs/diagnose-hidden-suite.md), in two thirds of the time.
@@ -168,7 +168,7 @@ pub fn search(
     // The last one of every candidate: in a short search the first, which tells the later ones what to expect.
     let mut screened: Option<(Vec<usize>, Screening)> = None;
     // What is added and then deleted again would be added once more, and so on.
-    while best.terms.len() < settings.most_terms && !stood.contains(&best.terms) {
+    while kinds(candidates, &best.terms) < settings.most_kinds && !stood.contains(&best.terms) {
         if !best.terms.is_empty() && !leaves_room(bench, settings, &best) {
             break;
         }
@@ -232,7 +232,7 @@ pub fn search(
             let unexplained = unexplained && slips.is_none();
             // Each of two may be lost in what the other does.
             let far = settings.thorough || best.terms.len() < 2;
-            let ahead = if unexplained && far && best.terms.len() + 2 <= settings.most_terms {
+            let ahead = if unexplained && far && kinds(candidates, &best.terms) + 2 <= settings.most_kinds {
                 let earlier = screened.as_ref().map(|(_, screening)| screening);
                 let further = additions(bench, candidates, &top, &settings.looking_ahead(), (earlier, 0.0), tell)?;
                 further.polished.into_iter().find(|pair| {
@@ -280,7 +280,7 @@ pub fn search(
     }
     best = twinned(bench, candidates, best, settings, &mut tried, &mut likes);
     // What a fit does not need may still be there, where its parameters are not believed.
-    if !best.terms.is_empty() && best.terms.len() < settings.most_terms && has_given_way(bench, &best) {
+    if !best.terms.is_empty() && kinds(candidates, &best.terms) < settings.most_kinds && has_given_way(bench, &best) {
         let known = screened.filter(|(terms, _)| *terms == best.terms).map(|(_, screening)| screening);
         tried.extend(believed(bench, candidates, &best, known, settings, tell));
     }

@@ -4,7 +4,8 @@ use law::{ControlInput, ControlOutput, Fallback, PolicyLaw, SoftStart, TICK_S};
 use model::observation::{ACTION_LEN, AHEAD, ActionTrajectory, CHANNELS, CORRECTION_OBSERVATION_LEN, Pair};
 use model::predict::{DualPressureRig, Predictor};
 use model::rig::Rig;
-use proto::emulator::{EmulatedPlant, Sensors};
+use model::shown_reference::ShownReference;
+use proto::emulator::{EmulatedPlant, Sensors, check_tick};
 use proto::reference::Reference;
 
 use crate::{EnvironmentError, sensor_scales};
@@ -77,6 +78,8 @@ pub struct FlownTick {
     pub true_kpa: Pair,
     /// The reference as given.
     pub goal_kpa: Pair,
+    /// What the rig's sensors show of chambers on it: the reference itself where none of them is late.
+    pub shown_goal_kpa: Pair,
     /// The duties that were sent.
     pub duty: Pair,
 }
@@ -126,7 +129,7 @@ pub fn fly_while(
     fly_plant(plan, &mut plant, controller, goes_on)
 }
 
-/// As [`fly_while`], with a plant that may be another one than `plan.rig`, of which the sensors' scales are taken.
+/// As [`fly_while`], with a plant that may be another one than `plan.rig`, of which the sensors' scales and lags are taken.
 ///
 /// # Errors
 /// As [`fly`].
@@ -136,6 +139,9 @@ pub fn fly_plant(
     controller: &mut impl Controller,
     goes_on: &mut dyn FnMut() -> bool,
 ) -> Result<Option<Flown>, EnvironmentError> {
+    for rig in std::iter::once(plan.rig).chain(plan.model) {
+        check_tick(rig).map_err(EnvironmentError::rig(rig))?;
+    }
     let scales = sensor_scales(plan.rig)?;
     let mut predictor = match plan.model {
         Some(model) => Some(Predictor::new(model).map_err(EnvironmentError::rig(model))?),
@@ -146,6 +152,7 @@ pub fn fly_plant(
     let mut ticks = Vec::with_capacity(count);
     let mut trajectory = ActionTrajectory::held(VENT);
     let mut approach = None;
+    let mut shown_reference = ShownReference::of(plan.rig);
     for tick in 0..count {
         if !goes_on() {
             return Ok(None);
@@ -180,7 +187,9 @@ pub fn fly_plant(
         if let Some(predictor) = &mut predictor {
             predictor.advance(duty, true);
         }
-        ticks.push(FlownTick { measured_kpa, true_kpa, goal_kpa: plan.reference.at(tick as f64 * TICK_S), duty });
+        let goal_kpa = plan.reference.at(tick as f64 * TICK_S);
+        let shown_goal_kpa = shown_reference.next_kpa(1, goal_kpa);
+        ticks.push(FlownTick { measured_kpa, true_kpa, goal_kpa, shown_goal_kpa, duty });
         plant.tick(duty, true);
     }
     Ok(Some(Flown { ticks }))

@@ -5,9 +5,10 @@
 //! h_c(e) = e up to e_c, and a tenth of what is beyond
 //! ```
 //!
-//! `o_τ` is measured, `o_{τ+1} …` are MPObs. `k` and the channels' `f_c` are 1 in the paper, `e_c` is endless. The
-//! tenth keeps a reason to come back from far away. Without MPObs only what
-//! is measured can be paid for; its weight is then the sum of all, so that rewards of both kinds compare.
+//! `o_τ` is measured, `o_{τ+1} …` are MPObs. On a rig whose sensors are late `g` is what they show of chambers on the goals
+//! ([`model::shown_reference`]): pay for readings on the goals would teach to drive the chambers ahead. `k` and the channels'
+//! `f_c` are 1 in the paper, `e_c` is endless. The tenth keeps a reason to come back from far away. Without MPObs only what is
+//! measured can be paid for; its weight is then the sum of all, so that rewards of both kinds compare.
 
 use model::observation::{AHEAD, Pair};
 

@@ -14,12 +14,13 @@ pub(crate) fn skipped_ticks() -> usize {
     (SKIPPED_S / TICK_S) as usize
 }
 
-/// Figures of one flight, positive and negative channel.
+/// Figures of one flight, positive and negative channel. Errors are of the readings less what the rig's sensors show of chambers
+/// on the reference, which is the reference itself where none of them is late ([`model::shown_reference`]).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Score {
     /// Root of the mean squared error of the measured pressures, in kPa.
     pub rmse_kpa: Pair,
-    /// Mean error, measured minus reference, in kPa.
+    /// Mean error, in kPa.
     pub offset_kpa: Pair,
     /// Largest error, in kPa.
     pub worst_kpa: Pair,
@@ -40,7 +41,7 @@ impl Score {
         let counted = ticks.get(skipped..).unwrap_or_default();
         let count = counted.len() as f64;
         for c in 0..CHANNELS {
-            let errors = || counted.iter().map(|t| t.measured_kpa[c] - t.goal_kpa[c]);
+            let errors = || counted.iter().map(|t| t.measured_kpa[c] - t.shown_goal_kpa[c]);
             let changes = counted.windows(2).map(|pair| match pair {
                 [before, after] => after.duty[c] - before.duty[c],
                 _ => 0.0,
@@ -65,6 +66,7 @@ mod tests {
                 measured_kpa: if t < 250 { [500.0, 0.0] } else { [80.0 + if t % 2 == 0 { 0.3 } else { -0.3 }, -69.0] },
                 true_kpa: [80.0, -70.0],
                 goal_kpa: [80.0, -70.0],
+                shown_goal_kpa: [80.0, -70.0],
                 duty: [0.5 + 0.01 * f64::from(t % 2), 0.5],
             })
             .collect();

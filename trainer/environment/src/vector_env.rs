@@ -11,8 +11,9 @@ use model::observation::{ACTION_LEN, AHEAD, ActionTrajectory, CHANNELS, GOALS_AH
 use model::predict::{DualPressureRig, Predictor};
 use model::real::{Lanes, Real};
 use model::rig::{Rig, RigError};
+use model::shown_reference::ShownReference;
 use model::steady::SteadyMap;
-use proto::emulator::{SensorScale, Sensors};
+use proto::emulator::{SensorScale, Sensors, check_tick};
 use rand::{Rng, RngExt as _};
 use rand_distr::{Distribution, StandardNormal};
 
@@ -45,9 +46,9 @@ pub struct Step {
     pub rewards: [f32; SIDE_BY_SIDE],
     /// Whether the rig left its envelope: nothing comes after.
     pub terminal: [bool; SIDE_BY_SIDE],
-    /// Error of the measured pressures in kPa.
+    /// Error of the measured pressures in kPa: less what the rig's sensors show of chambers on the goal.
     pub error_kpa: [Pair; SIDE_BY_SIDE],
-    /// Error of the readings before noise, in kPa.
+    /// The same of the readings before noise, in kPa.
     pub noise_free_error_kpa: [Pair; SIDE_BY_SIDE],
     /// Change of the applied duties since the tick before.
     pub duty_change: [Pair; SIDE_BY_SIDE],
@@ -83,6 +84,10 @@ struct EnvInstance {
     approach: SoftStart,
     approach_from: usize,
     situation: ControlInput,
+    /// What the rig's sensors show of chambers on the goals, up to the present one.
+    shown_reference: ShownReference,
+    /// Readings with the chambers on the goals, now and in the next ticks: the goals themselves where no sensor is late.
+    shown_kpa: [Pair; AHEAD + 1],
     predicted: [Pair; AHEAD],
     trajectory: ActionTrajectory,
     duty: Pair,
@@ -137,6 +142,9 @@ impl VectorEnv {
         seed: u64,
     ) -> Result<Self, EnvironmentError> {
         settings.check()?;
+        for rig in [draw.nominal(), model] {
+            check_tick(rig).map_err(EnvironmentError::rig(rig))?;
+        }
         let same: [Rig; SIDE_BY_SIDE] = std::array::from_fn(|_| model.clone());
         let compiled = pumps.compiled(&same).map_err(EnvironmentError::rig(model))?;
         let map = Arc::new(SteadyMap::new(model).map_err(EnvironmentError::rig(model))?);
@@ -170,7 +178,9 @@ impl VectorEnv {
         self.instances.clear();
         for lane in 0..SIDE_BY_SIDE {
             let of = |purpose| stream(self.seed, purpose, number, lane);
-            rigs.push(self.draw.draw(&mut of(Purpose::Rig))?);
+            let rig = self.draw.draw(&mut of(Purpose::Rig))?;
+            let shown_reference = ShownReference::of(&rig);
+            rigs.push(rig);
             let reference = reference_draw::draw(&self.map, self.ticks + GOALS_AHEAD + 2, &mut of(Purpose::Reference));
             self.instances.push(EnvInstance {
                 law: PolicyLaw::new(Arc::clone(&self.map), self.contract),
@@ -179,6 +189,8 @@ impl VectorEnv {
                 approach: SoftStart::new([0.0; CHANNELS], [0.0; CHANNELS]),
                 approach_from: 0,
                 situation: ControlInput::of_measured([0.0; CHANNELS], [[0.0; CHANNELS]; GOALS_AHEAD + 1]),
+                shown_reference,
+                shown_kpa: [[0.0; CHANNELS]; AHEAD + 1],
                 predicted: [[0.0; CHANNELS]; AHEAD],
                 trajectory: ActionTrajectory::held([1.0; CHANNELS]),
                 duty: [1.0; CHANNELS],
@@ -274,18 +286,18 @@ impl VectorEnv {
         let reached = self.plant.readings_kpa();
         for lane in 0..SIDE_BY_SIDE {
             let Some(instance) = self.instances.get(lane) else { continue };
-            let ControlInput { measured_kpa, goals_kpa, .. } = &instance.situation;
+            let (measured_kpa, shown_kpa) = (&instance.situation.measured_kpa, &instance.shown_kpa);
             let predicted = self.predictor.as_ref().map(|_| &instance.predicted);
             let settings = &self.settings.reward;
             let [pos, neg] = reached.map(|p| p.lane(lane));
             let seen_kpa = if settings.noise_free { [pos, neg] } else { *measured_kpa };
-            let mut reward_value = reward(settings, goals_kpa, seen_kpa, predicted);
+            let mut reward_value = reward(settings, shown_kpa, seen_kpa, predicted);
             if self.contract == ObservationLayout::Correction {
                 let row = actions.chunks_exact(ACTION_LEN).nth(lane).unwrap_or_default();
                 reward_value += correction_price(settings, row);
             }
-            step.error_kpa[lane] = std::array::from_fn(|c| measured_kpa[c] - goals_kpa[0][c]);
-            step.noise_free_error_kpa[lane] = std::array::from_fn(|c| [pos, neg][c] - goals_kpa[0][c]);
+            step.error_kpa[lane] = std::array::from_fn(|c| measured_kpa[c] - shown_kpa[0][c]);
+            step.noise_free_error_kpa[lane] = std::array::from_fn(|c| [pos, neg][c] - shown_kpa[0][c]);
             // Written so that NaN counts as outside.
             step.terminal[lane] = !(pos <= ENVELOPE_KPA[0] && neg >= ENVELOPE_KPA[1]);
             if step.terminal[lane] {
@@ -344,6 +356,7 @@ impl VectorEnv {
             let first = instance.reference.get(tick).copied().unwrap_or(readings);
             instance.approach = SoftStart::new(readings, first);
             instance.approach_from = tick;
+            instance.shown_reference.restart();
             instance.trajectory = ActionTrajectory::held(duty);
             instance.duty = duty;
             instance.law.restart(duty);
@@ -393,6 +406,7 @@ impl EnvInstance {
             let offset = self.approach.offset_kpa((tick + j - self.approach_from) as f64 * TICK_S);
             std::array::from_fn(|c| goal[c] + offset[c])
         });
+        self.shown_kpa = self.shown_reference.goals_kpa(1, &self.situation.goals_kpa);
     }
 
     /// Sends a decision; answers by how much the duties changed.

@@ -106,3 +106,58 @@ fn a_flight_with_no_correction_is_no_worse_than_the_fallbacks() {
     // The first reversals, with the play not learned yet, are most of these twenty seconds.
     assert!(score.rmse_kpa[0] < 0.6 && score.rmse_kpa[1] < 0.6, "{score:?}");
 }
+
+/// On a rig whose positive sensor lags by 160 ms a score is of readings less the lagged reference, here by Euler steps of 20 µs.
+#[test]
+fn behind_a_late_sensor_a_score_is_of_what_it_shows_of_chambers_on_the_reference() {
+    let lag = "[[mechanisms]]\nid = \"sensor_lag\"\ncomponent = \"sensor_pos\"\ntime_constant_ms = 160.0\n";
+    let late = Rig::from_toml(&format!("{}\n{lag}", model::rig::DUAL_PRESSURE)).unwrap();
+    let plain = Rig::builtin("dual_pressure").unwrap();
+    let map = Arc::new(SteadyMap::new(&plain).unwrap());
+    let reference = Reference::paper();
+    let flown = |rig| {
+        let plan = FlightPlan { rig, model: None, reference: &reference, seconds: 12.0, noise_v_rms: 0.24e-3, seed: 1 };
+        fly(&plan, &mut Fallback::new(Arc::clone(&map), FallbackSettings::default())).unwrap().ticks
+    };
+    let ticks = flown(&late);
+    let (mut lagged, steps) = (ticks[0].goal_kpa[0], 1000);
+    let (mut squares, mut count, mut farthest_kpa) = (0.0, 0.0, 0.0_f64);
+    for pair in ticks.windows(2) {
+        let [from, to] = [pair[0].goal_kpa[0], pair[1].goal_kpa[0]];
+        for step in 0..steps {
+            let at = from + (to - from) * f64::from(step) / f64::from(steps);
+            lagged += 0.02 / f64::from(steps) / 0.16 * (at - lagged);
+        }
+        assert!((pair[1].shown_goal_kpa[0] - lagged).abs() < 1e-3, "{pair:?}, {lagged}");
+        assert_eq!(pair[1].shown_goal_kpa[1], pair[1].goal_kpa[1]);
+        farthest_kpa = farthest_kpa.max((to - lagged).abs());
+    }
+    assert!(farthest_kpa > 0.2, "the reference moves: {farthest_kpa}");
+    for tick in &ticks[250..] {
+        squares += (tick.measured_kpa[0] - tick.shown_goal_kpa[0]).powi(2);
+        count += 1.0;
+    }
+    assert!((Score::of(&ticks).rmse_kpa[0] - (squares / count).sqrt()).abs() < 1e-12);
+    assert!(flown(&plain).iter().all(|tick| tick.shown_goal_kpa == tick.goal_kpa));
+}
+
+/// A tick of 10 ms would let half the time pass that the law believes, as plant or as model: both ways to fly say so by the key.
+#[test]
+fn a_rig_with_another_tick_is_not_flown() {
+    let paper = Rig::builtin("dual_pressure").unwrap();
+    let mut quick = paper.clone();
+    quick.integrator.tick_ms = 10.0;
+    let settings = EnvironmentSettings { episode_s: 1.0, ..EnvironmentSettings::default() };
+    let map = Arc::new(SteadyMap::new(&paper).unwrap());
+    for (rig, model) in [(&quick, &paper), (&paper, &quick)] {
+        let draw = RigDraw::new(rig, &settings).unwrap();
+        let env = VectorEnv::new(draw, model, ObservationLayout::Correction, true, &settings, 1);
+        let reference = Reference::paper();
+        let plan =
+            FlightPlan { rig, model: Some(model), reference: &reference, seconds: 1.0, noise_v_rms: 0.0, seed: 1 };
+        let flown = fly(&plan, &mut Fallback::new(Arc::clone(&map), FallbackSettings::default()));
+        for error in [env.err().unwrap(), flown.err().unwrap()] {
+            assert!(error.to_string().contains("integrator.tick_ms: a tick of 10 ms"), "{error}");
+        }
+    }
+}

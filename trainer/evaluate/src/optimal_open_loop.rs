@@ -86,7 +86,7 @@ impl OptimalOpenLoop {
                 .enumerate()
                 .map(|(t, tick)| {
                     let offset = approach.offset_kpa(t as f64 * TICK_S);
-                    std::array::from_fn(|c| tick.goal_kpa[c] + offset[c] - tick.true_kpa[c])
+                    std::array::from_fn(|c| tick.shown_goal_kpa[c] + offset[c] - tick.true_kpa[c])
                 })
                 .collect();
             let change = least_squares(&responses, &error);

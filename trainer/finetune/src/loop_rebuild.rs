@@ -19,6 +19,7 @@ use law::{
 use model::observation::{ACTION_LEN, AHEAD, CHANNELS, ObservationLayout, Pair};
 use model::predict::Predictor;
 use model::rig::Rig;
+use model::shown_reference::ShownReference;
 use model::steady::SteadyMap;
 use proto::recording::{Arrival, LawParts, TickRecord, observation_hash};
 use proto::reference::Reference;
@@ -87,6 +88,8 @@ pub struct RebuiltTick {
     pub measured_kpa: Pair,
     /// Goals of now and the next ticks in kPa gauge.
     pub goals_kpa: Vec<Pair>,
+    /// Readings with the chambers on the goals, now and in the next ticks, in kPa gauge: the goals where no sensor is late.
+    pub shown_kpa: [Pair; AHEAD + 1],
     /// Predictions for the next five ticks in kPa gauge.
     pub predicted_kpa: [Pair; AHEAD],
     /// The answer that was applied, exploration included, in the contract's units, or why there is none.
@@ -112,6 +115,10 @@ pub struct LoopRebuild {
     repetitions: Option<Repetitions>,
     /// What the last decision leaves for the next flight.
     left: Left,
+    /// What the model's sensors show of chambers on the goals.
+    shown_reference: ShownReference,
+    /// Ticks since it was last asked.
+    since_shown: u32,
     is_controlling: bool,
     measured_kpa: Pair,
     tick: u32,
@@ -133,6 +140,8 @@ impl LoopRebuild {
             layout,
             law: PolicyLaw::new(map, layout),
             predictor,
+            shown_reference: ShownReference::of(&model),
+            since_shown: 0,
             model,
             reference,
             after_end: AfterEnd::Hold,
@@ -195,6 +204,7 @@ impl LoopRebuild {
             self.repetitions = Some(repetitions(&model, &self.reference)?);
         }
         self.begin_flight();
+        self.shown_reference = ShownReference::of(&model);
         self.model = model;
         Ok(())
     }
@@ -226,6 +236,7 @@ impl LoopRebuild {
             self.flight = flight;
             self.begin_flight();
         }
+        self.since_shown = self.since_shown.saturating_add(1);
         let rebuilt = has_frame.then(|| self.decide(record));
         let duty = [record.u_pos, record.u_neg];
         let left = std::mem::replace(&mut self.left, Left::NOTHING);
@@ -244,6 +255,7 @@ impl LoopRebuild {
         let reference = (self.reference.at(0.0), self.reference.end_s());
         self.course.start(tick, measured_kpa, reference, self.after_end);
         self.flight = 0;
+        self.shown_reference.restart();
         self.begin_flight();
     }
 
@@ -255,6 +267,8 @@ impl LoopRebuild {
 
     fn decide(&mut self, record: &TickRecord) -> RebuiltTick {
         let input = self.input(record.tick);
+        let since = std::mem::take(&mut self.since_shown);
+        let shown_kpa = self.shown_reference.goals_kpa(since, &input.goals_kpa);
         let predicted_kpa: [Pair; AHEAD] =
             std::array::from_fn(|j| [record.predicted_pos_kpa[j], record.predicted_neg_kpa[j]]);
         let controlled_by = controlled_by(record);
@@ -295,6 +309,7 @@ impl LoopRebuild {
             observation,
             measured_kpa: input.measured_kpa,
             goals_kpa: input.goals_kpa.to_vec(),
+            shown_kpa,
             predicted_kpa,
             answer,
             is_sound: is_running && is_law,

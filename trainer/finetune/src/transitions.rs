@@ -18,6 +18,7 @@ use environment::{EnvironmentSettings, vector_env};
 use law::{AfterEnd, RepetitionLearning};
 use model::observation::{ACTION_LEN, ObservationLayout};
 use model::rig::Rig;
+use proto::emulator::check_tick;
 use proto::recording::{FollowEnd, TickInput, TickRecord, attached};
 use proto::reference::Reference;
 use training::TrainingSettings;
@@ -310,12 +311,12 @@ impl Transitions {
                 terminal: true,
                 measured_at,
                 goals_kpa,
-                error_kpa: std::array::from_fn(|c| measured_kpa[c] - goals_kpa[c]),
+                error_kpa: std::array::from_fn(|c| measured_kpa[c] - before.shown_kpa[1][c]),
             });
         }
         let now = now.filter(|now| now.is_sound)?;
         let predicted = self.predicts.then_some(&now.predicted_kpa);
-        let mut paid = reward(settings, &now.goals_kpa, now.measured_kpa, predicted);
+        let mut paid = reward(settings, &now.shown_kpa, now.measured_kpa, predicted);
         if self.layout == ObservationLayout::Correction {
             paid += correction_price(settings, &action);
         }
@@ -327,7 +328,7 @@ impl Transitions {
             terminal: false,
             measured_at,
             goals_kpa: now.goals_kpa[0],
-            error_kpa: std::array::from_fn(|c| now.measured_kpa[c] - now.goals_kpa[0][c]),
+            error_kpa: std::array::from_fn(|c| now.measured_kpa[c] - now.shown_kpa[0][c]),
         })
     }
 
@@ -371,9 +372,26 @@ impl ChosenReference {
 
 fn rig(file: &str, bytes: &[u8]) -> Result<Rig, FinetuneError> {
     let text = String::from_utf8_lossy(bytes);
-    Rig::from_toml(&text).map_err(|problem| FinetuneError::Model { name: format!("{file}, model_rig.toml"), problem })
+    let sound = Rig::from_toml(&text).and_then(|rig| check_tick(&rig).map(|()| rig));
+    sound.map_err(|problem| FinetuneError::Model { name: format!("{file}, model_rig.toml"), problem })
 }
 
 fn parsed_reference(file: &str, bytes: &[u8]) -> Result<Reference, FinetuneError> {
     Ok(Reference::parse(&format!("{file}, reference.csv"), bytes)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Its predictions would be of another time than the ticks that are learned from.
+    #[test]
+    fn a_model_with_another_tick_is_refused_with_its_recording() {
+        let mut model = Rig::builtin("dual_pressure").unwrap();
+        assert_eq!(rig("run.mcap", model.to_toml().unwrap().as_bytes()).unwrap(), model);
+        model.integrator.tick_ms = 10.0;
+        let said = rig("run.mcap", model.to_toml().unwrap().as_bytes()).unwrap_err().to_string();
+        let problem = "integrator.tick_ms: a tick of 10 ms; the cRIO samples every 20 ms";
+        assert_eq!(said, format!("run.mcap, model_rig.toml: {problem}"));
+    }
 }

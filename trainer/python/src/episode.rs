@@ -16,8 +16,9 @@ use model::observation::{
 };
 use model::predict::{DualPressureRig, Predictor};
 use model::rig::Rig;
+use model::shown_reference::ShownReference;
 use model::steady::SteadyMap;
-use proto::emulator::{SensorScale, Sensors};
+use proto::emulator::{SensorScale, Sensors, rig_and_crio};
 use proto::rig_file::RigFileError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -58,6 +59,9 @@ struct Episode {
     reference: Vec<Pair>,
     soft_start: SoftStart,
     input: ControlInput,
+    /// What the rig's sensors show of chambers on the goals, up to the present one, and for now and the next ticks.
+    shown_reference: ShownReference,
+    shown_kpa: [Pair; AHEAD + 1],
     predicted_kpa: [Pair; AHEAD],
     plan: ActionTrajectory,
     duty: Pair,
@@ -134,8 +138,8 @@ impl Env {
         let value = if terminal {
             self.settings.reward.tripped
         } else {
-            let ControlInput { measured_kpa, goals_kpa, .. } = &episode.input;
-            reward(&self.settings.reward, goals_kpa, *measured_kpa, Some(&episode.predicted_kpa))
+            let (shown_kpa, measured_kpa) = (&episode.shown_kpa, episode.input.measured_kpa);
+            reward(&self.settings.reward, shown_kpa, measured_kpa, Some(&episode.predicted_kpa))
         };
         let truncated = episode.tick >= ticks;
         let info: Info = episode.info(pressures);
@@ -143,10 +147,10 @@ impl Env {
     }
 }
 
-/// Refuses a rig that lacks what the controller reads and commands, by its file.
+/// Refuses a rig that lacks what the controller reads and commands or has another tick than it, by its file.
 fn fit_for_the_controller(file: &str, rig: &Rig) -> PyResult<()> {
     let wrong = |problem| refused(RigFileError::Rig { file: file.to_owned(), problem });
-    Predictor::new(rig).map(|_| ()).map_err(wrong)
+    rig_and_crio(rig).map(|_| ()).map_err(wrong)
 }
 
 /// A setting's error under the name that the argument has in Python.
@@ -184,6 +188,8 @@ impl Env {
             soft_start: SoftStart::new(start, first),
             reference,
             input: ControlInput::of_measured(start, [first; GOALS_AHEAD + 1]),
+            shown_reference: ShownReference::of(&rig),
+            shown_kpa: [first; AHEAD + 1],
             predicted_kpa: [start; AHEAD],
             plan: ActionTrajectory::held(duty),
             duty,
@@ -219,6 +225,7 @@ impl Episode {
             let offset = self.soft_start.offset_kpa((self.tick + j) as f64 * TICK_S);
             std::array::from_fn(|c| goal[c] + offset[c])
         });
+        self.shown_kpa = self.shown_reference.goals_kpa(1, &self.input.goals_kpa);
         self.input.undelayed_kpa = self.predictor.observe(self.input.measured_kpa);
         self.predicted_kpa = self.predictor.predict(&self.plan.remaining(), true);
         if !self.predicted_kpa.as_flattened().iter().all(|p| p.is_finite()) {

@@ -17,6 +17,7 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 use environment::{RigDraw, SIDE_BY_SIDE, VectorEnv};
 use model::rig::Rig;
 use model::steady::SteadyMap;
+use proto::emulator::load_for_loop;
 use proto::rig_file::{self, RigFileError};
 use sac::{Learner, Machine, Network};
 
@@ -88,8 +89,7 @@ impl Run {
             start.adopt_into(&mut settings)?;
         }
         settings.check().map_err(|problem| TrainingError::Settings { file: "settings".into(), line: None, problem })?;
-        let trained_on = rig_file::load(&settings.rig.trained_on)?;
-        let model = rig_file::load(settings.rig.model())?;
+        let (trained_on, model) = rigs_of(&settings)?;
         // Everything that can be refused is made before the folder is.
         let origin = Origin::of(&trained_on)?;
         let mut learner = Learner::new(
@@ -120,7 +120,7 @@ impl Run {
     pub fn resume(folder: &Path, steps: Option<u64>, threads: usize) -> Result<Self, TrainingError> {
         let files = RunFiles::open(folder)?;
         let mut settings = files.read_settings()?;
-        let load = |path: std::path::PathBuf| rig_file::load(&path.display().to_string());
+        let load = |path: std::path::PathBuf| load_for_loop(&path.display().to_string(), None);
         let (trained_on, model) = (load(files.rig())?, load(files.model())?);
         let origin = Origin::of(&trained_on)?;
         let (standing, replay, learner) = checkpoint::read(&files, &settings, threads)?;
@@ -371,8 +371,16 @@ impl Parts {
     }
 }
 
-fn evaluated_on(settings: &TrainingSettings) -> Result<Vec<(String, Rig)>, TrainingError> {
-    let load = |name: &String| Ok((name.clone(), rig_file::load(name)?));
+/// The plant and the model that the settings name.
+pub(crate) fn rigs_of(settings: &TrainingSettings) -> Result<(Rig, Rig), TrainingError> {
+    let trained_on = load_for_loop(&settings.rig.trained_on, Some("--rig, rig.trained_on"))?;
+    // Where no model is named it is the plant, which is refused as such.
+    let model = load_for_loop(settings.rig.model(), Some("--model, rig.model"))?;
+    Ok((trained_on, model))
+}
+
+pub(crate) fn evaluated_on(settings: &TrainingSettings) -> Result<Vec<(String, Rig)>, TrainingError> {
+    let load = |name: &String| Ok((name.clone(), load_for_loop(name, Some("rig.evaluated_on"))?));
     settings.rig.evaluated_on.iter().map(load).collect()
 }
 

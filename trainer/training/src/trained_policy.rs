@@ -15,9 +15,10 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
+use proto::emulator::load_for_loop;
 use proto::policy_metadata::{EXPLORATION_STD_KEY, exploration_std, exploration_std_text};
 use proto::regular_file;
-use proto::rig_file::{self, RigFileError};
+use proto::rig_file::RigFileError;
 
 use crate::TrainingError;
 use crate::checkpoint_file::{append_part, part};
@@ -249,7 +250,7 @@ impl TrainedPolicy {
     /// # Errors
     /// If a rig of its settings cannot be read or run.
     pub fn with_fitted_plan(&self) -> Result<Self, TrainingError> {
-        self.with_plan_fitted_on(&rig_file::load(self.settings.rig.model())?)
+        self.with_plan_fitted_on(&load_for_loop(self.settings.rig.model(), Some("rig.model"))?)
     }
 
     /// The same policy with a plan that holds the duties of now.

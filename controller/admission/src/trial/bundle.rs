@@ -1,7 +1,8 @@
 //! Eight rigs side by side, each with its law, its noise and its valves: a flight of the trial.
 //!
 //! A tick runs as in the daemon: measure, predict (MPObs), observe, decide, limit, apply. Plant and model both have
-//! averaged pumps, which a tick of 20 ms cannot tell from real ones by more than some hundredths of a kPa.
+//! averaged pumps, which a tick of 20 ms cannot tell from real ones by more than some hundredths of a kPa. Behind late sensors
+//! the fallback is told by the observer of the model, as it is in the daemon; elsewhere that would tell it what is read.
 
 use std::sync::Arc;
 
@@ -12,6 +13,7 @@ use model::observation::{
 use model::predict::{DualPressureRig, Predictor};
 use model::real::{Lanes, Real};
 use model::rig::{Rig, RigError};
+use model::shown_reference::ShownReference;
 use model::steady::SteadyMap;
 use policy::Policy;
 use proto::emulator::{SensorScale, Sensors, rig_and_crio};
@@ -61,6 +63,8 @@ pub(super) struct Bundle {
     model: DualPressureRig<Eight>,
     map: Arc<SteadyMap>,
     scales: [SensorScale; CHANNELS],
+    /// Tells whether a sensor of the model is late.
+    is_late: bool,
     limits: Limits,
 }
 
@@ -74,8 +78,14 @@ impl Bundle {
             map: Arc::clone(map),
             drawn,
             scales,
+            is_late: ShownReference::of(model).is_late(),
             limits,
         })
+    }
+
+    /// Noise of the converter on both channels, root mean square in kPa.
+    pub(super) fn noise_kpa(&self) -> Pair {
+        self.scales.map(|scale| (scale.gauge_kpa(Sensors::ADC_NOISE_V_RMS) - scale.gauge_kpa(0.0)).abs())
     }
 
     /// Flies the course on all eight.
@@ -108,19 +118,24 @@ impl Bundle {
                 member.measure(readings(&plant, lane), course, tick);
             }
             let predicts = matches!(flyer, Flyer::Policy(_));
-            if predicts {
+            let observes = predicts || self.is_late;
+            if observes {
                 let undelayed = predictor.observe(std::array::from_fn(|c| of(&members, &|m| m.input.measured_kpa[c])));
+                for (lane, member) in members.iter_mut().enumerate() {
+                    member.input.undelayed_kpa = undelayed.map(|p| p.lane(lane));
+                }
+            }
+            if predicts {
                 let plan =
                     std::array::from_fn(|j| std::array::from_fn(|c| of(&members, &|m| m.plan.remaining()[j][c])));
                 let predicted = predictor.predict(&plan, true);
                 for (lane, member) in members.iter_mut().enumerate() {
-                    member.input.undelayed_kpa = undelayed.map(|p| p.lane(lane));
                     member.predicted(predicted.map(|pair| pair.map(|p| p.lane(lane))));
                 }
             }
             members.iter_mut().for_each(|member| member.decide(flyer));
             let sent: [Eight; CHANNELS] = std::array::from_fn(|c| of(&members, &|m| m.duty[c]));
-            if predicts {
+            if observes {
                 predictor.advance(sent, true);
             }
             let at_valves: Vec<Pair> = members.iter_mut().map(Member::at_valves).collect();
@@ -212,14 +227,15 @@ impl Member {
         self.valves.follow(self.duty)
     }
 
-    fn count(&mut self, truth_kpa: Pair, course: &Course, tick: usize, limits: Limits) {
+    /// Takes in the readings before noise at the end of a tick.
+    fn count(&mut self, readings_kpa: Pair, course: &Course, tick: usize, limits: Limits) {
         // Written so that a number that is none counts as outside.
-        let within = truth_kpa[0] <= limits.max_pos_kpa && truth_kpa[1] >= limits.min_neg_kpa;
+        let within = readings_kpa[0] <= limits.max_pos_kpa && readings_kpa[1] >= limits.min_neg_kpa;
         if !within && self.sums.left_s.is_none() {
             self.sums.left_s = Some(tick as f64 * TICK_S);
         }
-        let goal = course.at(tick + 1);
-        let error_kpa: Pair = std::array::from_fn(|c| truth_kpa[c] - goal[c]);
+        let shown_kpa = course.shown_at(tick + 1);
+        let error_kpa: Pair = std::array::from_fn(|c| readings_kpa[c] - shown_kpa[c]);
         if course.counts(tick) {
             self.sums.error(error_kpa);
         }
@@ -262,5 +278,56 @@ impl Valves {
             self.opening[c] += self.share * (self.flapper[c] - self.opening[c]);
         }
         self.opening.map(|u| u.clamp(0.0, 1.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The paper's rig, whose positive sensor lags by 160 ms.
+    fn late() -> Rig {
+        let lag = "[[mechanisms]]\nid = \"sensor_lag\"\ncomponent = \"sensor_pos\"\ntime_constant_ms = 160.0\n";
+        Rig::from_toml(&format!("{}\n{lag}", model::rig::DUAL_PRESSURE)).unwrap()
+    }
+
+    /// A chamber on the course, whose reading is the equation's of the first order, and a reading on the course.
+    #[test]
+    fn behind_a_late_sensor_a_chamber_on_the_course_errs_less_than_a_reading_on_it() {
+        let rig = late();
+        let map = Arc::new(SteadyMap::new(&rig).unwrap());
+        let course = Course::new(&map, ShownReference::of(&rig));
+        let drawn = Drawn { rig, delay_ticks: 0, lag_ms: 0.0, backlash_duty: 0.0 };
+        let limits = Limits { max_pos_kpa: 160.0, min_neg_kpa: -95.0 };
+        let tally = |reading_kpa: &mut dyn FnMut(usize) -> Pair| {
+            let sensors = Sensors::new(rig_and_crio(&drawn.rig).unwrap().1.scales, Sensors::ADC_NOISE_V_RMS, 1);
+            let mut member = Member::new(&drawn, &map, ObservationLayout::Correction, sensors);
+            (0..course.ticks).for_each(|tick| member.count(reading_kpa(tick + 1), &course, tick, limits));
+            member.sums.tally().rmse_kpa
+        };
+        // Steps of 20 µs of the lag behind a straight line.
+        let (mut lagged, steps) = (course.at(0)[0], 1000_u32);
+        let on_the_chamber = tally(&mut |tick| {
+            let ([from, _], [to, neg]) = (course.at(tick - 1), course.at(tick));
+            for step in 0..steps {
+                let at = from + (to - from) * f64::from(step) / f64::from(steps);
+                lagged += TICK_S / f64::from(steps) / 0.16 * (at - lagged);
+            }
+            [lagged, neg]
+        });
+        let on_the_reading = tally(&mut |tick| course.at(tick));
+        assert!(on_the_chamber[0] < 1e-3 && on_the_chamber[1] == 0.0, "{on_the_chamber:?}");
+        assert!(on_the_reading[0] > 0.3, "{on_the_reading:?}");
+    }
+
+    #[test]
+    fn the_noise_of_the_trial_is_the_converters() {
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let map = Arc::new(SteadyMap::new(&rig).unwrap());
+        let [first, _] = super::super::rigs::drawn(&rig).unwrap();
+        let limits = Limits { max_pos_kpa: 160.0, min_neg_kpa: -95.0 };
+        let [pos, neg] = Bundle::new(&rig, first, &map, limits).unwrap().noise_kpa();
+        // 0.24 mV of 250 and of 25.25 kPa/V.
+        assert!((pos - 0.06).abs() < 1e-9 && (neg - 0.00606).abs() < 1e-9, "{pos} {neg}");
     }
 }

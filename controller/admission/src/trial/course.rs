@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use law::TICK_S;
 use model::observation::{CHANNELS, GOALS_AHEAD, Pair};
+use model::shown_reference::ShownReference;
 use model::steady::SteadyMap;
 
 /// Duties at which the model's rests are looked for: the middle, and a place with both vents further shut (higher
@@ -34,13 +35,15 @@ const STILL_S: [Range<f64>; 2] = [8.0..11.0, 24.5..28.0];
 pub struct Course {
     /// One pair for each tick and the fifteen after the end, in kPa gauge.
     reference_kpa: Vec<Pair>,
+    /// What the model's sensors show of chambers on it.
+    shown_kpa: Vec<Pair>,
     /// Ticks flown.
     pub ticks: usize,
 }
 
 impl Course {
-    /// The course for the rig that `map` was made of.
-    pub fn new(map: &SteadyMap) -> Self {
+    /// The course for the rig that `map` was made of, behind its sensors.
+    pub fn new(map: &SteadyMap, mut shown_reference: ShownReference) -> Self {
         let [middle, higher] = match (map.settled_kpa(MIDDLE_DUTY), map.settled_kpa(HIGHER_DUTY)) {
             (Some(middle), Some(higher)) => [middle, higher],
             _ => OTHERWISE_KPA,
@@ -58,13 +61,20 @@ impl Course {
             })
         };
         let ticks = (END_S / TICK_S) as usize;
-        let reference_kpa = (0..=ticks + GOALS_AHEAD).map(|tick| at(tick as f64 * TICK_S)).collect();
-        Course { reference_kpa, ticks }
+        let reference_kpa: Vec<Pair> = (0..=ticks + GOALS_AHEAD).map(|tick| at(tick as f64 * TICK_S)).collect();
+        let shown_kpa = reference_kpa.iter().map(|kpa| shown_reference.next_kpa(1, *kpa)).collect();
+        Course { reference_kpa, shown_kpa, ticks }
     }
 
     /// The reference at a tick, its last value for ever, in kPa gauge.
     pub fn at(&self, tick: usize) -> Pair {
         self.reference_kpa.get(tick).or(self.reference_kpa.last()).copied().unwrap_or([0.0; CHANNELS])
+    }
+
+    /// Readings at a tick if the chambers are on the reference, in kPa gauge: what errors are counted from. It is the reference
+    /// itself where no sensor of the model is late.
+    pub fn shown_at(&self, tick: usize) -> Pair {
+        self.shown_kpa.get(tick).or(self.shown_kpa.last()).copied().unwrap_or([0.0; CHANNELS])
     }
 
     /// Whether errors at a tick count.
@@ -83,10 +93,14 @@ mod tests {
     use super::*;
     use model::rig::Rig;
 
+    fn course(rig: &Rig) -> Course {
+        Course::new(&SteadyMap::new(rig).unwrap(), ShownReference::of(rig))
+    }
+
     #[test]
     fn the_course_is_where_the_model_can_follow() {
-        let map = SteadyMap::new(&Rig::builtin("dual_pressure").unwrap()).unwrap();
-        let course = Course::new(&map);
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let (map, course) = (SteadyMap::new(&rig).unwrap(), course(&rig));
         assert_eq!(course.ticks, 1400);
         for tick in 0..course.ticks {
             let duty = map.duty_for(course.at(tick), [0.0; CHANNELS]);

@@ -2,7 +2,8 @@
 //!
 //! The rigs are the model itself and rigs drawn around it ([`rigs`]); the reference rests, steps, swings and ramps where
 //! the model can follow ([`course`]); eight rigs fly at a time in lanes with averaged pumps ([`bundle`]); what came out is
-//! compared with the fallback on the very same rigs and noise, and with the incumbent ([`judgement`]).
+//! compared with the fallback on the very same rigs and noise, and with the incumbent ([`judgement`]). Errors are of the
+//! readings less what the model's sensors show of chambers on the reference ([`model::shown_reference`]).
 
 pub mod bundle;
 pub mod course;
@@ -12,7 +13,9 @@ pub mod tally;
 
 use std::sync::Arc;
 
+use model::observation::{CHANNELS, Pair};
 use model::rig::{Rig, RigError};
+use model::shown_reference::ShownReference;
 use model::steady::SteadyMap;
 use policy::Policy;
 
@@ -40,7 +43,7 @@ impl Trial {
     /// About a second; not for the tick.
     pub fn new(model: &Rig, limits: Limits) -> Result<Self, RigError> {
         let map = Arc::new(SteadyMap::new(model)?);
-        let course = Course::new(&map);
+        let course = Course::new(&map, ShownReference::of(model));
         let bundles = rigs::drawn(model)?
             .into_iter()
             .map(|drawn| Bundle::new(model, drawn, &map, limits))
@@ -56,6 +59,11 @@ impl Trial {
     /// About a second; not for the tick.
     pub fn fly(&self, policy: &mut Policy) -> Vec<Tally> {
         self.flown(&mut Flyer::Policy(policy))
+    }
+
+    /// Noise of the converter on both channels, root mean square in kPa.
+    pub fn noise_kpa(&self) -> Pair {
+        self.bundles.first().map_or([0.0; CHANNELS], Bundle::noise_kpa)
     }
 
     /// The fallback's tallies, rig by rig.

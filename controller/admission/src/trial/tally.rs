@@ -5,9 +5,9 @@ use model::observation::{CHANNELS, Pair};
 /// Figures of one flight.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tally {
-    /// Root mean square of the true pressures' errors, in kPa.
+    /// Root mean square of the errors before noise, in kPa: readings less what the sensors show of chambers on the reference.
     pub rmse_kpa: Pair,
-    /// The largest standard deviation of a true pressure about its mean on a hold, in kPa.
+    /// The largest standard deviation of a reading before noise about its mean on a hold, in kPa.
     pub swing_kpa: Pair,
     /// Root mean square of the duties' changes from tick to tick on the holds, in duty.
     pub chatter_duty: Pair,

@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
-use crate::writing::State;
+use crate::writing::{State, UNKNOWN_BYTES};
 
 /// Time that a disk may work on one thing before it counts as stalled.
 const STALLED: Duration = Duration::from_secs(1);
@@ -42,6 +42,14 @@ impl RecorderHealth {
         self.error()
             .or_else(room)
             .or_else(|| self.stalled().map(|time| format!("the disk has not answered for {:.1} s", time.as_secs_f64())))
+    }
+
+    /// Bytes that may still be written where recordings go, at the newest look; `None` where that is not known, as for a single file.
+    ///
+    /// # Real-time
+    /// May run in the tick: one atomic load.
+    pub fn free_bytes(&self) -> Option<u64> {
+        Some(self.state.free_bytes.load(Ordering::Relaxed)).filter(|free| *free != UNKNOWN_BYTES)
     }
 
     /// Time for which the disk has not answered, where that is longer than a second.

@@ -205,6 +205,7 @@ mod tests {
     use std::sync::Arc;
 
     use model::rig::Rig;
+    use model::shown_reference::ShownReference;
     use model::steady::SteadyMap;
 
     use super::*;
@@ -213,11 +214,12 @@ mod tests {
     /// After `swap fallback` and a swap back, what comes before the incumbent is a box of the fallback's.
     #[test]
     fn a_refusal_frees_neither_the_policy_nor_the_fallback_before_it() {
-        let map = Arc::new(SteadyMap::new(&Rig::builtin("dual_pressure").unwrap()).unwrap());
+        let rig = Rig::builtin("dual_pressure").unwrap();
+        let map = Arc::new(SteadyMap::new(&rig).unwrap());
         let (end, store) = channel();
         let mut policy = Candidate::fallback();
         policy.tag = PolicyTag(7);
-        let mut arbiter = Arbiter::new(map, Some(policy), end);
+        let mut arbiter = Arbiter::new(map, ShownReference::of(&rig), Some(policy), end);
         arbiter.before = Before::Kept(Some(Candidate::fallback()));
         assert_eq!(arbiter.incumbent_refused(), Some(PolicyEvent::Refused(PolicyTag(7))));
         assert!(matches!(arbiter.before, Before::Nothing));

@@ -10,6 +10,7 @@ use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
 use model::predict::{DualPressureRig, Predictor};
 use model::real::{Lanes, Real};
 use model::rig::Rig;
+use model::shown_reference::ShownReference;
 use model::steady::SteadyMap;
 use policy::Policy;
 use proto::emulator::{PSE540A_R06, PSE541A_R06, SensorScale, Sensors};
@@ -60,7 +61,7 @@ impl Loop {
         Loop {
             plant: averaged("bench"),
             predictor: Predictor::with(averaged(model)),
-            arbiter: Arbiter::new(map, active.map(Candidate::new), end),
+            arbiter: Arbiter::new(map, ShownReference::of(&rig(model)), active.map(Candidate::new), end),
             store,
             filter: SafetyFilter::new(&rig(model), ENVELOPE, SlewLimit::DEFAULT).unwrap(),
             sensors: Sensors::new(scales, Sensors::ADC_NOISE_V_RMS, seed),

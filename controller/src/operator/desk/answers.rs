@@ -37,6 +37,22 @@ impl Desk {
         Step::Done(Box::new(reply))
     }
 
+    /// Records and answers what was done, with a line that a person should know about it, where there is one.
+    pub(super) fn over_remarking(&mut self, what: &str, peer: Peer, remark: Option<String>) -> Step {
+        self.record(what, peer, &Ok(()));
+        self.note_remark(remark.as_deref());
+        let mut reply = self.reply(Ok(()));
+        reply.remark = remark;
+        Step::Done(Box::new(reply))
+    }
+
+    /// Records what a person should know, where there is something.
+    pub(super) fn note_remark(&self, remark: Option<&str>) {
+        if let Some(remark) = remark {
+            note_line(&self.options.notes, EventLevel::Warning, remark);
+        }
+    }
+
     pub(super) fn record(&self, what: &str, peer: Peer, outcome: &Result<(), String>) {
         let outcome = outcome.as_ref().map(|()| None).map_err(String::as_str);
         note_outcome(&self.options.notes, &format!("{what} by {peer}"), outcome);
@@ -97,6 +113,7 @@ impl Desk {
             age_ms: self.age_ms(),
             running,
             done: None,
+            remark: None,
             venting: None,
             policies: None,
             policies_problem: None,

@@ -39,10 +39,13 @@ impl Desk {
 
     pub(super) fn look_at_arming(&mut self, ticket: Ticket, asked: Asked) -> Step {
         let Some(outcome) = self.arming(ticket, asked) else { return asked.pending(What::Arm(ticket)) };
-        if outcome.is_ok() {
-            self.armed_by(asked.peer);
+        if outcome.is_err() {
+            return self.over("arm", asked.peer, outcome);
         }
-        self.over("arm", asked.peer, outcome)
+        self.armed_by(asked.peer);
+        // It may pass through such a place for a moment, so it is told and not refused.
+        let remark = self.beyond_reach();
+        self.over_remarking("arm", asked.peer, remark)
     }
 
     /// Whether arming is over, and how; `None` while it may still go either way.

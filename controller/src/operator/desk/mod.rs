@@ -22,6 +22,7 @@ use std::time::{Duration, Instant};
 use flight::{Noter, RecorderHealth};
 use handover::ExplorationRules;
 use proto::recording::EventLevel;
+use proto::reference::Reference;
 
 use crate::config::{ReferenceChoice, Safety};
 use crate::experiment::experiment_log::ExperimentLog;
@@ -38,7 +39,7 @@ use experiment_desk::ExperimentDesk;
 use experiments::{Beginning, Checking};
 use exploration::Switching;
 use policies::{Change, Rollbacks};
-use references::{Following, Reading};
+use references::{Configured, Following, Reading};
 
 mod answers;
 mod arming;
@@ -77,8 +78,8 @@ pub struct DeskOptions {
     pub may: May,
     /// What the daemon runs with.
     pub running: Running,
-    /// Identity of the reference that is followed once armed, where there is one.
-    pub followed: Option<u64>,
+    /// The reference that is followed once armed, where there is one.
+    pub followed: Option<Arc<Reference>>,
     /// Policies and models, where they can be changed.
     pub policies: Option<PolicyHandle>,
     /// Where experiments are recorded, where they can be played within the run.
@@ -102,6 +103,8 @@ pub struct Desk {
     viewers_told: Option<Instant>,
     /// A reference is being read; at most one at a time.
     reading: bool,
+    /// The reference of the configuration that was last taken over; an operator's may be followed since.
+    configured: Option<Configured>,
     /// Held by the thread that loads a policy, compares a model or checks an experiment, for as long as it lives.
     working: Weak<()>,
     rollbacks: Rollbacks,
@@ -176,12 +179,14 @@ impl Desk {
     /// A desk for a daemon.
     pub fn new(options: DeskOptions) -> Self {
         let experiments = options.experiments.clone().map(ExperimentDesk::new);
+        let configured = options.followed.as_ref().map(|first| Configured::of(&options.running.reference, first));
         Desk {
             options,
             experiments,
             newest: None,
             viewers_told: None,
             reading: false,
+            configured,
             working: Weak::new(),
             rollbacks: Rollbacks::default(),
         }

@@ -130,12 +130,13 @@ impl Desk {
     }
 
     pub(super) fn begin_model(&mut self, file: PathBuf, asked: Asked) -> Step {
-        let notes = self.options.notes.clone();
+        let (notes, followed) = (self.options.notes.clone(), self.options.followed.clone());
         self.one_at_a_time(format!("model {}", file.display()), asked, move |handle, _, permit| {
             let changed = handle.models.change(&file, permit)?;
             changed.keep(&notes);
             handle.policies.model_changed(handle.models.rig());
-            Ok(changed.line)
+            let beyond = followed.and_then(|reference| handle.models.beyond_reach(&reference));
+            Ok(beyond.map_or(changed.line.clone(), |beyond| format!("{}; {beyond}", changed.line)))
         })
     }
 

@@ -3,6 +3,7 @@
 //! It is read and checked on a thread of its own, and only then is the tick asked to follow it.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 use proto::recording::EventLevel;
@@ -14,7 +15,7 @@ use crate::machine::clock::now_ns;
 use crate::operator::mailbox::{Fate, Request, Ticket};
 use crate::operator::operator_protocol::{EFFECT_TIME, READ_TIME};
 use crate::operator::peer::Peer;
-use crate::operator::reference_limits::{self, Margin, too_short_to_repeat};
+use crate::operator::reference_limits::examine;
 use crate::reload::Reloaded;
 use crate::replay::run_file::attached;
 use crate::session::session_recorder::attachment;
@@ -31,7 +32,22 @@ pub(super) struct Following {
     name: String,
     /// What goes into the recording once the tick has taken it.
     csv: String,
+    reference: Arc<Reference>,
+    /// What a person should know of it.
+    remarks: Vec<String>,
+}
+
+/// A reference as a configuration names it: another file, or other rows in it, make it another one.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Configured {
+    name: String,
     identity: u64,
+}
+
+impl Configured {
+    pub(super) fn of(name: &str, reference: &Reference) -> Self {
+        Configured { name: name.to_owned(), identity: reference.identity() }
+    }
 }
 
 impl Desk {
@@ -66,16 +82,12 @@ impl Desk {
 
     fn reference_read(&mut self, read: Result<Reference, String>, name: String, asked: Asked) -> Step {
         self.reading = false;
-        let checked = read.and_then(|r| match reference_limits::check(&r, &self.options.safety) {
-            Margin::Beyond(why) => Err(format!("{name}: {why}")),
-            Margin::Close(_) | Margin::Wide => Ok(r),
+        let checked = read.and_then(|r| match examine(&r, &self.options.safety, &self.options.reference) {
+            Ok(remarks) => Ok((r, about(&name, remarks))),
+            Err(why) => Err(format!("{name}: {why}")),
         });
-        let checked = checked.and_then(|r| match too_short_to_repeat(&r, &self.options.reference) {
-            Some(why) => Err(format!("{name}: {why}")),
-            None => Ok(r),
-        });
-        let reference = match checked {
-            Ok(reference) => reference,
+        let (reference, remarks) = match checked {
+            Ok(checked) => checked,
             Err(why) => {
                 self.record("reference", asked.peer, &Err(why.clone()));
                 let mut reply = self.reply(Err(why));
@@ -83,9 +95,12 @@ impl Desk {
                 return Step::Done(Box::new(reply));
             }
         };
-        let (csv, identity) = (reference.to_csv(), reference.identity());
+        let (csv, kept) = (reference.to_csv(), Arc::new(reference.clone()));
         match self.ask_tick(Request::Reference(Box::new(reference))) {
-            Ok(ticket) => asked.taking(EFFECT_TIME).pending(What::Following(Following { ticket, name, csv, identity })),
+            Ok(ticket) => {
+                let following = Following { ticket, name, csv, reference: kept, remarks };
+                asked.taking(EFFECT_TIME).pending(What::Following(following))
+            }
             Err(why) => self.over("reference", asked.peer, Err(why)),
         }
     }
@@ -98,8 +113,9 @@ impl Desk {
         }
         let what = format!("reference {}", following.name);
         if fate == Fate::Taken || (fate == Fate::Waiting && !self.options.mailbox.withdraw(following.ticket)) {
-            self.reference_taken(&following.name, following.csv, following.identity);
-            return self.over(&what, asked.peer, Ok(()));
+            self.reference_taken(&following.name, following.csv, following.reference);
+            let remark = self.remark(following.remarks);
+            return self.over_remarking(&what, asked.peer, remark);
         }
         let why = format!("no tick took it; {}", self.no_session());
         self.over(&what, asked.peer, Err(why))
@@ -110,43 +126,75 @@ impl Desk {
         let outcome = self.withdrawn(following.ticket);
         let what = format!("reference {}", following.name);
         if outcome.is_ok() {
-            self.reference_taken(&following.name, following.csv, following.identity);
+            self.reference_taken(&following.name, following.csv, following.reference);
         }
         self.record(&what, peer, &outcome);
     }
 
-    /// Takes over the references of configurations that were read again; never while the rig is controlled.
+    /// Takes over the references of configurations that were read again; never while the rig is controlled, and never one
+    /// that the limits in force do not allow.
     pub fn take_reloads(&mut self) {
-        while let Ok(Reloaded { config, reference }) = self.options.reloads.try_recv() {
+        while let Ok(Reloaded { reference, reference_name: name, .. }) = self.options.reloads.try_recv() {
             self.refresh();
-            let (Some(reference), Some(file)) = (reference, config.reference.file) else { continue };
-            let (name, identity) = (file.display().to_string(), reference.identity());
-            if self.options.followed == Some(identity) && self.options.running.reference == one_line(&name) {
+            let new = Configured::of(&name, &reference);
+            // Where the configuration names the same one as before, an operator's stays.
+            if self.configured.as_ref() == Some(&new) {
                 continue;
             }
-            let runs = self.live_status().is_some_and(|s| s.state.is_controlling());
-            let csv = reference.to_csv();
-            let taken = !runs
-                && self.live_status().is_some()
-                && self.options.mailbox.ask(Request::Reference(Box::new(reference)), u64::MAX).is_some();
-            let text = if taken {
-                self.reference_taken(&name, csv, identity);
-                format!("reference {name} taken over")
-            } else {
-                format!(
-                    "reference {name} not taken over: that needs a session and a rig that is not controlled; `controller reference {name}` does it at any time"
-                )
+            let is_followed = self.options.followed.as_ref().is_some_and(|f| f.identity() == new.identity);
+            if is_followed && self.options.running.reference == one_line(&name) {
+                self.configured = Some(new);
+                continue;
+            }
+            let (level, text) = match self.take_over(&name, reference) {
+                Ok(remark) => {
+                    self.configured = Some(new);
+                    self.note_remark(remark.as_deref());
+                    (EventLevel::Info, format!("reference {name} taken over"))
+                }
+                // It is tried again when the file is read the next time.
+                Err(why) => (EventLevel::Warning, format!("reference {name} not taken over: {why}")),
             };
-            self.options.notes.note(now_ns(), EventLevel::Info, "reload", text);
+            self.options.notes.note(now_ns(), level, "reload", text);
         }
     }
 
+    /// Has the tick follow a reference that a configuration names; answers what a person should know of it. It is judged by
+    /// the limits in force: others that came in the same file wait for a restart.
+    fn take_over(&mut self, name: &str, reference: Reference) -> Result<Option<String>, String> {
+        let remarks = examine(&reference, &self.options.safety, &self.options.reference).map_err(|why| {
+            format!("{why}, or restart: until then [safety] and reference.repeat stay as they were at the start")
+        })?;
+        let (csv, kept) = (reference.to_csv(), Arc::new(reference.clone()));
+        let stands_by = self.live_status().is_some_and(|status| !status.state.is_controlling());
+        if !stands_by || self.options.mailbox.ask(Request::Reference(Box::new(reference)), u64::MAX).is_none() {
+            return Err(
+                "that needs a session and a rig that is not controlled; send SIGHUP again then, or `controller reference FILE` at any time"
+                    .to_owned(),
+            );
+        }
+        self.reference_taken(name, csv, kept);
+        Ok(self.remark(about(name, remarks)))
+    }
+
+    /// One line of what is known of the reference that is followed now, with what the model in force says of it; `None` where
+    /// there is nothing.
+    fn remark(&self, mut remarks: Vec<String>) -> Option<String> {
+        remarks.extend(self.beyond_reach());
+        (!remarks.is_empty()).then(|| remarks.join("; "))
+    }
+
     /// The tick follows another reference: those who ask are told, and the recording holds it.
-    fn reference_taken(&mut self, name: &str, csv: String, identity: u64) {
+    fn reference_taken(&mut self, name: &str, csv: String, reference: Arc<Reference>) {
         self.options.running.reference = one_line(name);
-        self.options.followed = Some(identity);
+        self.options.followed = Some(reference);
         self.options.notes.attach(attachment(attached::REFERENCE, "text/csv", csv));
     }
+}
+
+/// Remarks with the reference that they are about.
+fn about(name: &str, remarks: Vec<String>) -> Vec<String> {
+    remarks.into_iter().map(|remark| format!("reference {name}: {remark}")).collect()
 }
 
 /// Reads and checks a reference on a thread of its own: a file system that hangs holds nobody else.

@@ -1,8 +1,6 @@
 //! Sensors, and the chambers that are read by a neighbour's.
 
 use super::{Assembly, mechanisms_on};
-use crate::mechanism::{Mechanism, Swing};
-use crate::plant::lag::Share;
 use crate::plant::sensor::SensorPath;
 use crate::rig::{Line, RigError};
 
@@ -10,35 +8,8 @@ impl Assembly<'_> {
     pub(super) fn sensors(&mut self) -> Result<(), RigError> {
         for (name, sensor) in &self.rig.sensors {
             let node = self.node(&sensor.volume);
-            let mut path = SensorPath::plain(node);
-            for mechanism in mechanisms_on(self.rig, name) {
-                match mechanism {
-                    Mechanism::SensorLag(m) => {
-                        let [first, second] = m.time_constants_s();
-                        path.memory = Some(self.memory);
-                        Share { approach: path.approach, ahead: path.ahead } = Share::of(first, self.plant.step_s);
-                        self.memory += 1;
-                        if second > 0.0 {
-                            path.second = Some(self.memory);
-                            Share { approach: path.second_approach, ahead: path.second_ahead } =
-                                Share::of(second, self.plant.step_s);
-                            self.memory += 1;
-                        }
-                    }
-                    Mechanism::ResidualResponse(m) => {
-                        path.response = Some(self.memory);
-                        (path.natural, path.damping, path.share) = (m.natural_rad_s(), m.damping_ratio, m.share);
-                        let Swing { keeps, turns, damps } = m.swing(self.plant.step_s);
-                        (path.keeps, path.turns, path.damps) = (keeps, turns, damps);
-                        path.keeps_up = 1.0 / (path.natural * self.plant.step_s);
-                        self.memory += 2;
-                    }
-                    Mechanism::SensorGain(m) => path.gain = m.gain,
-                    Mechanism::SensorBias(m) => path.bias = m.bias_kpa,
-                    Mechanism::SensorDrift(m) => (path.drift, path.drift_end) = m.course(),
-                    _ => {}
-                }
-            }
+            let mechanisms = mechanisms_on(self.rig, name);
+            let path = SensorPath::with(node, mechanisms, self.plant.step_s, &mut self.memory);
             self.plant.sensors.push(path);
         }
         self.plant.like = self.neighbours();

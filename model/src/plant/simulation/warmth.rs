@@ -19,6 +19,11 @@ use crate::plant::dispatch::Simulated;
 const AVERAGED_TICKS: usize = 10;
 
 impl<R: Simulated> Simulation<R> {
+    /// Tells whether gas in some chamber is warmer or colder than its walls at times.
+    pub fn has_gas_that_warms(&self) -> bool {
+        !self.plant.thermal.is_empty()
+    }
+
     /// Makes gas as warm as it is where the pressures, as they are now, had settled with pumps running as `inputs` say.
     ///
     /// What flows into a chamber and how warm it is are measured: with all valves shut it is what the chamber gains in mass, and

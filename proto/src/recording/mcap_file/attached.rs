@@ -16,3 +16,5 @@ pub const POLICY: &str = "policy.onnx";
 pub const ORDER: &str = "order.json";
 /// The rig behind the emulated cRIO.
 pub const PLANT: &str = "emulated_rig.toml";
+/// All of them.
+pub const ALL: [&str; 8] = [MODEL, CONFIG, EFFECTIVE, REFERENCE, EXPERIMENT, POLICY, ORDER, PLANT];

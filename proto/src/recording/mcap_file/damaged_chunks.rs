@@ -14,7 +14,7 @@ const LONGEST_S: f64 = 86_400.0;
 #[derive(Debug)]
 pub(crate) struct Damaged {
     /// Place of its note.
-    note: usize,
+    pub(super) note: usize,
     /// Ticks that were read of it.
     read: usize,
     /// Messages that its index lists, by channel.
@@ -46,9 +46,17 @@ impl Damaged {
                 Some(format!("its messages span {:.2} s", self.span_s))
             }
             0 => None,
-            1 => Some(format!("1 tick of {PERIOD_S} s is lost")),
-            lost => Some(format!("{lost} ticks ({:.2} s) are lost", lost as f64 * PERIOD_S)),
+            lost => Some(lost_words(lost as u64)),
         }
+    }
+}
+
+/// Words for ticks that are lost.
+pub(super) fn lost_words(ticks: u64) -> String {
+    match ticks {
+        0 => "no tick is lost".to_owned(),
+        1 => format!("1 tick of {PERIOD_S} s is lost"),
+        ticks => format!("{ticks} ticks ({:.2} s) are lost", ticks as f64 * PERIOD_S),
     }
 }
 

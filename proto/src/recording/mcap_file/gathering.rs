@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use mcap::read::parse_record;
 use mcap::records::{Record, op};
 
+use super::attached;
 use super::damaged_chunks::Damaged;
 use super::decompress::{End, decompress};
 use super::protobuf::DecodeError;
@@ -13,6 +14,7 @@ use super::reader::{ForeignMcap, McapContent, ReadMcapError};
 use super::recording_info::{Attachment, FORMAT, METADATA};
 use super::schema::{self, Log};
 use super::tick::{COMMAND_BYTES, SENSE_BYTES};
+use super::way_through_file::Stretch;
 use super::writer::{Event, EventLevel, topic};
 
 /// How the file ended.
@@ -70,7 +72,11 @@ pub(crate) struct Gathering {
     pub(crate) ticks: HashMap<u32, usize>,
     pub(super) damaged: Vec<Damaged>,
     // Whether what was read last is a damaged chunk, whose index follows it.
-    behind_damaged: bool,
+    pub(super) behind_damaged: bool,
+    pub(super) lost: LostAttachments,
+    // The damaged stretch behind which no tick has been read yet.
+    pub(super) stretch: Option<Stretch>,
+    pub(super) last_sequence: Option<u32>,
 }
 
 impl Gathering {
@@ -79,33 +85,15 @@ impl Gathering {
         Gathering { file: file.to_owned(), ..Gathering::default() }
     }
 
-    /// Reads as far as the file goes, and tells how it ended.
-    pub(super) fn read(&mut self, bytes: &[u8]) -> Result<FileEnd, ReadMcapError> {
-        let mut rest = bytes.get(mcap::MAGIC.len()..).unwrap_or_default();
-        while !rest.is_empty() {
-            let Some((code, body, after)) = next_record(rest) else {
-                self.cut(rest)?;
-                return Ok(FileEnd::Cut);
-            };
-            match code {
-                // What follows is the index, which repeats what was read.
-                op::DATA_END => return Ok(FileEnd::Reached),
-                _ => {
-                    if let Some(unreadable) = self.whole_record(code, body)? {
-                        return Ok(FileEnd::Unreadable(unreadable));
-                    }
-                }
-            }
-            rest = after;
-        }
-        Ok(FileEnd::Missing)
-    }
-
     /// Takes in a record that is whole and not the end of the data; what is wrong with one that is no record.
     pub(crate) fn whole_record(&mut self, code: u8, body: &[u8]) -> Result<Option<String>, ReadMcapError> {
-        if code == op::CHUNK {
-            self.chunk(body, End::Reached)?;
-            return Ok(None);
+        match code {
+            op::CHUNK => return self.chunk(body, End::Reached).map(|()| None),
+            op::ATTACHMENT => {
+                self.attachment(body, None);
+                return Ok(None);
+            }
+            _ => {}
         }
         match parse_record(code, body) {
             Ok(record) => self.record(record).map(|()| None),
@@ -125,9 +113,17 @@ impl Gathering {
     fn chunk(&mut self, body: &[u8], end: End) -> Result<(), ReadMcapError> {
         let (notes, ticks) = (self.content.notes.len(), self.content.ticks.len());
         self.sound_of_chunk(body, end)?;
-        self.behind_damaged = end == End::Reached && self.content.notes.len() > notes;
+        let is_damaged = end == End::Reached && self.content.notes.len() > notes;
+        if is_damaged && self.stretch.is_some() {
+            // It belongs to the damaged stretch before it, which tells of both.
+            self.content.notes.truncate(notes);
+            self.behind_damaged = false;
+            return Ok(());
+        }
+        self.behind_damaged = is_damaged;
         if self.behind_damaged {
             let read = self.content.ticks.len() - ticks;
+            self.content.lost_before.push(self.content.ticks.len());
             let note = self.content.notes.len() - 1;
             self.damaged.push(Damaged::of(body, note, read));
         }
@@ -179,7 +175,7 @@ impl Gathering {
         Ok(())
     }
 
-    fn record(&mut self, record: Record<'_>) -> Result<(), ReadMcapError> {
+    pub(super) fn record(&mut self, record: Record<'_>) -> Result<(), ReadMcapError> {
         match record {
             Record::Header(header) => {
                 let words = [header.profile, header.library].into_iter().filter(|word| !word.is_empty());
@@ -225,16 +221,26 @@ impl Gathering {
                 self.content.metadata = metadata.metadata;
                 self.check_format()?;
             }
-            Record::Attachment { header, data, .. } => {
-                self.content.attachments.push(Attachment {
-                    name: header.name,
-                    media_type: header.media_type,
-                    data: data.into_owned(),
-                });
-            }
             _ => {}
         }
         Ok(())
+    }
+
+    /// Takes in an attachment; one that is damaged is left out. `indexed` is its name by the file's index.
+    pub(super) fn attachment(&mut self, body: &[u8], indexed: Option<&str>) {
+        match sound_attachment(body) {
+            // Those of one name count by their order, so that behind one that is lost nobody knows which one this is.
+            Ok(found) if self.lost.has(&found.name) => {}
+            Ok(found) => self.content.attachments.push(found),
+            Err(problem) => {
+                let own = attachment_name(body).filter(|name| attached::ALL.contains(name));
+                let name = indexed.or(own);
+                self.lost.add(name);
+                self.content.damaged_attachments.extend(name.map(str::to_owned));
+                let named = name.map_or("an attachment".to_owned(), |name| format!("the attachment {name}"));
+                self.note(&format!("{named} is damaged ({problem}) and was left out"));
+            }
+        }
     }
 
     fn message(&mut self, topic: Topic, sequence: u32, data: &[u8]) -> Result<(), DecodeError> {
@@ -265,6 +271,8 @@ impl Gathering {
                 if let Some(frame) = self.command.remove(&sequence) {
                     (tick.command_present, tick.command) = (true, frame);
                 }
+                self.end_stretch(sequence);
+                self.last_sequence = Some(sequence);
                 self.ticks.insert(sequence, self.content.ticks.len());
                 self.content.ticks.push(tick);
             }
@@ -286,7 +294,66 @@ impl Gathering {
         Err(ReadMcapError::Later { file: self.file.clone(), found: found.clone(), known: FORMAT })
     }
 
-    fn note(&mut self, text: &str) {
+    pub(super) fn note(&mut self, text: &str) {
         self.content.notes.push(format!("{}: {text}", self.file));
+    }
+}
+
+/// An attachment by its record's body.
+///
+/// # Errors
+/// What is damaged.
+fn sound_attachment(body: &[u8]) -> Result<Attachment, &'static str> {
+    // The library reads the CRC behind the data without looking whether it is there.
+    if attachment_lengths(body).is_none_or(|bytes| bytes > body.len()) {
+        return Err("its lengths are wrong");
+    }
+    match parse_record(op::ATTACHMENT, body) {
+        Ok(Record::Attachment { header, data, .. }) => {
+            Ok(Attachment { name: header.name, media_type: header.media_type, data: data.into_owned() })
+        }
+        Err(mcap::McapError::BadAttachmentCrc { .. }) => Err("its CRC is wrong"),
+        _ => Err("it cannot be read"),
+    }
+}
+
+/// Bytes of an attachment's record by the lengths within it; `None` where they lead out of it.
+fn attachment_lengths(body: &[u8]) -> Option<usize> {
+    // Two times, the name, the media type, the data, and the CRC.
+    let mut at = 8 + 8;
+    for _ in 0..2 {
+        let length = body.get(at..)?.first_chunk::<4>()?;
+        at = at.checked_add(4)?.checked_add(usize::try_from(u32::from_le_bytes(*length)).ok()?)?;
+    }
+    let data = body.get(at..)?.first_chunk::<8>()?;
+    at.checked_add(8 + 4)?.checked_add(usize::try_from(u64::from_le_bytes(*data)).ok()?)
+}
+
+/// Name of an attachment by its record's body.
+fn attachment_name(body: &[u8]) -> Option<&str> {
+    let (length, rest) = body.get(16..)?.split_first_chunk::<4>()?;
+    std::str::from_utf8(rest.get(..usize::try_from(u32::from_le_bytes(*length)).ok()?)?).ok()
+}
+
+/// Attachments that are lost.
+#[derive(Debug, Default)]
+pub(super) struct LostAttachments {
+    names: Vec<String>,
+    /// Whether one is lost whose name is not known.
+    unnamed: bool,
+}
+
+impl LostAttachments {
+    /// Tells whether one of this name may be lost.
+    fn has(&self, name: &str) -> bool {
+        self.unnamed || self.names.iter().any(|lost| lost == name)
+    }
+
+    /// Adds one; `None` stands for a name that is not known.
+    pub(super) fn add(&mut self, name: Option<&str>) {
+        match name {
+            Some(name) => self.names.push(name.to_owned()),
+            None => self.unnamed = true,
+        }
     }
 }

@@ -3,6 +3,7 @@
 pub mod attached;
 pub(crate) mod damaged_chunks;
 pub(crate) mod decompress;
+mod file_index;
 pub(crate) mod follower;
 pub(crate) mod from_ticks;
 pub(crate) mod gathering;
@@ -17,4 +18,5 @@ pub(crate) mod tick;
 pub(crate) mod tick_order;
 pub(crate) mod tick_table;
 pub(crate) mod wall_clock;
+mod way_through_file;
 pub(crate) mod writer;

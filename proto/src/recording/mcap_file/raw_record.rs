@@ -1,6 +1,8 @@
 //! Records and chunks of an MCAP file as they lie in its bytes, whole or cut.
 
-use super::decompress::End;
+use mcap::records::op;
+
+use super::decompress::{End, decompress};
 
 /// Code, body and what follows of the whole record that bytes begin with.
 pub(crate) fn next_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
@@ -14,6 +16,39 @@ pub(crate) fn next_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
 pub(super) fn cut_record(bytes: &[u8]) -> Option<(u8, &[u8])> {
     let (code, rest) = bytes.split_first()?;
     Some((*code, rest.get(8..)?))
+}
+
+/// Tells whether bytes begin with a whole record of a kind that the format has.
+pub(super) fn begins_with_record(bytes: &[u8]) -> bool {
+    next_record(bytes).is_some_and(|(code, ..)| (op::HEADER..=op::DATA_END).contains(&code))
+}
+
+/// Place of the first chunk from `from` on that is whole and whose CRC is right.
+///
+/// Nothing else is taken for a chunk: its lengths fit each other to the byte, and the CRC is that of what it holds.
+pub(super) fn next_sound_chunk(bytes: &[u8], from: usize) -> Option<usize> {
+    let mut at = from;
+    loop {
+        at += bytes.get(at..)?.iter().position(|byte| *byte == op::CHUNK)?;
+        if bytes.get(at..).and_then(next_record).is_some_and(|(_, body, _)| is_sound_chunk(body)) {
+            return Some(at);
+        }
+        at += 1;
+    }
+}
+
+fn is_sound_chunk(body: &[u8]) -> bool {
+    let Some(chunk) = Chunk::of(body, End::Reached) else { return false };
+    // Two times, a size, a CRC, and the lengths of the compression's name and of the records.
+    let heads = 8 + 8 + 8 + 4 + 4 + 8;
+    if chunk.crc == 0 || body.len() != heads + chunk.compression.len() + chunk.records.len() {
+        return false;
+    }
+    if chunk.compression.is_empty() {
+        return chunk.crc == crc32fast::hash(chunk.records);
+    }
+    decompress(chunk.compression, chunk.records, chunk.size)
+        .is_ok_and(|records| records.end == End::Reached && chunk.crc == crc32fast::hash(&records.bytes))
 }
 
 /// The head of a chunk and its records, as they are stored.

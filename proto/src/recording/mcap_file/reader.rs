@@ -2,8 +2,10 @@
 //!
 //! The file is read from its beginning, without its index, so a file that a crash cut short reads
 //! the same way: record by record until something is not whole. Of a chunk that is cut every whole
-//! message is read. What cannot be read is said in a note; a chunk whose CRC is wrong is left out,
-//! those after it are still read. Ticks come back bit for bit, NaN payloads included.
+//! message is read. What cannot be read is said in a note; a chunk or an attachment whose CRC is wrong
+//! is left out, those after it are still read. Over a stretch in which no record can be found reading
+//! goes on where the index, or the CRC of a chunk, says that one begins. Ticks come back bit for bit,
+//! NaN payloads included.
 //!
 //! Files that another tool saved again are read too: chunks compressed with zstd or lz4, other
 //! channel numbers, other orders of messages (frames are put to their ticks by sequence number).
@@ -30,8 +32,12 @@ pub struct McapContent {
     pub events: Vec<Event>,
     /// The metadata of the run: program, start, policy, seed.
     pub metadata: BTreeMap<String, String>,
-    /// The files inside: configuration, rig.
+    /// The files inside: configuration, rig. Behind one that is damaged none of its name is here, as they count by their order.
     pub attachments: Vec<Attachment>,
+    /// Names of files inside that are damaged.
+    pub damaged_attachments: Vec<String>,
+    /// Places in `ticks` before which something is damaged; none where another tool has put them in another order.
+    pub lost_before: Vec<usize>,
     /// True when the file was finished and nothing of it was left out.
     pub complete: bool,
     /// What could not be read, a line each.
@@ -80,7 +86,7 @@ pub enum ReadMcapError {
         known: u32,
     },
     /// A recording that ends before its first tick.
-    #[error("{file}: the recording holds no tick{}", .notes.first().map(|note| format!("; {note}")).unwrap_or_default())]
+    #[error("{file}: the recording holds no tick that can be read{}", .notes.first().map(|note| format!("; {note}")).unwrap_or_default())]
     NoTicks {
         /// The file.
         file: String,
@@ -146,7 +152,7 @@ pub fn parse_mcap(file: &str, bytes: &[u8]) -> Result<McapContent, ReadMcapError
             content.notes.push(format!("{file}: unreadable from here on ({error}); read the {ticks} ticks before it"));
         }
     }
-    if foreign_ticks || (whole && !has_tick_topic) {
+    if foreign_ticks || (whole && !has_tick_topic && content.notes.is_empty()) {
         let problem = ForeignMcap::NoTickTopic { holds: holds.words() };
         return Err(ReadMcapError::Foreign { file: file.to_owned(), problem });
     }
@@ -154,19 +160,31 @@ pub fn parse_mcap(file: &str, bytes: &[u8]) -> Result<McapContent, ReadMcapError
         return Err(ReadMcapError::NoTicks { file: file.to_owned(), notes: content.notes });
     }
     content.complete = content.notes.is_empty();
-    into_order(&mut content.ticks, &places);
+    if into_order(&mut content.ticks, &places) == Order::Another {
+        content.lost_before.clear();
+    }
     Ok(content)
 }
 
-/// Puts ticks that another tool has written in another order back into their own, `places` being where each sequence number stands.
-fn into_order(ticks: &mut Vec<TickRecord>, places: &HashMap<u32, usize>) {
+/// Order in which the ticks of a file were written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Order {
+    Own,
+    Another,
+}
+
+/// Puts ticks that another tool has written in another order back into their own, `places` being where each sequence number
+/// stands; tells in which they were.
+fn into_order(ticks: &mut Vec<TickRecord>, places: &HashMap<u32, usize>) -> Order {
     // A tool that numbers messages anew says nothing of their order.
     if places.len() != ticks.len() {
-        return;
+        return Order::Own;
     }
     let mut order: Vec<(u32, usize)> = places.iter().map(|(sequence, place)| (*sequence, *place)).collect();
     order.sort_unstable();
-    if !order.is_sorted_by_key(|(_, place)| *place) {
-        *ticks = order.iter().filter_map(|(_, place)| ticks.get(*place)).copied().collect();
+    if order.is_sorted_by_key(|(_, place)| *place) {
+        return Order::Own;
     }
+    *ticks = order.iter().filter_map(|(_, place)| ticks.get(*place)).copied().collect();
+    Order::Another
 }

@@ -231,17 +231,27 @@ impl TickInput {
         Self::Other,
     ];
 
-    /// Appends an input to those of a tick; the ninth and later ones are not kept, and the eighth says so.
+    /// Appends an input to those of a tick; the ninth and later ones are not kept, and the eighth says so
+    /// ([`TickInput::is_overfull`]). A request that would change nothing, being the last one again, takes no room.
     ///
     /// # Real-time
     /// May run in the tick.
     pub const fn append(self, inputs: &mut u32) {
         let filled = (u32::BITS - inputs.leading_zeros()).div_ceil(4);
+        let repeats = filled > 0 && *inputs >> (4 * (filled - 1)) == self as u32;
+        if repeats && matches!(self, Self::Arm | Self::Disarm | Self::Acknowledge | Self::Explore) {
+            return;
+        }
         if filled < 8 {
             *inputs |= (self as u32) << (4 * filled);
         } else {
             *inputs |= (Self::Other as u32) << 28;
         }
+    }
+
+    /// Tells whether more reached a tick than its record holds.
+    pub const fn is_overfull(inputs: u32) -> bool {
+        inputs >> 28 == Self::Other as u32
     }
 
     /// The inputs of a tick, in their order; codes of a later version come out as [`TickInput::Other`].
@@ -355,9 +365,28 @@ mod tests {
         }
         let back: Vec<TickInput> = TickInput::of(inputs).collect();
         assert_eq!(back, [TickInput::SessionOpened, TickInput::Arm, TickInput::Disarm, TickInput::Arm]);
-        (0..9).for_each(|_| TickInput::Disarm.append(&mut inputs));
+        (0..4).for_each(|_| TickInput::Reference.append(&mut inputs));
+        assert_eq!(TickInput::of(inputs).count(), 8);
+        assert!(!TickInput::is_overfull(inputs));
+        TickInput::Disarm.append(&mut inputs);
         assert_eq!(TickInput::of(inputs).count(), 8);
         assert_eq!(TickInput::of(inputs).last(), Some(TickInput::Other));
+        assert!(TickInput::is_overfull(inputs));
+    }
+
+    /// Pressed again and again while the link is away, a key leaves room for what follows.
+    #[test]
+    fn a_request_that_repeats_the_last_one_takes_no_room() {
+        use TickInput::{Acknowledge, Disarm, LinkLost, Reference, SessionOpened};
+        let mut inputs = 0;
+        LinkLost.append(&mut inputs);
+        (0..20).for_each(|_| Disarm.append(&mut inputs));
+        (0..20).for_each(|_| Acknowledge.append(&mut inputs));
+        // Each of these has a file of its own inside the recording.
+        (0..2).for_each(|_| Reference.append(&mut inputs));
+        SessionOpened.append(&mut inputs);
+        let back: Vec<TickInput> = TickInput::of(inputs).collect();
+        assert_eq!(back, [LinkLost, Disarm, Acknowledge, Reference, Reference, SessionOpened]);
     }
 
     #[test]

@@ -8,7 +8,9 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
-use super::resample::{Kind, median_step};
+use super::own_rows::in_ms;
+use super::repeated::Held;
+use super::resample::{Kind, SPARSE_S, median_step};
 use super::slower::{self, blank};
 use crate::recording::csv::numbers::says_nothing;
 use crate::recording::csv::{Column, ColumnData, rows_alone};
@@ -18,6 +20,11 @@ use crate::recording::logger_file::sheet::{Cells, Sheet};
 const LEAST_READINGS: usize = 20;
 /// Commands that there are at least: written where they change, there are few.
 const LEAST_COMMANDS: usize = 2;
+/// Readings one behind the other in which all sensors were read, at least, where that is so in less than half of the file: with fewer a run
+/// tells nothing, and they may be chance.
+const LEAST_TOGETHER: usize = 100;
+/// Usual steps up to which readings are one behind the other.
+const STRETCH: f64 = 2.5;
 /// One row of so many, of those with a reading or of those with a command, at most has both.
 const BOTH: usize = 10;
 
@@ -128,6 +135,40 @@ fn hold(texts: &mut [Cow<'_, str>], is_blank: &[bool]) {
     }
 }
 
+/// Takes repeated readings of each sensor out of its own rows, and tells how often it was read.
+pub(crate) fn without_repeated(time_s: &[f64], columns: &mut [(Column, Kind)]) -> Vec<String> {
+    let mut told = Vec::new();
+    for (column, _) in columns.iter_mut().filter(|(_, kind)| *kind == Kind::Reading) {
+        let ColumnData::Numbers(numbers) = &mut column.data else { continue };
+        let rows = rows_with_a_number(numbers);
+        let [times, own] = [rows_alone(time_s, &rows), rows_alone(numbers, &rows)];
+        let step_s = median_step(&times).unwrap_or(0.0);
+        let is_slow = |held: &Held| held.rows_a_reading * step_s > SPARSE_S;
+        let Some(held) = Held::of(&times, &own).filter(is_slow) else { continue };
+        for (row, _) in rows.iter().zip(&held.read).filter(|(_, read)| !**read) {
+            numbers.get_mut(*row).into_iter().for_each(|x| *x = f64::NAN);
+        }
+        told.push(format!(
+            "{} was read every {} ms ({})",
+            column.name,
+            in_ms(held.rows_a_reading * step_s),
+            held.told()
+        ));
+    }
+    told
+}
+
+/// Words on the times from which to which each sensor has readings.
+pub(crate) fn spans(time_s: &[f64], columns: &[(Column, Kind)]) -> String {
+    let span = |column: &Column| {
+        let there: Vec<bool> = column.numbers()?.iter().map(|x| !x.is_nan()).collect();
+        let [first, last] = [there.iter().position(|there| *there)?, there.iter().rposition(|there| *there)?];
+        Some(format!("{} from {:.2} to {:.2} s", column.name, time_s.get(first)?, time_s.get(last)?))
+    };
+    let sensors = columns.iter().filter(|(_, kind)| *kind == Kind::Reading);
+    sensors.filter_map(|(column, _)| span(column)).collect::<Vec<_>>().join(", ")
+}
+
 /// Rows at whose times readings count, with all sensors' columns brought to these rows alone.
 ///
 /// # Errors
@@ -148,7 +189,7 @@ pub(crate) fn readings(time_s: &[f64], columns: &mut [(Column, Kind)]) -> Result
 /// Rows of the sensor that is read least often at which all others were read within a usual step of it; `read` are the rows of each.
 ///
 /// # Errors
-/// The place among the sensors of that one, where these are less than half of its rows.
+/// The place among the sensors of that one, where these are less than half of its rows and too few for a run.
 pub(crate) fn near_all(time_s: &[f64], read: &[Vec<usize>]) -> Result<Vec<usize>, usize> {
     let Some((slowest, base)) = read.iter().enumerate().min_by_key(|(_, rows)| rows.len()) else {
         return Ok(Vec::new());
@@ -161,7 +202,9 @@ pub(crate) fn near_all(time_s: &[f64], read: &[Vec<usize>]) -> Result<Vec<usize>
         behind.checked_sub(1).map_or(f64::INFINITY, off).min(off(behind)) <= step_s
     };
     let kept: Vec<usize> = base.iter().copied().filter(|row| read.iter().all(|rows| is_near(rows, at(*row)))).collect();
-    if 2 * kept.len() < base.len() {
+    // Sensors that are each read in a part of the file have a stretch in common, which is one run.
+    let longest = kept.chunk_by(|a, b| at(*b) - at(*a) <= STRETCH * step_s).map(<[usize]>::len).max().unwrap_or(0);
+    if 2 * kept.len() < base.len() && longest < LEAST_TOGETHER {
         return Err(slowest);
     }
     Ok(kept)

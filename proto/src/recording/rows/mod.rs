@@ -7,3 +7,4 @@ pub(crate) mod own_rows;
 pub(crate) mod repeated;
 pub(crate) mod resample;
 pub(crate) mod slower;
+pub(crate) mod uneven;

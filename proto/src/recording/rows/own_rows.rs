@@ -5,24 +5,33 @@
 //! none of them across a gap: a run begins where every sensor has been read. The distance of readings that nothing faster can be told
 //! from is that of the sensor that is read least often. Where all sensors are read in the same rows these are samples of the whole
 //! ([`super::slower`], [`super::repeated::fresh`]).
+//!
+//! A sensor may have readings in a part of the file alone (it was plugged in later, or came off). Behind its last one the others are
+//! evidence without it.
 
 use std::ops::Range;
 
 use super::asynchronous::near_all;
 use super::lost_rows::{Missing, left_out_before_readings};
-use super::repeated;
+use super::repeated::Held;
 use super::resample::{self, Kind, Resampling, median_step};
 use super::slower::{self, Slower};
 use crate::recording::csv::{Column, ColumnData, rows_alone};
 use crate::recording::logger_file::sheet::Sheet;
+
+/// Time (s) and readings by which a sensor may begin after the first one, or end before the last, and be read all the time.
+const LATE_S: f64 = 1.0;
+const LATE_READINGS: f64 = 5.0;
+/// Usual distances of readings from which on one is a hole.
+const HOLE: f64 = 5.0;
 
 /// Rows in which each of several sensors was read.
 #[derive(Debug)]
 pub(crate) struct OwnRows {
     /// By sensor its column, and by row whether it was read.
     read: Vec<(String, Vec<bool>)>,
-    /// Rows for each reading of the sensor that is read least often.
-    pub(crate) rows_a_reading: usize,
+    /// Rows for each reading of the sensor that is read least often, as a mean.
+    pub(crate) rows_a_reading: f64,
     /// Remarks on it.
     pub(crate) notes: Vec<String>,
 }
@@ -31,22 +40,23 @@ pub(crate) struct OwnRows {
 struct Sensor<'c> {
     column: &'c str,
     read: Vec<bool>,
-    /// Rows for each of its readings, and whether its numbers are repeated in them.
-    rows_a_reading: usize,
+    /// Rows from each of its readings to the next, as a mean, and words on them where it is not read in every row.
+    rows_a_reading: f64,
+    how: Option<String>,
     is_held: bool,
 }
 
 impl<'c> Sensor<'c> {
-    /// The sensor whose column this is, where samples are `step_s` apart.
-    fn of(column: &'c str, numbers: &[f64], step_s: f64) -> Self {
-        let is_slow = |rows: usize| rows as f64 * step_s > resample::SPARSE_S;
-        if let Some((read, rows_a_reading)) = repeated::held(numbers).filter(|(_, rows)| is_slow(*rows)) {
-            return Sensor { column, read, rows_a_reading, is_held: true };
+    /// The sensor whose column this is, where samples were taken at `time_s`, usually `step_s` apart.
+    fn of(column: &'c str, numbers: &[f64], (time_s, step_s): (&[f64], f64)) -> Self {
+        if let Some(held) = Held::of(time_s, numbers).filter(|held| held.rows_a_reading * step_s > resample::SPARSE_S) {
+            let how = Some(held.told());
+            return Sensor { column, read: held.read, rows_a_reading: held.rows_a_reading, how, is_held: true };
         }
         let read: Vec<bool> = numbers.iter().map(|x| !x.is_nan()).collect();
-        let count = read.iter().filter(|read| **read).count();
-        let rows_a_reading = (numbers.len() as f64 / count.max(1) as f64).round().max(1.0) as usize;
-        Sensor { column, read, rows_a_reading, is_held: false }
+        let rows = usual_distance(&read).round().max(1.0);
+        let how = (rows > 1.5).then(|| format!("a number in one row of {rows:.0}"));
+        Sensor { column, read, rows_a_reading: rows, how, is_held: false }
     }
 
     fn rows(&self) -> Vec<usize> {
@@ -59,14 +69,44 @@ impl<'c> Sensor<'c> {
 
     /// Words on how often it was read; `None` where that is in every row.
     fn told(&self, step_s: f64) -> Option<String> {
-        let rows = self.rows_a_reading;
-        let how = match (rows, self.is_held) {
-            (0 | 1, _) => return None,
-            (_, true) => format!("each reading stands there {rows} times"),
-            (_, false) => format!("a number in one row of {rows}"),
-        };
-        Some(format!("{} was read every {:.0} ms ({how})", self.column, 1e3 * step_s * rows as f64))
+        let apart_ms = in_ms(step_s * self.rows_a_reading);
+        self.how.as_ref().map(|how| format!("{} was read every {apart_ms} ms ({how})", self.column))
     }
+
+    /// From the row of its first reading to that of its last.
+    fn span(&self) -> Option<Range<usize>> {
+        Some(self.read.iter().position(|read| *read)?..self.read.iter().rposition(|read| *read)?)
+    }
+}
+
+/// Words on each sensor that was read in a part of the time alone in which others were, with this part.
+fn parts(sensors: &[Sensor<'_>], time_s: &[f64], step_s: f64) -> Vec<String> {
+    let spans = || sensors.iter().filter_map(|sensor| Some((sensor, sensor.span()?)));
+    let (Some(first), Some(last)) = (spans().map(|(_, of)| of.start).min(), spans().map(|(_, of)| of.end).max()) else {
+        return Vec::new();
+    };
+    let at = |row: usize| time_s.get(row).copied().unwrap_or(f64::NAN);
+    let told = |(sensor, of): (&Sensor<'_>, Range<usize>)| {
+        let edge_s = LATE_S.max(LATE_READINGS * sensor.rows_a_reading * step_s);
+        let is_part = at(of.start) - at(first) > edge_s || at(last) - at(of.end) > edge_s;
+        is_part.then(|| format!("{} from {:.2} to {:.2} s", sensor.column, at(of.start), at(of.end)))
+    };
+    spans().filter_map(told).collect()
+}
+
+/// The usual distance of readings in rows: the mean of those that are no holes.
+fn usual_distance(read: &[bool]) -> f64 {
+    let rows: Vec<f64> = read.iter().enumerate().filter(|(_, read)| **read).map(|(row, _)| row as f64).collect();
+    let Some(median) = median_step(&rows) else { return read.len() as f64 };
+    let near = rows.windows(2).map(|w| w[1] - w[0]).filter(|step| *step <= HOLE * median);
+    let (count, sum) = near.fold((0.0, 0.0), |(count, sum), step| (count + 1.0, sum + step));
+    sum / f64::max(count, 1.0)
+}
+
+/// A time in ms, with a tenth where it is no whole number.
+pub(crate) fn in_ms(time_s: f64) -> String {
+    let ms = 1e3 * time_s;
+    if (ms - ms.round()).abs() < 0.05 { format!("{ms:.0}") } else { format!("{ms:.1}") }
 }
 
 impl OwnRows {
@@ -84,14 +124,16 @@ impl OwnRows {
         let step_s = median_step(time_s).unwrap_or(0.0);
         let numbers = columns.iter().filter(|(_, kind)| *kind == Kind::Reading);
         let numbers: Vec<(&str, &[f64])> = numbers.filter_map(|(c, _)| Some((c.name.as_str(), c.numbers()?))).collect();
-        let sensors: Vec<Sensor<'_>> = numbers.iter().map(|(name, of)| Sensor::of(name, of, step_s)).collect();
+        let sensors: Vec<Sensor<'_>> =
+            numbers.iter().map(|(name, of)| Sensor::of(name, of, (time_s.as_slice(), step_s))).collect();
+        let parts = parts(&sensors, time_s, step_s);
         let together = Slower::of(&numbers.iter().map(|(_, of)| *of).collect::<Vec<_>>()).is_ok();
-        if together && sensors.iter().all(|sensor| !sensor.is_held) {
+        if together && parts.is_empty() && sensors.iter().all(|sensor| !sensor.is_held) {
             return Ok(None);
         }
         near_all(time_s, &sensors.iter().map(Sensor::rows).collect::<Vec<_>>())?;
-        let slowest = sensors.iter().enumerate().max_by_key(|(_, sensor)| sensor.rows_a_reading);
-        let (at_slowest, rows_a_reading) = slowest.map_or((0, 1), |(at, sensor)| (at, sensor.rows_a_reading));
+        let slowest = sensors.iter().enumerate().max_by(|(_, a), (_, b)| a.rows_a_reading.total_cmp(&b.rows_a_reading));
+        let (at_slowest, rows_a_reading) = slowest.map_or((0, 1.0), |(at, sensor)| (at, sensor.rows_a_reading));
         // A run in which a sensor was never read begins nowhere.
         let begin = |run: &Range<usize>| {
             let first = |sensor: &Sensor<'_>| run.clone().find(|row| sensor.is_read(*row)).unwrap_or(run.end);
@@ -101,14 +143,25 @@ impl OwnRows {
         if kept.is_empty() {
             return Err(at_slowest);
         }
+        let mut notes = Vec::new();
         let told: Vec<String> = sensors.iter().filter_map(|sensor| sensor.told(step_s)).collect();
-        let mut notes = vec![format!(
-            "{}: {}; only the row of each reading counts as one of its sensor, straight lines lie between, and nothing faster than {:.0} ms can \
-             be told",
-            sheet.file,
-            told.join(", "),
-            1e3 * step_s * rows_a_reading as f64
-        )];
+        if !told.is_empty() {
+            notes.push(format!(
+                "{}: {}; only the row of each reading counts as one of its sensor, straight lines lie between, and nothing faster than {} ms \
+                 can be told",
+                sheet.file,
+                told.join(", "),
+                in_ms(step_s * rows_a_reading)
+            ));
+        }
+        if !parts.is_empty() {
+            notes.push(format!(
+                "{}: read in a part of the file alone: {}; before the first reading of a sensor no run can begin, and behind its last one \
+                 the others count without it",
+                sheet.file,
+                parts.join(", ")
+            ));
+        }
         notes.extend(left_out_before_readings(&sheet.file, time_s.len() - kept.len()));
         let mut read: Vec<(String, Vec<bool>)> =
             sensors.into_iter().map(|sensor| (sensor.column.to_owned(), sensor.read)).collect();

@@ -3,7 +3,9 @@
 //! A sensor that is read every 100 ms and logged every 20 ms repeats each number five times. Only the first of them is a sample. Such
 //! runs of equal numbers are all of one length, or of several such lengths where a reading came out as the one before; those of a calm
 //! chamber and a coarse converter are of every length. A ramp through the steps of a coarse converter has runs of one length as well, but
-//! goes on by one step of it at a time.
+//! goes on by one step of it at a time. A rate that does not divide that of the rows is another matter ([`super::uneven`]).
+
+use super::uneven;
 
 /// Runs that must be there to tell.
 const LEAST_RUNS: usize = 40;
@@ -13,8 +15,11 @@ const ALIKE: f64 = 0.8;
 const JUMP_STEPS: f64 = 1.5;
 const JUMPS: f64 = 0.25;
 
+/// Distance of a number of rows from a whole one up to which all readings stand there equally often.
+const WHOLE: f64 = 0.03;
+
 /// How samples and sensors' readings go together.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Sensors {
     /// A reading in each sample.
     EachSample,
@@ -22,17 +27,54 @@ pub(crate) enum Sensors {
     Repeated(usize),
     /// One of so many samples has a reading, the others have none.
     Slower(usize),
-    /// Each sensor has samples of its own; the one that is read least often in one of so many.
-    Own(usize),
+    /// Each sensor has samples of its own; the one that is read least often in one of so many, as a mean.
+    Own(f64),
 }
 
 impl Sensors {
     /// Samples for each reading.
-    pub(crate) fn samples(self) -> usize {
+    pub(crate) fn samples(self) -> f64 {
         match self {
-            Sensors::EachSample => 1,
-            Sensors::Repeated(samples) | Sensors::Slower(samples) | Sensors::Own(samples) => samples,
+            Sensors::EachSample => 1.0,
+            Sensors::Repeated(samples) | Sensors::Slower(samples) => samples as f64,
+            Sensors::Own(samples) => samples,
         }
+    }
+}
+
+/// Readings of one sensor that stand in several rows each.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Held {
+    /// By row, whether it is the first one with its reading.
+    pub(crate) read: Vec<bool>,
+    /// Rows from reading to reading, as a mean.
+    pub(crate) rows_a_reading: f64,
+}
+
+impl Held {
+    /// Finds the readings among numbers in rows at these times; `None` where they are not repeated.
+    pub(crate) fn of(time_s: &[f64], values: &[f64]) -> Option<Self> {
+        match uneven::held(time_s, values) {
+            Some(of) if !of.is_even() => Some(of),
+            even => held(values).map(|(read, rows)| Held { read, rows_a_reading: rows as f64 }).or(even),
+        }
+    }
+
+    /// Tells whether all readings stand there equally often.
+    pub(crate) fn is_even(&self) -> bool {
+        (self.rows_a_reading - self.rows_a_reading.round()).abs() <= WHOLE
+    }
+
+    /// Words on how often a reading stands there.
+    pub(crate) fn told(&self) -> String {
+        if self.is_even() {
+            return format!("each reading stands there {:.0} times", self.rows_a_reading);
+        }
+        let least = self.rows_a_reading.floor();
+        if least < 2.0 {
+            return "each reading stands there once or twice".to_owned();
+        }
+        format!("each reading stands there {least:.0} or {:.0} times", least + 1.0)
     }
 }
 
@@ -53,8 +95,8 @@ pub(crate) fn fresh(readings: &[&[f64]]) -> Option<(Vec<bool>, usize)> {
     (count * usual <= fresh.len() * 5 / 4).then_some((fresh, usual))
 }
 
-/// Which samples of one sensor are new and how many stand for one; `None` where its readings are not repeated.
-pub(crate) fn held(values: &[f64]) -> Option<(Vec<bool>, usize)> {
+/// Which samples of one sensor are new and how many stand for one; `None` where its readings are not all repeated equally often.
+fn held(values: &[f64]) -> Option<(Vec<bool>, usize)> {
     let usual = usual_run(values)?;
     let mut fresh = begins(values, usual);
     // A run that began before the file is an older reading than its first row.
@@ -93,7 +135,7 @@ fn usual_run(values: &[f64]) -> Option<usize> {
 }
 
 /// Tells whether readings often change by more than the least change among them, as those of a ramp through coarse steps never do.
-fn jumps(values: &[f64]) -> bool {
+pub(super) fn jumps(values: &[f64]) -> bool {
     let changes: Vec<f64> = values.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|change| *change > 0.0).collect();
     let least = changes.iter().copied().fold(f64::INFINITY, f64::min);
     let jumps = changes.iter().filter(|change| **change > JUMP_STEPS * least).count();

@@ -115,7 +115,7 @@ impl<'t> Resampling<'t> {
 
     /// Usual distance of samples (s), that of rows where they are closer.
     pub(crate) fn sampling_s(&self) -> f64 {
-        let step_s = self.step_s * self.sensors.samples() as f64;
+        let step_s = self.step_s * self.sensors.samples();
         if step_s > SPARSE_S { step_s } else { PERIOD_S }
     }
 
@@ -319,7 +319,7 @@ impl<'t> Resampling<'t> {
             }
             notes.push(note);
         }
-        let apart_ms = 1e3 * self.step_s * self.sensors.samples() as f64;
+        let apart_ms = 1e3 * self.step_s * self.sensors.samples();
         match self.sensors {
             // Which sensor was read how often is told with their names.
             Sensors::EachSample | Sensors::Own(_) => {}

@@ -3,5 +3,5 @@
 pub(crate) mod answer;
 pub(crate) mod crank;
 pub(crate) mod ripple;
-pub mod switched;
+pub(crate) mod switched;
 pub(crate) mod turning;

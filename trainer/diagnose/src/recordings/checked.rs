@@ -1,13 +1,13 @@
 //! Recordings, checked, and in pieces where no run goes through them in one.
 
 use fit::data::quality::Quality;
+use fit::data::switched::{BehindChanges, Change};
 use fit::data::{Records, each_once, noise};
 use model::rig::Rig;
 use proto::recording::Recording;
 
 use crate::error::DiagnoseError;
 use crate::event::{self, Event};
-use crate::pump::switched;
 use crate::recordings::closed_volumes;
 use crate::recordings::long_gaps;
 use crate::recordings::pieces::{pieces, taken};
@@ -57,22 +57,12 @@ impl Recorded {
             closed_volumes::without_starts(&pieces, &mut usable);
             return Ok(Recorded { records: pieces, usable, switched: false, notes });
         }
-        let Some((pieces, places)) = switched::pieces(rig, &records) else {
-            let Some((rest, places)) = switched::started(rig, &records) else {
-                return Ok(Recorded { records, usable, switched: false, notes });
-            };
-            notes.push(
-                "the pump starts at the beginning of a recording: simulations start 0.6 s later, since no motor starts at once"
-                    .to_owned(),
-            );
-            return Ok(Recorded { records: rest, usable: taken(&usable, &places), switched: false, notes });
+        let Some(behind) = BehindChanges::of(rig, &records) else {
+            return Ok(Recorded { records, usable, switched: false, notes });
         };
-        notes.push(
-            "the pump was switched: simulations start anew 0.6 s after each change, since no motor stops or starts at once"
-                .to_owned(),
-        );
-        let usable = taken(&usable, &places);
-        Ok(Recorded { records: pieces, usable, switched: true, notes })
+        notes.push(behind.change.note().to_owned());
+        let usable = behind.taken(&usable);
+        Ok(Recorded { records: behind.records, usable, switched: behind.change == Change::Switched, notes })
     }
 }
 

@@ -88,7 +88,7 @@ fn summed_up(findings: &Findings<'_, '_>) -> Diagnosis {
         groups: &rivals,
         in_part: findings.in_part
             || !findings.doubtful.is_empty()
-            || findings.unexplained.iter().any(|left| left.times_noise > IN_PART),
+            || findings.unexplained.iter().any(|left| left.most_times_noise() > IN_PART),
         other_rig: findings.other_rig.as_ref(),
         extrapolated: &extrapolated,
     };

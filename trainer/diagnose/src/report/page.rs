@@ -55,7 +55,7 @@ pub(crate) fn page(findings: &Findings<'_, '_>, diagnosis: &Diagnosis, rig_toml:
     ));
     report = report.table(horizons(findings)).plot(traces(findings));
     if !diagnosis.unexplained.is_empty() {
-        report = report.heading("Unexplained residual").table(left(diagnosis));
+        report = report.heading("Unexplained residual").table(left(findings, diagnosis));
     }
     if !diagnosis.location.is_empty() {
         let undecided = diagnosis.verdict == Verdict::Undecided && diagnosis.mechanisms.is_empty();
@@ -127,12 +127,17 @@ fn key_figures(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Vec<KeyFig
     all
 }
 
-/// Unexplained residual by channel.
-fn left(diagnosis: &Diagnosis) -> Table {
+/// Unexplained residual by channel, on validation data and in the fitted recording that has much more of it.
+fn left(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Table {
     let mut table = Table::new(["reading", "unexplained, kPa", "noise, kPa", "times the noise", "most of it at"]);
     for u in &diagnosis.unexplained {
-        let [noise, times] = unexplained::cells(u);
+        let [noise, times] = unexplained::cells(u.noise_kpa, u.times_noise);
         table.push([u.channel.clone(), format!("{:.3}", u.kpa), noise, times, u.region.clone()]);
+        if let Some(further) = &u.further_off {
+            let [noise, times] = unexplained::cells(further.noise_kpa, further.times_noise);
+            let whose = format!("{} of {}, which was fitted", u.channel, findings.shown_as(&further.recording));
+            table.push([whose, format!("{:.3}", further.kpa), noise, times, String::new()]);
+        }
     }
     table
 }

@@ -35,7 +35,7 @@ pub(crate) fn summary(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]
     if let Some(change) = findings.changes.first() {
         all.push(changes::in_words(change, &findings.shown_as(&change.recording)));
     }
-    all.extend(unexplained::in_words(&findings.unexplained));
+    all.extend(unexplained::in_words(&findings.unexplained, |source| findings.shown_as(source)));
     all.extend(implausible_parameters::headline(&findings.doubtful));
     if !findings.sides_alone.is_empty() {
         all.push(format!("Of some parameters only a side is known: {}.", findings.sides_alone.join("; ")));
@@ -113,8 +113,9 @@ pub(crate) fn noise_in_words(bench: &Bench<'_>) -> String {
 fn verdict_in_words(findings: &Findings<'_, '_>, mechanisms: &[FoundMechanism]) -> String {
     let judgement = findings.judgement;
     let [before, after] = findings.before_and_after_kpa();
+    let further_off = findings.unexplained.iter().any(|left| left.further_off.is_some());
     match judgement.verdict {
-        Verdict::Adequate if after > NOISE_ALONE * noise_kpa(findings.bench) => {
+        Verdict::Adequate if further_off || after > NOISE_ALONE * noise_kpa(findings.bench) => {
             "No known mechanism and no other parameters make the model better than it stands; yet it does not explain all of these \
              recordings."
                 .to_owned()
@@ -304,10 +305,10 @@ fn mechanism(findings: &Findings<'_, '_>, term: usize) -> FoundMechanism {
             let unit = estimate.parameter.unit();
             let key = estimate.parameter.path.rsplit('.').next().unwrap_or_default().to_owned();
             let at_end_of_range = candidate.end_of_range(place, estimate.value);
+            let beyond = findings.extrapolated.iter().find(|of| of.is_of(term, &key));
             let end = match at_end_of_range {
-                Some(_) => ", the end of the range that was searched",
-                None if findings.extrapolated.iter().any(|of| of.is_of(term, &key)) => ", below what was recorded",
-                None => "",
+                Some(_) => ", the end of the range that was searched".to_owned(),
+                None => beyond.map(|of| format!(", {}", of.in_brief())).unwrap_or_default(),
             };
             let value =
                 format!("{} {} ({} … {}{end}) {unit}", plain(&key), three(estimate.value), three(low), three(high));

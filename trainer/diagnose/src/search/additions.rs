@@ -5,7 +5,7 @@ use std::cmp::Ordering;
 use fit::cores::{side_by_side, side_by_side_telling};
 
 use super::stepped::{STEPS, STEPS_IN_SHORT, Spot, scanned, sharpened};
-use super::terms::{open_beside, position_in, starts, starts_at, with};
+use super::terms::{kinds, open_beside, position_in, starts, starts_at, with};
 use super::worth::any_could_earn;
 use super::{GLANCE_ROUNDS, PAIR_ROUNDS, PRICE, PRICE_OF_A_PARAMETER, Ranked, SearchSettings, cost, has_given_way};
 use crate::bench::{Bench, Effort, Explanation};
@@ -58,8 +58,11 @@ pub(super) fn additions(
     // Parameters that have given way too far lead a fit into a valley of their own.
     let far_off = has_given_way(bench, base);
     let singles = screening.single.iter().take(settings.glanced);
-    let pair_fits = base.terms.len() + 2 <= settings.most_terms;
-    let doubles = screening.double.iter().take(if pair_fits { settings.paired } else { 0 });
+    let fits = |screened: &&Screened| {
+        let terms = screened.terms.iter().fold(base.terms.clone(), |terms, (k, _)| with(&terms, *k));
+        kinds(candidates, &terms) <= settings.most_kinds
+    };
+    let doubles = screening.double.iter().filter(fits).take(settings.paired);
     let asked: Vec<&Screened> = singles.chain(doubles).collect();
     let tried = side_by_side_telling(
         &asked,
@@ -83,8 +86,15 @@ pub(super) fn additions(
         .filter(|tried| tried.alone().is_some() && tried.gain >= first - 20.0 - NOT_CONVERGED * first.abs());
     let close: Vec<&Tried<'_>> = single.collect();
     // The first name decides what every later one is: only beside it a short search looks at fewer.
-    let fewer = !settings.thorough && !base.terms.is_empty();
-    let polish = if fewer { settings.polished.saturating_sub(1).max(1) } else { settings.polished };
+    let polish = if base.terms.is_empty() || settings.thorough {
+        settings.polished
+    } else {
+        settings.polished.saturating_sub(1).max(1)
+    };
+    // What gains most beside what was found may be an effect too small for a name, in a channel that hardly scatters. Where much is
+    // left, what explains that is behind it.
+    let much_is_left = !base.terms.is_empty() && bench.is_much(&left(bench, base));
+    let polish = if much_is_left { settings.glanced } else { polish };
     // What moves in steps fits a little of whatever is wrong: it is never the only one.
     let steps = |tried: &&&Tried<'_>| tried.alone().is_some_and(|k| candidates[k].stepped());
     let polish = polish.max(1 + close.iter().take_while(steps).count());

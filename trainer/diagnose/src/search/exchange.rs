@@ -6,13 +6,15 @@ use fit::cores::side_by_side_telling;
 
 use super::additions::cheaper;
 use super::terms::is_open;
+use super::twin::has_its_like;
 use super::{
-    GLANCE_ROUNDS, PAIR_ROUNDS, Round, SearchSettings, cost, earns_its_place, plainer, refined, richer, sharpened,
-    starts, values_of, with, without,
+    GLANCE_ROUNDS, PAIR_ROUNDS, PRICE, Round, SearchSettings, cost, earns_its_place, plainer, refined, richer,
+    sharpened, starts, values_of, with, without,
 };
 use crate::bench::{Bench, Effort, Explanation};
 use crate::error::DiagnoseError;
 use crate::judge::evidence::evidence;
+use crate::judge::left;
 use crate::search::candidate::Candidate;
 use crate::search::quick_search::{Footing, Glanced};
 
@@ -178,7 +180,7 @@ pub fn twins(candidates: &[Candidate], terms: &[usize]) -> Option<(usize, usize)
 }
 
 /// Removes terms that the others, in a richer shape where one is offered, have made needless; of those that are there
-/// `by_likeness` what is there beyond doubt stays.
+/// `by_likeness`, or have their like on the other side, what is certain to be there stays.
 pub(super) fn deletions(
     bench: &Bench<'_>,
     candidates: &[Candidate],
@@ -207,7 +209,10 @@ pub(super) fn deletions(
         let reduced = sharpened(bench, candidates, reduced, &[])?;
         let reduced = if may_be_richer { refined(bench, candidates, reduced, 0.0)? } else { reduced };
         let found = evidence(bench, &best, &reduced);
-        let stays = by_likeness.contains(&term) && found.is_certain();
+        // While much is left, what the rest cannot do without stays: what it does shows little beside what is still missing.
+        let needed = cost(bench, &reduced) > cost(bench, &best) + PRICE && found.removed_kpa > settings.bar.removed_kpa;
+        let likely = by_likeness.contains(&term) || has_its_like(bench, candidates, &best, term);
+        let stays = likely && found.is_certain() || bench.is_much(&left(bench, &best)) && needed;
         if stays || earns_its_place(bench, candidates, settings, &found, [&best, &reduced, nominal]) {
             tried.push(reduced);
         } else {

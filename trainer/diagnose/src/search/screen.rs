@@ -136,7 +136,7 @@ fn ranked(candidates: &[Candidate], projector: &Projector<'_>, effects: &[Try<'_
     let mut double: Vec<Screened> = Vec::new();
     for (at, (k, start, effect)) in effects.iter().enumerate() {
         for (other, other_start, other_effect) in effects.iter().skip(at + 1) {
-            let elsewhere = |(a, b): (&Candidate, &Candidate)| a.is_like(b) && a.side != b.side;
+            let elsewhere = |(a, b): (&Candidate, &Candidate)| a.is_like(b) && a.component != b.component;
             let twins = candidates.get(*k).zip(candidates.get(*other)).is_some_and(elsewhere);
             if !twins || start != other_start {
                 continue;

@@ -83,6 +83,14 @@ pub(super) fn position_in(bench: &Bench<'_>, candidates: &[Candidate], terms: &[
     Some(bench.nominal.len() + before.map(|known| candidates[*known].len()).sum::<usize>())
 }
 
+/// Number of mechanisms among some terms, one that is at several places counted once.
+pub fn kinds(candidates: &[Candidate], terms: &[usize]) -> usize {
+    let mut ids: Vec<&str> = terms.iter().filter_map(|term| candidates.get(*term)).map(|c| c.id.as_str()).collect();
+    ids.sort_unstable();
+    ids.dedup();
+    ids.len()
+}
+
 /// `terms` and `k`, ascending.
 pub fn with(terms: &[usize], k: usize) -> Vec<usize> {
     let mut all = terms.to_vec();

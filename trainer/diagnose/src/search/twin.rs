@@ -12,6 +12,24 @@ use crate::search::screen::screen;
 /// Factor within which both sides of one make have the same number.
 const ALIKE: f64 = 2.0;
 
+/// Tells whether two terms of an explanation have numbers as of one make.
+fn are_alike(bench: &Bench<'_>, candidates: &[Candidate], explanation: &Explanation, terms: [usize; 2]) -> bool {
+    let sizes = terms.map(|t| values_of(bench, candidates, explanation, t).and_then(|v| v.first().copied()));
+    matches!(sizes, [Some(a), Some(b)] if (1.0 / ALIKE..=ALIKE).contains(&(a / b)))
+}
+
+/// Tells whether an explanation has the like of a term on the other side, with a number as of one make.
+pub(super) fn has_its_like(
+    bench: &Bench<'_>,
+    candidates: &[Candidate],
+    explanation: &Explanation,
+    term: usize,
+) -> bool {
+    let (found, others) = (&candidates[term], explanation.terms.iter().copied());
+    let mut likes = others.filter(|k| candidates[*k].is_like(found) && candidates[*k].component != found.component);
+    found.is_of_the_make() && likes.any(|like| are_alike(bench, candidates, explanation, [term, like]))
+}
+
 /// Likes on the other side, as far as a search knows them.
 #[derive(Default)]
 pub(super) struct Likes {
@@ -74,15 +92,12 @@ pub(super) fn twinned(
         let open = |k: &usize| {
             let other = &candidates[*k];
             other.is_like(found)
-                && other.side != found.side
+                && other.component != found.component
                 && other.is_of_the_make()
                 && best.terms.iter().all(|t| t != k && !candidates[*t].excludes(other))
         };
         let Some(twin) = (0..candidates.len()).find(open) else { continue };
         let Some(values) = values_of(bench, candidates, &best, term) else { continue };
-        if best.terms.len() >= settings.most_terms {
-            break;
-        }
         if !settings.thorough && !may_be_certain(bench, candidates, &best, twin) {
             continue;
         }
@@ -93,9 +108,7 @@ pub(super) fn twinned(
         let both = known.chain(likes.fit(bench, candidates, &terms, from));
         // What cannot be run on both sides is on one.
         let Some(both) = both.min_by(|a, b| cost(bench, a).total_cmp(&cost(bench, b))) else { continue };
-        let sizes = [term, twin].map(|t| values_of(bench, candidates, &both, t).and_then(|v| v.first().copied()));
-        let alike = matches!(sizes, [Some(a), Some(b)] if (1.0 / ALIKE..=ALIKE).contains(&(a / b)));
-        if alike && evidence(bench, &both, &best).is_certain() {
+        if are_alike(bench, candidates, &both, [term, twin]) && evidence(bench, &both, &best).is_certain() {
             tried.push(std::mem::replace(&mut best, both));
             likes.found.push(twin);
         } else {

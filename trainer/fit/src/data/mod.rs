@@ -11,6 +11,7 @@
 //! | `ripple` | narrow lines: the pump's ripple, folded down by sampling |
 //! | `split` | which rows are fitted, which choose between models, which are kept back |
 //! | `steps` | rows in which a command steps, and those near to one |
+//! | [`switched`] | recordings cut where a pump is switched or starts |
 
 mod bridged;
 mod layout;
@@ -21,6 +22,7 @@ mod repeated;
 mod ripple;
 mod split;
 mod steps;
+pub mod switched;
 
 pub use layout::Layout;
 pub use noise::{Noise, deviation, noise, rms_kpa};

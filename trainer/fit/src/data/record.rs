@@ -51,13 +51,17 @@ pub struct Records {
     readings_kpa: Vec<f64>,
 }
 
-/// Commands that went before a part of a recording.
+/// Commands and readings that went before a part of a recording.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Earlier {
     /// All commands of the recording that it is a part of, by input: shared by its parts.
     whole: Arc<Vec<Vec<f64>>>,
+    /// All readings of it in kPa, by channel.
+    readings_kpa: Arc<Vec<Vec<f64>>>,
     /// Number of rows of these that are before the part.
     rows: usize,
+    /// Number of those, the last ones, that lead to the part without a gap.
+    leading: usize,
 }
 
 impl Earlier {
@@ -71,20 +75,37 @@ impl Earlier {
         self.whole.get(input)?.get(..self.rows)?.get(row).copied()
     }
 
-    /// These rows and `rows` more.
-    fn and(self, rows: usize) -> Self {
-        Earlier { rows: self.rows + rows, ..self }
+    /// Number of rows that lead to the part without a gap.
+    pub fn leading(&self) -> usize {
+        self.leading
+    }
+
+    /// The reading of a channel `rows` before the part (1 is the row before it), in kPa.
+    pub fn reading_kpa(&self, channel: usize, rows: usize) -> Option<f64> {
+        self.readings_kpa.get(channel)?.get(self.rows.checked_sub(rows)?).copied()
+    }
+
+    /// These rows and `rows` more, of which `leading` are without a gap.
+    fn and(self, rows: usize, leading: usize) -> Self {
+        let leading = if leading == rows { self.leading + rows } else { leading };
+        Earlier { rows: self.rows + rows, leading, ..self }
     }
 }
 
 impl Record {
-    /// Commands before its first row, those of the recording that it is a part of itself.
-    fn earlier(&self) -> Earlier {
+    /// What went before its first row, in the recording that it is a part of itself; `readings_kpa` are its own by channel.
+    fn earlier(&self, readings_kpa: Vec<Vec<f64>>) -> Earlier {
         if self.before.whole.is_empty() {
-            Earlier { whole: Arc::new(self.inputs.clone()), rows: 0 }
+            let (whole, readings_kpa) = (Arc::new(self.inputs.clone()), Arc::new(readings_kpa));
+            Earlier { whole, readings_kpa, ..Earlier::default() }
         } else {
             self.before.clone()
         }
+    }
+
+    /// Number of rows that lead to `row` without a gap.
+    fn leading(&self, row: usize) -> usize {
+        self.segments.iter().find(|s| s.start <= row && row < s.end).map_or(0, |segment| row - segment.start)
     }
 
     /// The unit, other than the rig's, that the file or its map says of a column.
@@ -239,7 +260,9 @@ impl Records {
             .collect();
         let readings_kpa = places.iter().filter_map(|place| self.readings_kpa.get(*place)).copied().collect();
         let cut = |numbers: &[f64], rows: &Range<usize>| numbers.get(rows.clone()).unwrap_or_default().to_vec();
-        let earlier: Vec<Earlier> = self.records.iter().map(Record::earlier).collect();
+        let read = |record: usize| (0..channels).map(|channel| self.channel_kpa(record, channel).to_vec()).collect();
+        let earlier: Vec<Earlier> =
+            self.records.iter().enumerate().map(|(record, whole)| whole.earlier(read(record))).collect();
         let records = kept
             .iter()
             .map(|(whole, record, rows)| Record {
@@ -247,7 +270,7 @@ impl Records {
                 time_s: cut(&whole.time_s, rows),
                 begun_s: whole.begun_s,
                 inputs: whole.inputs.iter().map(|input| cut(input, rows)).collect(),
-                before: earlier.get(*record).cloned().unwrap_or_default().and(rows.start),
+                before: earlier.get(*record).cloned().unwrap_or_default().and(rows.start, whole.leading(rows.start)),
                 segments: whole
                     .segments
                     .iter()

@@ -7,6 +7,7 @@ use super::check_valves::{PaperFit, paper_fit};
 use super::contradictions::contradicted;
 use crate::FitError;
 use crate::data::quality::Quality;
+use crate::data::switched::{BehindChanges, Change};
 use crate::data::{Line, Noise, Records, Role, Split, lines, noise, rms_kpa};
 use crate::objective::{FitSettings, Fitted, blocks_of, fit};
 use crate::parameters::{ParameterSet, Scatter, nominal};
@@ -73,6 +74,8 @@ pub struct Identified {
     pub paper: Option<PaperFit>,
     /// Findings on what is doubtful about the recordings.
     pub quality: Quality,
+    /// Change of a pump behind which simulations start anew, where there is one.
+    pub change: Option<Change>,
     /// Noise by channel.
     pub noise: Vec<Noise>,
     /// Columns of the channels.
@@ -134,7 +137,15 @@ pub fn run(
     if let Some(refusal) = quality.refusal() {
         return Err(FitError::Unusable(refusal));
     }
-    let (quality, records) = quality.sound(records);
+    let (mut quality, records) = quality.sound(records);
+    // No model has a motor that comes up or stops: what is checked whole is run from behind that.
+    let (records, change) = match BehindChanges::of(rig, &records) {
+        Some(behind) => {
+            quality.usable = behind.taken(&quality.usable);
+            (behind.records, Some(behind.change))
+        }
+        None => (records, None),
+    };
     let split = Split::of(&records);
     let role = |role| -> Vec<f64> {
         split.weights(records.layout(), role).iter().zip(&quality.usable).map(|(w, u)| w * u).collect()
@@ -195,6 +206,7 @@ pub fn run(
         paper,
         channels: records.sensors().to_vec(),
         quality,
+        change,
         noise,
         before,
         after,

@@ -11,6 +11,9 @@ use model::plant::FreeRunStart;
 use super::arcs::{Arc, Arcs};
 use crate::data::{Record, Records};
 
+/// The most rows that lead to a start: 10 s, several time constants of gas in a tank.
+const LED_ROWS: usize = 500;
+
 /// Arcs of one recording that follow from one fresh start.
 #[derive(Debug, Clone)]
 pub(super) struct Chain<'a> {
@@ -58,10 +61,20 @@ impl<'a> Chain<'a> {
         self.columns.elapsed_s(self.rows().start)
     }
 
-    /// Start of the chain: everything anew, or pressures alone; at rest or running; and when.
-    fn start(&self) -> Option<(bool, FreeRunStart, u64)> {
+    /// Rows of the recording that lead to its start without a gap, and are run through for what no sensor shows: all, but not more
+    /// than warm gas remembers.
+    pub(super) fn led_rows(&self) -> usize {
+        if self.rows().start == 0 { self.columns.before.leading().min(LED_ROWS) } else { 0 }
+    }
+
+    /// Start of the chain: everything anew, or pressures alone; at rest or running, here and where its lead begins; and when.
+    fn start(&self) -> Option<(bool, [FreeRunStart; 2], usize, u64)> {
         let (_, first) = self.arcs.first()?;
-        Some((first.fresh, FreeRunStart::for_readings(&first.start_kpa), self.elapsed_s().to_bits()))
+        let led = self.led_rows();
+        let before = |channel| self.columns.before.reading_kpa(channel, led);
+        let leads: Vec<f64> = (0..first.start_kpa.len()).filter_map(before).collect();
+        let how = [FreeRunStart::for_readings(&first.start_kpa), FreeRunStart::for_readings(&leads)];
+        Some((first.fresh, how, led, self.elapsed_s().to_bits()))
     }
 
     /// Tells whether it can lie beside a `longer` one.

@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::sync::Arc as Shared;
 
 use model::plant::{Plant, Simulated, Simulation, UnobservedInitialState};
+use proto::recording::PERIOD_S;
 
 use super::arcs::{Flapper, share_of};
 use super::chains::Chain;
@@ -45,6 +46,12 @@ impl Lane<'_> {
             }
         };
         sent.map_or([0.0, 0.0], |sent| [sent, 1.0])
+    }
+
+    /// The reading of a channel `rows` before its start, in kPa; that of its start where there is none.
+    fn reading_before(&self, channel: usize, rows: usize) -> f64 {
+        let before = self.chain.columns.before.reading_kpa(channel, rows);
+        before.unwrap_or_else(|| self.start_kpa(0, channel))
     }
 
     /// The reading that one of its arcs starts from, in kPa; any where it has ended.
@@ -107,7 +114,29 @@ pub(super) fn sweep<R: Simulated>(
             // Asked of the recorded pressures, not of the shifted ones: all runs must start alike.
             let how = simulation.start_for(&recorded);
             let crank_rev = each(&|lane| lane.crank_rev);
-            simulation.start_at(&start, &commands, how, crank_rev, longest.chain.elapsed_s());
+            let led = if simulation.has_gas_that_warms() { longest.chain.led_rows() } else { 0 };
+            if led > 0 {
+                let from: Vec<R> = (0..channels).map(|c| each(&|lane| lane.reading_before(c, led))).collect();
+                let sent = |rows: usize, commands: &mut [R]| {
+                    for (input, slot) in commands.iter_mut().enumerate() {
+                        *slot = each(&|lane| lane.command_before(input, rows)[0]);
+                    }
+                };
+                let mut before = commands.clone();
+                sent(led, &mut before);
+                let from_s = longest.chain.elapsed_s() - led as f64 * PERIOD_S;
+                simulation.start_at(&from, &before, simulation.start_for(&from), crank_rev, from_s);
+                for rows in (1..=led).rev() {
+                    sent(rows, &mut before);
+                    for _ in 0..ticks_per_row {
+                        simulation.tick(&before);
+                    }
+                }
+                simulation.set_cranks(crank_rev);
+                simulation.correct(&sensors, &start);
+            } else {
+                simulation.start_at(&start, &commands, how, crank_rev, longest.chain.elapsed_s());
+            }
             let before = lanes.iter().map(Lane::rows_before).max().unwrap_or(0);
             if before > 0 && simulation.has_coils_that_warm() {
                 let ticks = ticks_per_row as usize;

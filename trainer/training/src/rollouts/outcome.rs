@@ -2,7 +2,7 @@
 
 use environment::SIDE_BY_SIDE;
 use model::observation::Pair;
-use proto::rig_file;
+use proto::emulator::load_for_loop;
 use sac::Network;
 use serde::{Deserialize, Serialize};
 
@@ -110,7 +110,7 @@ impl RolloutRun {
             fallback: Vec::new(),
         };
         for name in &self.settings.rig.evaluated_on {
-            let rig = rig_file::load(name)?;
+            let rig = load_for_loop(name, Some("rig.evaluated_on"))?;
             let flown = |who: Option<&TrainedPolicy>| {
                 reference_flight(&self.settings, (name, &rig), (&self.model, &self.map), who, &mut || true)
             };

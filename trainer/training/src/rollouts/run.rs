@@ -10,6 +10,7 @@ use environment::{RigDraw, VectorEnv};
 use model::observation::{ObservationLayout, Pair};
 use model::rig::Rig;
 use model::steady::SteadyMap;
+use proto::emulator::load_for_loop;
 use proto::rig_file::{self, RigFileError};
 use sac::{Learner, Machine, Moments, Network};
 
@@ -20,7 +21,7 @@ use super::probe::{Episode, Probe};
 use crate::checkpoint_selection::{SELECTION_SEED, rmse_kpa};
 use crate::plan_fit;
 use crate::policy_start::PolicyStart;
-use crate::run::RunStatus;
+use crate::run::{RunStatus, evaluated_on, rigs_of};
 use crate::run_files::RunFiles;
 use crate::settings::{Plan, RolloutSettings, TrainingSettings};
 use crate::trained_policy::{Origin, TrainedPolicy};
@@ -86,8 +87,7 @@ impl RolloutRun {
         let network = Network { log_std: None, ..network };
         let standing =
             Standing { position: Position::default(), moments: Moments::of(&network), best: network.clone(), network };
-        let trained_on = rig_file::load(&settings.rig.trained_on)?;
-        let model = rig_file::load(settings.rig.model())?;
+        let (trained_on, model) = rigs_of(&settings)?;
         // Everything that can be refused is made before the folder is.
         let mut run = Self::assemble(settings, RunFiles::at(folder), trained_on, model, standing, threads)?;
         run.given = from.map(TrainedPolicy::load).transpose()?;
@@ -119,7 +119,7 @@ impl RolloutRun {
             }
             planned.rounds = rounds;
         }
-        let load = |path: std::path::PathBuf| rig_file::load(&path.display().to_string());
+        let load = |path: std::path::PathBuf| load_for_loop(&path.display().to_string(), None);
         let (trained_on, model) = (load(files.rig())?, load(files.model())?);
         let given = files.start().exists().then(|| TrainedPolicy::load(&files.start())).transpose()?;
         let mut run = Self::assemble(settings, files, trained_on, model, standing, threads)?;
@@ -137,6 +137,8 @@ impl RolloutRun {
         threads: usize,
     ) -> Result<Self, TrainingError> {
         let rollouts = settings.rollouts.clone().unwrap_or_default();
+        // They are flown at the end, and refused before anything is.
+        evaluated_on(&settings)?;
         let origin = Origin::of(&trained_on)?;
         let map = SteadyMap::new(&model)
             .map_err(|problem| RigFileError::Rig { file: settings.rig.model().to_owned(), problem })?;

@@ -42,7 +42,8 @@ pub(super) fn check(records: &Records, record: usize, channel: usize, usable: &m
     let others: Vec<&[f64]> =
         (0..records.sensors().len()).filter(|c| *c != channel).map(|c| records.channel_kpa(record, c)).collect();
     let inputs: Vec<&[f64]> = r.inputs.iter().map(Vec::as_slice).filter(|input| is_graded(input)).collect();
-    let frozen: Vec<Range<usize>> = runs(readings).filter(|run| stands_alone(run, &inputs, &others)).collect();
+    let is_read = |row: usize| r.is_read(channel, row);
+    let frozen: Vec<Range<usize>> = runs(readings, is_read).filter(|run| stands_alone(run, &inputs, &others)).collect();
     let meanwhile = "commands and the other channel move";
     findings.extend(left_out(records, (record, channel), frozen, meanwhile, usable));
 }
@@ -60,7 +61,7 @@ pub(super) fn check_by_model(
         let (Some(r), Some(column)) = (records.records().get(record), records.sensors().get(channel)) else { continue };
         let is_known = |f: &Finding| f.source == r.source && f.column == *column && f.trouble == Trouble::Stuck;
         let readings = records.channel_kpa(record, channel);
-        let long: Vec<Range<usize>> = runs(readings).collect();
+        let long: Vec<Range<usize>> = runs(readings, |row| r.is_read(channel, row)).collect();
         if long.is_empty() || findings.iter().any(is_known) {
             continue;
         }
@@ -107,14 +108,16 @@ fn left_out(
     })
 }
 
-/// Runs of equal readings that are long.
-fn runs(readings: &[f64]) -> impl Iterator<Item = Range<usize>> {
+/// Runs of equal readings that are long from the first to the last one that was read: what stands in place of those of a sensor that was
+/// not read (it came off, or was plugged in later) is no reading.
+fn runs(readings: &[f64], is_read: impl Fn(usize) -> bool) -> impl Iterator<Item = Range<usize>> {
     let least = (LONG_S / PERIOD_S) as usize;
     let mut start = 0;
     readings.chunk_by(|a, b| a == b).filter_map(move |run| {
         let range = start..start + run.len();
         start = range.end;
-        (run.len() >= least).then_some(range)
+        let read = range.clone().find(|row| is_read(*row))?..range.clone().rfind(|row| is_read(*row))? + 1;
+        (read.len() >= least).then_some(read)
     })
 }
 
@@ -191,7 +194,16 @@ mod tests {
         let mut readings = wave(300.0);
         readings[100..700].fill(1.5);
         readings[900..1100].fill(1.5);
-        let found: Vec<Range<usize>> = runs(&readings).collect();
+        let found: Vec<Range<usize>> = runs(&readings, |_| true).collect();
         assert!(found.len() == 1 && found[0] == (100..700), "{found:?}");
+    }
+
+    /// A sensor that came off has no run behind its last reading; one that is read in one row of five freezes all the same.
+    #[test]
+    fn rows_without_a_reading_make_no_run() {
+        let mut readings = wave(300.0);
+        readings[1000..].fill(1.5);
+        assert_eq!(runs(&readings, |row| row < 1100).count(), 0);
+        assert_eq!(runs(&readings, |row| row % 5 == 0).collect::<Vec<_>>(), [1000..1996]);
     }
 }
