@@ -52,7 +52,7 @@ pub struct ModelChange {
     pub predictor: Predictor,
     /// Feed-forward.
     pub map: Arc<SteadyMap>,
-    /// What its sensors show of chambers on a reference, by which policies are judged.
+    /// Readings of its sensors for chambers on a reference, by which policies are judged.
     pub shown_reference: ShownReference,
     /// The safety filter.
     pub filter: SafetyFilter,

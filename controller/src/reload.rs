@@ -21,7 +21,7 @@ pub struct Reloaded {
     pub config: Config,
     /// The reference that it names, the paper's where it names none.
     pub reference: Reference,
-    /// What that is called.
+    /// Name of the reference.
     pub reference_name: String,
 }
 
@@ -74,7 +74,7 @@ fn read(file: &std::path::Path) -> Result<Reloaded, ReloadError> {
         return Err(ReloadError::Beyond { name: reference_name, why });
     }
     // What only a restart takes over must not keep the daemon from starting then.
-    proto::rig_file::load(&config.rig.file)?;
+    proto::emulator::load_for_loop(&config.rig.file, None)?;
     let active = config.policy.active.as_str();
     let file = config.policy.active_file();
     if active != FALLBACK && active != DEFAULT_POLICY && !file.is_file() {
@@ -105,6 +105,21 @@ pub fn needs_restart(old: &Config, new: &Config) -> Vec<&'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A rig that a start refuses is refused here too: one that no cRIO samples, though its file is sound.
+    #[test]
+    fn a_rig_that_cannot_stand_behind_the_wire_is_not_taken_over() {
+        let file = |name: &str| std::env::temp_dir().join(format!("reload-{}-{name}.toml", std::process::id()));
+        let (rig_file, config_file) = (file("rig"), file("config"));
+        let mut rig = model::rig::Rig::builtin("dual_pressure").unwrap();
+        rig.integrator.tick_ms = 40.0;
+        proto::rig_file::save(&rig_file, &rig).unwrap();
+        let text = format!("link.address = \"10.0.0.1:50500\"\nrig.file = \"{}\"\n", rig_file.display());
+        std::fs::write(&config_file, text).unwrap();
+        let refused = read(&config_file).map(|_| ()).unwrap_err();
+        assert!(refused.to_string().contains("integrator.tick_ms: a tick of 40 ms"), "{refused}");
+        [rig_file, config_file].iter().for_each(|file| std::fs::remove_file(file).unwrap());
+    }
 
     #[test]
     fn what_was_checked_at_the_start_needs_a_restart() {

@@ -1,4 +1,4 @@
-//! What late sensors show of chambers that stand on a reference: the yardstick of errors behind them.
+//! Readings of late sensors whose chambers stand on a reference: the yardstick of errors behind them.
 //!
 //! A controller that knows of a late sensor (`sensor_lag`, `residual_response`) puts the *chamber* on the reference
 //! (docs/control.md), and the reading trails the reference by the sensor's lag. By readings less reference it would look
@@ -29,7 +29,7 @@ pub struct ShownReference {
 }
 
 impl ShownReference {
-    /// For the sensors of a checked rig, at the beginning of a reference.
+    /// The reference as a checked rig's sensors show it, at its beginning.
     pub fn of(rig: &Rig) -> Self {
         let mut used = 0;
         let sensors = DualPressurePorts::READING.map(|column| {
@@ -85,8 +85,8 @@ impl ShownReference {
         })
     }
 
-    /// As [`ShownReference::next_kpa`] for the first of `goals_kpa`, and what will be shown of the others, a tick each. Of goals
-    /// that are missing nothing is known.
+    /// Shown readings of now, as [`ShownReference::next_kpa`], and of the goals ahead, a tick each. Of goals that are missing
+    /// nothing is known.
     ///
     /// # Real-time
     /// May run in the tick; allocation-free.
@@ -97,7 +97,20 @@ impl ShownReference {
         }
         let now_kpa = self.next_kpa(ticks, goal(0));
         let mut later = self.clone();
-        std::array::from_fn(|ahead| if ahead == 0 { now_kpa } else { later.next_kpa(1, goal(ahead)) })
+        // The sensors have followed up to the last goal that was known: the next takes all ticks since then.
+        let is_known = |ahead: usize| goal(ahead).iter().all(|kpa| kpa.is_finite());
+        let mut since = if is_known(0) { 0 } else { ticks };
+        std::array::from_fn(|ahead| {
+            if ahead == 0 {
+                return now_kpa;
+            }
+            since = since.saturating_add(1);
+            let shown_kpa = later.next_kpa(since, goal(ahead));
+            if is_known(ahead) {
+                since = 0;
+            }
+            shown_kpa
+        })
     }
 }
 
@@ -199,5 +212,34 @@ mod tests {
                 _ => assert!((gap.next_kpa(1, reference_kpa)[0] - reading[0]).abs() < 1e-9),
             }
         }
+    }
+
+    /// Goals behind some that are not known, now or ahead, are shown as if the reference had gone straight to them.
+    #[test]
+    fn goals_behind_a_gap_are_shown_as_they_will_be() {
+        let mut whole = ShownReference::of(&with(&lag("sensor_pos", "time_constant_ms = 160.0")));
+        let goal = |tick: u32| [80.0 + 0.05 * f64::from(tick), -70.0];
+        for tick in 0..50 {
+            whole.next_kpa(1, goal(tick));
+        }
+        let gap = whole.clone();
+        let expected: Vec<Pair> = (50..60).map(|tick| whole.next_kpa(1, goal(tick))).collect();
+        for unknown in [50..53, 52..54, 51..52] {
+            let known = |tick: u32| if unknown.contains(&tick) { [f64::NAN; CHANNELS] } else { goal(tick) };
+            let goals_kpa: Vec<Pair> = (50..56).map(known).collect();
+            let ahead: [Pair; 6] = gap.clone().goals_kpa(1, &goals_kpa);
+            for (tick, (shown_kpa, expected_kpa)) in (50..).zip(ahead.iter().zip(&expected)) {
+                if unknown.contains(&tick) {
+                    assert!(shown_kpa[0].is_nan(), "{tick}");
+                } else {
+                    assert!((shown_kpa[0] - expected_kpa[0]).abs() < 1e-9, "{tick}: {shown_kpa:?}, {expected_kpa:?}");
+                }
+            }
+        }
+        // Two ticks after the last that was known.
+        let mut late = gap.clone();
+        assert!(late.next_kpa(1, [f64::NAN; CHANNELS])[0].is_nan());
+        let [now, next]: [Pair; 2] = late.goals_kpa(2, &[[f64::NAN; CHANNELS], goal(52)]);
+        assert!(now[0].is_nan() && (next[0] - expected[2][0]).abs() < 1e-9, "{next:?}");
     }
 }

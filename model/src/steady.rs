@@ -349,7 +349,8 @@ impl SteadyMap {
         })
     }
 
-    /// The same with the duty that is sent to its own valve, around duties that are sent: less under a supply that sags.
+    /// Change of each pressure's rate with the duty that is sent to its own valve, in kPa/s per duty, around duties that are sent:
+    /// [`SteadyMap::gain_kpa_per_s`], less under a supply that sags.
     ///
     /// # Real-time
     /// May run in the tick.

@@ -162,14 +162,13 @@ pub struct Unexplained {
     pub times_noise: f64,
     /// The operating region that holds most of it, in words and numbers.
     pub region: String,
-    /// The recording in whose fitted rows the rig is furthest off, where that is much further than on validation data.
+    /// The recording in whose rows that are no validation data the rig is furthest off, where that is much further than on validation data.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub further_off: Option<FurtherOff>,
 }
 
 impl Unexplained {
-    /// The residual as a multiple of the noise, that of the recording with the largest where a fitted one has more than validation
-    /// data: how much is left.
+    /// Largest multiple of the noise that is left, on validation data or in other rows of a recording.
     pub fn most_times_noise(&self) -> f64 {
         self.further_off.as_ref().map_or(self.times_noise, |further| self.times_noise.max(further.times_noise))
     }

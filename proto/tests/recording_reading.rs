@@ -302,6 +302,18 @@ fn a_damaged_attachment_is_left_out_and_named() {
         assert!(content.notes[0].ends_with("; no tick is lost"), "{:?}", content.notes);
         assert!(!content.attachments.iter().any(|file| file.data == b"second"), "no first of its name before it");
     }
+    // Without the index nobody knows what was attached in the stretch, so sound ones behind it go too, and the first is named.
+    let second = bodies(&whole, 0x09)[2].clone();
+    let mut behind = unfinished.to_vec();
+    (0..2).for_each(|_| behind.extend_from_slice(&whole[second.start - 9..second.end]));
+    let content = parse_mcap("x.mcap", &behind).unwrap();
+    assert!(!content.attachments.iter().any(|file| file.data == b"second"));
+    let left_out: Vec<&String> = content.notes.iter().filter(|note| note.contains("and all behind it")).collect();
+    assert!(left_out.len() <= 1, "told once: {left_out:?}");
+    let told = left_out.first().unwrap_or_else(|| panic!("not told: {:?}", content.notes));
+    assert!(told.contains("the attachment reference.csv and all behind it were left out"), "{told}");
+    let on_attachments: Vec<&String> = content.attachment_notes.iter().map(|at| &content.notes[*at]).collect();
+    assert_eq!(on_attachments, left_out);
 }
 
 /// Zeros in the middle of a file, as a disk leaves them: what is whole behind them is read.

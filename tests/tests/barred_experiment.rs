@@ -4,14 +4,15 @@
 //! In lockstep, on a cRIO that steps when the test says so.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+use std::process::Command;
 use std::time::{Duration, Instant};
 
-use controller::experiment::waiting::waits_for;
 use controller::operator::socket::{Ask, Reply, ask};
 use controller::state::{Condition, State};
 use proto::wire::{Mode, Sense};
 use tests::Stream::Err;
 use tests::coarse_rigs::coarse;
+use tests::program;
 use tests::programme::{csv, programme};
 use tests::scene::{SOON, Scene};
 
@@ -51,6 +52,19 @@ fn wait_while(
     }
 }
 
+/// Text of `controller status`, asked for while the cRIO goes on, each frame spoilt.
+fn status_while(scene: &mut Scene, mut spoil: impl FnMut(&mut Sense)) -> String {
+    let mut command = Command::new(program("controller"));
+    command.args(["status", "--config"]).arg(&scene.config);
+    let asking = std::thread::spawn(move || command.output());
+    while !asking.is_finished() {
+        scene.spoilt(&mut spoil);
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let output = asking.join().unwrap().unwrap();
+    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+}
+
 fn experiment(scene: &Scene) -> Ask {
     Ask::Experiment { file: scene.folder.join("e.csv"), csv: csv(&programme(300)) }
 }
@@ -72,10 +86,9 @@ fn an_experiment_that_is_barred_at_rest_ends_and_nothing_starts_once_the_bar_goe
     std::fs::write(&scene.config, text.clone() + "record.min_free_mib = 1048576\n").unwrap();
     scene.daemon.signal("HUP");
     let barred = |reply: &Reply| reply.status.is_some_and(|s| s.bars_arming == Some(Condition::NotRecorded));
-    let waiting = wait_while(&mut scene, "barred", barred, &mut saw);
-    let newest = waiting.status.unwrap();
-    let told = waits_for(waiting.state, newest.fault, newest.bars_arming);
-    assert!(told.contains("for rest") && told.contains("not be armed (not recorded)"), "{told}");
+    wait_while(&mut scene, "barred", barred, &mut saw);
+    let told = status_while(&mut scene, &mut saw);
+    assert!(told.contains("waiting for rest") && told.contains("not be armed (not recorded)"), "{told}");
     for _ in 0..AT_REST {
         assert_eq!(scene.step(), Some(Mode::Vent), "{}", scene.daemon.said(Err));
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use proto::recording::{Attachment, EventLevel, McapContent};
 
-use crate::statistics::{Pacing, StatisticsOptions};
+use crate::statistics::{FileState, Pacing, StatisticsOptions};
 
 /// Attachments longer than this are named, not shown (bytes).
 const LONGEST_TEXT: usize = 64 * 1024;
@@ -98,7 +98,7 @@ impl FlightInfo {
     ///
     /// The entries `rig`, `model_rig`, `reference` and `command` of
     /// [`RecordingInfo::extra`](proto::recording::RecordingInfo) get their places; all others are listed.
-    /// The pacing follows the recording's, whatever `options` say.
+    /// The pacing and the state of the file follow the recording's, whatever `options` say.
     pub fn from_recording(title: &str, content: &McapContent, codes: CodeNames, options: StatisticsOptions) -> Self {
         let mut entries: BTreeMap<String, String> = content.metadata.clone();
         let mut take = |key: &str| entries.remove(key).unwrap_or_default();
@@ -134,7 +134,7 @@ impl FlightInfo {
             extra: entries.into_iter().collect(),
             files: content.attachments.iter().filter_map(shown).collect(),
             notes: content.events.iter().map(note).collect(),
-            ..Self::new(title, codes, StatisticsOptions { pacing, ..options })
+            ..Self::new(title, codes, StatisticsOptions { pacing, file_state: FileState::of(content), ..options })
         }
     }
 }

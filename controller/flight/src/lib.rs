@@ -59,7 +59,7 @@ pub use record_error::RecordError;
 pub use recorder::{Noter, Recorded, Recorder, RecorderHealth, RecorderOptions, RecordingSummary};
 pub use rotation::Destination;
 pub use sink::{Event, RecordSink};
-pub use statistics::{Counterpart, FlightStatistics, Pacing, StatisticsOptions};
+pub use statistics::{Counterpart, FileState, FlightStatistics, Pacing, StatisticsOptions};
 pub use summary::FlightSummary;
 pub use verdict::Verdict;
 pub use yardstick::{OnWhichRig, RunYardstick};

@@ -10,7 +10,7 @@
 //! Percentiles come from bins of 0.8 % ([`DurationHistogram`]); a stage counts in the ticks in which it
 //! ran. Lateness counts frames that came; an early one is 0 late.
 
-use proto::recording::{Arrival, TickRecord};
+use proto::recording::{Arrival, McapContent, TickRecord};
 
 use crate::duration_histogram::DurationHistogram;
 use crate::flight_clock::{FlightClock, Moment, RATE_HZ};
@@ -43,6 +43,25 @@ pub struct StatisticsOptions {
     pub yardstick: Option<RunYardstick>,
     /// What is at the other end of the wire.
     pub counterpart: Counterpart,
+    /// State of the file that the ticks were read from.
+    pub file_state: FileState,
+}
+
+/// State of a file that ticks were read from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum FileState {
+    /// Nothing between its ticks is damaged, or they come from no file.
+    #[default]
+    Whole,
+    /// Something between them is.
+    Damaged,
+}
+
+impl FileState {
+    /// State of the file that a recording was read from.
+    pub fn of(content: &McapContent) -> Self {
+        if content.is_damaged_within { Self::Damaged } else { Self::Whole }
+    }
 }
 
 /// What is at the other end of the wire.
@@ -64,6 +83,7 @@ impl Default for StatisticsOptions {
             rmse_limit_kpa: None,
             yardstick: None,
             counterpart: Counterpart::Crio,
+            file_state: FileState::Whole,
         }
     }
 }

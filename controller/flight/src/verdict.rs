@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::statistics::{Counterpart, StatisticsOptions};
+use crate::statistics::{Counterpart, FileState, StatisticsOptions};
 use crate::summary::{FlightSummary, RepetitionFigures};
 use crate::wording;
 use crate::yardstick::{OnWhichRig, Standing};
@@ -94,11 +94,15 @@ pub(crate) fn findings(summary: &FlightSummary, options: &StatisticsOptions) -> 
             wording::counted(summary.records_dropped, "tick", "ticks")
         )
     });
-    // No failure of the run: the file was damaged afterwards, or in lockstep a frame never came.
+    // The recorder kept all that it was given: the file was damaged afterwards, or there was no tick of that number. In real time
+    // the link takes the newest frame of those that queued up while the computer stood still.
     find(look, summary.ticks_skipped > summary.records_dropped, &|| {
         let other = summary.ticks_skipped - summary.records_dropped;
-        let why =
-            if summary.is_realtime() { "the file is damaged" } else { "a damaged file, or frames that never came" };
+        let why = match options.file_state {
+            FileState::Damaged => "the file is damaged",
+            FileState::Whole if summary.is_realtime() => "the computer stood still, or the cRIO left frames out",
+            FileState::Whole => "frames never came, or a table lacks rows",
+        };
         format!(
             "{} without a record ({why}): the figures are those of the others",
             wording::counted(other, "tick", "ticks")

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 use flight::statistics::{Pacing, Stage};
-use flight::{FlightStatistics, StatisticsOptions, Verdict};
+use flight::{FileState, FlightStatistics, StatisticsOptions, Verdict};
 use proto::recording::{Arrival, TickRecord};
 
 /// A tick of a daemon that steers, with the given errors (kPa).
@@ -131,20 +131,31 @@ fn what_befell_the_ticks_is_counted() {
     assert_eq!((counts.records_dropped, counts.ticks_skipped, counts.sessions), (5, 4, 2));
 }
 
-/// Ticks that the recorder could not keep are a failure of the run; those that a damaged file lacks are none.
+/// Ticks that the recorder could not keep are a failure of the run; those that a damaged file lacks are none, nor those that a whole
+/// one does not have, whose cause is another.
 #[test]
 fn ticks_without_a_record_count_by_why_they_are_missing() {
-    let run = |dropped: u32| {
+    let run = |dropped: u32, file_state: FileState, pacing: Pacing| {
         let mut ticks: Vec<TickRecord> = (0..600).map(|k| steered(k, 0.0, 0.0)).collect();
         for tick in &mut ticks[400..] {
             tick.tick += 7;
             tick.records_dropped = dropped;
         }
-        FlightStatistics::of(&ticks, StatisticsOptions::default()).summary()
+        let options = StatisticsOptions { file_state, pacing, ..StatisticsOptions::default() };
+        FlightStatistics::of(&ticks, options).summary()
     };
-    let (damaged, dropped) = (run(0), run(7));
-    assert!(damaged.findings.iter().any(|found| found.contains("7 ticks without a record")), "{:?}", damaged.findings);
-    assert_ne!(damaged.verdict, Verdict::Bad, "{:?}", damaged.findings);
+    for (file_state, pacing, cause) in [
+        (FileState::Damaged, Pacing::Realtime, "the file is damaged"),
+        (FileState::Whole, Pacing::Realtime, "the computer stood still, or the cRIO left frames out"),
+        (FileState::Damaged, Pacing::Lockstep, "the file is damaged"),
+        (FileState::Whole, Pacing::Lockstep, "frames never came, or a table lacks rows"),
+    ] {
+        let lacking = run(0, file_state, pacing);
+        let told = format!("7 ticks without a record ({cause})");
+        assert!(lacking.findings.iter().any(|found| found.contains(&told)), "{told}: {:?}", lacking.findings);
+        assert_ne!(lacking.verdict, Verdict::Bad, "{:?}", lacking.findings);
+    }
+    let dropped = run(7, FileState::Whole, Pacing::Realtime);
     assert_eq!(dropped.verdict, Verdict::Bad);
     assert!(dropped.findings.iter().any(|found| found.contains("7 ticks not recorded")), "{:?}", dropped.findings);
     assert!(!dropped.findings.iter().any(|found| found.contains("without a record")), "{:?}", dropped.findings);

@@ -107,7 +107,6 @@ fn near_the_goal_the_integral_grows_by_the_proportional_part_in_a_reset_time() {
     }
 }
 
-/// Play and integral action may hunt; at rest nothing but the converter's noise (0.06 and 0.006 kPa) may be left.
 /// Feedback is sent and not what acts: under a supply that sags it has to be more, to move the pressure by as much.
 #[test]
 fn feedback_moves_the_pressure_at_its_bandwidth_whatever_the_supply_loses() {
@@ -132,6 +131,7 @@ fn feedback_moves_the_pressure_at_its_bandwidth_whatever_the_supply_loses() {
     }
 }
 
+/// Play and integral action may hunt; at rest nothing but the converter's noise (0.06 and 0.006 kPa) may be left.
 #[test]
 fn holds_without_a_limit_cycle() {
     for at in [[80.0, -70.0], [90.0, -72.0], [105.0, -76.0], [75.0, -70.0]] {

@@ -121,14 +121,14 @@ fn state_schema() -> Value {
             "fault": text,
             "waits": text,
             "session": {"type": "integer"},
-            "age_s": {"type": "number"},
+            "age_s": {"type": ["number", "null"]},
             "policy": text,
             "policy_sha256": text,
             "model": text,
             "model_sha256": text,
             "reference": text,
             "recording_problem": text,
-            "recording_free_bytes": {"type": "integer"},
+            "recording_free_bytes": {"type": ["integer", "null"]},
         },
     })
 }

@@ -8,7 +8,7 @@ use std::time::Instant;
 use clap::Args;
 use controller::config::{Config, Control};
 use controller::cycle::duty_source::ExperimentPhase;
-use controller::experiment::waiting::{bar_among, waits_for};
+use controller::experiment::waiting::{Obstacles, waits_for};
 use controller::experiment::{Experiment, ExperimentError, Options, Played};
 use controller::operator::socket::is_there;
 use controller::session::session_recorder::SessionError;
@@ -18,6 +18,7 @@ use proto::output::check_file;
 use proto::recording::{PERIOD_S, TickRecord};
 use proto::wire::Mode;
 use serde_json::json;
+use supervisor::{ConditionSet, Memory};
 
 use super::console::{say, tell};
 use super::screen::Screen;
@@ -242,11 +243,13 @@ fn line(tick: &TickRecord, first: Option<u32>, seconds: f64) -> String {
         (Some(first), true) => {
             format!("{:6.2} s of {seconds:.2} s", f64::from(tick.tick.wrapping_sub(first)) * PERIOD_S)
         }
-        (None, _) if tick.experiment == ExperimentPhase::Settling.code() => waits_for(
-            State::from_code(tick.state).unwrap_or_default(),
-            Condition::from_code(tick.fault),
-            bar_among(tick.findings),
-        ),
+        (None, _) if tick.experiment == ExperimentPhase::Settling.code() => {
+            let state = State::from_code(tick.state).unwrap_or_default();
+            let found = ConditionSet::from_code_bits(tick.findings);
+            let bars_arming = Memory::bars_arming(&found).filter(|_| state == State::Standby);
+            // Without a daemon nobody can acknowledge.
+            waits_for(state, Obstacles { fault: Condition::from_code(tick.fault), latched: None, bars_arming })
+        }
         _ => "vents open".to_owned(),
     };
     format!(

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use controller::cycle::duty_source::ExperimentPhase;
 use controller::experiment::Played;
 use controller::experiment::command_sequence::CommandSequence;
-use controller::experiment::waiting::waits_for;
+use controller::experiment::waiting::{Obstacles, waits_for};
 use controller::operator::desk::{ExperimentOutcome, ExperimentView};
 use controller::operator::socket::{Ask, Reply, ask};
 use flight::RecordingSummary;
@@ -83,7 +83,8 @@ fn line(reply: &Reply, view: &ExperimentView) -> String {
     let what = match view.phase {
         Some(ExperimentPhase::Settling) => {
             let newest = reply.status.unwrap_or_default();
-            waits_for(reply.state, newest.fault, newest.bars_arming)
+            let obstacles = Obstacles { fault: newest.fault, latched: newest.latched, bars_arming: newest.bars_arming };
+            waits_for(reply.state, obstacles)
         }
         Some(ExperimentPhase::Playing) => {
             let seconds = |rows: u32| f64::from(rows) * PERIOD_S;

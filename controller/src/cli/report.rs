@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use controller::replay::run_file::{RunFile, RunFileError};
 use flight::{
-    ComparedRun, FlightInfo, FlightStatistics, FlightSummary, StatisticsOptions, Verdict, comparison_report,
+    ComparedRun, FileState, FlightInfo, FlightStatistics, FlightSummary, StatisticsOptions, Verdict, comparison_report,
     flight_report,
 };
 use proto::output::check_file;
@@ -147,8 +147,12 @@ impl ReportArgs {
 }
 
 fn judge(run: RunFile, name: String) -> Judged {
-    let options =
-        StatisticsOptions { pacing: run.pacing(), yardstick: run.yardstick(), ..StatisticsOptions::default() };
+    let options = StatisticsOptions {
+        pacing: run.pacing(),
+        yardstick: run.yardstick(),
+        file_state: FileState::of(&run.content),
+        ..StatisticsOptions::default()
+    };
     let info = run.info(&format!("Run {name}"), options);
     let summary = FlightStatistics::of(&run.content.ticks, options).summary();
     Judged { run, name, info, summary }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use controller::config::{Config, Control};
 use controller::cycle::duty_source::ExperimentPhase;
-use controller::experiment::waiting::waits_for;
+use controller::experiment::waiting::{Obstacles, waits_for};
 use controller::operator::mailbox::Status;
 use controller::operator::notice::why_barred;
 use controller::operator::operator_protocol::Venting;
@@ -211,7 +211,9 @@ fn print_tick(s: &Status, reply: &Reply) {
     }
     if let Some(experiment) = &s.experiment {
         let phase = match experiment.phase {
-            ExperimentPhase::Settling => waits_for(reply.state, s.fault, s.bars_arming),
+            ExperimentPhase::Settling => {
+                waits_for(reply.state, Obstacles { fault: s.fault, latched: s.latched, bars_arming: s.bars_arming })
+            }
             ExperimentPhase::Playing => "playing".to_owned(),
             ExperimentPhase::Resting => "coming to rest".to_owned(),
         };

@@ -1,12 +1,31 @@
 //! Words for what an experiment waits for before its first row.
 
-use supervisor::{Condition, Severity, State};
+use supervisor::{Condition, State};
 
-/// What an experiment waits for, in one clause: a session, the end of a venting, rest; and what would keep it from being armed then.
-pub fn waits_for(state: State, fault: Option<Condition>, bars_arming: Option<Condition>) -> String {
-    let first = match (state, fault) {
-        (State::Init | State::Connect, _) => "waiting for a session with the cRIO".to_owned(),
-        (State::Vent | State::Fault, Some(condition)) => {
+/// Why an experiment does not begin yet.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Obstacles {
+    /// Cause of the state.
+    pub fault: Option<Condition>,
+    /// The worst condition that a person must acknowledge.
+    pub latched: Option<Condition>,
+    /// The condition for which nothing would be armed at rest.
+    pub bars_arming: Option<Condition>,
+}
+
+/// One clause on what an experiment waits for: a session, a person, the end of a venting, rest; and what would keep it from being
+/// armed then.
+pub fn waits_for(state: State, obstacles: Obstacles) -> String {
+    let Obstacles { fault, latched, bars_arming } = obstacles;
+    let first = match (state, latched, fault) {
+        (State::Init | State::Connect, Some(condition), _) => {
+            format!("waiting for a session with the cRIO and for `controller acknowledge` ({})", condition.name())
+        }
+        (State::Init | State::Connect, None, _) => "waiting for a session with the cRIO".to_owned(),
+        (State::Vent | State::Fault, Some(condition), _) => {
+            format!("waiting for `controller acknowledge` ({})", condition.name())
+        }
+        (State::Vent | State::Fault, None, Some(condition)) => {
             format!("waiting for standby, vented now ({})", condition.name())
         }
         _ => "waiting for rest, both pressures still, vents open".to_owned(),
@@ -17,36 +36,28 @@ pub fn waits_for(state: State, fault: Option<Condition>, bars_arming: Option<Con
     }
 }
 
-/// The worst that bars arming among the findings of a recorded tick.
-pub fn bar_among(findings: u64) -> Option<Condition> {
-    let holds =
-        |condition: &&Condition| condition.severity() == Severity::BarsArming && findings & 1 << condition.code() != 0;
-    Condition::ALL.iter().rev().find(holds).copied()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use supervisor::ConditionSet;
 
     #[test]
     fn rest_state_and_bar_are_named() {
-        let rest = waits_for(State::Standby, None, None);
+        let none = Obstacles::default();
+        let rest = waits_for(State::Standby, none);
         assert!(rest.contains("for rest") && !rest.contains("armed"), "{rest}");
-        let barred = waits_for(State::Standby, None, Some(Condition::NotRecorded));
+        let barred = waits_for(State::Standby, Obstacles { bars_arming: Some(Condition::NotRecorded), ..none });
         assert!(barred.starts_with(&rest) && barred.contains("not be armed (not recorded)"), "{barred}");
-        let vented = waits_for(State::Vent, Some(Condition::FramesMissing), None);
+        let vented = waits_for(State::Vent, Obstacles { fault: Some(Condition::FramesMissing), ..none });
         assert!(vented.contains("for standby") && vented.contains("frames missing"), "{vented}");
-        assert!(waits_for(State::Connect, Some(Condition::LinkLost), None).contains("session"));
+        assert!(waits_for(State::Connect, Obstacles { fault: Some(Condition::LinkLost), ..none }).contains("session"));
     }
 
     #[test]
-    fn the_bar_is_found_among_all_that_was_found() {
-        let mut found = ConditionSet::EMPTY;
-        found.insert(Condition::FramesScarce, 12.0);
-        found.insert(Condition::PumpOff, 0.0);
-        assert_eq!(bar_among(found.code_bits()), None);
-        found.insert(Condition::NotRealtime, 0.0);
-        assert_eq!(bar_among(found.code_bits()), Some(Condition::NotRealtime));
+    fn what_waits_for_a_person_says_so() {
+        let tripped = Some(Condition::CrioTripped);
+        for state in [State::Vent, State::Fault, State::Connect] {
+            let told = waits_for(state, Obstacles { fault: tripped, latched: tripped, bars_arming: None });
+            assert!(told.contains("for `controller acknowledge` (cRIO tripped)"), "{state:?}: {told}");
+        }
     }
 }

@@ -145,7 +145,7 @@ pub struct Reply {
     /// What was done, one line, where it is not plain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub done: Option<String>,
-    /// What a person should know of what was done, one line.
+    /// Caution about what was done, one line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remark: Option<String>,
     /// State of the vents as far as it is known, after a disarming.

@@ -93,11 +93,8 @@ impl RunFile {
 
     /// Notes on what could not be read, but for those on damaged files inside, with which no tick is lost.
     pub fn notes_on_ticks(&self) -> impl Iterator<Item = &String> {
-        let is_on_file = |note: &String| {
-            let named = |name: &String| note.contains(&format!("the attachment {name} is damaged"));
-            self.content.damaged_attachments.iter().any(named)
-        };
-        self.content.notes.iter().filter(move |note| !is_on_file(note))
+        let on_files = &self.content.attachment_notes;
+        self.content.notes.iter().enumerate().filter(|(at, _)| !on_files.contains(at)).map(|(_, note)| note)
     }
 
     /// Tells whether it is the recording that an experiment leaves beside that of its run.

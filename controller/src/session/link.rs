@@ -194,10 +194,13 @@ impl Link {
                         continue;
                     }
                     let address = address.to_owned();
-                    return Err(match heard.or_else(|| Heard::piece(link.reader.waiting())) {
-                        Some(heard) => LinkError::Unanswered { address, heard },
-                        None if is_late => LinkError::Silent { address },
-                        None => broken(read.err().unwrap_or_else(|| io::ErrorKind::UnexpectedEof.into())),
+                    let heard = heard.or_else(|| Heard::piece(link.reader.waiting()));
+                    return Err(match (read, heard) {
+                        // What only came early or not whole explains no error of the system.
+                        (Err(error), None | Some(Heard::Early { .. } | Heard::Piece { .. })) => broken(error),
+                        (_, Some(heard)) => LinkError::Unanswered { address, heard },
+                        (_, None) if is_late => LinkError::Silent { address },
+                        (_, None) => broken(io::ErrorKind::UnexpectedEof.into()),
                     });
                 }
                 Err(damage) if damage.is_fatal() => {

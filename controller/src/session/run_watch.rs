@@ -1,4 +1,4 @@
-//! What the main thread looks after while a run lasts: signals, configurations that are read again, a disk that does not answer.
+//! Tasks of the main thread while a run lasts: signals, configurations that are read again, a disk that does not answer.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -53,6 +53,14 @@ impl ConditionSet {
         self.iter().fold(0, |bits, condition| bits | 1 << condition.code())
     }
 
+    /// The conditions that [`ConditionSet::code_bits`] came from, each with 0 behind it; bits that are no code's are left out.
+    pub fn from_code_bits(bits: u64) -> Self {
+        let mut set = Self::EMPTY;
+        let found = Condition::ALL.iter().filter(|condition| bits & 1 << condition.code() != 0);
+        found.for_each(|condition| set.insert(*condition, 0.0));
+        set
+    }
+
     /// The number behind a condition; 0 where it is not there.
     pub fn value(&self, condition: Condition) -> f64 {
         if self.contains(condition) { self.values.get(condition.rank()).copied().unwrap_or(0.0) } else { 0.0 }
@@ -83,6 +91,7 @@ impl Default for ConditionSet {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::transition::Memory;
 
     #[test]
     fn the_worst_is_the_last_of_the_list() {
@@ -98,6 +107,26 @@ mod tests {
             set.remove(*condition);
         }
         assert!(set.is_empty());
+    }
+
+    /// What a recorded tick found bars arming by the same condition as it did in the tick, of two as well.
+    #[test]
+    fn recorded_conditions_bar_as_those_of_the_tick() {
+        let bars: Vec<Condition> =
+            Condition::ALL.iter().copied().filter(|condition| condition.severity() == Severity::BarsArming).collect();
+        assert!(bars.len() > 1, "{bars:?}");
+        for (one, other) in bars.iter().zip(&bars[1..]) {
+            let mut set = ConditionSet::EMPTY;
+            set.insert(*other, 0.0);
+            set.insert(*one, 0.0);
+            let recorded = ConditionSet::from_code_bits(set.code_bits());
+            assert_eq!(recorded, set);
+            let barred = Memory::bars_arming(&recorded);
+            assert!(barred.is_some() && barred == Memory::bars_arming(&set), "{one:?} and {other:?}: {barred:?}");
+        }
+        for condition in Condition::ALL {
+            assert!(ConditionSet::from_code_bits(1 << condition.code()).contains(*condition), "{condition:?}");
+        }
     }
 
     #[test]

@@ -12,8 +12,8 @@ use crate::observation::{CHANNELS, Pair};
 const STEP_S: f64 = 0.02;
 /// The least time that is followed, in s: gas has taken on the temperature that the pump gives it.
 const LEAST_S: f64 = 5.0;
-/// The most, in s: a rig that still moves then is slower than any that was met.
-const MOST_S: f64 = 60.0;
+/// The most, in s: a rig that still moves then is slower than any that was met, and of its rest nothing is said.
+const MOST_S: f64 = 300.0;
 /// Rate in kPa/s below which a pressure counts as at rest.
 const AT_REST_KPA_PER_S: f64 = 1e-3;
 /// Rate in 1/s at which wanted pressures are approached; any that the step follows leads to the same rest.
@@ -33,10 +33,11 @@ struct Step {
 impl SteadyMap {
     /// Pressures of the chambers (kPa gauge) at which the rig comes to rest under constant duties, as near to 0 and 1 as play lets
     /// the valves come ([`SteadyMap::played`]), while the pump runs; the map's edge (170 and −97.5 kPa) where it would go on.
+    /// `None` where it has not come to rest after five minutes.
     ///
     /// # Real-time
-    /// A millisecond or two; not for the tick.
-    pub fn rests_at_kpa(&self, duty: Pair) -> Pair {
+    /// A millisecond or two, some more where the rig is slow; not for the tick.
+    pub fn rests_at_kpa(&self, duty: Pair) -> Option<Pair> {
         self.at_rest(|_| self.played(duty))
     }
 
@@ -58,11 +59,12 @@ impl SteadyMap {
     }
 
     /// Pressures of the chambers (kPa gauge) at which the rig comes to rest while its valves do what they can for wanted ones:
-    /// these themselves where duties that they can be at ([`SteadyMap::played`]) hold them.
+    /// these themselves where duties that they can be at ([`SteadyMap::played`]) hold them. `None` where it has not come to rest
+    /// after five minutes.
     ///
     /// # Real-time
-    /// A millisecond or two; not for the tick.
-    pub fn nearest_held_kpa(&self, wanted_kpa: Pair) -> Pair {
+    /// A millisecond or two, some more where the rig is slow; not for the tick.
+    pub fn nearest_held_kpa(&self, wanted_kpa: Pair) -> Option<Pair> {
         self.at_rest(|step| {
             self.played(std::array::from_fn(|c| {
                 // Each valve for its own pressure: the other one moves as it does, not as is wanted of it.
@@ -73,7 +75,7 @@ impl SteadyMap {
         })
     }
 
-    fn at_rest(&self, duty: impl Fn(&Step) -> Pair) -> Pair {
+    fn at_rest(&self, duty: impl Fn(&Step) -> Pair) -> Option<Pair> {
         let mut step = Step { kpa: BEGUN_KPA, kpa_per_s: [0.0; CHANNELS], gas_k: self.wall_k() };
         for k in 0..(MOST_S / STEP_S) as u32 {
             let rate = self.warm_rate_kpa_per_s(step.kpa, duty(&step), step.gas_k);
@@ -82,9 +84,9 @@ impl SteadyMap {
             let moved: Pair = std::array::from_fn(|c| (next[c] - step.kpa[c]) / STEP_S);
             step = Step { gas_k: self.warmed_k(step.kpa, moved, step.gas_k, STEP_S), kpa: next, kpa_per_s: moved };
             if f64::from(k) * STEP_S > LEAST_S && moved.iter().all(|rate| rate.abs() < AT_REST_KPA_PER_S) {
-                break;
+                return Some(step.kpa);
             }
         }
-        step.kpa
+        None
     }
 }

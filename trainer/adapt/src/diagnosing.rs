@@ -21,7 +21,8 @@ const NARROWER: [f64; 3] = [1.0, 0.6, 0.35];
 /// end leaves one or two.
 const MOST_LEFT: f64 = 3.0;
 
-/// Tells whether a model leaves much more than noise on rows that nothing was fitted to, or in a recording that was fitted: several effects that one experiment does not part.
+/// Tells whether a model leaves much more than noise, on rows that nothing was fitted to or in a fitted recording.
+/// Several effects are then in it that one experiment does not part.
 fn leaves_much(diagnosis: &Diagnosis) -> bool {
     diagnosis.unexplained.iter().any(|left| left.most_times_noise() > MOST_LEFT)
 }

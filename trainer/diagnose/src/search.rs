@@ -18,6 +18,8 @@ pub mod quick_search;
 pub mod screen;
 pub mod single_mechanism;
 
+use std::cmp::Ordering;
+
 use fit::simulate::Look;
 
 use crate::bench::{Bench, Effort, Explanation};
@@ -57,6 +59,8 @@ pub struct SearchSettings {
     pub most_kinds: usize,
     /// Number of the best candidates of a round that are fitted to the end.
     pub polished: usize,
+    /// The same beside what was found, where that leaves much.
+    pub polished_of_much: usize,
     /// Number of candidates, those that the screen puts first, that are fitted at all.
     pub glanced: usize,
     /// Number of pairs, those that it puts first, that are fitted.
@@ -77,10 +81,20 @@ impl SearchSettings {
     /// The whole search, for a rig whose pump was switched in the recordings or not.
     pub fn whole(switched: bool) -> Self {
         let bar = if switched { Bar::of_experiments() } else { Bar::default() };
-        SearchSettings { most_kinds: 4, glanced: 6, paired: 3, polished: 3, from_prior: true, thorough: true, bar }
+        SearchSettings {
+            most_kinds: 4,
+            glanced: 6,
+            paired: 3,
+            polished: 3,
+            polished_of_much: 6,
+            from_prior: true,
+            thorough: true,
+            bar,
+        }
     }
 
-    /// A short one: the same in most cases (docs/diagnose-hidden-suite.md), in two thirds of the time.
+    /// A short one: the same in most cases (docs/diagnose-hidden-suite.md), in two thirds of the time where a rig lacks one or two
+    /// mechanisms.
     pub fn short(switched: bool) -> Self {
         SearchSettings { thorough: false, ..Self::whole(switched) }
     }
@@ -92,7 +106,7 @@ impl SearchSettings {
 
     /// For a round that is only there to see whether something follows.
     fn looking_ahead(&self) -> Self {
-        SearchSettings { polished: 1, paired: 1, ..*self }
+        SearchSettings { polished: 1, polished_of_much: 1, paired: 1, ..*self }
     }
 }
 
@@ -165,6 +179,8 @@ pub fn search(
     let mut likes = Likes::default();
     let mut stood: Vec<Vec<usize>> = Vec::new();
     let mut exchanged = None;
+    // What was taken last in richer shapes, where these wait.
+    let mut waiting: Option<Explanation> = None;
     // The last one of every candidate: in a short search the first, which tells the later ones what to expect.
     let mut screened: Option<(Vec<usize>, Screening)> = None;
     // What is added and then deleted again would be added once more, and so on.
@@ -221,7 +237,17 @@ pub fn search(
             round.shows(&top, evidence(bench, &top, &best));
         }
         if taken {
-            best = refined(bench, candidates, top, settings.bar.removed_kpa)?;
+            if let Some(rich) = waiting.take().filter(|rich| cheaper(bench, rich, &top) == Ordering::Less) {
+                tried.push(std::mem::replace(&mut top, rich));
+            }
+            let rich = refined(bench, candidates, top.clone(), settings.bar.removed_kpa)?;
+            // While much is left, a richer shape takes up a part of whatever else is missing: it waits for what is added next, and
+            // stands where that costs more, or nothing is added.
+            if rich.terms != top.terms && bench.is_much(&left(bench, &top)) {
+                (best, waiting) = (top, Some(rich));
+            } else {
+                best = rich;
+            }
         } else {
             let unexplained = is_unexplained(bench, &nominal, &best);
             let passed = |again: &Explanation| {
@@ -260,8 +286,12 @@ pub fn search(
                     best = again;
                 }
                 None => {
-                    next = Some(top);
                     rounds.push(round);
+                    if let Some(rich) = waiting.take().filter(|rich| cheaper(bench, rich, &best) == Ordering::Less) {
+                        best = rich;
+                        continue;
+                    }
+                    next = Some(top);
                     break;
                 }
             }
@@ -277,6 +307,12 @@ pub fn search(
             }
             best = deletions(bench, candidates, &nominal, best, settings, &likes.found, &mut tried)?;
         }
+    }
+    best = waiting.filter(|rich| cheaper(bench, rich, &best) == Ordering::Less).unwrap_or(best);
+    // A shape that was richer before the rest was found may be needed no more.
+    let plain = plainer(bench, candidates, best.clone(), settings.bar.removed_kpa)?;
+    if cheaper(bench, &plain, &best) == Ordering::Less {
+        tried.push(std::mem::replace(&mut best, plain));
     }
     best = twinned(bench, candidates, best, settings, &mut tried, &mut likes);
     // What a fit does not need may still be there, where its parameters are not believed.

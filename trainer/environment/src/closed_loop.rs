@@ -78,7 +78,7 @@ pub struct FlownTick {
     pub true_kpa: Pair,
     /// The reference as given.
     pub goal_kpa: Pair,
-    /// What the rig's sensors show of chambers on it: the reference itself where none of them is late.
+    /// Readings of the rig's sensors with the chambers on it: the reference itself where none of them is late.
     pub shown_goal_kpa: Pair,
     /// The duties that were sent.
     pub duty: Pair,

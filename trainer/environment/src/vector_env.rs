@@ -48,7 +48,7 @@ pub struct Step {
     pub terminal: [bool; SIDE_BY_SIDE],
     /// Error of the measured pressures in kPa: less what the rig's sensors show of chambers on the goal.
     pub error_kpa: [Pair; SIDE_BY_SIDE],
-    /// The same of the readings before noise, in kPa.
+    /// Error of the readings before noise, in kPa.
     pub noise_free_error_kpa: [Pair; SIDE_BY_SIDE],
     /// Change of the applied duties since the tick before.
     pub duty_change: [Pair; SIDE_BY_SIDE],

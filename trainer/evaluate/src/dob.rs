@@ -60,7 +60,7 @@ impl Dob {
     /// Linearised at `at_kpa` of the model that `map` was made of, with given bandwidths in 1/s.
     pub fn new(map: &SteadyMap, at_kpa: Pair, feedback_per_s: f64, observer_per_s: f64) -> Self {
         let duty = map.duty_for(at_kpa, [0.0; CHANNELS]);
-        let gain = map.gain_kpa_per_s(at_kpa);
+        let gain = map.sent_gain_kpa_per_s(at_kpa, duty);
         let channels = std::array::from_fn(|c| {
             let by = 0.5;
             let rate = |sign: f64| {

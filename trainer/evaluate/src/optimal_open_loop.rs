@@ -18,6 +18,7 @@
 use law::{ControlInput, ControlOutput, DutyTerms, Fallback, SoftStart, TICK_S};
 use model::observation::{AHEAD, ActionTrajectory, CHANNELS, Pair};
 use model::rig::Rig;
+use model::shown_reference::ShownReference;
 use model::steady::SteadyMap;
 use proto::reference::Reference;
 
@@ -74,6 +75,7 @@ impl OptimalOpenLoop {
         let plan = FlightPlan { rig, model: None, reference, seconds, noise_v_rms: 0.0, seed: 1 };
         let start = fly(&plan, &mut Fallback::new(Arc::clone(map), law::FallbackSettings::default()))?;
         let approach = SoftStart::new(start.ticks.first().map_or([0.0; 2], |t| t.true_kpa), reference.at(0.0));
+        let shown_kpa = shown_with_approach(rig, reference, &approach, start.ticks.len());
         let duties: Vec<Pair> = start.ticks.iter().map(|t| t.duty).collect();
         let responses = pulse_responses(&plan, &duties)?;
         let mut best = (cost(&start), duties, start);
@@ -83,11 +85,8 @@ impl OptimalOpenLoop {
             let error: Vec<Pair> = flown
                 .ticks
                 .iter()
-                .enumerate()
-                .map(|(t, tick)| {
-                    let offset = approach.offset_kpa(t as f64 * TICK_S);
-                    std::array::from_fn(|c| tick.shown_goal_kpa[c] + offset[c] - tick.true_kpa[c])
-                })
+                .zip(&shown_kpa)
+                .map(|(tick, shown_kpa)| std::array::from_fn(|c| shown_kpa[c] - tick.true_kpa[c]))
                 .collect();
             let change = least_squares(&responses, &error);
             let tried: Vec<Pair> = now
@@ -106,6 +105,17 @@ impl OptimalOpenLoop {
         }
         Ok(OptimalOpenLoop { duties: best.1, tick: 0 })
     }
+}
+
+/// Readings of the rig's sensors, tick by tick, with the chambers on the reference and the approach to it.
+fn shown_with_approach(rig: &Rig, reference: &Reference, approach: &SoftStart, ticks: usize) -> Vec<Pair> {
+    let mut shown_reference = ShownReference::of(rig);
+    let shown = |tick: usize| {
+        let time_s = tick as f64 * TICK_S;
+        let (goal, offset) = (reference.at(time_s), approach.offset_kpa(time_s));
+        shown_reference.next_kpa(1, std::array::from_fn(|c| goal[c] + offset[c]))
+    };
+    (0..ticks).map(shown).collect()
 }
 
 /// Error of the true pressures, the negative one weighted by its third of the positive one's scale.
@@ -236,6 +246,30 @@ mod tests {
         let (x, y) = (signal(1), signal(2));
         let (one, other) = (dot(&convolved(&responses, &x), &y), dot(&x, &transposed(&responses, &y)));
         assert!((one - other).abs() < 1e-9 * one.abs(), "{one} {other}");
+    }
+
+    /// A chamber that follows the approach to a constant reference, behind one lag, against Euler steps of 20 µs.
+    #[test]
+    fn the_approach_is_shown_through_the_lag_as_well() {
+        let lag = "[[mechanisms]]\nid = \"sensor_lag\"\ncomponent = \"sensor_pos\"\ntime_constant_ms = 160.0\n";
+        let rig = Rig::from_toml(&format!("{}\n{lag}", model::rig::DUAL_PRESSURE)).unwrap();
+        let reference = Reference::constant(80.0, -70.0);
+        let approach = SoftStart::new([0.0; CHANNELS], [80.0, -70.0]);
+        let shown_kpa = shown_with_approach(&rig, &reference, &approach, 200);
+        let (step_s, mut lagged_kpa) = (TICK_S / 1000.0, 0.0);
+        for (tick, [pos_kpa, neg_kpa]) in shown_kpa.into_iter().enumerate() {
+            let time_s = tick as f64 * TICK_S;
+            // Between ticks the shown goal is a straight line, which the approach leaves by 2 Pa.
+            assert!((pos_kpa - lagged_kpa).abs() < 0.005, "{time_s} s: {pos_kpa}, {lagged_kpa}");
+            assert!(
+                (neg_kpa - (-70.0 + approach.offset_kpa(time_s)[1])).abs() < 1e-9,
+                "this sensor reads what is there"
+            );
+            for step in 0..1000 {
+                let goal_kpa = 80.0 + approach.offset_kpa(time_s + f64::from(step) * step_s)[0];
+                lagged_kpa += step_s / 0.16 * (goal_kpa - lagged_kpa);
+            }
+        }
     }
 
     /// On the ideal rig next to nothing is left; on the bench far less than the fallback leaves.

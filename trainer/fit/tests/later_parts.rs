@@ -59,19 +59,20 @@ fn a_later_part_begins_with_coils_as_warm_as_the_whole_has_them() {
     assert!(off > 1.0, "{off} kPa");
 }
 
-/// A part that begins while gas is hot, a little after the pump has started, goes on as hot as the whole has it; of a recording of its
-/// own nobody knows.
+/// A part that begins while gas is hot, a little after the pump has started or amid moves, goes on as hot as the whole has it; of a
+/// recording of its own nobody knows.
 #[test]
 fn a_later_part_begins_with_gas_as_warm_as_the_whole_has_it() {
-    const ROWS: usize = 600;
-    const BEGINS: usize = 30;
+    const ROWS: usize = 900;
     let mut rig = quick_rig();
     rig.mechanisms.push(MechanismInstance {
         component: "positive".to_owned(),
         enabled: true,
         mechanism: Mechanism::ChamberThermal(ChamberThermal { wall_conductance_w_per_k: 1.0 }),
     });
-    let duty = [vec![0.8; ROWS], vec![0.8; ROWS]];
+    // A jump half a second before the second part begins, more rows behind the beginning than a lead has.
+    let duty: Vec<f64> = (0..ROWS).map(|row| if row < 725 { 0.75 } else { 0.95 }).collect();
+    let duty = [duty.clone(), duty];
     let free = |records: &Records| {
         let simulator = Simulator::new(records, Fidelity::Averaged);
         simulator.run(&[rig.clone().into()], &Arcs::free(records)).pop().unwrap().unwrap()
@@ -80,15 +81,16 @@ fn a_later_part_begins_with_gas_as_warm_as_the_whole_has_it() {
     let blank = Records::new(&rig, &[blank]).unwrap();
     let trace = free(&blank);
     let whole = blank.with_readings(trace.clone()).unwrap();
-    let (part, places) = whole.parts(&[(0, BEGINS..ROWS)]);
-    let run = free(&part);
-    let off = |run: &[f64], rows: std::ops::Range<usize>| {
-        let range = part.layout().channel(0, 0);
-        range.clone().skip(rows.start).take(rows.len()).map(|i| (run[i] - trace[places[i]]).abs()).fold(0.0, f64::max)
-    };
-    // Half a second in which averaged pumps forget how they began.
-    let led = off(&run, 25..400);
-    assert!(led < 0.05, "{led} kPa");
-    let alone = off(&free(&part.clone().begun_anew()), 25..400);
-    assert!(alone > 1.0, "{alone} kPa");
+    for (begins, alone_kpa) in [(30, 1.0), (750, 0.2)] {
+        let (part, places) = whole.parts(&[(0, begins..ROWS)]);
+        // A few strokes in which averaged pumps forget how they began.
+        let off = |run: &[f64]| {
+            let channel = part.layout().channel(0, 0).skip(5);
+            channel.map(|i| (run[i] - trace[places[i]]).abs()).fold(0.0, f64::max)
+        };
+        let led = off(&free(&part));
+        assert!(led < 0.1, "{begins}: {led} kPa");
+        let alone = off(&free(&part.clone().begun_anew()));
+        assert!(alone > alone_kpa, "{begins}: {alone} kPa");
+    }
 }

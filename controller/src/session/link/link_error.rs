@@ -81,7 +81,7 @@ pub enum LinkError {
     },
 }
 
-/// What came instead of a HELLO.
+/// Bytes that came instead of a HELLO.
 ///
 /// The same mistake has the same words with every attempt, so that it is told once. So the numbers of a damaged frame are
 /// left out: the clock in it makes them new each time.

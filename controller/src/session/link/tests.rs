@@ -2,9 +2,11 @@
 
 use std::io::{Read, Write};
 use std::net::TcpListener;
+use std::time::Duration;
 
 use monitor::Pacing;
 use proto::wire::{CRC_LENGTH, CrioState, Frame, HELLO_LENGTH, Hello, Sense, TripBits};
+use socket2::SockRef;
 
 use super::Link;
 
@@ -22,6 +24,11 @@ fn said(answer: fn(Hello) -> Vec<u8>, then: Then) -> String {
             // Until the daemon has given up.
             let _ = stream.read(&mut [0]);
         }
+        if then == Then::Resets {
+            // A reset that overtakes the bytes takes them along.
+            std::thread::sleep(Duration::from_millis(200));
+            SockRef::from(&stream).set_linger(Some(Duration::ZERO)).unwrap();
+        }
     });
     let said = Link::open(&address, Pacing::RealTime).err().map(|error| error.to_string());
     crio.join().unwrap();
@@ -34,6 +41,8 @@ fn said(answer: fn(Hello) -> Vec<u8>, then: Then) -> String {
 enum Then {
     Waits,
     Closes,
+    /// Breaks the link off once what it sent has been read.
+    Resets,
 }
 
 fn with_wrong_crc(hello: Hello) -> Vec<u8> {
@@ -68,6 +77,15 @@ fn reading(hello: Hello) -> Vec<u8> {
         commands_missed: 0,
     };
     sense.encode().to_vec()
+}
+
+/// A cRIO that sends a reading too early and then breaks the link off: the break is told.
+#[test]
+fn an_error_of_the_system_outranks_what_came_early() {
+    let broken_off = said(reading, Then::Resets);
+    assert!(!broken_off.contains("came before it") && broken_off.contains("reset"), "{broken_off}");
+    let damaged = said(with_wrong_crc, Then::Resets);
+    assert!(damaged.contains("the CRC of a HELLO that came does not fit its bytes"), "{damaged}");
 }
 
 #[test]

@@ -123,11 +123,6 @@ impl<R: Simulated> Simulation<R> {
         self.reset_sensors();
     }
 
-    /// Sets all cranks to `crank_rev` revolutions past their zeros; everything else stays.
-    pub fn set_cranks(&mut self, crank_rev: R) {
-        self.state.phase = [crank_rev.map(|rev| rev - rev.floor()); MOST_DRIVES];
-    }
-
     /// Turns the pumps until their cylinders repeat themselves, chambers standing as they are, and ends where cranks
     /// stand now.
     pub(super) fn settle_cylinders(&mut self, inputs: &[R]) {

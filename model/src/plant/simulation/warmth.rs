@@ -24,6 +24,21 @@ impl<R: Simulated> Simulation<R> {
         !self.plant.thermal.is_empty()
     }
 
+    /// Temperatures of the gas in chambers where it is not its walls', in K.
+    pub fn gas_temperatures_k(&self) -> Vec<R> {
+        let at = |node: usize| self.state.x.get(node).copied().unwrap_or(R::splat(f64::NAN));
+        self.plant.thermal.iter().map(|chamber| at(chamber.temperature)).collect()
+    }
+
+    /// Sets temperatures as [`Simulation::gas_temperatures_k`] gives them; pressures stay.
+    pub fn set_gas_temperatures_k(&mut self, temperatures_k: &[R]) {
+        for (chamber, kelvin) in self.plant.thermal.iter().zip(temperatures_k) {
+            if let Some(slot) = self.state.x.get_mut(chamber.temperature) {
+                *slot = *kelvin;
+            }
+        }
+    }
+
     /// Makes gas as warm as it is where the pressures, as they are now, had settled with pumps running as `inputs` say.
     ///
     /// What flows into a chamber and how warm it is are measured: with all valves shut it is what the chamber gains in mass, and

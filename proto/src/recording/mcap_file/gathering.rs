@@ -230,15 +230,25 @@ impl Gathering {
     pub(super) fn attachment(&mut self, body: &[u8], indexed: Option<&str>) {
         match sound_attachment(body) {
             // Those of one name count by their order, so that behind one that is lost nobody knows which one this is.
-            Ok(found) if self.lost.has(&found.name) => {}
+            Ok(found) if self.lost.has(&found.name) => {
+                if self.lost.is_first_untold() {
+                    self.note_on_attachment(&format!(
+                        "the attachment {} and all behind it were left out: nothing says which attachments are lost before them",
+                        found.name
+                    ));
+                }
+            }
             Ok(found) => self.content.attachments.push(found),
             Err(problem) => {
                 let own = attachment_name(body).filter(|name| attached::ALL.contains(name));
                 let name = indexed.or(own);
                 self.lost.add(name);
                 self.content.damaged_attachments.extend(name.map(str::to_owned));
-                let named = name.map_or("an attachment".to_owned(), |name| format!("the attachment {name}"));
-                self.note(&format!("{named} is damaged ({problem}) and was left out"));
+                match name {
+                    Some(name) => self
+                        .note_on_attachment(&format!("the attachment {name} is damaged ({problem}) and was left out")),
+                    None => self.note(&format!("an attachment is damaged ({problem}) and was left out")),
+                }
             }
         }
     }
@@ -297,6 +307,12 @@ impl Gathering {
     pub(super) fn note(&mut self, text: &str) {
         self.content.notes.push(format!("{}: {text}", self.file));
     }
+
+    /// Adds a note on an attachment whose name is known.
+    pub(super) fn note_on_attachment(&mut self, text: &str) {
+        self.content.attachment_notes.push(self.content.notes.len());
+        self.note(text);
+    }
 }
 
 /// An attachment by its record's body.
@@ -341,12 +357,19 @@ pub(super) struct LostAttachments {
     names: Vec<String>,
     /// Whether one is lost whose name is not known.
     unnamed: bool,
+    /// Whether it was told that those behind it are left out.
+    told: bool,
 }
 
 impl LostAttachments {
     /// Tells whether one of this name may be lost.
     fn has(&self, name: &str) -> bool {
         self.unnamed || self.names.iter().any(|lost| lost == name)
+    }
+
+    /// Tells, once, that attachments are left out for one whose name is not known.
+    fn is_first_untold(&mut self) -> bool {
+        self.unnamed && !std::mem::replace(&mut self.told, self.unnamed)
     }
 
     /// Adds one; `None` stands for a name that is not known.

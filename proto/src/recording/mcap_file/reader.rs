@@ -38,10 +38,14 @@ pub struct McapContent {
     pub damaged_attachments: Vec<String>,
     /// Places in `ticks` before which something is damaged; none where another tool has put them in another order.
     pub lost_before: Vec<usize>,
+    /// True where something between the ticks is damaged, whatever order they stand in.
+    pub is_damaged_within: bool,
     /// True when the file was finished and nothing of it was left out.
     pub complete: bool,
     /// What could not be read, a line each.
     pub notes: Vec<String>,
+    /// Places in `notes` of those on attachments whose names are known: no tick is lost with these.
+    pub attachment_notes: Vec<usize>,
 }
 
 /// Why a file is no recording.
@@ -160,6 +164,7 @@ pub fn parse_mcap(file: &str, bytes: &[u8]) -> Result<McapContent, ReadMcapError
         return Err(ReadMcapError::NoTicks { file: file.to_owned(), notes: content.notes });
     }
     content.complete = content.notes.is_empty();
+    content.is_damaged_within = !content.lost_before.is_empty();
     if into_order(&mut content.ticks, &places) == Order::Another {
         content.lost_before.clear();
     }

@@ -131,7 +131,7 @@ impl Gathering {
         for name in index.attachments_within(at, next) {
             self.lost.add(Some(name));
             self.content.damaged_attachments.push(name.to_owned());
-            self.note(&format!("the attachment {name} is damaged and was left out"));
+            self.note_on_attachment(&format!("the attachment {name} is damaged and was left out"));
         }
         Ok(())
     }

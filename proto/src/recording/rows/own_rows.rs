@@ -134,10 +134,13 @@ impl OwnRows {
         near_all(time_s, &sensors.iter().map(Sensor::rows).collect::<Vec<_>>())?;
         let slowest = sensors.iter().enumerate().max_by(|(_, a), (_, b)| a.rows_a_reading.total_cmp(&b.rows_a_reading));
         let (at_slowest, rows_a_reading) = slowest.map_or((0, 1.0), |(at, sensor)| (at, sensor.rows_a_reading));
-        // A run in which a sensor was never read begins nowhere.
+        let last_read: Vec<Option<usize>> = sensors.iter().map(|sensor| sensor.span().map(|of| of.end)).collect();
+        // A run in which a sensor was never read begins nowhere, but for one that was read for the last time before it.
         let begin = |run: &Range<usize>| {
             let first = |sensor: &Sensor<'_>| run.clone().find(|row| sensor.is_read(*row)).unwrap_or(run.end);
-            sensors.iter().map(first).max().unwrap_or(run.start)
+            let is_over = |last: &Option<usize>| last.is_some_and(|last| last < run.start);
+            let counting = sensors.iter().zip(&last_read).filter(|(_, last)| !is_over(last));
+            counting.map(|(sensor, _)| first(sensor)).max().unwrap_or(run.start)
         };
         let kept: Vec<usize> = resample::runs_of(time_s).into_iter().flat_map(|run| begin(&run)..run.end).collect();
         if kept.is_empty() {
@@ -204,9 +207,15 @@ impl OwnRows {
 fn fill(time_s: &[f64], column: &mut Column, read: &[bool]) {
     let ColumnData::Numbers(numbers) = &mut column.data else { return };
     numbers.iter_mut().zip(read).filter(|(_, read)| !**read).for_each(|(x, _)| *x = f64::NAN);
+    // Behind a sensor's last reading, and in runs in which it has none, stands the one before.
+    let mut before = f64::NAN;
     for run in resample::runs_of(time_s) {
         if let (Some(times), Some(numbers)) = (time_s.get(run.clone()), numbers.get_mut(run)) {
+            if numbers.iter().all(|x| x.is_nan()) {
+                numbers.fill(before);
+            }
             slower::fill(times, numbers);
+            before = numbers.last().copied().unwrap_or(before);
         }
     }
 }

@@ -26,7 +26,7 @@ use crate::search::values_of;
 /// Rows that must lie at a level or behind it for it to show: half a second.
 const ROWS: usize = 25;
 
-/// What a level is one of.
+/// Quantity that a level is a value of.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Measure {
     /// A command above nothing, in which a flow begins.
@@ -92,7 +92,7 @@ pub(crate) struct Extrapolated {
     of: String,
     /// The level that fits.
     level: f64,
-    /// What was recorded nearest to it.
+    /// Recorded number nearest to it.
     nearest: f64,
 }
 

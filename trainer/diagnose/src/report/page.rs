@@ -127,7 +127,7 @@ fn key_figures(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Vec<KeyFig
     all
 }
 
-/// Unexplained residual by channel, on validation data and in the fitted recording that has much more of it.
+/// Unexplained residual by channel, on validation data and in the recording that has much more of it in its other rows.
 fn left(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Table {
     let mut table = Table::new(["reading", "unexplained, kPa", "noise, kPa", "times the noise", "most of it at"]);
     for u in &diagnosis.unexplained {
@@ -135,7 +135,11 @@ fn left(findings: &Findings<'_, '_>, diagnosis: &Diagnosis) -> Table {
         table.push([u.channel.clone(), format!("{:.3}", u.kpa), noise, times, u.region.clone()]);
         if let Some(further) = &u.further_off {
             let [noise, times] = unexplained::cells(further.noise_kpa, further.times_noise);
-            let whose = format!("{} of {}, which was fitted", u.channel, findings.shown_as(&further.recording));
+            let whose = format!(
+                "{} in the rows of {} that are no validation data",
+                u.channel,
+                findings.shown_as(&further.recording)
+            );
             table.push([whose, format!("{:.3}", further.kpa), noise, times, String::new()]);
         }
     }

@@ -1,5 +1,5 @@
-//! The unexplained residual: what the rig that is written is still off by on validation data, and where; and the recording that was fitted
-//! in which it is off by much more.
+//! The unexplained residual: what the rig that is written is still off by on validation data, and where; and the recording
+//! that it is off by much more in, in rows that are no validation data.
 
 use fit::data::{Role, deviation};
 use fit::simulate::{ChannelError, errors};
@@ -16,8 +16,8 @@ const ROWS: usize = 10;
 /// Multiples of the noise from which on a residual is worth its region.
 const TIMES_NOISE: f64 = 1.0;
 
-/// Factor over the error on validation data, and over the noise, from which on the error in a recording that was fitted is told: one
-/// that is not more is what the figures on validation data say.
+/// Factor over the error on validation data, and over the noise, from which on the error in rows that are no validation data is
+/// told: one that is not more is what the figures on validation data say.
 const FURTHER: f64 = 2.0;
 
 /// The unexplained residual of every channel with the rig of `figures`.
@@ -162,7 +162,10 @@ pub(crate) fn in_words(all: &[Unexplained], shown: impl Fn(&str) -> String) -> O
         .map(|(u, further)| {
             let times = times_in_words(further.noise_kpa, further.times_noise);
             let file = shown(&further.recording);
-            format!("{:.2} kPa ({times}) in {} of {file}, which was fitted", further.kpa, u.channel)
+            format!(
+                "{:.2} kPa ({times}) in {} in the rows of {file} that are no validation data",
+                further.kpa, u.channel
+            )
         })
         .collect();
     let fitted = fitted.join("; ");
@@ -292,6 +295,6 @@ mod tests {
         assert!(further.recording == "data/experiment.csv" && (0.75..1.1).contains(&further.kpa), "{further:?}");
         assert_eq!(all[1].most_times_noise(), further.times_noise);
         let said = in_words(&all, |source| source.rsplit('/').next().unwrap().to_owned()).unwrap();
-        assert!(said.ends_with("in p_neg_kpa of experiment.csv, which was fitted."), "{said}");
+        assert!(said.ends_with("in p_neg_kpa in the rows of experiment.csv that are no validation data."), "{said}");
     }
 }

@@ -94,7 +94,7 @@ pub(super) fn additions(
     // What gains most beside what was found may be an effect too small for a name, in a channel that hardly scatters. Where much is
     // left, what explains that is behind it.
     let much_is_left = !base.terms.is_empty() && bench.is_much(&left(bench, base));
-    let polish = if much_is_left { settings.glanced } else { polish };
+    let polish = if much_is_left { settings.polished_of_much } else { polish };
     // What moves in steps fits a little of whatever is wrong: it is never the only one.
     let steps = |tried: &&&Tried<'_>| tried.alone().is_some_and(|k| candidates[k].stepped());
     let polish = polish.max(1 + close.iter().take_while(steps).count());

@@ -125,10 +125,18 @@ pub fn bench<'r>(rig: &'r Rig, records: &'r Records) -> Bench<'r> {
     Bench::new(rig, records, &all, Fidelity::Averaged)
 }
 
-/// A search for two terms at most that follows one candidate to the end: enough where what is there stands out.
+/// A search for two kinds of terms at most that follows one candidate to the end: enough where what is there stands out.
 pub fn for_what_stands_out() -> SearchSettings {
     let whole = SearchSettings::whole(false);
-    SearchSettings { most_kinds: 2, polished: 1, glanced: 4, paired: 1, from_prior: false, ..whole }
+    SearchSettings {
+        most_kinds: 2,
+        polished: 1,
+        polished_of_much: 1,
+        glanced: 4,
+        paired: 1,
+        from_prior: false,
+        ..whole
+    }
 }
 
 pub fn judged(bench: &Bench<'_>, candidates: &[Candidate]) -> (Found, Judgement) {

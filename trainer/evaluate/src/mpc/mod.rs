@@ -206,7 +206,7 @@ impl Mpc {
 /// ρ of both channels, in kPa² per duty².
 fn change_weights(model: &ReducedModel) -> Pair {
     let bandwidth = if model.is_told { BANDWIDTHS_PER_S[0] } else { BANDWIDTHS_PER_S[1] };
-    let gain = model.map.gain_kpa_per_s(WEIGHED_AT_KPA);
+    let gain = model.map.sent_gain_kpa_per_s(WEIGHED_AT_KPA, model.map.duty_for(WEIGHED_AT_KPA, [0.0; CHANNELS]));
     std::array::from_fn(|c| ERROR_WEIGHTS[c] * (gain[c] * TICK_S).powi(2) / (bandwidth * TICK_S).powi(4))
 }
 

@@ -93,10 +93,10 @@ impl Earlier {
 }
 
 impl Record {
-    /// What went before its first row, in the recording that it is a part of itself; `readings_kpa` are its own by channel.
-    fn earlier(&self, readings_kpa: Vec<Vec<f64>>) -> Earlier {
+    /// Rows before its first one, in the recording that it is a part of itself; `readings_kpa` are its own by channel.
+    fn earlier(&self, readings_kpa: impl FnOnce() -> Vec<Vec<f64>>) -> Earlier {
         if self.before.whole.is_empty() {
-            let (whole, readings_kpa) = (Arc::new(self.inputs.clone()), Arc::new(readings_kpa));
+            let (whole, readings_kpa) = (Arc::new(self.inputs.clone()), Arc::new(readings_kpa()));
             Earlier { whole, readings_kpa, ..Earlier::default() }
         } else {
             self.before.clone()
@@ -262,7 +262,7 @@ impl Records {
         let cut = |numbers: &[f64], rows: &Range<usize>| numbers.get(rows.clone()).unwrap_or_default().to_vec();
         let read = |record: usize| (0..channels).map(|channel| self.channel_kpa(record, channel).to_vec()).collect();
         let earlier: Vec<Earlier> =
-            self.records.iter().enumerate().map(|(record, whole)| whole.earlier(read(record))).collect();
+            self.records.iter().enumerate().map(|(record, whole)| whole.earlier(|| read(record))).collect();
         let records = kept
             .iter()
             .map(|(whole, record, rows)| Record {

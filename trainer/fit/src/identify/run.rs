@@ -141,7 +141,7 @@ pub fn run(
     // No model has a motor that comes up or stops: what is checked whole is run from behind that.
     let (records, change) = match BehindChanges::of(rig, &records) {
         Some(behind) => {
-            quality.usable = behind.taken(&quality.usable);
+            quality = quality.taken(&behind.places);
             (behind.records, Some(behind.change))
         }
         None => (records, None),

@@ -86,11 +86,8 @@ pub fn flappers_of(simulator: &Simulator<'_>, runs: &[Run], arcs: &Arcs, look: L
         .map(|record| arcs.of(record).map(|arc| arc.rows.start + DECIDING_ROWS).max().unwrap_or(0))
         .collect();
     let first = arcs.clone().until(&ends);
-    if (2..=MOST_TOGETHER).contains(&most) {
-        together(simulator, runs, &first, &open, &mut found);
-    }
-    let passes = if most > 1 && look == Look::Closely { 2 } else { 1 };
-    for turn in (0..passes).flat_map(|_| 0..most) {
+    together(simulator, runs, &first, &open, &mut found);
+    for turn in 0..most {
         let unknown_of = |at: usize| open.get(at).and_then(|open: &Vec<String>| open.get(turn));
         let each = if look == Look::Roughly { FEW_PLACES } else { PLACES };
         let coarse: Places = vec![vec![places(each, 1.0); count]; runs.len()];
@@ -104,11 +101,22 @@ pub fn flappers_of(simulator: &Simulator<'_>, runs: &[Run], arcs: &Arcs, look: L
             best.iter_mut().flatten().for_each(around);
             best = ranked(simulator, runs, &first, &found, &unknown_of, best);
         }
-        for (at, (flappers, best)) in found.iter_mut().zip(&best).enumerate() {
-            let Some(unknown) = unknown_of(at) else { continue };
-            for (flappers, shares) in flappers.iter_mut().zip(best) {
-                put(flappers, unknown, shares.first().copied().unwrap_or(0.0));
-            }
+        take(&mut found, &best, &unknown_of);
+    }
+    if most > 1 && look == Look::Closely {
+        // Each was placed with the others where they were then.
+        for turn in 0..most {
+            let several = |at: &usize| open.get(*at).is_some_and(|open| open.len() > 1);
+            let unknown_of = |at: usize| Some(at).filter(several).and_then(|at| open.get(at)?.get(turn));
+            let near = places(NEARER, 0.5 / f64::from(PLACES));
+            let around = |(at, arcs): (usize, &Vec<Vec<Flapper>>)| -> Vec<Vec<f64>> {
+                let now = |flappers: &Vec<Flapper>| unknown_of(at).and_then(|unknown| share_of(flappers, unknown));
+                let about = |share: f64| near.iter().map(|by| (share + by).clamp(-1.0, 1.0)).collect();
+                arcs.iter().map(|flappers| about(now(flappers).unwrap_or(0.0))).collect()
+            };
+            let close: Places = found.iter().enumerate().map(around).collect();
+            let best = ranked(simulator, runs, &first, &found, &unknown_of, close);
+            take(&mut found, &best, &unknown_of);
         }
     }
     found
@@ -125,9 +133,10 @@ fn together(
 ) {
     let mut probes = Vec::new();
     let mut of = Vec::new();
-    for (at, ((run, open), found)) in
-        runs.iter().zip(open).zip(&*found).enumerate().filter(|(_, ((_, o), _))| o.len() > 1)
-    {
+    for (at, ((run, open), found)) in runs.iter().zip(open).zip(&*found).enumerate() {
+        if !(2..=MOST_TOGETHER).contains(&open.len()) {
+            continue;
+        }
         for combination in 0..ENDS.len().pow(open.len() as u32) {
             let mut all = found.clone();
             for (digit, unknown) in open.iter().enumerate() {
@@ -146,6 +155,16 @@ fn together(
             if error < least[at][number] {
                 (least[at][number], found[at][number]) = (error, flappers);
             }
+        }
+    }
+}
+
+/// Puts one flapper of each run where it errs least.
+fn take<'u>(found: &mut [Vec<Vec<Flapper>>], best: &Places, unknown_of: &dyn Fn(usize) -> Option<&'u String>) {
+    for (at, (flappers, best)) in found.iter_mut().zip(best).enumerate() {
+        let Some(unknown) = unknown_of(at) else { continue };
+        for (flappers, shares) in flappers.iter_mut().zip(best) {
+            put(flappers, unknown, shares.first().copied().unwrap_or(0.0));
         }
     }
 }

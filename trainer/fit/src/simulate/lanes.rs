@@ -114,28 +114,31 @@ pub(super) fn sweep<R: Simulated>(
             // Asked of the recorded pressures, not of the shifted ones: all runs must start alike.
             let how = simulation.start_for(&recorded);
             let crank_rev = each(&|lane| lane.crank_rev);
+            let elapsed_s = longest.chain.elapsed_s();
+            // Gas is as warm as what went before has made it; everything else is as the first row tells.
             let led = if simulation.has_gas_that_warms() { longest.chain.led_rows() } else { 0 };
-            if led > 0 {
+            let warm = (led > 0).then(|| {
                 let from: Vec<R> = (0..channels).map(|c| each(&|lane| lane.reading_before(c, led))).collect();
-                let sent = |rows: usize, commands: &mut [R]| {
-                    for (input, slot) in commands.iter_mut().enumerate() {
+                let mut before = commands.clone();
+                let sent = |rows: usize, before: &mut [R]| {
+                    for (input, slot) in before.iter_mut().enumerate() {
                         *slot = each(&|lane| lane.command_before(input, rows)[0]);
                     }
                 };
-                let mut before = commands.clone();
                 sent(led, &mut before);
-                let from_s = longest.chain.elapsed_s() - led as f64 * PERIOD_S;
-                simulation.start_at(&from, &before, simulation.start_for(&from), crank_rev, from_s);
+                let begins = simulation.start_for(&from);
+                simulation.start_at(&from, &before, begins, crank_rev, elapsed_s - led as f64 * PERIOD_S);
                 for rows in (1..=led).rev() {
                     sent(rows, &mut before);
                     for _ in 0..ticks_per_row {
                         simulation.tick(&before);
                     }
                 }
-                simulation.set_cranks(crank_rev);
-                simulation.correct(&sensors, &start);
-            } else {
-                simulation.start_at(&start, &commands, how, crank_rev, longest.chain.elapsed_s());
+                simulation.gas_temperatures_k()
+            });
+            simulation.start_at(&start, &commands, how, crank_rev, elapsed_s);
+            if let Some(warm) = warm {
+                simulation.set_gas_temperatures_k(&warm);
             }
             let before = lanes.iter().map(Lane::rows_before).max().unwrap_or(0);
             if before > 0 && simulation.has_coils_that_warm() {

@@ -119,7 +119,7 @@ impl Quality {
 
     /// The recordings as runs go through them, and their quality: straight lines in place of wild readings, which are no evidence, and
     /// no rows before the first that a run can begin at ([`Quality::first_rows`]).
-    pub fn sound(mut self, records: Records) -> (Self, Records) {
+    pub fn sound(self, records: Records) -> (Self, Records) {
         let first_rows = self.first_rows(&records);
         let records = if self.wild.is_empty() { records } else { records.without_readings(&self.wild) };
         if first_rows.iter().all(|first| *first == 0) {
@@ -128,11 +128,17 @@ impl Quality {
         let rows = records.records().iter().map(|r| r.time_s.len());
         let parts: Vec<_> = rows.zip(&first_rows).map(|(rows, first)| *first..rows).enumerate().collect();
         let (records, places) = records.parts(&parts);
+        (self.taken(&places), records)
+    }
+
+    /// This quality of the readings at some places.
+    #[must_use]
+    pub fn taken(mut self, places: &[usize]) -> Self {
         self.usable = places.iter().filter_map(|place| self.usable.get(*place)).copied().collect();
         if !self.wild.is_empty() {
             self.wild = places.iter().filter_map(|place| self.wild.get(*place)).copied().collect();
         }
-        (self, records)
+        self
     }
 
     /// By recording, the first row that a run can begin at: 0, or the first behind wild readings, where these are more than are bridged
@@ -189,4 +195,16 @@ fn median(values: &[f64]) -> f64 {
     let mut values = values.to_vec();
     let middle = values.len() / 2;
     if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_usable_and_what_is_wild_are_cut_alike() {
+        let whole = Quality { findings: Vec::new(), usable: vec![1.0, 0.0, 1.0], wild: vec![false, true, false] };
+        let cut = whole.taken(&[1, 2]);
+        assert_eq!((cut.usable, cut.wild), (vec![0.0, 1.0], vec![true, false]));
+    }
 }
