@@ -121,7 +121,7 @@ fn what_it_is_given_is_refused_before_it_begins_and_by_its_name() {
     let model = folder.write("chamber.toml", CHAMBER);
     let cases = [
         (["--out", file.to_str().unwrap()], "this is a file, and results need a folder"),
-        (["--model", model.to_str().unwrap()], "chamber.toml: sensors: no sensor writes `p_pos_kpa`"),
+        (["--model", model.to_str().unwrap()], "chamber.toml: valves: no valves uses column `u_pos`"),
     ];
     for (args, words) in cases {
         let mut command = Command::new(program("controller"));

@@ -184,40 +184,6 @@ fn what_was_wrong_with_the_directory_is_over_once_it_is_mended() {
     laboratory.close();
 }
 
-/// Nothing tells the daemon of a change: it looks, as it must where the folder lies on another machine.
-#[test]
-fn what_a_folder_does_not_tell_is_found_all_the_same() {
-    let laboratory = laboratory("policy.active = \"fallback\"");
-    let (_, sound) = corpus::trained().into_iter().find(|(name, _)| name == "default").unwrap();
-    let file = policy(&laboratory, "slow");
-    // A copy that stands still for longer than the folder is read twice, and goes on.
-    std::fs::write(&file, &sound[..sound.len() / 3]).unwrap();
-    wait_for(&laboratory, "slow", "seen", |e| e["state"] == "checking");
-    std::thread::sleep(Duration::from_secs(4));
-    let entry = wait_for(&laboratory, "slow", "seen", |_| true);
-    assert_eq!(entry["state"], "checking", "half of a file is no policy yet, and not a bad one: {entry}");
-    std::fs::OpenOptions::new().append(true).open(&file).unwrap().write_all(&sound[sound.len() / 3..]).unwrap();
-    wait_for(&laboratory, "slow", "passed", |e| e["state"] == "passed");
-    // Other content of the same length and date, in the same file.
-    let date = std::fs::metadata(&file).unwrap().modified().unwrap();
-    let mut other = sound.clone();
-    other[0] ^= 0xFF;
-    std::fs::write(&file, &other).unwrap();
-    std::fs::File::options().write(true).open(&file).unwrap().set_modified(date).unwrap();
-    wait_for(&laboratory, "slow", "refused", |e| e["state"] == "refused");
-    // A sound one renamed over it, and once more while it controls: what is the same is not examined again.
-    publish(&laboratory, "slow", &sound);
-    wait_for(&laboratory, "slow", "passed", |e| e["state"] == "passed");
-    assert!(!laboratory.folder.join("policies/slow.onnx.refused.json").exists());
-    assert_eq!(laboratory.ask_json(&["swap", "slow"]).1, Some(0));
-    publish(&laboratory, "slow", &sound);
-    std::thread::sleep(Duration::from_secs(3));
-    let (reply, _) = laboratory.ask_json(&["policies"]);
-    let names: Vec<&str> = reply["policies"].as_array().unwrap().iter().filter_map(|e| e["name"].as_str()).collect();
-    assert_eq!(names, ["fallback", "slow"], "{reply}");
-    check_ticks(&laboratory.close().ticks());
-}
-
 /// `policy.follow = "newest"`: what is published and passes goes on by itself.
 #[test]
 fn the_newest_is_followed() {
@@ -267,5 +233,41 @@ mod thorough {
     #[ignore = "thorough: docs/testing.md"]
     fn a_dozen_swaps_lose_no_tick_and_move_no_duty_too_far() {
         swaps(12);
+    }
+
+    /// Nothing tells the daemon of a change: it looks, as it must where the folder lies on another machine.
+    #[test]
+    #[ignore = "thorough: docs/testing.md"]
+    fn what_a_folder_does_not_tell_is_found_all_the_same() {
+        let laboratory = laboratory("policy.active = \"fallback\"");
+        let (_, sound) = corpus::trained().into_iter().find(|(name, _)| name == "default").unwrap();
+        let file = policy(&laboratory, "slow");
+        // A copy that stands still for longer than the folder is read twice, and goes on.
+        std::fs::write(&file, &sound[..sound.len() / 3]).unwrap();
+        wait_for(&laboratory, "slow", "seen", |e| e["state"] == "checking");
+        std::thread::sleep(Duration::from_secs(4));
+        let entry = wait_for(&laboratory, "slow", "seen", |_| true);
+        assert_eq!(entry["state"], "checking", "half of a file is no policy yet, and not a bad one: {entry}");
+        std::fs::OpenOptions::new().append(true).open(&file).unwrap().write_all(&sound[sound.len() / 3..]).unwrap();
+        wait_for(&laboratory, "slow", "passed", |e| e["state"] == "passed");
+        // Other content of the same length and date, in the same file.
+        let date = std::fs::metadata(&file).unwrap().modified().unwrap();
+        let mut other = sound.clone();
+        other[0] ^= 0xFF;
+        std::fs::write(&file, &other).unwrap();
+        std::fs::File::options().write(true).open(&file).unwrap().set_modified(date).unwrap();
+        wait_for(&laboratory, "slow", "refused", |e| e["state"] == "refused");
+        // A sound one renamed over it, and once more while it controls: what is the same is not examined again.
+        publish(&laboratory, "slow", &sound);
+        wait_for(&laboratory, "slow", "passed", |e| e["state"] == "passed");
+        assert!(!laboratory.folder.join("policies/slow.onnx.refused.json").exists());
+        assert_eq!(laboratory.ask_json(&["swap", "slow"]).1, Some(0));
+        publish(&laboratory, "slow", &sound);
+        std::thread::sleep(Duration::from_secs(3));
+        let (reply, _) = laboratory.ask_json(&["policies"]);
+        let names: Vec<&str> =
+            reply["policies"].as_array().unwrap().iter().filter_map(|e| e["name"].as_str()).collect();
+        assert_eq!(names, ["fallback", "slow"], "{reply}");
+        check_ticks(&laboratory.close().ticks());
     }
 }

@@ -135,33 +135,6 @@ fn an_interrupt_keeps_everything_within_two_seconds() {
     assert_eq!(policy(&out), policy(&straight));
 }
 
-/// Two signals at once: the second does not take the checkpoint of the first away.
-#[test]
-fn a_second_interrupt_loses_nothing() {
-    let folder = Folder::new("twice");
-    let (config, out) = (folder.settings("small.toml", SMALL), folder.path("run"));
-    let mut child = trainer()
-        .args(["train", "--config", &config, "--steps", "400000", "--out", &out])
-        .stderr(Stdio::null())
-        .stdout(Stdio::null())
-        .spawn()
-        .unwrap();
-    let metrics = Path::new(&out).join("metrics.jsonl");
-    let patience = Instant::now() + Duration::from_secs(60);
-    let points = || std::fs::read_to_string(&metrics).map_or(0, |text| text.lines().count());
-    while points() < 2 && Instant::now() < patience {
-        std::thread::sleep(Duration::from_millis(5));
-    }
-    for _ in 0..2 {
-        Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    }
-    // It may end with the second signal's status or by itself; either way nothing is lost.
-    child.wait().unwrap();
-    sound(["train", "--resume", &out, "--steps", "1600"]);
-    let straight = trained(&folder, "straight", &["--steps", "1600"]);
-    assert_eq!(policy(&out), policy(&straight));
-}
-
 /// A short run has a curve: a point before its first step, the fallback beside it, and a page that shows both.
 #[test]
 fn a_short_run_has_a_curve_with_the_fallback_in_it() {
@@ -180,46 +153,6 @@ fn a_short_run_has_a_curve_with_the_fallback_in_it() {
     assert!((0.07..0.09).contains(&fallback), "{fallback}");
     let page = std::fs::read_to_string(Path::new(&run).join("report.html")).unwrap();
     assert!(page.contains(&format!("{}, fallback", folder.path("coarse.toml"))));
-}
-
-/// A run that starts from a policy of a run, or from the file that was exported from it, starts as that policy; critics
-/// learn first. Those of the run go along with its folder, and a temperature that trying has not yet brought down does not.
-#[test]
-fn a_run_starts_from_a_policy() {
-    let folder = Folder::new("from");
-    let first = trained(&folder, "first", &["--steps", "1200"]);
-    let onnx = Path::new(&first).join("policy.onnx").display().to_string();
-    let points = |run: &str| -> Vec<serde_json::Value> {
-        let text = std::fs::read_to_string(Path::new(run).join("metrics.jsonl")).unwrap();
-        text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
-    };
-    let figures = |run: &str, line: usize| points(run)[line]["evaluated"].clone();
-    let temperature = |run: &str| points(run).last().unwrap()["temperature"].as_f64().unwrap();
-    // The best policy is what starts, so the curve begins with what the summary of the first run says.
-    let summary = std::fs::read_to_string(Path::new(&first).join("summary.json")).unwrap();
-    let kept = serde_json::from_str::<serde_json::Value>(&summary).unwrap()["evaluated"].clone();
-    for (name, from) in [("folder", &first), ("file", &onnx)] {
-        let config = folder.settings("small.toml", SMALL.replace("hidden = [32, 32]", "hidden = [64, 64]"));
-        let out = folder.path(name);
-        let said = run(["train", "--config", &config, "--out", &out, "--steps", "480", "--from", from]);
-        assert_eq!(said.status, 0, "{}", said.err);
-        let start = if name == "folder" { "policy and critics from" } else { "policy from" };
-        assert!(said.err.lines().next().unwrap().contains(&format!("{start} {from}")), "{}", said.err);
-        assert_eq!(figures(&out, 0), kept, "{name}");
-        // 480 steps of warm-up: the critics alone have learned.
-        assert_eq!(figures(&out, 1), kept, "{name}");
-        // Of the run: what it had come down to at its end, below the mean of its last part; of a file no more than 0.01.
-        let (begins_at, mean) = (temperature(&out), temperature(&first));
-        let expected = if name == "folder" { 0.8 * mean..mean } else { 0.009_99..0.010_01 };
-        assert!(expected.contains(&begins_at), "{name}: {begins_at}, {mean} before");
-    }
-    // Critics that were taught another reward say nothing about this one.
-    let other = SMALL.replace("hidden = [32, 32]", "hidden = [64, 64]") + "\n[environment.reward]\nlast = -0.5\n";
-    let config = folder.settings("other.toml", other);
-    let said = run(["train", "--config", &config, "--out", &folder.path("other"), "--steps", "480", "--from", &first]);
-    assert!(said.status == 0 && said.err.contains(&format!("; policy from {first}")), "{}", said.err);
-    let told = refused(["train", "--out", &folder.path("x"), "--from", &folder.with("no.onnx", "text")]);
-    assert!(told.contains("no.onnx"), "{told}");
 }
 
 #[test]
@@ -330,5 +263,75 @@ mod thorough {
             .collect();
         println!("positive RMSE over the run: {rmse:?} kPa");
         assert!(rmse[rmse.len() - 1] < 0.4 * rmse[0], "{rmse:?}");
+    }
+
+    /// A run that starts from a policy of a run, or from the file that was exported from it, starts as that policy; critics
+    /// learn first. Those of the run go along with its folder, and a temperature that trying has not yet brought down does not.
+    #[test]
+    #[ignore = "thorough: docs/testing.md"]
+    fn a_run_starts_from_a_policy() {
+        let folder = Folder::new("from");
+        let first = trained(&folder, "first", &["--steps", "1200"]);
+        let onnx = Path::new(&first).join("policy.onnx").display().to_string();
+        let points = |run: &str| -> Vec<serde_json::Value> {
+            let text = std::fs::read_to_string(Path::new(run).join("metrics.jsonl")).unwrap();
+            text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+        };
+        let figures = |run: &str, line: usize| points(run)[line]["evaluated"].clone();
+        let temperature = |run: &str| points(run).last().unwrap()["temperature"].as_f64().unwrap();
+        // The best policy is what starts, so the curve begins with what the summary of the first run says.
+        let summary = std::fs::read_to_string(Path::new(&first).join("summary.json")).unwrap();
+        let kept = serde_json::from_str::<serde_json::Value>(&summary).unwrap()["evaluated"].clone();
+        for (name, from) in [("folder", &first), ("file", &onnx)] {
+            let config = folder.settings("small.toml", SMALL.replace("hidden = [32, 32]", "hidden = [64, 64]"));
+            let out = folder.path(name);
+            let said = run(["train", "--config", &config, "--out", &out, "--steps", "480", "--from", from]);
+            assert_eq!(said.status, 0, "{}", said.err);
+            let start = if name == "folder" { "policy and critics from" } else { "policy from" };
+            assert!(said.err.lines().next().unwrap().contains(&format!("{start} {from}")), "{}", said.err);
+            assert_eq!(figures(&out, 0), kept, "{name}");
+            // 480 steps of warm-up: the critics alone have learned.
+            assert_eq!(figures(&out, 1), kept, "{name}");
+            // Of the run: what it had come down to at its end, below the mean of its last part; of a file no more than 0.01.
+            let (begins_at, mean) = (temperature(&out), temperature(&first));
+            let expected = if name == "folder" { 0.8 * mean..mean } else { 0.009_99..0.010_01 };
+            assert!(expected.contains(&begins_at), "{name}: {begins_at}, {mean} before");
+        }
+        // Critics that were taught another reward say nothing about this one.
+        let other = SMALL.replace("hidden = [32, 32]", "hidden = [64, 64]") + "\n[environment.reward]\nlast = -0.5\n";
+        let config = folder.settings("other.toml", other);
+        let said =
+            run(["train", "--config", &config, "--out", &folder.path("other"), "--steps", "480", "--from", &first]);
+        assert!(said.status == 0 && said.err.contains(&format!("; policy from {first}")), "{}", said.err);
+        let told = refused(["train", "--out", &folder.path("x"), "--from", &folder.with("no.onnx", "text")]);
+        assert!(told.contains("no.onnx"), "{told}");
+    }
+
+    /// Two signals at once: the second does not take the checkpoint of the first away.
+    #[test]
+    #[ignore = "thorough: docs/testing.md"]
+    fn a_second_interrupt_loses_nothing() {
+        let folder = Folder::new("twice");
+        let (config, out) = (folder.settings("small.toml", SMALL), folder.path("run"));
+        let mut child = trainer()
+            .args(["train", "--config", &config, "--steps", "400000", "--out", &out])
+            .stderr(Stdio::null())
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap();
+        let metrics = Path::new(&out).join("metrics.jsonl");
+        let patience = Instant::now() + Duration::from_secs(60);
+        let points = || std::fs::read_to_string(&metrics).map_or(0, |text| text.lines().count());
+        while points() < 2 && Instant::now() < patience {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        for _ in 0..2 {
+            Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+        }
+        // It may end with the second signal's status or by itself; either way nothing is lost.
+        child.wait().unwrap();
+        sound(["train", "--resume", &out, "--steps", "1600"]);
+        let straight = trained(&folder, "straight", &["--steps", "1600"]);
+        assert_eq!(policy(&out), policy(&straight));
     }
 }

@@ -200,7 +200,8 @@ mod tests {
         leaky.mechanisms.push(all[leak].attached(&[1e-15]));
         let mut both = leaky.clone();
         both.mechanisms.push(all[walls].attached(&[0.8]));
-        let hold = |row: usize, length: usize| if (row / length).is_multiple_of(2) { 0.72 } else { 0.86 };
+        // Over most of the range: the filling at the start, which shows walls best, does not count.
+        let hold = |row: usize, length: usize| if (row / length).is_multiple_of(2) { 0.66 } else { 0.95 };
         let duty = || [(0..ROWS).map(|row| hold(row, 70)).collect(), (0..ROWS).map(|row| hold(row, 110)).collect()];
         let left = |at_work: &Rig| {
             let recordings = [made("ordinary.csv", duty(), &|_| 1.0, [at_work, at_work]), shut_in([at_work, &both])];

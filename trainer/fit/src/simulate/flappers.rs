@@ -18,8 +18,10 @@ const DECIDING_ROWS: usize = 1000;
 const PLACES: i32 = 8;
 const NEARER: i32 = 4;
 const LOOKED_AROUND: usize = 3;
-/// Shares at which several flappers are tried together, middle first, and the most of them that are: 3³ runs of 20 s.
-const ENDS: [f64; 3] = [0.0, -1.0, 1.0];
+/// Sides to which several flappers are tried together, where they lie first; steps in which that is done at last; and the most of them
+/// that are: 3³ runs of 20 s a step.
+const SIDES: [f64; 3] = [0.0, -1.0, 1.0];
+const NEARER_STEPS: [f64; 5] = [0.25, 0.125, 0.0625, 0.03125, 0.015625];
 const MOST_TOGETHER: usize = 3;
 /// Places on either side for a rough idea.
 const FEW_PLACES: i32 = 4;
@@ -86,7 +88,7 @@ pub fn flappers_of(simulator: &Simulator<'_>, runs: &[Run], arcs: &Arcs, look: L
         .map(|record| arcs.of(record).map(|arc| arc.rows.start + DECIDING_ROWS).max().unwrap_or(0))
         .collect();
     let first = arcs.clone().until(&ends);
-    together(simulator, runs, &first, &open, &mut found);
+    together(simulator, runs, &first, &open, &mut found, 1.0);
     for turn in 0..most {
         let unknown_of = |at: usize| open.get(at).and_then(|open: &Vec<String>| open.get(turn));
         let each = if look == Look::Roughly { FEW_PLACES } else { PLACES };
@@ -103,26 +105,16 @@ pub fn flappers_of(simulator: &Simulator<'_>, runs: &[Run], arcs: &Arcs, look: L
         }
         take(&mut found, &best, &unknown_of);
     }
-    if most > 1 && look == Look::Closely {
-        // Each was placed with the others where they were then.
-        for turn in 0..most {
-            let several = |at: &usize| open.get(*at).is_some_and(|open| open.len() > 1);
-            let unknown_of = |at: usize| Some(at).filter(several).and_then(|at| open.get(at)?.get(turn));
-            let near = places(NEARER, 0.5 / f64::from(PLACES));
-            let around = |(at, arcs): (usize, &Vec<Vec<Flapper>>)| -> Vec<Vec<f64>> {
-                let now = |flappers: &Vec<Flapper>| unknown_of(at).and_then(|unknown| share_of(flappers, unknown));
-                let about = |share: f64| near.iter().map(|by| (share + by).clamp(-1.0, 1.0)).collect();
-                arcs.iter().map(|flappers| about(now(flappers).unwrap_or(0.0))).collect()
-            };
-            let close: Places = found.iter().enumerate().map(around).collect();
-            let best = ranked(simulator, runs, &first, &found, &unknown_of, close);
-            take(&mut found, &best, &unknown_of);
+    // Each was placed with the others where they were then: together once more, ever nearer.
+    if look == Look::Closely {
+        for step in NEARER_STEPS {
+            together(simulator, runs, &first, &open, &mut found, step);
         }
     }
     found
 }
 
-/// Places several flappers of each run together where they err least among the ends of their rooms and the middles: one chamber's valve
+/// Places several flappers of each run together where they err least, each where it lies or a `step` to either side: one chamber's valve
 /// moves the other chamber by way of the pump, so that flappers looked for one after the other end between the ends.
 fn together(
     simulator: &Simulator<'_>,
@@ -130,6 +122,7 @@ fn together(
     first: &Arcs,
     open: &[Vec<String>],
     found: &mut [Vec<Vec<Flapper>>],
+    step: f64,
 ) {
     let mut probes = Vec::new();
     let mut of = Vec::new();
@@ -137,11 +130,14 @@ fn together(
         if !(2..=MOST_TOGETHER).contains(&open.len()) {
             continue;
         }
-        for combination in 0..ENDS.len().pow(open.len() as u32) {
+        for combination in 0..SIDES.len().pow(open.len() as u32) {
             let mut all = found.clone();
             for (digit, unknown) in open.iter().enumerate() {
-                let share = ENDS[combination / ENDS.len().pow(digit as u32) % ENDS.len()];
-                all.iter_mut().for_each(|flappers| put(flappers, unknown, share));
+                let by = step * SIDES[combination / SIDES.len().pow(digit as u32) % SIDES.len()];
+                for flappers in &mut all {
+                    let share = share_of(flappers, unknown).unwrap_or(0.0) + by;
+                    put(flappers, unknown, share.clamp(-1.0, 1.0));
+                }
             }
             of.push((at, all.clone()));
             probes.push(Run { flappers: all, ..run.clone() });
