@@ -79,7 +79,7 @@ impl Run {
                 let could_be_out = 1.0 + (expected.until - expected.after) < rows;
                 match expected.and(here) {
                     _ if readings > ALIKE => Step::Anew(here),
-                    Some(within) => Step::InStep { within, readings, could_be_out },
+                    Some(within) => Step::Regular { within, readings, could_be_out },
                     None => Step::Out(here),
                 }
             });
@@ -95,7 +95,7 @@ enum Step {
     /// It is the first one, or too late after the last one to tell.
     Anew(Within),
     /// It is as many readings later; `could_be_out` where another row would have been wrong.
-    InStep { within: Within, readings: f64, could_be_out: bool },
+    Regular { within: Within, readings: f64, could_be_out: bool },
     /// It falls between readings.
     Out(Within),
 }
@@ -103,7 +103,7 @@ enum Step {
 impl Step {
     fn within(self) -> Within {
         match self {
-            Step::Anew(within) | Step::InStep { within, .. } | Step::Out(within) => within,
+            Step::Anew(within) | Step::Regular { within, .. } | Step::Out(within) => within,
         }
     }
 }
@@ -128,7 +128,7 @@ impl Rhythm {
             match step {
                 Step::Anew(_) => {}
                 Step::Out(_) => (of.telling, of.out) = (of.telling + 1, of.out + 1),
-                Step::InStep { readings, could_be_out, .. } => {
+                Step::Regular { readings, could_be_out, .. } => {
                     of.telling += usize::from(could_be_out);
                     of.next += usize::from(readings < 1.5);
                 }

@@ -204,6 +204,7 @@ mod tests {
         let mut readings = wave(300.0);
         readings[1000..].fill(1.5);
         assert_eq!(runs(&readings, |row| row < 1100).count(), 0);
-        assert_eq!(runs(&readings, |row| row % 5 == 0).collect::<Vec<_>>(), [1000..1996]);
+        let found: Vec<_> = runs(&readings, |row| row % 5 == 0).collect();
+        assert_eq!((found.first(), found.len()), (Some(&(1000..1996)), 1));
     }
 }
