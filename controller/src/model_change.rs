@@ -155,6 +155,8 @@ struct Models {
     map: Arc<SteadyMap>,
     /// Range of what it can hold; `None` where its numbers are none.
     reach: Option<Reach>,
+    /// Identity of the reference that was asked about last, and the line about it.
+    beyond: Option<(u64, Option<String>)>,
     /// The identity under which it was put in; `None` for the one that the daemon began with.
     identity: Option<ModelIdentity>,
     before: Option<Rig>,
@@ -179,7 +181,8 @@ pub fn ends(rig: &Rig, map: Arc<SteadyMap>) -> (ModelTickEnd, ModelDesk) {
         learns: AtomicBool::new(false),
     });
     let reach = Reach::of(&map);
-    let models = Arc::new(Mutex::new(Models { rig: rig.clone(), map, reach, identity: None, before: None }));
+    let models =
+        Arc::new(Mutex::new(Models { rig: rig.clone(), map, reach, beyond: None, identity: None, before: None }));
     (ModelTickEnd { shared: Arc::clone(&shared), kept: 0 }, ModelDesk { shared, models, samples: Arc::default() })
 }
 
@@ -246,13 +249,26 @@ impl ModelDesk {
         self.models().reach
     }
 
-    /// One line about a reference that asks for more than the rig gives, by the model in force.
+    /// One line about a reference that asks for more than the rig gives, by the model in force. The last answer is kept: each arming
+    /// asks, and whoever disarms waits behind the thread that answers.
     ///
     /// # Real-time
-    /// Up to some tens of milliseconds; not for the tick.
+    /// Up to some tenths of a second where model or reference is another one than the last time; not for the tick.
     pub fn beyond_reach(&self, reference: &Reference) -> Option<String> {
-        let map = Arc::clone(&self.models().map);
-        beyond_reach(&map, reference)
+        let map = {
+            let models = self.models();
+            if let Some((_, line)) = models.beyond.as_ref().filter(|(asked, _)| *asked == reference.identity()) {
+                return line.clone();
+            }
+            Arc::clone(&models.map)
+        };
+        let line = beyond_reach(&map, reference);
+        let mut models = self.models();
+        // Another model may have come into force meanwhile.
+        if Arc::ptr_eq(&models.map, &map) {
+            models.beyond = Some((reference.identity(), line.clone()));
+        }
+        line
     }
 
     fn models(&self) -> MutexGuard<'_, Models> {
@@ -300,7 +316,7 @@ impl ModelDesk {
         let new = rig.name.clone();
         let identity = Some(ModelIdentity::of(&rig, &file.to_string_lossy()));
         let reach = Reach::of(&map);
-        *self.models() = Models { rig, map, reach, identity, before: Some(old) };
+        *self.models() = Models { rig, map, reach, beyond: None, identity, before: Some(old) };
         let again = if is_back { " again" } else { "" };
         let line = told(&new, again, figures.as_ref());
         Ok(ModelInForce { line, toml, followed })

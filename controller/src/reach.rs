@@ -133,8 +133,8 @@ impl std::fmt::Display for Beyond {
 
 /// Places that stand for those near them: of each end and each cell of pressures the one that asks for most.
 ///
-/// What the rig keeps at one place follows from both pressures that are asked for, and takes a millisecond or two to find. So cells
-/// grow until there are few.
+/// The pressure kept at one place follows from both that are asked for, and takes a millisecond or two to find. So cells grow until
+/// there are few.
 #[derive(Debug)]
 struct Places {
     /// Edge of a cell in kPa.
@@ -275,7 +275,7 @@ mod tests {
         assert!(line.contains("the positive one asks for 60.0 kPa (at 10.00 s)"), "{line}");
     }
 
-    /// What asks for least may be held, as the other chamber is deep there, and what asks for more not.
+    /// The place that asks for least may be held, as the other chamber is deep there, and one that asks for more not.
     #[test]
     fn the_place_from_which_the_rig_stays_furthest_is_told() {
         let map = SteadyMap::new(&rig()).unwrap();

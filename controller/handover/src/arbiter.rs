@@ -86,7 +86,7 @@ pub struct Arbiter {
     swaps: u32,
     ticks: u32,
     kinds: [usize; CHANNELS],
-    /// What the model's sensors show of chambers on the goals.
+    /// Readings of the model's sensors with the chambers on the goals.
     shown_reference: ShownReference,
     /// Ticks since it was last asked, frames that are missing included.
     since_shown: u32,

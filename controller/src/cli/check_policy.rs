@@ -104,7 +104,7 @@ fn sound_text(file: &Path, admitted: &Admitted, rig: &str) -> String {
     )
 }
 
-/// What a daemon on this model makes of a policy that tracks worse there than the fallback.
+/// Sentence on a policy that tracks worse than the fallback on this model, and on the daemon's answer to that.
 fn behind_text(standing: &Standing, rig: &str) -> String {
     format!(
         "Behind the fallback on `{rig}`: {standing}. A daemon on this model flies the fallback in its place (policy.when_behind)."

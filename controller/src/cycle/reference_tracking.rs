@@ -20,7 +20,7 @@ use supervisor::{Condition, ControlledBy, State};
 use crate::cycle::duty_source::{ActuatorCommand, DutySource, ModeRequest, NoticeSink, Prediction, SensorSample, VENT};
 use crate::model_change::{self, ModelDesk, ModelTickEnd};
 use crate::operator::notice::Notice;
-use crate::reach::{Reach, beyond_reach};
+use crate::reach::Reach;
 
 /// The closed loop and everything it remembers.
 pub struct ReferenceTracking {
@@ -105,7 +105,7 @@ impl ReferenceTracking {
 
     /// One line about a reference that asks for more than the rig gives, by the model; before the run, not for the tick.
     pub fn beyond_reach(&self) -> Option<String> {
-        beyond_reach(&self.map, &self.reference)
+        self.model_desk.beyond_reach(&self.reference)
     }
 
     /// Range of the pressures that the rig can hold, by the model; before the run, not for the tick.

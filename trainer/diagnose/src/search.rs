@@ -18,8 +18,6 @@ pub mod quick_search;
 pub mod screen;
 pub mod single_mechanism;
 
-use std::cmp::Ordering;
-
 use fit::simulate::Look;
 
 use crate::bench::{Bench, Effort, Explanation};
@@ -39,7 +37,7 @@ mod terms;
 mod twin;
 mod worth;
 
-use additions::{Additions, additions, cheaper};
+use additions::{Additions, additions, cheaper, is_cheaper};
 use believed::believed;
 pub(crate) use believed::brings_back;
 pub use exchange::twins;
@@ -237,7 +235,7 @@ pub fn search(
             round.shows(&top, evidence(bench, &top, &best));
         }
         if taken {
-            if let Some(rich) = waiting.take().filter(|rich| cheaper(bench, rich, &top) == Ordering::Less) {
+            if let Some(rich) = waiting.take().filter(|rich| is_cheaper(bench, rich, &top)) {
                 tried.push(std::mem::replace(&mut top, rich));
             }
             let rich = refined(bench, candidates, top.clone(), settings.bar.removed_kpa)?;
@@ -287,7 +285,7 @@ pub fn search(
                 }
                 None => {
                     rounds.push(round);
-                    if let Some(rich) = waiting.take().filter(|rich| cheaper(bench, rich, &best) == Ordering::Less) {
+                    if let Some(rich) = waiting.take().filter(|rich| is_cheaper(bench, rich, &best)) {
                         best = rich;
                         continue;
                     }
@@ -308,10 +306,10 @@ pub fn search(
             best = deletions(bench, candidates, &nominal, best, settings, &likes.found, &mut tried)?;
         }
     }
-    best = waiting.filter(|rich| cheaper(bench, rich, &best) == Ordering::Less).unwrap_or(best);
+    best = waiting.filter(|rich| is_cheaper(bench, rich, &best)).unwrap_or(best);
     // A shape that was richer before the rest was found may be needed no more.
     let plain = plainer(bench, candidates, best.clone(), settings.bar.removed_kpa)?;
-    if cheaper(bench, &plain, &best) == Ordering::Less {
+    if is_cheaper(bench, &plain, &best) {
         tried.push(std::mem::replace(&mut best, plain));
     }
     best = twinned(bench, candidates, best, settings, &mut tried, &mut likes);

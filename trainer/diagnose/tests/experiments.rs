@@ -11,7 +11,7 @@ use diagnose::judge::undetectable::{hidden, leaks_behind};
 use diagnose::search::candidate::{Candidate, candidates};
 use diagnose::{Request, Verdict, work_out};
 use fit::data::Records;
-use fit::data::switched::pieces;
+use fit::data::switched::BehindChanges;
 use made::{bench, duties, flown, judged, made, moved};
 use model::rig::Rig;
 use proto::recording::Recording;
@@ -173,7 +173,7 @@ mod thorough {
         let duty =
             ["u_pos", "u_neg"].map(|name| plan.inputs[plan.columns.iter().position(|c| c == name).unwrap()].clone());
         recordings.push(flown("experiment.csv", 0, &truth, &duty, Some(pump_on), &mut Pcg64Mcg::seed_from_u64(22)));
-        let (records, _) = pieces(&rig, &Records::new(&rig, &recordings).unwrap()).unwrap();
+        let records = BehindChanges::of(&rig, &Records::new(&rig, &recordings).unwrap()).unwrap().records;
         let (found, judgement) = judged(&bench(&rig, &records), &all);
         assert_eq!(judgement.verdict, Verdict::MissingPhysics, "{:?}", judgement.groups);
         assert_eq!(judgement.named, [at]);

@@ -115,7 +115,7 @@ pub struct LoopRebuild {
     repetitions: Option<Repetitions>,
     /// What the last decision leaves for the next flight.
     left: Left,
-    /// What the model's sensors show of chambers on the goals.
+    /// Readings of the model's sensors with the chambers on the goals.
     shown_reference: ShownReference,
     /// Ticks since it was last asked.
     since_shown: u32,

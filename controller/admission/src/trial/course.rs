@@ -35,7 +35,7 @@ const STILL_S: [Range<f64>; 2] = [8.0..11.0, 24.5..28.0];
 pub struct Course {
     /// One pair for each tick and the fifteen after the end, in kPa gauge.
     reference_kpa: Vec<Pair>,
-    /// What the model's sensors show of chambers on it.
+    /// Readings of the model's sensors with the chambers on it.
     shown_kpa: Vec<Pair>,
     /// Ticks flown.
     pub ticks: usize,

@@ -33,7 +33,7 @@ pub(super) struct Following {
     /// What goes into the recording once the tick has taken it.
     csv: String,
     reference: Arc<Reference>,
-    /// What a person should know of it.
+    /// Lines on it that a person should know.
     remarks: Vec<String>,
 }
 

@@ -108,7 +108,7 @@ mod tests {
     use super::*;
     use crate::search::candidate::candidates;
     use fit::data::Records;
-    use fit::data::switched::pieces;
+    use fit::data::switched::BehindChanges;
     use fit::simulate::{Fidelity, Simulator};
     use model::rig::Rig;
     use proto::recording::Recording;
@@ -171,7 +171,7 @@ mod tests {
         let ordinary = made("ordinary.csv", [working.clone(), working], &|_| 1.0, [&truth, &truth]);
         let shut_in = shut_in([&truth, &truth]);
         let of = |recordings: &[Recording]| {
-            let (cut, _) = pieces(&rig, &Records::new(&rig, recordings).unwrap()).unwrap();
+            let cut = BehindChanges::of(&rig, &Records::new(&rig, recordings).unwrap()).unwrap().records;
             let usable = vec![1.0; cut.layout().len()];
             let bench = Bench::new(&rig, &cut, &usable, Fidelity::Averaged);
             let set = bench.set_of(&all, &[leak]).unwrap();
@@ -205,7 +205,7 @@ mod tests {
         let duty = || [(0..ROWS).map(|row| hold(row, 70)).collect(), (0..ROWS).map(|row| hold(row, 110)).collect()];
         let left = |at_work: &Rig| {
             let recordings = [made("ordinary.csv", duty(), &|_| 1.0, [at_work, at_work]), shut_in([at_work, &both])];
-            let (cut, _) = pieces(&rig, &Records::new(&rig, &recordings).unwrap()).unwrap();
+            let cut = BehindChanges::of(&rig, &Records::new(&rig, &recordings).unwrap()).unwrap().records;
             let usable = vec![1.0; cut.layout().len()];
             let bench = Bench::new(&rig, &cut, &usable, Fidelity::Averaged);
             let set = bench.set_of(&all, &terms).unwrap();

@@ -61,7 +61,7 @@ impl Recorded {
             return Ok(Recorded { records, usable, switched: false, notes });
         };
         notes.push(behind.change.note().to_owned());
-        let usable = behind.taken(&usable);
+        let usable = taken(&usable, &behind.places);
         Ok(Recorded { records: behind.records, usable, switched: behind.change == Change::Switched, notes })
     }
 }

@@ -221,7 +221,7 @@ mod tests {
     use crate::made::{duties, flown, made, moved};
     use crate::report::figures::figures;
     use fit::data::Records;
-    use fit::data::switched::pieces;
+    use fit::data::switched::BehindChanges;
     use fit::simulate::Fidelity;
     use rand::SeedableRng;
     use rand_pcg::Pcg64Mcg;
@@ -279,7 +279,7 @@ mod tests {
             let shifted: Vec<f64> = column.iter().map(|kpa| kpa + zero_kpa).collect();
             let mut recordings = made(&truth, 2, 3);
             recordings.push(experiment.clone().with_numbers("p_neg_kpa", &shifted));
-            let (cut, _) = pieces(&rig, &Records::new(&rig, &recordings).unwrap()).unwrap();
+            let cut = BehindChanges::of(&rig, &Records::new(&rig, &recordings).unwrap()).unwrap().records;
             let usable = vec![1.0; cut.layout().len()];
             let bench = Bench::new(&rig, &cut, &usable, Fidelity::Averaged);
             unexplained(&bench, &figures(&bench, &rig, Fidelity::Averaged, false).unwrap())

@@ -5,7 +5,7 @@ use std::cmp::Ordering;
 use fit::cores::{side_by_side, side_by_side_telling};
 
 use super::stepped::{STEPS, STEPS_IN_SHORT, Spot, scanned, sharpened};
-use super::terms::{kinds, open_beside, position_in, starts, starts_at, with};
+use super::terms::{kinds, open_beside, position_in, starts, starts_at};
 use super::worth::any_could_earn;
 use super::{GLANCE_ROUNDS, PAIR_ROUNDS, PRICE, PRICE_OF_A_PARAMETER, Ranked, SearchSettings, cost, has_given_way};
 use crate::bench::{Bench, Effort, Explanation};
@@ -58,10 +58,7 @@ pub(super) fn additions(
     // Parameters that have given way too far lead a fit into a valley of their own.
     let far_off = has_given_way(bench, base);
     let singles = screening.single.iter().take(settings.glanced);
-    let fits = |screened: &&Screened| {
-        let terms = screened.terms.iter().fold(base.terms.clone(), |terms, (k, _)| with(&terms, *k));
-        kinds(candidates, &terms) <= settings.most_kinds
-    };
+    let fits = |screened: &&Screened| kinds(candidates, &screened.beside(&base.terms)) <= settings.most_kinds;
     let doubles = screening.double.iter().filter(fits).take(settings.paired);
     let asked: Vec<&Screened> = singles.chain(doubles).collect();
     let tried = side_by_side_telling(
@@ -85,16 +82,18 @@ pub(super) fn additions(
         .iter()
         .filter(|tried| tried.alone().is_some() && tried.gain >= first - 20.0 - NOT_CONVERGED * first.abs());
     let close: Vec<&Tried<'_>> = single.collect();
-    // The first name decides what every later one is: only beside it a short search looks at fewer.
-    let polish = if base.terms.is_empty() || settings.thorough {
+    let polish = if base.terms.is_empty() {
+        settings.polished
+    } else if bench.is_much(&left(bench, base)) {
+        // What gains most beside what was found may be an effect too small for a name, in a channel that hardly scatters. What
+        // explains the much that is left is behind it then.
+        settings.polished_of_much
+    } else if settings.thorough {
         settings.polished
     } else {
+        // The first name decides what every later one is: only beside it a short search looks at fewer.
         settings.polished.saturating_sub(1).max(1)
     };
-    // What gains most beside what was found may be an effect too small for a name, in a channel that hardly scatters. Where much is
-    // left, what explains that is behind it.
-    let much_is_left = !base.terms.is_empty() && bench.is_much(&left(bench, base));
-    let polish = if much_is_left { settings.polished_of_much } else { polish };
     // What moves in steps fits a little of whatever is wrong: it is never the only one.
     let steps = |tried: &&&Tried<'_>| tried.alone().is_some_and(|k| candidates[k].stepped());
     let polish = polish.max(1 + close.iter().take_while(steps).count());
@@ -139,7 +138,7 @@ fn glanced<'s>(
     screened: &'s Screened,
     from_prior: bool,
 ) -> Result<Option<Tried<'s>>, DiagnoseError> {
-    let terms = screened.terms.iter().fold(base.terms.clone(), |terms, (k, _)| with(&terms, *k));
+    let terms = screened.beside(&base.terms);
     let from = base.moved(&screened.shift);
     let starts = starts_at(bench, candidates, (base, &from), &terms, &screened.terms, from_prior);
     let rounds = if screened.terms.len() > 1 { PAIR_ROUNDS } else { GLANCE_ROUNDS };
@@ -208,6 +207,11 @@ pub(super) fn cheaper(bench: &Bench<'_>, one: &Explanation, other: &Explanation)
         cost(bench, explanation) + PRICE * terms as f64 + PRICE_OF_A_PARAMETER * parameters as f64
     };
     priced(one).total_cmp(&priced(other))
+}
+
+/// Tells whether one explanation costs less than another, as by [`cheaper`].
+pub(super) fn is_cheaper(bench: &Bench<'_>, one: &Explanation, other: &Explanation) -> bool {
+    cheaper(bench, one, other) == Ordering::Less
 }
 
 /// Terms after a glance.

@@ -8,7 +8,7 @@
 
 use fit::cores::side_by_side_telling;
 
-use super::terms::{open_beside, starts_at, with};
+use super::terms::{open_beside, starts_at};
 use super::{PRICE, SearchSettings, cost};
 use crate::bench::{Bench, Effort, Explanation};
 use crate::search::candidate::{Candidate, is_leak};
@@ -52,7 +52,7 @@ pub(super) fn believed(
     first.retain(|(_, screened)| screened.terms.iter().all(|(k, _)| is_leak(candidates, *k)));
     let needed = cost(bench, best) - PRICE;
     let with_it = |(_, screened): &(f64, &Screened)| {
-        let terms = screened.terms.iter().fold(best.terms.clone(), |terms, (k, _)| with(&terms, *k));
+        let terms = screened.beside(&best.terms);
         let from = starts_at(bench, candidates, (best, &best.moved(&screened.shift)), &terms, &screened.terms, false);
         let fitted = bench.fit(candidates, &terms, &from, Effort::Polish);
         fitted.ok().filter(|e| cost(bench, e) < needed && brings_back(best, e))

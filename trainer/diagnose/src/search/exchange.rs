@@ -1,10 +1,8 @@
 //! Terms in exchange for others: swapped one by one or in pairs, deleted.
 
-use std::cmp::Ordering;
-
 use fit::cores::side_by_side_telling;
 
-use super::additions::cheaper;
+use super::additions::is_cheaper;
 use super::terms::is_open;
 use super::twin::has_its_like;
 use super::{
@@ -144,7 +142,7 @@ pub(super) fn pairs(
     for Pair { plain, shaped } in swaps {
         tried.push(plain);
         let Some(shaped) = shaped else { continue };
-        if cheaper(bench, &shaped, &own) == Ordering::Less {
+        if is_cheaper(bench, &shaped, &own) {
             own = shaped.clone();
             tried.push(std::mem::replace(&mut best, shaped));
         } else {

@@ -13,6 +13,7 @@ use model::rig::Rig;
 use crate::bench::{Bench, Explanation};
 use crate::search::candidate::Candidate;
 use crate::search::quick_search::weighted;
+use crate::search::with;
 
 mod foreseen;
 mod onset;
@@ -31,6 +32,13 @@ pub struct Screened {
     pub gain: f64,
     /// Shifts by which the base's coordinates give way.
     pub shift: Vec<f64>,
+}
+
+impl Screened {
+    /// Terms of an explanation with these beside its own.
+    pub(crate) fn beside(&self, terms: &[usize]) -> Vec<usize> {
+        self.terms.iter().fold(terms.to_vec(), |terms, (k, _)| with(&terms, *k))
+    }
 }
 
 /// Candidates by what they gain, strongest first.

@@ -18,7 +18,7 @@ fn are_alike(bench: &Bench<'_>, candidates: &[Candidate], explanation: &Explanat
     matches!(sizes, [Some(a), Some(b)] if (1.0 / ALIKE..=ALIKE).contains(&(a / b)))
 }
 
-/// Tells whether an explanation has the like of a term on the other side, with a number as of one make.
+/// Tells whether an explanation has the like of a term at another place, with a number as of one make.
 pub(super) fn has_its_like(
     bench: &Bench<'_>,
     candidates: &[Candidate],

@@ -60,18 +60,6 @@ impl BehindChanges {
         let (records, places) = records.parts(&parts);
         (!records.records().is_empty()).then_some(BehindChanges { records, places, change })
     }
-
-    /// Weights of the readings that are left, of those of all.
-    pub fn taken(&self, weights: &[f64]) -> Vec<f64> {
-        self.places.iter().map(|place| weights.get(*place).copied().unwrap_or(0.0)).collect()
-    }
-}
-
-/// The recordings in pieces between changes of a pump's relay, and which reading each of theirs was; `None` where no pump
-/// was switched.
-pub fn pieces(rig: &Rig, records: &Records) -> Option<(Records, Vec<usize>)> {
-    let (change, parts) = parts(rig, records)?;
-    (change == Change::Switched).then(|| records.parts(&parts))
 }
 
 /// Parts of the recordings (index and rows) between changes of their pumps, and the change that tells most; `None` where there is none.
@@ -109,15 +97,12 @@ fn changes(rig: &Rig, records: &Records, record: usize) -> Vec<(usize, Change)> 
     let states = records.relays(rig, record);
     let on = |row: usize| states.iter().map(move |state| state.get(row).is_none_or(|on| *on));
     let switched = (1..columns.time_s.len()).filter(|row| on(*row).ne(on(row - 1)));
-    let mut changes: Vec<(usize, Change)> = switched.map(|row| (row, Change::Switched)).collect();
     let starts = columns.segments.iter().filter(|segment| begins_with_a_start(rig, records, record, segment));
-    let starts: Vec<usize> = starts.map(|segment| segment.start).collect();
-    for row in starts {
-        if changes.iter().all(|(at, _)| *at != row) {
-            changes.push((row, Change::Starts));
-        }
-    }
+    let starts = starts.map(|segment| (segment.start, Change::Starts));
+    // A row is a switch before it is a start.
+    let mut changes: Vec<(usize, Change)> = switched.map(|row| (row, Change::Switched)).chain(starts).collect();
     changes.sort_by_key(|(row, _)| *row);
+    changes.dedup_by_key(|(row, _)| *row);
     changes
 }
 
@@ -160,10 +145,11 @@ mod tests {
             ];
             Records::new(&rig, &[Recording::new("made", time_s, columns).unwrap()]).unwrap()
         };
-        assert!(pieces(&rig, &recorded(&|_| 1.0)).is_none());
+        assert!(BehindChanges::of(&rig, &recorded(&|_| 1.0)).is_none());
         // Off at row 300, on at 600; the last switch is too near the end for a piece after it.
         let switched = recorded(&|k| if (300..600).contains(&k) || k >= 940 { 0.0 } else { 1.0 });
-        let (cut, places) = pieces(&rig, &switched).unwrap();
+        let BehindChanges { records: cut, places, change } = BehindChanges::of(&rig, &switched).unwrap();
+        assert_eq!(change, Change::Switched);
         let rows: Vec<usize> = cut.records().iter().map(|r| r.time_s.len()).collect();
         assert_eq!(rows, [300, 270, 310]);
         // Rows keep their readings.
@@ -171,9 +157,6 @@ mod tests {
         let readings = switched.readings_kpa();
         assert!(cut.readings_kpa().iter().zip(&places).all(|(reading, place)| *reading == readings[*place]));
         assert_eq!(cut.records()[1].time_s[0], 0.02 * 330.0);
-        let behind = BehindChanges::of(&rig, &switched).unwrap();
-        assert_eq!((behind.change, &behind.records), (Change::Switched, &cut));
-        assert_eq!(behind.taken(readings), cut.readings_kpa());
         // Switched every half second: nothing lies between.
         assert!(BehindChanges::of(&rig, &recorded(&|k| f64::from(u8::from(k / 25 % 2 == 0)))).is_none());
     }

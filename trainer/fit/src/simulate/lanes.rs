@@ -119,17 +119,13 @@ pub(super) fn sweep<R: Simulated>(
             let led = if simulation.has_gas_that_warms() { longest.chain.led_rows() } else { 0 };
             let warm = (led > 0).then(|| {
                 let from: Vec<R> = (0..channels).map(|c| each(&|lane| lane.reading_before(c, led))).collect();
-                let mut before = commands.clone();
-                let sent = |rows: usize, before: &mut [R]| {
-                    for (input, slot) in before.iter_mut().enumerate() {
-                        *slot = each(&|lane| lane.command_before(input, rows)[0]);
-                    }
+                let sent = |rows: usize| -> Vec<R> {
+                    (0..commands.len()).map(|input| each(&|lane| lane.command_before(input, rows)[0])).collect()
                 };
-                sent(led, &mut before);
                 let begins = simulation.start_for(&from);
-                simulation.start_at(&from, &before, begins, crank_rev, elapsed_s - led as f64 * PERIOD_S);
+                simulation.start_at(&from, &sent(led), begins, crank_rev, elapsed_s - led as f64 * PERIOD_S);
                 for rows in (1..=led).rev() {
-                    sent(rows, &mut before);
+                    let before = sent(rows);
                     for _ in 0..ticks_per_row {
                         simulation.tick(&before);
                     }
